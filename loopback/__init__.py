@@ -1,0 +1,1 @@
+"""Everything that needs both ends: the command line, benchmarks, replays, quality."""

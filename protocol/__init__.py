@@ -1,0 +1,1 @@
+"""The wire: bytes in, dataclasses out.  No I/O except in `link_zenoh`."""

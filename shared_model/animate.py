@@ -1,0 +1,43 @@
+"""vertices = f(identity, parameters): eq. 2.10 with every actuator as a displacement field."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared_model.mesh import Head
+from shared_model.parameters import AAUS, EAUS
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Who: anthropometry and what it leaves over.
+
+    aau: (len(AAUS),) float64.
+    residual: (n, 3) float64, mm, added to every vertex after the AAUs.
+    """
+
+    aau: Array
+    residual: Array
+
+
+class Face:
+    """One person's head, ready to be animated by one small matrix product per frame."""
+
+    def __init__(self, head: Head, identity: Identity) -> None:
+        if identity.aau.shape != (len(AAUS),):
+            raise ValueError(f"identity.aau has shape {identity.aau.shape}, expected {(len(AAUS),)}")
+        self.head = head
+        self.neutral = head.vertices + np.tensordot(identity.aau, head.aau, 1) + identity.residual
+        up = head.eau_up.reshape(len(EAUS), -1)
+        down = head.eau_down.reshape(len(EAUS), -1)
+        self._fields = np.ascontiguousarray(np.concatenate([up, down]))
+
+    def animate(self, eau: Array) -> Array:
+        """Vertices (n, 3), mm, head frame, of actuators `eau` (len(EAUS),) (eq. 2.10)."""
+        if eau.shape != (len(EAUS),):
+            raise ValueError(f"eau has shape {eau.shape}, expected {(len(EAUS),)}")
+        drive = np.concatenate([np.maximum(eau, 0), np.maximum(-eau, 0)])
+        return self.neutral + (drive @ self._fields).reshape(-1, 3)

@@ -1,0 +1,12 @@
+"""The one error whose message is shown to the user as it is."""
+
+
+class UserError(Exception):
+    """What the user can mend: the message is one line that says what is wrong and what to do.
+
+    exit_code: the process's exit status: 2 bad usage or input, 3 no face found, 4 link failed.
+    """
+
+    def __init__(self, message: str, exit_code: int = 2) -> None:
+        super().__init__(message)
+        self.exit_code = exit_code

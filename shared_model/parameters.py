@@ -1,0 +1,90 @@
+"""The parameters of a face in one frame, and the one table of their units and ranges."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Eau:
+    """One Expression Action Unit (thesis 2.3.1): its name, range and the AUs it realises."""
+
+    name: str
+    low: float
+    high: float
+    au: str
+
+
+EAUS = (
+    Eau("jaw_drop", 0.0, 1.0, "AU26"),
+    Eau("mouth_corners", -1.0, 1.0, "AU12 / AU15"),
+    Eau("eyebrow_middle", -1.0, 1.0, "AU2 / AU4"),
+    Eau("eyebrow_inner", -1.0, 1.0, "AU1 / AU4"),
+    Eau("eyebrow_outer", -1.0, 1.0, "AU2"),
+    Eau("nose_base", 0.0, 1.0, "AU9"),
+    Eau("lid_left", -0.5, 1.0, "AU45 / AU5"),
+    Eau("lid_right", -0.5, 1.0, "AU45 / AU5"),
+    Eau("gaze_horizontal", -1.0, 1.0, "AU61 / AU62"),
+    Eau("gaze_vertical", -1.0, 1.0, "AU63 / AU64"),
+    Eau("lip_stretch", -1.0, 1.0, "AU20 / AU18"),
+    Eau("upper_lip_raise", 0.0, 1.0, "AU10"),
+    Eau("lower_lip_lower", 0.0, 1.0, "AU16"),
+    Eau("lip_press", 0.0, 1.0, "AU24"),
+)
+EAU_INDEX = {eau.name: index for index, eau in enumerate(EAUS)}
+EAU_LOW = tuple(eau.low for eau in EAUS)
+EAU_HIGH = tuple(eau.high for eau in EAUS)
+
+# Thesis 4.4: the four actuators the thesis' tracker estimates.
+THESIS_EAUS = ("jaw_drop", "mouth_corners", "eyebrow_middle", "eyebrow_inner")
+
+# Thesis 2.3.2, in its order; each is a displacement in one dimension, +-1 is +-2 standard deviations.
+AAUS = (
+    "cranial_width",
+    "facial_height",
+    "facial_depth",
+    "mandible_width",
+    "chin_height",
+    "nose_height",
+    "nose_bridge_length",
+    "nose_width",
+    "mouth_shift",
+    "mouth_width",
+    "eyebrow_height",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Rigid motion `camera_from_head` (eq. 2.12): rotate by `rotation`, then add `translation_mm`.
+
+    rotation: (4,) float64 unit quaternion (w, x, y, z), taking head axes to camera axes.
+    translation_mm: (3,) float64, mm, camera frame: where the head's origin is.
+    """
+
+    rotation: Array
+    translation_mm: Array
+
+
+@dataclass(frozen=True, slots=True)
+class FaceParameters:
+    """How the face is in one frame.
+
+    pose: the head against the camera.
+    eau: (len(EAUS),) float64, each within its `Eau` range.
+    modes: (k,) float64, coefficients of the caller's appearance modes (eq. 2.17); may be empty.
+    light: (j,) float64, low-order light; may be empty.
+    """
+
+    pose: Pose
+    eau: Array = field(default_factory=lambda: np.zeros(len(EAUS)))
+    modes: Array = field(default_factory=lambda: np.zeros(0))
+    light: Array = field(default_factory=lambda: np.zeros(0))
+
+
+def clip_eau(eau: Array) -> Array:
+    """Force actuators into their ranges.  eau: (..., len(EAUS)) float64."""
+    return np.clip(eau, EAU_LOW, EAU_HIGH)
