@@ -1,0 +1,150 @@
+"""Capture: every kind of source, exact rates, one-line errors."""
+
+from fractions import Fraction
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from encoder.capture import exact_fps, open_source
+from shared_model.errors import UserError
+
+CLIPS = Path(__file__).resolve().parents[2] / "shared" / "clips"
+
+
+def write_video(path: Path, sizes: list[tuple[int, int]], fps: float = 30.0) -> None:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"FFV1"), fps, sizes[0])
+    for index, (width, height) in enumerate(sizes):
+        writer.write(np.full((height, width, 3), index * 20, np.uint8))
+    writer.release()
+
+
+def write_images(folder: Path, numbers: list[int], size: tuple[int, int] = (40, 30)) -> None:
+    for number in numbers:
+        image = np.full((size[1], size[0], 3), number, np.uint8)
+        cv2.imwrite(str(folder / f"frame_{number:04d}.png"), image)
+
+
+@pytest.mark.parametrize(
+    ("reported", "exact"),
+    [
+        (25.0, Fraction(25)),
+        (29.97002997, Fraction(30000, 1001)),
+        (29.97, Fraction(30000, 1001)),
+        (23.976, Fraction(24000, 1001)),
+        (59.94, Fraction(60000, 1001)),
+        (30.0, Fraction(30)),
+        (12.5, Fraction(25, 2)),
+        (0.0, Fraction(25)),
+        (-1.0, Fraction(25)),
+        (90000.0, Fraction(25)),
+        (float("nan"), Fraction(25)),
+        (float("inf"), Fraction(25)),
+    ],
+)
+def test_rate_is_exact_and_absurd_rates_become_25(reported: float, exact: Fraction) -> None:
+    assert exact_fps(reported) == exact
+
+
+def test_video_file_gives_every_frame_in_order(tmp_path: Path) -> None:
+    write_video(tmp_path / "v.mkv", [(64, 48)] * 5)
+    with open_source(str(tmp_path / "v.mkv")) as capture:
+        frames = list(capture)
+    assert (capture.width, capture.height, capture.fps) == (64, 48, 30)
+    assert not capture.is_live
+    assert [index for index, _ in frames] == list(range(5))
+    assert [round(frame.mean() / 20) for _, frame in frames] == list(range(5))
+
+
+@pytest.mark.parametrize("first", [0, 1, 117])
+def test_image_sequence_starts_at_its_lowest_number(tmp_path: Path, first: int) -> None:
+    write_images(tmp_path, [first, first + 1, first + 2])
+    with open_source(str(tmp_path / "frame_%04d.png")) as capture:
+        values = [int(frame[0, 0, 0]) for _, frame in capture]
+    assert values == [first, first + 1, first + 2]
+    assert capture.frame_count == 3
+
+
+def one_line_error(source: Path | str) -> str:
+    with pytest.raises(UserError) as caught, open_source(str(source)) as capture:
+        list(capture)
+    message = str(caught.value)
+    assert "\n" not in message and caught.value.exit_code == 2
+    return message
+
+
+def test_missing_file_is_named(tmp_path: Path) -> None:
+    assert "none.mp4" in one_line_error(tmp_path / "none.mp4")
+
+
+def test_file_that_is_no_video_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "text.mp4").write_text("not a video\n" * 100)
+    assert "text.mp4" in one_line_error(tmp_path / "text.mp4")
+
+
+def test_empty_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "empty.mp4").touch()
+    assert "empty.mp4" in one_line_error(tmp_path / "empty.mp4")
+
+
+def test_video_without_frames_is_refused(tmp_path: Path) -> None:
+    write_video(tmp_path / "v.mkv", [(64, 48)] * 3)
+    data = (tmp_path / "v.mkv").read_bytes()
+    (tmp_path / "cut.mkv").write_bytes(data[: data.index(b"\x1f\x43\xb6\x75")])
+    assert "cut.mkv" in one_line_error(tmp_path / "cut.mkv")
+
+
+def test_folder_is_refused_with_a_hint(tmp_path: Path) -> None:
+    assert "%04d" in one_line_error(tmp_path)
+
+
+def test_sequence_without_files_with_a_gap_or_without_number_is_refused(tmp_path: Path) -> None:
+    assert "matches" in one_line_error(tmp_path / "frame_%04d.png")
+    assert "matches" in one_line_error(tmp_path / "nowhere" / "frame_%04d.png")
+    assert "one number" in one_line_error(tmp_path / "frame_%s.png")
+    write_images(tmp_path, [1, 2, 4])
+    assert "frame_0003.png" in one_line_error(tmp_path / "frame_%04d.png")
+
+
+def test_sequence_with_a_broken_image_is_refused(tmp_path: Path) -> None:
+    write_images(tmp_path, [1, 2])
+    (tmp_path / "frame_0003.png").write_bytes(b"nothing")
+    assert "frame_0003.png" in one_line_error(tmp_path / "frame_%04d.png")
+
+
+def test_frames_that_change_size_are_refused(tmp_path: Path) -> None:
+    write_images(tmp_path, [1, 2])
+    write_images(tmp_path, [3], size=(42, 30))
+    assert "42x30" in one_line_error(tmp_path / "frame_%04d.png")
+
+
+def test_stream_that_does_not_answer_is_refused() -> None:
+    assert "rtsp" in one_line_error("rtsp://127.0.0.1:9/none")
+
+
+def test_camera_that_is_not_there_is_refused() -> None:
+    assert "camera 63" in one_line_error("63")
+
+
+@pytest.mark.parametrize(
+    ("name", "frames", "size", "fps"),
+    [
+        ("carphone.mp4", 120, (176, 144), Fraction(30000, 1001)),
+        ("akiyo.mp4", 300, (352, 288), Fraction(25)),
+        ("foreman.264", 299, (352, 288), Fraction(25)),
+        ("still.mpg", 75, (360, 288), Fraction(25)),
+        ("smile.mp4", 72, (640, 360), Fraction(30)),
+        ("portrait.mp4", 502, (1080, 1920), Fraction(25)),
+        ("webcam/frame_%04d.png", 49, (640, 480), Fraction(25)),
+    ],
+)
+def test_real_clips_have_their_published_frames(
+    name: str, frames: int, size: tuple[int, int], fps: Fraction
+) -> None:
+    if not CLIPS.is_dir():
+        pytest.skip(f"{CLIPS} is not there")
+    with open_source(str(CLIPS / name)) as capture:
+        count = sum(1 for _ in capture)
+    assert (count, (capture.width, capture.height), capture.fps) == (frames, size, fps)
+    assert capture.frame_count in (frames, None)
