@@ -1,0 +1,300 @@
+"""Draws the head over its backdrop with OpenGL, offscreen.  The only file that imports moderngl.
+
+Rows: OpenGL's first row is the bottom one.  Everything here is drawn upside down instead (clip y grows
+downwards), so row 0 of what is read back is the top row, and front faces wind clockwise.
+Channels: pictures go in and come out as BGR; GL calls the first channel red and never knows better.
+Texture coordinates: pixel (row i, column j) of an atlas of n x n pixels has its centre at
+u = (j + 0.5) / n, v = (i + 0.5) / n, v down; beyond the outermost centres the edge is repeated.
+"""
+
+from importlib.resources import files
+from types import TracebackType
+from typing import Any
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from shared_model.errors import UserError
+from shared_model.geometry import Camera, matrix_from_quaternion
+from shared_model.mesh import PARTS, Head
+from shared_model.parameters import Pose
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+# The depth range that is drawn, mm before and behind the head's origin; nothing nearer than NEAR_MM.
+DEPTH_RANGE_MM = 500.0
+NEAR_MM = 10.0
+
+# BGR of the untextured head's parts, in the order of `PARTS`.
+PART_COLOURS = {
+    "skin": (150, 180, 225),
+    "eye_left": (235, 238, 240),
+    "eye_right": (235, 238, 240),
+    "teeth_upper": (215, 232, 238),
+    "teeth_lower": (215, 232, 238),
+    "tongue": (110, 100, 190),
+    "mouth": (70, 60, 130),
+}
+
+
+def create_context() -> moderngl.Context:
+    """An offscreen OpenGL context.  Raises `UserError` where there is no EGL."""
+    try:
+        return moderngl.create_context(standalone=True, backend="egl")  # type: ignore[call-overload]
+    except Exception as error:  # glcontext raises bare Exception, ImportError or OSError
+        raise UserError(
+            "cannot draw without a screen: no EGL with OpenGL 3.3; install libegl1 libgl1"
+        ) from error
+
+
+def clip_from_head(camera: Camera, pose: Pose) -> Array:
+    """(4, 4) matrix that takes head-frame mm to clip coordinates with y down (eq. 4.6 after eq. 4.5).
+
+    Agrees with `geometry.pixel_from_head`: pixel centres lie at whole numbers, so pixel u spans
+    u - 1/2 to u + 1/2 and the principal point (width - 1) / 2 is the middle of clip space.
+    """
+    near = max(float(pose.translation_mm[2]) - DEPTH_RANGE_MM, NEAR_MM)
+    far = max(float(pose.translation_mm[2]) + DEPTH_RANGE_MM, near + DEPTH_RANGE_MM)
+    clip_from_camera = np.zeros((4, 4))
+    clip_from_camera[0, 0] = 2 * camera.focal_px / camera.width
+    clip_from_camera[1, 1] = 2 * camera.focal_px / camera.height
+    clip_from_camera[2, 2:] = (far + near) / (far - near), -2 * far * near / (far - near)
+    clip_from_camera[3, 2] = 1
+    camera_from_head = np.eye(4)
+    camera_from_head[:3, :3] = matrix_from_quaternion(pose.rotation)
+    camera_from_head[:3, 3] = pose.translation_mm
+    return clip_from_camera @ camera_from_head
+
+
+def vertex_normals(vertices: Array, triangles: NDArray[np.int32]) -> Array:
+    """(n, 3) unit outward normals, the area-weighted mean of each vertex' triangles."""
+    a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
+    face = np.cross(b - a, c - a)
+    corners = triangles.T.ravel()
+    sums = [np.bincount(corners, np.tile(face[:, k], 3), len(vertices)) for k in range(3)]
+    normals = np.stack(sums, axis=-1)
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))
+
+
+class Renderer:
+    """Draws one head at one picture size; holds the GL context, textures and buffers.
+
+    width, height: size of the picture, pixels.
+    head: topology, texture coordinates and opacity of what is drawn.
+    samples: colour samples per pixel, 0 for one; more smooths the silhouette and costs time.
+    Raises `UserError` where there is no EGL.  Use as a context manager or call `close`.
+    """
+
+    def __init__(self, width: int, height: int, head: Head, samples: int = 0) -> None:
+        self.width, self.height, self.head = width, height, head
+        self._context = create_context()
+        self._target, self._resolved = self._framebuffers(samples)
+        self._textures: dict[str, moderngl.Texture] = {}
+        self._positions = self._context.buffer(reserve=12 * len(head.vertices), dynamic=True)
+        self._textured = self._head_array()
+        self._shaded: moderngl.VertexArray | None = None
+        self._attributes: moderngl.Buffer | None = None
+        self._backdrop: moderngl.VertexArray | None = None
+        self._grid: moderngl.Buffer | None = None
+
+    def __enter__(self) -> "Renderer":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free everything on the GL side."""
+        self._context.release()
+
+    def set_texture(self, atlas: Picture) -> None:
+        """Set what the head wears.  atlas: (n, m, 3) uint8 BGR."""
+        self._set_picture("atlas", atlas, mipmaps=True)
+
+    def set_backdrop(self, still: Picture, grid_px: Array) -> None:
+        """Set what stands behind the head.
+
+        still: (h, w, 3) uint8 BGR, stretched over the picture if it is of another size.
+        grid_px: (rows, columns, 2) float64, where the mesh that warps it lies in the picture when
+            it is not warped, pixels (`composite.Backdrop.grid_px`).
+        """
+        self._set_picture("still", still, mipmaps=False)
+        rows, columns = grid_px.shape[:2]
+        picture_px = (self.width, self.height)
+        coordinates = _single((grid_px.reshape(-1, 2) + 0.5) / picture_px)
+        with self._context as context:
+            program = _program(context, "backdrop")
+            program["picture_px"].value = picture_px
+            self._grid = context.buffer(_single(grid_px), dynamic=True)
+            self._backdrop = context.vertex_array(
+                program,
+                [
+                    (self._grid, "2f", "position_px"),
+                    (context.buffer(coordinates), "2f", "texture_coordinate"),
+                ],
+                context.buffer(_grid_triangles(rows, columns)),
+            )
+
+    def draw(
+        self, camera: Camera, pose: Pose, vertices: Array, grid_px: Array | None = None
+    ) -> Picture:
+        """The textured head over the backdrop: (height, width, 3) uint8 BGR.
+
+        vertices: (n, 3) float64, mm, head frame, as many as the head has.
+        grid_px: where the backdrop's mesh lies now, pixels; None: as it was last.
+        """
+        self._check(camera, vertices)
+        if "atlas" not in self._textures:
+            raise ValueError("no texture has been set, expected set_texture before draw")
+        with self._context as context:
+            self._begin()
+            self._draw_backdrop(grid_px)
+            self._write_pose(self._textured, camera, pose, vertices)
+            self._textures["atlas"].use()
+            context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE | moderngl.BLEND)
+            self._textured.render()
+            return self._read()
+
+    def draw_shaded(
+        self, camera: Camera, pose: Pose, vertices: Array, colours: Picture | None = None
+    ) -> Picture:
+        """The head without its texture, lit, on dark grey: (height, width, 3) uint8 BGR.
+
+        vertices: (n, 3) float64, mm, head frame.
+        colours: (n, 3) uint8 BGR of each vertex; None: skin, eyes, teeth by the head's parts.
+        """
+        self._check(camera, vertices)
+        if colours is None:
+            colours = part_colours(self.head)
+        normals = vertex_normals(vertices, self.head.triangles)
+        with self._context as context:
+            array = self._shaded_array(_single(normals), _single(colours / 255))
+            self._begin(0.12)
+            self._write_pose(array, camera, pose, vertices)
+            rotation = matrix_from_quaternion(pose.rotation)
+            array.program["camera_from_head"].write(_single(rotation.T))
+            context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+            array.render()
+            return self._read()
+
+    def _framebuffers(self, samples: int) -> tuple[moderngl.Framebuffer, moderngl.Framebuffer]:
+        size, context = (self.width, self.height), self._context
+        resolved = context.framebuffer(
+            [context.renderbuffer(size, 4)], context.depth_renderbuffer(size)
+        )
+        if not samples:
+            return resolved, resolved
+        colour = context.renderbuffer(size, 4, samples=samples)
+        depth = context.depth_renderbuffer(size, samples=samples)
+        return context.framebuffer([colour], depth), resolved
+
+    def _head_array(self) -> moderngl.VertexArray:
+        context, head = self._context, self.head
+        attributes = np.concatenate([head.texture_coordinates, head.opacity[:, None]], axis=1)
+        return context.vertex_array(
+            _program(context, "head"),
+            [
+                (self._positions, "3f", "position_mm"),
+                (context.buffer(_single(attributes)), "2f 1f", "texture_coordinate", "vertex_opacity"),
+            ],
+            context.buffer(np.ascontiguousarray(head.triangles, dtype=np.int32)),
+        )
+
+    def _shaded_array(self, normals: Any, colours: Any) -> moderngl.VertexArray:
+        attributes = np.concatenate([normals, colours], axis=1)
+        if self._shaded is None or self._attributes is None:
+            self._attributes = self._context.buffer(attributes, dynamic=True)
+            self._shaded = self._context.vertex_array(
+                _program(self._context, "shaded"),
+                [
+                    (self._positions, "3f", "position_mm"),
+                    (self._attributes, "3f 3f", "normal_head", "vertex_colour"),
+                ],
+                self._context.buffer(np.ascontiguousarray(self.head.triangles, dtype=np.int32)),
+            )
+        self._attributes.write(attributes)
+        return self._shaded
+
+    def _set_picture(self, name: str, picture: Picture, mipmaps: bool) -> None:
+        if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
+            raise ValueError(f"{name} is {picture.dtype} {picture.shape}, expected uint8 (h, w, 3)")
+        size = picture.shape[1], picture.shape[0]
+        with self._context as context:
+            texture = self._textures.get(name)
+            if texture is None or texture.size != size:
+                texture = context.texture(size, 3, alignment=1)
+                texture.repeat_x = texture.repeat_y = False
+                self._textures[name] = texture
+            texture.write(np.ascontiguousarray(picture), alignment=1)
+            if mipmaps:
+                texture.build_mipmaps()
+                texture.filter = moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR
+
+    def _check(self, camera: Camera, vertices: Array) -> None:
+        if (camera.width, camera.height) != (self.width, self.height):
+            raise ValueError(
+                f"camera is {camera.width}x{camera.height}, expected {self.width}x{self.height}"
+            )
+        if vertices.shape != self.head.vertices.shape:
+            raise ValueError(
+                f"vertices have shape {vertices.shape}, expected {self.head.vertices.shape}"
+            )
+
+    def _begin(self, grey: float = 0.0) -> None:
+        self._target.use()
+        self._target.clear(grey, grey, grey, 1.0)
+        # Clip y points down, which turns counter-clockwise into clockwise.
+        self._context.front_face = "cw"
+        self._context.cull_face = "back"
+
+    def _write_pose(
+        self, array: moderngl.VertexArray, camera: Camera, pose: Pose, vertices: Array
+    ) -> None:
+        self._positions.write(_single(vertices))
+        array.program["clip_from_head"].write(_single(clip_from_head(camera, pose).T))
+
+    def _draw_backdrop(self, grid_px: Array | None) -> None:
+        if self._backdrop is None or self._grid is None:
+            return
+        if grid_px is not None:
+            self._grid.write(_single(grid_px))
+        self._textures["still"].use()
+        self._context.enable_only(moderngl.NOTHING)
+        self._backdrop.render()
+
+    def _read(self) -> Picture:
+        if self._target is not self._resolved:
+            self._context.copy_framebuffer(self._resolved, self._target)
+        data = bytearray(self.height * self.width * 3)
+        self._resolved.read_into(data, components=3, alignment=1)
+        return np.frombuffer(data, np.uint8).reshape(self.height, self.width, 3)
+
+
+def part_colours(head: Head) -> Picture:
+    """(n, 3) uint8 BGR of each vertex of an untextured head, by its part."""
+    return np.array([PART_COLOURS[part] for part in PARTS], dtype=np.uint8)[head.parts]
+
+
+def _single(array: Any) -> NDArray[np.float32]:
+    return np.ascontiguousarray(array, dtype=np.float32)
+
+
+def _program(context: moderngl.Context, name: str) -> moderngl.Program:
+    folder = files("decoder") / "shaders"
+    return context.program(
+        vertex_shader=(folder / f"{name}.vert").read_text(),
+        fragment_shader=(folder / f"{name}.frag").read_text(),
+    )
+
+
+def _grid_triangles(rows: int, columns: int) -> NDArray[np.int32]:
+    corner = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
+    a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, :-1], corner[1:, 1:]
+    return np.stack([a, b, c, b, d, c], axis=-1).reshape(-1, 3)

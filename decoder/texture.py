@@ -1,0 +1,47 @@
+"""Encoded images of the model packet to pictures: the atlas and the still."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.messages import ProtocolError
+
+# An image of a few kilobytes may claim any size; this bounds what decoding it may allocate.
+MAX_IMAGE_SIDE_PX = 4096
+
+
+def decode_image(name: str, data: bytes) -> NDArray[np.uint8]:
+    """The picture in `data`, a WebP file: (h, w, 3) uint8 BGR.
+
+    name: what the picture is, for the message.
+    Raises `ProtocolError` if it is no WebP image, is damaged, or is too large.
+    """
+    width, height = _webp_size(name, data)
+    if not (1 <= width <= MAX_IMAGE_SIDE_PX and 1 <= height <= MAX_IMAGE_SIDE_PX):
+        raise ProtocolError(f"{name} is {width}x{height}, limit {MAX_IMAGE_SIDE_PX} a side")
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    if picture is None:
+        raise ProtocolError(f"{name} is a damaged image of {len(data)} bytes")
+    return np.asarray(picture, dtype=np.uint8)
+
+
+def _webp_size(name: str, data: bytes) -> tuple[int, int]:
+    """Width and height that the file's first chunk states (RFC 9649, 2.5 to 2.7)."""
+    if len(data) < 30 or data[:4] != b"RIFF" or data[8:12] != b"WEBP":
+        raise ProtocolError(f"{name} is no WebP image: {len(data)} bytes")
+    chunk = data[12:16]
+    if chunk == b"VP8 ":
+        return _u16(data, 26) & 0x3FFF, _u16(data, 28) & 0x3FFF
+    if chunk == b"VP8L":
+        bits = int.from_bytes(data[21:25], "little")
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    if chunk == b"VP8X":
+        return (
+            int.from_bytes(data[24:27], "little") + 1,
+            int.from_bytes(data[27:30], "little") + 1,
+        )
+    raise ProtocolError(f"{name} is a WebP image of unknown kind {chunk!r}")
+
+
+def _u16(data: bytes, offset: int) -> int:
+    return int.from_bytes(data[offset : offset + 2], "little")
