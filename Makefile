@@ -1,0 +1,42 @@
+# `make demo` and `make test` do all set-up by themselves on a Debian machine with python3 and make.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+PACKAGES := shared_model protocol encoder decoder loopback
+
+.PHONY: install demo test lint format lock clean
+
+install: $(INSTALLED)
+
+$(INSTALLED): requirements.lock pyproject.toml scripts/system_libraries.sh
+	sh scripts/system_libraries.sh $(PYTHON)
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --require-hashes --no-deps -r requirements.lock
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	touch $@
+
+demo: $(INSTALLED)
+	$(BIN)/risorius demo --out out/demo
+
+lint: $(INSTALLED)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+test: lint
+	$(BIN)/python -m pytest --cov --cov-report=term
+	$(BIN)/coverage report --include='protocol/*' --omit=protocol/link_zenoh.py --fail-under=100
+
+format: $(INSTALLED)
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+# Needs uv; see CONTRIBUTING.md.
+lock:
+	uv pip compile pyproject.toml requirements.in --all-extras --universal --python-version 3.11 \
+	    --generate-hashes --no-header --no-annotate --quiet -o requirements.lock
+
+clean:
+	rm -rf $(VENV) build out *.egg-info .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find $(PACKAGES) tests scripts -name __pycache__ -type d -exec rm -rf {} +

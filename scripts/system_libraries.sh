@@ -1,0 +1,34 @@
+#!/bin/sh
+# Makes sure of what pip cannot install: a Python that makes environments, and EGL in software.
+# usage: system_libraries.sh PYTHON
+set -eu
+python=${1:-python3}
+
+if ! "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then
+    echo "risorius needs Python 3.11 or later; name one: make PYTHON=python3.12" >&2
+    exit 1
+fi
+
+# Prints the Debian packages that are missing, none on another system that has the libraries.
+missing() {
+    "$python" -c 'import ensurepip, venv' 2>/dev/null || echo python3-venv
+    if command -v dpkg-query >/dev/null; then
+        for package in libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri; do
+            dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q 'ok installed' || echo "$package"
+        done
+    else
+        "$python" -c 'import ctypes; ctypes.CDLL("libEGL.so.1"); ctypes.CDLL("libGL.so.1")' \
+            2>/dev/null || echo "libEGL.so.1 libGL.so.1"
+    fi
+}
+
+wanted=$(missing | tr '\n' ' ')
+[ -n "$wanted" ] || exit 0
+if [ "$(id -u)" -eq 0 ] && command -v apt-get >/dev/null; then
+    apt-get update -qq
+    # shellcheck disable=SC2086  # one word for each package
+    DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends $wanted
+else
+    echo "risorius needs these system packages first: $wanted(Debian: apt-get install $wanted)" >&2
+    exit 1
+fi

@@ -1,0 +1,88 @@
+"""Who may import whom.  Read from the source, so that a lazy import counts as well."""
+
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+OURS = ("shared_model", "protocol", "encoder", "decoder", "loopback")
+MAY_IMPORT = {
+    "shared_model": {"shared_model"},
+    "protocol": {
+        "protocol",
+        "shared_model.errors",
+        "shared_model.geometry",
+        "shared_model.parameters",
+    },
+    "encoder": {"encoder", "protocol", "shared_model"},
+    "decoder": {"decoder", "protocol", "shared_model"},
+    "loopback": set(OURS),
+}
+ONE_IMPORTER = {
+    "filterpy": "encoder/ekf.py",
+    "moderngl": "decoder/render.py",
+    "zenoh": "protocol/link_zenoh.py",
+}
+CV2_PACKAGES = {"encoder", "decoder", "loopback"}
+
+
+def modules() -> list[Path]:
+    return sorted(path for package in OURS for path in (ROOT / package).rglob("*.py"))
+
+
+def name(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+def imports(path: Path) -> Iterator[str]:
+    """Dotted names of all that a module imports, `from a import b` as `a.b`."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{name(path)}: relative import"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def is_within(module: str, allowed: set[str]) -> bool:
+    return any(module == prefix or module.startswith(f"{prefix}.") for prefix in allowed)
+
+
+# __main__ files put the program together and may reach for the command line.
+@pytest.mark.parametrize(
+    "path", [path for path in modules() if path.name != "__main__.py"], ids=name
+)
+def test_imports_point_one_way(path: Path) -> None:
+    package = path.relative_to(ROOT).parts[0]
+    ours = [module for module in imports(path) if module.split(".")[0] in OURS]
+    wrong = [module for module in ours if not is_within(module, MAY_IMPORT[package])]
+    assert not wrong, f"{name(path)} imports {wrong}"
+
+
+@pytest.mark.parametrize("library", ONE_IMPORTER)
+def test_a_heavy_library_has_one_importer(library: str) -> None:
+    importers = {
+        name(path)
+        for path in modules()
+        if any(module.split(".")[0] == library for module in imports(path))
+    }
+    assert importers <= {ONE_IMPORTER[library]}
+
+
+def test_opencv_stays_out_of_the_model_and_the_wire() -> None:
+    importers = {
+        path.relative_to(ROOT).parts[0]
+        for path in modules()
+        if any(module.split(".")[0] == "cv2" for module in imports(path))
+    }
+    assert importers <= CV2_PACKAGES
+
+
+def test_the_shared_model_needs_numpy_only() -> None:
+    allowed = {"numpy", "shared_model"} | set(sys.stdlib_module_names)
+    for path in (ROOT / "shared_model").rglob("*.py"):
+        wrong = [module for module in imports(path) if not is_within(module, allowed)]
+        assert not wrong, f"{name(path)} imports {wrong}"
