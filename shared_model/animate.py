@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shared_model.anthropometry import residual_basis
 from shared_model.mesh import Head
 from shared_model.parameters import AAUS, EAUS
 
@@ -21,6 +22,11 @@ class Identity:
 
     aau: Array
     residual: Array
+
+
+def identity_from_controls(head: Head, aau: Array, control_mm: Array) -> Identity:
+    """The identity of AAUs (11,) and displacements (k, 3), mm, of the residual control points."""
+    return Identity(aau, residual_basis(head).T @ control_mm)
 
 
 class Face:

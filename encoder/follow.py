@@ -1,0 +1,147 @@
+"""One face parameter set per frame: a picture in, pose and actuators out, lightly filtered."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.align import pose_from_three_points
+from encoder.detect import BlazeFaceDetector
+from encoder.fit import Fitted, LandmarkModel, fit_frame, fit_identity, landmark_model, personalise
+from encoder.fit import TYPICAL_FOCAL
+from encoder.haar import HaarDetector
+from encoder.landmarks import LandmarkTracker
+from encoder.networks import NetworkFilesMissing, find_network_folder
+from shared_model import geometry
+from shared_model.animate import identity_from_controls
+from shared_model.anthropometry import residual_basis
+from shared_model.errors import UserError
+from shared_model.geometry import Camera
+from shared_model.mesh import Head
+from shared_model.parameters import AAUS, FaceParameters, Pose
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+Warn = Callable[[str], None]
+
+DETECTORS = ("network", "haar")
+# Share of a new measurement in the filtered value: little lag, and half of the jitter's power gone.
+GAIN = 0.7
+
+
+class Follower(Protocol):
+    """Follows one caller from frame to frame."""
+
+    @property
+    def fitted(self) -> Fitted:
+        """The caller's identity.  Raises `ValueError` before the first face."""
+
+    def update(self, frame: Picture) -> FaceParameters | None:
+        """Pose and actuators in the next frame (h, w, 3) BGR; None where there is no face."""
+
+
+def open_follower(
+    detector: str, head: Head, size: tuple[int, int], active: Sequence[int], warn: Warn
+) -> Follower:
+    """The follower for `detector`, one of `DETECTORS`; Viola-Jones where the networks are missing.
+
+    size: (width, height) of the picture.  active: actuators that may move after the first frame.
+    """
+    if detector not in DETECTORS:
+        raise UserError(f"detector {detector} is unknown; choose one of {', '.join(DETECTORS)}")
+    if detector == "network":
+        try:
+            folder = find_network_folder()
+            tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
+            return NetworkFollower(head, size, active, tracker, warn)
+        except NetworkFilesMissing as error:
+            warn(f"{error}; following by Viola-Jones, pose only")
+    return HaarFollower(head, size, HaarDetector(), warn)
+
+
+class NetworkFollower:
+    """Pose and actuators by least squares on the landmark network's 468 points."""
+
+    def __init__(
+        self,
+        head: Head,
+        size: tuple[int, int],
+        active: Sequence[int],
+        tracker: LandmarkTracker,
+        warn: Warn,
+    ) -> None:
+        self._head, self._size, self._active = head, size, active
+        self._tracker, self._warn = tracker, warn
+        self._model: LandmarkModel | None = None
+        self._fitted: Fitted | None = None
+        self._last: FaceParameters | None = None
+
+    @property
+    def fitted(self) -> Fitted:
+        """See `Follower`."""
+        if self._fitted is None:
+            raise ValueError("no face has been seen, expected update before fitted")
+        return self._fitted
+
+    def update(self, frame: Picture) -> FaceParameters | None:
+        """See `Follower`."""
+        found = self._tracker.update(frame)
+        _warn_of_several(self._tracker.faces_seen, self._warn)
+        if found is None:
+            return None
+        if self._model is None or self._last is None:
+            return self._begin(found.points)
+        face = fit_frame(self._model, self.fitted.camera, found.points, self._last, self._active)
+        self._last = blend(self._last, face, GAIN)
+        return self._last
+
+    def _begin(self, points_px: Array) -> FaceParameters:
+        fitted = fit_identity(self._head, self._size, [points_px])
+        generic = landmark_model(self._head)
+        self._model = personalise(generic, fitted.identity.aau, fitted.control_mm)
+        self._fitted, self._last = fitted, fitted.frames[0]
+        return self._last
+
+
+class HaarFollower:
+    """Pose alone, from Viola-Jones' eyes and the nose between them (thesis 5.1); generic identity."""
+
+    def __init__(self, head: Head, size: tuple[int, int], detector: HaarDetector, warn: Warn) -> None:
+        control = np.zeros((len(residual_basis(head)), 3))
+        identity = identity_from_controls(head, np.zeros(len(AAUS)), control)
+        self._fitted = Fitted(Camera(*size, TYPICAL_FOCAL * max(size)), identity, control, ())
+        self._head, self._detector, self._warn = head, detector, warn
+        self._last: FaceParameters | None = None
+
+    @property
+    def fitted(self) -> Fitted:
+        """See `Follower`."""
+        return self._fitted
+
+    def update(self, frame: Picture) -> FaceParameters | None:
+        """See `Follower`."""
+        faces = self._detector.detect(frame)
+        _warn_of_several(len(faces), self._warn)
+        if not faces:
+            return None
+        face = FaceParameters(pose_from_three_points(self._head, self._fitted.camera, faces[0]))
+        self._last = face if self._last is None else blend(self._last, face, GAIN)
+        return self._last
+
+
+def _warn_of_several(faces: int, warn: Warn) -> None:
+    if faces > 1:
+        warn(f"{faces} faces in the picture: taking the largest")
+
+
+def blend(first: FaceParameters, second: FaceParameters, share: float) -> FaceParameters:
+    """The face `share` (0..1) of the way from `first` to `second`."""
+    turn = geometry.multiply(second.pose.rotation, geometry.conjugate(first.pose.rotation))
+    part = geometry.quaternion_from_vector(share * geometry.vector_from_quaternion(turn))
+    start, end = first.pose.translation_mm, second.pose.translation_mm
+    pose = Pose(
+        geometry.normalise(geometry.multiply(part, first.pose.rotation)), start + share * (end - start)
+    )
+    return replace(second, pose=pose, eau=first.eau + share * (second.eau - first.eau))

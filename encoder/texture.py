@@ -1,0 +1,159 @@
+"""What the face wears: the shape-free texture of a frame (thesis 2.4.2), and images within a budget."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from shared_model import geometry
+from shared_model.appearance import Atlas
+from shared_model.geometry import Camera
+from shared_model.mesh import PARTS, Head
+from shared_model.parameters import Pose
+
+Array = NDArray[np.float64]
+Texels = NDArray[np.float32]
+Picture = NDArray[np.uint8]
+
+# What has never been seen, BGR: teeth, tongue and the dark of the mouth.
+UNSEEN_COLOURS = {
+    "teeth_upper": (150, 165, 170),
+    "teeth_lower": (130, 145, 150),
+    "tongue": (75, 70, 135),
+    "mouth": (30, 25, 50),
+}
+FACING_COSINE = 0.1
+DEPTH_CELL_MM = 1.5
+DEPTH_TOLERANCE_MM = 2.0
+QUALITIES = (1, 95)
+BACKGROUND_SIDES_PX = (640, 448, 320, 224)
+
+
+def sample(frame: Picture, positions_px: Array) -> Texels:
+    """Colours of a picture at (k, 2) pixel positions, bilinear: (k, channels) float32."""
+    columns = 1024
+    rows = -(-len(positions_px) // columns)
+    grid = np.zeros((rows * columns, 2), dtype=np.float32)
+    grid[: len(positions_px)] = positions_px
+    grid = grid.reshape(rows, columns, 2)
+    sampled = cv2.remap(frame, grid, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    channels = 1 if frame.ndim == 2 else frame.shape[2]
+    return sampled.reshape(rows * columns, channels)[: len(positions_px)].astype(np.float32)
+
+
+def visible_texels(head: Head, atlas: Atlas, pose: Pose, vertices: Array) -> NDArray[np.bool_]:
+    """(k,) whether the camera sees each texel: facing it, and nothing nearer before it.
+
+    vertices: (n, 3) mm, head frame.
+    """
+    seen = geometry.camera_from_head(pose, vertices)
+    corners = seen[atlas.corners]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    points = np.einsum("kc,kcd->kd", atlas.weights, corners)
+    lengths = np.linalg.norm(normal, axis=1) * np.linalg.norm(points, axis=1)
+    facing = -(normal * points).sum(1) / np.maximum(lengths, 1e-12)
+    cells = np.floor(points[:, :2] / points[:, 2:] * pose.translation_mm[2] / DEPTH_CELL_MM)
+    cells = (cells - cells.min(0)).astype(np.intp)
+    flat = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
+    nearest = np.full(flat.max() + 1, np.inf)
+    np.minimum.at(nearest, flat, points[:, 2])
+    unhidden = points[:, 2] <= nearest[flat] + DEPTH_TOLERANCE_MM
+    return np.asarray((facing > FACING_COSINE) & unhidden)
+
+
+def extract_texture(
+    head: Head, atlas: Atlas, camera: Camera, pose: Pose, vertices: Array, frame: Picture
+) -> Picture:
+    """The whole atlas, (size, size, 3) uint8 BGR, from one frame.
+
+    What the frame does not show is taken from the other half of the face where that is seen
+    (Fig. 4.5), else from around it; the inside of a closed mouth gets a usual colour.
+    """
+    points_px = geometry.pixel_from_head(camera, pose, atlas.points(vertices))
+    frame, points_px = _at_texel_scale(frame, points_px, atlas)
+    known = np.zeros((atlas.size, atlas.size), dtype=bool)
+    image = np.zeros((atlas.size, atlas.size, 3), dtype=np.float32)
+    worn = head.opacity[atlas.corners].min(1) > 0
+    seen = visible_texels(head, atlas, pose, vertices) & worn
+    image[atlas.rows[seen], atlas.columns[seen]] = sample(frame, points_px[seen])
+    known[atlas.rows[seen], atlas.columns[seen]] = True
+    part = head.parts[atlas.corners[:, 0]]
+    skin = np.zeros_like(known)
+    skin[atlas.rows, atlas.columns] = part <= PARTS.index("eye_right")
+    mirrored = known[:, ::-1] & skin & ~known
+    image[mirrored] = image[:, ::-1][mirrored]
+    known |= mirrored
+    for name, colour in UNSEEN_COLOURS.items():
+        hidden = (part == PARTS.index(name)) & ~known[atlas.rows, atlas.columns]
+        image[atlas.rows[hidden], atlas.columns[hidden]] = colour
+        known[atlas.rows[hidden], atlas.columns[hidden]] = True
+    return np.clip(np.rint(fill(image, known)), 0, 255).astype(np.uint8)
+
+
+def _at_texel_scale(frame: Picture, points_px: Array, atlas: Atlas) -> tuple[Picture, Array]:
+    """Shrink a frame in which the face has more pixels than the atlas texels, against aliasing."""
+    span_px = np.ptp(points_px[:, 0]) / np.ptp(atlas.columns)
+    if span_px <= 1.2:
+        return frame, points_px
+    small = cv2.resize(frame, None, fx=1 / span_px, fy=1 / span_px, interpolation=cv2.INTER_AREA)
+    ratio = np.array([small.shape[1] / frame.shape[1], small.shape[0] / frame.shape[0]])
+    return np.asarray(small, dtype=np.uint8), (points_px + 0.5) * ratio - 0.5
+
+
+def fill(image: Texels, known: NDArray[np.bool_]) -> Texels:
+    """Smoothly continue an image into where it is unknown: averages from ever coarser scales."""
+    weight = known.astype(np.float32)
+    if known.all() or min(known.shape) <= 2:
+        mean = image[known].mean(0) if known.any() else np.zeros(image.shape[2], np.float32)
+        return np.where(known[..., None], image, mean)
+    half = (-(-image.shape[1] // 2), -(-image.shape[0] // 2))
+    size = (image.shape[1], image.shape[0])
+    share = cv2.resize(weight, half, interpolation=cv2.INTER_AREA)
+    total = cv2.resize(image * weight[..., None], half, interpolation=cv2.INTER_AREA)
+    coarse = total / np.maximum(share, 1e-6)[..., None]
+    filled = fill(coarse.astype(np.float32), share > 1e-6)
+    around = cv2.resize(filled, size, interpolation=cv2.INTER_LINEAR)
+    return np.where(known[..., None], image, around).astype(np.float32)
+
+
+def compress(picture: Picture, max_bytes: int) -> bytes:
+    """The best WebP file of at most `max_bytes`; at the lowest quality even if that is larger."""
+    low, high = QUALITIES
+    best = _webp(picture, low)
+    while low < high:
+        middle = (low + high + 1) // 2
+        data = _webp(picture, middle)
+        if len(data) <= max_bytes:
+            low, best = middle, data
+        else:
+            high = middle - 1
+    return best
+
+
+def compress_background(frame: Picture, max_bytes: int) -> bytes:
+    """The WebP file within `max_bytes`, of a picture scaled down as far as helps, nearest to `frame`."""
+    longest = max(frame.shape[:2])
+    reach = min(longest, BACKGROUND_SIDES_PX[0])
+    judged = _scaled(frame, reach / longest).astype(np.float32)
+    best, least = b"", np.inf
+    for side in (reach, *(s for s in BACKGROUND_SIDES_PX if s < reach)):
+        data = compress(_scaled(frame, side / longest), max_bytes)
+        decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        assert decoded is not None
+        shown = cv2.resize(decoded, judged.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+        error = float(((shown - judged) ** 2).mean()) + 1e6 * (len(data) > max_bytes)
+        if error < least:
+            best, least = data, error
+    return best
+
+
+def _scaled(frame: Picture, ratio: float) -> Picture:
+    if ratio >= 1:
+        return frame
+    size = (max(1, round(frame.shape[1] * ratio)), max(1, round(frame.shape[0] * ratio)))
+    return np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _webp(picture: Picture, quality: int) -> bytes:
+    done, data = cv2.imencode(".webp", picture, [cv2.IMWRITE_WEBP_QUALITY, quality])
+    assert done
+    return data.tobytes()

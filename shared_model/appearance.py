@@ -1,0 +1,75 @@
+"""The shape-free frame (thesis 2.4.2): which point of the head each texel of the atlas shows."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared_model.mesh import Head, generic_head
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Atlas:
+    """A square texture of `size` texels a side; texel (row i, column j) has its centre at
+    u = (j + 0.5) / size, v = (i + 0.5) / size.
+
+    rows, columns: (k,) int32, the texels that lie on the mesh.
+    corners: (k, 3) int32, the vertices of the triangle under each.
+    weights: (k, 3) float64, barycentric weights of those vertices.
+    """
+
+    size: int
+    rows: NDArray[np.int32]
+    columns: NDArray[np.int32]
+    corners: NDArray[np.int32]
+    weights: Array
+
+    def points(self, vertices: Array) -> Array:
+        """Interpolate per-vertex values (n, d) at every texel: (k, d)."""
+        gathered = vertices[self.corners]
+        return np.asarray(np.einsum("kc,kcd->kd", self.weights, gathered))
+
+
+@lru_cache(maxsize=8)
+def generic_atlas(size: int) -> Atlas:
+    """The atlas of the generic head at `size` texels a side."""
+    return rasterise(generic_head(), size)
+
+
+def rasterise(head: Head, size: int) -> Atlas:
+    """Find the triangle and the barycentric weights under the centre of every texel."""
+    owner = np.full((size, size), -1, dtype=np.int32)
+    weights = np.zeros((size, size, 3))
+    at = head.texture_coordinates * size - 0.5
+    for index in range(len(head.triangles)):
+        _fill(owner, weights, index, at[head.triangles[index]])
+    rows, columns = np.nonzero(owner >= 0)
+    return Atlas(
+        size,
+        rows.astype(np.int32),
+        columns.astype(np.int32),
+        head.triangles[owner[rows, columns]],
+        weights[rows, columns],
+    )
+
+
+def _fill(owner: NDArray[np.int32], weights: Array, index: int, corners: Array) -> None:
+    size = owner.shape[0]
+    low = np.maximum(np.ceil(corners.min(0)), 0).astype(int)
+    high = np.minimum(np.floor(corners.max(0)), size - 1).astype(int)
+    if (high < low).any():
+        return
+    x, y = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
+    (ax, ay), (bx, by), (cx, cy) = corners
+    area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    if abs(area) < 1e-12:
+        return
+    wb = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
+    wc = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
+    inside = (wb >= -1e-9) & (wc >= -1e-9) & (wb + wc <= 1 + 1e-9)
+    window = (slice(low[1], high[1] + 1), slice(low[0], high[0] + 1))
+    owner[window][inside] = index
+    weights[window][inside] = np.stack([1 - wb - wc, wb, wc], axis=-1)[inside]
