@@ -1,9 +1,9 @@
 """How the still picture behind the head moves with it: the backdrop's mesh, as plain arrays.
 
-Each mesh point is lifted to the depth plane of the head's origin as it was in the reference frame,
-moved rigidly with the head, and projected again.  Near the head's outline it follows fully (hair and
+Each mesh point is lifted to the depth plane that the head origin had in the reference frame, moved
+rigidly with the head, and projected again.  Near the outline of the head it follows fully (hair and
 ears belong to the head); over about a face width it follows less and less.  Below the chin it
-follows the head's translation rather than its rotation, since the neck holds still.
+follows the translation of the head rather than its rotation, since the neck holds still.
 """
 
 from dataclasses import dataclass
@@ -86,7 +86,7 @@ def make_backdrop(camera: Camera, reference: Pose, head: Head, vertices: Array) 
 
 
 def warp(backdrop: Backdrop, pose: Pose) -> Array:
-    """Where the mesh lies when the head is posed like `pose`: (rows, columns, 2) float64, pixels."""
+    """Where the mesh lies when the head is posed like `pose`: (rows, columns, 2), pixels."""
     reference, lifted = backdrop.reference, backdrop.lifted_mm
     shift = pose.translation_mm - reference.translation_mm
     rotation = matrix_from_quaternion(multiply(pose.rotation, conjugate(reference.rotation)))
@@ -132,11 +132,14 @@ def _falloff(backdrop: Backdrop, motion: Array) -> Array:
 
 
 def _hold_edges(backdrop: Backdrop, motion: Array) -> Array:
-    """Let nothing come in from beyond the picture: inward motion fades towards each edge."""
-    first, last = backdrop.grid_px[0, 0], backdrop.grid_px[-1, -1]
-    reach = REACH * backdrop.face_width_px
-    from_first = smoothstep((backdrop.grid_px - first) / reach)
-    from_last = smoothstep((last - backdrop.grid_px) / reach)
+    """Let nothing come in from beyond the picture: inward motion fades between head and edge."""
+    grid_px, reach = backdrop.grid_px, REACH * backdrop.face_width_px
+    head = grid_px[backdrop.distance_px == 0].reshape(-1, 2)
+    first, last = grid_px[0, 0], grid_px[-1, -1]
+    before = np.clip(np.min(head, axis=0, initial=np.inf) - first, CELL_PX, reach)
+    after = np.clip(last - np.max(head, axis=0, initial=-np.inf), CELL_PX, reach)
+    from_first = smoothstep((grid_px - first) / before)
+    from_last = smoothstep((last - grid_px) / after)
     return np.maximum(motion, 0) * from_first + np.minimum(motion, 0) * from_last
 
 

@@ -1,8 +1,8 @@
 """Draws the head over its backdrop with OpenGL, offscreen.  The only file that imports moderngl.
 
-Rows: OpenGL's first row is the bottom one.  Everything here is drawn upside down instead (clip y grows
-downwards), so row 0 of what is read back is the top row, and front faces wind clockwise.
-Channels: pictures go in and come out as BGR; GL calls the first channel red and never knows better.
+Rows: OpenGL's first row is the bottom one.  Everything here is drawn upside down instead (clip y
+grows downwards), so row 0 of what is read back is the top row, and front faces wind clockwise.
+Channels: pictures go in and come out as BGR; GL takes the blue for red and never knows better.
 Texture coordinates: pixel (row i, column j) of an atlas of n x n pixels has its centre at
 u = (j + 0.5) / n, v = (i + 0.5) / n, v down; beyond the outermost centres the edge is repeated.
 """
@@ -23,7 +23,7 @@ from shared_model.parameters import Pose
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-# The depth range that is drawn, mm before and behind the head's origin; nothing nearer than NEAR_MM.
+# What is drawn, mm before and behind the head's origin; nothing nearer than NEAR_MM.
 DEPTH_RANGE_MM = 500.0
 NEAR_MM = 10.0
 
@@ -42,7 +42,7 @@ PART_COLOURS = {
 def create_context() -> moderngl.Context:
     """An offscreen OpenGL context.  Raises `UserError` where there is no EGL."""
     try:
-        return moderngl.create_context(standalone=True, backend="egl")  # type: ignore[call-overload]
+        return moderngl.create_context(standalone=True, backend="egl")  # type: ignore[arg-type]
     except Exception as error:  # glcontext raises bare Exception, ImportError or OSError
         raise UserError(
             "cannot draw without a screen: no EGL with OpenGL 3.3; install libegl1 libgl1"
@@ -50,7 +50,7 @@ def create_context() -> moderngl.Context:
 
 
 def clip_from_head(camera: Camera, pose: Pose) -> Array:
-    """(4, 4) matrix that takes head-frame mm to clip coordinates with y down (eq. 4.6 after eq. 4.5).
+    """(4, 4) matrix from head-frame mm to clip coordinates with y down (eq. 4.6 after eq. 4.5).
 
     Agrees with `geometry.pixel_from_head`: pixel centres lie at whole numbers, so pixel u spans
     u - 1/2 to u + 1/2 and the principal point (width - 1) / 2 is the middle of clip space.
@@ -131,7 +131,7 @@ class Renderer:
         coordinates = _single((grid_px.reshape(-1, 2) + 0.5) / picture_px)
         with self._context as context:
             program = _program(context, "backdrop")
-            program["picture_px"].value = picture_px
+            program["picture_px"] = picture_px
             self._grid = context.buffer(_single(grid_px), dynamic=True)
             self._backdrop = context.vertex_array(
                 program,
@@ -179,7 +179,7 @@ class Renderer:
             self._begin(0.12)
             self._write_pose(array, camera, pose, vertices)
             rotation = matrix_from_quaternion(pose.rotation)
-            array.program["camera_from_head"].write(_single(rotation.T))
+            _write_uniform(array.program, "camera_from_head", rotation)
             context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
             array.render()
             return self._read()
@@ -202,7 +202,12 @@ class Renderer:
             _program(context, "head"),
             [
                 (self._positions, "3f", "position_mm"),
-                (context.buffer(_single(attributes)), "2f 1f", "texture_coordinate", "vertex_opacity"),
+                (
+                    context.buffer(_single(attributes)),
+                    "2f 1f",
+                    "texture_coordinate",
+                    "vertex_opacity",
+                ),
             ],
             context.buffer(np.ascontiguousarray(head.triangles, dtype=np.int32)),
         )
@@ -258,7 +263,7 @@ class Renderer:
         self, array: moderngl.VertexArray, camera: Camera, pose: Pose, vertices: Array
     ) -> None:
         self._positions.write(_single(vertices))
-        array.program["clip_from_head"].write(_single(clip_from_head(camera, pose).T))
+        _write_uniform(array.program, "clip_from_head", clip_from_head(camera, pose))
 
     def _draw_backdrop(self, grid_px: Array | None) -> None:
         if self._backdrop is None or self._grid is None:
@@ -292,6 +297,12 @@ def _program(context: moderngl.Context, name: str) -> moderngl.Program:
         vertex_shader=(folder / f"{name}.vert").read_text(),
         fragment_shader=(folder / f"{name}.frag").read_text(),
     )
+
+
+def _write_uniform(program: moderngl.Program, name: str, matrix: Array) -> None:
+    uniform = program[name]
+    assert isinstance(uniform, moderngl.Uniform)
+    uniform.write(_single(matrix.T))
 
 
 def _grid_triangles(rows: int, columns: int) -> NDArray[np.int32]:

@@ -51,9 +51,7 @@ def synthetic_head(rows: int = 24, columns: int = 32) -> Head:
     return Head(
         vertices=points,
         triangles=np.concatenate(faces).astype(np.int32),
-        texture_coordinates=np.stack(
-            [0.5 + points[:, 0] / 200, 0.5 - points[:, 1] / 260], axis=1
-        ),
+        texture_coordinates=np.stack([0.5 + points[:, 0] / 200, 0.5 - points[:, 1] / 260], axis=1),
         parts=np.concatenate(parts).astype(np.uint8),
         opacity=np.clip((points[:, 2] - 10) / 30, 0, 1),
         landmarks={"gn": int(np.argmin(points[:, 1]))},

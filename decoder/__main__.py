@@ -1,0 +1,8 @@
+"""`python -m decoder`: the same as `risorius decode`."""
+
+import sys
+
+if __name__ == "__main__":
+    from loopback.cli import main
+
+    sys.exit(main(["decode", *sys.argv[1:]]))

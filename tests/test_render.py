@@ -1,0 +1,247 @@
+"""The renderer draws where the geometry says, in the colours it was given, over its backdrop."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from heads import synthetic_head
+from numpy.typing import NDArray
+
+from decoder import render
+from decoder.render import Renderer, part_colours, vertex_normals
+from shared_model.errors import UserError
+from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
+from shared_model.mesh import Head
+from shared_model.parameters import Pose
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+CAMERA = Camera(320, 240, 380.0)
+AHEAD = pose_from_euler(0, 0, 0, np.array([0.0, 0.0, 700.0]))
+# Turned, near the corner, in a picture with odd sides.
+ASKEW = pose_from_euler(-12, 21, 9, np.array([-95.0, 60.0, 620.0]))
+ODD_CAMERA = Camera(321, 243, 377.3)
+
+
+def quads_head(corners: Array, texture: Array, opacity: float = 1.0) -> Head:
+    """A head of separate quadrilaterals; corners (k, 4, 3) counter-clockwise from outside, mm."""
+    first = np.arange(len(corners))[:, None] * 4
+    triangles = np.concatenate([first + (0, 1, 2), first + (0, 2, 3)])
+    n = corners.shape[0] * 4
+    return replace(
+        synthetic_head(4, 6),
+        vertices=corners.reshape(-1, 3),
+        triangles=triangles.astype(np.int32),
+        texture_coordinates=texture.reshape(-1, 2),
+        parts=np.zeros(n, dtype=np.uint8),
+        opacity=np.full(n, opacity),
+    )
+
+
+def square(centre: Array, half_mm: float) -> Array:
+    offsets = np.array([(-1, 1, 0), (-1, -1, 0), (1, -1, 0), (1, 1, 0)], dtype=np.float64)
+    return centre + half_mm * offsets
+
+
+def centroid(picture: Picture) -> Array:
+    """(2,) intensity-weighted mean position, pixels."""
+    weight = picture[..., 0].astype(np.float64)
+    v, u = np.mgrid[: picture.shape[0], : picture.shape[1]]
+    return np.array([(weight * u).sum(), (weight * v).sum()]) / weight.sum()
+
+
+@pytest.fixture(scope="module")
+def head() -> Head:
+    return synthetic_head()
+
+
+@pytest.fixture
+def renderer(head: Head) -> Iterator[Renderer]:
+    with Renderer(CAMERA.width, CAMERA.height, head) as drawn:
+        yield drawn
+
+
+@pytest.mark.parametrize(("camera", "pose"), [(CAMERA, AHEAD), (ODD_CAMERA, ASKEW)])
+def test_projection_agrees_with_the_geometry_to_a_hundredth_of_a_pixel(
+    camera: Camera, pose: Pose
+) -> None:
+    """Sixteen samples a pixel would blur the edge; a wide dot with a soft texture tells more."""
+    n = 64
+    v, u = np.mgrid[:n, :n] + 0.5
+    bump = np.exp(-((u - n / 2) ** 2 + (v - n / 2) ** 2) / (2 * 9.0**2)) * 255
+    atlas = np.repeat(np.rint(bump)[..., None], 3, axis=2).astype(np.uint8)
+    corners = np.array([(0, 0), (0, 1), (1, 1), (1, 0)], dtype=np.float64)
+    for centre in ([0.0, 0, 60], [-40, 60, 20], [45, -70, 90]):
+        place = np.array(centre)
+        quad = quads_head(square(place, 24.0)[None], corners[None])
+        with Renderer(camera.width, camera.height, quad) as renderer:
+            renderer.set_texture(atlas)
+            picture = renderer.draw(camera, pose, quad.vertices)
+        expected = _projected_centroid(camera, pose, place)
+        assert np.abs(centroid(picture) - expected).max() < 0.01
+
+
+def _projected_centroid(camera: Camera, pose: Pose, place: Array) -> Array:
+    """Where the projected bump's centroid lies: perspective shifts it a little off its centre."""
+    span = np.linspace(-23.5, 23.5, 189)
+    x, y = np.meshgrid(span, span)
+    points = place + np.stack([x, y, np.zeros_like(x)], -1)
+    brightness = np.exp(-(x**2 + y**2) / (2 * (9.0 * 48 / 64) ** 2))
+    pixels = pixel_from_head(camera, pose, points)
+    # Equal areas of the square are not equal areas of the picture: weigh by the Jacobian.
+    depth = camera_from_head(pose, points)[..., 2]
+    weight = brightness / depth**3
+    return np.asarray((pixels * weight[..., None]).sum((0, 1)) / weight.sum())
+
+
+def test_vertex_edges_fall_between_the_right_pixels() -> None:
+    """A square whose edges project to half-way between pixel centres covers exactly those pixels."""
+    mm = CAMERA.focal_px / 700
+    centre = CAMERA.centre
+    low, high = np.array([99.5, 79.5]), np.array([139.5, 109.5])
+    (x0, y0), (x1, y1) = (low - centre) / mm, (high - centre) / mm
+    corners = np.array([[x0, -y0, 0], [x0, -y1, 0], [x1, -y1, 0], [x1, -y0, 0]])
+    quad = quads_head(corners[None], np.full((1, 4, 2), 0.5))
+    with Renderer(CAMERA.width, CAMERA.height, quad) as renderer:
+        renderer.set_texture(np.full((8, 8, 3), 255, dtype=np.uint8))
+        picture = renderer.draw(CAMERA, AHEAD, quad.vertices)
+    expected = np.zeros((240, 320, 3), dtype=np.uint8)
+    expected[80:110, 100:140] = 255
+    np.testing.assert_array_equal(picture, expected)
+
+
+def test_atlas_pixel_centres_are_where_the_docstring_says() -> None:
+    """An atlas drawn at its own size comes back pixel for pixel, blue stays blue, top stays top."""
+    rng = np.random.default_rng(3)
+    atlas = rng.integers(0, 256, (32, 48, 3), dtype=np.uint8)
+    mm = CAMERA.focal_px / 700
+    (x0, y0), (x1, y1) = ((np.array(p) - 0.5 - CAMERA.centre) / mm for p in ((100, 80), (148, 112)))
+    corners = np.array([[x0, -y0, 0], [x0, -y1, 0], [x1, -y1, 0], [x1, -y0, 0]])
+    texture = np.array([(0, 0), (0, 1), (1, 1), (1, 0)], dtype=np.float64)
+    quad = quads_head(corners[None], texture[None])
+    with Renderer(CAMERA.width, CAMERA.height, quad) as renderer:
+        renderer.set_texture(atlas)
+        picture = renderer.draw(CAMERA, AHEAD, quad.vertices)
+    np.testing.assert_allclose(picture[80:112, 100:148].astype(int), atlas, atol=1)
+
+
+def test_a_small_face_is_averaged_from_a_large_atlas_not_sampled() -> None:
+    rng = np.random.default_rng(5)
+    atlas = rng.choice(np.array([0, 255], dtype=np.uint8), (256, 256, 1)).repeat(3, axis=2)
+    texture = np.array([(0, 0), (0, 1), (1, 1), (1, 0)], dtype=np.float64)
+    quad = quads_head(square(np.zeros(3), 30.0)[None], texture[None])
+    with Renderer(CAMERA.width, CAMERA.height, quad) as renderer:
+        renderer.set_texture(atlas)
+        picture = renderer.draw(CAMERA, AHEAD, quad.vertices)
+    inside = picture[110:130, 150:170].astype(np.float64)
+    assert abs(inside.mean() - atlas.mean()) < 5 and inside.std() < 25
+
+
+def test_still_at_rest_is_shown_exactly(renderer: Renderer, head: Head) -> None:
+    still = np.random.default_rng(1).integers(0, 256, (240, 320, 3), dtype=np.uint8)
+    u, v = np.linspace(-0.5, 319.5, 21), np.linspace(-0.5, 239.5, 16)
+    renderer.set_backdrop(still, np.stack(np.meshgrid(u, v), -1))
+    renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
+    away = pose_from_euler(0, 0, 0, np.array([9000.0, 0, 700]))
+    picture = renderer.draw(CAMERA, away, head.vertices)
+    np.testing.assert_allclose(picture.astype(int), still, atol=1)
+
+
+def test_moved_mesh_moves_the_still(renderer: Renderer, head: Head) -> None:
+    rng = np.random.default_rng(2)
+    still = rng.integers(0, 256, (240, 320, 3), dtype=np.uint8)
+    u, v = np.linspace(-0.5, 319.5, 21), np.linspace(-0.5, 239.5, 16)
+    rest = np.stack(np.meshgrid(u, v), -1)
+    renderer.set_backdrop(still, rest)
+    renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
+    away = pose_from_euler(0, 0, 0, np.array([9000.0, 0, 700]))
+    picture = renderer.draw(CAMERA, away, head.vertices, rest + (7, -4))
+    np.testing.assert_allclose(picture[:236, 7:].astype(int), still[4:, :-7], atol=1)
+
+
+def test_opacity_blends_the_head_over_the_still() -> None:
+    texture = np.full((1, 4, 2), 0.5)
+    quad = quads_head(square(np.zeros(3), 30.0)[None], texture, opacity=0.25)
+    with Renderer(CAMERA.width, CAMERA.height, quad) as renderer:
+        renderer.set_texture(np.full((8, 8, 3), (200, 100, 40), dtype=np.uint8))
+        u, v = np.linspace(-0.5, 319.5, 3), np.linspace(-0.5, 239.5, 3)
+        still = np.full((240, 320, 3), (40, 60, 80), dtype=np.uint8)
+        renderer.set_backdrop(still, np.stack(np.meshgrid(u, v), -1))
+        picture = renderer.draw(CAMERA, AHEAD, quad.vertices)
+    np.testing.assert_allclose(picture[120, 160].astype(int), (80, 70, 70), atol=1)
+    np.testing.assert_array_equal(picture[5, 5], (40, 60, 80))
+
+
+def test_nearer_parts_hide_farther_ones_and_invisible_ones_hide_nothing() -> None:
+    far, near = square(np.array([0.0, 0, 0]), 30.0), square(np.array([0.0, 0, 40]), 10.0)
+    texture = np.stack([np.full((4, 2), 0.25), np.full((4, 2), 0.75)])
+    atlas = np.zeros((2, 2, 3), dtype=np.uint8)
+    atlas[0, 0], atlas[1, 1] = 100, 200
+    for order in ((0, 1), (1, 0)):
+        quad = quads_head(np.stack([far, near])[list(order)], texture[list(order)])
+        for opacity, expected in ((1.0, 200), (0.0, 100)):
+            shown = replace(quad, opacity=np.repeat([(1, opacity)[k] for k in order], 4) * 1.0)
+            with Renderer(CAMERA.width, CAMERA.height, shown) as renderer:
+                renderer.set_texture(atlas)
+                picture = renderer.draw(CAMERA, AHEAD, shown.vertices)
+            assert abs(int(picture[120, 160, 0]) - expected) <= 1
+
+
+def test_the_same_frame_is_drawn_the_same_twice(renderer: Renderer, head: Head) -> None:
+    atlas = np.random.default_rng(4).integers(0, 256, (64, 64, 3), dtype=np.uint8)
+    renderer.set_texture(atlas)
+    first = renderer.draw(CAMERA, AHEAD, head.vertices)
+    other = renderer.draw(CAMERA, ASKEW, head.vertices)
+    assert not np.array_equal(first, other)
+    np.testing.assert_array_equal(renderer.draw(CAMERA, AHEAD, head.vertices), first)
+
+
+def test_two_renderers_do_not_disturb_each_other(renderer: Renderer, head: Head) -> None:
+    renderer.set_texture(np.full((8, 8, 3), 255, dtype=np.uint8))
+    first = renderer.draw(CAMERA, AHEAD, head.vertices)
+    with Renderer(64, 48, head) as other:
+        other.set_texture(np.full((8, 8, 3), 9, dtype=np.uint8))
+        other.draw(Camera(64, 48, 70.0), AHEAD, head.vertices)
+        np.testing.assert_array_equal(renderer.draw(CAMERA, AHEAD, head.vertices), first)
+    np.testing.assert_array_equal(renderer.draw(CAMERA, AHEAD, head.vertices), first)
+
+
+def test_shaded_head_shows_its_silhouette_and_white_eyes(renderer: Renderer, head: Head) -> None:
+    picture = renderer.draw_shaded(CAMERA, AHEAD, head.vertices)
+    pixels = pixel_from_head(CAMERA, AHEAD, head.vertices)
+    rows = np.flatnonzero((picture != picture[0, 0]).any(axis=(1, 2)))
+    assert abs(rows[0] - pixels[:, 1].min()) < 2 and abs(rows[-1] - pixels[:, 1].max()) < 2
+    u, v = np.rint(pixel_from_head(CAMERA, AHEAD, np.array([31.0, 20, 90]))).astype(int)
+    assert picture[v, u].min() > 150 and u > 160
+    assert part_colours(head).shape == (len(head.vertices), 3)
+
+
+def test_normals_of_a_sphere_point_outwards(head: Head) -> None:
+    skin = head.parts == 0
+    normals = vertex_normals(head.vertices, head.triangles)[skin]
+    outward = head.vertices[skin] / np.array([75.0, 110.0, 95.0]) ** 2
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    assert (normals * outward).sum(axis=1).min() > 0.98
+
+
+def test_misuse_is_named(renderer: Renderer, head: Head) -> None:
+    with pytest.raises(ValueError, match="no texture"):
+        renderer.draw(CAMERA, AHEAD, head.vertices)
+    with pytest.raises(ValueError, match="atlas is float64"):
+        renderer.set_texture(np.zeros((8, 8, 3)))  # type: ignore[arg-type]
+    renderer.set_texture(np.zeros((8, 8, 3), dtype=np.uint8))
+    with pytest.raises(ValueError, match="vertices have shape"):
+        renderer.draw(CAMERA, AHEAD, head.vertices[:5])
+    with pytest.raises(ValueError, match="camera is 9x9"):
+        renderer.draw(Camera(9, 9, 9.0), AHEAD, head.vertices)
+
+
+def test_missing_egl_tells_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(**_: object) -> None:
+        raise Exception("(eglInitialize) cannot initialise")
+
+    monkeypatch.setattr(render.moderngl, "create_context", refuse)
+    with pytest.raises(UserError, match="install libegl1 libgl1"):
+        Renderer(8, 8, synthetic_head(4, 6))

@@ -1,0 +1,43 @@
+"""Images out of model packets decode, or are refused as what they are."""
+
+import cv2
+import numpy as np
+import pytest
+
+from decoder.texture import decode_image
+from protocol.messages import ProtocolError
+
+
+def webp(width: int, height: int, quality: int = 90) -> bytes:
+    ramp = np.broadcast_to(np.linspace(0, 255, width)[None, :, None], (height, width, 3))
+    params = [cv2.IMWRITE_WEBP_QUALITY, quality]
+    return cv2.imencode(".webp", ramp.astype(np.uint8), params)[1].tobytes()
+
+
+@pytest.mark.parametrize("quality", [50, 101])
+def test_lossy_and_lossless_pictures_keep_their_size(quality: int) -> None:
+    picture = decode_image("texture", webp(61, 47, quality))
+    assert picture.shape == (47, 61, 3) and picture.dtype == np.uint8
+    assert picture[20, -1, 0] > 200 > 60 > picture[20, 0, 0]
+
+
+@pytest.mark.parametrize("data", [b"", b"RIFF", b"\x89PNG" + bytes(40), b"RIFF" + bytes(60)])
+def test_what_is_no_webp_is_a_protocol_error(data: bytes) -> None:
+    with pytest.raises(ProtocolError, match="texture is no WebP"):
+        decode_image("texture", data)
+
+
+def test_size_is_bounded_before_anything_is_allocated() -> None:
+    data = bytearray(webp(16, 16, 101))
+    data[21:25] = (0x3FFF | 0x3FFF << 14).to_bytes(4, "little")
+    with pytest.raises(ProtocolError, match="16384x16384"):
+        decode_image("texture", bytes(data))
+
+
+def test_every_truncation_decodes_or_is_a_protocol_error() -> None:
+    data = webp(40, 30)
+    for length in range(len(data)):
+        try:
+            assert decode_image("still", data[:length]).shape == (30, 40, 3)
+        except ProtocolError:
+            pass
