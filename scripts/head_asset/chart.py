@@ -1,0 +1,134 @@
+"""Flatten the left half of the face into half a rectangle without a fold.
+
+The energy is the symmetric Dirichlet energy against each triangle's own shape, enlarged or shrunk by
+the texel density wanted there; it is infinite at a flip, so a valid start stays valid
+(Smith and Schaefer, "Bijective parameterization with free boundaries", 2015).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.sparse import coo_matrix
+from scipy.sparse.linalg import spsolve
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class HalfChart:
+    """A disc of triangles whose seam lies on u = 0.
+
+    triangles: (m, 3) int64, counter-clockwise with u to the right and height upwards.
+    shapes: (m, 2, 2) float64: edges b - a and c - a (columns) of each triangle as wanted.
+    weights: (m,) float64: how much a triangle's distortion counts beside its area.
+    seam: vertices on u = 0 from top to bottom; rim: the outer boundary from the seam's bottom to its top.
+    """
+
+    triangles: Indices
+    shapes: Array
+    weights: Array
+    seam: Indices
+    rim: Indices
+
+
+def flat_shapes(corners: Array, scale: Array) -> Array:
+    """(m, 2, 2) triangles (m, 3, 3) laid into the plane and scaled by (m,)."""
+    ab, ac = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    length = np.maximum(np.linalg.norm(ab, axis=1), 1e-9)
+    along = (ab * ac).sum(1) / length
+    across = np.linalg.norm(np.cross(ab, ac), axis=1) / length
+    # A needle would pin its neighbours: give every triangle some height.
+    across = np.maximum(across, 0.15 * length)
+    shapes = np.zeros((len(corners), 2, 2))
+    shapes[:, 0, 0], shapes[:, 0, 1], shapes[:, 1, 1] = length, along, across
+    return np.asarray(shapes * scale[:, None, None])
+
+
+def flatten(chart: HalfChart, width: float, height: float, fill: float = 1.03) -> Array:
+    """(n, 2) coordinates in [0, width] x [0, height] of the chart's vertices (unused ones 0).
+
+    fill: area of the wanted shapes over the rectangle's; above 1 the chart is pressed into the corners.
+    """
+    used, local = np.unique(chart.triangles, return_inverse=True)
+    triangles = local.reshape(-1, 3)
+    place = {int(v): i for i, v in enumerate(used)}
+    seam = np.array([place[int(v)] for v in chart.seam])
+    rim = np.array([place[int(v)] for v in chart.rim])
+    area = np.linalg.det(chart.shapes) / 2
+    shapes = chart.shapes * np.sqrt(fill * width * height / area.sum())
+    start = _tutte(triangles, seam, rim, len(used), width, height)
+    flat = _relax(start, triangles, shapes, chart.weights, seam, width, height)
+    out = np.zeros((int(chart.triangles.max()) + 1, 2))
+    out[used] = flat
+    return out
+
+
+def _tutte(triangles: Indices, seam: Indices, rim: Indices, count: int, width: float, height: float) -> Array:
+    """Tutte's embedding into half an ellipse."""
+    fixed = np.zeros((count, 2))
+    fixed[seam, 1] = np.linspace(0.98, 0.02, len(seam)) * height
+    turn = np.linspace(-np.pi / 2, np.pi / 2, len(rim) + 2)[1:-1]
+    fixed[rim] = np.stack([np.cos(turn) * 0.98 * width, (0.5 + 0.48 * np.sin(turn)) * height], 1)
+    on_border = np.zeros(count, bool)
+    on_border[np.concatenate([seam, rim])] = True
+    pairs = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
+    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count)).tocsr()
+    degree = np.asarray(links.sum(1)).ravel()
+    inner = np.flatnonzero(~on_border)
+    matrix = coo_matrix((degree, (np.arange(count), np.arange(count))), (count, count)).tocsr() - links
+    right = -matrix[inner][:, on_border] @ fixed[on_border]
+    flat = fixed.copy()
+    flat[inner] = spsolve(matrix[inner][:, inner].tocsc(), right)
+    return flat
+
+
+def _relax(
+    start: Array, triangles: Indices, shapes: Array, weights: Array, seam: Indices, width: float, height: float
+) -> Array:
+    inverse = np.linalg.inv(shapes)
+    area = np.linalg.det(shapes) / 2 * weights
+    area = area / area.sum()
+    count = len(start)
+    low, high = np.zeros((count, 2)), np.tile([width, height], (count, 1))
+    high[seam, 0] = 0.0
+    bounds = np.stack([low.ravel(), high.ravel()], 1)
+
+    def energy(flat: Array) -> tuple[float, Array]:
+        value, gradient = dirichlet(flat.reshape(-1, 2), triangles, inverse, area)
+        return value, gradient.ravel()
+
+    flat = start.ravel()
+    # Restarts: the quasi-Newton memory is worthless after the first, violent moves.
+    for steps in (200, 400, 800, 1500):
+        options = {"maxiter": steps, "maxfun": 4 * steps, "maxcor": 30, "ftol": 1e-9}
+        flat = minimize(energy, flat, jac=True, bounds=bounds, method="L-BFGS-B", options=options).x
+    return np.asarray(flat.reshape(-1, 2))
+
+
+def dirichlet(flat: Array, triangles: Indices, inverse: Array, area: Array) -> tuple[float, Array]:
+    """Symmetric Dirichlet energy, and its gradient (n, 2); huge where a triangle is flipped."""
+    a, b, c = (flat[triangles[:, k]] for k in range(3))
+    edges = np.stack([b - a, c - a], axis=-1)
+    det_edges = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]
+    if det_edges.min() <= 1e-12:
+        return 1e12, np.zeros_like(flat)
+    jacobian = edges @ inverse
+    det = jacobian[:, 0, 0] * jacobian[:, 1, 1] - jacobian[:, 0, 1] * jacobian[:, 1, 0]
+    norm = (jacobian**2).sum((1, 2))
+    # In the plane |J^-1|^2 = |J|^2 / det^2.
+    value = float((area * norm * (1 + 1 / det**2)).sum())
+    cofactor = np.empty_like(jacobian)
+    cofactor[:, 0, 0], cofactor[:, 1, 1] = jacobian[:, 1, 1], jacobian[:, 0, 0]
+    cofactor[:, 0, 1], cofactor[:, 1, 0] = -jacobian[:, 1, 0], -jacobian[:, 0, 1]
+    slope = 2 * (1 + 1 / det**2)[:, None, None] * jacobian
+    slope -= (2 * norm / det**3)[:, None, None] * cofactor
+    edge_slope = area[:, None, None] * slope @ inverse.transpose(0, 2, 1)
+    gradient = np.zeros_like(flat)
+    np.add.at(gradient, triangles[:, 1], edge_slope[:, :, 0])
+    np.add.at(gradient, triangles[:, 2], edge_slope[:, :, 1])
+    np.add.at(gradient, triangles[:, 0], -edge_slope.sum(2))
+    return value, gradient
