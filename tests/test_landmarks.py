@@ -1,0 +1,118 @@
+"""Landmarks: geometry of the field of view, and agreement with itself on real faces."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from encoder.capture import Frame, open_source
+from encoder.detect import BlazeFaceDetector, Detection
+from encoder.landmarks import (
+    EYE_CORNERS,
+    FaceMesh,
+    LandmarkTracker,
+    Square,
+    square_from_detection,
+    square_from_landmarks,
+)
+from encoder.networks import NetworkFilesMissing, find_network_folder
+
+CLIPS = Path(__file__).resolve().parents[2] / "shared" / "clips"
+
+
+@pytest.fixture(scope="module")
+def networks() -> Path:
+    try:
+        return find_network_folder()
+    except NetworkFilesMissing as missing:
+        pytest.skip(str(missing))
+
+
+def frames(name: str, count: int) -> list[Frame]:
+    if not CLIPS.is_dir():
+        pytest.skip(f"{CLIPS} is not there")
+    with open_source(str(CLIPS / name)) as capture:
+        return [frame for index, frame in capture if index < count]
+
+
+def test_crop_corners_lie_on_the_square() -> None:
+    square = Square(np.array([100.0, 50.0]), 40.0, np.radians(90))
+    affine = square.pixel_from_crop(192)
+    corners = np.array([[-0.5, -0.5], [191.5, -0.5]]) @ affine[:, :2].T + affine[:, 2]
+    assert corners == pytest.approx(np.array([[120.0, 30.0], [120.0, 70.0]]))
+
+
+def test_square_of_landmarks_follows_shift_scale_and_roll() -> None:
+    points = np.random.default_rng(3).uniform(0, 100, (468, 3))
+    points[EYE_CORNERS[0]], points[EYE_CORNERS[1]] = [20, 50, 0], [80, 50, 0]
+    before = square_from_landmarks(points)
+    after = square_from_landmarks(points * 2 + [7.0, -3.0, 0.0])
+    assert after.centre == pytest.approx(before.centre * 2 + [7, -3])
+    assert after.side == pytest.approx(before.side * 2)
+    assert after.roll_rad == before.roll_rad == 0
+
+
+def test_square_of_a_rolled_detection_is_rolled() -> None:
+    keypoints = np.zeros((6, 2))
+    keypoints[1] = [10, 10]
+    square = square_from_detection(Detection(np.array([0.0, 0, 30, 40]), keypoints, 0.9))
+    assert square.roll_rad == pytest.approx(np.radians(45))
+    assert square.side == 60
+    assert square.centre == pytest.approx([15, 20])
+
+
+def test_nothing_is_found_where_no_face_is(networks: Path) -> None:
+    tracker = LandmarkTracker(networks, BlazeFaceDetector(networks))
+    assert tracker.update(np.full((120, 160, 3), 90, np.uint8)) is None
+    assert tracker.faces_seen == 0
+
+
+def test_mirrored_faces_give_mirrored_landmarks(networks: Path) -> None:
+    mesh, offsets = FaceMesh(networks), []
+    for name in ("carphone.mp4", "akiyo.mp4", "smile.mp4", "still.mpg"):
+        tracker = LandmarkTracker(networks, BlazeFaceDetector(networks))
+        for frame in frames(name, 6):
+            found = tracker.update(frame)
+            assert found is not None
+            square, last = square_from_landmarks(found.points), frame.shape[1] - 1
+            centre = np.array([last - square.centre[0], square.centre[1]])
+            other = Square(centre, square.side, -square.roll_rad)
+            mirrored = mesh.find(np.ascontiguousarray(frame[:, ::-1]), other).points[:, 0]
+            # The set of points is symmetric, hence so is its mean.
+            middle = (mesh.find(frame, square).points[:, 0].mean() + mirrored.mean()) / 2
+            offsets.append((middle - last / 2) / square.side * 192)
+    assert abs(np.mean(offsets)) < 0.25, "half a pixel of the crop would show as 0.5"
+
+
+def test_tracking_follows_a_face_moved_and_scaled(networks: Path) -> None:
+    (frame,) = frames("smile.mp4", 1)
+    tracker = LandmarkTracker(networks, BlazeFaceDetector(networks))
+    for _ in range(3):
+        first = tracker.update(frame)
+    move = np.array([[1.05, 0.0, 6.0], [0.0, 1.05, -4.0]])
+    moved = cv2.warpAffine(frame, move, (frame.shape[1], frame.shape[0]), flags=cv2.INTER_CUBIC)
+    for _ in range(3):
+        second = tracker.update(np.asarray(moved, np.uint8))
+    assert first is not None and second is not None
+    expected = first.points[:, :2] @ move[:, :2].T + move[:, 2]
+    distance = np.linalg.norm(expected - second.points[:, :2], axis=1)
+    eyes = np.linalg.norm(np.diff(expected[list(EYE_CORNERS)], axis=0))
+    assert distance.mean() < 0.01 * eyes
+
+
+def test_lost_face_is_found_again(networks: Path) -> None:
+    seen = frames("akiyo.mp4", 2)
+    tracker = LandmarkTracker(networks, BlazeFaceDetector(networks))
+    assert tracker.update(seen[0]) is not None
+    assert tracker.update(np.zeros_like(seen[0])) is None
+    again = tracker.update(seen[1])
+    assert again is not None and again.score > 0.9
+
+
+@pytest.mark.parametrize("name", ["carphone.mp4", "akiyo.mp4", "turn.mp4", "still.mpg"])
+def test_face_is_held_over_a_real_clip(networks: Path, name: str) -> None:
+    tracker = LandmarkTracker(networks, BlazeFaceDetector(networks))
+    for index, frame in enumerate(frames(name, 60)):
+        found = tracker.update(frame)
+        assert found is not None and found.score > 0.7, f"frame {index}"
