@@ -1,0 +1,290 @@
+"""Anthropometric Action Units: eleven measurements of the face, and the fields that change them.
+
+Thesis 2.3.2 and A.1.  Each AAU displaces along one axis of the head frame only; +-1 is +-2 standard
+deviations of adults, women and men together.  Every measurement is an axial distance (Farkas' second
+kind) along its AAU's own axis, except the nose's bridge, which is a shortest distance (his first).
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared_model.mesh import PARTS
+from shared_model.muscles import fall, rise
+from shared_model.parameters import AAUS
+from shared_model.residual import control_points, residual_basis
+
+__all__ = [
+    "MEASUREMENTS",
+    "Measurement",
+    "aau_fields",
+    "control_points",
+    "measure",
+    "residual_basis",
+]
+
+Array = NDArray[np.float64]
+X, Y, Z = range(3)
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """One AAU's measurement and how it varies between adults.
+
+    ends: the two landmarks, without sides; equal ends are measured from left to right.
+    axis: 0, 1, 2 for an axial distance along x, y, z; None for the shortest distance.
+    male, female: (mean, standard deviation), mm.
+    source: where the figures come from.
+    """
+
+    name: str
+    ends: tuple[str, str]
+    axis: int | None
+    male: tuple[float, float]
+    female: tuple[float, float]
+    source: str
+
+    @property
+    def mean_mm(self) -> float:
+        """Mean of women and men, in equal parts."""
+        return (self.male[0] + self.female[0]) / 2
+
+    @property
+    def deviation_mm(self) -> float:
+        """Standard deviation of women and men together."""
+        within = (self.male[1] ** 2 + self.female[1] ** 2) / 2
+        return float(np.sqrt(within + ((self.male[0] - self.female[0]) / 2) ** 2))
+
+
+_TABLE = "Farkas et al. 2005 (North American white, 18-30 years), after Farkas 1994"
+_NEAR = "approximate, near Farkas 1994 (North American white, young adults)"
+_OWN = "no published value known to us; our estimate"
+
+MEASUREMENTS = (
+    Measurement("cranial_width", ("t", "t"), X, (143.0, 5.5), (133.0, 5.0), _NEAR),
+    Measurement("facial_height", ("tr", "gn"), Y, (187.0, 9.0), (173.0, 8.0), _NEAR),
+    Measurement("facial_depth", ("or", "t"), Z, (81.0, 4.0), (77.0, 3.5), _OWN),
+    Measurement("mandible_width", ("go", "go"), X, (97.1, 5.8), (91.1, 5.9), _TABLE),
+    Measurement("chin_height", ("sl", "gn"), Y, (31.0, 2.8), (26.0, 2.5), _NEAR),
+    Measurement("nose_height", ("n", "sn"), Y, (54.8, 3.3), (50.6, 3.1), _TABLE),
+    Measurement("nose_bridge_length", ("n", "prn"), None, (50.0, 3.6), (44.7, 3.4), _NEAR),
+    Measurement("nose_width", ("al", "al"), X, (34.9, 2.1), (31.4, 2.0), _TABLE),
+    Measurement("mouth_shift", ("sn", "sto"), Y, (22.3, 2.1), (20.1, 2.0), _NEAR),
+    Measurement("mouth_width", ("ch", "ch"), X, (54.5, 3.0), (50.2, 3.5), _TABLE),
+    Measurement("eyebrow_height", ("sci", "ex"), Y, (21.0, 2.6), (22.5, 2.6), _OWN),
+)
+
+
+def measure(vertices: Array, landmarks: Mapping[str, int]) -> dict[str, float]:
+    """The eleven measurements, mm, of a head: vertices (n, 3) mm, landmark name -> vertex."""
+    points = {name: vertices[index] for name, index in landmarks.items()}
+    return {m.name: _distance(m, points) for m in MEASUREMENTS}
+
+
+def _distance(measurement: Measurement, points: Mapping[str, Array]) -> float:
+    first, second = measurement.ends
+    if first == second:
+        pairs = [(f"{first}_l", f"{first}_r")]
+    elif f"{second}_l" in points:
+        pairs = [(f"{first}_{side}", f"{second}_{side}") for side in "lr"]
+    else:
+        pairs = [(first, second)]
+    apart = [points[a] - points[b] for a, b in pairs]
+    if measurement.axis is None:
+        return float(np.mean([np.linalg.norm(d) for d in apart]))
+    return float(np.mean([abs(d[measurement.axis]) for d in apart]))
+
+
+def aau_fields(vertices: Array, parts: NDArray[np.integer], landmarks: Mapping[str, int]) -> Array:
+    """Displacement fields (len(AAUS), n, 3) float64, mm, of the AAUs at +1.
+
+    vertices: (n, 3) mm, head frame, neutral.  parts: (n,) index into `PARTS`.
+    Each field, added to `vertices`, raises its own measurement by two standard deviations.
+    """
+    points = {name: vertices[index] for name, index in landmarks.items()}
+    fields = np.zeros((len(AAUS), *vertices.shape))
+    for field, measurement in zip(fields, MEASUREMENTS, strict=True):
+        axis, shape = SHAPES[measurement.name]
+        field[:, axis] = _carried(shape, vertices, parts, points)
+        moved = {name: vertices[index] + field[index] for name, index in landmarks.items()}
+        gain = _distance(measurement, moved) - _distance(measurement, points)
+        field *= 2 * measurement.deviation_mm / gain
+    return fields
+
+
+Shape = Callable[[Array, Mapping[str, Array]], Array]
+
+
+def _carried(
+    shape: Shape, vertices: Array, parts: NDArray[np.integer], points: Mapping[str, Array]
+) -> Array:
+    """(n,) displacement; eyeballs, teeth and tongue go as one piece with what holds them."""
+    amount = shape(vertices, points)
+    holders = {
+        "eye_left": (points["en_l"] + points["ex_l"]) / 2,
+        "eye_right": (points["en_r"] + points["ex_r"]) / 2,
+        "teeth_upper": points["sto_upper"],
+        "teeth_lower": points["sto_lower"],
+        "tongue": points["sto_lower"],
+    }
+    for name, place in holders.items():
+        amount[parts == PARTS.index(name)] = shape(place[None], points)[0]
+    return amount
+
+
+def _smooth(y: Array, knots: Mapping[float, float]) -> Array:
+    """Values at `y` (n,) of a monotone cubic through `knots`, constant beyond them (Fritsch-Butland)."""
+    places = np.array(sorted(knots))
+    values = np.array([knots[place] for place in places])
+    step = np.diff(places)
+    rate = np.diff(values) / step
+    slope = np.zeros(len(places))
+    product = rate[:-1] * rate[1:]
+    total = np.where(product > 0, rate[:-1] + rate[1:], 1.0)
+    slope[1:-1] = np.where(product > 0, 2 * product / total, 0.0)
+    y = np.clip(y, places[0], places[-1])
+    k = np.clip(np.searchsorted(places, y) - 1, 0, len(step) - 1)
+    t = (y - places[k]) / step[k]
+    hermite = (values[k] * (1 + 2 * t) + slope[k] * step[k] * t) * (1 - t) ** 2
+    hermite += (values[k + 1] * (3 - 2 * t) - slope[k + 1] * step[k] * (1 - t)) * t**2
+    return np.asarray(hermite)
+
+
+def _profile(vertices: Array, points: Mapping[str, Array], knots: Mapping[str, float]) -> Array:
+    """Vertical displacement given at midline landmarks; none behind the face.
+
+    Beside the mouth the cheeks go evenly from the eyes' level to the chin's displacement.
+    """
+    heights = {float(points[name][Y]): value for name, value in knots.items()}
+    y = vertices[:, Y]
+    level = {name: float(points[name][Y]) for name in ("on", "pi_l", "gn")}
+    upper = {height: value for height, value in heights.items() if height >= level["on"]}
+    cheek = _smooth(y, {**upper, level["pi_l"]: 0.0, level["gn"]: knots["gn"]})
+    corner = points["ch_l"][X]
+    beside = rise(np.abs(vertices[:, X]), corner, 2.2 * corner)
+    middle = _smooth(y, heights)
+    return np.asarray((middle + beside * (cheek - middle)) * rise(vertices[:, Z], -50, 40))
+
+
+def _cranial_width(vertices: Array, points: Mapping[str, Array]) -> Array:
+    x, y = vertices[:, X], vertices[:, Y]
+    go, t = points["go_l"], points["t_l"]
+    return np.asarray(np.sign(x) * rise(np.abs(x), 0.42 * t[X], t[X]) * rise(y, go[Y], t[Y] - 2))
+
+
+def _facial_height(vertices: Array, points: Mapping[str, Array]) -> Array:
+    knots = {
+        "v": 0.9,
+        "tr": 0.62,
+        "on": 0.0,
+        "sn": 0.0,
+        "sto_lower": -0.1,
+        "sl": -0.36,
+        "gn": -0.38,
+    }
+    return _profile(vertices, points, knots)
+
+
+def _facial_depth(vertices: Array, points: Mapping[str, Array]) -> Array:
+    return rise(vertices[:, Z], points["t_l"][Z], points["or_l"][Z])
+
+
+def _mandible_width(vertices: Array, points: Mapping[str, Array]) -> Array:
+    x, go = np.abs(vertices[:, X]), points["go_l"]
+    height = fall(np.abs(vertices[:, Y] - go[Y]), 4, 50)
+    along = fall(np.abs(vertices[:, Z] - go[Z]), 12, 62)
+    return np.asarray(np.sign(vertices[:, X]) * rise(x, 0.45 * go[X], go[X]) * height * along)
+
+
+def _chin_height(vertices: Array, points: Mapping[str, Array]) -> Array:
+    # The hairline gives back what the chin takes, so that the face keeps its height.
+    knots = {"tr": -0.6, "on": 0.0, "sto_lower": 0.0, "sl": 0.4, "gn": -0.6}
+    return _profile(vertices, points, knots)
+
+
+def _nose_height(vertices: Array, points: Mapping[str, Array]) -> Array:
+    down = _profile(
+        vertices, points, {"tr": -0.65, "on": 0.0, "n": 0.0, "prn": -0.15, "sn": -0.65, "gn": -0.65}
+    )
+    return down + 0.35 * _nose_root(vertices, points)
+
+
+def _nose_bridge_length(vertices: Array, points: Mapping[str, Array]) -> Array:
+    prn, sn = points["prn"], points["sn"]
+    below = prn[Y] - sn[Y]
+    away = vertices - prn
+    vertical = np.where(away[:, Y] > 0, away[:, Y] / (2.8 * below), -away[:, Y] / below)
+    tip = fall(np.sqrt((away[:, X] / 28) ** 2 + vertical**2 + (away[:, Z] / 34) ** 2), 0.1, 1)
+    return 0.25 * _nose_root(vertices, points) - 0.75 * tip
+
+
+def _nose_root(vertices: Array, points: Mapping[str, Array]) -> Array:
+    n = points["n"]
+    root = fall(np.hypot(vertices[:, X] / 14, (vertices[:, Y] - n[Y]) / 22), 0, 1)
+    return np.asarray(root * rise(vertices[:, Z], 60, 80))
+
+
+def _nose_width(vertices: Array, points: Mapping[str, Array]) -> Array:
+    return _widened(vertices, points["al_l"], (14, 26), (7, 22), 26)
+
+
+def _mouth_width(vertices: Array, points: Mapping[str, Array]) -> Array:
+    return _widened(vertices, points["ch_l"], (22, 40), (8, 26), 45)
+
+
+def _widened(
+    vertices: Array,
+    side: Array,
+    lateral: tuple[float, float],
+    vertical: tuple[float, float],
+    depth: float,
+) -> Array:
+    """In proportion to x up to the point `side`, then fading: `lateral` beyond it over its second value."""
+    x = vertices[:, X]
+    share = np.clip(x / side[X], -1, 1) * fall(np.abs(x) - side[X], 0, lateral[1])
+    share *= fall(np.abs(vertices[:, Y] - side[Y]), *vertical)
+    return np.asarray(share * fall(np.abs(vertices[:, Z] - side[Z]), lateral[0], depth))
+
+
+def _mouth_shift(vertices: Array, points: Mapping[str, Array]) -> Array:
+    knots = {
+        "tr": -0.5,
+        "on": 0.0,
+        "sn": 0.0,
+        "sto_upper": -1.0,
+        "li": -0.9,
+        "sl": -0.5,
+        "gn": -0.5,
+    }
+    return _profile(vertices, points, knots)
+
+
+def _eyebrow_height(vertices: Array, points: Mapping[str, Array]) -> Array:
+    sci, ps, tr = points["sci_l"], points["ps_l"], points["tr"]
+    band = _smooth(
+        vertices[:, Y],
+        {
+            float(ps[Y]) + 2: 0.0,
+            float(sci[Y]) - 1: 1.0,
+            float(sci[Y]) + 5: 1.0,
+            float(tr[Y]) - 5: 0.0,
+        },
+    )
+    return np.asarray(band * rise(vertices[:, Z], 30, 65))
+
+
+SHAPES: Mapping[str, tuple[int, Shape]] = {
+    "cranial_width": (X, _cranial_width),
+    "facial_height": (Y, _facial_height),
+    "facial_depth": (Z, _facial_depth),
+    "mandible_width": (X, _mandible_width),
+    "chin_height": (Y, _chin_height),
+    "nose_height": (Y, _nose_height),
+    "nose_bridge_length": (Y, _nose_bridge_length),
+    "nose_width": (X, _nose_width),
+    "mouth_shift": (Y, _mouth_shift),
+    "mouth_width": (X, _mouth_width),
+    "eyebrow_height": (Y, _eyebrow_height),
+}

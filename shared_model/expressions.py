@@ -1,0 +1,212 @@
+"""Expression Action Units and emotions: which muscles each pulls, and how far (thesis 2.3.1, Table 2.3)."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared_model import muscle_table as m
+from shared_model.jaw_and_lids import gaze_field, jaw_field, lid_field
+from shared_model.mesh import PARTS
+from shared_model.mouth import MouthLine, lower_lip, mouth_line, upper_lip
+from shared_model.muscles import Muscle, Points, fall
+from shared_model.parameters import EAU_INDEX, EAUS
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Anatomy:
+    """A head as the muscles see it.
+
+    vertices: (n, 3) mm.  parts: (n,) index into `mesh.PARTS`.  points: landmark -> (3,) mm.
+    """
+
+    vertices: Array
+    parts: NDArray[np.integer]
+    points: Points
+    line: MouthLine
+
+    def pull(self, *pulls: tuple[Muscle, float]) -> Array:
+        """(n, 3) mm of pairs of muscles at the given contractions, on skin and mouth only."""
+        field = np.zeros_like(self.vertices)
+        for muscle, contraction in pulls:
+            sides = [muscle.displacement(self.vertices, self.points, side) for side in "lr"]
+            # On the midline both sides of a pair meet: their larger pull, not their sum.
+            field += contraction * _meet(sides[0], sides[1])
+        soft = np.isin(self.parts, [PARTS.index("skin"), PARTS.index("mouth")])
+        return field * soft[:, None]
+
+
+def _meet(left: Array, right: Array) -> Array:
+    """Sum of two sides' fields, kept to the larger one's length where they point the same way."""
+    total = left + right
+    longest = np.maximum(np.linalg.norm(left, axis=1), np.linalg.norm(right, axis=1))
+    length = np.linalg.norm(total, axis=1)
+    return np.asarray(total * np.minimum(1, longest / np.maximum(length, 1e-9))[:, None])
+
+
+Field = Callable[[Anatomy], Array]
+
+
+def eau_fields(
+    vertices: Array,
+    triangles: NDArray[np.integer],
+    parts: NDArray[np.integer],
+    landmarks: Mapping[str, int],
+) -> tuple[Array, Array]:
+    """Displacement fields of the EAUs at +1 and at -1: two of (len(EAUS), n, 3) float64, mm.
+
+    vertices: (n, 3) mm, head frame, neutral.  triangles: (m, 3).  parts: (n,) index into `PARTS`.
+    landmarks: name -> vertex.  Raises ValueError if a muscle's landmark is missing.
+    """
+    points = {name: vertices[index] for name, index in landmarks.items()}
+    head = Anatomy(vertices, parts, points, mouth_line(vertices, triangles, points))
+    up, down = (np.zeros((len(EAUS), *vertices.shape)) for _ in range(2))
+    for table, fields in ((UP, up), (DOWN, down)):
+        for name, field in table.items():
+            fields[EAU_INDEX[name]] = field(head)
+    return up, down
+
+
+def _lids(head: Anatomy, side: str, upper: float, lower: float) -> Array:
+    return lid_field(head.vertices, head.parts, head.points, side, upper, lower)
+
+
+def _gaze(head: Anatomy, horizontal: float, vertical: float) -> Array:
+    """Eyes turned; the lids go along with a look up or down."""
+    field = gaze_field(head.vertices, head.parts, horizontal, vertical)
+    if vertical:
+        share = 0.28 if vertical < 0 else 0.22
+        for side in "lr":
+            field += _lids(head, side, -vertical * share, vertical * 0.12)
+    return field
+
+
+def _upper_lip_raise(head: Anatomy) -> Array:
+    return (
+        head.pull((m.LEVATOR_LABII, 1.0)) * (1 - head.line.lower * (1 - head.line.along))[:, None]
+    )
+
+
+def _lower_lip_lower(head: Anatomy) -> Array:
+    return head.pull((m.DEPRESSOR_LABII, 1.0)) * head.line.lower[:, None]
+
+
+def _lip_press(head: Anatomy) -> Array:
+    """The red of the lips rolled in: skin moves to the line between them in proportion to its distance."""
+    field = np.zeros_like(head.vertices)
+    lips = upper_lip(head.line, 22) + lower_lip(head.line, 24)
+    soft = np.isin(head.parts, [PARTS.index("skin"), PARTS.index("mouth")])
+    front = fall(head.points["sto"][2] - head.vertices[:, 2], 8, 24) * soft * lips
+    field[:, 1] = -PRESS_SHARE * head.line.above * front
+    field[:, 2] = -PRESS_BACK_MM * front * fall(np.abs(head.line.above), 4, 16)
+    return field
+
+
+PRESS_SHARE = 0.22
+PRESS_BACK_MM = 2.0
+
+UP: Mapping[str, Field] = {
+    "jaw_drop": lambda h: jaw_field(h.vertices, h.parts, h.points, h.line),
+    "mouth_corners": lambda h: h.pull((m.ZYGOMATIC_MAJOR, 1.0)),
+    "eyebrow_middle": lambda h: h.pull((m.FRONTALIS_MAJOR, 1.0)),
+    "eyebrow_inner": lambda h: h.pull((m.FRONTALIS_INNER, 1.0)),
+    "eyebrow_outer": lambda h: h.pull((m.FRONTALIS_OUTER, 1.0)),
+    "nose_base": lambda h: h.pull(
+        (m.NASI_LABII, 1.0), (m.PROCERUS, 0.6), (m.LATERAL_CORRUGATOR, 0.3)
+    ),
+    "lid_left": lambda h: _lids(h, "l", 0.95, 0.12),
+    "lid_right": lambda h: _lids(h, "r", 0.95, 0.12),
+    "gaze_horizontal": lambda h: _gaze(h, 1, 0),
+    "gaze_vertical": lambda h: _gaze(h, 0, 1),
+    "lip_stretch": lambda h: h.pull((m.RISORIUS, 1.0)),
+    "upper_lip_raise": _upper_lip_raise,
+    "lower_lip_lower": _lower_lip_lower,
+    "lip_press": _lip_press,
+}
+DOWN: Mapping[str, Field] = {
+    "mouth_corners": lambda h: h.pull((m.ANGULI_DEPRESSOR, 1.0)),
+    "eyebrow_middle": lambda h: h.pull((m.LATERAL_CORRUGATOR, 1.0)),
+    "eyebrow_inner": lambda h: h.pull((m.LATERAL_CORRUGATOR, 0.7), (m.PROCERUS, 0.7)),
+    "eyebrow_outer": lambda h: h.pull((m.ORBICULARIS_OCULI, 1.0)),
+    "lid_left": lambda h: _lids(h, "l", -0.7, 0.0),
+    "lid_right": lambda h: _lids(h, "r", -0.7, 0.0),
+    "gaze_horizontal": lambda h: _gaze(h, -1, 0),
+    "gaze_vertical": lambda h: _gaze(h, 0, -1),
+    "lip_stretch": lambda h: h.pull((m.ORBICULARIS_ORIS, 1.0)),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Emotion:
+    """A prototypic expression (Table 2.3): the range of each actuator that signs it."""
+
+    name: str
+    ranges: Mapping[str, tuple[float, float]]
+
+    def peak(self) -> Array:
+        """(len(EAUS),) each actuator at the end of its range that is farther from rest."""
+        eau = np.zeros(len(EAUS))
+        for name, (low, high) in self.ranges.items():
+            eau[EAU_INDEX[name]] = high if high > -low else low
+        return eau
+
+
+EMOTIONS = (
+    Emotion(
+        "happiness", {"mouth_corners": (0, 0.9), "eyebrow_inner": (0, 0.2), "jaw_drop": (0, 0.5)}
+    ),
+    Emotion(
+        "anger",
+        {
+            "nose_base": (0, 0.7),
+            "eyebrow_inner": (-0.9, 0),
+            "eyebrow_middle": (-0.9, 0),
+            "eyebrow_outer": (-0.5, 0),
+        },
+    ),
+    Emotion(
+        "surprise",
+        {
+            "mouth_corners": (0, 0.4),
+            "eyebrow_inner": (0, 0.5),
+            "eyebrow_middle": (0, 0.6),
+            "jaw_drop": (0, 0.9),
+        },
+    ),
+    Emotion(
+        "sadness",
+        {"mouth_corners": (-0.9, 0), "eyebrow_inner": (0, 0.7), "eyebrow_middle": (0, 0.5)},
+    ),
+    Emotion(
+        "fear",
+        {
+            "eyebrow_inner": (0, 0.2),
+            "eyebrow_middle": (0, 0.5),
+            "eyebrow_outer": (0, 0.2),
+            "jaw_drop": (0, 0.4),
+        },
+    ),
+    Emotion(
+        "disgust",
+        {
+            "nose_base": (0, 0.9),
+            "eyebrow_inner": (-0.1, 0),
+            "eyebrow_outer": (0, 0.2),
+            "jaw_drop": (0, 0.1),
+        },
+    ),
+)
+
+
+def signature(eau: Array) -> dict[str, float]:
+    """How far actuators (len(EAUS),) lie within each emotion: name -> cosine with its peak, in [-1, 1]."""
+    length = float(np.linalg.norm(eau))
+    if length == 0:
+        return {emotion.name: 0.0 for emotion in EMOTIONS}
+    return {
+        emotion.name: float(eau @ emotion.peak() / (length * np.linalg.norm(emotion.peak())))
+        for emotion in EMOTIONS
+    }

@@ -1,0 +1,178 @@
+"""Jaw, lids and eyes: what turns about a bone or in its socket instead of being pulled by a muscle.
+
+Each is a rotation; its field is the chord from rest to full travel, so that it stays linear in the
+actuator (eq. 2.10).  Where the chord of a rotation dips below the arc it must not cut into what lies
+beneath: the lids' chord is lifted for that.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared_model.geometry import matrix_from_quaternion, quaternion_from_vector
+from shared_model.mesh import PARTS
+from shared_model.mouth import MouthLine
+from shared_model.muscles import Points, fall, rise
+
+Array = NDArray[np.float64]
+Parts = NDArray[np.integer]
+
+# Skin of the tragus to the middle of the condyle: forward and down (tissue and joint), mm.
+CONDYLE_FROM_TRAGION = np.array([0.0, -4.0, 12.0])
+JAW_DEG = 17.0
+# The condyles slide down and forward along the eminence as the mouth opens.
+JAW_SLIDE_MM = np.array([0.0, -2.0, 5.0])
+# Share of the jaw's motion at the corners of the mouth.
+CORNER_SHARE = 0.5
+CORNER_NARROWING_MM = 3.0
+GAZE_DEG = 30.0
+# How far beyond its margin a lid's skin follows it, degrees about the eye's centre.
+UPPER_LID_DEG = 36.0
+# Exponents of the lid margins' arch.
+INNER_CANTHUS, OUTER_CANTHUS = 1.1, 0.8
+LOWER_LID_DEG = 28.0
+
+
+def _part(parts: Parts, *names: str) -> NDArray[np.bool_]:
+    return np.isin(parts, [PARTS.index(name) for name in names])
+
+
+def _turn(vertices: Array, centre: Array, axis: Array, degrees: float) -> Array:
+    """(n, 3) chord of turning vertices about an axis through `centre`."""
+    matrix = matrix_from_quaternion(quaternion_from_vector(axis * np.radians(degrees)))
+    return np.asarray((vertices - centre) @ (matrix - np.eye(3)).T)
+
+
+def jaw_weight(vertices: Array, parts: Parts, line: MouthLine) -> Array:
+    """(n,) share of the jaw's rotation each vertex takes: 1 on the mandible, 0 on the skull.
+
+    Along the line between the lips it jumps from upper to lower lip; at the corners both lips agree;
+    above and below the corners it fades over the cheek; towards the ramus and the neck it fades too.
+    """
+    upper = CORNER_SHARE * line.along**2.5 * fall(line.above, 0, 38)
+    lower = 1 - (1 - CORNER_SHARE) * line.along**3 * fall(-line.above, 0, 26)
+    behind = rise(vertices[:, 2], -15, 42)
+    weight = (line.lower * lower + (1 - line.lower) * upper) * behind
+    weight[_part(parts, "teeth_lower", "tongue")] = 1.0
+    weight[_part(parts, "teeth_upper", "eye_left", "eye_right")] = 0.0
+    return np.asarray(weight)
+
+
+def jaw_field(vertices: Array, parts: Parts, points: Points, line: MouthLine) -> Array:
+    """(n, 3) mm at full jaw drop: the mandible turned by `JAW_DEG` about the condyles."""
+    condyle = (points["t_l"] + points["t_r"]) / 2 + CONDYLE_FROM_TRAGION
+    weight = jaw_weight(vertices, parts, line)
+    turned = _turn(vertices, condyle, np.array([1.0, 0.0, 0.0]), JAW_DEG)
+    field = weight[:, None] * (turned + JAW_SLIDE_MM)
+    return np.asarray(field + _narrowing(vertices, parts, points))
+
+
+def _narrowing(vertices: Array, parts: Parts, points: Points) -> Array:
+    """Corners of the mouth drawn together as the lips part: skin keeps its length."""
+    corner = points["ch_l"]
+    away = np.stack([np.abs(vertices[:, 0]) - corner[0], vertices[:, 1] - corner[1]])
+    weight = fall(np.hypot(*away), 0, 30) * _part(parts, "skin", "mouth")
+    weight *= rise(np.abs(vertices[:, 0]), 0, corner[0]) * rise(vertices[:, 2], 30, 60)
+    field = np.zeros_like(vertices)
+    field[:, 0] = -np.sign(vertices[:, 0]) * CORNER_NARROWING_MM * weight
+    return field
+
+
+@dataclass(frozen=True, slots=True)
+class Eye:
+    """centre: (3,) mm.  radius: mm, of the eyeball.  side: l or r."""
+
+    centre: Array
+    radius: float
+    side: str
+
+
+def eye(vertices: Array, parts: Parts, side: str) -> Eye:
+    """The sphere through an eyeball's vertices (least squares)."""
+    ball = vertices[_part(parts, "eye_left" if side == "l" else "eye_right")]
+    design = np.concatenate([2 * ball, np.ones((len(ball), 1))], 1)
+    solution = np.linalg.lstsq(design, (ball**2).sum(1), rcond=None)[0]
+    centre = solution[:3]
+    return Eye(centre, float(np.sqrt(solution[3] + centre @ centre)), side)
+
+
+def gaze_field(vertices: Array, parts: Parts, horizontal: float, vertical: float) -> Array:
+    """(n, 3) mm: both eyeballs turned by shares of `GAZE_DEG` to the subject's left and up."""
+    axis = np.array([-vertical, horizontal, 0.0])
+    field = np.zeros_like(vertices)
+    for side, name in (("l", "eye_left"), ("r", "eye_right")):
+        ball = _part(parts, name)
+        field[ball] = _turn(vertices[ball], eye(vertices, parts, side).centre, axis, GAZE_DEG)
+    return field
+
+
+@dataclass(frozen=True, slots=True)
+class LidSpan:
+    """Vertices as elevations about an eye's horizontal axis, with the lid margins beside them.
+
+    elevation: (n,) degrees.  reach: (n,) mm from the axis.
+    upper, lower: (n,) degrees, the resting lid margins at the vertex' x.
+    near: (n,) 1 at the lids, 0 away from the eye and behind it.
+    """
+
+    elevation: Array
+    reach: Array
+    upper: Array
+    lower: Array
+    near: Array
+
+
+def lid_span(vertices: Array, parts: Parts, points: Points, ball: Eye) -> LidSpan:
+    """Where every vertex lies relative to the opening of one eye."""
+    away = vertices - ball.centre
+    reach = np.maximum(np.hypot(away[:, 1], away[:, 2]), ball.radius / 2)
+    elevation = np.degrees(np.arctan2(away[:, 1], np.maximum(away[:, 2], 1e-6)))
+    upper, lower = (
+        np.degrees(
+            np.arcsin(np.clip(_margin(vertices[:, 0], points, ball, middle) / reach, -0.9, 0.9))
+        )
+        for middle in ("ps", "pi")
+    )
+    skin = _part(parts, "skin") & (away[:, 2] > 0)
+    near = skin * fall(np.linalg.norm(away, axis=1), 1.3 * ball.radius, 1.9 * ball.radius)
+    return LidSpan(elevation, reach, upper, lower, near)
+
+
+def _margin(x: Array, points: Points, ball: Eye, middle: str) -> Array:
+    """Height, mm above the eye's centre, of a lid margin at `x` (n,): an arch between the canthi."""
+    inner, outer, top = (points[f"{name}_{ball.side}"] for name in ("en", "ex", middle))
+    s = np.clip((x - inner[0]) / (outer[0] - inner[0]), 0, 1)
+    m = (top[0] - inner[0]) / (outer[0] - inner[0])
+    height = (top[1] - inner[1] - m * (outer[1] - inner[1])) / _arch(m)
+    return np.asarray(inner[1] + s * (outer[1] - inner[1]) + height * _arch(s) - ball.centre[1])
+
+
+def _arch(s: Array) -> Array:
+    """Slender at the inner canthus (s = 0), blunt at the outer one (s = 1)."""
+    return np.asarray((1 - (2 * s - 1) ** 2) ** np.where(s < 0.5, INNER_CANTHUS, OUTER_CANTHUS))
+
+
+def lid_field(
+    vertices: Array, parts: Parts, points: Points, side: str, upper: float, lower: float
+) -> Array:
+    """(n, 3) mm: the lids of one eye slid over the eyeball.
+
+    upper: how far the upper margin goes down, lower: how far the lower margin goes up, as shares of
+    the opening (1 and 0 close it).  The margin's skin moves in full, the lid's less and less up to
+    the brow and down to the cheek.
+    """
+    ball = eye(vertices, parts, side)
+    span = lid_span(vertices, parts, points, ball)
+    opening = np.maximum(span.upper - span.lower, 0)
+    above = span.elevation > (span.upper + span.lower) / 2
+    down = fall(span.elevation - span.upper, 2, UPPER_LID_DEG) * upper
+    up = fall(span.lower - span.elevation, 2, LOWER_LID_DEG) * lower
+    turn = np.where(above, -down, up) * opening * span.near
+    angle = np.radians(span.elevation)
+    target = angle + np.radians(turn)
+    field = np.zeros_like(vertices)
+    field[:, 1] = span.reach * (np.sin(target) - np.sin(angle))
+    field[:, 2] = span.reach * (np.cos(target) - np.cos(angle))
+    field[span.near == 0] = 0.0
+    return field

@@ -1,0 +1,136 @@
+"""What the AAUs leave over of a person's shape: a few dozen control points and how skin follows them.
+
+Residual displacement = residual_basis(head).T @ control, control (k, 3) mm.  Both ends compute the basis,
+so it is deterministic: one linear solve on the generic head.
+"""
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared_model.mesh import PARTS, Head, generic_head
+from shared_model.parameters import EAU_INDEX
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+# Points of the 468-point landmark network, the midline and the subject's right; lefts are mirrored.
+CONTOUR = (
+    10,
+    338,
+    332,
+    251,
+    356,
+    454,
+    361,
+    397,
+    379,
+    400,
+    152,
+    176,
+    150,
+    172,
+    132,
+    234,
+    127,
+    21,
+    103,
+    109,
+)
+BROWS = (70, 105, 107, 336, 334, 300)
+LIDS = (33, 159, 133, 145, 263, 386, 362, 374)
+NOSE = (168, 6, 4, 2, 98, 327, 129, 358)
+LIPS = (61, 291, 0, 17, 40, 270, 91, 321, 13, 14)
+CHEEKS = (50, 280, 205, 425, 117, 346, 18, 151)
+NETWORK_POINTS = CONTOUR + BROWS + LIDS + NOSE + LIPS + CHEEKS
+
+# Landmarks that hold still: the residual fades towards them.
+STILL = ("v", "op", "po_l", "po_r", "eu_l", "eu_r")
+# Distance that counts as smooth around a control point (multiquadric), mm.
+SOFT_MM = 10.0
+# The lower lip counts as this far away from the upper one, mm.
+LIP_GAP_MM = 45.0
+
+
+def control_points(head: Head) -> Indices:
+    """(k,) vertices of the skin nearest to `NETWORK_POINTS`, none twice."""
+    triangles = head.network_triangles[list(NETWORK_POINTS)]
+    known = triangles >= 0
+    corners = head.triangles[triangles[known]]
+    best = head.network_weights[list(NETWORK_POINTS)][known].argmax(1)
+    vertices = corners[np.arange(len(corners)), best]
+    return np.array(list(dict.fromkeys(vertices.tolist())), dtype=np.int32)
+
+
+def residual_basis(head: Head) -> Array:
+    """(k, n) share of each control point in the displacement of each vertex.
+
+    A control point moves its own vertex by all of its displacement and no other control point's.
+    Eyeballs follow the middle of their lids, teeth and tongue the lips, each as one piece.
+    """
+    return _generic_basis() if head is generic_head() else _basis(head)
+
+
+@cache
+def _generic_basis() -> Array:
+    return _basis(generic_head())
+
+
+def _basis(head: Head) -> Array:
+    places = _lip_aware(head)
+    control = control_points(head)
+    k = len(control)
+    # Neck and back of the head hold still: a coarse set of vertices behind the ears.
+    still = np.concatenate([[head.landmarks[name] for name in STILL], _behind(head)])
+    centres = places[np.concatenate([control, still])]
+    kernel = _multiquadric(centres, centres)
+    size = len(centres)
+    system = np.zeros((size + 1, size + 1))
+    system[:size, :size] = kernel
+    system[:size, size] = system[size, :size] = 1
+    weights = np.linalg.solve(system, np.eye(size + 1)[:, :k])
+    design = np.concatenate([_multiquadric(places, centres), np.ones((len(places), 1))], 1)
+    basis = (design @ weights).T
+    return _rigid(head, basis)
+
+
+def _lip_aware(head: Head) -> Array:
+    """(n, 4) mm: vertices with a fourth coordinate that holds the lips apart.
+
+    The jaw's field tells the lips apart and is smooth everywhere else.
+    """
+    jaw = np.linalg.norm(head.eau_up[EAU_INDEX["jaw_drop"]], axis=1)
+    share = jaw / jaw[head.landmarks["li"]]
+    return np.concatenate([head.vertices, LIP_GAP_MM * np.clip(share, 0, 1)[:, None]], 1)
+
+
+def _multiquadric(a: Array, b: Array) -> Array:
+    square = ((a[:, None] - b[None]) ** 2).sum(2)
+    return np.asarray(-np.sqrt(square + SOFT_MM**2))
+
+
+def _behind(head: Head) -> NDArray[np.int64]:
+    """A few skin vertices on the back of the head and the neck, by a coarse grid over them."""
+    tragion = head.vertices[head.landmarks["t_l"]]
+    skin = head.parts == PARTS.index("skin")
+    back = np.flatnonzero(skin & (head.vertices[:, 2] < tragion[2] - 25))
+    cells: dict[tuple[float, ...], int] = {}
+    for index in back.tolist():
+        cells.setdefault(tuple(np.round(head.vertices[index] / 45).tolist()), index)
+    return np.array(sorted(cells.values()), dtype=np.int64)
+
+
+def _rigid(head: Head, basis: Array) -> Array:
+    """Eyeballs, teeth and tongue as single pieces carried by the skin around them."""
+    holders = {
+        "eye_left": ("en_l", "ex_l", "ps_l", "pi_l"),
+        "eye_right": ("en_r", "ex_r", "ps_r", "pi_r"),
+        "teeth_upper": ("sn", "ls"),
+        "teeth_lower": ("li", "sl"),
+        "tongue": ("li", "sl"),
+    }
+    for name, landmarks in holders.items():
+        held = basis[:, [head.landmarks[landmark] for landmark in landmarks]].mean(1)
+        basis[:, head.parts == PARTS.index(name)] = held[:, None]
+    return basis
