@@ -1,0 +1,356 @@
+"""The packets of a call: bytes in, frozen dataclasses out, and back.
+
+Byte 0 of a packet holds its kind (top two bits) and a sequence number modulo 64; then the payload.
+Every packet has exactly one encoding: `serialise(parse_packet(data)) == data`.  All else raises
+`ProtocolError`, whatever the bytes, and no field may grow beyond its limit below.  Encoded images
+are carried, not looked into.
+"""
+
+import math
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import msgpack  # type: ignore[import-untyped]
+import numpy as np
+
+from protocol.bounds import check_bytes, check_codes, check_int, single, singles
+from protocol.varint import MAX_VARINT, decode_varint, encode_varint
+from shared_model.geometry import Camera, normalise
+from shared_model.parameters import AAUS, EAUS, Pose
+
+FORMAT_VERSION = 1
+PROFILES = ("thesis", "default")
+
+SEQUENCE_MODULUS = 64
+MAX_MODEL_PACKET_BYTES = 256 * 1024
+MAX_FRAME_PAYLOAD_BYTES = 1024
+MAX_CONTROL_PACKET_BYTES = 16
+MAX_IMAGE_BYTES = 128 * 1024
+MAX_EXTENSION_BYTES = 128 * 1024
+MAX_SIDE_PX = 8192
+MAX_FPS_TERM = 1_000_000
+MAX_FPS = 1000
+MAX_FRAMES_PER_PACKET = 64
+MAX_FOCAL_PX = 1e6
+MAX_RESIDUAL_POINTS = 256
+MAX_TRANSLATION_MM = 1e6
+MAX_LAYERS = 64
+MAX_FRAME_INDEX = MAX_VARINT
+MAX_MESSAGE = 200
+
+
+class ProtocolError(Exception):
+    """Bytes from outside that are no packet; the message says what was wrong and where."""
+
+
+class Kind(IntEnum):
+    """Top two bits of byte 0; 3 is reserved."""
+
+    FRAME = 0
+    MODEL = 1
+    CONTROL = 2
+
+
+class ControlKind(IntEnum):
+    """What a control packet says."""
+
+    END = 0  # the call is over; `frame` is the number of source frames it had
+    LOST = 1  # the face has been lost at source frame `frame`
+    FOUND = 2  # and found again at source frame `frame`
+
+
+@dataclass(frozen=True, slots=True)
+class CallParameters:
+    """What stays the same throughout a call.
+
+    profile: one of `PROFILES`.
+    width, height: size of the source picture, pixels.
+    fps_numerator, fps_denominator: frame rate of the source.
+    focal_px: focal length, pixels; kept in single precision.
+    frames_per_packet: source frames in one frame packet (default profile).
+    start_frame: source frame that frame packet 0 belongs to.
+    """
+
+    profile: str
+    width: int
+    height: int
+    fps_numerator: int
+    fps_denominator: int
+    focal_px: float
+    frames_per_packet: int = 1
+    start_frame: int = 0
+
+    def __post_init__(self) -> None:
+        if self.profile not in PROFILES:
+            raise ValueError(f"profile is {self.profile!r}, expected one of {PROFILES}")
+        check_int("width", self.width, 1, MAX_SIDE_PX)
+        check_int("height", self.height, 1, MAX_SIDE_PX)
+        check_int("fps numerator", self.fps_numerator, 1, MAX_FPS_TERM)
+        check_int("fps denominator", self.fps_denominator, 1, MAX_FPS_TERM)
+        if not 1 / MAX_FPS <= self.fps <= MAX_FPS:
+            raise ValueError(f"fps is {self.fps}, expected 1/{MAX_FPS}..{MAX_FPS}")
+        check_int("frames per packet", self.frames_per_packet, 1, MAX_FRAMES_PER_PACKET)
+        check_int("start frame", self.start_frame, 0, MAX_FRAME_INDEX)
+        focal = single("focal length", self.focal_px)
+        if not 1 <= focal <= MAX_FOCAL_PX:
+            raise ValueError(f"focal length is {focal} px, expected 1..{MAX_FOCAL_PX}")
+        object.__setattr__(self, "focal_px", focal)
+
+    @property
+    def fps(self) -> float:
+        """Frames per second of the source."""
+        return self.fps_numerator / self.fps_denominator
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of the source."""
+        return Camera(self.width, self.height, self.focal_px)
+
+
+@dataclass(frozen=True, slots=True)
+class ModelPacket:
+    """Who calls: shape, still picture and texture; sent once, perhaps in several layers.
+
+    call: what stays the same throughout the call.
+    aau: len(AAUS) codes -128..127, see `quantise.AAU_STEP`.
+    residual: x, y, z codes -128..127 of each control point, see `quantise.RESIDUAL_STEP_MM`.
+    reference_rotation, reference_translation_mm: the pose of the frame the still was taken from,
+        kept in single precision.
+    reference_eau: len(EAUS) codes -127..127 of that frame, see `quantise.EAU_STEP`.
+    background, texture: encoded images.
+    extension: what a profile adds to the model, in that profile's own format.
+    layer, layers: this packet is number `layer` of `layers` that refine one another.
+    """
+
+    call: CallParameters
+    aau: tuple[int, ...]
+    reference_rotation: tuple[float, ...]
+    reference_translation_mm: tuple[float, ...]
+    reference_eau: tuple[int, ...]
+    background: bytes = b""
+    texture: bytes = b""
+    residual: tuple[int, ...] = ()
+    extension: bytes = b""
+    layer: int = 0
+    layers: int = 1
+    sequence: int = 0
+
+    def __post_init__(self) -> None:
+        check_int("sequence", self.sequence, 0, SEQUENCE_MODULUS - 1)
+        check_codes("aau", self.aau, len(AAUS), -128)
+        check_codes("reference eau", self.reference_eau, len(EAUS), -127)
+        if len(self.residual) % 3:
+            raise ValueError(f"residual has {len(self.residual)} codes, expected three per point")
+        check_int("number of residual points", len(self.residual) // 3, 0, MAX_RESIDUAL_POINTS)
+        check_codes("residual", self.residual, len(self.residual), -128)
+        check_bytes("background", self.background, MAX_IMAGE_BYTES)
+        check_bytes("texture", self.texture, MAX_IMAGE_BYTES)
+        check_bytes("extension", self.extension, MAX_EXTENSION_BYTES)
+        check_int("number of layers", self.layers, 1, MAX_LAYERS)
+        check_int("layer", self.layer, 0, self.layers - 1)
+        rotation = singles("reference rotation", self.reference_rotation, 4, 1.001)
+        norm = math.hypot(*rotation)
+        if abs(norm - 1) > 1e-3:
+            raise ValueError(f"reference rotation has length {norm}, expected 1")
+        translation = singles(
+            "reference translation", self.reference_translation_mm, 3, MAX_TRANSLATION_MM
+        )
+        if translation[2] <= 0:
+            raise ValueError(f"reference depth is {translation[2]} mm, expected more than 0")
+        object.__setattr__(self, "reference_rotation", rotation)
+        object.__setattr__(self, "reference_translation_mm", translation)
+
+    @property
+    def reference_pose(self) -> Pose:
+        """The pose of the frame the still was taken from."""
+        rotation = normalise(np.array(self.reference_rotation))
+        return Pose(rotation, np.array(self.reference_translation_mm))
+
+
+@dataclass(frozen=True, slots=True)
+class FramePacket:
+    """How the face is: `payload` in the format of the call's profile."""
+
+    sequence: int
+    payload: bytes
+
+    def __post_init__(self) -> None:
+        check_int("sequence", self.sequence, 0, SEQUENCE_MODULUS - 1)
+        check_bytes("frame payload", self.payload, MAX_FRAME_PAYLOAD_BYTES)
+
+
+@dataclass(frozen=True, slots=True)
+class ControlPacket:
+    """What happens in the call besides the face: see `ControlKind` for what `frame` means."""
+
+    sequence: int
+    kind: ControlKind
+    frame: int
+
+    def __post_init__(self) -> None:
+        check_int("sequence", self.sequence, 0, SEQUENCE_MODULUS - 1)
+        check_int("frame", self.frame, 0, MAX_FRAME_INDEX)
+
+
+Packet = ModelPacket | FramePacket | ControlPacket
+
+
+def parse_packet(data: bytes) -> Packet:
+    """The packet in `data`.
+
+    Raises `ProtocolError` if it is none, is not in its one encoding, or a field is out of bounds.
+    """
+    kind = packet_kind(data)
+    if len(data) > max_packet_bytes(kind):
+        raise ProtocolError(f"{kind.name.lower()} packet of {len(data)} bytes is too long")
+    sequence, payload = data[0] % SEQUENCE_MODULUS, bytes(data[1:])
+    try:
+        if kind is Kind.FRAME:
+            return FramePacket(sequence, payload)
+        if kind is Kind.CONTROL:
+            return _parse_control(sequence, payload)
+        return _parse_model(sequence, payload)
+    except ValueError as error:
+        raise ProtocolError(f"{kind.name.lower()} packet: {error}"[:MAX_MESSAGE]) from error
+
+
+def serialise(packet: Packet) -> bytes:
+    """The bytes of `packet`.  Raises `ValueError` if a model packet's parts exceed the limit."""
+    if isinstance(packet, FramePacket):
+        return _header(Kind.FRAME, packet.sequence) + packet.payload
+    if isinstance(packet, ControlPacket):
+        body = bytes([packet.kind]) + encode_varint(packet.frame)
+        return _header(Kind.CONTROL, packet.sequence) + body
+    fields: bytes = msgpack.packb(_model_fields(packet), use_single_float=True)
+    data = _header(Kind.MODEL, packet.sequence) + bytes([FORMAT_VERSION]) + fields
+    if len(data) > MAX_MODEL_PACKET_BYTES:
+        raise ValueError(f"model packet has {len(data)} bytes, limit {MAX_MODEL_PACKET_BYTES}")
+    return data
+
+
+def packet_kind(data: bytes) -> Kind:
+    """The kind in byte 0 of a packet.  Raises `ProtocolError` if empty or reserved."""
+    if not data:
+        raise ProtocolError("empty packet")
+    try:
+        return Kind(data[0] // SEQUENCE_MODULUS)
+    except ValueError as error:
+        raise ProtocolError(f"byte 0 is 0x{data[0]:02x}: reserved kind of packet") from error
+
+
+def max_packet_bytes(kind: Kind) -> int:
+    """The greatest length of a whole packet of `kind`, bytes."""
+    if kind is Kind.MODEL:
+        return MAX_MODEL_PACKET_BYTES
+    return MAX_CONTROL_PACKET_BYTES if kind is Kind.CONTROL else 1 + MAX_FRAME_PAYLOAD_BYTES
+
+
+def is_end(data: bytes) -> bool:
+    """Whether `data` begins as a control packet that ends the call."""
+    return (
+        len(data) > 1 and data[0] // SEQUENCE_MODULUS == Kind.CONTROL and data[1] == ControlKind.END
+    )
+
+
+def _header(kind: Kind, sequence: int) -> bytes:
+    return bytes([kind * SEQUENCE_MODULUS + sequence])
+
+
+def _parse_control(sequence: int, payload: bytes) -> ControlPacket:
+    if not payload:
+        raise ValueError("kind of control missing")
+    kind = ControlKind(payload[0])
+    frame, length = decode_varint(payload[1:])
+    if len(payload) != 1 + length:
+        raise ValueError(f"{len(payload) - 1 - length} bytes too many")
+    return ControlPacket(sequence, kind, frame)
+
+
+# Keys of the model packet's map, short because they are sent.
+_KEYS = ("p", "s", "r", "f", "n", "o", "l", "a", "d", "q", "t", "e", "b", "x", "m")
+
+
+def _model_fields(packet: ModelPacket) -> dict[str, Any]:
+    call = packet.call
+    values = (
+        PROFILES.index(call.profile),
+        (call.width, call.height),
+        (call.fps_numerator, call.fps_denominator),
+        call.focal_px,
+        call.frames_per_packet,
+        call.start_frame,
+        (packet.layer, packet.layers),
+        _bytes_from_codes(packet.aau),
+        _bytes_from_codes(packet.residual),
+        packet.reference_rotation,
+        packet.reference_translation_mm,
+        _bytes_from_codes(packet.reference_eau),
+        packet.background,
+        packet.texture,
+        packet.extension,
+    )
+    return dict(zip(_KEYS, values, strict=True))
+
+
+def _parse_model(sequence: int, payload: bytes) -> ModelPacket:
+    if payload[:1] != bytes([FORMAT_VERSION]):
+        version = payload[0] if payload else "missing"
+        raise ValueError(f"format version is {version}, this program reads {FORMAT_VERSION}")
+    fields = msgpack.unpackb(
+        payload[1:],
+        use_list=False,
+        max_str_len=1,
+        max_bin_len=MAX_IMAGE_BYTES,
+        max_array_len=4,
+        max_map_len=len(_KEYS),
+        max_ext_len=0,
+    )
+    packet = _model_from_fields(sequence, fields)
+    # One encoding only: no longer integers, doubles or another order of keys for the same packet.
+    if serialise(packet)[1:] != payload:
+        raise ValueError("not in the one encoding of its fields")
+    return packet
+
+
+def _model_from_fields(sequence: int, fields: Any) -> ModelPacket:
+    if not isinstance(fields, dict) or tuple(fields) != _KEYS:
+        raise ValueError(f"no map of the fields {','.join(_KEYS)}")
+    profile, size, fps, focal, packing, start, layer, aau, residual, *rest = fields.values()
+    rotation, translation, eau, background, texture, extension = rest
+    check_int("profile", profile, 0, len(PROFILES) - 1)
+    width, height = _pair("size", size)
+    numerator, denominator = _pair("fps", fps)
+    number, layers = _pair("layer", layer)
+    return ModelPacket(
+        call=CallParameters(
+            PROFILES[profile], width, height, numerator, denominator, focal, packing, start
+        ),
+        aau=_codes_from_bytes("aau", aau),
+        reference_rotation=rotation,
+        reference_translation_mm=translation,
+        reference_eau=_codes_from_bytes("reference eau", eau),
+        background=background,
+        texture=texture,
+        residual=_codes_from_bytes("residual", residual),
+        extension=extension,
+        layer=number,
+        layers=layers,
+        sequence=sequence,
+    )
+
+
+def _pair(name: str, value: Any) -> tuple[Any, Any]:
+    if not isinstance(value, tuple) or len(value) != 2:
+        raise ValueError(f"{name} is {value!r}, expected two numbers")
+    return value
+
+
+def _bytes_from_codes(codes: tuple[int, ...]) -> bytes:
+    return struct.pack(f"{len(codes)}b", *codes)
+
+
+def _codes_from_bytes(name: str, data: Any) -> tuple[int, ...]:
+    check_bytes(name, data, 3 * MAX_RESIDUAL_POINTS)
+    return struct.unpack(f"{len(data)}b", data)

@@ -1,0 +1,169 @@
+"""Call files (.rzo): the packets of a call, each after its length.
+
+`RZO1`, then records of a varint length and a packet.  A whole call ends with an END control packet;
+one without is truncated, as after a Ctrl-C, and is still good up to there.
+"""
+
+from collections.abc import Iterator
+from os import fstat
+from pathlib import Path
+from typing import BinaryIO, Self
+
+from protocol.messages import (
+    MAX_MODEL_PACKET_BYTES,
+    ProtocolError,
+    is_end,
+    max_packet_bytes,
+    packet_kind,
+)
+from protocol.varint import decode_varint, encode_varint
+from shared_model.errors import UserError
+
+MAGIC = b"RZO1"
+MAX_LENGTH_BYTES = 3
+
+
+class TruncatedCall(ProtocolError):
+    """The file ends in the middle of a record; all packets before it were good."""
+
+
+def record(packet: bytes) -> bytes:
+    """One packet as it stands in a call file."""
+    return encode_varint(len(packet)) + packet
+
+
+def read_records(file: BinaryIO) -> Iterator[bytes]:
+    """Packets of the call file open in `file`; holds no more than one of them in memory.
+
+    Raises `ProtocolError` if it is no call file, a length is out of bounds or bytes follow the END
+    packet, and `TruncatedCall` if it stops inside a record.
+    """
+    head = file.read(len(MAGIC))
+    if head != MAGIC:
+        raise ProtocolError(f"no call file: it begins {head!r}, expected {MAGIC!r}")
+    packet, place = b"", len(MAGIC)
+    while (length := _read_length(file, place)) is not None:
+        if is_end(packet):
+            raise ProtocolError(f"byte {place}: a record after the end of the call")
+        packet = file.read(length)
+        if len(packet) < length:
+            raise TruncatedCall(f"byte {place}: packet has {len(packet)} bytes of {length}")
+        if length > max_packet_bytes(packet_kind(packet)):
+            raise ProtocolError(f"byte {place}: packet of {length} bytes is too long for its kind")
+        place += len(encode_varint(length)) + length
+        yield packet
+
+
+class CallWriter:
+    """Writes a call file: a `PacketSink`.
+
+    The file grows under a temporary name beside `path` and takes its place on closing, so that
+    `path` is never half a record; leaving the `with` block by an exception closes it too, and what
+    was sent until then is kept.  Nothing is left behind if nothing was sent.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = Path(path)
+        self._part = self._path.with_name(self._path.name + ".part")
+        self._empty = True
+        try:
+            # Unbuffered: what a killed process had sent is in the temporary file.
+            self._file = open(self._part, "wb", buffering=0)  # noqa: SIM115 - kept open
+            self._file.write(MAGIC)
+        except OSError as error:
+            raise UserError(f"cannot write {self._path}: {error.strerror}") from error
+
+    def send(self, packet: bytes) -> None:
+        """Append one packet."""
+        try:
+            self._file.write(record(packet))
+        except OSError as error:
+            raise UserError(f"cannot write {self._path}: {error.strerror}") from error
+        self._empty = False
+
+    def close(self) -> None:
+        """Put the file in its place; closing twice does nothing more."""
+        if self._file.closed:
+            return
+        self._file.close()
+        if self._empty:
+            self._part.unlink()
+        else:
+            self._part.replace(self._path)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+class CallReader:
+    """Reads a call file: a `PacketSource` that never waits."""
+
+    def __init__(self, path: Path) -> None:
+        try:
+            self._file = open(path, "rb")  # noqa: SIM115 - kept open
+        except OSError as error:
+            raise UserError(f"cannot read {path}: {error.strerror}") from error
+        self._records = read_records(self._file)
+        self._complete = False
+        self._ended = False
+
+    @property
+    def file_bytes(self) -> int:
+        """Size of the file."""
+        return fstat(self._file.fileno()).st_size
+
+    @property
+    def complete(self) -> bool:
+        """The END packet has been handed out."""
+        return self._complete
+
+    @property
+    def ended(self) -> bool:
+        """Nothing more will come."""
+        return self._ended
+
+    def receive(self, timeout_s: float | None = None) -> bytes | None:
+        """The next packet, None at the end.  Raises `ProtocolError` as `read_records` does."""
+        try:
+            packet = next(self._records, None)
+        except ProtocolError:
+            self._ended = True
+            raise
+        self._ended = packet is None
+        self._complete = self._complete or (packet is not None and is_end(packet))
+        return packet
+
+    def __iter__(self) -> Iterator[bytes]:
+        while (packet := self.receive()) is not None:
+            yield packet
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def _read_length(file: BinaryIO, place: int) -> int | None:
+    data = b""
+    while not data or (data[-1] >= 0x80 and len(data) < MAX_LENGTH_BYTES):
+        byte = file.read(1)
+        if not byte:
+            if data:
+                raise TruncatedCall(f"byte {place}: length of a record cut off")
+            return None
+        data += byte
+    try:
+        length, _ = decode_varint(data)
+    except ValueError as error:
+        raise ProtocolError(f"byte {place}: length of a record: {error}") from error
+    if not 1 <= length <= MAX_MODEL_PACKET_BYTES:
+        raise ProtocolError(f"byte {place}: record of {length} bytes")
+    return length

@@ -1,0 +1,127 @@
+"""What is in a call file: bytes of each part, rates, duration."""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from protocol.messages import (
+    CallParameters,
+    ControlKind,
+    FramePacket,
+    Kind,
+    ModelPacket,
+    ProtocolError,
+    packet_kind,
+    parse_packet,
+)
+from protocol.quantise import THESIS_RATE_HZ, thesis_sample_count
+from protocol.recording import CallReader, TruncatedCall
+
+
+@dataclass(frozen=True, slots=True)
+class CallSummary:
+    """Bytes and rates of one call file.
+
+    frames, duration_s, fps, width, height: of the source.
+    model_bytes, frame_bytes, control_bytes: payload of the packets of each kind.
+    container_bytes: magic, record lengths and byte 0 of each packet; with the three above it makes
+        `file_bytes`.
+    frame_packets: number of frame packets.
+    frame_bps: bits of frame payload per second of the time the frame packets are due in.
+    packet_bps: the same with byte 0 of each frame packet.
+    complete: the call has its END packet.
+    """
+
+    profile: str
+    frames: int
+    fps: float
+    duration_s: float
+    width: int
+    height: int
+    model_bytes: int
+    frame_bytes: int
+    control_bytes: int
+    container_bytes: int
+    file_bytes: int
+    frame_packets: int
+    frame_bps: float
+    packet_bps: float
+    complete: bool
+
+
+def summarise(path: Path) -> CallSummary:
+    """Account for every byte of the call file at `path`; it may be truncated.
+
+    Raises `ProtocolError` if it is no call, `UserError` if it cannot be read.
+    """
+    tally = _Tally()
+    with CallReader(path) as reader:
+        # The torn record at the end of a truncated call is no packet and counts as container.
+        with suppress(TruncatedCall):
+            for data in reader:
+                tally.add(data)
+        return tally.summary(reader.complete, reader.file_bytes)
+
+
+class _Tally:
+    """Adds up packets."""
+
+    def __init__(self) -> None:
+        self.call: CallParameters | None = None
+        self.payload = {kind: 0 for kind in Kind}
+        self.frame_packets = 0
+        self.frames: int | None = None
+
+    def add(self, data: bytes) -> None:
+        packet = parse_packet(data)
+        self.payload[packet_kind(data)] += len(data) - 1
+        if isinstance(packet, ModelPacket):
+            self.call = self.call or packet.call
+        elif isinstance(packet, FramePacket):
+            self.frame_packets += 1
+        elif packet.kind is ControlKind.END:
+            self.frames = packet.frame
+
+    def summary(self, complete: bool, file_bytes: int) -> CallSummary:
+        call = self.call
+        if call is None:
+            raise ProtocolError("the call has no model packet")
+        frames = _frames_of(call, self.frame_packets) if self.frames is None else self.frames
+        frame_bits = 8 * self.payload[Kind.FRAME]
+        due_s = _due_s(call, frames)
+        return CallSummary(
+            profile=call.profile,
+            frames=frames,
+            fps=call.fps,
+            duration_s=frames / call.fps,
+            width=call.width,
+            height=call.height,
+            model_bytes=self.payload[Kind.MODEL],
+            frame_bytes=self.payload[Kind.FRAME],
+            control_bytes=self.payload[Kind.CONTROL],
+            container_bytes=file_bytes - sum(self.payload.values()),
+            file_bytes=file_bytes,
+            frame_packets=self.frame_packets,
+            frame_bps=frame_bits / due_s,
+            packet_bps=(frame_bits + 8 * self.frame_packets) / due_s,
+            complete=complete,
+        )
+
+
+def _frames_of(call: CallParameters, frame_packets: int) -> int:
+    """Source frames of a truncated call, from the packets that are there."""
+    if call.profile == "thesis":
+        return round(frame_packets / THESIS_RATE_HZ * call.fps)
+    return frame_packets * call.frames_per_packet
+
+
+def _due_s(call: CallParameters, frames: int) -> float:
+    """Time that the frame packets of `frames` source frames stand for, more than 0.
+
+    A thesis sample stands for a tenth of a second, the last one too, so a whole stream of them has
+    exactly its nominal rate.
+    """
+    if call.profile == "thesis":
+        samples = thesis_sample_count(frames, call.fps_numerator, call.fps_denominator)
+        return max(samples, 1) / THESIS_RATE_HZ
+    return max(frames, 1) / call.fps

@@ -1,0 +1,28 @@
+"""Whole numbers as one to five bytes."""
+
+MAX_VARINT = 2**32 - 1
+
+
+def encode_varint(value: int) -> bytes:
+    """`value` >= 0 in groups of seven bits, lowest first, top bit set on all but the last."""
+    out = bytearray()
+    while value > 0x7F:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    out.append(value)
+    return bytes(out)
+
+
+def decode_varint(data: bytes) -> tuple[int, int]:
+    """Value and length of the varint of at most five bytes at the start of `data`.
+
+    Raises `ValueError` if it is cut off, longer than need be or beyond 32 bits.
+    """
+    value = 0
+    for index, byte in enumerate(data[:5]):
+        value |= (byte & 0x7F) << 7 * index
+        if byte < 0x80:
+            if (index and not byte) or value > MAX_VARINT:
+                raise ValueError(f"bad number {data[: index + 1].hex()}")
+            return value, index + 1
+    raise ValueError(f"bad number {data[:5].hex()}")

@@ -1,0 +1,45 @@
+"""Sample packets for the tests of the wire."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from protocol.messages import (
+    CallParameters,
+    ControlKind,
+    ControlPacket,
+    FramePacket,
+    ModelPacket,
+    Packet,
+)
+
+VECTORS = Path(__file__).parent / "vectors"
+
+CALL = CallParameters("thesis", 640, 480, 30000, 1001, 612.5)
+MODEL = ModelPacket(
+    call=CALL,
+    aau=tuple(range(-5, 6)),
+    reference_rotation=(0.0, 1.0, 0.0, 0.0),
+    reference_translation_mm=(10.5, -20.25, 600.0),
+    reference_eau=tuple(range(-7, 7)),
+    background=b"background",
+    texture=b"texture",
+    residual=(1, -2, 3, 127, -128, 0),
+    sequence=5,
+)
+GOLDEN: dict[str, Packet] = {
+    "model": MODEL,
+    "model_layer": replace(
+        MODEL,
+        call=replace(CALL, profile="default", frames_per_packet=6, start_frame=300),
+        residual=(),
+        background=b"",
+        extension=b"modes",
+        layer=2,
+        layers=5,
+    ),
+    "frame_thesis": FramePacket(63, bytes(range(123, 133))),
+    "frame_empty": FramePacket(1, b""),
+    "control_end": ControlPacket(7, ControlKind.END, 382),
+    "control_lost": ControlPacket(0, ControlKind.LOST, 0),
+    "control_found": ControlPacket(33, ControlKind.FOUND, 2**32 - 1),
+}

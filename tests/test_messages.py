@@ -1,0 +1,252 @@
+"""The packets: golden bytes, round trips, and only `ProtocolError` of bad bytes."""
+
+import random
+from dataclasses import replace
+
+import msgpack  # type: ignore[import-untyped]
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from packets import CALL, GOLDEN, MODEL, VECTORS
+
+from protocol.messages import (
+    MAX_FRAME_PAYLOAD_BYTES,
+    MAX_IMAGE_BYTES,
+    MAX_MODEL_PACKET_BYTES,
+    CallParameters,
+    ControlKind,
+    ControlPacket,
+    FramePacket,
+    Kind,
+    ModelPacket,
+    Packet,
+    ProtocolError,
+    is_end,
+    packet_kind,
+    parse_packet,
+    serialise,
+)
+from protocol.varint import decode_varint, encode_varint
+from shared_model.geometry import FRONTAL
+from shared_model.parameters import AAUS, EAUS
+
+
+def parses_or_protocol_error(data: bytes) -> None:
+    """Fails by any other exception, and if what was parsed has another encoding."""
+    try:
+        packet = parse_packet(data)
+    except ProtocolError:
+        return
+    assert serialise(packet) == data
+
+
+@pytest.mark.parametrize("name", GOLDEN)
+def test_golden_bytes_have_not_changed(name: str) -> None:
+    data = bytes.fromhex((VECTORS / f"{name}.hex").read_text())
+    assert serialise(GOLDEN[name]) == data
+    assert parse_packet(data) == GOLDEN[name]
+
+
+@pytest.mark.parametrize("packet", GOLDEN.values(), ids=GOLDEN)
+def test_every_truncation_is_a_packet_or_a_protocol_error(packet: Packet) -> None:
+    data = serialise(packet)
+    for length in range(len(data)):
+        parses_or_protocol_error(data[:length])
+
+
+@pytest.mark.parametrize("packet", GOLDEN.values(), ids=GOLDEN)
+def test_every_bit_flip_is_a_packet_or_a_protocol_error(packet: Packet) -> None:
+    data = serialise(packet)
+    for bit in range(8 * len(data)):
+        flipped = bytearray(data)
+        flipped[bit // 8] ^= 1 << bit % 8
+        parses_or_protocol_error(bytes(flipped))
+
+
+@pytest.mark.parametrize("packet", GOLDEN.values(), ids=GOLDEN)
+def test_an_added_byte_never_goes_unnoticed(packet: Packet) -> None:
+    data = serialise(packet) + b"\0"
+    if packet_kind(data) is Kind.FRAME:
+        assert parse_packet(data) != packet
+    else:
+        with pytest.raises(ProtocolError):
+            parse_packet(data)
+
+
+def test_fuzz_of_random_and_mutated_packets() -> None:
+    seed = 20061
+    print(f"seed {seed}")
+    rng = random.Random(seed)
+    bases = [serialise(packet) for packet in GOLDEN.values()]
+    for _ in range(60_000):
+        data = bytearray(rng.choice(bases))
+        for _ in range(rng.randint(1, 4)):
+            place = rng.randrange(len(data))
+            data[place : place + rng.randint(0, 2)] = rng.randbytes(rng.randint(0, 2))
+            data = data or bytearray(b"\x40")
+        parses_or_protocol_error(bytes(data))
+    for _ in range(50_000):
+        parses_or_protocol_error(rng.randbytes(rng.randint(0, 40)))
+
+
+def model_of_fields(**changes: object) -> bytes:
+    """A model packet with fields of the map replaced or added."""
+    data = serialise(MODEL)
+    fields = msgpack.unpackb(data[2:], use_list=False) | changes
+    packed: bytes = msgpack.packb(fields, use_single_float=True)
+    return data[:2] + packed
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"p": 2}, "profile"),
+        ({"p": "thesis"}, "limit|exceeds|profile"),
+        ({"s": (0, 480)}, "width"),
+        ({"s": (640, 8193)}, "height"),
+        ({"s": 640}, "size"),
+        ({"s": (640, 480, 3)}, "size"),
+        ({"r": (30, 0)}, "fps denominator"),
+        ({"r": (1_000_000, 1)}, "fps"),
+        ({"r": (1, 1_000_000)}, "fps"),
+        ({"f": 0.5}, "focal"),
+        ({"f": float("nan")}, "focal"),
+        ({"f": "x"}, "focal"),
+        ({"f": 600}, "one encoding"),
+        ({"n": 0}, "frames per packet"),
+        ({"n": True}, "frames per packet"),
+        ({"o": -1}, "start frame"),
+        ({"l": (1, 1)}, "layer"),
+        ({"l": (0, 65)}, "layers"),
+        ({"a": bytes(10)}, "aau"),
+        ({"a": (0,) * 4}, "aau"),
+        ({"d": bytes(4)}, "three per point"),
+        ({"d": bytes(3 * 257)}, "residual"),
+        ({"q": (1.0, 1.0, 0.0, 0.0)}, "length"),
+        ({"q": (5.0, 0.0, 0.0, 0.0)}, "magnitudes"),
+        ({"q": (1.0, 0.0, 0.0)}, "4 floats"),
+        ({"t": (0.0, 0.0, -1.0)}, "depth"),
+        ({"t": (0.0, 0.0, float("inf"))}, "finite"),
+        ({"e": b"\x80" + bytes(13)}, "reference eau"),
+        ({"b": None}, "background"),
+        ({"b": bytes(MAX_IMAGE_BYTES + 1)}, "exceeds"),
+        ({"x": 5}, "texture"),
+        ({"m": "x"}, "extension"),
+        ({"z": 1}, "."),
+    ],
+)
+def test_model_fields_out_of_bounds_are_named(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(ProtocolError, match=message):
+        parse_packet(model_of_fields(**changes))
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "empty"),
+        (b"\xc0", "reserved"),
+        (bytes(2 + MAX_FRAME_PAYLOAD_BYTES), "too long"),
+        (b"\x40", "version is missing"),
+        (b"\x40\x07", "version is 7"),
+        (b"\x40\x01\x90", "no map"),
+        (b"\x40\x01\x80", "no map"),
+        (b"\x40" + bytes(MAX_MODEL_PACKET_BYTES), "too long"),
+        (b"\x80", "kind of control missing"),
+        (b"\x80\x09\x00", "9 is not a valid"),
+        (b"\x80\x00", "bad number"),
+        (b"\x80\x00\x80\x00", "bad number"),
+        (b"\x80\x00\xff\xff\xff\xff\xff", "bad number"),
+        (b"\x80\x00\xff\xff\xff\xff\x7f", "bad number"),
+        (b"\x80\x00\x05\x05", "too many"),
+    ],
+)
+def test_bad_bytes_are_named(data: bytes, message: str) -> None:
+    with pytest.raises(ProtocolError, match=message):
+        parse_packet(data)
+
+
+def test_messages_stay_short_however_large_the_field() -> None:
+    with pytest.raises(ProtocolError) as caught:
+        parse_packet(model_of_fields(p=bytes(100_000)))
+    assert len(str(caught.value)) <= 200
+
+
+def test_misuse_is_a_value_error_that_names_the_field() -> None:
+    with pytest.raises(ValueError, match="sequence is 64"):
+        FramePacket(64, b"")
+    with pytest.raises(ValueError, match="profile is 'x'"):
+        replace(CALL, profile="x")
+    with pytest.raises(ValueError, match="bytearray, expected bytes"):
+        FramePacket(0, bytearray(1))  # type: ignore[arg-type]
+
+
+def test_a_model_whose_parts_are_allowed_but_not_their_sum_is_refused() -> None:
+    image = bytes(MAX_IMAGE_BYTES)
+    with pytest.raises(ValueError, match="limit"):
+        serialise(replace(MODEL, background=image, texture=image))
+
+
+def test_the_packet_knows_camera_rate_and_pose() -> None:
+    assert CALL.fps == pytest.approx(29.97, abs=0.001)
+    assert (CALL.camera.width, CALL.camera.height, CALL.camera.focal_px) == (640, 480, 612.5)
+    pose = replace(MODEL, reference_rotation=(1e-4, 1.0, 0.0, 0.0)).reference_pose
+    assert pose.rotation == pytest.approx(FRONTAL, abs=2e-4)
+    assert pose.translation_mm.tolist() == [10.5, -20.25, 600.0]
+
+
+def test_only_an_end_packet_is_an_end() -> None:
+    assert is_end(serialise(ControlPacket(63, ControlKind.END, 1)))
+    assert not is_end(serialise(ControlPacket(0, ControlKind.LOST, 1)))
+    assert not is_end(serialise(FramePacket(0, b"\0\0")))
+    assert not is_end(b"\x80")
+
+
+codes = st.integers(-127, 127)
+floats = st.floats(-1000, 1000)
+images = st.binary(max_size=40)
+
+
+@given(
+    st.builds(
+        ModelPacket,
+        call=st.builds(
+            CallParameters,
+            st.sampled_from(["thesis", "default"]),
+            st.integers(1, 8192),
+            st.integers(1, 8192),
+            st.integers(1, 1000),
+            st.integers(1, 1000).filter(bool),
+            st.floats(1, 1e5),
+            st.integers(1, 64),
+            st.integers(0, 2**32 - 1),
+        ),
+        aau=st.tuples(*[codes] * len(AAUS)),
+        reference_rotation=st.just((0.6, 0.0, 0.8, 0.0)),
+        reference_translation_mm=st.tuples(floats, floats, st.floats(1, 1e5)),
+        reference_eau=st.tuples(*[codes] * len(EAUS)),
+        background=images,
+        texture=images,
+        residual=st.lists(st.tuples(codes, codes, codes), max_size=5).map(
+            lambda points: tuple(code for point in points for code in point)
+        ),
+        extension=images,
+        layers=st.just(64),
+        layer=st.integers(0, 63),
+        sequence=st.integers(0, 63),
+    )
+    | st.builds(FramePacket, st.integers(0, 63), st.binary(max_size=64))
+    | st.builds(
+        ControlPacket,
+        st.integers(0, 63),
+        st.sampled_from(ControlKind),
+        st.integers(0, 2**32 - 1),
+    )
+)
+def test_every_packet_survives_the_wire(packet: Packet) -> None:
+    assert parse_packet(serialise(packet)) == packet
+
+
+@given(st.integers(0, 2**32 - 1), st.binary(max_size=3))
+def test_varint_round_trip(value: int, rest: bytes) -> None:
+    data = encode_varint(value)
+    assert decode_varint(data + rest) == (value, len(data))
