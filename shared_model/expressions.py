@@ -78,9 +78,9 @@ def _gaze(head: Anatomy, horizontal: float, vertical: float) -> Array:
     """Eyes turned; the lids go along with a look up or down."""
     field = gaze_field(head.vertices, head.parts, horizontal, vertical)
     if vertical:
-        share = 0.28 if vertical < 0 else 0.22
+        upper, lower = (0.28, 0.12) if vertical < 0 else (0.22, 0.2)
         for side in "lr":
-            field += _lids(head, side, -vertical * share, vertical * 0.12)
+            field += _lids(head, side, -upper * vertical, lower * vertical)
     return field
 
 
@@ -115,7 +115,7 @@ UP: Mapping[str, Field] = {
     "eyebrow_inner": lambda h: h.pull((m.FRONTALIS_INNER, 1.0)),
     "eyebrow_outer": lambda h: h.pull((m.FRONTALIS_OUTER, 1.0)),
     "nose_base": lambda h: h.pull(
-        (m.NASI_LABII, 1.0), (m.PROCERUS, 0.6), (m.LATERAL_CORRUGATOR, 0.3)
+        (m.NASI_LABII, 1.0), (m.PROCERUS, 0.6), (m.DEPRESSOR_SUPERCILII, 0.4)
     ),
     "lid_left": lambda h: _lids(h, "l", 0.95, 0.12),
     "lid_right": lambda h: _lids(h, "r", 0.95, 0.12),
@@ -128,11 +128,15 @@ UP: Mapping[str, Field] = {
 }
 DOWN: Mapping[str, Field] = {
     "mouth_corners": lambda h: h.pull((m.ANGULI_DEPRESSOR, 1.0)),
-    "eyebrow_middle": lambda h: h.pull((m.LATERAL_CORRUGATOR, 1.0)),
-    "eyebrow_inner": lambda h: h.pull((m.LATERAL_CORRUGATOR, 0.7), (m.PROCERUS, 0.7)),
+    "eyebrow_middle": lambda h: h.pull(
+        (m.LATERAL_CORRUGATOR, 0.25), (m.DEPRESSOR_SUPERCILII, 0.9)
+    ),
+    "eyebrow_inner": lambda h: h.pull(
+        (m.LATERAL_CORRUGATOR, 0.6), (m.PROCERUS, 1.0), (m.DEPRESSOR_SUPERCILII, 0.45)
+    ),
     "eyebrow_outer": lambda h: h.pull((m.ORBICULARIS_OCULI, 1.0)),
-    "lid_left": lambda h: _lids(h, "l", -0.7, 0.0),
-    "lid_right": lambda h: _lids(h, "r", -0.7, 0.0),
+    "lid_left": lambda h: _lids(h, "l", -0.7, -0.08),
+    "lid_right": lambda h: _lids(h, "r", -0.7, -0.08),
     "gaze_horizontal": lambda h: _gaze(h, -1, 0),
     "gaze_vertical": lambda h: _gaze(h, 0, -1),
     "lip_stretch": lambda h: h.pull((m.ORBICULARIS_ORIS, 1.0)),
