@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.detect import Detection, FaceDetector
-from encoder.networks import FACE_MESH, Network
+from encoder.networks import Network, find_face_mesh
 
 Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
@@ -59,16 +59,15 @@ class FaceMesh:
     """The 468-point network on one given square of a picture."""
 
     def __init__(self, folder: Path) -> None:
-        self._network = Network(folder / FACE_MESH)
+        file = find_face_mesh(folder)
+        self._network, self._first_pixel = Network(file.path), file.first_pixel
 
     def find(self, frame: Frame, square: Square) -> Landmarks:
         """Landmarks of the face in `square` of `frame` (height, width, 3) uint8 BGR."""
         pixel_from_crop = square.pixel_from_crop(INPUT_PX)
         outputs = self._network.run(_crop(frame, square), low=0.0)
         raw = outputs[COUNT * 3].astype(np.float64).reshape(COUNT, 3)
-        # This network counts from the first pixel's centre, as we do: a mirrored face comes out
-        # mirrored only so (the newer file in mediapipe's wheels counts from the crop's corner).
-        flat = raw[:, :2] @ pixel_from_crop[:, :2].T + pixel_from_crop[:, 2]
+        flat = (raw[:, :2] - self._first_pixel) @ pixel_from_crop[:, :2].T + pixel_from_crop[:, 2]
         depth = raw[:, 2] * square.side / INPUT_PX
         score = 1 / (1 + np.exp(-float(outputs[1][0])))
         return Landmarks(np.column_stack([flat, depth]), score)

@@ -1,5 +1,7 @@
 """Where the landmark networks' files are, and how OpenCV runs them."""
 
+from dataclasses import dataclass
+from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -11,6 +13,10 @@ SHORT_RANGE = "face_detection_short_range.tflite"
 FULL_RANGE = "face_detection_full_range.tflite"
 FACE_MESH = "face_landmark.tflite"
 IRIS = "iris_landmark.tflite"
+
+
+# The face mesh of mediapipe 0.10.14 and 0.10.21: follows brows and lids where the older does not.
+_NEWER_FACE_MESH = "1055cb9d4a9ca8b8c688902a3a5194311138ba256bcc94e336d8373a5f30c814"
 
 
 class NetworkFilesMissing(Exception):
@@ -32,6 +38,36 @@ def find_network_folder(folder: Path | None = None) -> Path:
     if missing:
         raise NetworkFilesMissing(f"{folder} has no {', '.join(missing)}")
     return folder
+
+
+@dataclass(frozen=True, slots=True)
+class FaceMeshFile:
+    """One of the two face mesh networks that are about.
+
+    first_pixel: what the network calls the centre of its input's first pixel: 0, or 0.5 where it
+        measures from the corner.  Known from mirrored faces, which come out mirrored only so.
+    """
+
+    path: Path
+    first_pixel: float
+
+
+def find_face_mesh(folder: Path) -> FaceMeshFile:
+    """The newer face mesh out of the package `mediapipe` where that is installed, else `folder`'s.
+
+    Raises NetworkFilesMissing.
+    """
+    path = folder / FACE_MESH
+    package = find_spec("mediapipe")
+    if package is not None and package.submodule_search_locations:
+        shipped = (
+            Path(package.submodule_search_locations[0]) / "modules" / "face_landmark" / FACE_MESH
+        )
+        path = shipped if shipped.is_file() else path
+    if not path.is_file():
+        raise NetworkFilesMissing(f"{path} is missing")
+    is_newer = sha256(path.read_bytes()).hexdigest() == _NEWER_FACE_MESH
+    return FaceMeshFile(path, 0.5 if is_newer else 0.0)
 
 
 class Network:
