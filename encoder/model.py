@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.fit import Fitted
-from encoder.texture import compress, compress_background, extract_texture
+from encoder.texture import compress, compress_background, extract_texture, fitting_size
 from protocol.messages import CallParameters, ModelPacket
 from protocol.quantise import (
     AAU_STEP,
@@ -25,9 +25,9 @@ Picture = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """Sizes of the model packet's images: texture texels a side, bytes of each."""
+    """Sizes of the model packet's images: most texels a side of the texture, bytes of each."""
 
-    texture_size: int = 256
+    texture_size: int = 384
     texture_bytes: int = 8000
     background_bytes: int = 8000
 
@@ -59,14 +59,10 @@ def build_model(
         reference_eau=eau,
     )
     face = Face(head, identity_of(head, draft))
-    texture = extract_texture(
-        head,
-        generic_atlas(budget.texture_size),
-        call.camera,
-        draft.reference_pose,
-        face.animate(values_from_codes(eau, EAU_STEP)),
-        frame,
-    )
+    camera, pose = call.camera, draft.reference_pose
+    vertices = face.animate(values_from_codes(eau, EAU_STEP))
+    size = fitting_size(generic_atlas(64), camera, pose, vertices, budget.texture_size)
+    texture = extract_texture(head, generic_atlas(size), camera, pose, vertices, frame)
     return ModelPacket(
         call=call,
         aau=aau,

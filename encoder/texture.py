@@ -56,7 +56,9 @@ def visible_texels(head: Head, atlas: Atlas, pose: Pose, vertices: Array) -> NDA
     flat = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
     nearest = np.full(flat.max() + 1, np.inf)
     np.minimum.at(nearest, flat, points[:, 2])
-    unhidden = points[:, 2] <= nearest[flat] + DEPTH_TOLERANCE_MM
+    # Depth changes by this much within a cell of a slanting surface.
+    slant = DEPTH_CELL_MM * np.sqrt(1 - np.minimum(facing**2, 1)) / np.maximum(facing, FACING_COSINE)
+    unhidden = points[:, 2] <= nearest[flat] + DEPTH_TOLERANCE_MM + slant
     return np.asarray((facing > FACING_COSINE) & unhidden)
 
 
@@ -89,9 +91,26 @@ def extract_texture(
     return np.clip(np.rint(fill(image, known)), 0, 255).astype(np.uint8)
 
 
+def fitting_size(atlas: Atlas, camera: Camera, pose: Pose, vertices: Array, largest: int) -> int:
+    """Texels a side, a multiple of 16 and at most `largest`, at which texels are as large as pixels.
+
+    atlas: any size; it tells how much of the atlas the face takes.
+    """
+    points_px = geometry.pixel_from_head(camera, pose, atlas.points(vertices))
+    size = atlas.size * _pixels_per_texel(points_px, atlas)
+    return int(np.clip(16 * np.ceil(size / 16), 48, largest))
+
+
+def _pixels_per_texel(points_px: Array, atlas: Atlas) -> float:
+    """Pixels from one texel to the next in its row, where the face is seen best."""
+    beside = np.flatnonzero((np.diff(atlas.columns) == 1) & (np.diff(atlas.rows) == 0))
+    steps = np.linalg.norm(points_px[beside + 1] - points_px[beside], axis=1)
+    return float(np.percentile(steps, 60))
+
+
 def _at_texel_scale(frame: Picture, points_px: Array, atlas: Atlas) -> tuple[Picture, Array]:
     """Shrink a frame in which the face has more pixels than the atlas texels, against aliasing."""
-    span_px = np.ptp(points_px[:, 0]) / np.ptp(atlas.columns)
+    span_px = _pixels_per_texel(points_px, atlas)
     if span_px <= 1.2:
         return frame, points_px
     small = cv2.resize(frame, None, fx=1 / span_px, fy=1 / span_px, interpolation=cv2.INTER_AREA)

@@ -40,11 +40,12 @@ def generic_atlas(size: int) -> Atlas:
 
 
 def rasterise(head: Head, size: int) -> Atlas:
-    """Find the triangle and the barycentric weights under the centre of every texel."""
+    """Find the triangle and the barycentric weights under the centre of every texel that is shown."""
     owner = np.full((size, size), -1, dtype=np.int32)
     weights = np.zeros((size, size, 3))
     at = head.texture_coordinates * size - 0.5
-    for index in range(len(head.triangles)):
+    # Triangles that are never shown may lie anywhere in the chart.
+    for index in np.flatnonzero(head.opacity[head.triangles].max(1) > 0).tolist():
         _fill(owner, weights, index, at[head.triangles[index]])
     rows, columns = np.nonzero(owner >= 0)
     return Atlas(
