@@ -6,23 +6,26 @@ import sys
 import tempfile
 import zipfile
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scripts.head_asset import provisional
-from scripts.head_asset.atlas import texture_coordinates
+from scripts.head_asset.atlas import drawing_order, in_chart, texture_coordinates
 from scripts.head_asset.correspond import Correspondence, find_points, transfer
-from scripts.head_asset.decimate import decimate
+from scripts.head_asset.decimate import decimate, detach
 from scripts.head_asset.landmarks import find_landmarks
 from scripts.head_asset.makehuman import read_source
 from scripts.head_asset.mesh_parts import Mesh, build_mesh
 from scripts.head_asset.network import load_network
 from scripts.head_asset.regions import importance, opacity
+from shared_model.anthropometry import aau_fields
+from shared_model.expressions import eau_fields
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 ROOT = Path(__file__).resolve().parent.parent
 OUTPUT = ROOT / "shared_model" / "data" / "head.npz"
@@ -42,8 +45,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     locked = np.zeros(len(full.vertices), bool)
     locked[list(marks.values())] = True
     mesh = decimate(full, importance(full), locked)
+    shown = in_chart(mesh)
+    mesh = detach(mesh, shown)
+    order = drawing_order(mesh)
+    mesh, chart = replace(mesh, triangles=mesh.triangles[order]), mesh.triangles[shown]
     found = transfer(find_points(load_network(options.network or _network_file()), full), full, mesh)
-    arrays = asset(mesh, find_landmarks(mesh), found)
+    arrays = asset(mesh, chart, find_landmarks(mesh), found)
     np.savez_compressed(options.output, allow_pickle=False, **arrays)
     if options.reference:
         names, fields = list(mesh.targets), np.array(list(mesh.targets.values()), np.float32)
@@ -51,13 +58,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def asset(mesh: Mesh, landmarks: dict[str, int], found: Correspondence) -> dict[str, NDArray[np.generic]]:
+def asset(
+    mesh: Mesh, chart: Indices, landmarks: dict[str, int], found: Correspondence
+) -> dict[str, NDArray[np.generic]]:
     """The arrays that `shared_model.mesh.generic_head` reads, in their stored precision."""
-    up, down = provisional.eau_fields(mesh)
+    up, down = eau_fields(mesh.vertices, mesh.triangles, mesh.parts, landmarks)
     return {
         "vertices": mesh.vertices.astype(np.float32),
         "triangles": mesh.triangles.astype(np.uint16),
-        "texture_coordinates": texture_coordinates(mesh).astype(np.float32),
+        "texture_coordinates": texture_coordinates(mesh, chart).astype(np.float32),
         "parts": mesh.parts,
         "opacity": opacity(mesh).astype(np.float16),
         "landmark_names": np.array(list(landmarks)),
@@ -66,7 +75,7 @@ def asset(mesh: Mesh, landmarks: dict[str, int], found: Correspondence) -> dict[
         "network_weights": found.weights.astype(np.float32),
         "eau_up": _stored(up),
         "eau_down": _stored(down),
-        "aau": _stored(provisional.aau_fields(mesh)),
+        "aau": _stored(aau_fields(mesh.vertices, mesh.parts, landmarks)),
     }
 
 

@@ -6,7 +6,6 @@ from numpy.typing import NDArray
 from scripts.head_asset.chart import HalfChart, flat_shapes, flatten
 from scripts.head_asset.mesh_parts import (
     EYE_LEFT,
-    EYE_RIGHT,
     MOUTH,
     SKIN,
     TEETH_LOWER,
@@ -29,9 +28,8 @@ SLIT_MM = 0.8
 ISLANDS = (TEETH_UPPER, TEETH_LOWER, TONGUE, MOUTH)
 
 
-def texture_coordinates(mesh: Mesh) -> Array:
-    """(n, 2) in [0, 1]: u to the subject's left, v down."""
-    chart = chart_triangles(mesh)
+def texture_coordinates(mesh: Mesh, chart: Indices) -> Array:
+    """(n, 2) in [0, 1]: u to the subject's left, v down.  chart: (m, 3) the triangles of the chart."""
     eye_loop = border_loop(chart, near=mesh.vertices[mesh.parts == EYE_LEFT].mean(0), mesh=mesh)
     half = _half_chart(mesh, chart, eye_loop)
     width, height = 0.5 - MARGIN, CHART_HEIGHT - 2 * MARGIN
@@ -39,7 +37,8 @@ def texture_coordinates(mesh: Mesh) -> Array:
     uv = np.zeros((len(mesh.vertices), 2))
     left = np.unique(chart[mesh.vertices[chart][:, :, 0].mean(1) > 0])
     uv[left] = np.stack([0.5 + flat[left, 0], MARGIN + height - flat[left, 1]], 1)
-    _spread(mesh, np.unique(chart), left, uv)
+    top = left[np.argmax(mesh.vertices[left, 1])]
+    uv[np.setdiff1d(np.flatnonzero(mesh.parts == SKIN), chart)] = uv[top]
     _place_eye(mesh, eye_loop, uv)
     right = mesh.vertices[:, 0] < -1e-6
     uv[right] = uv[mesh.mirror[right]] * [-1, 1] + [1, 0]
@@ -48,17 +47,17 @@ def texture_coordinates(mesh: Mesh) -> Array:
     return uv
 
 
-def chart_triangles(mesh: Mesh) -> Indices:
-    """(m, 3) the triangles of skin that may ever be shown, as one disc with holes for eyes and mouth."""
+def in_chart(mesh: Mesh) -> NDArray[np.bool_]:
+    """(m,) which triangles of skin may ever be shown: one disc with holes for eyes and mouth."""
     near = beyond_outline(mesh.vertices) < FEATHER_MM
     skin = mesh.parts[mesh.triangles[:, 0]] == SKIN
     shown = skin & near[mesh.triangles].any(1) & (mesh.masks["ears"] < 0.5)[mesh.triangles].all(1)
-    triangles = mesh.triangles[shown]
     while True:
-        trimmed = _trim(triangles)
-        if len(trimmed) == len(triangles):
-            return trimmed
-        triangles = trimmed
+        left = np.flatnonzero(shown)
+        ragged = _ragged(mesh.triangles[left])
+        if not ragged.any():
+            return shown
+        shown[left[ragged]] = False
 
 
 def border_loop(triangles: Indices, near: Array, mesh: Mesh) -> Indices:
@@ -80,15 +79,14 @@ def _border_edges(triangles: Indices) -> dict[int, int]:
     return {a: b for a, b in sorted(present) if (b, a) not in present}
 
 
-def _trim(triangles: Indices) -> Indices:
-    """Without triangles that hang on by one edge, or beyond a vertex where the disc pinches."""
+def _ragged(triangles: Indices) -> NDArray[np.bool_]:
+    """Triangles that hang on by one edge, or lie on the border where the disc pinches."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     present = {(int(a), int(b)) for a, b in edges}
-    border = np.array([(int(b), int(a)) not in present for a, b in edges]).reshape(3, -1).T
-    starts = np.bincount(edges[~np.array([(int(b), int(a)) in present for a, b in edges])][:, 0])
-    pinched = np.flatnonzero(starts > 1)
-    hanging = (border.sum(1) > 1) | (np.isin(triangles, pinched).any(1) & border.any(1))
-    return np.asarray(triangles[~hanging])
+    open_edge = np.array([(int(b), int(a)) not in present for a, b in edges])
+    pinched = np.flatnonzero(np.bincount(edges[open_edge, 0]) > 1)
+    border = open_edge.reshape(3, -1).T
+    return np.asarray((border.sum(1) > 1) | (np.isin(triangles, pinched).any(1) & border.any(1)))
 
 
 def density(mesh: Mesh, triangles: Indices) -> Array:
@@ -173,7 +171,9 @@ def _roomy(outline: Array) -> Array:
 def _place_eye(mesh: Mesh, loop: Indices, uv: Array) -> None:
     """Put the left eyeball into its opening as seen from the front; what does not fit goes to the rim."""
     outline = _roomy(mesh.vertices[loop][:, :2])
-    centre = outline.mean(0)
+    ball = mesh.vertices[mesh.parts == EYE_LEFT][:, :2]
+    # Rays from the eye's axis: what is hidden collapses along its meridian and covers no texel.
+    centre = (ball.min(0) + ball.max(0)) / 2
     for v in np.flatnonzero(mesh.parts == EYE_LEFT):
         place = _pulled_inside(mesh.vertices[v, :2], outline, centre)
         uv[v] = mean_value_weights(place, outline) @ uv[loop]
@@ -207,11 +207,15 @@ def mean_value_weights(place: Array, outline: Array) -> Array:
     return np.asarray(weight / weight.sum())
 
 
-def _spread(mesh: Mesh, charted: Indices, left: Indices, uv: Array) -> None:
-    """Skin never shown takes the coordinates of the nearest place of the chart's left half."""
-    hidden = np.setdiff1d(np.flatnonzero(mesh.parts == SKIN), charted)
-    for v in hidden[mesh.vertices[hidden, 0] >= -1e-6]:
-        uv[v] = uv[left[np.argmin(((mesh.vertices[left] - mesh.vertices[v]) ** 2).sum(1))]]
+def drawing_order(mesh: Mesh) -> Indices:
+    """(m,) the triangles so that of two that share texels the one more often seen comes last."""
+    corners = mesh.vertices[mesh.triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    part = mesh.parts[mesh.triangles[:, 0]]
+    # The fronts of teeth and eyeballs, the tongue's upper side; the mouth bag's floor.
+    seen = np.select([part == SKIN, np.isin(part, (TONGUE, MOUTH))], [0.0, normal[:, 1]], normal[:, 2])
+    return np.asarray(np.lexsort((seen, part)))
 
 
 def _place_island(mesh: Mesh, part: int, slot: int, uv: Array) -> None:

@@ -52,9 +52,9 @@ def find_points(net: cv2.dnn.Net, mesh: Mesh) -> Correspondence:
         sight = see(net, mesh, mesh.vertices + jaw * mesh.targets["jawOpen"], yaw, pitch)
         seen[np.unique(sight.hits.triangle[sight.hits.triangle >= 0])] = True
         place, weight = _lift(mesh, sight, skin, lower_lip)
-        # An open mouth moves everything below the nose: only its inner rims are taken from there.
+        # An open mouth moves everything below the nose, but only there the lips' inner rims show.
         places.append(place)
-        trust.append(np.where(inner, weight, weight * (jaw == 0)))
+        trust.append(weight * (inner == (jaw > 0)))
     middle = robust_mean(np.array(places), np.array(trust))
     mirror = mirror_pairs(middle)
     middle = (middle + middle[mirror] * [-1, 1, 1]) / 2
@@ -183,8 +183,10 @@ def _lift(
             corners, w = mesh.triangles[triangle[pixel]], sight.hits.weights[pixel]
             place[point] = w @ mesh.vertices[corners]
             facing = _facing(w @ normals[corners], w @ rays[corners], sight)
-            # Snapped points (away > 1 px) lie beyond the silhouette: almost no say.
-            trust[point] = max(facing, 0.02) ** 2 / (1 + max(away[best] - 2, 0))
+            # Snapped points (away > 1 px) lie beyond the silhouette: almost no say.  Rims of lips
+            # face up or down wherever they are seen from.
+            slant = 1.0 if g else max(facing, 0.02) ** 2
+            trust[point] = slant / (1 + max(away[best] - 2, 0))
     return place, trust
 
 

@@ -51,6 +51,26 @@ def submesh(mesh: Mesh, triangles: Indices) -> Mesh:
     )
 
 
+def detach(mesh: Mesh, shown: NDArray[np.bool_]) -> Mesh:
+    """The mesh with its own copies, appended, of vertices that `shown` (m,) triangles of skin share with others.
+
+    Without them the triangles beyond the chart's border would stretch across the chart.
+    """
+    hidden = ~shown & (mesh.parts[mesh.triangles[:, 0]] == SKIN)
+    shared = np.intersect1d(mesh.triangles[shown], mesh.triangles[hidden])
+    copy = np.arange(len(mesh.vertices))
+    copy[shared] = len(mesh.vertices) + np.arange(len(shared))
+    origin = np.concatenate([np.arange(len(mesh.vertices)), shared])
+    return Mesh(
+        mesh.vertices[origin],
+        np.where(hidden[:, None], copy[mesh.triangles], mesh.triangles),
+        mesh.parts[origin],
+        np.concatenate([mesh.mirror, copy[mesh.mirror[shared]]]),
+        {name: mask[origin] for name, mask in mesh.masks.items()},
+        {name: target[origin] for name, target in mesh.targets.items()},
+    )
+
+
 def _borders(mesh: Mesh) -> NDArray[np.bool_]:
     """Vertices on open borders: lids, lips and the mouth bag must go on meeting there."""
     t = mesh.triangles

@@ -15,6 +15,11 @@ SKIN, EYE_LEFT, EYE_RIGHT, TEETH_UPPER, TEETH_LOWER, TONGUE, MOUTH = range(len(P
 # Angles from the eye's axis of the rings of an eyeball: pupil, iris, then the white; degrees.
 EYE_RINGS_DEG = (8.5, 16.0, 23.2, 33.0, 44.0, 57.0, 74.0, 95.0)
 EYE_SEGMENTS = 16
+# MakeHuman's lips rest slightly apart: the share of its mouthClose target that just shuts them, by |x| mm.
+LIPS_X = (0.0, 5.0, 10.0, 15.0, 18.0, 20.0, 22.0, 23.0, 28.0)
+LIPS_CLOSE = (0.013, 0.022, 0.029, 0.036, 0.045, 0.065, 0.095, 0.125, 0.125)
+# Its tongue fills the mouth; at rest it lies lower, mm.
+TONGUE_REST_MM = np.array([0.0, -4.0, -5.0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +52,15 @@ def build_mesh(source: Source) -> Mesh:
         faces = np.concatenate([faces, facets + len(vertices)])
         vertices = np.concatenate([vertices, points])
         parts = np.concatenate([parts, np.full(len(points), side, np.uint8)])
+    mirror = part_mirror(vertices, parts)
     blank = len(vertices) - len(origin)
     masks = {k: np.concatenate([m[origin], np.zeros(blank)]) for k, m in source.masks.items()}
     targets = {k: np.concatenate([t[origin], np.zeros((blank, 3))]) for k, t in source.targets.items()}
-    return Mesh(vertices, faces, parts, part_mirror(vertices, parts), masks, targets)
+    lips = np.interp(np.abs(vertices[:, [0]]), LIPS_X, LIPS_CLOSE) * np.isin(parts, (SKIN, MOUTH))[:, None]
+    close = targets["mouthClose"]
+    close = (close + close[mirror] * [-1, 1, 1]) / 2
+    vertices = vertices + lips * close + (parts == TONGUE)[:, None] * TONGUE_REST_MM
+    return Mesh(vertices, faces, parts, mirror, masks, targets)
 
 
 def part_mirror(vertices: Array, parts: NDArray[np.uint8]) -> Indices:
