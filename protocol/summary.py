@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 
 from protocol.messages import (
@@ -88,7 +89,7 @@ class _Tally:
             raise ProtocolError("the call has no model packet")
         frames = _frames_of(call, self.frame_packets) if self.frames is None else self.frames
         frame_bits = 8 * self.payload[Kind.FRAME]
-        due_s = _due_s(call, frames)
+        seconds = due_s(call.profile, frames, Fraction(call.fps_numerator, call.fps_denominator))
         return CallSummary(
             profile=call.profile,
             frames=frames,
@@ -102,8 +103,8 @@ class _Tally:
             container_bytes=file_bytes - sum(self.payload.values()),
             file_bytes=file_bytes,
             frame_packets=self.frame_packets,
-            frame_bps=frame_bits / due_s,
-            packet_bps=(frame_bits + 8 * self.frame_packets) / due_s,
+            frame_bps=frame_bits / seconds,
+            packet_bps=(frame_bits + 8 * self.frame_packets) / seconds,
             complete=complete,
         )
 
@@ -115,13 +116,12 @@ def _frames_of(call: CallParameters, frame_packets: int) -> int:
     return frame_packets * call.frames_per_packet
 
 
-def _due_s(call: CallParameters, frames: int) -> float:
+def due_s(profile: str, frames: int, fps: Fraction) -> float:
     """Time that the frame packets of `frames` source frames stand for, more than 0.
 
     A thesis sample stands for a tenth of a second, the last one too, so a whole stream of them has
     exactly its nominal rate.
     """
-    if call.profile == "thesis":
-        samples = thesis_sample_count(frames, call.fps_numerator, call.fps_denominator)
-        return max(samples, 1) / THESIS_RATE_HZ
-    return max(frames, 1) / call.fps
+    if profile == "thesis":
+        return max(thesis_sample_count(frames, fps.numerator, fps.denominator), 1) / THESIS_RATE_HZ
+    return float(max(frames, 1) / fps)

@@ -1,0 +1,170 @@
+"""Bits, PSNR and latency of calls on this host."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from encoder.capture import exact_fps, open_source
+from loopback.quality import FaceArea, face_area_finder, measure
+from loopback.report import flatten, rounded, table
+from loopback.two_processes import CallResult, run_call
+from protocol.summary import due_s
+from shared_model.errors import UserError
+
+# Per frame of the source, and to start the processes and fit the model.
+LIMIT_S_PER_FRAME = 1.0
+LIMIT_START_S = 120.0
+COLUMNS = {
+    "source": "clip",
+    "frames": "frames",
+    "model_bytes": "model B",
+    "frame_bps": "bps",
+    "face_psnr_db": "face dB",
+    "face_psnr_p5_db": "p5",
+    "full_psnr_db": "full dB",
+    "latency_ms.p50": "lat p50 ms",
+    "latency_ms.p99": "p99",
+    "encoder_fps": "enc fps",
+    "decoder_fps": "dec fps",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class BenchSettings:
+    """How clips are encoded; pace: at their own rate, as latency needs it."""
+
+    profile: str = "thesis"
+    detector: str = "network"
+    max_frames: int | None = None
+    pace: bool = True
+
+    def encoder_options(self) -> list[str]:
+        """The settings as options of the encoder's command line."""
+        options = ["--profile", self.profile, "--detector", self.detector]
+        options += ["--pace" if self.pace else "--no-pace"]
+        return options + ([] if self.max_frames is None else ["--max-frames", str(self.max_frames)])
+
+
+def bench(
+    sources: Sequence[str], settings: BenchSettings, folder: Path, say: Callable[[str], None]
+) -> dict[str, Any]:
+    """Measure each source; the report: `clips`, a figure by name for each, and `mean` over them.
+
+    Decoded videos stay in `folder`.  Raises `UserError` if a call fails.
+    """
+    names = output_names(sources)
+    clips = []
+    for source, name in zip(sources, names, strict=True):
+        say(f"bench: {source}")
+        clips.append(bench_clip(source, settings, folder / f"{name}.mkv", face_area_finder(say)))
+    return {"settings": asdict(settings), "clips": clips, "mean": mean_figures(clips)}
+
+
+def bench_clip(
+    source: str, settings: BenchSettings, output: Path, face_area: FaceArea
+) -> dict[str, Any]:
+    """The figures of one source, sent from one process to another; decoded into `output`."""
+    if source.isdecimal() or "://" in source:
+        raise UserError(f"{source}: only a recorded video can be compared with what comes out")
+    with open_source(source) as capture:
+        frames = min(capture.frame_count or 10_000, settings.max_frames or 10_000)
+    make_folder(output.parent)
+    limit_s = LIMIT_START_S + LIMIT_S_PER_FRAME * frames
+    result = run_call(source, output, settings.encoder_options(), limit_s)
+    quality = measure(source, str(output), face_area, lambda done, total: None, settings.max_frames)
+    return {"source": Path(source).name, **call_figures(result, settings.profile)} | asdict(quality)
+
+
+def call_figures(result: CallResult, profile: str) -> dict[str, Any]:
+    """What the two ends' reports say together."""
+    sent, shown = result.encoder, result.decoder
+    seconds = due_s(profile, sent["frames"], exact_fps(sent["fps"]))
+    return {
+        "profile": profile,
+        "frames": sent["frames"],
+        "shown_frames": shown["frames"],
+        "fps": rounded(sent["fps"], 3),
+        "width": sent["width"],
+        "height": sent["height"],
+        "duration_s": rounded(sent["frames"] / sent["fps"], 3),
+        "model_bytes": sent["model_bytes"],
+        "frame_bytes": sent["frame_bytes"],
+        "frame_bps": rounded(8 * sent["frame_bytes"] / seconds, 1),
+        "lost_packets": shown["lost_packets"],
+        "lost_frames": sent["lost_frames"],
+        "latency_ms": latency_ms(sent["capture_ns"], shown["shown_ns"]),
+        "encoder_ms": _stages(sent),
+        "decoder_ms": _stages(shown),
+        "encoder_fps": _busy_fps(sent),
+        "decoder_fps": _busy_fps(shown),
+        "warnings": [*sent["warnings"], *shown["warnings"]],
+    }
+
+
+def latency_ms(
+    capture_ns: Sequence[int], shown_ns: Sequence[Sequence[int]]
+) -> dict[str, float | None]:
+    """Milliseconds from the capture of a source frame to its picture: median and 99th percentile.
+
+    capture_ns: by source frame; shown_ns: (source frame, time) pairs; both of one monotonic clock.
+    """
+    spans = [
+        (time - capture_ns[frame]) / 1e6 for frame, time in shown_ns if frame < len(capture_ns)
+    ]
+    if not spans:
+        return {"p50": None, "p99": None}
+    p50, p99 = np.percentile(spans, [50, 99])
+    return {"p50": rounded(float(p50)), "p99": rounded(float(p99))}
+
+
+def mean_figures(clips: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
+    """Mean over the clips of the figures that have one."""
+    names = ("model_bytes", "frame_bps", "face_psnr_db", "face_psnr_p5_db", "full_psnr_db")
+    columns = {name: [clip[name] for clip in clips if clip[name] is not None] for name in names}
+    return {name: rounded(float(np.mean(c))) if c else None for name, c in columns.items()}
+
+
+def bench_table(clips: Sequence[Mapping[str, Any]]) -> str:
+    """The main figures of each clip and their mean, as a table."""
+    rows: list[list[Any]] = [[figure(clip, name) for name in COLUMNS] for clip in clips]
+    if len(clips) > 1:
+        mean = {"source": "mean", **mean_figures(clips)}
+        rows.append([mean.get(name) for name in COLUMNS])
+    return table(list(COLUMNS.values()), rows)
+
+
+def figure(report: Mapping[str, Any], name: str) -> Any:
+    """A figure by its dotted name, such as latency_ms.p50.  Raises `KeyError`."""
+    return dict(flatten(report))[name]
+
+
+def output_names(sources: Sequence[str]) -> list[str]:
+    """A file name without suffix for each source; all different."""
+    names: list[str] = []
+    for source in sources:
+        path = Path(source)
+        name = path.parent.name if "%" in path.name else path.stem
+        taken = sum(other == name or other.startswith(f"{name}-") for other in names)
+        names.append(f"{name}-{taken + 1}" if taken else name)
+    return names
+
+
+def make_folder(folder: Path) -> None:
+    """Make `folder` and those above it.  Raises `UserError`."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"cannot make the folder {folder}: {error.strerror}") from error
+
+
+def _stages(report: Mapping[str, Any]) -> dict[str, float | None]:
+    return {stage: rounded(ms, 3) for stage, ms in report["stage_ms"].items()}
+
+
+def _busy_fps(report: Mapping[str, Any]) -> float | None:
+    """Frames a second that this end would reach if it never waited."""
+    busy_ms = sum(report["stage_ms"].values())
+    return rounded(1000 / busy_ms, 1) if busy_ms else None

@@ -1,0 +1,229 @@
+"""What each command does, from parsed arguments to exit code.
+
+A command imports the part it needs only when it runs: an encoder host has no renderer.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from loopback.progress import ProgressLine
+from loopback.report import json_text, table, write_json
+from loopback.signals import StopOnSignal
+from shared_model.errors import UserError
+
+if TYPE_CHECKING:
+    from decoder.pipeline import DecodeReport
+    from encoder.pipeline import EncodeReport
+    from loopback.quality import Quality
+
+LINK_FAILED = 4
+INTERRUPTED = 130
+
+
+def run_encode(arguments: argparse.Namespace) -> int:
+    """`risorius encode`."""
+    from encoder.pipeline import EncodeOptions, encode
+
+    over_link = arguments.output is None
+    options = EncodeOptions(
+        source=arguments.source,
+        output=arguments.output,
+        connect=arguments.connect,
+        listen=arguments.listen,
+        call=arguments.call,
+        profile=arguments.profile,
+        detector=arguments.detector,
+        pace=over_link if arguments.pace is None else arguments.pace,
+        max_frames=arguments.max_frames,
+        wait_for_peer_s=arguments.wait,
+        look_for_face_s=arguments.look_for_face,
+    )
+    with StopOnSignal() as stop, _progress("encode", arguments) as progress:
+        try:
+            report = encode(options, progress, stop)
+        except UserError as error:
+            raise _reason(error, stop) from error
+    _warn(report.warnings)
+    if arguments.report:
+        write_json(arguments.report, report)
+    if not arguments.quiet:
+        print(_encode_summary(report))
+    return INTERRUPTED if stop() else 0
+
+
+def run_decode(arguments: argparse.Namespace) -> int:
+    """`risorius decode`."""
+    from decoder.pipeline import DecodeOptions, decode
+
+    with ExitStack() as stack:
+        output: Path | None = arguments.output
+        if output is None and arguments.source:
+            output = Path(stack.enter_context(TemporaryDirectory())) / "decoded.mkv"
+        options = DecodeOptions(
+            call_file=arguments.call_file,
+            listen=arguments.listen,
+            connect=arguments.connect,
+            call=arguments.call,
+            output=output,
+        )
+        stop = stack.enter_context(StopOnSignal())
+        patience = Patience(arguments.timeout, stop)
+        with _progress("decode", arguments) as progress:
+            try:
+                report = decode(options, patience.watch(progress), patience)
+            except UserError as error:
+                raise _reason(error, stop, patience) from error
+        _warn(report.warnings)
+        quality = _quality(arguments, output) if output and arguments.source else None
+    if arguments.report:
+        figures = asdict(report) | ({"quality": asdict(quality)} if quality else {})
+        write_json(arguments.report, figures)
+    if not arguments.quiet:
+        print(_decode_summary(report, quality))
+    return INTERRUPTED if stop() else 0
+
+
+def run_bench(arguments: argparse.Namespace) -> int:
+    """`risorius bench`."""
+    from loopback.bench import BenchSettings, bench, bench_table
+
+    settings = BenchSettings(
+        profile=arguments.profile,
+        detector=arguments.detector,
+        max_frames=arguments.max_frames,
+        pace=arguments.pace,
+    )
+    report = bench(arguments.source, settings, arguments.out, say)
+    write_json(arguments.out / "report.json", report)
+    print(bench_table(report["clips"]))
+    return 0
+
+
+def run_replay(arguments: argparse.Namespace) -> int:
+    """`risorius replay`."""
+    from loopback.replay import junit_xml, read_suite, replay, replay_table
+
+    suite = read_suite(arguments.suite)
+    results = replay(suite, arguments.out, say)
+    write_json(arguments.out / "report.json", {"clips": [result.figures for result in results]})
+    if arguments.junit:
+        arguments.junit.write_bytes(junit_xml(suite, results))
+    print(replay_table(results))
+    return 0 if all(result.passed for result in results) else 1
+
+
+def run_info(arguments: argparse.Namespace) -> int:
+    """`risorius info`."""
+    from protocol.messages import ProtocolError
+    from protocol.summary import summarise
+
+    try:
+        summary = summarise(arguments.call_file)
+    except ProtocolError as error:
+        raise UserError(f"{arguments.call_file}: {error}") from error
+    if arguments.json:
+        print(json_text(summary))
+        return 0
+    rows = [[name.replace("_", " "), value] for name, value in asdict(summary).items()]
+    print(table(("what", "value"), rows))
+    return 0
+
+
+def run_demo(arguments: argparse.Namespace) -> int:
+    """`risorius demo`."""
+    from loopback.demo import demo
+
+    with StopOnSignal() as stop:
+        print(demo(arguments.out, say, stop))
+    return INTERRUPTED if stop() else 0
+
+
+def say(message: str) -> None:
+    """One line about the run, on stderr."""
+    print(message, file=sys.stderr, flush=True)
+
+
+class Patience:
+    """A question to stop: also yes once no picture has come for `timeout_s`; 0 waits for ever."""
+
+    def __init__(
+        self,
+        timeout_s: float,
+        stop: Callable[[], bool],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.timeout_s = timeout_s
+        self._stop, self._clock = stop, clock
+        self._last = clock()
+
+    @property
+    def expired(self) -> bool:
+        """Nothing has come for too long."""
+        return 0 < self.timeout_s < self._clock() - self._last
+
+    def __call__(self) -> bool:
+        return self._stop() or self.expired
+
+    def watch(self, progress: Callable[[int, int | None], None]) -> Callable[..., None]:
+        """`progress`, with a note of the time whenever it is called."""
+
+        def noted(done: int, total: int | None) -> None:
+            self._last = self._clock()
+            progress(done, total)
+
+        return noted
+
+
+def _progress(label: str, arguments: argparse.Namespace) -> ProgressLine:
+    return ProgressLine(label, sys.stderr, arguments.quiet)
+
+
+def _reason(
+    error: UserError, stop: Callable[[], bool], patience: Patience | None = None
+) -> BaseException:
+    """Why nothing came of it: the user's wish and a silent link come before the pipeline's word."""
+    if stop():
+        return KeyboardInterrupt()
+    if patience is not None and patience.expired:
+        return UserError(f"nobody called within {patience.timeout_s:g} s", LINK_FAILED)
+    return error
+
+
+def _warn(warnings: Iterable[str]) -> None:
+    for warning in warnings:
+        say(f"risorius: warning: {warning}")
+
+
+def _quality(arguments: argparse.Namespace, decoded: Path) -> "Quality":
+    from loopback.quality import face_area_finder, measure
+
+    with _progress("compare", arguments) as progress:
+        return measure(arguments.source, str(decoded), face_area_finder(say), progress)
+
+
+def _encode_summary(report: "EncodeReport") -> str:
+    busy_ms = sum(report.stage_ms.values())
+    return (
+        f"{report.frames} frames of {report.width}x{report.height} at {report.fps:.2f}/s:"
+        f" model {report.model_bytes} bytes, frames {report.frame_bytes} bytes;"
+        f" {busy_ms:.1f} ms a frame"
+    )
+
+
+def _decode_summary(report: "DecodeReport", quality: "Quality | None") -> str:
+    busy_ms = sum(report.stage_ms.values())
+    line = (
+        f"{report.frames} frames of {report.width}x{report.height} at {report.fps:.2f}/s;"
+        f" {busy_ms:.1f} ms a frame"
+    )
+    if quality is None:
+        return line
+    face = "-" if quality.face_psnr_db is None else f"{quality.face_psnr_db:.2f}"
+    return f"{line}\nPSNR: face {face} dB, picture {quality.full_psnr_db:.2f} dB"

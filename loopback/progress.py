@@ -1,0 +1,67 @@
+"""How far a long job is, on the error stream."""
+
+import time
+from collections.abc import Callable
+from typing import Self, TextIO
+
+TERMINAL_INTERVAL_S = 0.1
+LOG_INTERVAL_S = 10.0
+BAR_WIDTH = 30
+
+
+class ProgressLine:
+    """A bar that redraws itself on a terminal; elsewhere a plain line now and then.
+
+    Call it with the work done and, where known, the whole; leave the `with` block to end the line.
+    """
+
+    def __init__(
+        self,
+        label: str,
+        stream: TextIO,
+        quiet: bool = False,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._label, self._stream, self._clock = label, stream, clock
+        self._quiet = quiet
+        self._is_terminal = stream.isatty()
+        self._interval_s = TERMINAL_INTERVAL_S if self._is_terminal else LOG_INTERVAL_S
+        self._start = clock()
+        # A log needs no line for a job that is over before the first interval.
+        self._next = self._start + (0 if self._is_terminal else self._interval_s)
+        self._state: tuple[int, int | None] | None = None
+
+    def __call__(self, done: int, total: int | None) -> None:
+        """Say that `done` of `total` frames are through; `total` None: nobody knows."""
+        self._state = done, total
+        now = self._clock()
+        if now >= self._next and not self._quiet:
+            self._next = now + self._interval_s
+            self._write(done, total)
+
+    def close(self) -> None:
+        """Draw the last state and end the line."""
+        if self._is_terminal and self._state is not None and not self._quiet:
+            self._write(*self._state)
+            self._stream.write("\n")
+            self._stream.flush()
+        self._state = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def _write(self, done: int, total: int | None) -> None:
+        rate = done / max(self._clock() - self._start, 1e-6)
+        text = f"{self._label} {_amount(done, total)} {rate:.0f}/s"
+        self._stream.write(f"\r\x1b[K{text}" if self._is_terminal else f"{text}\n")
+        self._stream.flush()
+
+
+def _amount(done: int, total: int | None) -> str:
+    if not total:
+        return f"{done} frames"
+    filled = min(BAR_WIDTH, BAR_WIDTH * done // total)
+    return f"|{'#' * filled}{'.' * (BAR_WIDTH - filled)}| {done}/{total}"

@@ -1,0 +1,63 @@
+"""Reports as people and programs read them: JSON files and plain tables."""
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from shared_model.errors import UserError
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Cell = str | int | float | None
+
+
+def write_json(path: Path, report: "DataclassInstance | Mapping[str, Any]") -> None:
+    """Write a dataclass or mapping to `path`.  Raises `UserError` if it cannot."""
+    try:
+        path.write_text(json_text(report) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error.strerror}") from error
+
+
+def json_text(report: "DataclassInstance | Mapping[str, Any]") -> str:
+    """A dataclass or mapping as JSON."""
+    content = dict(report) if isinstance(report, Mapping) else asdict(report)
+    return json.dumps(content, indent=2, allow_nan=False)
+
+
+def flatten(report: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Each figure of a nested report with its dotted name: `latency_ms.p50`."""
+    for name, value in report.items():
+        if isinstance(value, Mapping):
+            yield from flatten(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
+
+
+def rounded(value: float | None, digits: int = 2) -> float | None:
+    """A figure for a report; None where there is none, since JSON knows no NaN."""
+    return None if value is None or not math.isfinite(value) else round(value, digits)
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
+    """Columns that line up: the first to the left, figures to the right; None is a dash."""
+    texts = [list(header), *([_text(cell) for cell in row] for row in rows)]
+    widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
+    lines = ["  ".join(_aligned(row, widths)).rstrip() for row in texts]
+    return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
+
+
+def _aligned(row: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
+    yield row[0].ljust(widths[0])
+    for text, width in zip(row[1:], widths[1:], strict=True):
+        yield text.rjust(width)
+
+
+def _text(cell: Cell) -> str:
+    if cell is None:
+        return "-"
+    return f"{cell:.2f}" if isinstance(cell, float) else str(cell)

@@ -1,0 +1,118 @@
+"""An encoder and a decoder as two processes of this host that talk over Zenoh."""
+
+import json
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from shared_model.errors import UserError
+
+CALL = "bench"
+LINK_FAILED = 4
+# How long the decoder may wait for a picture, and may need after the last packet.
+PATIENCE_S = 30
+POLL_S = 0.05
+GRACE_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class CallResult:
+    """The reports (JSON) of both ends of one call."""
+
+    encoder: dict[str, Any]
+    decoder: dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class _Process:
+    name: str
+    process: subprocess.Popen[bytes]
+    log: Path
+
+    def complaint(self) -> str:
+        """The process's last word, without the program's name."""
+        lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        last = lines[-1].removeprefix("risorius: ") if lines else "it said nothing"
+        code = self.process.returncode
+        return f"the {self.name} stopped with {code}: {last} (all of it: {self.log})"
+
+
+def run_call(
+    source: str, output: Path, encoder_options: Sequence[str], limit_s: float
+) -> CallResult:
+    """Encode `source` in one process, decode it into `output` in another, and wait for both.
+
+    Reports and logs stay beside `output`.  Raises `UserError` with the exit code of the end that
+    failed, or if they are not done within `limit_s`; no process outlives the call.
+    """
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    # The encoder waits for the decoder by itself.
+    options = {
+        "decoder": ["--listen", endpoint, "-o", str(output), "--timeout", str(PATIENCE_S)],
+        "encoder": [source, "--connect", endpoint, "--wait", str(PATIENCE_S), *encoder_options],
+    }
+    processes: list[_Process] = []
+    try:
+        for end, its_options in options.items():
+            processes.append(_start(end, output, its_options))
+        _wait(processes, time.monotonic() + limit_s)
+    finally:
+        for item in processes:
+            _end(item.process)
+    return CallResult(
+        **{end: json.loads(_report(output, end).read_text("utf-8")) for end in options}
+    )
+
+
+def free_port() -> int:
+    """A TCP port of this host that nobody listens on just now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def _report(output: Path, end: str) -> Path:
+    return output.with_suffix(f".{end}.json")
+
+
+def _start(name: str, output: Path, options: Sequence[str]) -> _Process:
+    log = output.with_suffix(f".{name}.log")
+    common = ["--call", CALL, "--quiet", "--report", str(_report(output, name))]
+    with log.open("wb") as stream:
+        process = subprocess.Popen(
+            [sys.executable, "-m", name, *options, *common],
+            stdin=subprocess.DEVNULL,
+            stdout=stream,
+            stderr=subprocess.STDOUT,
+        )
+    return _Process(name, process, log)
+
+
+def _wait(processes: list[_Process], deadline: float) -> None:
+    while any(item.process.poll() is None for item in processes):
+        for item in processes:
+            code = item.process.poll()
+            if code:
+                raise UserError(item.complaint(), code if 0 < code < 128 else LINK_FAILED)
+        if time.monotonic() > deadline:
+            names = " and ".join(item.name for item in processes if item.process.poll() is None)
+            raise UserError(f"the {names} did not end in time", LINK_FAILED)
+        time.sleep(POLL_S)
+    for item in processes:
+        if item.process.returncode:
+            raise UserError(item.complaint(), item.process.returncode)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    if process.poll() is None:
+        process.terminate()
+        try:
+            process.wait(GRACE_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
