@@ -1,0 +1,98 @@
+"""Clips, and the program as a process of its own."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from decoder.sink import open_sink
+from encoder.capture import exact_fps
+from encoder.networks import NetworkFilesMissing, find_network_folder
+from loopback.cli import main
+from loopback.clips import CARPHONE, clip_path
+from shared_model.errors import UserError
+
+ROOT = Path(__file__).resolve().parent.parent
+PROGRAM = (sys.executable, "-c", "from loopback.cli import main; raise SystemExit(main())")
+NOISE_FRAMES = 25
+
+# As on a server, in every process that a test starts: no display, and no test needs two cores.
+os.environ.pop("DISPLAY", None)
+cv2.setNumThreads(1)
+
+Start = Callable[..., "subprocess.Popen[str]"]
+
+
+@pytest.fixture(scope="session")
+def clips() -> Path:
+    """The folder of development clips, which are not part of the project."""
+    folder = ROOT.parent / "shared" / "clips"
+    if not folder.is_dir():
+        pytest.skip(f"needs the development clips in {folder}")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def networks() -> Path:
+    """The folder of the landmark networks."""
+    try:
+        return find_network_folder()
+    except NetworkFilesMissing as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="session")
+def carphone(networks: Path) -> Path:
+    """The demo clip: 176x144, 29.97 a second, 120 frames."""
+    try:
+        return clip_path(CARPHONE, Path())
+    except UserError as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="session")
+def noise(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A second of noise: a video without any face."""
+    path = tmp_path_factory.mktemp("noise") / "noise.mkv"
+    random = np.random.default_rng(1)
+    with open_sink(path, 160, 120, exact_fps(25)) as sink:
+        for _ in range(NOISE_FRAMES):
+            sink.write(random.integers(0, 256, (120, 160, 3), dtype=np.uint8))
+    return path
+
+
+@pytest.fixture(scope="session")
+def call(carphone: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first 30 frames of the demo clip as a call file."""
+    path = tmp_path_factory.mktemp("call") / "call.rzo"
+    assert main(["encode", str(carphone), "-o", str(path), "--max-frames", "30", "-q"]) == 0
+    return path
+
+
+@pytest.fixture
+def start() -> Iterator[Start]:
+    """Starts the program with the given arguments; what still runs after the test is killed."""
+    processes: list[subprocess.Popen[str]] = []
+
+    def start_program(*arguments: str | Path) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [*PROGRAM, *map(str, arguments)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=ROOT,
+        )
+        processes.append(process)
+        return process
+
+    yield start_program
+    for process in processes:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
