@@ -41,9 +41,9 @@ class DecodeOptions:
     """
 
     call_file: Path | None = None
-    listen: str | None = None
-    connect: str | None = None
-    call: str = ""
+    listen: tuple[str, ...] = ()
+    connect: tuple[str, ...] = ()
+    call: str = "call"
     output: Path | None = None
 
 
@@ -168,9 +168,9 @@ def open_source(options: DecodeOptions) -> PacketSource:
     """The call file or the network, whichever the options name.  Raises `UserError`."""
     if options.call_file is not None:
         return CallReader(options.call_file)
-    from protocol.link_zenoh import open_receiver
+    from protocol.link_zenoh import LinkOptions, ZenohSource
 
-    return open_receiver(options.call, listen=options.listen, connect=options.connect)
+    return ZenohSource(LinkOptions(options.call, options.listen, options.connect))
 
 
 def played_frames(

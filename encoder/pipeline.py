@@ -1,4 +1,4 @@
-"""capture -> landmarks -> fit -> model packet; then per frame: landmarks -> pose and EAUs -> packets."""
+"""capture -> landmarks -> fit -> model packet; then per frame landmarks -> pose, EAUs -> packets."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -41,6 +41,7 @@ class EncodeOptions:
 
     source: video file, image pattern (frame_%04d.png), camera index or URL.
     output: call file; connect, listen: Zenoh endpoints (tcp/HOST:PORT) and `call` the call's name.
+    lossless: over the network no packet is dropped, however slow: for measurements, not live calls.
     detector: "network" or "haar" (Viola-Jones).
     pace: send at the source's own rate, as a camera would, instead of as fast as possible.
     wait_for_peer_s: wait this long for a decoder before the first frame; 0: do not wait.
@@ -49,9 +50,10 @@ class EncodeOptions:
 
     source: str
     output: Path | None = None
-    connect: str | None = None
-    listen: str | None = None
+    connect: tuple[str, ...] = ()
+    listen: tuple[str, ...] = ()
     call: str = "call"
+    lossless: bool = False
     profile: str = "thesis"
     detector: str = "network"
     pace: bool = False
@@ -116,7 +118,9 @@ class ThesisSender:
     def __init__(self, sink: PacketSink, model: ModelPacket, tally: _Tally) -> None:
         self._sink, self._tally = sink, tally
         self._model, call = model, model.call
-        self._frames_per_sample = Fraction(call.fps_numerator, call.fps_denominator) / THESIS_RATE_HZ
+        self._frames_per_sample = (
+            Fraction(call.fps_numerator, call.fps_denominator) / THESIS_RATE_HZ
+        )
         self._number = 0
         self._before: FaceParameters | None = None
         data = serialise(model)
@@ -160,7 +164,7 @@ def encode(options: EncodeOptions, progress: Progress, stop: Callable[[], bool])
     tally = _Tally()
     with ExitStack() as stack:
         capture = stack.enter_context(open_source(options.source))
-        sink = stack.enter_context(open_sink(options))
+        sink = open_sink(options, stack)
         active = [EAU_INDEX[name] for name in THESIS_EAUS]
         size = (capture.width, capture.height)
         follower = open_follower(options.detector, generic_head(), size, active, tally.warn)
@@ -258,18 +262,20 @@ def paced(
         yield item
 
 
-def open_sink(options: EncodeOptions) -> PacketSink:
-    """Where the packets go: a call file or the network.  Raises `UserError`."""
-    if options.output is not None:
-        return CallWriter(options.output)
-    from protocol.link_zenoh import open_sender
+def open_sink(options: EncodeOptions, stack: ExitStack) -> PacketSink:
+    """Where the packets go: a call file or the network, closed with `stack`.
 
-    return open_sender(
-        options.call,
-        listen=options.listen,
-        connect=options.connect,
-        wait_for_peer_s=options.wait_for_peer_s,
-    )
+    Raises `UserError` if it cannot be written, or nobody is there within the time to wait.
+    """
+    if options.output is not None:
+        return stack.enter_context(CallWriter(options.output))
+    from protocol.link_zenoh import LinkOptions, ZenohSink
+
+    link = LinkOptions(options.call, options.listen, options.connect, lossless=options.lossless)
+    sink = stack.enter_context(ZenohSink(link))
+    if options.wait_for_peer_s:
+        sink.wait_for_peer(options.wait_for_peer_s)
+    return sink
 
 
 def _report(capture: Capture, tally: _Tally) -> EncodeReport:

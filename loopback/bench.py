@@ -43,7 +43,7 @@ class BenchSettings:
 
     def encoder_options(self) -> list[str]:
         """The settings as options of the encoder's command line."""
-        options = ["--profile", self.profile, "--detector", self.detector]
+        options = ["--profile", self.profile, "--detector", self.detector, "--lossless"]
         options += ["--pace" if self.pace else "--no-pace"]
         return options + ([] if self.max_frames is None else ["--max-frames", str(self.max_frames)])
 

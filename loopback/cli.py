@@ -126,6 +126,11 @@ def _add_encode(added: "Commands") -> None:
         help="send at the source's own rate (default: over a link yes, into a file no)",
     )
     parser.add_argument(
+        "--lossless",
+        action="store_true",
+        help="over a link, drop no packet, however late it comes: to measure, not to talk",
+    )
+    parser.add_argument(
         "--wait",
         type=_seconds,
         default=30.0,
@@ -263,8 +268,10 @@ def _add_command(added: "Commands", name: str, summary: str, details: str, examp
 
 
 def _add_link(parser: Parser, where: argparse._MutuallyExclusiveGroup) -> None:
-    where.add_argument("--connect", metavar="ENDPOINT", help="Zenoh endpoint, as tcp/HOST:7447")
-    where.add_argument("--listen", metavar="ENDPOINT", help="Zenoh endpoint, as tcp/0.0.0.0:7447")
+    for option, example in (("--connect", "tcp/HOST:7447"), ("--listen", "tcp/0.0.0.0:7447")):
+        where.add_argument(
+            option, action="append", metavar="ENDPOINT", help=f"Zenoh endpoint, as {example}"
+        )
     parser.add_argument("--call", default="call", metavar="NAME", help="name on the link")
 
 

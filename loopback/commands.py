@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from encoder.pipeline import EncodeReport
     from loopback.quality import Quality
 
+Progress = Callable[[int, int | None], None]
+
 LINK_FAILED = 4
 INTERRUPTED = 130
 
@@ -35,9 +37,10 @@ def run_encode(arguments: argparse.Namespace) -> int:
     options = EncodeOptions(
         source=arguments.source,
         output=arguments.output,
-        connect=arguments.connect,
-        listen=arguments.listen,
+        connect=tuple(arguments.connect or ()),
+        listen=tuple(arguments.listen or ()),
         call=arguments.call,
+        lossless=arguments.lossless,
         profile=arguments.profile,
         detector=arguments.detector,
         pace=over_link if arguments.pace is None else arguments.pace,
@@ -47,7 +50,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
     )
     with StopOnSignal() as stop, _progress("encode", arguments) as progress:
         try:
-            report = encode(options, progress, stop)
+            report = encode(options, stop.watch(progress), stop)
         except UserError as error:
             raise _reason(error, stop) from error
     _warn(report.warnings)
@@ -68,8 +71,8 @@ def run_decode(arguments: argparse.Namespace) -> int:
             output = Path(stack.enter_context(TemporaryDirectory())) / "decoded.mkv"
         options = DecodeOptions(
             call_file=arguments.call_file,
-            listen=arguments.listen,
-            connect=arguments.connect,
+            listen=tuple(arguments.listen or ()),
+            connect=tuple(arguments.connect or ()),
             call=arguments.call,
             output=output,
         )
@@ -77,7 +80,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
         patience = Patience(arguments.timeout, stop)
         with _progress("decode", arguments) as progress:
             try:
-                report = decode(options, patience.watch(progress), patience)
+                report = decode(options, patience.watch(stop.watch(progress)), patience)
             except UserError as error:
                 raise _reason(error, stop, patience) from error
         _warn(report.warnings)
@@ -171,7 +174,7 @@ class Patience:
     def __call__(self) -> bool:
         return self._stop() or self.expired
 
-    def watch(self, progress: Callable[[int, int | None], None]) -> Callable[..., None]:
+    def watch(self, progress: Progress) -> Progress:
         """`progress`, with a note of the time whenever it is called."""
 
         def noted(done: int, total: int | None) -> None:

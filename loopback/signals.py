@@ -1,24 +1,37 @@
 """Ctrl-C and the request to end, as a question that a pipeline asks between two frames."""
 
 import signal
+from collections.abc import Callable
 from types import FrameType
 from typing import Self
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+Progress = Callable[[int, int | None], None]
 
 
 class StopOnSignal:
     """True once the user has asked to stop; the second request interrupts at once.
 
-    Within the `with` block a first SIGINT or SIGTERM only sets the answer, so that files are
-    finished; a second raises `KeyboardInterrupt`.  The handlers of before come back on leaving.
+    Within the `with` block a first SIGINT or SIGTERM only sets the answer, so that the frame at
+    hand and the files are finished.  Before the first frame there is nothing to finish and somebody
+    to wait for, perhaps: it interrupts, as the second does.
+    The handlers of before come back on leaving.
     """
 
     def __init__(self) -> None:
-        self._stopped = False
+        self._started = self._stopped = False
 
     def __call__(self) -> bool:
         return self._stopped
+
+    def watch(self, progress: Progress) -> Progress:
+        """`progress`, with a note that the first frame is through."""
+
+        def noted(done: int, total: int | None) -> None:
+            self._started = True
+            progress(done, total)
+
+        return noted
 
     def __enter__(self) -> Self:
         self._before = {number: signal.signal(number, self._handle) for number in SIGNALS}
@@ -29,6 +42,6 @@ class StopOnSignal:
             signal.signal(number, handler)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
-        if self._stopped:
+        if self._stopped or not self._started:
             raise KeyboardInterrupt
         self._stopped = True
