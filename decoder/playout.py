@@ -101,10 +101,12 @@ class Playout:
         if number is None:
             self.late += 1
             return
+        sample = Sample(_place(model.call, number), _decode(model, packet.payload))
         self.lost += number - self._number - 1
         self._number = number
-        sample = Sample(_place(model.call, number), _decode(model, packet.payload))
         yield from self._frames_until(model.call, sample)
+        if self._face_lost and self._sample is not None:
+            sample = Sample(sample.place, self._sample.face)
         self._sample = sample
 
     def _unwrap(self, sequence: int) -> int | None:
@@ -162,7 +164,7 @@ class Playout:
         """Expect the samples at and after source frame `frame`: none were sent without a face."""
         if not self.joined_late:
             first = ceil((frame - call.start_frame) / _frames_per_sample(call))
-            self._number = max(self._number, first - 2)
+            self._number = max(self._number, first - 1)
 
     def _check_held(self, call: CallParameters, end: int | Fraction) -> None:
         if end - self._next > MAX_HELD_S * call.fps:

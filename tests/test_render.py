@@ -28,7 +28,7 @@ ODD_CAMERA = Camera(321, 243, 377.3)
 def quads_head(corners: Array, texture: Array, opacity: float = 1.0) -> Head:
     """A head of separate quadrilaterals; corners (k, 4, 3) counter-clockwise from outside, mm."""
     first = np.arange(len(corners))[:, None] * 4
-    triangles = np.concatenate([first + (0, 1, 2), first + (0, 2, 3)])
+    triangles = np.concatenate([first + np.array(half) for half in ((0, 1, 2), (0, 2, 3))])
     n = corners.shape[0] * 4
     return replace(
         synthetic_head(4, 6),
@@ -97,7 +97,7 @@ def _projected_centroid(camera: Camera, pose: Pose, place: Array) -> Array:
 
 
 def test_vertex_edges_fall_between_the_right_pixels() -> None:
-    """A square whose edges project to half-way between pixel centres covers exactly those pixels."""
+    """A square whose edges lie half-way between pixel centres covers exactly those pixels."""
     mm = CAMERA.focal_px / 700
     centre = CAMERA.centre
     low, high = np.array([99.5, 79.5]), np.array([139.5, 109.5])
@@ -157,7 +157,7 @@ def test_moved_mesh_moves_the_still(renderer: Renderer, head: Head) -> None:
     renderer.set_backdrop(still, rest)
     renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
     away = pose_from_euler(0, 0, 0, np.array([9000.0, 0, 700]))
-    picture = renderer.draw(CAMERA, away, head.vertices, rest + (7, -4))
+    picture = renderer.draw(CAMERA, away, head.vertices, rest + np.array((7, -4)))
     np.testing.assert_allclose(picture[:236, 7:].astype(int), still[4:, :-7], atol=1)
 
 

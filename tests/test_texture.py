@@ -1,5 +1,7 @@
 """Images out of model packets decode, or are refused as what they are."""
 
+from contextlib import suppress
+
 import cv2
 import numpy as np
 import pytest
@@ -37,7 +39,5 @@ def test_size_is_bounded_before_anything_is_allocated() -> None:
 def test_every_truncation_decodes_or_is_a_protocol_error() -> None:
     data = webp(40, 30)
     for length in range(len(data)):
-        try:
+        with suppress(ProtocolError):
             assert decode_image("still", data[:length]).shape == (30, 40, 3)
-        except ProtocolError:
-            pass
