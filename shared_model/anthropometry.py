@@ -1,8 +1,8 @@
 """Anthropometric Action Units: eleven measurements of the face, and the fields that change them.
 
 Thesis 2.3.2 and A.1.  Each AAU displaces along one axis of the head frame only; +-1 is +-2 standard
-deviations of adults, women and men together.  Every measurement is an axial distance (Farkas' second
-kind) along its AAU's own axis, except the nose's bridge, which is a shortest distance (his first).
+deviations of adults, women and men together.  Every measurement is an axial distance (Farkas'
+second kind) along its AAU's axis, except the nose's bridge, a shortest distance (his first kind).
 """
 
 from collections.abc import Callable, Mapping
@@ -135,7 +135,7 @@ def _carried(
 
 
 def _smooth(y: Array, knots: Mapping[float, float]) -> Array:
-    """Values at `y` (n,) of a monotone cubic through `knots`, constant beyond them (Fritsch-Butland)."""
+    """Value at `y` (n,) of a monotone cubic through `knots`, constant beyond (Fritsch-Butland)."""
     places = np.array(sorted(knots))
     values = np.array([knots[place] for place in places])
     step = np.diff(places)
@@ -180,7 +180,7 @@ def _facial_height(vertices: Array, points: Mapping[str, Array]) -> Array:
         "tr": 0.62,
         "on": 0.0,
         "sn": 0.0,
-        "sto_lower": -0.1,
+        "sto_lower": -0.07,
         "sl": -0.36,
         "gn": -0.38,
     }
@@ -241,7 +241,11 @@ def _widened(
     vertical: tuple[float, float],
     depth: float,
 ) -> Array:
-    """In proportion to x up to the point `side`, then fading: `lateral` beyond it over its second value."""
+    """In proportion to x up to the point `side`, then fading.
+
+    lateral: mm in depth without fading, and mm beyond `side` where it has gone.
+    vertical: mm above and below without fading, and where it has gone.  depth: likewise, mm.
+    """
     x = vertices[:, X]
     share = np.clip(x / side[X], -1, 1) * fall(np.abs(x) - side[X], 0, lateral[1])
     share *= fall(np.abs(vertices[:, Y] - side[Y]), *vertical)

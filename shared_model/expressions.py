@@ -1,4 +1,4 @@
-"""Expression Action Units and emotions: which muscles each pulls, and how far (thesis 2.3.1, Table 2.3)."""
+"""Expression Action Units and emotions: what pulls, and how far (thesis 2.3.1, Table 2.3)."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -47,7 +47,17 @@ def _meet(left: Array, right: Array) -> Array:
     return np.asarray(total * np.minimum(1, longest / np.maximum(length, 1e-9))[:, None])
 
 
-Field = Callable[[Anatomy], Array]
+@dataclass(frozen=True, slots=True)
+class Actuator:
+    """One end of an EAU's range: its displacement field, and what makes it."""
+
+    field: Callable[[Anatomy], Array]
+    works_by: str
+
+
+def _pulls(*pairs: tuple[Muscle, float]) -> Actuator:
+    shares = [m.name if share == 1 else f"{share:g} {m.name}" for m, share in pairs]
+    return Actuator(lambda head: head.pull(*pairs), ", ".join(shares))
 
 
 def eau_fields(
@@ -65,8 +75,8 @@ def eau_fields(
     head = Anatomy(vertices, parts, points, mouth_line(vertices, triangles, points))
     up, down = (np.zeros((len(EAUS), *vertices.shape)) for _ in range(2))
     for table, fields in ((UP, up), (DOWN, down)):
-        for name, field in table.items():
-            fields[EAU_INDEX[name]] = field(head)
+        for name, actuator in table.items():
+            fields[EAU_INDEX[name]] = actuator.field(head)
     return up, down
 
 
@@ -95,7 +105,7 @@ def _lower_lip_lower(head: Anatomy) -> Array:
 
 
 def _lip_press(head: Anatomy) -> Array:
-    """The red of the lips rolled in: skin moves to the line between them in proportion to its distance."""
+    """The red of the lips rolled in: skin moves to the line between them, the farther the more."""
     field = np.zeros_like(head.vertices)
     lips = upper_lip(head.line, 22) + lower_lip(head.line, 24)
     soft = np.isin(head.parts, [PARTS.index("skin"), PARTS.index("mouth")])
@@ -108,38 +118,36 @@ def _lip_press(head: Anatomy) -> Array:
 PRESS_SHARE = 0.22
 PRESS_BACK_MM = 2.0
 
-UP: Mapping[str, Field] = {
-    "jaw_drop": lambda h: jaw_field(h.vertices, h.parts, h.points, h.line),
-    "mouth_corners": lambda h: h.pull((m.ZYGOMATIC_MAJOR, 1.0)),
-    "eyebrow_middle": lambda h: h.pull((m.FRONTALIS_MAJOR, 1.0)),
-    "eyebrow_inner": lambda h: h.pull((m.FRONTALIS_INNER, 1.0)),
-    "eyebrow_outer": lambda h: h.pull((m.FRONTALIS_OUTER, 1.0)),
-    "nose_base": lambda h: h.pull(
-        (m.NASI_LABII, 1.0), (m.PROCERUS, 0.6), (m.DEPRESSOR_SUPERCILII, 0.4)
+UP: Mapping[str, Actuator] = {
+    "jaw_drop": Actuator(
+        lambda h: jaw_field(h.vertices, h.parts, h.points, h.line), "rotation about the condyles"
     ),
-    "lid_left": lambda h: _lids(h, "l", 0.95, 0.12),
-    "lid_right": lambda h: _lids(h, "r", 0.95, 0.12),
-    "gaze_horizontal": lambda h: _gaze(h, 1, 0),
-    "gaze_vertical": lambda h: _gaze(h, 0, 1),
-    "lip_stretch": lambda h: h.pull((m.RISORIUS, 1.0)),
-    "upper_lip_raise": _upper_lip_raise,
-    "lower_lip_lower": _lower_lip_lower,
-    "lip_press": _lip_press,
+    "mouth_corners": _pulls((m.ZYGOMATIC_MAJOR, 1.0)),
+    "eyebrow_middle": _pulls((m.FRONTALIS_MAJOR, 1.0)),
+    "eyebrow_inner": _pulls((m.FRONTALIS_INNER, 1.0)),
+    "eyebrow_outer": _pulls((m.FRONTALIS_OUTER, 1.0)),
+    "nose_base": _pulls((m.NASI_LABII, 1.0), (m.PROCERUS, 0.6), (m.DEPRESSOR_SUPERCILII, 0.4)),
+    "lid_left": Actuator(lambda h: _lids(h, "l", 0.95, 0.12), "lids over the eyeball"),
+    "lid_right": Actuator(lambda h: _lids(h, "r", 0.95, 0.12), "lids over the eyeball"),
+    "gaze_horizontal": Actuator(lambda h: _gaze(h, 1, 0), "eyeballs"),
+    "gaze_vertical": Actuator(lambda h: _gaze(h, 0, 1), "eyeballs, lids following"),
+    "lip_stretch": _pulls((m.RISORIUS, 1.0)),
+    "upper_lip_raise": Actuator(_upper_lip_raise, "levator labii on the upper lip"),
+    "lower_lip_lower": Actuator(_lower_lip_lower, "depressor labii on the lower lip"),
+    "lip_press": Actuator(_lip_press, "orbicularis oris, marginal part"),
 }
-DOWN: Mapping[str, Field] = {
-    "mouth_corners": lambda h: h.pull((m.ANGULI_DEPRESSOR, 1.0)),
-    "eyebrow_middle": lambda h: h.pull(
-        (m.LATERAL_CORRUGATOR, 0.25), (m.DEPRESSOR_SUPERCILII, 0.9)
-    ),
-    "eyebrow_inner": lambda h: h.pull(
+DOWN: Mapping[str, Actuator] = {
+    "mouth_corners": _pulls((m.ANGULI_DEPRESSOR, 1.0)),
+    "eyebrow_middle": _pulls((m.LATERAL_CORRUGATOR, 0.25), (m.DEPRESSOR_SUPERCILII, 0.9)),
+    "eyebrow_inner": _pulls(
         (m.LATERAL_CORRUGATOR, 0.6), (m.PROCERUS, 1.0), (m.DEPRESSOR_SUPERCILII, 0.45)
     ),
-    "eyebrow_outer": lambda h: h.pull((m.ORBICULARIS_OCULI, 1.0)),
-    "lid_left": lambda h: _lids(h, "l", -0.7, -0.08),
-    "lid_right": lambda h: _lids(h, "r", -0.7, -0.08),
-    "gaze_horizontal": lambda h: _gaze(h, -1, 0),
-    "gaze_vertical": lambda h: _gaze(h, 0, -1),
-    "lip_stretch": lambda h: h.pull((m.ORBICULARIS_ORIS, 1.0)),
+    "eyebrow_outer": _pulls((m.ORBICULARIS_OCULI, 1.0)),
+    "lid_left": Actuator(lambda h: _lids(h, "l", -0.55, -0.04), "upper lid raised"),
+    "lid_right": Actuator(lambda h: _lids(h, "r", -0.55, -0.04), "upper lid raised"),
+    "gaze_horizontal": Actuator(lambda h: _gaze(h, -1, 0), "eyeballs"),
+    "gaze_vertical": Actuator(lambda h: _gaze(h, 0, -1), "eyeballs, lids following"),
+    "lip_stretch": _pulls((m.ORBICULARIS_ORIS, 1.0)),
 }
 
 
@@ -206,7 +214,7 @@ EMOTIONS = (
 
 
 def signature(eau: Array) -> dict[str, float]:
-    """How far actuators (len(EAUS),) lie within each emotion: name -> cosine with its peak, in [-1, 1]."""
+    """How like each emotion actuators (len(EAUS),) are: name -> cosine with its peak."""
     length = float(np.linalg.norm(eau))
     if length == 0:
         return {emotion.name: 0.0 for emotion in EMOTIONS}

@@ -1,8 +1,8 @@
 """Jaw, lids and eyes: what turns about a bone or in its socket instead of being pulled by a muscle.
 
 Each is a rotation; its field is the chord from rest to full travel, so that it stays linear in the
-actuator (eq. 2.10).  Where the chord of a rotation dips below the arc it must not cut into what lies
-beneath: the lids' chord is lifted for that.
+actuator (eq. 2.10).  A chord dips below its arc: half closed, a lid lies 0.6 mm deeper than on it,
+less than its own thickness, so the eyeball stays covered; half turned, an eye is 0.5 mm flatter.
 """
 
 from dataclasses import dataclass
@@ -23,6 +23,8 @@ CONDYLE_FROM_TRAGION = np.array([0.0, -4.0, 12.0])
 JAW_DEG = 17.0
 # The condyles slide down and forward along the eminence as the mouth opens.
 JAW_SLIDE_MM = np.array([0.0, -2.0, 5.0])
+# The tongue sinks into the floor of the mouth as it opens, beyond the jaw's own motion.
+TONGUE_MM = np.array([0.0, -5.0, -6.0])
 # Share of the jaw's motion at the corners of the mouth.
 CORNER_SHARE = 0.5
 CORNER_NARROWING_MM = 3.0
@@ -47,8 +49,8 @@ def _turn(vertices: Array, centre: Array, axis: Array, degrees: float) -> Array:
 def jaw_weight(vertices: Array, parts: Parts, line: MouthLine) -> Array:
     """(n,) share of the jaw's rotation each vertex takes: 1 on the mandible, 0 on the skull.
 
-    Along the line between the lips it jumps from upper to lower lip; at the corners both lips agree;
-    above and below the corners it fades over the cheek; towards the ramus and the neck it fades too.
+    Along the line between the lips it jumps from upper to lower lip; at the corners both agree;
+    above and below the corners it fades over the cheek, and towards the ramus and the neck.
     """
     upper = CORNER_SHARE * line.along**2.5 * fall(line.above, 0, 38)
     lower = 1 - (1 - CORNER_SHARE) * line.along**3 * fall(-line.above, 0, 26)
@@ -65,6 +67,7 @@ def jaw_field(vertices: Array, parts: Parts, points: Points, line: MouthLine) ->
     weight = jaw_weight(vertices, parts, line)
     turned = _turn(vertices, condyle, np.array([1.0, 0.0, 0.0]), JAW_DEG)
     field = weight[:, None] * (turned + JAW_SLIDE_MM)
+    field[_part(parts, "tongue")] += TONGUE_MM
     return np.asarray(field + _narrowing(vertices, parts, points))
 
 
@@ -140,7 +143,7 @@ def lid_span(vertices: Array, parts: Parts, points: Points, ball: Eye) -> LidSpa
 
 
 def _margin(x: Array, points: Points, ball: Eye, middle: str) -> Array:
-    """Height, mm above the eye's centre, of a lid margin at `x` (n,): an arch between the canthi."""
+    """Height, mm above the eye's centre, of a lid margin at `x` (n,): an arch between canthi."""
     inner, outer, top = (points[f"{name}_{ball.side}"] for name in ("en", "ex", middle))
     s = np.clip((x - inner[0]) / (outer[0] - inner[0]), 0, 1)
     m = (top[0] - inner[0]) / (outer[0] - inner[0])

@@ -25,9 +25,11 @@ CORNER_MM = 8.0
 class MouthLine:
     """Every vertex's place relative to the line between the lips.
 
-    lower: (n,) float64, 1 on the lower lip's side of the line, 0 on the upper one's, between at the corners.
+    lower: (n,) float64, 1 on the lower lip's side of the line, 0 on the upper one's; between those
+        at the corners.
     along: (n,) float64, 0 on the midline, 1 at the corner and beyond.
-    above: (n,) float64, mm above the line, never negative on the upper side, never positive on the lower.
+    above: (n,) float64, mm above the line; not negative on the upper side, not positive on the
+        lower one.
     """
 
     lower: Array
@@ -36,7 +38,10 @@ class MouthLine:
 
 
 def mouth_line(vertices: Array, triangles: NDArray[np.integer], points: Points) -> MouthLine:
-    """Sort the vertices (n, 3) mm of a mesh by the line between the lips; `points` needs ls li sto_* ch_*."""
+    """Sort the vertices (n, 3) mm of a mesh by the line between the lips.
+
+    triangles: (m, 3).  points: landmark -> (3,) mm; needs ls, li, sto_upper, sto_lower and ch_l.
+    """
     corner = points["ch_l"]
     reach = 2.2 * float(np.linalg.norm(corner - points["sto_lower"]))
     near = np.linalg.norm(vertices - points["sto_lower"], axis=1) < reach

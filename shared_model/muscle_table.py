@@ -83,7 +83,7 @@ ORBICULARIS_OCULI = SphincterMuscle(
     squeeze=(0.12, 0.22),
 )
 
-# Depressors of the brow that help the corrugators (AU4), and the muscles of the lips (AU10, 16, 20).
+# Depressors of the brow that help the corrugators (AU4), and the lips' own muscles (AU10, 16, 20).
 PROCERUS = SheetMuscle(
     name="procerus",
     centre=Anchor("on", (0, -8, 0)),

@@ -1,8 +1,8 @@
 """Linear, sphincter and sheet muscles (thesis 2.3.1; Waters 1987; Parke and Waters 1996, ch. 6).
 
-A muscle is data in millimetres, anchored at named anatomical points, so that it works on any head in
-the head frame whose landmarks are known.  Full contraction moves a vertex by the field a muscle's
-`displacement` returns; a contraction in [0, 1] scales that field: exactly linear (eq. 2.10).
+A muscle is data in millimetres, anchored at named anatomical points, so that it works on any head
+in the head frame whose landmarks are known.  A muscle's `displacement` is what full contraction
+does; a contraction in [0, 1] scales it: exactly linear (eq. 2.10).
 """
 
 from collections.abc import Mapping
@@ -141,7 +141,7 @@ def fall(x: Array, start: float, end: float) -> Array:
 
 def rise(x: Array, start: float, end: float) -> Array:
     """0 up to `start`, 1 from `end` on, a smooth half cosine between them."""
-    return 1 - fall(x, start, end)
+    return np.asarray(1 - fall(x, start, end))
 
 
 def scaled(muscle: LinearMuscle, share: float) -> LinearMuscle:

@@ -1,7 +1,7 @@
-"""What the AAUs leave over of a person's shape: a few dozen control points and how skin follows them.
+"""What the AAUs leave over of a person's shape: a few dozen control points that skin follows.
 
-Residual displacement = residual_basis(head).T @ control, control (k, 3) mm.  Both ends compute the basis,
-so it is deterministic: one linear solve on the generic head.
+Residual displacement = residual_basis(head).T @ control, control (k, 3) mm.  Both ends compute the
+basis, so it is deterministic: one linear solve on the generic head.
 """
 
 from functools import cache

@@ -1,0 +1,81 @@
+"""Emotions are signed as Table 2.3 says, and no setting breaks the face."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from shared_model.animate import Face, Identity
+from shared_model.expressions import EMOTIONS, Emotion, signature
+from shared_model.mesh import generic_head
+from shared_model.parameters import AAUS, EAU_HIGH, EAU_INDEX, EAU_LOW, EAUS, THESIS_EAUS, Eau
+from tests.model_checks import Checks, find_checks
+
+Array = NDArray[np.float64]
+
+HEAD = generic_head()
+# Stated tolerances: lips into one another (0.2 mm at rest), lid under brow, tooth before lip,
+# share of the face's area turned over (canthi left out: their folds are smaller than a pixel).
+LIP_MM, LID_MM, TOOTH_MM, FLIPPED = -0.6, 1.0, 0.0, 0.005
+
+
+@pytest.fixture(scope="module")
+def checks() -> Checks:
+    return find_checks(HEAD)
+
+
+def face(aau: Array) -> Face:
+    return Face(HEAD, Identity(aau, np.zeros_like(HEAD.vertices)))
+
+
+def check(checks: Checks, vertices: Array) -> None:
+    assert checks.lip_gap_mm(vertices) > LIP_MM
+    assert checks.lid_below_brow_mm(vertices) > LID_MM
+    assert checks.teeth_through_skin_mm(vertices) < TOOTH_MM
+    assert checks.flipped_share(vertices) < FLIPPED
+
+
+def test_there_are_six_emotions_within_the_ranges_of_the_actuators() -> None:
+    assert [e.name for e in EMOTIONS] == [
+        "happiness",
+        "anger",
+        "surprise",
+        "sadness",
+        "fear",
+        "disgust",
+    ]
+    for emotion in EMOTIONS:
+        for name, (low, high) in emotion.ranges.items():
+            eau = EAUS[EAU_INDEX[name]]
+            assert eau.low <= low <= 0 <= high <= eau.high and low < high
+
+
+@pytest.mark.parametrize("emotion", EMOTIONS, ids=lambda e: e.name)
+def test_an_emotion_at_its_peak_is_recognised_by_its_signature(emotion: Emotion) -> None:
+    found = signature(emotion.peak())
+    assert max(found, key=lambda name: found[name]) == emotion.name
+    assert found[emotion.name] == pytest.approx(1)
+
+
+def test_a_face_at_rest_signs_no_emotion() -> None:
+    assert set(signature(np.zeros(len(EAUS))).values()) == {0.0}
+
+
+def test_the_thesis_actuators_come_with_every_emotion() -> None:
+    used = {name for emotion in EMOTIONS for name in emotion.ranges}
+    assert set(THESIS_EAUS) <= used
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_random_setting_breaks_the_face(checks: Checks, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for _ in range(15):
+        eau = rng.uniform(EAU_LOW, EAU_HIGH) * (rng.random(len(EAUS)) < rng.choice([0.3, 1]))
+        check(checks, face(rng.uniform(-1, 1, len(AAUS))).animate(eau))
+
+
+@pytest.mark.parametrize("eau", EAUS, ids=lambda e: e.name)
+def test_no_actuator_breaks_the_face_at_either_end(checks: Checks, eau: Eau) -> None:
+    for value in (eau.low, eau.high):
+        drive = np.zeros(len(EAUS))
+        drive[EAU_INDEX[eau.name]] = value
+        check(checks, face(np.zeros(len(AAUS))).animate(drive))
