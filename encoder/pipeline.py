@@ -1,4 +1,4 @@
-"""capture -> landmarks -> fit -> model packet; then per frame landmarks -> pose, EAUs -> packets."""
+"""capture -> landmarks -> fit -> model packet; per frame: landmarks -> pose, EAUs -> packets."""
 
 import time
 from collections.abc import Callable, Iterator
