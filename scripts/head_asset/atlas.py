@@ -1,4 +1,4 @@
-"""Texture coordinates: one chart for all that is seen from the front, islands below it for the rest."""
+"""Texture coordinates: one chart for all that the front shows, islands below it for the rest."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ Indices = NDArray[np.int64]
 # The chart takes the top of the atlas; the islands share the strip below.
 CHART_HEIGHT = 0.89
 MARGIN = 0.008
-# The eye openings of the chart are this much higher than the lids leave open: room for what lids hide.
+# The chart's eye openings are this much higher than the lids leave open: room for what lids hide.
 EYE_ROOM = 1.35
 # Half the height, mm, at which the closed mouth is opened in the chart, to part the lips' texels.
 SLIT_MM = 0.8
@@ -29,7 +29,7 @@ ISLANDS = (TEETH_UPPER, TEETH_LOWER, TONGUE, MOUTH)
 
 
 def texture_coordinates(mesh: Mesh, chart: Indices) -> Array:
-    """(n, 2) in [0, 1]: u to the subject's left, v down.  chart: (m, 3) the triangles of the chart."""
+    """(n, 2) in [0, 1], u to the subject's left, v down.  chart: (m, 3) its triangles."""
     eye_loop = border_loop(chart, near=mesh.vertices[mesh.parts == EYE_LEFT].mean(0), mesh=mesh)
     half = _half_chart(mesh, chart, eye_loop)
     width, height = 0.5 - MARGIN, CHART_HEIGHT - 2 * MARGIN
@@ -56,7 +56,7 @@ def in_chart(mesh: Mesh) -> NDArray[np.bool_]:
         left = np.flatnonzero(shown)
         ragged = _ragged(mesh.triangles[left])
         if not ragged.any():
-            return shown
+            return np.asarray(shown)
         shown[left[ragged]] = False
 
 
@@ -119,7 +119,11 @@ def _half_chart(mesh: Mesh, chart: Indices, eye_loop: Indices) -> HalfChart:
     seam = [v for v in loop if on_seam[v]]
     rim = [v for v in loop if not on_seam[v]]
     return HalfChart(
-        triangles, np.concatenate([shapes, eye_shapes, slit_shapes]), weights, np.array(seam), np.array(rim)
+        triangles,
+        np.concatenate([shapes, eye_shapes, slit_shapes]),
+        weights,
+        np.array(seam),
+        np.array(rim),
     )
 
 
@@ -129,7 +133,9 @@ def _eye_filler(mesh: Mesh, loop: Indices) -> tuple[Indices, Array]:
     fan = np.stack([np.roll(loop, -1), loop, np.full(len(loop), len(mesh.vertices))], 1)
     middle = np.tile(room.mean(0), (len(loop), 1))
     corners = np.stack([np.roll(room, -1, 0), room, middle], 1)
-    return fan, flat_shapes(np.concatenate([corners, np.zeros((len(loop), 3, 1))], 2), np.full(len(loop), 2.2))
+    return fan, flat_shapes(
+        np.concatenate([corners, np.zeros((len(loop), 3, 1))], 2), np.full(len(loop), 2.2)
+    )
 
 
 def _mouth_filler(mesh: Mesh, chart: Indices) -> tuple[Indices, Array]:
@@ -142,8 +148,14 @@ def _mouth_filler(mesh: Mesh, chart: Indices) -> tuple[Indices, Array]:
     # From the left corner along one lip to the middle, and back from the corner along the other.
     middle = [int(i) for i in np.flatnonzero(np.abs(mesh.vertices[loop, 0]) < 1e-6)]
     one, other = loop[: middle[0] + 1], np.concatenate([loop[:1], loop[middle[1] :][::-1]])
-    upper, lower = (one, other) if mesh.vertices[one[-1], 1] > mesh.vertices[other[-1], 1] else (other, one)
-    place = {int(v): np.array([mesh.vertices[v, 0], sign * SLIT_MM, 0.0]) for sign, side in ((1, upper), (-1, lower)) for v in side}
+    upper, lower = (
+        (one, other) if mesh.vertices[one[-1], 1] > mesh.vertices[other[-1], 1] else (other, one)
+    )
+    place = {
+        int(v): np.array([mesh.vertices[v, 0], sign * SLIT_MM, 0.0])
+        for sign, side in ((1, upper), (-1, lower))
+        for v in side
+    }
     place[int(loop[0])][1] = 0.0
     strip = []
     i = j = 0
@@ -169,7 +181,7 @@ def _roomy(outline: Array) -> Array:
 
 
 def _place_eye(mesh: Mesh, loop: Indices, uv: Array) -> None:
-    """Put the left eyeball into its opening as seen from the front; what does not fit goes to the rim."""
+    """Put the left eyeball into its opening as seen from the front; what is too wide on the rim."""
     outline = _roomy(mesh.vertices[loop][:, :2])
     ball = mesh.vertices[mesh.parts == EYE_LEFT][:, :2]
     # Rays from the eye's axis: what is hidden collapses along its meridian and covers no texel.
@@ -214,7 +226,9 @@ def drawing_order(mesh: Mesh) -> Indices:
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     part = mesh.parts[mesh.triangles[:, 0]]
     # The fronts of teeth and eyeballs, the tongue's upper side; the mouth bag's floor.
-    seen = np.select([part == SKIN, np.isin(part, (TONGUE, MOUTH))], [0.0, normal[:, 1]], normal[:, 2])
+    seen = np.select(
+        [part == SKIN, np.isin(part, (TONGUE, MOUTH))], [0.0, normal[:, 1]], normal[:, 2]
+    )
     return np.asarray(np.lexsort((seen, part)))
 
 

@@ -1,7 +1,7 @@
 """Flatten the left half of the face into half a rectangle without a fold.
 
-The energy is the symmetric Dirichlet energy against each triangle's own shape, enlarged or shrunk by
-the texel density wanted there; it is infinite at a flip, so a valid start stays valid
+The energy is the symmetric Dirichlet energy against each triangle's own shape, enlarged or shrunk
+by the texel density wanted there; it is infinite at a flip, so a valid start stays valid
 (Smith and Schaefer, "Bijective parameterization with free boundaries", 2015).
 """
 
@@ -10,8 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.sparse import coo_matrix
-from scipy.sparse.linalg import spsolve
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -24,7 +22,8 @@ class HalfChart:
     triangles: (m, 3) int64, counter-clockwise with u to the right and height upwards.
     shapes: (m, 2, 2) float64: edges b - a and c - a (columns) of each triangle as wanted.
     weights: (m,) float64: how much a triangle's distortion counts beside its area.
-    seam: vertices on u = 0 from top to bottom; rim: the outer boundary from the seam's bottom to its top.
+    seam: vertices on u = 0 from top to bottom.
+    rim: vertices of the outer boundary from the seam's bottom to its top.
     """
 
     triangles: Indices
@@ -50,7 +49,7 @@ def flat_shapes(corners: Array, scale: Array) -> Array:
 def flatten(chart: HalfChart, width: float, height: float, fill: float = 1.03) -> Array:
     """(n, 2) coordinates in [0, width] x [0, height] of the chart's vertices (unused ones 0).
 
-    fill: area of the wanted shapes over the rectangle's; above 1 the chart is pressed into the corners.
+    fill: area of the wanted shapes over the rectangle's; above 1 it is pressed into the corners.
     """
     used, local = np.unique(chart.triangles, return_inverse=True)
     triangles = local.reshape(-1, 3)
@@ -66,7 +65,9 @@ def flatten(chart: HalfChart, width: float, height: float, fill: float = 1.03) -
     return out
 
 
-def _tutte(triangles: Indices, seam: Indices, rim: Indices, count: int, width: float, height: float) -> Array:
+def _tutte(
+    triangles: Indices, seam: Indices, rim: Indices, count: int, width: float, height: float
+) -> Array:
     """Tutte's embedding into half an ellipse."""
     fixed = np.zeros((count, 2))
     fixed[seam, 1] = np.linspace(0.98, 0.02, len(seam)) * height
@@ -74,24 +75,29 @@ def _tutte(triangles: Indices, seam: Indices, rim: Indices, count: int, width: f
     fixed[rim] = np.stack([np.cos(turn) * 0.98 * width, (0.5 + 0.48 * np.sin(turn)) * height], 1)
     on_border = np.zeros(count, bool)
     on_border[np.concatenate([seam, rim])] = True
-    pairs = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
-    links = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), (count, count)).tocsr()
-    degree = np.asarray(links.sum(1)).ravel()
-    inner = np.flatnonzero(~on_border)
-    matrix = coo_matrix((degree, (np.arange(count), np.arange(count))), (count, count)).tocsr() - links
-    right = -matrix[inner][:, on_border] @ fixed[on_border]
+    links = np.zeros((count, count))
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        links[triangles[:, i], triangles[:, j]] = links[triangles[:, j], triangles[:, i]] = 1
+    matrix = np.diag(links.sum(1)) - links
+    inner = ~on_border
     flat = fixed.copy()
-    flat[inner] = spsolve(matrix[inner][:, inner].tocsc(), right)
+    right = -matrix[inner][:, on_border] @ fixed[on_border]
+    flat[inner] = np.linalg.solve(matrix[inner][:, inner], right)
     return flat
 
 
 def _relax(
-    start: Array, triangles: Indices, shapes: Array, weights: Array, seam: Indices, width: float, height: float
+    start: Array,
+    triangles: Indices,
+    shapes: Array,
+    weights: Array,
+    seam: Indices,
+    width: float,
+    height: float,
 ) -> Array:
-    inverse = np.linalg.inv(shapes)
+    inverse = np.asarray(np.linalg.inv(shapes), np.float64)
     area = np.linalg.det(shapes) / 2 * weights
-    area = area / area.sum()
+    area = np.asarray(area / area.sum(), np.float64)
     count = len(start)
     low, high = np.zeros((count, 2)), np.tile([width, height], (count, 1))
     high[seam, 0] = 0.0

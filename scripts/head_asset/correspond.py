@@ -1,12 +1,13 @@
 """Turn the network's answers in several views into places on the neutral mesh."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
+from encoder.landmarks import FaceMesh
 from scripts.head_asset.mesh_parts import SKIN, Mesh
 from scripts.head_asset.network import POINTS, Sight, see, vertex_normals
 from shared_model.geometry import camera_from_head
@@ -41,20 +42,23 @@ class Correspondence:
         return np.asarray((self.weights[..., None] * vertices[triangles[self.triangle]]).sum(1))
 
 
-def find_points(net: cv2.dnn.Net, mesh: Mesh) -> Correspondence:
-    """Where each of the network's points lies on the neutral mesh, symmetrically."""
+def find_points(networks: Sequence[FaceMesh], mesh: Mesh) -> Correspondence:
+    """Where each of the networks' points lies on the neutral mesh: their middle, made symmetric."""
     inner = _lip_groups() > 0
     lower_lip = _below_the_lips(mesh)
     skin = mesh.parts[mesh.triangles[:, 0]] == SKIN
+    frontal = see(networks, mesh, mesh.vertices, 0, 0)
+    place_in_front = _lift(mesh, frontal, frontal.answers[0], skin, lower_lip)[0]
     places, trust = [], []
     seen = np.zeros(len(mesh.triangles), bool)
     for yaw, pitch, jaw in (*VIEWS, *OPEN_VIEWS):
-        sight = see(net, mesh, mesh.vertices + jaw * mesh.targets["jawOpen"], yaw, pitch)
+        sight = see(networks, mesh, mesh.vertices + jaw * mesh.targets["jawOpen"], yaw, pitch)
         seen[np.unique(sight.hits.triangle[sight.hits.triangle >= 0])] = True
-        place, weight = _lift(mesh, sight, skin, lower_lip)
-        # An open mouth moves everything below the nose, but only there the lips' inner rims show.
-        places.append(place)
-        trust.append(weight * (inner == (jaw > 0)))
+        for points in sight.answers:
+            place, weight = _lift(mesh, sight, points, skin, lower_lip)
+            places.append(place)
+            # An open mouth moves all that is below the nose, but only it shows the inner rims.
+            trust.append(weight * (inner == (jaw > 0)) * _near_side(place_in_front, yaw))
     middle = robust_mean(np.array(places), np.array(trust))
     mirror = mirror_pairs(middle)
     middle = (middle + middle[mirror] * [-1, 1, 1]) / 2
@@ -67,8 +71,10 @@ def transfer(found: Correspondence, full: Mesh, thin: Mesh) -> Correspondence:
     return _nearest(found.places(full.vertices, full.triangles), found.mirror, thin, everywhere)
 
 
-def _nearest(places: Array, mirror: Indices, mesh: Mesh, usable: NDArray[np.bool_]) -> Correspondence:
-    """Nearest places on outward skin, each lip's rim on its own lip; the right side copies the left."""
+def _nearest(
+    places: Array, mirror: Indices, mesh: Mesh, usable: NDArray[np.bool_]
+) -> Correspondence:
+    """Nearest places on outward skin, rims on their own lip; the right side copies the left."""
     lower_lip = _below_the_lips(mesh)
     skin = usable & (mesh.parts[mesh.triangles[:, 0]] == SKIN) & _outward(mesh)
     allowed = {0: skin, 1: skin & ~lower_lip, 2: skin & lower_lip}
@@ -76,10 +82,12 @@ def _nearest(places: Array, mirror: Indices, mesh: Mesh, usable: NDArray[np.bool
     triangle, weights = np.zeros(POINTS, np.int64), np.zeros((POINTS, 3))
     for point in range(POINTS):
         mask = allowed[int(group[point])]
-        triangle[point], weights[point] = closest_point(places[point], mesh.vertices, mesh.triangles, mask)
+        triangle[point], weights[point] = closest_point(
+            places[point], mesh.vertices, mesh.triangles, mask
+        )
     index = {tuple(sorted(face)): i for i, face in enumerate(mesh.triangles.tolist())}
-    for point in np.flatnonzero((places[:, 0] < 0) & (mirror != np.arange(POINTS))):
-        twin = mirror[point]
+    for point in map(int, np.flatnonzero((places[:, 0] < 0) & (mirror != np.arange(POINTS)))):
+        twin = int(mirror[point])
         corners = mesh.mirror[mesh.triangles[triangle[twin]]].tolist()
         triangle[point] = index[tuple(sorted(corners))]
         order = [corners.index(v) for v in mesh.triangles[triangle[point]].tolist()]
@@ -108,6 +116,8 @@ def _outward(mesh: Mesh) -> NDArray[np.bool_]:
 
 def robust_mean(places: Array, trust: Array) -> Array:
     """Weighted mean (k, 3) over views (v, k, 3) without those far from the median."""
+    # Points at the silhouette of most views are known from the few that show them well.
+    trust = np.where(trust > 0.25 * trust.max(0), trust, 0)
     usable = np.where((trust > 0)[..., None], places, np.nan)
     away = np.linalg.norm(places - np.nanmedian(usable, axis=0), axis=-1)
     limit = np.maximum(2 * np.nanmedian(np.where(trust > 0, away, np.nan), axis=0), 1.0)
@@ -144,27 +154,29 @@ def _closest_weights(point: Array, corners: Array) -> Array:
     scale = np.maximum(d00 * d11 - d01 * d01, 1e-12)
     wb, wc = (d11 * d20 - d01 * d21) / scale, (d00 * d21 - d01 * d20) / scale
     weights = np.stack([1 - wb - wc, wb, wc], 1)
-    inside = (weights >= 0).all(1)
+    inside = np.asarray((weights >= 0).all(1))
     best = np.full(len(corners), np.inf)
     edge_weights = np.zeros_like(weights)
     for i, j in ((0, 1), (1, 2), (2, 0)):
         edge = corners[:, j] - corners[:, i]
-        s = np.clip(((point - corners[:, i]) * edge).sum(1) / np.maximum((edge * edge).sum(1), 1e-12), 0, 1)
+        s = np.clip(
+            ((point - corners[:, i]) * edge).sum(1) / np.maximum((edge * edge).sum(1), 1e-12), 0, 1
+        )
         away = ((corners[:, i] + s[:, None] * edge - point) ** 2).sum(1)
         better = away < best
         best = np.where(better, away, best)
         row = np.zeros_like(weights)
         row[:, i], row[:, j] = 1 - s, s
         edge_weights = np.where(better[:, None], row, edge_weights)
-    return np.where(inside[:, None], weights, edge_weights)
+    return np.asarray(np.where(inside[:, None], weights, edge_weights))
 
 
 def _lift(
-    mesh: Mesh, sight: Sight, skin: NDArray[np.bool_], lower_lip: NDArray[np.bool_]
+    mesh: Mesh, sight: Sight, points: Array, skin: NDArray[np.bool_], lower_lip: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Places (468, 3) on the neutral mesh and trust (468,) of the points of one view."""
+    """Places (468, 3) on the neutral mesh, and trust (468,), of points (468, 2) in a view."""
     triangle = sight.hits.triangle
-    on_skin = (triangle >= 0) & skin[triangle]
+    on_skin: NDArray[np.bool_] = np.logical_and(triangle >= 0, skin[triangle])
     masks = {
         0: on_skin,
         1: on_skin & ~lower_lip[triangle],
@@ -177,7 +189,7 @@ def _lift(
     for g, mask in masks.items():
         rows, columns = np.nonzero(mask)
         for point in np.flatnonzero(group == g):
-            away = (columns - sight.points[point, 0]) ** 2 + (rows - sight.points[point, 1]) ** 2
+            away = (columns - points[point, 0]) ** 2 + (rows - points[point, 1]) ** 2
             best = int(np.argmin(away))
             pixel = rows[best], columns[best]
             corners, w = mesh.triangles[triangle[pixel]], sight.hits.weights[pixel]
@@ -188,6 +200,15 @@ def _lift(
             slant = 1.0 if g else max(facing, 0.02) ** 2
             trust[point] = slant / (1 + max(away[best] - 2, 0))
     return place, trust
+
+
+def _near_side(place: Array, yaw_deg: float) -> Array:
+    """(468,) 0 for points of the half of the face that a turned head hides.
+
+    place: (468, 3) mm.  A silhouette hides the points behind it: the network puts them on the edge.
+    """
+    side = np.clip(place[:, 0] / 40, -1, 1)
+    return np.asarray(np.clip(1 - side * yaw_deg / 15, 0, 1))
 
 
 def _facing(normal: Array, ray: Array, sight: Sight) -> float:

@@ -1,4 +1,4 @@
-"""Thin the head by symmetric edge collapses (Garland and Heckbert's quadrics), dense where it matters.
+"""Thin the head by symmetric edge collapses under Garland and Heckbert's quadrics.
 
 Vertices are only dropped, never moved: every field of the full mesh carries over by index.
 """
@@ -15,7 +15,7 @@ Indices = NDArray[np.int64]
 
 # Vertices to keep of each part on both sides together; other parts stay whole.
 BUDGET = {SKIN: 1750, MOUTH: 150, TONGUE: 90}
-# How far the surface may tilt in one collapse: cosine between a triangle's normals before and after.
+# How far a collapse may tilt a triangle: cosine between its normals before and after.
 LEAST_COSINE = 0.2
 
 
@@ -25,7 +25,9 @@ def decimate(mesh: Mesh, importance: Array, locked: NDArray[np.bool_]) -> Mesh:
     importance: (n,) float64, weight of the geometric error at a vertex.
     locked: (n,) bool, vertices that must stay.
     """
-    left = (mesh.vertices[mesh.triangles][:, :, 0].mean(1) > 0) & (mesh.parts[mesh.triangles[:, 0]] != EYE_RIGHT)
+    left = (mesh.vertices[mesh.triangles][:, :, 0].mean(1) > 0) & (
+        mesh.parts[mesh.triangles[:, 0]] != EYE_RIGHT
+    )
     fixed = locked | locked[mesh.mirror] | _borders(mesh)
     faces = []
     for part in np.unique(mesh.parts):
@@ -52,9 +54,9 @@ def submesh(mesh: Mesh, triangles: Indices) -> Mesh:
 
 
 def detach(mesh: Mesh, shown: NDArray[np.bool_]) -> Mesh:
-    """The mesh with its own copies, appended, of vertices that `shown` (m,) triangles of skin share with others.
+    """The mesh with `shown` (m,) triangles of skin cut loose: shared vertices doubled, appended.
 
-    Without them the triangles beyond the chart's border would stretch across the chart.
+    Without that the triangles beyond the chart's border would stretch across the chart.
     """
     hidden = ~shown & (mesh.parts[mesh.triangles[:, 0]] == SKIN)
     shared = np.intersect1d(mesh.triangles[shown], mesh.triangles[hidden])
@@ -78,13 +80,15 @@ def _borders(mesh: Mesh) -> NDArray[np.bool_]:
     pairs, count = np.unique(edges, axis=0, return_counts=True)
     border = np.zeros(len(mesh.vertices), bool)
     border[pairs[count == 1]] = True
-    return border & (mesh.parts != EYE_LEFT) & (mesh.parts != EYE_RIGHT)
+    return np.asarray(border & (mesh.parts != EYE_LEFT) & (mesh.parts != EYE_RIGHT))
 
 
 class _Collapser:
     """Half-edge collapses of one part's left half; the seam x = 0 only collapses along itself."""
 
-    def __init__(self, vertices: Array, triangles: Indices, importance: Array, fixed: NDArray[np.bool_]) -> None:
+    def __init__(
+        self, vertices: Array, triangles: Indices, importance: Array, fixed: NDArray[np.bool_]
+    ) -> None:
         self.vertices, self.importance, self.fixed = vertices, importance, fixed
         self.seam = np.abs(vertices[:, 0]) < 1e-6
         self.faces = {i: tuple(int(v) for v in face) for i, face in enumerate(triangles)}
@@ -149,7 +153,9 @@ class _Collapser:
             after = self.vertices[[kept if v == gone else v for v in self.faces[face]]]
             old, new = (np.cross(c[1] - c[0], c[2] - c[0]) for c in (before, after))
             sizes = np.linalg.norm(old) * np.linalg.norm(new)
-            longest = max(float(((after[i] - after[j]) ** 2).sum()) for i, j in ((0, 1), (1, 2), (2, 0)))
+            longest = max(
+                float(((after[i] - after[j]) ** 2).sum()) for i, j in ((0, 1), (1, 2), (2, 0))
+            )
             # Neither flipped nor a sliver (area against its longest edge).
             if old @ new < LEAST_COSINE * sizes or np.linalg.norm(new) < 0.1 * longest:
                 return False

@@ -7,7 +7,7 @@ from scripts.head_asset.mesh_parts import SKIN, Mesh
 
 Array = NDArray[np.float64]
 
-# Where each landmark lies on MakeHuman's head, mm in the head frame, read off its profile and front.
+# Where each landmark lies on MakeHuman's head, mm, read off its profile and front.
 MIDLINE = {
     "v": (138.1, 9.6),
     "tr": (80.9, 84.5),

@@ -20,7 +20,14 @@ MASK_NAMES = ("lips", "inside-mouth", "eyelids", "ears")
 TARGETS = ROOT + "faceunits01/targets/faceunits/"
 
 # The order of these parts is that of `shared_model.mesh.PARTS`; 'mouth' is found later.
-GROUPS = ("body", "helper-l-eye", "helper-r-eye", "helper-upper-teeth", "helper-lower-teeth", "helper-tongue")
+GROUPS = (
+    "body",
+    "helper-l-eye",
+    "helper-r-eye",
+    "helper-upper-teeth",
+    "helper-lower-teeth",
+    "helper-tongue",
+)
 # Decimetres to millimetres, and the origin midway between the tragions.
 SCALE_MM = 100.0
 ORIGIN = np.array([0.0, 7.11, 0.60])
@@ -84,14 +91,19 @@ def _faces(lines: Iterable[str]) -> tuple[Indices, NDArray[np.uint8]]:
         if line.startswith("g "):
             group = line.split()[1]
         elif line.startswith("f ") and group in GROUPS:
-            corners.append([[int(i) - 1 for i in corner.split("/")[:2]] for corner in line.split()[1:]])
+            corners.append(
+                [[int(i) - 1 for i in corner.split("/")[:2]] for corner in line.split()[1:]]
+            )
             parts.append(GROUPS.index(group))
     return np.array(corners), np.array(parts, np.uint8)
 
 
 def _mask(wheel: zipfile.ZipFile, name: str, uv: Array) -> Array:
     data = np.frombuffer(wheel.read(MASKS.format(name)), np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE).astype(np.float64) / 255
+    picture = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
+    if picture is None:
+        raise ValueError(f"mask {name} in the wheel is not a picture")
+    image = picture.astype(np.float64) / 255
     column = np.clip(np.rint(uv[:, 0] * (image.shape[1] - 1)), 0, image.shape[1] - 1).astype(int)
     row = np.clip(np.rint((1 - uv[:, 1]) * (image.shape[0] - 1)), 0, image.shape[0] - 1).astype(int)
     return np.asarray(image[row, column])
@@ -104,7 +116,9 @@ def _targets(wheel: zipfile.ZipFile, ids: Indices, count: int) -> dict[str, Arra
             continue
         field = np.zeros((count, 3))
         text = "".join(
-            line + "\n" for line in wheel.read(path).decode().splitlines() if not line.startswith("#")
+            line + "\n"
+            for line in wheel.read(path).decode().splitlines()
+            if not line.startswith("#")
         )
         rows = np.loadtxt(io.StringIO(text), ndmin=2)
         field[rows[:, 0].astype(int)] = rows[:, 1:4]

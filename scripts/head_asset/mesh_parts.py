@@ -1,4 +1,4 @@
-"""The full-resolution head as a symmetric triangle mesh with parts, a mouth bag and new eyeballs."""
+"""The full head as a symmetric triangle mesh with parts, a mouth bag and new eyeballs."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,8 @@ SKIN, EYE_LEFT, EYE_RIGHT, TEETH_UPPER, TEETH_LOWER, TONGUE, MOUTH = range(len(P
 # Angles from the eye's axis of the rings of an eyeball: pupil, iris, then the white; degrees.
 EYE_RINGS_DEG = (8.5, 16.0, 23.2, 33.0, 44.0, 57.0, 74.0, 95.0)
 EYE_SEGMENTS = 16
-# MakeHuman's lips rest slightly apart: the share of its mouthClose target that just shuts them, by |x| mm.
+# MakeHuman's lips rest slightly apart: the share of its target mouthClose that just shuts them,
+# by |x| mm.
 LIPS_X = (0.0, 5.0, 10.0, 15.0, 18.0, 20.0, 22.0, 23.0, 28.0)
 LIPS_CLOSE = (0.013, 0.022, 0.029, 0.036, 0.045, 0.065, 0.095, 0.125, 0.125)
 # Its tongue fills the mouth; at rest it lies lower, mm.
@@ -55,8 +56,13 @@ def build_mesh(source: Source) -> Mesh:
     mirror = part_mirror(vertices, parts)
     blank = len(vertices) - len(origin)
     masks = {k: np.concatenate([m[origin], np.zeros(blank)]) for k, m in source.masks.items()}
-    targets = {k: np.concatenate([t[origin], np.zeros((blank, 3))]) for k, t in source.targets.items()}
-    lips = np.interp(np.abs(vertices[:, [0]]), LIPS_X, LIPS_CLOSE) * np.isin(parts, (SKIN, MOUTH))[:, None]
+    targets = {
+        k: np.concatenate([t[origin], np.zeros((blank, 3))]) for k, t in source.targets.items()
+    }
+    lips = (
+        np.interp(np.abs(vertices[:, [0]]), LIPS_X, LIPS_CLOSE)
+        * np.isin(parts, (SKIN, MOUTH))[:, None]
+    )
     close = targets["mouthClose"]
     close = (close + close[mirror] * [-1, 1, 1]) / 2
     vertices = vertices + lips * close + (parts == TONGUE)[:, None] * TONGUE_REST_MM
@@ -85,7 +91,7 @@ def eyeball(points: Array) -> tuple[Array, Indices]:
     side = np.sign(centre[0])
     turn = 2 * np.pi * np.arange(EYE_SEGMENTS) / EYE_SEGMENTS
     circle = np.stack([side * np.cos(turn), np.sin(turn), np.zeros_like(turn)], 1)
-    rings = [centre + [[0, 0, radius]]]
+    rings = [(centre + np.array([0, 0, radius]))[None]]
     for angle in np.radians(EYE_RINGS_DEG):
         rings.append(centre + radius * (np.sin(angle) * circle + [0, 0, np.cos(angle)]))
     here = np.arange(EYE_SEGMENTS)
@@ -104,7 +110,9 @@ def _triangulate(source: Source) -> tuple[Indices, NDArray[np.int64]]:
     v = source.vertices
     left = v[source.quads][:, :, 0].mean(1) > 0
     q, part = source.quads[left], source.quad_part[left].astype(np.int64)
-    straight = np.linalg.norm(v[q[:, 0]] - v[q[:, 2]], axis=1) <= np.linalg.norm(v[q[:, 1]] - v[q[:, 3]], axis=1)
+    straight = np.linalg.norm(v[q[:, 0]] - v[q[:, 2]], axis=1) <= np.linalg.norm(
+        v[q[:, 1]] - v[q[:, 3]], axis=1
+    )
     first = np.where(straight[:, None], q[:, [0, 1, 2]], q[:, [0, 1, 3]])
     second = np.where(straight[:, None], q[:, [0, 2, 3]], q[:, [1, 2, 3]])
     half = np.concatenate([first, second])
@@ -116,7 +124,9 @@ def _triangulate(source: Source) -> tuple[Indices, NDArray[np.int64]]:
 def _sockets(source: Source, triangles: Indices, skin: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which triangles line the eye sockets: behind the lids' inner rims, never seen."""
     doomed = np.zeros(len(source.vertices), bool)
-    edges = np.concatenate([triangles[skin][:, [0, 1]], triangles[skin][:, [1, 2]], triangles[skin][:, [2, 0]]])
+    edges = np.concatenate(
+        [triangles[skin][:, [0, 1]], triangles[skin][:, [1, 2]], triangles[skin][:, [2, 0]]]
+    )
     for side in (EYE_LEFT, EYE_RIGHT):
         ball = np.unique(source.quads[source.quad_part == side])
         centre = (source.vertices[ball].min(0) + source.vertices[ball].max(0)) / 2
@@ -150,4 +160,9 @@ def _split(
         parts.append(np.full(len(ids), p, np.uint8))
         origin.append(ids)
         count += len(ids)
-    return np.concatenate(points), np.concatenate(faces), np.concatenate(parts), np.concatenate(origin)
+    return (
+        np.concatenate(points),
+        np.concatenate(faces),
+        np.concatenate(parts),
+        np.concatenate(origin),
+    )

@@ -1,13 +1,14 @@
-"""Where the 468 points of the landmark network lie on the head: ask the network itself."""
+"""Where the points of the landmark networks lie on the head: ask the networks themselves."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from scripts.head_asset.mesh_parts import Mesh
+from encoder.landmarks import COUNT, FaceMesh, Square, square_from_landmarks
+from scripts.head_asset.mesh_parts import SKIN, Mesh
 from scripts.head_asset.paint import pixel_colours
 from scripts.head_asset.raster import Hits, view
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
@@ -15,8 +16,7 @@ from shared_model.parameters import Pose
 
 Array = NDArray[np.float64]
 
-POINTS = 468
-INPUT = 192
+POINTS = COUNT
 CAMERA = Camera(640, 640, 2000.0)
 DISTANCE_MM = 900.0
 BACKGROUND = (0.45, 0.5, 0.55)
@@ -26,18 +26,13 @@ FACE_CENTRE = np.array([0.0, -5.0, 60.0])
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """One view: its pose, vertices (n, 3) drawn, what was hit, the picture and the 468 points in it."""
+    """One view: pose, vertices (n, 3) drawn, hits, picture, each network's points (468, 2)."""
 
     pose: Pose
     vertices: Array
     hits: Hits
     picture: NDArray[np.uint8]
-    points: Array
-
-
-def load_network(path: Path) -> cv2.dnn.Net:
-    """The 468-point landmark network of a `face_landmark.tflite`."""
-    return cv2.dnn.readNetFromTFLite(str(path))
+    answers: tuple[Array, ...]
 
 
 def pose_towards(yaw_deg: float, pitch_deg: float) -> Pose:
@@ -47,17 +42,20 @@ def pose_towards(yaw_deg: float, pitch_deg: float) -> Pose:
     return Pose(turned.rotation, np.array([0.0, 0.0, DISTANCE_MM]) - moved)
 
 
-def see(net: cv2.dnn.Net, mesh: Mesh, vertices: Array, yaw_deg: float, pitch_deg: float) -> Sight:
-    """Render the head and find the network's points in the picture, pixels."""
+def see(
+    networks: Sequence[FaceMesh], mesh: Mesh, vertices: Array, yaw_deg: float, pitch_deg: float
+) -> Sight:
+    """Render the head and find the networks' points in the picture, pixels."""
     pose = pose_towards(yaw_deg, pitch_deg)
     hits = view(vertices, mesh.triangles, CAMERA, pose)
     picture = shade(mesh, vertices, pose, hits)
-    face = vertices[(mesh.parts == 0) & (vertices[:, 2] > 20) & (vertices[:, 1] < 90)]
-    points = pixel_from_head(CAMERA, pose, face)
-    # The network expects the crop its own previous answer would give: iterate to a fixed point.
-    for _ in range(5):
-        points = _run(net, picture, points)
-    return Sight(pose, vertices, hits, picture, points)
+    face = vertices[(mesh.parts == SKIN) & (vertices[:, 2] > 20) & (vertices[:, 1] < 90)]
+    outline = pixel_from_head(CAMERA, pose, face)
+    low, high = outline.min(0), outline.max(0)
+    square = Square((low + high) / 2, 1.5 * float((high - low).max()), 0.0)
+    return Sight(
+        pose, vertices, hits, picture, tuple(_find(net, picture, square) for net in networks)
+    )
 
 
 def shade(mesh: Mesh, vertices: Array, pose: Pose, hits: Hits) -> NDArray[np.uint8]:
@@ -73,7 +71,7 @@ def shade(mesh: Mesh, vertices: Array, pose: Pose, hits: Hits) -> NDArray[np.uin
     picture = np.tile(np.array(BACKGROUND), (*seen.shape, 1))
     picture[seen] = pixel_colours(mesh, triangle, weights) * lit[:, None]
     smooth = cv2.GaussianBlur(picture[..., ::-1], (0, 0), 0.8)
-    return np.clip(smooth * 255 + 0.5, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(smooth * 255 + 0.5, 0, 255), np.uint8)
 
 
 def vertex_normals(vertices: Array, triangles: NDArray[np.integer]) -> Array:
@@ -86,15 +84,9 @@ def vertex_normals(vertices: Array, triangles: NDArray[np.integer]) -> Array:
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))
 
 
-def _run(net: cv2.dnn.Net, picture: NDArray[np.uint8], around: Array) -> Array:
-    low, high = around[:, :2].min(0), around[:, :2].max(0)
-    # MediaPipe's crop: a square half as large again as the landmarks' box.
-    side = 1.5 * float((high - low).max())
-    corner = (low + high) / 2 - side / 2
-    scale = INPUT / side
-    affine = np.array([[scale, 0, -corner[0] * scale], [0, scale, -corner[1] * scale]])
-    crop = cv2.warpAffine(picture, affine, (INPUT, INPUT), flags=cv2.INTER_AREA, borderMode=cv2.BORDER_REPLICATE)
-    net.setInput(cv2.dnn.blobFromImage(crop, 1 / 255, swapRB=True))
-    outputs = net.forward(net.getUnconnectedOutLayersNames())
-    answer = next(out for out in outputs if out.size == POINTS * 3).reshape(POINTS, 3)
-    return np.asarray(answer[:, :2] / scale + corner, np.float64)
+def _find(network: FaceMesh, picture: NDArray[np.uint8], square: Square) -> Array:
+    """(468, 2) pixels: looked for again and again where the last answer was, as in a video."""
+    for _ in range(5):
+        points = network.find(picture, square).points
+        square = square_from_landmarks(points)
+    return points[:, :2]

@@ -65,7 +65,9 @@ def _eye(mesh: Mesh, side: int, place: Array) -> Array:
     points = mesh.vertices[mesh.parts == side]
     centre = (points[:, :2].min(0) + points[:, :2].max(0)) / 2
     away = np.linalg.norm(place[:, :2] - centre, axis=1)[:, None]
-    colour = _mix(np.tile(np.array(WHITE), (len(place), 1)), IRIS, np.clip(IRIS_RADIUS_MM - away + 0.5, 0, 1))
+    colour = _mix(
+        np.tile(np.array(WHITE), (len(place), 1)), IRIS, np.clip(IRIS_RADIUS_MM - away + 0.5, 0, 1)
+    )
     return _mix(colour, PUPIL, np.clip(PUPIL_RADIUS_MM - away + 0.5, 0, 1))
 
 

@@ -19,7 +19,9 @@ class Hits:
     weights: Array
 
 
-def rasterise(points: Array, depth: Array, triangles: NDArray[np.integer], width: int, height: int) -> Hits:
+def rasterise(
+    points: Array, depth: Array, triangles: NDArray[np.integer], width: int, height: int
+) -> Hits:
     """Draw triangles of points (n, 2), pixels, nearest depth (n,) first."""
     buffer = np.full((height, width), np.inf)
     hits = Hits(np.full((height, width), -1, np.int64), np.zeros((height, width, 3)))
@@ -48,4 +50,6 @@ def rasterise(points: Array, depth: Array, triangles: NDArray[np.integer], width
 def view(vertices: Array, triangles: NDArray[np.integer], camera: Camera, pose: Pose) -> Hits:
     """What a camera sees of a mesh.  vertices: (n, 3), mm, head frame."""
     points = camera_from_head(pose, vertices)
-    return rasterise(pixel_from_camera(camera, points), points[:, 2], triangles, camera.width, camera.height)
+    return rasterise(
+        pixel_from_camera(camera, points), points[:, 2], triangles, camera.width, camera.height
+    )

@@ -18,7 +18,7 @@ def smoothstep(x: Array, low: float, high: float) -> Array:
 
 
 def beyond_outline(vertices: Array) -> Array:
-    """(n,) mm, how far about a place lies outside the face: above the forehead, behind the cheeks, under the chin."""
+    """(n,) mm, about how far a place lies outside the face: above, behind or below it."""
     x, y, z = vertices.T
     # The outline: an arch over the forehead that comes down in front of the ears to the jaw.
     above = np.maximum(y - (64.0 - 0.004 * x**2), 0)
@@ -29,7 +29,7 @@ def beyond_outline(vertices: Array) -> Array:
 
 
 def opacity(mesh: Mesh) -> Array:
-    """(n,) 1 over the face, falling to 0 towards hair, ears and neck; 1 on parts other than skin."""
+    """(n,) 1 over the face, falling to 0 towards hair, ears and neck; 1 on all but skin."""
     value = 1 - smoothstep(beyond_outline(mesh.vertices), 0, FEATHER_MM)
     return np.where(mesh.parts == SKIN, value, 1.0)
 
