@@ -66,7 +66,7 @@ def network_points(head: Head, index: tuple[int, ...]) -> Array:
 
 
 def _skin(head: Head) -> NDArray[np.bool_]:
-    return np.asarray(np.isin(head.parts, [PARTS.index("skin"), PARTS.index("mouth")]))
+    return np.asarray(head.parts == PARTS.index("skin"))
 
 
 def _lips(head: Head) -> NDArray[np.bool_]:
@@ -78,7 +78,8 @@ def _lips(head: Head) -> NDArray[np.bool_]:
         crosses = (ay > y) != (by > y)
         with np.errstate(divide="ignore", invalid="ignore"):
             inside ^= crosses & (x < ax + (y - ay) * (bx - ax) / (by - ay))
-    return inside & _skin(head) & (head.vertices[:, 2] > outline[:, 2].min() - 4)
+    front = head.vertices[:, 2] > outline[:, 2].min() - 4
+    return np.asarray(inside & front & _skin(head))
 
 
 def _brows(head: Head) -> NDArray[np.bool_]:

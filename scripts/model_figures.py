@@ -85,7 +85,7 @@ def eau_sheet(studio: Studio, names: Sequence[str]) -> Picture:
                     row.append(np.full((TILE, TILE, 3), 31, np.uint8))
                     continue
                 tile = studio.face(unit(EAU_INDEX[name], value, len(EAUS)), yaw=yaw)
-                row.append(labelled(tile, f"{name} {value:+g}"))
+                row.append(labelled(tile, f"{name} {value:+g}" if value else name))
         rows.append(row)
     return sheet(rows)
 

@@ -24,7 +24,7 @@ JAW_DEG = 17.0
 # The condyles slide down and forward along the eminence as the mouth opens.
 JAW_SLIDE_MM = np.array([0.0, -2.0, 5.0])
 # The tongue sinks into the floor of the mouth as it opens, beyond the jaw's own motion.
-TONGUE_MM = np.array([0.0, -5.0, -6.0])
+TONGUE_MM = np.array([0.0, -14.0, -10.0])
 # Share of the jaw's motion at the corners of the mouth.
 CORNER_SHARE = 0.5
 CORNER_NARROWING_MM = 3.0

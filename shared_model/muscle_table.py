@@ -65,7 +65,7 @@ NASI_LABII = LinearMuscle(
     zone_deg=38,
     start_mm=50,
     end_mm=76,
-    pull_mm=5.5,
+    pull_mm=7.0,
 )
 
 # The sphincters.
@@ -78,9 +78,9 @@ ORBICULARIS_ORIS = SphincterMuscle(
 )
 ORBICULARIS_OCULI = SphincterMuscle(
     name="orbicularis oculi",
-    centre=Anchor("ps", (4, -4, 0)),
+    centre=Anchor("ex", (-4, 2, 4)),
     reach_mm=(34, 38, 45),
-    squeeze=(0.12, 0.22),
+    squeeze=(0.15, 0.36),
 )
 
 # Depressors of the brow that help the corrugators (AU4), and the lips' own muscles (AU10, 16, 20).
