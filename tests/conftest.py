@@ -19,7 +19,7 @@ from shared_model.errors import UserError
 
 ROOT = Path(__file__).resolve().parent.parent
 PROGRAM = (sys.executable, "-c", "from loopback.cli import main; raise SystemExit(main())")
-NOISE_FRAMES = 25
+NOISE_FRAMES = 8
 
 # As on a server, in every process that a test starts: no display, and no test needs two cores.
 os.environ.pop("DISPLAY", None)
@@ -57,7 +57,7 @@ def carphone(networks: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def noise(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A second of noise: a video without any face."""
+    """A third of a second of noise: a video without any face."""
     path = tmp_path_factory.mktemp("noise") / "noise.mkv"
     random = np.random.default_rng(1)
     with open_sink(path, 160, 120, exact_fps(25)) as sink:

