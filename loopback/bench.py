@@ -9,7 +9,7 @@ import numpy as np
 
 from encoder.capture import exact_fps, open_source
 from loopback.quality import FaceArea, face_area_finder, measure
-from loopback.report import flatten, rounded, table
+from loopback.report import figure, rounded, table
 from loopback.two_processes import CallResult, run_call
 from protocol.summary import due_s
 from shared_model.errors import UserError
@@ -134,11 +134,6 @@ def bench_table(clips: Sequence[Mapping[str, Any]]) -> str:
         mean = {"source": "mean", **mean_figures(clips)}
         rows.append([mean.get(name) for name in COLUMNS])
     return table(list(COLUMNS.values()), rows)
-
-
-def figure(report: Mapping[str, Any], name: str) -> Any:
-    """A figure by its dotted name, such as latency_ms.p50.  Raises `KeyError`."""
-    return dict(flatten(report))[name]
 
 
 def output_names(sources: Sequence[str]) -> list[str]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from loopback.bench import BenchSettings, bench_clip, output_names
+from loopback.bench import BenchSettings, bench_clip, make_folder, output_names
 from loopback.clips import clip_path
 from loopback.quality import face_area_finder
 from loopback.report import flatten, table
@@ -87,6 +87,7 @@ def read_suite(path: Path) -> Suite:
 def replay(suite: Suite, folder: Path, say: Say) -> list[ClipResult]:
     """Measure each clip of the suite; decoded videos stay in `folder`."""
     names = output_names([clip.name for clip in suite.clips])
+    make_folder(folder)
     results = []
     for clip, name in zip(suite.clips, names, strict=True):
         say(f"replay: {clip.name}")

@@ -38,6 +38,11 @@ def flatten(report: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, 
             yield f"{prefix}{name}", value
 
 
+def figure(report: Mapping[str, Any], name: str) -> Any:
+    """A figure of a nested report by its dotted name.  Raises `KeyError`."""
+    return dict(flatten(report))[name]
+
+
 def rounded(value: float | None, digits: int = 2) -> float | None:
     """A figure for a report; None where there is none, since JSON knows no NaN."""
     return None if value is None or not math.isfinite(value) else round(value, digits)

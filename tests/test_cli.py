@@ -188,7 +188,7 @@ def test_a_call_of_another_version_is_refused(
     newer = tmp_path / "newer.rzo"
     newer.write_bytes(MAGIC + record(bytes(model)))
     assert main([command, str(newer)]) == 2
-    assert "version 99" in complaint(capsys)
+    assert "version is 99" in complaint(capsys)
 
 
 def test_a_truncated_call_is_decoded_as_far_as_it_goes(

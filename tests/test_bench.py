@@ -1,0 +1,116 @@
+"""The figures of a bench: what they mean, and that two real processes yield them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from encoder.capture import open_source
+from loopback.bench import (
+    BenchSettings,
+    bench_clip,
+    bench_table,
+    latency_ms,
+    mean_figures,
+    output_names,
+)
+from loopback.cli import main
+from loopback.quality import face_area_finder
+from loopback.report import figure, rounded, table
+from loopback.two_processes import free_port, run_call
+from shared_model.errors import UserError
+
+MS = 1_000_000
+
+
+def test_latency_is_from_a_frames_capture_to_its_own_picture() -> None:
+    captured = [0, 40 * MS, 80 * MS]
+    shown = [(0, 100 * MS), (1, 120 * MS), (2, 180 * MS)]
+    assert latency_ms(captured, shown) == {"p50": 100.0, "p99": pytest.approx(100.0)}
+
+
+def test_a_picture_beyond_the_captured_frames_has_no_latency() -> None:
+    assert latency_ms([0], [(0, 5 * MS), (1, 9 * MS)])["p50"] == 5.0
+    assert latency_ms([], []) == {"p50": None, "p99": None}
+
+
+def test_clips_of_one_name_do_not_overwrite_each_other() -> None:
+    names = output_names(["a/x.mp4", "b/x.mp4", "c/y.mkv", "d/webcam/frame_%04d.png", "x.avi"])
+    assert names == ["x", "x-2", "y", "webcam", "x-3"]
+
+
+def test_means_leave_out_what_a_clip_does_not_have() -> None:
+    clip = {"model_bytes": 10, "frame_bps": 800.0, "full_psnr_db": 30.0}
+    clips = [
+        {**clip, "face_psnr_db": 24.0, "face_psnr_p5_db": None},
+        {**clip, "face_psnr_db": None, "face_psnr_p5_db": None},
+    ]
+    mean = mean_figures(clips)
+    assert (mean["face_psnr_db"], mean["face_psnr_p5_db"], mean["frame_bps"]) == (24.0, None, 800.0)
+
+
+def test_a_table_lines_up_and_dashes_what_is_missing() -> None:
+    lines = table(("clip", "dB"), [["long name", 24.0], ["b", None]]).splitlines()
+    assert lines == ["clip          dB", "---------  -----", "long name  24.00", "b              -"]
+
+
+def test_a_figure_is_found_by_its_dotted_name() -> None:
+    assert figure({"latency_ms": {"p50": 3}}, "latency_ms.p50") == 3
+    assert rounded(float("nan")) is None
+
+
+@pytest.mark.parametrize("source", ["0", "rtsp://192.0.2.1/a"])
+def test_a_live_source_cannot_be_compared(source: str, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="only a recorded video"):
+        bench_clip(source, BenchSettings(), tmp_path / "a.mkv", lambda picture: None)
+
+
+def test_the_end_that_fails_is_named_with_its_exit_code(
+    noise: Path, networks: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(UserError, match=r"the encoder stopped with 3: .*no face found") as caught:
+        run_call(str(noise), tmp_path / "out.mkv", ["--no-pace"], limit_s=60)
+    assert caught.value.exit_code == 3
+
+
+def test_a_call_that_takes_too_long_is_ended(carphone: Path, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="did not end in time") as caught:
+        run_call(str(carphone), tmp_path / "out.mkv", [], limit_s=0.5)
+    assert caught.value.exit_code == 4
+
+
+def test_free_ports_differ_from_call_to_call() -> None:
+    assert len({free_port() for _ in range(5)}) > 1
+
+
+def test_bench_reports_every_figure(
+    carphone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "bench"
+    assert main(["bench", str(carphone), "--max-frames", "30", "--out", str(out)]) == 0
+    report = json.loads((out / "report.json").read_text())
+    (clip,) = report["clips"]
+    assert (clip["frames"], clip["shown_frames"]) == (30, 30)
+    assert (clip["width"], clip["height"], clip["fps"]) == (176, 144, 29.97)
+    assert clip["frame_bps"] == 800 and clip["frame_bytes"] == 100
+    assert clip["lost_packets"] == 0
+    assert 0 < clip["latency_ms"]["p50"] <= clip["latency_ms"]["p99"]
+    assert clip["face_psnr_db"] > 20
+    assert {"capture", "follow", "send"} <= set(clip["encoder_ms"])
+    assert {"animate", "render"} <= set(clip["decoder_ms"])
+    assert report["mean"]["frame_bps"] == 800
+    assert bench_table(report["clips"]) in capsys.readouterr().out
+    assert (out / f"{carphone.stem}.mkv").exists()
+
+
+def test_bench_and_file_decode_to_the_same_pictures(carphone: Path, tmp_path: Path) -> None:
+    """The link carries the same bytes as the call file."""
+    call, over_file, over_link = tmp_path / "call.rzo", tmp_path / "file.mkv", tmp_path / "link.mkv"
+    settings = BenchSettings(max_frames=12, pace=False)
+    assert main(["encode", str(carphone), "-o", str(call), "--max-frames", "12", "-q"]) == 0
+    assert main(["decode", str(call), "-o", str(over_file), "-q"]) == 0
+    bench_clip(str(carphone), settings, over_link, face_area_finder(pytest.fail))
+    with open_source(str(over_file)) as file, open_source(str(over_link)) as link:
+        pairs = zip(file, link, strict=True)
+        assert all(np.array_equal(ours[1], theirs[1]) for ours, theirs in pairs)

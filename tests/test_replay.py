@@ -1,0 +1,154 @@
+"""Suites are read strictly, thresholds hold both ways, and a CI can read the outcome."""
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+from loopback.bench import BenchSettings
+from loopback.cli import main
+from loopback.replay import (
+    Check,
+    Clip,
+    ClipResult,
+    Suite,
+    check,
+    junit_xml,
+    read_suite,
+    replay_table,
+)
+from shared_model.errors import UserError
+
+DEMO_SUITE = ROOT / "tests" / "suites" / "demo.toml"
+FIGURES = {"frames": 60, "face_psnr_db": 24.5, "latency_ms": {"p50": 80.0, "p99": None}}
+
+
+def write_suite(folder: Path, text: str) -> Path:
+    path = folder / "suite.toml"
+    path.write_text(text)
+    return path
+
+
+def clip(least: dict[str, float], most: dict[str, float]) -> Clip:
+    return Clip("a", "a.mp4", "00", BenchSettings(), least, most)
+
+
+def test_a_suite_says_what_to_replay_and_what_to_hold(tmp_path: Path) -> None:
+    suite = read_suite(
+        write_suite(
+            tmp_path,
+            """
+            name = "night"
+            settings = { max_frames = 9, pace = false }
+            [[clip]]
+            path = "sub/a.mp4"
+            sha256 = "AB"
+            settings.max_frames = 5
+            min.face_psnr_db = 24
+            max.latency_ms.p50 = 120
+            [[clip]]
+            name = "images"
+            path = "/clips/frame_%04d.png"
+            sha256 = "cd"
+            """,
+        )
+    )
+    assert suite.name == "night"
+    first, second = suite.clips
+    assert (first.name, first.path) == ("a.mp4", str(tmp_path / "sub" / "a.mp4"))
+    assert first.settings == BenchSettings(max_frames=5, pace=False)
+    assert first.least == {"face_psnr_db": 24} and first.most == {"latency_ms.p50": 120}
+    assert (second.name, second.path) == ("images", "/clips/frame_%04d.png")
+    assert second.settings.max_frames == 9
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "no \\[\\[clip\\]\\]"),
+        ("clip = 3", "no \\[\\[clip\\]\\]"),
+        ("[[clip]]\n", "has no path"),
+        ("[[clip]]\npath = 3", "has no path"),
+        ("[[clip]]\npath = 'a.mp4'", "no sha256"),
+        ("[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\nmost = {}", "unknown keys: most"),
+        ("speed = 2\n[[clip]]\npath = 'a.mp4'\nsha256 = 'a'", "unknown keys: speed"),
+        ("[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\nmin = 3", "min is not a table"),
+        ("[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\nmin.fps = 'x'", "min of fps is not a number"),
+        ("[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\nsettings.x = 1", "unknown settings x"),
+        ("[[clip]]\npath = 'package:none_such/a.mp4'\nsha256 = 'a'", "not installed"),
+        ("[[clip", "is no TOML file"),
+    ],
+)
+def test_a_suite_with_a_mistake_is_refused(text: str, reason: str, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=reason):
+        read_suite(write_suite(tmp_path, text))
+
+
+def test_a_missing_suite_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="cannot read"):
+        read_suite(tmp_path / "none.toml")
+
+
+def test_thresholds_hold_at_their_own_value() -> None:
+    checks = check(clip({"frames": 60}, {"latency_ms.p50": 80}), FIGURES)
+    assert [item.passed for item in checks] == [True, True]
+
+
+def test_a_missed_threshold_says_what_was_measured() -> None:
+    checks = check(clip({"face_psnr_db": 25}, {"latency_ms.p50": 79.9}), FIGURES)
+    assert checks == (
+        Check("face_psnr_db", ">= 25", 24.5, False),
+        Check("latency_ms.p50", "<= 79.9", 80.0, False),
+    )
+
+
+def test_a_figure_that_is_not_there_is_a_miss() -> None:
+    checks = check(clip({"beauty": 1}, {"latency_ms.p99": 500}), FIGURES)
+    assert [(item.value, item.passed) for item in checks] == [(None, False), (None, False)]
+
+
+def test_junit_counts_each_threshold_and_each_broken_clip() -> None:
+    results = [
+        ClipResult("a", {}, (Check("frames", ">= 60", 60, True),), None),
+        ClipResult("b", {}, (Check("frames", ">= 60", 59, False),), None),
+        ClipResult("c", {}, (), "no such file"),
+        ClipResult("d", {}, (), None),
+    ]
+    root = ElementTree.fromstring(junit_xml(Suite("night", ()), results))
+    assert (root.tag, root.get("name")) == ("testsuite", "night")
+    assert (root.get("tests"), root.get("failures"), root.get("errors")) == ("4", "1", "1")
+    failure = root.find("testcase[@classname='night.b']/failure")
+    assert failure is not None and failure.get("message") == "measured 59"
+    table = replay_table(results)
+    assert "MISSED" in table and "no such file" in table
+
+
+def test_another_file_than_the_suite_means_is_a_failed_clip(
+    noise: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    suite = write_suite(tmp_path, f"[[clip]]\npath = '{noise}'\nsha256 = '{'0' * 64}'\n")
+    junit = tmp_path / "junit.xml"
+    arguments = ["replay", str(suite), "--out", str(tmp_path / "out"), "--junit", str(junit)]
+    assert main(arguments) == 1
+    assert "another file than the suite means" in capsys.readouterr().out
+    assert ElementTree.parse(junit).getroot().get("errors") == "1"
+
+
+def test_the_demo_suite_passes_in_two_processes_over_zenoh(
+    carphone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", str(DEMO_SUITE), "--out", str(tmp_path)]) == 0, capsys.readouterr().out
+    assert (tmp_path / "carphone.mkv").exists()
+    assert (tmp_path / "report.json").exists()
+
+
+def test_a_missed_threshold_is_exit_code_1(
+    carphone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = DEMO_SUITE.read_text().replace("face_psnr_db = 23", "face_psnr_db = 99")
+    text = text.replace("= 60", "= 10").replace("p50 = 500", "p50 = 5000")
+    suite = write_suite(tmp_path, text)
+    assert main(["replay", str(suite), "--out", str(tmp_path / "out")]) == 1
+    missed = [line for line in capsys.readouterr().out.splitlines() if "MISSED" in line]
+    assert len(missed) == 1 and "face_psnr_db" in missed[0]
