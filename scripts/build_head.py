@@ -88,7 +88,7 @@ def _build(
         "triangles": mesh.triangles.astype(np.uint16),
         "texture_coordinates": texture_coordinates(mesh, chart).astype(np.float32),
         "parts": mesh.parts,
-        "opacity": opacity(mesh).astype(np.float16),
+        "opacity": opacity(mesh, chart).astype(np.float16),
         "landmark_names": np.array(list(landmarks)),
         "landmark_vertices": np.array(list(landmarks.values()), np.uint16),
         "network_triangles": found.triangle.astype(np.int16),

@@ -25,6 +25,8 @@ MARGIN = 0.008
 EYE_ROOM = 1.35
 # Half the height, mm, at which the closed mouth is opened in the chart, to part the lips' texels.
 SLIT_MM = 0.8
+# How much the distortion of the feathered border counts.
+BORDER_WEIGHT = 0.1
 ISLANDS = (TEETH_UPPER, TEETH_LOWER, TONGUE, MOUTH)
 
 
@@ -37,7 +39,8 @@ def texture_coordinates(mesh: Mesh, chart: Indices) -> Array:
     uv = np.zeros((len(mesh.vertices), 2))
     left = np.unique(chart[mesh.vertices[chart][:, :, 0].mean(1) > 0])
     uv[left] = np.stack([0.5 + flat[left, 0], MARGIN + height - flat[left, 1]], 1)
-    top = left[np.argmax(mesh.vertices[left, 1])]
+    # Skin that never shows sits on one point of the border and covers no texel.
+    top = half.seam[0]
     uv[np.setdiff1d(np.flatnonzero(mesh.parts == SKIN), chart)] = uv[top]
     _place_eye(mesh, eye_loop, uv)
     right = mesh.vertices[:, 0] < -1e-6
@@ -52,9 +55,10 @@ def in_chart(mesh: Mesh) -> NDArray[np.bool_]:
     near = beyond_outline(mesh.vertices) < FEATHER_MM
     skin = mesh.parts[mesh.triangles[:, 0]] == SKIN
     shown = skin & near[mesh.triangles].any(1) & (mesh.masks["ears"] < 0.5)[mesh.triangles].all(1)
+    whole = _directed_edges(mesh.triangles[skin])
     while True:
         left = np.flatnonzero(shown)
-        ragged = _ragged(mesh.triangles[left])
+        ragged = _ragged(mesh.triangles[left], whole)
         if not ragged.any():
             return np.asarray(shown)
         shown[left[ragged]] = False
@@ -70,23 +74,33 @@ def border_loop(triangles: Indices, near: Array, mesh: Mesh) -> Indices:
         while (onward := follow.pop(loop[-1])) != first:
             loop.append(onward)
         loops.append(loop)
-    return np.array(min(loops, key=lambda loop: np.linalg.norm(mesh.vertices[loop].mean(0) - near)))
+    away = [float(np.linalg.norm(mesh.vertices[loop].mean(0) - near)) for loop in loops]
+    return np.array(loops[int(np.argmin(away))])
+
+
+def _directed_edges(triangles: Indices) -> set[tuple[int, int]]:
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    return {(int(a), int(b)) for a, b in edges}
 
 
 def _border_edges(triangles: Indices) -> dict[int, int]:
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    present = {(int(a), int(b)) for a, b in edges}
+    present = _directed_edges(triangles)
     return {a: b for a, b in sorted(present) if (b, a) not in present}
 
 
-def _ragged(triangles: Indices) -> NDArray[np.bool_]:
-    """Triangles that hang on by one edge, or lie on the border where the disc pinches."""
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    present = {(int(a), int(b)) for a, b in edges}
-    open_edge = np.array([(int(b), int(a)) not in present for a, b in edges])
-    pinched = np.flatnonzero(np.bincount(edges[open_edge, 0]) > 1)
-    border = open_edge.reshape(3, -1).T
-    return np.asarray((border.sum(1) > 1) | (np.isin(triangles, pinched).any(1) & border.any(1)))
+def _ragged(triangles: Indices, whole: set[tuple[int, int]]) -> NDArray[np.bool_]:
+    """Triangles that hang on by one edge, or lie on the border where the disc pinches.
+
+    whole: directed edges of all skin; where that itself ends (lids, lips) the chart may be ragged.
+    """
+    present = _directed_edges(triangles)
+    cut = {(a, b) for a, b in present if (b, a) not in present and (b, a) in whole}
+    starts = [a for a, _ in cut]
+    pinched = {a for a in starts if starts.count(a) > 1}
+    border = [[(int(t[i]), int(t[i - 2])) in cut for i in range(3)] for t in triangles]
+    pinches = [any(int(v) in pinched for v in t) for t in triangles]
+    count = np.array(border).sum(1)
+    return np.asarray((count > 1) | ((count > 0) & np.array(pinches)))
 
 
 def density(mesh: Mesh, triangles: Indices) -> Array:
@@ -109,7 +123,14 @@ def _half_chart(mesh: Mesh, chart: Indices, eye_loop: Indices) -> HalfChart:
     eye, eye_shapes = _eye_filler(mesh, eye_loop)
     slit, slit_shapes = _mouth_filler(mesh, chart)
     triangles = np.concatenate([left, eye, slit])
-    weights = np.concatenate([np.ones(len(left)), np.full(len(eye), 1.0), np.full(len(slit), 1.0)])
+    # What fades out may be as distorted as the face needs it to be.
+    out = beyond_outline(mesh.vertices[left].mean(1))
+    weights = np.concatenate(
+        [
+            1 - (1 - BORDER_WEIGHT) * smoothstep(out, 0, 0.5 * FEATHER_MM),
+            np.ones(len(eye) + len(slit)),
+        ]
+    )
     follow = _border_edges(triangles)
     on_seam = np.abs(mesh.vertices[:, 0]) < 1e-6
     loop = [min(follow, key=lambda v: (not on_seam[v], -mesh.vertices[v, 1]))]

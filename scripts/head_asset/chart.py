@@ -15,6 +15,10 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 
+# How much keeping the border apart from itself counts beside the chart.
+FENCE_WEIGHT = 1e-4
+
+
 @dataclass(frozen=True, slots=True)
 class HalfChart:
     """A disc of triangles whose seam lies on u = 0.
@@ -46,7 +50,7 @@ def flat_shapes(corners: Array, scale: Array) -> Array:
     return np.asarray(shapes * scale[:, None, None])
 
 
-def flatten(chart: HalfChart, width: float, height: float, fill: float = 1.03) -> Array:
+def flatten(chart: HalfChart, width: float, height: float, fill: float = 1.3) -> Array:
     """(n, 2) coordinates in [0, width] x [0, height] of the chart's vertices (unused ones 0).
 
     fill: area of the wanted shapes over the rectangle's; above 1 it is pressed into the corners.
@@ -59,7 +63,16 @@ def flatten(chart: HalfChart, width: float, height: float, fill: float = 1.03) -
     area = np.linalg.det(chart.shapes) / 2
     shapes = chart.shapes * np.sqrt(fill * width * height / area.sum())
     start = _tutte(triangles, seam, rim, len(used), width, height)
-    flat = _relax(start, triangles, shapes, chart.weights, seam, width, height)
+    chain = np.concatenate([seam[-1:], rim, seam[:1]])
+    start, fence = _fence(start, chain, width, height)
+    weights = np.linalg.det(shapes) / 2 * chart.weights
+    half = _Relaxation(
+        np.concatenate([triangles, fence]),
+        np.concatenate([shapes, _edges(start, fence)]),
+        np.concatenate([weights, np.full(len(fence), FENCE_WEIGHT * weights.sum() / len(fence))]),
+        *_bounds(start, len(used), seam, width, height),
+    )
+    flat = half.run(start)[: len(used)]
     out = np.zeros((int(chart.triangles.max()) + 1, 2))
     out[used] = flat
     return out
@@ -86,39 +99,69 @@ def _tutte(
     return flat
 
 
-def _relax(
-    start: Array,
-    triangles: Indices,
-    shapes: Array,
-    weights: Array,
-    seam: Indices,
-    width: float,
-    height: float,
-) -> Array:
-    inverse = np.asarray(np.linalg.inv(shapes), np.float64)
-    area = np.linalg.det(shapes) / 2 * weights
-    area = np.asarray(area / area.sum(), np.float64)
-    count = len(start)
-    low, high = np.zeros((count, 2)), np.tile([width, height], (count, 1))
+def _fence(start: Array, chain: Indices, width: float, height: float) -> tuple[Array, Indices]:
+    """Triangles from the chart's border to points just outside the rectangle, which are appended.
+
+    As no triangle may flip, they keep the border from running into itself.
+    """
+    centre = np.array([0.0, height / 2])
+    ray = start[chain] - centre
+    reach = np.maximum(np.abs(ray[:, 0]) / width, np.abs(ray[:, 1]) / (height / 2))
+    posts = centre + ray / reach[:, None] * 1.04
+    outer = len(start) + np.arange(len(chain))
+    first = np.stack([chain[:-1], outer[:-1], outer[1:]], 1)
+    second = np.stack([chain[:-1], outer[1:], chain[1:]], 1)
+    return np.concatenate([start, posts]), np.concatenate([first, second])
+
+
+def _edges(flat: Array, triangles: Indices) -> Array:
+    """(m, 2, 2) edges b - a and c - a of flat triangles."""
+    a, b, c = (flat[triangles[:, k]] for k in range(3))
+    return np.stack([b - a, c - a], axis=-1)
+
+
+def _bounds(
+    start: Array, free: int, seam: Indices, width: float, height: float
+) -> tuple[Array, Array]:
+    """Lowest and highest coordinates: vertices in the rectangle, seam on u = 0, posts fixed."""
+    low, high = np.zeros_like(start), np.tile([width, height], (len(start), 1))
     high[seam, 0] = 0.0
-    bounds = np.stack([low.ravel(), high.ravel()], 1)
+    low[free:] = high[free:] = start[free:]
+    return low, high
 
-    def energy(flat: Array) -> tuple[float, Array]:
-        value, gradient = dirichlet(flat.reshape(-1, 2), triangles, inverse, area)
-        return value, gradient.ravel()
 
-    flat = start.ravel()
-    # Restarts: the quasi-Newton memory is worthless after the first, violent moves.
-    for steps in (200, 400, 800, 1500):
-        options = {"maxiter": steps, "maxfun": 4 * steps, "maxcor": 30, "ftol": 1e-9}
-        flat = minimize(energy, flat, jac=True, bounds=bounds, method="L-BFGS-B", options=options).x
-    return np.asarray(flat.reshape(-1, 2))
+@dataclass(frozen=True, slots=True)
+class _Relaxation:
+    """Triangles, the shapes (m, 2, 2) they want, their weights (m,), and bounds (n, 2)."""
+
+    triangles: Indices
+    shapes: Array
+    weights: Array
+    low: Array
+    high: Array
+
+    def run(self, start: Array) -> Array:
+        inverse = np.asarray(np.linalg.inv(self.shapes), np.float64)
+        weights = self.weights / self.weights.sum()
+        bounds = np.stack([self.low.ravel(), self.high.ravel()], 1)
+
+        def energy(flat: Array) -> tuple[float, Array]:
+            value, gradient = dirichlet(flat.reshape(-1, 2), self.triangles, inverse, weights)
+            return value, gradient.ravel()
+
+        flat = start.ravel()
+        # Restarts: the quasi-Newton memory is worthless after the first, violent moves.
+        for steps in (200, 400, 800, 1500):
+            options = {"maxiter": steps, "maxfun": 4 * steps, "maxcor": 30, "ftol": 1e-9}
+            flat = minimize(
+                energy, flat, jac=True, bounds=bounds, method="L-BFGS-B", options=options
+            ).x
+        return np.asarray(flat.reshape(-1, 2))
 
 
 def dirichlet(flat: Array, triangles: Indices, inverse: Array, area: Array) -> tuple[float, Array]:
     """Symmetric Dirichlet energy, and its gradient (n, 2); huge where a triangle is flipped."""
-    a, b, c = (flat[triangles[:, k]] for k in range(3))
-    edges = np.stack([b - a, c - a], axis=-1)
+    edges = _edges(flat, triangles)
     det_edges = edges[:, 0, 0] * edges[:, 1, 1] - edges[:, 0, 1] * edges[:, 1, 0]
     if det_edges.min() <= 1e-12:
         return 1e12, np.zeros_like(flat)
