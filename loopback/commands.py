@@ -4,10 +4,11 @@ A command imports the part it needs only when it runs: an encoder host has no re
 """
 
 import argparse
+import signal
 import sys
 import time
 from collections.abc import Callable, Iterable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -122,6 +123,17 @@ def run_replay(arguments: argparse.Namespace) -> int:
     return 0 if all(result.passed for result in results) else 1
 
 
+def run_relay(arguments: argparse.Namespace) -> int:
+    """`risorius relay`: being stopped is its normal end."""
+    from protocol.link_zenoh import ZenohRouter
+
+    with StopOnSignal(), suppress(KeyboardInterrupt), ZenohRouter(tuple(arguments.listen)):
+        say(f"relay: listening on {' '.join(arguments.listen)}")
+        while True:
+            signal.pause()
+    return 0
+
+
 def run_info(arguments: argparse.Namespace) -> int:
     """`risorius info`."""
     from protocol.messages import ProtocolError
@@ -137,6 +149,20 @@ def run_info(arguments: argparse.Namespace) -> int:
     rows = [[name.replace("_", " "), value] for name, value in asdict(summary).items()]
     print(table(("what", "value"), rows))
     return 0
+
+
+def run_animate(arguments: argparse.Namespace) -> int:
+    """`risorius animate`."""
+    from loopback.animate import AnimateOptions, animate
+
+    options = AnimateOptions(
+        arguments.script, arguments.output, call_file=arguments.call, truth=arguments.truth
+    )
+    with StopOnSignal() as stop, _progress("animate", arguments) as progress:
+        report = animate(options, progress, stop)
+    if not arguments.quiet:
+        print(f"{report.frames} pictures in {report.output}, the truth in {report.truth}")
+    return INTERRUPTED if stop() else 0
 
 
 def run_demo(arguments: argparse.Namespace) -> int:

@@ -45,6 +45,7 @@ class LinkOptions:
     connect_timeout_s: for how long to try to connect.
     lossless: frames are sent reliably and wait for a slow link rather than being dropped; over TCP
         all arrive, in order, before END.  For files and measurements, not for live calls.
+    router: pass on what others send rather than take part.
     """
 
     call: str
@@ -52,6 +53,7 @@ class LinkOptions:
     connect: tuple[str, ...] = ()
     connect_timeout_s: float = 10.0
     lossless: bool = False
+    router: bool = False
 
     def __post_init__(self) -> None:
         if not _CALL_NAME.fullmatch(self.call):
@@ -63,7 +65,25 @@ class LinkOptions:
                 raise UserError(f"endpoint {endpoint!r}: expected something like tcp/HOST:7447")
 
 
-class ZenohSink:
+class _Session:
+    """An open session, closed on leaving the `with` block."""
+
+    def __init__(self, options: LinkOptions) -> None:
+        self._session = _open(options)
+
+    def close(self) -> None:
+        """Deliver what was sent and leave; closing twice does nothing more."""
+        if not self._session.is_closed():
+            self._session.close()  # type: ignore[no-untyped-call]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+class ZenohSink(_Session):
     """The encoder's end of a call: a `PacketSink`.
 
     Raises `UserError` with exit code 4 if the link cannot be made.
@@ -73,7 +93,7 @@ class ZenohSink:
         self._models: list[bytes] = []
         self._peers = 0
         self._changed = threading.Condition()
-        self._session = _open(options)
+        super().__init__(options)
         key = f"risorius/{options.call}"
         self._publishers = {
             kind: self._publisher(f"{key}/{kind.name.lower()}", options.lossless, kind)
@@ -107,17 +127,6 @@ class ZenohSink:
             self._models.append(packet)
         self._put(kind, packet)
 
-    def close(self) -> None:
-        """Deliver what was sent and leave; closing twice does nothing more."""
-        if not self._session.is_closed():
-            self._session.close()  # type: ignore[no-untyped-call]
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-
     def _publisher(self, key: str, lossless: bool, kind: Kind) -> zenoh.Publisher:
         sure = lossless or kind is not Kind.FRAME
         return self._session.declare_publisher(
@@ -145,7 +154,7 @@ class ZenohSink:
             self._changed.notify_all()
 
 
-class ZenohSource:
+class ZenohSource(_Session):
     """The decoder's end of a call: a `PacketSource`.
 
     Hands out the model before any frame, whenever it joins.  Ends with the END packet, or when the
@@ -159,7 +168,7 @@ class ZenohSource:
         self._gone_s: float | None = None
         self._complete = self._ended = False
         self._key = f"risorius/{options.call}"
-        self._session = _open(options)
+        super().__init__(options)
         # In the receiving thread: with a thread for each key, packets would change places.
         arrived = Callback(self._arrived, indirect=False)
         for kind in Kind:
@@ -199,17 +208,6 @@ class ZenohSource:
         while (packet := self.receive()) is not None:
             yield packet
 
-    def close(self) -> None:
-        """Leave the call; closing twice does nothing more."""
-        if not self._session.is_closed():
-            self._session.close()  # type: ignore[no-untyped-call]
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-
     def _patience_s(self, deadline: float | None) -> float | None:
         gone_s = self._gone_s
         ends = [deadline, None if gone_s is None else gone_s + self._grace_s]
@@ -236,6 +234,16 @@ class ZenohSource:
             self._arrivals.put(reply.ok.payload.to_bytes())
 
 
+class ZenohRouter(_Session):
+    """Passes calls on between ends that connect to it, until it is closed.
+
+    Raises `UserError` with exit code 4 if it cannot listen.
+    """
+
+    def __init__(self, listen: tuple[str, ...]) -> None:
+        super().__init__(LinkOptions("any", listen, router=True))
+
+
 def _open(options: LinkOptions) -> zenoh.Session:
     """A session, opened in a thread of its own so that Ctrl-C need not wait for it."""
     results: SimpleQueue[zenoh.Session | zenoh.ZError] = SimpleQueue()
@@ -257,7 +265,7 @@ def _config(options: LinkOptions) -> zenoh.Config:
     config = zenoh.Config()
     settings = {
         # Routers pass packets on between clients, not between peers that do not gossip.
-        "mode": "peer" if options.listen else "client",
+        "mode": "router" if options.router else "peer" if options.listen else "client",
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "listen/endpoints": options.listen,

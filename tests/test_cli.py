@@ -16,7 +16,8 @@ from conftest import PROGRAM, ROOT, Start
 
 from decoder.sink import open_sink
 from encoder.capture import open_source
-from loopback.cli import build_parser, main
+from loopback.arguments import build_parser
+from loopback.cli import main
 from loopback.commands import Patience
 from loopback.progress import ProgressLine
 from loopback.signals import StopOnSignal
@@ -25,7 +26,7 @@ from protocol.recording import MAGIC, TruncatedCall, read_records, record
 from protocol.summary import summarise
 
 LIMIT_S = 60.0
-COMMANDS = ("encode", "decode", "bench", "replay", "info", "demo")
+COMMANDS = ("encode", "decode", "relay", "bench", "replay", "info", "demo")
 
 Capture = pytest.CaptureFixture[str]
 
@@ -42,9 +43,11 @@ def one_line(stderr: str) -> str:
     return lines[0]
 
 
-def wait_until(condition: Callable[[], bool]) -> None:
+def wait_until(condition: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+    """Wait for `condition`, as long as `process` lives."""
     deadline = time.monotonic() + LIMIT_S
     while not condition():
+        assert process.poll() is None, process.communicate()
         assert time.monotonic() < deadline, "it took too long"
         time.sleep(0.02)
 
@@ -79,7 +82,7 @@ def test_help_names_every_command(capsys: Capture) -> None:
 
 def test_help_loads_no_library() -> None:
     code = (
-        "import sys; from loopback.cli import build_parser; build_parser().format_help();"
+        "import sys; from loopback.arguments import build_parser; build_parser().format_help();"
         "sys.exit(any(name in sys.modules for name in ('cv2', 'numpy', 'zenoh', 'moderngl')))"
     )
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
@@ -295,7 +298,7 @@ def test_a_stopped_encoder_leaves_a_whole_call(
     call = tmp_path / "call.rzo"
     part = tmp_path / "call.rzo.part"
     process = start("encode", carphone, "-o", call, "--pace", "-q")
-    wait_until(lambda: part.exists() and count_packets(part) > 2)
+    wait_until(lambda: part.exists() and count_packets(part) > 2, process)
     process.send_signal(number)
     code, stderr = finish(process)
     assert code == 130 and stderr == ""
@@ -311,7 +314,7 @@ def test_a_stopped_decoder_leaves_a_video_that_plays(
     decoder = start("decode", "--listen", endpoint, "-o", video, "-q")
     encoder = start("encode", carphone, "--connect", endpoint, "-q")
     part = tmp_path / "out.part.mkv"
-    wait_until(lambda: part.exists() and part.stat().st_size > 100_000)
+    wait_until(lambda: part.exists() and part.stat().st_size > 100_000, decoder)
     decoder.send_signal(signal.SIGINT)
     code, stderr = finish(decoder)
     assert code == 130 and "Traceback" not in stderr
@@ -324,7 +327,7 @@ def test_a_stopped_decoder_leaves_a_video_that_plays(
 def test_a_decoder_that_waits_is_interrupted_at_once(start: Start) -> None:
     port = free_port()
     process = start("decode", "--listen", f"tcp/127.0.0.1:{port}", "-q")
-    wait_until(lambda: is_listening(port))
+    wait_until(lambda: is_listening(port), process)
     process.send_signal(signal.SIGINT)
     code, stderr = finish(process)
     assert code == 130

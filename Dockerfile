@@ -1,0 +1,23 @@
+# One image for encoder, decoder and relay: docker compose up
+FROM python:3.11-slim-bookworm
+
+# EGL in software; the same packages as scripts/system_libraries.sh installs.
+RUN apt-get update \
+    && apt-get install -y --no-install-recommends libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri \
+    && rm -rf /var/lib/apt/lists/*
+
+WORKDIR /opt/risorius
+COPY requirements.lock ./
+RUN pip install --no-cache-dir --require-hashes --no-deps -r requirements.lock
+COPY pyproject.toml README.md LICENSE ./
+COPY shared_model ./shared_model
+COPY protocol ./protocol
+COPY encoder ./encoder
+COPY decoder ./decoder
+COPY loopback ./loopback
+RUN pip install --no-cache-dir --no-deps --no-build-isolation .
+
+# A new volume on /out belongs to whom the folder belongs to here.
+RUN useradd --create-home risorius && install -d -o risorius /out
+USER risorius
+ENTRYPOINT ["risorius"]

@@ -1,0 +1,115 @@
+"""The containers' description is valid, and its very commands make a call, without Docker."""
+
+import json
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from conftest import PROGRAM, ROOT, Start
+
+from encoder.capture import open_source
+from loopback.arguments import build_parser
+from loopback.two_processes import free_port
+
+COMPOSE = ROOT / "docker-compose.yml"
+DOCKERFILE = ROOT / "Dockerfile"
+LIMIT_S = 90.0
+DEFAULT = re.compile(r"\$\{\w+:-([^}]*)\}")
+
+
+@pytest.fixture(scope="module")
+def services() -> dict[str, Any]:
+    """The services by name, variables at their defaults."""
+    text = DEFAULT.sub(r"\1", COMPOSE.read_text())
+    content: dict[str, Any] = yaml.safe_load(text)["services"]
+    return content
+
+
+def test_the_file_obeys_the_compose_specification() -> None:
+    pytest.importorskip("check_jsonschema")
+    command = ["-m", "check_jsonschema", "--builtin-schema", "vendor.compose-spec", str(COMPOSE)]
+    result = subprocess.run([sys.executable, *command], capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stdout
+
+
+def test_there_are_an_encoder_a_router_and_a_decoder(services: dict[str, Any]) -> None:
+    assert set(services) == {"encoder", "router", "decoder"}
+    for name in ("encoder", "decoder"):
+        assert services[name]["depends_on"]["router"]["condition"] == "service_healthy"
+    assert services["encoder"]["volumes"] == ["./clips:/clips:ro"]
+    assert services["decoder"]["volumes"] == ["decoded:/out"]
+
+
+def test_every_service_runs_a_command_of_ours(services: dict[str, Any]) -> None:
+    for service in services.values():
+        assert callable(build_parser().parse_args(service["command"]).run)
+
+
+def test_the_image_copies_files_that_exist_and_runs_the_program() -> None:
+    lines = DOCKERFILE.read_text().splitlines()
+    copied = [name for line in lines if line.startswith("COPY ") for name in line.split()[1:-1]]
+    assert {"requirements.lock", "shared_model", "loopback"} <= set(copied)
+    allowed = (ROOT / ".dockerignore").read_text().splitlines()
+    for name in copied:
+        assert (ROOT / name).exists() and f"!{name}" in allowed
+    assert 'ENTRYPOINT ["risorius"]' in lines
+
+
+def test_the_image_has_the_system_libraries_of_the_makefile() -> None:
+    script = (ROOT / "scripts" / "system_libraries.sh").read_text()
+    match = re.search(r"for package in ([^;]+);", script)
+    assert match is not None
+    assert set(match[1].split()) <= set(DOCKERFILE.read_text().split())
+
+
+def test_the_services_commands_make_a_call(
+    services: dict[str, Any], carphone: Path, start: Start, tmp_path: Path
+) -> None:
+    port = free_port()
+    places = {
+        "0.0.0.0:7447": f"127.0.0.1:{port}",
+        "router:7447": f"127.0.0.1:{port}",
+        "/clips/clip.mp4": str(carphone),
+        "/out/": f"{tmp_path}/",
+    }
+
+    def here(argument: str) -> str:
+        for container, host in places.items():
+            argument = argument.replace(container, host)
+        return argument
+
+    def run(name: str) -> "subprocess.Popen[str]":
+        return start(*map(here, services[name]["command"]))
+
+    router = run("router")
+    health = services["router"]["healthcheck"]["test"]
+    wait_until_healthy([word.replace("7447", str(port)) for word in health])
+    decoder, encoder = run("decoder"), run("encoder")
+    for process in (encoder, decoder):
+        _, stderr = process.communicate(timeout=LIMIT_S)
+        assert process.returncode == 0, stderr
+    router.send_signal(signal.SIGTERM)
+    assert router.wait(LIMIT_S) == 0
+
+    with open_source(str(carphone)) as source, open_source(str(tmp_path / "decoded.mkv")) as copy:
+        assert (copy.width, copy.height, copy.fps) == (source.width, source.height, source.fps)
+        assert sum(1 for _ in copy) == sum(1 for _ in source)
+    report = json.loads((tmp_path / "decoder.json").read_text())
+    assert report["complete"] and report["lost_packets"] == 0
+
+
+def wait_until_healthy(test: list[str]) -> None:
+    """Run the health check of a container until it passes."""
+    kind, program, *arguments = test
+    assert (kind, program) == ("CMD", "python"), shlex.join(test)
+    deadline = time.monotonic() + LIMIT_S
+    while subprocess.run([sys.executable, *arguments], capture_output=True, check=False).returncode:
+        assert time.monotonic() < deadline, f"not healthy: {shlex.join([*PROGRAM, *test])}"
+        time.sleep(0.1)
