@@ -45,9 +45,18 @@ OUTER_LIPS = (
 BROWS = ((107, 66, 105, 63, 70), (336, 296, 334, 293, 300))
 
 
-def painted_colours(head: Head) -> Picture:
-    """(n, 3) uint8 BGR of each vertex of a plain face."""
+def painted_colours(head: Head, mottle: float = 0.0, seed: int = 0) -> Picture:
+    """(n, 3) uint8 BGR of each vertex of a plain face.
+
+    mottle: share by which the skin's brightness varies from vertex to vertex, so that a tracker
+        finds something to hold on to; drawn from `seed`.
+    """
     colours = part_colours(head)
+    colours[_hair(head)] = HAIR
+    if mottle:
+        spots = np.random.default_rng(seed).uniform(1 - mottle, 1 + mottle, (len(colours), 1))
+        spotted = np.clip(np.rint(colours * spots), 0, 255).astype(np.uint8)
+        colours = np.where(_skin(head)[:, None], spotted, colours)
     colours[_lips(head)] = LIPS
     colours[_brows(head)] = HAIR
     for part in ("eye_left", "eye_right"):
@@ -80,6 +89,16 @@ def _lips(head: Head) -> NDArray[np.bool_]:
             inside ^= crosses & (x < ax + (y - ay) * (bx - ax) / (by - ay))
     front = head.vertices[:, 2] > outline[:, 2].min() - 4
     return np.asarray(inside & front & _skin(head))
+
+
+def _hair(head: Head) -> NDArray[np.bool_]:
+    """(n,) above a hairline that is highest in the middle, and behind the ears down to the neck."""
+    x, y, z = head.vertices.T
+    tragion, top = head.vertices[head.landmarks["t_l"]], head.vertices[head.landmarks["tr"]]
+    front = y > top[1] + 4 - 0.006 * x**2
+    behind = (z < tragion[2] - 22) & (y > tragion[1] - 55)
+    above_ear = (z < tragion[2] + 6) & (y > tragion[1] + 32)
+    return np.asarray(_skin(head) & (front | behind | above_ear))
 
 
 def _brows(head: Head) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shared_model.curves import smooth_curve
 from shared_model.mesh import PARTS
 from shared_model.muscles import fall, rise
 from shared_model.parameters import AAUS
@@ -135,21 +136,8 @@ def _carried(
 
 
 def _smooth(y: Array, knots: Mapping[float, float]) -> Array:
-    """Value at `y` (n,) of a monotone cubic through `knots`, constant beyond (Fritsch-Butland)."""
-    places = np.array(sorted(knots))
-    values = np.array([knots[place] for place in places])
-    step = np.diff(places)
-    rate = np.diff(values) / step
-    slope = np.zeros(len(places))
-    product = rate[:-1] * rate[1:]
-    total = np.where(product > 0, rate[:-1] + rate[1:], 1.0)
-    slope[1:-1] = np.where(product > 0, 2 * product / total, 0.0)
-    y = np.clip(y, places[0], places[-1])
-    k = np.clip(np.searchsorted(places, y) - 1, 0, len(step) - 1)
-    t = (y - places[k]) / step[k]
-    hermite = (values[k] * (1 + 2 * t) + slope[k] * step[k] * t) * (1 - t) ** 2
-    hermite += (values[k + 1] * (3 - 2 * t) - slope[k + 1] * step[k] * (1 - t)) * t**2
-    return np.asarray(hermite)
+    places = sorted(knots)
+    return smooth_curve(y, places, [knots[place] for place in places])
 
 
 def _profile(vertices: Array, points: Mapping[str, Array], knots: Mapping[str, float]) -> Array:
