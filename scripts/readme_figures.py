@@ -1,6 +1,6 @@
 """Puts the figures of a bench into README.md, between its two marks.
 
-usage: risorius bench CLIP... --out out/bench && python scripts/readme_figures.py out/bench/report.json
+usage: risorius bench CLIP... --out DIR && python scripts/readme_figures.py DIR/report.json
 """
 
 import json
