@@ -7,7 +7,7 @@ the focal length, pixels; a the actuators, measured directly (4.16).  After ever
 into the quaternion (4.17-4.19) and is zero again, so that the Jacobian of Table 4.1 is exact.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
@@ -70,7 +70,8 @@ class Doubt:
 class Estimate:
     """What the filter holds for true.
 
-    pose: the head against the camera.  focal_px: pixels.
+    pose: the head against the camera.
+    camera: with the focal length that goes with that pose; no other projects it right.
     eau: (k,) float64, the filtered actuators.
     used: (n,) bool, which points counted in the last update.
     distance: root mean square of the visible points' innovations in standard deviations, before
@@ -78,7 +79,7 @@ class Estimate:
     """
 
     pose: Pose
-    focal_px: float
+    camera: Camera
     eau: Array
     used: Mask = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     distance: float = 0.0
@@ -104,7 +105,7 @@ class FaceFilter:
         projection: Projection = perspective,
         gate: float = 3.5,
     ) -> None:
-        self._centre = camera.centre
+        self._camera = camera
         self._points, self._eaus = point_count, len(eau)
         self._motion, self._projection, self._gate = motion or Motion(), projection, gate
         rigid = _RIGID + (6 if self._motion.velocities else 0)
@@ -122,7 +123,8 @@ class FaceFilter:
         x = self._filter.x
         pose = self._projection.pose_from_state(self._rotation, x[:3], float(x[6]))
         eau = x[len(x) - self._eaus :].copy()
-        return Estimate(pose, float(x[6]), eau, self._used, self._distance)
+        camera = replace(self._camera, focal_px=float(x[6]))
+        return Estimate(pose, camera, eau, self._used, self._distance)
 
     @property
     def covariance(self) -> Array:
@@ -158,7 +160,7 @@ class FaceFilter:
         self._check(points_mm, pixels, variance_px2, eau, eau_variance)
         turned = points_mm @ matrix_from_quaternion(self._rotation).T
         expected, H = self._linearise(turned)
-        z = np.concatenate([(pixels - self._centre).ravel(), eau])
+        z = np.concatenate([(pixels - self._camera.centre).ravel(), eau])
         variance = np.concatenate([np.repeat(variance_px2, 2), eau_variance])
         seen = np.isfinite(variance) & np.isfinite(z)
         z = np.where(seen, z, expected)

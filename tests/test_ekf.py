@@ -135,9 +135,9 @@ def test_pose_focal_length_and_actuators_are_recovered(
             eaus.append(estimate.eau - eau_at(frame))
     assert np.sqrt(np.mean(np.square(angles), axis=0)).max() < tolerance_deg
     assert np.sqrt(np.mean(np.square(eaus))) < 0.05
-    assert estimate.focal_px == pytest.approx(TRUE.focal_px, rel=0.03)
+    assert estimate.camera.focal_px == pytest.approx(TRUE.focal_px, rel=0.03)
     # Depth and focal length trade off; their ratio, the face's scale, must hold.
-    scale = estimate.pose.translation_mm[2] / estimate.focal_px
+    scale = estimate.pose.translation_mm[2] / estimate.camera.focal_px
     assert scale == pytest.approx(pose_at(499).translation_mm[2] / TRUE.focal_px, rel=0.02)
 
 
@@ -150,7 +150,7 @@ def test_prediction_runs_ahead_with_the_velocity() -> None:
             if frame > 30:
                 next_pixels = pixel_from_head(TRUE, pose_at(frame + 1), POINTS)
                 ahead = predicted(filter_)
-                camera = Camera(640, 480, filter_.estimate.focal_px)
+                camera = filter_.estimate.camera
                 misses.append(np.abs(pixel_from_head(camera, ahead, POINTS) - next_pixels).mean())
         errors[velocities] = np.mean(misses)
     assert errors[True] < 0.7 * errors[False]
