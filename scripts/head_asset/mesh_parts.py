@@ -19,6 +19,8 @@ EYE_SEGMENTS = 16
 # by |x| mm.
 LIPS_X = (0.0, 5.0, 10.0, 15.0, 18.0, 20.0, 22.0, 23.0, 28.0)
 LIPS_CLOSE = (0.013, 0.022, 0.029, 0.036, 0.045, 0.065, 0.095, 0.125, 0.125)
+# Where the neck ends: the quads cut by height would leave it ragged, mm.
+NECK_Y_MM = -101.0
 # Its tongue fills the mouth; at rest it lies lower, mm.
 TONGUE_REST_MM = np.array([0.0, -4.0, -5.0])
 
@@ -59,6 +61,9 @@ def build_mesh(source: Source) -> Mesh:
     targets = {
         k: np.concatenate([t[origin], np.zeros((blank, 3))]) for k, t in source.targets.items()
     }
+    neck = _open_neck(vertices, faces)
+    vertices[neck, 1] = NECK_Y_MM
+    faces = faces[~neck[faces].all(1)]
     lips = (
         np.interp(np.abs(vertices[:, [0]]), LIPS_X, LIPS_CLOSE)
         * np.isin(parts, (SKIN, MOUTH))[:, None]
@@ -145,6 +150,15 @@ def _sockets(source: Source, triangles: Indices, skin: NDArray[np.bool_]) -> NDA
             lining[grown] = True
         doomed |= lining
     return np.asarray(skin & doomed[triangles].any(1))
+
+
+def _open_neck(vertices: Array, triangles: Indices) -> NDArray[np.bool_]:
+    """Which vertices lie on the open border of the neck, or below where it is to end."""
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    pairs, count = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
+    border = np.zeros(len(vertices), bool)
+    border[pairs[count == 1]] = True
+    return np.asarray((border & (vertices[:, 1] < -95)) | (vertices[:, 1] < NECK_Y_MM))
 
 
 def _split(
