@@ -29,8 +29,8 @@ Mask = NDArray[np.bool_]
 _RIGID = 7
 # Trial updates that look for outliers: enough for the weights to settle.
 _TRIALS = 10
-# Stands for infinite variance (thesis 5.2): far above any pixel, and still invertible.
-OCCLUDED_PX2 = 1e12
+# Directions of the state that measurements say this little about, against what is known, are left.
+_NOTHING = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +109,7 @@ class FaceFilter:
         self._points, self._eaus = point_count, len(eau)
         self._motion, self._projection, self._gate = motion or Motion(), projection, gate
         rigid = _RIGID + (6 if self._motion.velocities else 0)
-        self._filter = ExtendedKalmanFilter(rigid + self._eaus, 2 * point_count + self._eaus)
+        self._filter = ExtendedKalmanFilter(rigid + self._eaus, rigid + self._eaus)
         self._rotation, position = projection.state_from_pose(pose, camera.focal_px)
         self._filter.x = np.concatenate([position, np.zeros(3), [camera.focal_px]])
         self._filter.x = np.concatenate([self._filter.x, np.zeros(rigid - _RIGID), eau])
@@ -163,10 +163,12 @@ class FaceFilter:
         z = np.concatenate([(pixels - self._camera.centre).ravel(), eau])
         variance = np.concatenate([np.repeat(variance_px2, 2), eau_variance])
         seen = np.isfinite(variance) & np.isfinite(z)
-        z = np.where(seen, z, expected)
-        variance = np.where(seen, variance, OCCLUDED_PX2)
-        self._gate_out(z - expected, H, variance, seen)
-        self._filter.update(z, lambda _: H, lambda _: expected, R=np.diag(variance))
+        weight = np.where(seen, 1 / variance, 0.0)
+        innovation = np.where(seen, z - expected, 0.0)
+        self._gate_out(innovation, H, weight)
+        y, H = self._compress(innovation, H, weight)
+        still = np.zeros(len(y))
+        self._filter.update(y, lambda _: H, lambda _: still, R=np.eye(len(y)))
         if self._filter.x.shape != (self._filter.dim_x,):
             raise AssertionError(f"filterpy broadcast the state to {self._filter.x.shape}")
         self._fold_rotation()
@@ -189,39 +191,54 @@ class FaceFilter:
         H[pixel_rows:, len(x) - self._eaus :] = np.eye(self._eaus)
         return np.concatenate([pixels.ravel(), x[len(x) - self._eaus :]]), H
 
-    def _gate_out(self, innovation: Array, H: Array, variance: Array, seen: Mask) -> None:
-        """Give gross outliers infinite variance: what trial updates leave far off its pixel.
+    def _gate_out(self, innovation: Array, H: Array, weight: Array) -> None:
+        """Take the weight from gross outliers: what trial updates leave far off its pixel.
 
         After an update and not before it, since a head that moves unforeseen takes all points
         along.  Points are reweighted from trial to trial (Cauchy), so that those that move together
         but apart from the majority, such as a hand's, let go of the head.
         """
-        rows = 2 * self._points
-        visible: Mask = np.all(seen[:rows].reshape(-1, 2), axis=1)
-        self._used, self._distance = visible, self._surprise(innovation, H, variance, visible)
+        points = slice(0, 2 * self._points)
+        visible: Mask = np.all(weight[points].reshape(-1, 2) > 0, axis=1)
+        self._used, self._distance = visible, self._surprise(innovation, H, weight, visible)
         if not visible.any():
             return
-        sigma = np.sqrt(variance[:rows:2])
         prior = np.linalg.inv(self._filter.P)
-        weight = 1 / variance
+        trial = weight.copy()
         for _ in range(_TRIALS):
             # The gain in information form: a small inverse, whatever the number of points.
-            J = H * weight[:, None]
+            J = H * trial[:, None]
             left = innovation - H @ np.linalg.solve(prior + J.T @ H, J.T @ innovation)
             # Per axis, so that 1 is usual whatever the number of axes.
-            off = np.linalg.norm(left[:rows].reshape(-1, 2), axis=1) / sigma / np.sqrt(2)
+            off = np.sqrt(np.mean((left**2 * weight)[points].reshape(-1, 2), axis=1))
             crowd = max(1.0, float(np.median(off[visible])) / 0.83)
-            weight[:rows] = np.repeat(1 / (1 + (off / crowd) ** 2), 2) / variance[:rows]
+            trial[points] = weight[points] / np.repeat(1 + (off / crowd) ** 2, 2)
         self._used = np.asarray(visible & (off < self._gate * crowd))
-        variance[:rows][np.repeat(~self._used, 2)] = OCCLUDED_PX2
+        weight[points] *= np.repeat(self._used, 2)
 
-    def _surprise(self, innovation: Array, H: Array, variance: Array, visible: Mask) -> float:
+    def _surprise(self, innovation: Array, H: Array, weight: Array, visible: Mask) -> float:
         """Root mean square innovation of the visible points in its own standard deviations."""
         rows = np.flatnonzero(np.repeat(visible, 2))
         if not len(rows):
             return 0.0
-        expected = np.einsum("ij,jk,ik->i", H[rows], self._filter.P, H[rows], optimize=True)
-        return float(np.sqrt(np.mean(innovation[rows] ** 2 / (expected + variance[rows]))))
+        expected = np.sum((H[rows] @ self._filter.P) * H[rows], axis=1)
+        return float(np.sqrt(np.mean(innovation[rows] ** 2 / (expected + 1 / weight[rows]))))
+
+    def _compress(self, innovation: Array, H: Array, weight: Array) -> tuple[Array, Array]:
+        """As many measurements as the state has entries, of unit variance, that say the same.
+
+        The update (a.6) needs of H, R and the innovation only H' R^-1 H and H' R^-1 y; so few rows
+        keep its inverse small, and weight zero is truly infinite variance.
+        """
+        # In units of what is known, so that what is negligible is so in every direction.
+        known = np.sqrt(np.diag(self._filter.P))
+        J = H * known
+        values, axes = np.linalg.eigh(J.T @ (weight[:, None] * J))
+        root = np.sqrt(np.maximum(values, 0.0))
+        told = values > _NOTHING * max(1.0, float(values[-1]))
+        y = axes.T @ (J.T @ (weight * innovation))
+        y = np.where(told, y / np.where(told, root, 1.0), 0.0)
+        return y, np.where(told, root, 0.0)[:, None] * axes.T / known
 
     def _fold_rotation(self) -> None:
         """Move the incremental rotation into the quaternion (4.17-4.19)."""

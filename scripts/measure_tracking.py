@@ -2,8 +2,9 @@
 
     python scripts/measure_tracking.py SOURCE [--frames 100]
 
-Prints medians and minima for detection, face mesh, irises, KLT and filter, each by itself, and the root mean
-square second difference of pitch, yaw and roll from the landmarks alone and from the filter.
+Prints medians and minima for detection, face mesh, irises, KLT and filter, each by itself, and the
+root mean square second difference of pitch, yaw and roll from the landmarks alone and from the
+filter.
 """
 
 import argparse
