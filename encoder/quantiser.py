@@ -1,7 +1,7 @@
 """Which integers to send: rate-distortion optimised quantisation of one packet's frames.
 
-Components are scaled so that one unit of any of them does equal harm to the picture; the distortion of
-a packet is then the plain sum of squares, and a value is worth its bits or it is not.
+Components are scaled so that one unit of any of them does equal harm to the picture; the distortion
+of a packet is then the plain sum of squares, and a value is worth its bits or it is not.
 """
 
 from dataclasses import dataclass
@@ -18,16 +18,17 @@ from protocol.predict import (
     Place,
     coding_order,
     encode_packet,
+    parents,
     reconstruct,
     step,
-    value_bits,
 )
+from protocol.values import MAX_SIZE, UNARY, Surroundings, value_bits
 
 Array = NDArray[np.float64]
 
 # Lagrangian, in squared steps per bit.
 WORTH = 0.11
-_BITS = value_bits()
+_BITS = value_bits().tolist()
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,50 +43,57 @@ class CodedPacket:
 
 
 def code_packet(
-    predictor: FramePredictor, packet: int, usual_frames: int, targets: Array, quality: int
+    predictor: FramePredictor,
+    sequence: int,
+    usual_frames: int,
+    targets: Array,
+    quality: int,
+    fresh: bool = False,
 ) -> CodedPacket:
     """Quantise and code the frames `targets` (count, n), in units; does not move the predictor.
-
-    The activity that makes the packet shortest is chosen.
     """
     wanted = np.rint(targets * UNIT).astype(np.int64)
-    best: CodedPacket | None = None
-    for activity in range(4):
-        head = PacketHead(quality, activity, len(wanted))
-        values, known = _quantise(predictor, packet, wanted, head)
-        payload = encode_packet(predictor, packet, usual_frames, head, values)
-        if best is None or len(payload) < len(best.payload):
-            frames = np.array([known[index] for index in range(1, len(wanted) + 1)])
-            best = CodedPacket(payload, frames)
-    assert best is not None
-    return best
+    head = PacketHead(quality, len(wanted), fresh)
+    values, known = _quantise(predictor, sequence, wanted, head)
+    payload = encode_packet(predictor, sequence, usual_frames, head, values)
+    frames = np.array([known[index] for index in range(1, len(wanted) + 1)])
+    return CodedPacket(payload, frames)
 
 
 def _quantise(
-    predictor: FramePredictor, packet: int, wanted: Integers, head: PacketHead
+    predictor: FramePredictor, sequence: int, wanted: Integers, head: PacketHead
 ) -> tuple[list[tuple[Place, Integers]], dict[int, Integers]]:
     known = {0: predictor.anchor}
-    values = []
+    values, sizes, surroundings = [], dict[int, Integers](), Surroundings()
     steps = np.array([step(head.quality, kind) for kind in range(KINDS)])
     for place in coding_order(len(wanted)):
-        kinds = predictor.kinds(place, packet)
+        kinds = predictor.kinds(place, sequence, head.fresh)
         error = wanted[place.index - 1] - predictor.predict(place, kinds, known)
-        tables = predictor.tables(kinds, head.quality, head.activity)
-        differences = _worthwhile(error / steps[kinds], tables)
+        tables = predictor.tables(kinds, head.quality)
+        around = parents(place, sizes)
+        differences = _worthwhile(error / steps[kinds], tables, around, surroundings)
         values.append((place, differences))
+        sizes[place.index] = np.abs(differences)
         known[place.index] = reconstruct(
             predictor, place, kinds, known, head.quality, differences
         )
     return values, known
 
 
-def _worthwhile(error: Array, tables: Integers) -> Integers:
+def _worthwhile(
+    error: Array, tables: Integers, around: Integers | None, surroundings: Surroundings
+) -> Integers:
     """(n,) integers near `error` (n,), in steps, that minimise squared error + WORTH x bits."""
-    size = np.abs(error)
-    nearest = np.rint(size)
-    choices = np.stack([nearest, np.maximum(nearest - 1, 0), np.zeros_like(nearest)])
-    most = _BITS.shape[1] - 1
-    bits = _BITS[tables, np.minimum(choices, most).astype(np.int64)]
-    cost = (size - choices) ** 2 + WORTH * bits
-    chosen = choices[cost.argmin(0), np.arange(len(size))]
-    return (np.sign(error) * chosen).astype(np.int64)
+    surroundings.start_frame()
+    sums = [0] * len(tables) if around is None else around.tolist()
+    chosen = []
+    for size, expected, parent in zip(np.abs(error).tolist(), tables.tolist(), sums, strict=True):
+        bits = _BITS[surroundings.table(expected, parent)]
+        nearest = min(round(size), MAX_SIZE)
+        best = min(
+            (nearest, max(nearest - 1, 0), 0),
+            key=lambda choice: (size - choice) ** 2 + WORTH * bits[min(choice, UNARY)],
+        )
+        surroundings.saw(expected, best)
+        chosen.append(best)
+    return np.asarray(np.sign(error) * chosen, dtype=np.int64)

@@ -17,8 +17,8 @@ class Arrivals:
     """A queue between the thread that receives and the one that decodes.
 
     Frames that come before any model packet are held until one does, the oldest dropped beyond
-    `MAX_HELD_FRAMES`.  Dropped are a model packet that is the same as an earlier one, and what would
-    make the queue larger than `limit_bytes`.
+    `MAX_HELD_FRAMES`.  Dropped are a model packet that is the same as an earlier one, and what
+    would make the queue larger than `limit_bytes`.
     """
 
     def __init__(self, limit_bytes: int = MAX_QUEUED_BYTES) -> None:

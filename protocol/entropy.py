@@ -1,14 +1,16 @@
-"""A byte-wise range coder with given probabilities, all in integers.
+"""A byte-wise binary range coder with given probabilities, all in integers.
 
-Probabilities are in 1 / 65536.  The encoder keeps its low end as one unbounded integer, so there is no
-carry to propagate, and `finish` returns the fewest bytes that name a point of the final interval; the
-decoder reads zeros past the end.  After Martin, "Range encoding", 1979.
+Probabilities are in 1 / 65536.  The encoder keeps its low end as one unbounded integer, so there is
+no carry to propagate; `finish` returns the fewest bytes that name a point of the final interval;
+the decoder reads zeros past the end.  Zeros take the lower part of the interval: likely zeros and
+nothing else cost no byte at all.  After Martin, "Range encoding", 1979.
 """
 
 PROBABILITY_BITS = 16
 WHOLE = 1 << PROBABILITY_BITS
-_TOP_BITS = 32
-_LEAST_RANGE = 1 << 24
+# Wide enough that the interval is never split more coarsely than the probabilities say.
+_TOP_BITS = 48
+_LEAST_RANGE = 1 << 40
 
 
 class RangeEncoder:
@@ -17,8 +19,8 @@ class RangeEncoder:
     def __init__(self) -> None:
         self._low, self._range, self._shifted = 0, 1 << _TOP_BITS, 0
 
-    def encode_bit(self, bit: int, zero: int) -> None:
-        """Code `bit`, 0 with probability `zero` / 65536, 0 < zero < 65536."""
+    def code_bit(self, bit: int, zero: int) -> int:
+        """Code `bit`, 0 with probability `zero` / 65536, 0 < zero < 65536; returns it."""
         split = (self._range >> PROBABILITY_BITS) * zero
         if bit:
             self._low += split
@@ -29,33 +31,34 @@ class RangeEncoder:
             self._low <<= 8
             self._range <<= 8
             self._shifted += 8
-
-    def encode_bits(self, value: int, count: int) -> None:
-        """Code the `count` lowest bits of `value`, all as likely as not."""
-        for place in reversed(range(count)):
-            self.encode_bit(value >> place & 1, WHOLE // 2)
+        return bit
 
     def finish(self) -> bytes:
         """The shortest bytes from which a `RangeDecoder` reads what was coded."""
         total = _TOP_BITS + self._shifted
-        for length in range(total // 8 + 1):
-            shift = total - 8 * length
-            value = -(-self._low >> shift)
-            if value << shift < self._low + self._range:
-                return value.to_bytes(length, "big")
-        raise AssertionError("an interval of at least one point has a name of full length")
+        length, point = 0, 0
+        while not self._low <= point < self._low + self._range:
+            length += 1
+            unit = total - 8 * length
+            point = -(-self._low >> unit) << unit
+        return (point >> total - 8 * length).to_bytes(length, "big")
 
 
 class RangeDecoder:
     """Reads decisions out of bytes; any bytes decode to something."""
 
     def __init__(self, data: bytes) -> None:
-        self._data, self._place = data, 4
-        self._code = int.from_bytes(data[:4].ljust(4, b"\0"), "big")
+        self._data, self._place = data, _TOP_BITS // 8
+        self._code = int.from_bytes(data[: self._place].ljust(self._place, b"\0"), "big")
         self._range = 1 << _TOP_BITS
 
-    def decode_bit(self, zero: int) -> int:
-        """The next bit, which is 0 with probability `zero` / 65536."""
+    @property
+    def surplus(self) -> int:
+        """Number of bytes that nothing decoded so far depends on."""
+        return max(0, len(self._data) - self._place)
+
+    def code_bit(self, bit: int, zero: int) -> int:
+        """The next bit, which is 0 with probability `zero` / 65536; `bit` is ignored."""
         split = (self._range >> PROBABILITY_BITS) * zero
         bit = int(self._code >= split)
         if bit:
@@ -69,10 +72,3 @@ class RangeDecoder:
             self._range <<= 8
             self._place += 1
         return bit
-
-    def decode_bits(self, count: int) -> int:
-        """The next `count` bits, all as likely as not."""
-        value = 0
-        for _ in range(count):
-            value = value << 1 | self.decode_bit(WHOLE // 2)
-        return value

@@ -1,12 +1,13 @@
-"""Frame packets of the default profile: integers predicted from the decoder's own past, range coded.
+"""Frame packets of the default profile: integers predicted from the decoder's own past.
 
-A packet holds the frames after an *anchor*, the last frame of the packet before.  Its own last frame,
-the next anchor, is predicted from that anchor; then the frame in the middle of two known ones from
-their mean, and so on by halves (hierarchical prediction).  In turn, every component of an anchor is
-coded without prediction once in `REFRESH` packets, so that a lost packet is forgotten without a burst.
+A packet holds the frames after an *anchor*, the last frame of the packet before.  Its own last
+frame, the next anchor, is predicted from that one; then the frame in the middle of two known ones
+from their mean, and so on by halves (hierarchical prediction).  In turn, every component of an
+anchor is coded without prediction once in `REFRESH` packets: a lost packet is forgotten without a
+burst.
 
-Each packet can be decoded whatever happened before it: probabilities depend on nothing but the model
-packet's table of spreads and two small numbers in the packet's head.  Everything here is integer, in
+Each packet can be decoded whatever happened before it: probabilities depend on nothing but the
+model packet's table of spreads and what the packet itself has shown so far.  All is integer, in
 units of 1 / `UNIT` of a component's own unit; encoder and decoder run the same code.
 """
 
@@ -18,42 +19,23 @@ from numpy.typing import NDArray
 
 from protocol.entropy import WHOLE, RangeDecoder, RangeEncoder
 from protocol.messages import ProtocolError
+from protocol.values import LOWEST_TABLE, TABLES, BitCoder, Surroundings, code_bits, code_value
 
 Integers = NDArray[np.int64]
 
 UNIT = 256
 REFRESH = 3
-# How a component of a frame is predicted: not at all, from the anchor, or between two frames that are
-# 2, 4 or 8 and more of a packet's halvings apart.
+# How a component of a frame is predicted: not at all, from the anchor, or between two frames after
+# one, two, or three and more halvings of the packet.
 ABSOLUTE, ANCHOR = 0, 1
 KINDS = 5
 # Coarser steps the deeper the prediction, quarter octaves: errors of anchors spread, others do not.
 _KIND_STEP = (0, 0, 1, 3, 4)
 _MAX_QUALITY = 31
-_ACTIVITIES = (-4, 0, 4, 8)
 _QUARTERS = (256, 304, 362, 431)
 
 MAX_SPREAD = 63
 _SPREAD_OFFSET = 16
-_LOWEST = -20
-# Probability, of 65536, that a value is zero, and that its size goes no further, for a Laplacian whose
-# scale is 2 ** (k / 4) steps, k = -20, -19, ... 28.
-_ZERO = (
-    65488, 65488, 65488, 65488, 65488, 65488, 65462, 65319, 64997, 64378, 63336, 61761,
-    59591, 56826, 53528, 49806, 45797, 41644, 37484, 33429, 29569, 25966, 22659, 19665,
-    16986, 14612, 12527, 10707, 9129, 7766, 6595, 5592, 4735, 4006, 3385, 2858,
-    2412, 2034, 1715, 1445, 1217, 1025, 863, 727, 612, 515, 433, 364,
-    306,
-)
-_STOP = (
-    65472, 65472, 65472, 65472, 65472, 65472, 65472, 65472, 65472, 65457, 65307, 64973,
-    64336, 63268, 61662, 59461, 56667, 53344, 49603, 45583, 41427, 37269, 33222, 29374,
-    25786, 22495, 19517, 16855, 14497, 12425, 10619, 9052, 7701, 6539, 5544, 4694,
-    3971, 3355, 2833, 2391, 2016, 1700, 1432, 1207, 1016, 855, 720, 606,
-    510,
-)
-_UNARY = 18
-_ESCAPE_BITS = 15
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +70,8 @@ def step(quality: int, kind: int) -> int:
 class FramePredictor:
     """What both ends know of the past.
 
-    spreads: (n, KINDS) integers 0..MAX_SPREAD: log2 of the usual size of each component's values, by
-        kind of prediction, in quarter octaves above 1/16 unit.
+    spreads: (n, KINDS) integers 0..MAX_SPREAD: log2 of the usual size of each component's values,
+        by kind of prediction, in quarter octaves above 1/16 unit.
     """
 
     def __init__(self, spreads: Integers) -> None:
@@ -97,11 +79,12 @@ class FramePredictor:
         self.components = len(self.spreads)
         self.anchor = np.zeros(self.components, dtype=np.int64)
 
-    def kinds(self, place: Place, packet: int) -> Integers:
-        """(n,) kind of prediction of each component at `place` of packet number `packet`."""
+    def kinds(self, place: Place, sequence: int, fresh: bool) -> Integers:
+        """(n,) kind of prediction of each component at `place` of packet `sequence`."""
         kinds = np.full(self.components, place.kind, dtype=np.int64)
         if place.kind == ANCHOR:
-            kinds[np.arange(self.components) % REFRESH == packet % REFRESH] = ABSOLUTE
+            refreshed = np.arange(self.components) % REFRESH == sequence % REFRESH
+            kinds[refreshed | fresh] = ABSOLUTE
         return kinds
 
     def predict(self, place: Place, kinds: Integers, known: dict[int, Integers]) -> Integers:
@@ -112,64 +95,72 @@ class FramePredictor:
         share = place.index - place.left
         return (known[place.left] * (span - share) + known[place.right] * share) // span
 
-    def tables(self, kinds: Integers, quality: int, activity: int) -> Integers:
-        """(n,) place of each component in the probability tables."""
+    def tables(self, kinds: Integers, quality: int) -> Integers:
+        """(n,) table of each component before its surroundings are known, see `values`."""
         finer = self.spreads[np.arange(self.components), kinds] - _SPREAD_OFFSET - quality
-        index = finer - np.array(_KIND_STEP)[kinds] + _ACTIVITIES[activity]
-        return np.clip(index - _LOWEST, 0, len(_ZERO) - 1)
+        index = finer - np.array(_KIND_STEP)[kinds]
+        return np.asarray(np.clip(index - LOWEST_TABLE, 0, TABLES - 1))
 
 
 @dataclass(frozen=True, slots=True)
 class PacketHead:
-    """How a packet is coded: quality 0 (finest) to 31, activity 0 to 3, number of frames."""
+    """How a packet is coded: quality 0 (finest) to 31, number of frames.
+
+    fresh: nothing in it is predicted from packets before.
+    """
 
     quality: int
-    activity: int
     frames: int
+    fresh: bool = False
 
 
 def encode_packet(
     predictor: FramePredictor,
-    packet: int,
+    sequence: int,
     usual_frames: int,
     head: PacketHead,
     values: Sequence[tuple[Place, Integers]],
 ) -> bytes:
-    """Payload of frame packet number `packet`.
+    """Payload of the frame packet numbered `sequence` (0..63).
 
     usual_frames: frames in a packet unless it says otherwise.
     values: quantised differences (n,) at each place, in coding order.
     """
     coder = RangeEncoder()
-    coder.encode_bits(head.quality, 5)
-    coder.encode_bits(head.activity, 2)
-    _encode_count(coder, head.frames, usual_frames)
+    _code_head(coder, head, usual_frames)
+    surroundings, sizes = Surroundings(), dict[int, Integers]()
     for place, differences in values:
-        kinds = predictor.kinds(place, packet)
-        index = predictor.tables(kinds, head.quality, head.activity)
-        for value, table in zip(differences.tolist(), index.tolist(), strict=True):
-            _encode_value(coder, value, table)
+        kinds = predictor.kinds(place, sequence, head.fresh)
+        tables = predictor.tables(kinds, head.quality)
+        coded = _code_frame(coder, surroundings, tables, parents(place, sizes), differences)
+        sizes[place.index] = np.abs(coded)
     return coder.finish()
 
 
 def decode_packet(
-    predictor: FramePredictor, packet: int, usual_frames: int, payload: bytes
+    predictor: FramePredictor, sequence: int, usual_frames: int, payload: bytes
 ) -> list[Integers]:
     """The frames, (n,) each, of a payload; the last becomes the predictor's anchor.
 
     Raises `ProtocolError` if the payload is not what an encoder makes.
     """
     coder = RangeDecoder(payload)
-    quality, activity = coder.decode_bits(5), coder.decode_bits(2)
-    frames = _decode_count(coder, usual_frames)
-    known = {0: predictor.anchor}
-    for place in coding_order(frames):
-        kinds = predictor.kinds(place, packet)
-        index = predictor.tables(kinds, quality, activity)
-        differences = np.array([_decode_value(coder, table) for table in index.tolist()])
-        known[place.index] = reconstruct(predictor, place, kinds, known, quality, differences)
-    predictor.anchor = known[frames]
-    return [known[index] for index in range(1, frames + 1)]
+    try:
+        head = _code_head(coder, PacketHead(0, usual_frames), usual_frames)
+        known = _decode_frames(coder, predictor, sequence, head)
+    except ValueError as error:
+        raise ProtocolError(f"frame packet: {error}") from error
+    if coder.surplus:
+        raise ProtocolError(f"frame packet: {coder.surplus} bytes too many")
+    predictor.anchor = known[head.frames]
+    return [known[index] for index in range(1, head.frames + 1)]
+
+
+def parents(place: Place, sizes: dict[int, Integers]) -> Integers | None:
+    """(n,) sum of the `sizes` of the frames that `place` is between; None for an anchor."""
+    if place.kind == ANCHOR:
+        return None
+    return sizes[place.right] + sizes.get(place.left, 0)
 
 
 def reconstruct(
@@ -190,54 +181,48 @@ def reconstruct(
 MAX_VALUE = 1 << 40
 
 
-def value_bits() -> NDArray[np.float64]:
-    """(tables, sizes) bits that a value of each size up to `_UNARY` costs under each table."""
-    zero, stop = np.array(_ZERO) / WHOLE, np.array(_STOP) / WHOLE
-    sizes = np.arange(_UNARY)
-    costs = np.empty((len(zero), _UNARY + 1))
-    costs[:, 0] = -np.log2(zero)
-    more = (1 - np.log2(1 - zero))[:, None] - sizes * np.log2(1 - stop)[:, None]
-    costs[:, 1:] = more - np.log2(stop)[:, None]
-    return costs
-
-
-def _encode_value(coder: RangeEncoder, value: int, table: int) -> None:
-    size = min(abs(value), (1 << _ESCAPE_BITS) - 1)
-    coder.encode_bit(int(size > 0), _ZERO[table])
-    if size == 0:
-        return
-    coder.encode_bit(int(value < 0), WHOLE // 2)
-    for reached in range(1, _UNARY + 1):
-        coder.encode_bit(int(size > reached), _STOP[table])
-        if size == reached:
-            return
-    coder.encode_bits(size, _ESCAPE_BITS)
-
-
-def _decode_value(coder: RangeDecoder, table: int) -> int:
-    if not coder.decode_bit(_ZERO[table]):
-        return 0
-    sign = -1 if coder.decode_bit(WHOLE // 2) else 1
-    for reached in range(1, _UNARY + 1):
-        if not coder.decode_bit(_STOP[table]):
-            return sign * reached
-    return sign * coder.decode_bits(_ESCAPE_BITS)
-
-
-_USUAL_COUNT = WHOLE - 512
+_USUAL = WHOLE - 512
+_QUALITY_BITS = 5
 _COUNT_BITS = 6
 
 
-def _encode_count(coder: RangeEncoder, frames: int, usual: int) -> None:
-    coder.encode_bit(int(frames != usual), _USUAL_COUNT)
-    if frames != usual:
-        coder.encode_bits(frames - 1, _COUNT_BITS)
+def _code_head(coder: BitCoder, head: PacketHead, usual_frames: int) -> PacketHead:
+    quality = code_bits(coder, head.quality, _QUALITY_BITS)
+    fresh = coder.code_bit(int(head.fresh), _USUAL)
+    frames = usual_frames
+    if coder.code_bit(int(head.frames != usual_frames), _USUAL):
+        frames = code_bits(coder, head.frames - 1, _COUNT_BITS) + 1
+    if frames > usual_frames:
+        raise ValueError(f"{frames} frames, limit {usual_frames}")
+    return PacketHead(quality, frames, bool(fresh))
 
 
-def _decode_count(coder: RangeDecoder, usual: int) -> int:
-    if not coder.decode_bit(_USUAL_COUNT):
-        return usual
-    frames = coder.decode_bits(_COUNT_BITS) + 1
-    if frames > usual:
-        raise ProtocolError(f"frame packet of {frames} frames, limit {usual}")
-    return frames
+def _code_frame(
+    coder: BitCoder,
+    surroundings: Surroundings,
+    tables: Integers,
+    sizes: Integers | None,
+    differences: Integers,
+) -> Integers:
+    surroundings.start_frame()
+    around = [0] * len(tables) if sizes is None else sizes.tolist()
+    coded = []
+    for value, expected, parent in zip(differences.tolist(), tables.tolist(), around, strict=True):
+        value = code_value(coder, value, surroundings.table(expected, parent))
+        surroundings.saw(expected, abs(value))
+        coded.append(value)
+    return np.array(coded, dtype=np.int64)
+
+
+def _decode_frames(
+    coder: BitCoder, predictor: FramePredictor, sequence: int, head: PacketHead
+) -> dict[int, Integers]:
+    known, sizes = {0: predictor.anchor}, dict[int, Integers]()
+    surroundings, nothing = Surroundings(), np.zeros(predictor.components, dtype=np.int64)
+    for place in coding_order(head.frames):
+        kinds = predictor.kinds(place, sequence, head.fresh)
+        tables = predictor.tables(kinds, head.quality)
+        coded = _code_frame(coder, surroundings, tables, parents(place, sizes), nothing)
+        sizes[place.index] = np.abs(coded)
+        known[place.index] = reconstruct(predictor, place, kinds, known, head.quality, coded)
+    return known
