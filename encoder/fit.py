@@ -19,7 +19,7 @@ from shared_model.parameters import AAUS, EAUS, FaceParameters, Pose, clip_eau
 
 Array = NDArray[np.float64]
 
-# Standard deviations of the priors; landmark noise is LANDMARK_SIGMA of the distance between the eyes.
+# Standard deviations of the priors; landmark noise is LANDMARK_SIGMA of the eyes' distance.
 LANDMARK_SIGMA = 0.012
 DEPTH_SIGMA = 0.08
 AAU_SIGMA = 0.5
@@ -161,7 +161,7 @@ def start_parameters(model: LandmarkModel, camera: Camera, points_px: Array) -> 
     position = {int(network): i for i, network in enumerate(model.index)}
     chosen = [position[i] for i in RIGID if i in position]
     points = model.neutral[chosen]
-    seen = np.concatenate([points_px[model.index[chosen], :2], points_px[model.index[chosen], 2:3]], 1)
+    seen = points_px[model.index[chosen], :3]
     rotation, scale = _weak_perspective(points, seen)
     depth = camera.focal_px / scale
     origin = seen[:, :2].mean(0) - scale * (points.mean(0) @ rotation.T)[:2]
@@ -198,7 +198,8 @@ def _observe(model: LandmarkModel, camera: Camera, state: FaceParameters) -> tup
     through = projection_jacobian(camera, seen)
     moving = np.concatenate([_cross_columns(turned), np.tile(np.eye(3), (len(points), 1, 1))], 2)
     expressive = np.moveaxis(fields @ rotation.T, 0, 2)
-    return geometry.pixel_from_camera(camera, seen), through @ np.concatenate([moving, expressive], 2)
+    jacobian = through @ np.concatenate([moving, expressive], 2)
+    return geometry.pixel_from_camera(camera, seen), jacobian
 
 
 def projection_jacobian(camera: Camera, seen: Array) -> Array:
@@ -238,7 +239,7 @@ def _joint_step(
     aau: Array,
     control: Array,
 ) -> Array:
-    """One Gauss-Newton step over (log f, AAUs, residual controls, then w, t, EAUs of each frame)."""
+    """One Gauss-Newton step over log f, AAUs, residual controls, then w, t, EAUs of each frame."""
     n_aau, n_control = len(aau), control.size
     shared, per_frame = 1 + n_aau + n_control, 6 + len(EAUS)
     size = shared + per_frame * len(frames)
@@ -255,12 +256,16 @@ def _joint_step(
     deviation = np.log(camera.focal_px / (TYPICAL_FOCAL * max(camera.width, camera.height)))
     sigma = np.r_[RESIDUAL_SIGMA_MM, RESIDUAL_SIGMA_MM, RESIDUAL_DEPTH_SIGMA_MM]
     precision = np.concatenate(
-        [[1 / LOG_FOCAL_SIGMA**2], np.full(n_aau, 1 / AAU_SIGMA**2), np.tile(1 / sigma**2, len(control))]
+        [
+            [1 / LOG_FOCAL_SIGMA**2],
+            np.full(n_aau, 1 / AAU_SIGMA**2),
+            np.tile(1 / sigma**2, len(control)),
+        ]
     )
     values = np.concatenate([[deviation], aau, control.ravel()])
     normal[np.arange(shared), np.arange(shared)] += precision
     gradient[:shared] -= precision * values
-    return np.linalg.solve(normal, gradient)
+    return np.asarray(np.linalg.solve(normal, gradient), dtype=np.float64)
 
 
 def _identity_rows(

@@ -9,8 +9,15 @@ from numpy.typing import NDArray
 
 from encoder.align import pose_from_three_points
 from encoder.detect import BlazeFaceDetector
-from encoder.fit import Fitted, LandmarkModel, fit_frame, fit_identity, landmark_model, personalise
-from encoder.fit import TYPICAL_FOCAL
+from encoder.fit import (
+    TYPICAL_FOCAL,
+    Fitted,
+    LandmarkModel,
+    fit_frame,
+    fit_identity,
+    landmark_model,
+    personalise,
+)
 from encoder.haar import HaarDetector
 from encoder.landmarks import LandmarkTracker
 from encoder.networks import NetworkFilesMissing, find_network_folder
@@ -106,9 +113,11 @@ class NetworkFollower:
 
 
 class HaarFollower:
-    """Pose alone, from Viola-Jones' eyes and the nose between them (thesis 5.1); generic identity."""
+    """Pose alone, from Viola-Jones' eyes and the nose between (thesis 5.1); generic identity."""
 
-    def __init__(self, head: Head, size: tuple[int, int], detector: HaarDetector, warn: Warn) -> None:
+    def __init__(
+        self, head: Head, size: tuple[int, int], detector: HaarDetector, warn: Warn
+    ) -> None:
         control = np.zeros((len(residual_basis(head)), 3))
         identity = identity_from_controls(head, np.zeros(len(AAUS)), control)
         self._fitted = Fitted(Camera(*size, TYPICAL_FOCAL * max(size)), identity, control, ())
@@ -141,7 +150,6 @@ def blend(first: FaceParameters, second: FaceParameters, share: float) -> FacePa
     turn = geometry.multiply(second.pose.rotation, geometry.conjugate(first.pose.rotation))
     part = geometry.quaternion_from_vector(share * geometry.vector_from_quaternion(turn))
     start, end = first.pose.translation_mm, second.pose.translation_mm
-    pose = Pose(
-        geometry.normalise(geometry.multiply(part, first.pose.rotation)), start + share * (end - start)
-    )
+    rotation = geometry.normalise(geometry.multiply(part, first.pose.rotation))
+    pose = Pose(rotation, start + share * (end - start))
     return replace(second, pose=pose, eau=first.eau + share * (second.eau - first.eau))

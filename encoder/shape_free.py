@@ -1,7 +1,7 @@
-"""The shape-free frame of one caller: where every texel of the face lies in a picture, and how it moves.
+"""The shape-free frame of one caller: where each texel of the face lies, and how it moves.
 
-Analysis by synthesis (thesis 2.4.3) compares pictures here: the same texel is the same piece of skin
-in every frame, whatever the pose and expression.
+Analysis by synthesis (thesis 2.4.3) compares pictures here: the same texel is the same piece of
+skin in every frame, whatever the pose and expression.
 """
 
 from dataclasses import replace

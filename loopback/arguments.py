@@ -217,7 +217,7 @@ def _add_animate(added: "Commands") -> None:
         added,
         "animate",
         "draw an animation script and write down the truth of it",
-        "The script is a TOML file of key frames (docs/animate.md; four are in scripts/animations).\n"
+        "The script is a TOML file of key frames (docs/animate.md; four in scripts/animations).\n"
         "Beside the video a JSON file says where everything was in every picture.",
         "  risorius animate scripts/animations/talking.toml -o talking.mkv\n"
         "  risorius animate scripts/animations/emotions.toml --call anna.rzo -o anna.mp4\n",

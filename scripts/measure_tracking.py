@@ -11,6 +11,7 @@ import argparse
 import time
 from collections import defaultdict
 from collections.abc import Callable
+from functools import partial
 from itertools import islice
 from typing import TypeVar
 
@@ -59,13 +60,13 @@ def measure(source: str, count: int) -> None:
     with open_source(source) as capture:
         frames, elapsed_s = [f for _, f in islice(capture, count)], float(1 / capture.fps)
     for frame in frames[::10]:
-        watch.time("detect", lambda f=frame: detector.detect(f))
-    seen = [watch.time("face mesh", lambda f=frame: tracker.update(f)) for frame in frames]
+        watch.time("detect", partial(detector.detect, frame))
+    seen = [watch.time("face mesh", partial(tracker.update, frame)) for frame in frames]
     points = [found.points for found in seen if found is not None]
     if len(points) < len(frames):
         raise SystemExit(f"{source}: a face is missing in {len(frames) - len(points)} frames")
     for frame, at in zip(frames[::5], points[::5], strict=True):
-        watch.time("irises", lambda f=frame, p=at: irises.find(f, p))
+        watch.time("irises", partial(irises.find, frame, at))
     fitted = fit_identity(
         head, (frames[0].shape[1], frames[0].shape[0]), points[:: len(points) // 3]
     )
@@ -73,7 +74,7 @@ def measure(source: str, count: int) -> None:
     model = personalise(landmark_model(head), fitted.identity.aau, fitted.control_mm)
     alone = [fit_frame(model, camera, points[0], fitted.frames[0])]
     for at in points[1:]:
-        alone.append(watch.time("fit", lambda p=at: fit_frame(model, camera, p, alone[-1])))
+        alone.append(watch.time("fit", partial(fit_frame, model, camera, at, alone[-1])))
     klt = KltTracker(face, frames[0], camera, alone[0])
     chosen = np.arange(0, len(model.index), LANDMARKS_USED)
     total = len(klt.index) + len(chosen)
@@ -82,7 +83,7 @@ def measure(source: str, count: int) -> None:
     for frame, at, shape in zip(frames[1:], points[1:], alone[1:], strict=True):
         ahead = filter_.predict(elapsed_s)
         guess = FaceParameters(ahead.pose, shape.eau)
-        tracks = watch.time("klt", lambda f=frame, a=ahead, g=guess: klt.track(f, a.camera, g))
+        tracks = watch.time("klt", partial(klt.track, frame, ahead.camera, guess))
         eyes = np.linalg.norm(at[33, :2] - at[263, :2])
         up, down = np.maximum(shape.eau, 0), np.maximum(-shape.eau, 0)
         mesh = model.neutral + np.tensordot(up, model.up, 1) + np.tensordot(down, model.down, 1)
@@ -94,7 +95,7 @@ def measure(source: str, count: int) -> None:
             np.zeros(0),
             np.zeros(0),
         )
-        held = watch.time("filter", lambda m=measured: filter_.update(*m))
+        held = watch.time("filter", partial(filter_.update, *measured))
         klt.put_back(frame, held.camera, FaceParameters(held.pose, shape.eau))
         filtered.append(held.pose)
     for name, ms in watch.ms.items():

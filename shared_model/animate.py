@@ -34,7 +34,7 @@ class Face:
 
     def __init__(self, head: Head, identity: Identity) -> None:
         if identity.aau.shape != (len(AAUS),):
-            raise ValueError(f"identity.aau has shape {identity.aau.shape}, expected {(len(AAUS),)}")
+            raise ValueError(f"aau has shape {identity.aau.shape}, expected {(len(AAUS),)}")
         self.head = head
         self.neutral = head.vertices + np.tensordot(identity.aau, head.aau, 1) + identity.residual
         up = head.eau_up.reshape(len(EAUS), -1)
@@ -46,4 +46,4 @@ class Face:
         if eau.shape != (len(EAUS),):
             raise ValueError(f"eau has shape {eau.shape}, expected {(len(EAUS),)}")
         drive = np.concatenate([np.maximum(eau, 0), np.maximum(-eau, 0)])
-        return self.neutral + (drive @ self._fields).reshape(-1, 3)
+        return np.asarray(self.neutral + (drive @ self._fields).reshape(-1, 3))

@@ -3,12 +3,12 @@
 Head frame: origin midway between the tragions, Frankfurt plane horizontal; x to the subject's left,
 y up, z out of the face; millimetres.
 Camera frame: OpenCV's; x right, y down, z forward; millimetres.
-Pixels: u right, v down; pixel (0, 0) has its *centre* at (0, 0); the principal point is the picture's
-middle, ((width - 1) / 2, (height - 1) / 2); one focal length in pixels (eq. 4.6).
+Pixels: u right, v down; pixel (0, 0) has its *centre* at (0, 0); the principal point is the
+picture's middle, ((width - 1) / 2, (height - 1) / 2); one focal length in pixels (eq. 4.6).
 Rotations: unit quaternions (w, x, y, z); small rotations: axis-angle vectors in the camera frame.
 
-A face that looks straight into the camera has `FRONTAL` rotation: head x (the subject's left) is the
-picture's right, head y is the picture's up, head z points at the camera.
+A face that looks straight into the camera has `FRONTAL` rotation: head x (the subject's left) is
+the picture's right, head y is the picture's up, head z points at the camera.
 """
 
 from dataclasses import dataclass
@@ -66,7 +66,7 @@ def conjugate(q: Array) -> Array:
 
 
 def quaternion_from_vector(w: Array) -> Array:
-    """Unit quaternions (..., 4) of axis-angle vectors (..., 3), radians.  Exact form of eq. 4.17."""
+    """Unit quaternions (..., 4) of axis-angle vectors (..., 3), radians: eq. 4.17, exactly."""
     w = np.asarray(w, dtype=np.float64)
     half = np.linalg.norm(w, axis=-1, keepdims=True) / 2
     return np.concatenate([np.cos(half), w / 2 * np.sinc(half / np.pi)], axis=-1)
@@ -142,6 +142,6 @@ def pose_from_euler(
 ) -> Pose:
     """The pose with these angles (see `euler_deg`) and translation (3,), mm, camera frame."""
     angles = np.radians([-pitch_deg, yaw_deg, roll_deg])
-    pitch, yaw, roll = (quaternion_from_vector(a * axis) for a, axis in zip(angles, np.eye(3), strict=True))
+    pitch, yaw, roll = quaternion_from_vector(np.diag(angles))
     turned = multiply(np.array(FRONTAL), multiply(pitch, multiply(yaw, roll)))
     return Pose(normalise(turned), np.asarray(translation_mm, dtype=np.float64))

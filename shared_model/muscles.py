@@ -130,7 +130,7 @@ def locate(anchor: Anchor, points: Points, side: str) -> Array:
     for name in (anchor.landmark, f"{anchor.landmark}_{side}"):
         if name in points:
             offset = np.array(anchor.offset_mm)
-            return points[name] + (offset if side == "l" else offset * MIRROR)
+            return np.asarray(points[name] + (offset if side == "l" else offset * MIRROR))
     raise ValueError(f"landmarks lack {anchor.landmark!r}, which a muscle is anchored at")
 
 

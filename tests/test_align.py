@@ -30,7 +30,7 @@ def scaled_orthography(pose: Pose, points_mm: np.ndarray) -> np.ndarray:
     """Pixels where every point has the depth of their mean."""
     seen = camera_from_head(pose, points_mm)
     depth = seen[:, 2].mean()
-    return CAMERA.focal_px * seen[:, :2] / depth + CAMERA.centre
+    return np.asarray(CAMERA.focal_px * seen[:, :2] / depth + CAMERA.centre)
 
 
 @given(

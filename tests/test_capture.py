@@ -51,7 +51,7 @@ def test_video_file_gives_every_frame_in_order(tmp_path: Path) -> None:
     write_video(tmp_path / "v.mkv", [(64, 48)] * 5)
     with open_source(str(tmp_path / "v.mkv")) as capture:
         frames = list(capture)
-    assert (capture.width, capture.height, capture.fps) == (64, 48, 30)
+    assert (capture.width, capture.height, capture.fps) == (64, 48, Fraction(30))
     assert not capture.is_live
     assert [index for index, _ in frames] == list(range(5))
     assert [round(frame.mean() / 20) for _, frame in frames] == list(range(5))

@@ -37,7 +37,7 @@ def pose_at(frame: int) -> Pose:
 
 
 def eau_at(frame: int) -> np.ndarray:
-    return 0.5 * np.sin(frame / 10 + np.arange(4))
+    return np.asarray(0.5 * np.sin(frame / 10 + np.arange(4)))
 
 
 def started(

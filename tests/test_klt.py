@@ -27,7 +27,7 @@ def face_at(roll_deg: float, shift_px: tuple[float, float], scale: float = 1.0) 
 def skin(rng: np.random.Generator) -> np.ndarray:
     noise = cv2.GaussianBlur(rng.normal(0, 1, (FAR.height, FAR.width)), (0, 0), 2.5)
     grey = np.clip(128 + 40 * noise / noise.std(), 0, 255).astype(np.uint8)
-    return cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
+    return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR))
 
 
 def moved(picture: np.ndarray, face: FaceParameters, like: FaceParameters) -> np.ndarray:

@@ -8,7 +8,6 @@ import pytest
 from heads import synthetic_head
 from numpy.typing import NDArray
 
-from decoder import render
 from decoder.render import Renderer, part_colours, vertex_normals
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
@@ -49,7 +48,7 @@ def centroid(picture: Picture) -> Array:
     """(2,) intensity-weighted mean position, pixels."""
     weight = picture[..., 0].astype(np.float64)
     v, u = np.mgrid[: picture.shape[0], : picture.shape[1]]
-    return np.array([(weight * u).sum(), (weight * v).sum()]) / weight.sum()
+    return np.asarray(np.array([(weight * u).sum(), (weight * v).sum()]) / weight.sum())
 
 
 @pytest.fixture(scope="module")
@@ -242,6 +241,6 @@ def test_missing_egl_tells_what_to_install(monkeypatch: pytest.MonkeyPatch) -> N
     def refuse(**_: object) -> None:
         raise Exception("(eglInitialize) cannot initialise")
 
-    monkeypatch.setattr(render.moderngl, "create_context", refuse)
+    monkeypatch.setattr("moderngl.create_context", refuse)
     with pytest.raises(UserError, match="install libegl1 libgl1"):
         Renderer(8, 8, synthetic_head(4, 6))
