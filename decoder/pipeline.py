@@ -14,7 +14,7 @@ from decoder.composite import Backdrop, make_backdrop, warp
 from decoder.playout import PlayedFrame, Playout
 from decoder.render import Renderer
 from decoder.sink import PictureSink, open_sink, padding_px
-from decoder.texture import decode_image
+from decoder.texture import Wardrobe, decode_image
 from protocol.link import PacketSource
 from protocol.messages import Kind, ModelPacket, ProtocolError, packet_kind
 from protocol.quantise import AAU_STEP, EAU_STEP, RESIDUAL_STEP_MM, values_from_codes
@@ -23,6 +23,7 @@ from protocol.summary import summarise
 from shared_model.animate import Face, identity_from_controls
 from shared_model.errors import UserError
 from shared_model.mesh import Head, generic_head
+from shared_model.mouth_sheet import mouth_sheet_head
 
 Picture = NDArray[np.uint8]
 Progress = Callable[[int, int | None], None]
@@ -81,22 +82,25 @@ class Scene:
     def __init__(self, model: ModelPacket, head: Head) -> None:
         self._camera = model.call.camera
         self._face = face_from_model(model, head)
-        texture = decode_image("texture", model.texture)
+        self._wardrobe = Wardrobe(model)
         still = decode_image("background", model.background)
         eau = values_from_codes(model.reference_eau, EAU_STEP)
         self._backdrop: Backdrop = make_backdrop(
             self._camera, model.reference_pose, head, self._face.animate(eau)
         )
         self._renderer = Renderer(model.call.width, model.call.height, head)
-        self._renderer.set_texture(texture)
+        self._renderer.set_texture(self._wardrobe.texture(np.zeros(0)))
         self._renderer.set_backdrop(still, self._backdrop.grid_px)
 
     def draw(self, frame: PlayedFrame, clock: "StageClock") -> Picture:
         """The picture of one frame, (height, width, 3) uint8 BGR."""
+        if self._wardrobe.changes:
+            with clock.stage("texture"):
+                self._renderer.set_texture(self._wardrobe.texture(frame.face.modes))
         with clock.stage("animate"):
             vertices = self._face.animate(frame.face.eau)
         with clock.stage("composite"):
-            grid_px = warp(self._backdrop, frame.face.pose)
+            grid_px = warp(self._backdrop, frame.face.pose, vertices)
         with clock.stage("render"):
             return self._renderer.draw(self._camera, frame.face.pose, vertices, grid_px)
 
@@ -193,6 +197,11 @@ def played_frames(
             return
 
 
+def head_of(model: ModelPacket) -> Head:
+    """The mesh that the call's profile animates."""
+    return mouth_sheet_head() if model.call.profile == "default" else generic_head()
+
+
 def face_from_model(model: ModelPacket, head: Head) -> Face:
     """The caller's own head."""
     aau = values_from_codes(model.aau, AAU_STEP)
@@ -228,7 +237,7 @@ def _open_outputs(
 ) -> tuple[Scene, PictureSink | None]:
     call = model.call
     try:
-        scene = Scene(model, generic_head())
+        scene = Scene(model, head_of(model))
     except ProtocolError as error:
         raise UserError(f"cannot decode {_name(options)}: {error}") from error
     stack.callback(scene.close)

@@ -6,13 +6,14 @@ the encoder has lost the face its last one is held.  A live call is thus one sam
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
 
+from decoder.samples import Sample, SampleDecoder, sample_decoder
 from protocol.messages import (
     SEQUENCE_MODULUS,
     CallParameters,
@@ -23,7 +24,6 @@ from protocol.messages import (
     ProtocolError,
     parse_packet,
 )
-from protocol.quantise import EAU_STEP, THESIS_RATE_HZ, decode_thesis, values_from_codes
 from shared_model.geometry import (
     conjugate,
     multiply,
@@ -31,7 +31,7 @@ from shared_model.geometry import (
     quaternion_from_vector,
     vector_from_quaternion,
 )
-from shared_model.parameters import EAU_INDEX, THESIS_EAUS, FaceParameters, Pose
+from shared_model.parameters import FaceParameters, Pose
 
 Array = NDArray[np.float64]
 
@@ -52,14 +52,6 @@ class PlayedFrame:
     held: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """A face that was sent, and its place in source frames."""
-
-    place: Fraction
-    face: FaceParameters
-
-
 class Playout:
     """Turns the packets of one call into the faces of its source frames, in order.
 
@@ -77,6 +69,7 @@ class Playout:
         self._next = 0
         self._number = -1  # of the newest sample
         self._sample: Sample | None = None
+        self._decoder: SampleDecoder | None = None
         self._face_lost = False
 
     def receive(self, data: bytes) -> Iterator[PlayedFrame]:
@@ -101,13 +94,15 @@ class Playout:
         if number is None:
             self.late += 1
             return
-        sample = Sample(_place(model.call, number), _decode(model, packet.payload))
+        self._decoder = self._decoder or sample_decoder(model)
+        samples = self._decoder.decode(number, packet.payload)
         self.lost += number - self._number - 1
         self._number = number
-        yield from self._frames_until(model.call, sample)
-        if self._face_lost and self._sample is not None:
-            sample = Sample(sample.place, self._sample.face)
-        self._sample = sample
+        for sample in samples:
+            yield from self._frames_until(model.call, sample)
+            held = self._face_lost and self._sample is not None
+            face = self._sample.face if held and self._sample else sample.face
+            self._sample = Sample(sample.place, face)
 
     def _unwrap(self, sequence: int) -> int | None:
         """The sample's number in the call; None if it is late or a repetition."""
@@ -148,7 +143,7 @@ class Playout:
             self._face_lost = True
         else:
             self._face_lost = False
-            self._skip_to(call, packet.frame)
+            self._skip_to(packet.frame)
 
     def _hold_until(self, call: CallParameters, end: int) -> Iterator[PlayedFrame]:
         """The last face for every source frame before `end`."""
@@ -160,11 +155,10 @@ class Playout:
             self._next += 1
             yield PlayedFrame(index, self._sample.face, self._face_lost)
 
-    def _skip_to(self, call: CallParameters, frame: int) -> None:
+    def _skip_to(self, frame: int) -> None:
         """Expect the samples at and after source frame `frame`: none were sent without a face."""
-        if not self.joined_late:
-            first = ceil((frame - call.start_frame) / _frames_per_sample(call))
-            self._number = max(self._number, first - 1)
+        if not self.joined_late and self._decoder is not None:
+            self._number = max(self._number, self._decoder.number_at(frame) - 1)
 
     def _check_held(self, call: CallParameters, end: int | Fraction) -> None:
         if end - self._next > MAX_HELD_S * call.fps:
@@ -190,23 +184,3 @@ def interpolate(first: FaceParameters, second: FaceParameters, share: float) -> 
 
 def _mix(first: Array, second: Array, share: float) -> Array:
     return np.asarray(first + share * (second - first))
-
-
-def _frames_per_sample(call: CallParameters) -> Fraction:
-    return Fraction(call.fps_numerator, call.fps_denominator) / THESIS_RATE_HZ
-
-
-def _place(call: CallParameters, number: int) -> Fraction:
-    """Where sample `number` lies, in source frames: k / 10 s after the first."""
-    return call.start_frame + number * _frames_per_sample(call)
-
-
-def _decode(model: ModelPacket, payload: bytes) -> FaceParameters:
-    if model.call.profile != "thesis":
-        raise ProtocolError(f"profile {model.call.profile} is unknown to this decoder")
-    face = decode_thesis(payload, model.reference_pose)
-    # What the profile does not send stays as it was in the still that the texture was taken from.
-    eau = values_from_codes(model.reference_eau, EAU_STEP)
-    sent = [EAU_INDEX[name] for name in THESIS_EAUS]
-    eau[sent] = face.eau[sent]
-    return replace(face, eau=eau)

@@ -116,7 +116,7 @@ class Renderer:
 
     def set_texture(self, atlas: Picture) -> None:
         """Set what the head wears.  atlas: (n, m, 3) uint8 BGR."""
-        self._set_picture("atlas", atlas, mipmaps=True)
+        self._set_picture("atlas", atlas)
 
     def set_backdrop(self, still: Picture, grid_px: Array) -> None:
         """Set what stands behind the head.
@@ -125,7 +125,7 @@ class Renderer:
         grid_px: (rows, columns, 2) float64, where the mesh that warps it lies in the picture when
             it is not warped, pixels (`composite.Backdrop.grid_px`).
         """
-        self._set_picture("still", still, mipmaps=False)
+        self._set_picture("still", still)
         rows, columns = grid_px.shape[:2]
         picture_px = (self.width, self.height)
         coordinates = _single((grid_px.reshape(-1, 2) + 0.5) / picture_px)
@@ -227,7 +227,7 @@ class Renderer:
         self._attributes.write(attributes)
         return self._shaded
 
-    def _set_picture(self, name: str, picture: Picture, mipmaps: bool) -> None:
+    def _set_picture(self, name: str, picture: Picture) -> None:
         if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
             raise ValueError(f"{name} is {picture.dtype} {picture.shape}, expected uint8 (h, w, 3)")
         size = picture.shape[1], picture.shape[0]
@@ -238,9 +238,6 @@ class Renderer:
                 texture.repeat_x = texture.repeat_y = False
                 self._textures[name] = texture
             texture.write(np.ascontiguousarray(picture), alignment=1)
-            if mipmaps:
-                texture.build_mipmaps()
-                texture.filter = moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR
 
     def _check(self, camera: Camera, vertices: Array) -> None:
         if (camera.width, camera.height) != (self.width, self.height):

@@ -4,10 +4,38 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.messages import ProtocolError
+from protocol.components import parse_components
+from protocol.messages import ModelPacket, ProtocolError
 
 # An image of a few kilobytes may claim any size; this bounds what decoding it may allocate.
 MAX_IMAGE_SIDE_PX = 4096
+
+
+class Wardrobe:
+    """What the caller wears in each frame: mean + modes x coefficients (eq. 2.17).
+
+    changes: whether there are any modes.
+    Raises `ProtocolError` if an image of the model packet is damaged or of another size.
+    """
+
+    def __init__(self, model: ModelPacket) -> None:
+        self._mean = decode_image("texture", model.texture)
+        coded = parse_components(model.extension).modes if model.extension else ()
+        images = [decode_image(f"mode {i}", data) for i, data in enumerate(coded)]
+        if any(image.shape != self._mean.shape for image in images):
+            raise ProtocolError("a mode is not of the texture's size")
+        self._modes = np.array(images, dtype=np.float32).reshape(len(images), self._mean.size) - 128
+        self.changes = bool(images)
+
+    def texture(self, coefficients: NDArray[np.float64]) -> NDArray[np.uint8]:
+        """The atlas (size, size, 3) uint8 BGR; coefficients (m,), or none for the mean."""
+        if not coefficients.size:
+            return self._mean
+        flat = coefficients.astype(np.float32) @ self._modes
+        flat += self._mean.ravel()
+        # Half a level up, then cut: rounding at a fraction of its price.
+        flat += np.float32(0.5)
+        return np.clip(flat, 0, 255).astype(np.uint8).reshape(self._mean.shape)
 
 
 def decode_image(name: str, data: bytes) -> NDArray[np.uint8]:

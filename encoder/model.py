@@ -1,6 +1,6 @@
 """The model packet: who calls, as the first good frame shows it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from protocol.quantise import (
     values_from_codes,
 )
 from shared_model.animate import Face, Identity, identity_from_controls
-from shared_model.appearance import generic_atlas
+from shared_model.appearance import atlas_of
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters, Pose
 
@@ -25,11 +25,39 @@ Picture = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """Sizes of the model packet's images: most texels a side of the texture, bytes of each."""
+    """Sizes of the model packet's images.
 
-    texture_size: int = 384
-    texture_bytes: int = 8000
-    background_bytes: int = 8000
+    texture_size: most texels a side.  texture_bytes, background_bytes: of each image.
+    modes_bytes, most_modes: of all appearance modes together (default profile).
+    """
+
+    texture_size: int
+    texture_bytes: int
+    background_bytes: int
+    modes_bytes: int = 0
+    most_modes: int = 0
+
+
+BUDGETS = {
+    "thesis": Budget(384, 8000, 8000),
+    "default": Budget(256, 3200, 4000, 4200, 16),
+}
+
+
+def shape_packet(fitted: Fitted, reference: FaceParameters, call: CallParameters) -> ModelPacket:
+    """The packet's geometry, quantised; its images are still empty.
+
+    Textures must be sampled through the shape as the decoder will have it, so that rounding of the
+    shape moves no texel.
+    """
+    return ModelPacket(
+        call=call,
+        aau=codes_from_values(fitted.identity.aau, AAU_STEP),
+        residual=codes_from_values(fitted.control_mm, RESIDUAL_STEP_MM),
+        reference_rotation=tuple(reference.pose.rotation.tolist()),
+        reference_translation_mm=tuple(reference.pose.translation_mm.tolist()),
+        reference_eau=codes_from_values(reference.eau, EAU_STEP, low=-127),
+    )
 
 
 def build_model(
@@ -40,36 +68,18 @@ def build_model(
     call: CallParameters,
     budget: Budget,
 ) -> ModelPacket:
-    """The packet that lets a decoder draw this caller.
+    """The packet that lets a decoder draw this caller in the thesis profile.
 
-    The texture is sampled through the shape as the decoder will have it, after quantisation, so that
-    rounding of the shape moves no texel.
     reference: the caller in `frame`, the picture that still and texture are taken from.
     """
-    aau = codes_from_values(fitted.identity.aau, AAU_STEP)
-    residual = codes_from_values(fitted.control_mm, RESIDUAL_STEP_MM)
-    eau = codes_from_values(reference.eau, EAU_STEP, low=-127)
-    rotation, translation = reference.pose.rotation, reference.pose.translation_mm
-    draft = ModelPacket(
-        call=call,
-        aau=aau,
-        residual=residual,
-        reference_rotation=tuple(rotation.tolist()),
-        reference_translation_mm=tuple(translation.tolist()),
-        reference_eau=eau,
-    )
+    draft = shape_packet(fitted, reference, call)
     face = Face(head, identity_of(head, draft))
-    camera, pose = call.camera, draft.reference_pose
-    vertices = face.animate(values_from_codes(eau, EAU_STEP))
-    size = fitting_size(generic_atlas(64), camera, pose, vertices, budget.texture_size)
-    texture = extract_texture(head, generic_atlas(size), camera, pose, vertices, frame)
-    return ModelPacket(
-        call=call,
-        aau=aau,
-        residual=residual,
-        reference_rotation=draft.reference_rotation,
-        reference_translation_mm=draft.reference_translation_mm,
-        reference_eau=eau,
+    camera, seen = call.camera, reference_of(draft)
+    vertices = face.animate(seen.eau)
+    size = fitting_size(atlas_of(head, 64), camera, seen.pose, vertices, budget.texture_size)
+    texture = extract_texture(head, atlas_of(head, size), camera, seen.pose, vertices, frame)
+    return replace(
+        draft,
         background=compress_background(frame, budget.background_bytes),
         texture=compress(texture, budget.texture_bytes),
     )

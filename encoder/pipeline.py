@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from encoder.capture import Capture, open_source
 from encoder.follow import Follower, blend, open_follower
-from encoder.model import Budget, build_model, reference_of
+from encoder.model import BUDGETS, Budget, build_model, reference_of
 from protocol.link import PacketSink
 from protocol.messages import (
     SEQUENCE_MODULUS,
@@ -60,7 +60,7 @@ class EncodeOptions:
     max_frames: int | None = None
     wait_for_peer_s: float = 0.0
     look_for_face_s: float = 10.0
-    budget: Budget = field(default_factory=Budget)
+    budget: Budget | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,7 +242,7 @@ class Caller:
             focal_px=fitted.camera.focal_px,
             start_frame=index,
         )
-        return build_model(generic_head(), fitted, face, frame, call, self._options.budget)
+        return build_model(generic_head(), fitted, face, frame, call, self._options.budget or BUDGETS[self._options.profile])
 
 
 def paced(

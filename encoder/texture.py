@@ -24,26 +24,30 @@ UNSEEN_COLOURS = {
 FACING_COSINE = 0.1
 DEPTH_CELL_MM = 1.5
 DEPTH_TOLERANCE_MM = 2.0
+# Denser than pixels: what is sampled and drawn again is interpolated twice, and blurs.
+TEXELS_PER_PIXEL = 1.5
 QUALITIES = (1, 95)
 BACKGROUND_SIDES_PX = (640, 448, 320, 224)
 
 
 def sample(frame: Picture, positions_px: Array) -> Texels:
-    """Colours of a picture at (k, 2) pixel positions, bilinear: (k, channels) float32."""
+    """Colours of a picture at (k, 2) pixel positions, bicubic: (k, channels) float32."""
     columns = 1024
     rows = -(-len(positions_px) // columns)
     grid = np.zeros((rows * columns, 2), dtype=np.float32)
     grid[: len(positions_px)] = positions_px
     grid = grid.reshape(rows, columns, 2)
-    sampled = cv2.remap(frame, grid, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    sampled = cv2.remap(frame, grid, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     channels = 1 if frame.ndim == 2 else frame.shape[2]
     return sampled.reshape(rows * columns, channels)[: len(positions_px)].astype(np.float32)
 
 
-def visible_texels(head: Head, atlas: Atlas, pose: Pose, vertices: Array) -> NDArray[np.bool_]:
+def visible_texels(
+    head: Head, atlas: Atlas, pose: Pose, vertices: Array, cell_mm: float = DEPTH_CELL_MM
+) -> NDArray[np.bool_]:
     """(k,) whether the camera sees each texel: facing it, and nothing nearer before it.
 
-    vertices: (n, 3) mm, head frame.
+    vertices: (n, 3) mm, head frame.  cell_mm: what counts as before it; no less than texels' spacing.
     """
     seen = geometry.camera_from_head(pose, vertices)
     corners = seen[atlas.corners]
@@ -51,13 +55,13 @@ def visible_texels(head: Head, atlas: Atlas, pose: Pose, vertices: Array) -> NDA
     points = np.einsum("kc,kcd->kd", atlas.weights, corners)
     lengths = np.linalg.norm(normal, axis=1) * np.linalg.norm(points, axis=1)
     facing = -(normal * points).sum(1) / np.maximum(lengths, 1e-12)
-    cells = np.floor(points[:, :2] / points[:, 2:] * pose.translation_mm[2] / DEPTH_CELL_MM)
+    cells = np.floor(points[:, :2] / points[:, 2:] * pose.translation_mm[2] / cell_mm)
     cells = (cells - cells.min(0)).astype(np.intp)
     flat = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
     nearest = np.full(flat.max() + 1, np.inf)
     np.minimum.at(nearest, flat, points[:, 2])
     # Depth changes by this much within a cell of a slanting surface.
-    slant = DEPTH_CELL_MM * np.sqrt(1 - np.minimum(facing**2, 1)) / np.maximum(facing, FACING_COSINE)
+    slant = cell_mm * np.sqrt(1 - np.minimum(facing**2, 1)) / np.maximum(facing, FACING_COSINE)
     unhidden = points[:, 2] <= nearest[flat] + DEPTH_TOLERANCE_MM + slant
     return np.asarray((facing > FACING_COSINE) & unhidden)
 
@@ -84,24 +88,37 @@ def extract_texture(
     mirrored = known[:, ::-1] & skin & ~known
     image[mirrored] = image[:, ::-1][mirrored]
     known |= mirrored
-    for name, colour in UNSEEN_COLOURS.items():
-        hidden = (part == PARTS.index(name)) & ~known[atlas.rows, atlas.columns]
-        image[atlas.rows[hidden], atlas.columns[hidden]] = colour
-        known[atlas.rows[hidden], atlas.columns[hidden]] = True
+    usual = unseen_colours(head, atlas)
+    hidden = np.isfinite(usual[:, 0]) & ~known[atlas.rows, atlas.columns]
+    image[atlas.rows[hidden], atlas.columns[hidden]] = usual[hidden]
+    known[atlas.rows[hidden], atlas.columns[hidden]] = True
     return np.clip(np.rint(fill(image, known)), 0, 255).astype(np.uint8)
 
 
+def unseen_colours(head: Head, atlas: Atlas) -> Texels:
+    """(k, 3) BGR of what no frame shows: a usual colour inside the mouth, not-a-number on the skin."""
+    part = head.parts[atlas.corners[:, 0]]
+    colours = np.full((len(part), 3), np.nan, dtype=np.float32)
+    for name, colour in UNSEEN_COLOURS.items():
+        colours[part == PARTS.index(name)] = colour
+    return colours
+
+
+def texel_pixels(atlas: Atlas, camera: Camera, pose: Pose, vertices: Array) -> float:
+    """Pixels of the picture per texel, where the face is seen best."""
+    return _spacing(geometry.pixel_from_head(camera, pose, atlas.points(vertices)), atlas)
+
+
 def fitting_size(atlas: Atlas, camera: Camera, pose: Pose, vertices: Array, largest: int) -> int:
-    """Texels a side, a multiple of 16 and at most `largest`, at which texels are as large as pixels.
+    """Texels a side, a multiple of 16 and at most `largest`, at which texels are fine enough.
 
     atlas: any size; it tells how much of the atlas the face takes.
     """
-    points_px = geometry.pixel_from_head(camera, pose, atlas.points(vertices))
-    size = atlas.size * _pixels_per_texel(points_px, atlas)
+    size = TEXELS_PER_PIXEL * atlas.size * texel_pixels(atlas, camera, pose, vertices)
     return int(np.clip(16 * np.ceil(size / 16), 48, largest))
 
 
-def _pixels_per_texel(points_px: Array, atlas: Atlas) -> float:
+def _spacing(points_px: Array, atlas: Atlas) -> float:
     """Pixels from one texel to the next in its row, where the face is seen best."""
     beside = np.flatnonzero((np.diff(atlas.columns) == 1) & (np.diff(atlas.rows) == 0))
     steps = np.linalg.norm(points_px[beside + 1] - points_px[beside], axis=1)
@@ -110,7 +127,7 @@ def _pixels_per_texel(points_px: Array, atlas: Atlas) -> float:
 
 def _at_texel_scale(frame: Picture, points_px: Array, atlas: Atlas) -> tuple[Picture, Array]:
     """Shrink a frame in which the face has more pixels than the atlas texels, against aliasing."""
-    span_px = _pixels_per_texel(points_px, atlas)
+    span_px = _spacing(points_px, atlas)
     if span_px <= 1.2:
         return frame, points_px
     small = cv2.resize(frame, None, fx=1 / span_px, fy=1 / span_px, interpolation=cv2.INTER_AREA)

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from shared_model.mesh import Head, generic_head
+from shared_model.mesh import Head
 
 Array = NDArray[np.float64]
 
@@ -34,12 +34,7 @@ class Atlas:
 
 
 @lru_cache(maxsize=8)
-def generic_atlas(size: int) -> Atlas:
-    """The atlas of the generic head at `size` texels a side."""
-    return rasterise(generic_head(), size)
-
-
-def rasterise(head: Head, size: int) -> Atlas:
+def atlas_of(head: Head, size: int) -> Atlas:
     """Find the triangle and the barycentric weights under the centre of every texel that is shown."""
     owner = np.full((size, size), -1, dtype=np.int32)
     weights = np.zeros((size, size, 3))

@@ -16,7 +16,7 @@ Indices = NDArray[np.int32]
 PARTS = ("skin", "eye_left", "eye_right", "teeth_upper", "teeth_lower", "tongue", "mouth")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Head:
     """A triangle mesh of n vertices and m triangles with everything that animates it.
 

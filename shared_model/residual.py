@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared_model.mesh import PARTS, Head, generic_head
+from shared_model.mouth_sheet import mouth_sheet_head, rim_weights
 from shared_model.parameters import EAU_INDEX
 
 Array = NDArray[np.float64]
@@ -69,12 +70,20 @@ def residual_basis(head: Head) -> Array:
     A control point moves its own vertex by all of its displacement and no other control point's.
     Eyeballs follow the middle of their lids, teeth and tongue the lips, each as one piece.
     """
-    return _generic_basis() if head is generic_head() else _basis(head)
+    if head is generic_head():
+        return _generic_basis()
+    return _mouth_sheet_basis() if head is mouth_sheet_head() else _basis(head)
 
 
 @cache
 def _generic_basis() -> Array:
     return _basis(generic_head())
+
+
+@cache
+def _mouth_sheet_basis() -> Array:
+    basis = _generic_basis()
+    return np.concatenate([basis, basis @ rim_weights(generic_head()).T], axis=1)
 
 
 def _basis(head: Head) -> Array:

@@ -1,0 +1,124 @@
+"""Combined components (thesis eq. 2.18): pose, actuators and coefficients turned into the values sent.
+
+Two measures are diagonalised together: the harm that an error does to the picture (the Gauss-Newton
+Hessian of the shape-free residual), which becomes the unit matrix, and the caller's own motion, which
+becomes diagonal with the strongest first.  Equal steps then do equal harm, and values are uncorrelated.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.crop import Crop
+from encoder.refine import Refiner, luma
+from encoder.shape_free import ShapeFree
+from encoder.texture import sample
+from protocol.components import GEOMETRY, Components, vector_from_face
+from protocol.predict import KINDS, MAX_SPREAD, coding_order
+from protocol.quantise import pose_from_motion
+from shared_model.parameters import FaceParameters, Pose, clip_eau
+
+Array = NDArray[np.float64]
+
+# Steps of the numeric derivatives: degrees, mm, log depth, actuators.
+_PROBE = np.array([0.2, 0.2, 0.2, 0.4, 0.4, 0.002, *[0.03] * (GEOMETRY - 6)])
+# Frames over which motion is measured, and how much plain variance counts beside it.
+MOTION_FRAMES = 4
+VARIANCE_SHARE = 0.3
+# Components that never leave this many units about their mean are not sent.
+LEAST_SPREAD = 0.35
+# An actuator's error is seen by people even where it costs little PSNR: harm per unit, grey^2.
+EAU_HARM = 4.0
+
+
+def harm_matrix(
+    refiner: Refiner,
+    crops: Sequence[Crop],
+    faces: Sequence[FaceParameters],
+    reference: Pose,
+) -> Array:
+    """(d, d) mean squared grey error per squared unit of y = (motion, EAUs, coefficients)."""
+    modes = refiner.template.modes
+    total = np.zeros((GEOMETRY + len(modes),) * 2)
+    for crop, face in zip(crops, faces, strict=True):
+        rows = np.concatenate([_luma_motion(refiner.shape, crop, face, reference), -modes.T], 1)
+        weight = refiner.template.weight * refiner.seen(face)
+        total += (rows * (weight / weight.sum())[:, None]).T.astype(np.float64) @ rows
+    harm = total / len(crops)
+    harm[np.arange(6, GEOMETRY), np.arange(6, GEOMETRY)] += EAU_HARM
+    harm[np.diag_indices(len(harm))] *= 1 + 1e-5
+    return harm
+
+
+def combine(
+    vectors: Array, harm: Array, modes: tuple[bytes, ...], frames_per_packet: int
+) -> Components:
+    """The components of one caller.
+
+    vectors: (t, d) y of the frames.  harm: (d, d), see `harm_matrix`.
+    """
+    centre = vectors.mean(0).astype(np.float32)
+    unit = (1 / np.sqrt(np.diag(harm))).astype(np.float32)
+    root = np.linalg.cholesky(harm)
+    white = (vectors - centre) @ root
+    moves = np.diff(white[::MOTION_FRAMES], axis=0) if len(white) > 2 * MOTION_FRAMES else white
+    motion = moves.T @ moves / max(len(moves), 1) + VARIANCE_SHARE * (white.T @ white) / len(white)
+    _, axes = np.linalg.eigh(motion)
+    axes = axes[:, ::-1]
+    kept = np.abs(white @ axes).std(0) + np.abs((white @ axes).mean(0)) > LEAST_SPREAD
+    kept[0] = True
+    rows = np.linalg.solve(root.T, axes[:, kept]).T / unit
+    exponents = np.ceil(np.log2(np.abs(rows).max(1))).astype(np.int8)
+    basis = np.rint(np.ldexp(rows, -exponents.astype(int)[:, None]) * 127).astype(np.int8)
+    flat = np.full((len(basis), KINDS), MAX_SPREAD, dtype=np.uint8)
+    draft = Components(modes, centre, unit, basis, exponents, flat)
+    spreads = measure_spreads(project(draft, vectors, harm), frames_per_packet)
+    return replace(draft, spreads=spreads)
+
+
+def project(components: Components, vectors: Array, harm: Array) -> Array:
+    """(t, n) component values of y (t, d), in units: least harm by the rounded basis."""
+    matrix = components.matrix
+    normal = matrix @ harm @ matrix.T
+    return np.asarray(np.linalg.solve(normal, matrix @ harm @ (vectors - components.centre).T).T)
+
+
+def measure_spreads(values: Array, frames_per_packet: int) -> NDArray[np.uint8]:
+    """(n, KINDS) codes of the mean size of what each kind of prediction leaves of (t, n) values."""
+    errors: list[list[Array]] = [[] for _ in range(KINDS)]
+    errors[0].append(np.abs(values))
+    for start in range(0, len(values) - frames_per_packet, frames_per_packet):
+        known = {0: values[start]}
+        for place in coding_order(frames_per_packet):
+            share = (place.index - place.left) / max(place.right - place.left, 1)
+            left, right = known[place.left], known.get(place.right, known[0])
+            predicted = left + share * (right - left)
+            known[place.index] = values[start + place.index]
+            errors[place.kind].append(np.abs(known[place.index] - predicted)[None])
+    sizes = np.empty((values.shape[1], KINDS))
+    for kind in range(KINDS):
+        found = errors[kind] or errors[kind - 1]
+        errors[kind] = found
+        sizes[:, kind] = np.concatenate(found).mean(0)
+    codes = np.rint(4 * np.log2(np.maximum(sizes, 1e-6) * 16))
+    return np.clip(codes, 0, MAX_SPREAD).astype(np.uint8)
+
+
+def _luma_motion(
+    shape: ShapeFree, crop: Crop, face: FaceParameters, reference: Pose
+) -> NDArray[np.float32]:
+    """(k, GEOMETRY) grey levels per unit of each geometric value of y, by numeric differences."""
+    y = vector_from_face(face, reference)
+    grey = luma(crop.picture)
+    columns = []
+    for place, probe in enumerate(_PROBE):
+        pair = []
+        for sign in (1, -1):
+            moved = y.copy()
+            moved[place] += sign * probe
+            near = FaceParameters(pose_from_motion(moved[:6], reference), clip_eau(moved[6:GEOMETRY]))
+            pair.append(sample(grey, crop.from_frame(shape.positions(near)))[:, 0])
+        columns.append((pair[0] - pair[1]) / (2 * probe))
+    return np.asarray(np.stack(columns, 1), np.float32)

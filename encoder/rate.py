@@ -1,0 +1,109 @@
+"""Holds the bit rate: which quality each packet of a call is coded at."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.quantiser import CodedPacket, code_packet
+from protocol.messages import SEQUENCE_MODULUS
+from protocol.predict import FramePredictor, Integers
+
+Array = NDArray[np.float64]
+
+WINDOW_S = 5.0
+QUALITIES = 32
+# Byte 0 of a packet and the length before it in a call file.
+OVERHEAD_BYTES = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Spending:
+    """The rate to hold: bits per second, frames per second, frames in a packet."""
+
+    bitrate: float
+    fps: float
+    frames_per_packet: int
+
+
+def code_call(values: Array, spreads: Integers, spending: Spending) -> list[CodedPacket]:
+    """All packets of a call whose component values (t, n), in units, are known beforehand.
+
+    One quality serves the whole call, the finest whose packets keep within the rate; packets that
+    would take more than the rate within any window of `WINDOW_S` are coded more coarsely.
+    """
+    low, high = 0, QUALITIES - 1
+    best = _code_all(values, spreads, spending, high)
+    allowed = spending.bitrate * len(values) / spending.fps
+    while low < high:
+        middle = (low + high) // 2
+        packets = _code_all(values, spreads, spending, middle)
+        if sum(map(packet_bits, packets)) <= allowed:
+            high, best = middle, packets
+        else:
+            low = middle + 1
+    return best
+
+
+def packet_bits(packet: CodedPacket) -> int:
+    """Bits of a packet in a call file."""
+    return 8 * (len(packet.payload) + OVERHEAD_BYTES)
+
+
+def _code_all(
+    values: Array, spreads: Integers, spending: Spending, quality: int
+) -> list[CodedPacket]:
+    predictor, purse = FramePredictor(spreads), Purse(spending)
+    packets = []
+    for number, (start, end) in enumerate(packet_spans(len(values), spending.frames_per_packet)):
+        targets = values[start:end]
+
+        def attempt(
+            tried: int, number: int = number, targets: Array = targets
+        ) -> CodedPacket:
+            return code_packet(
+                predictor,
+                number % SEQUENCE_MODULUS,
+                spending.frames_per_packet,
+                targets,
+                tried,
+                fresh=number == 0,
+            )
+
+        packet = purse.buy(attempt, quality, end - start)
+        predictor.anchor = packet.frames[-1]
+        packets.append(packet)
+    return packets
+
+
+def packet_spans(frames: int, frames_per_packet: int) -> list[tuple[int, int]]:
+    """First frame and end of each packet: one frame first, then `frames_per_packet` each."""
+    starts = [0, *range(1, frames, frames_per_packet)]
+    return list(zip(starts, [*starts[1:], frames], strict=True))
+
+
+class Purse:
+    """What may be spent now so that no window holds more than its share."""
+
+    def __init__(self, spending: Spending) -> None:
+        self._spending = spending
+        self._spent: list[tuple[float, int]] = []  # seconds, bits of the packets in the window
+
+    def buy(
+        self, attempt: Callable[[int], CodedPacket], quality: int, frames: int
+    ) -> CodedPacket:
+        """The packet of `frames` frames at `quality`, or at the finest coarser one there is money for."""
+        seconds = frames / self._spending.fps
+        held = sum(s for s, _ in self._spent)
+        while self._spent and held + seconds > WINDOW_S:
+            held -= self._spent.pop(0)[0]
+        # Before a whole window has passed, the rest of it counts as already earned: the first frame
+        # comes whole.
+        money = self._spending.bitrate * WINDOW_S - sum(bits for _, bits in self._spent)
+        packet = attempt(quality)
+        while packet_bits(packet) > money and quality < QUALITIES - 1:
+            quality += 1
+            packet = attempt(quality)
+        self._spent.append((seconds, packet_bits(packet)))
+        return packet

@@ -1,0 +1,124 @@
+"""Analysis by synthesis (thesis 2.4.3, 4.4): move pose, actuators and coefficients until the model's
+texture is the picture's.
+
+The residual r = g_image - g_model lives in the shape-free frame (eq. 2.22).  Each step solves the normal
+equations of eq. 2.27 for pose, actuators and appearance coefficients together; the derivative of the
+residual is the picture's own gradient carried along the texels' motion, so it holds at any pose.
+"""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.crop import Crop
+from encoder.shape_free import ShapeFree, moved
+from encoder.texture import DEPTH_CELL_MM, sample, visible_texels
+from shared_model.animate import Face
+from shared_model.appearance import Atlas
+from shared_model.mesh import Head
+from shared_model.parameters import EAUS, FaceParameters
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+# Grey levels beyond which a texel counts less (a hand, a highlight), and an actuator's usual motion.
+ROBUST_GREY = 25.0
+EAU_SIGMA = 0.25
+NOISE_GREY = 6.0
+# Neighbouring texels err together; this many texels count as one.
+CORRELATED_TEXELS = 10.0
+# Texels that a fit looks at.
+TEXELS = 5000
+
+
+@dataclass(frozen=True, slots=True)
+class Template:
+    """The luma that texels should have: mean (k,) + coefficients @ modes (m, k); weight (k,)."""
+
+    mean: Single
+    modes: Single
+    weight: Single
+
+
+def luma(picture: NDArray[np.uint8]) -> Single:
+    """(h, w) float32 luma of a BGR picture, as PSNR sees it."""
+    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.float32)
+
+
+class Refiner:
+    """Fits one caller's textured model to pictures, at about `TEXELS` of its texels.
+
+    shape: all texels.  template: what they should look like.
+    """
+
+    def __init__(self, head: Head, face: Face, shape: ShapeFree, template: Template) -> None:
+        self._head, self._face = head, face
+        stride = max(1, round(np.sqrt(len(shape) / TEXELS)))
+        atlas = shape.atlas
+        kept = (atlas.rows % stride == 0) & (atlas.columns % stride == 0)
+        thin = Atlas(
+            atlas.size, atlas.rows[kept], atlas.columns[kept], atlas.corners[kept], atlas.weights[kept]
+        )
+        self._cell_mm = DEPTH_CELL_MM * stride
+        self.shape = ShapeFree(face, thin, shape.camera)
+        self.template = Template(
+            template.mean[kept], template.modes[:, kept], template.weight[kept]
+        )
+
+    def seen(self, face: FaceParameters) -> NDArray[np.bool_]:
+        """(k,) which texels the camera sees."""
+        vertices = self._face.animate(face.eau)
+        return visible_texels(self._head, self.shape.atlas, face.pose, vertices, self._cell_mm)
+
+    def refine(self, crop: Crop, start: FaceParameters, iterations: int) -> FaceParameters:
+        """The face near `start` that the template explains best, with the template's coefficients."""
+        shape, template, geometry = self.shape, self.template, 6 + len(EAUS)
+        grey = luma(crop.picture)
+        stack = np.dstack([grey, *_gradients(grey)])
+        face, coefficients = start, np.zeros(len(template.modes))
+        shown = template.weight * self.seen(start)
+        precision = CORRELATED_TEXELS * float(shown.mean()) * (NOISE_GREY / EAU_SIGMA) ** 2
+        eau = np.arange(6, geometry)
+        for _ in range(iterations):
+            seen = sample(stack, crop.from_frame(shape.positions(face)))
+            slope = seen[:, 1:] * crop.scale.astype(np.float32)
+            jacobian = np.einsum("kie,ki->ke", shape.motion(face), slope)
+            rows = np.concatenate([jacobian, -template.modes.T], axis=1)
+            residual = seen[:, 0] - template.mean
+            unexplained = residual - coefficients.astype(np.float32) @ template.modes
+            weighted = rows * (shown * _robust(unexplained))[:, None]
+            normal = (rows.T @ weighted).astype(np.float64)
+            gradient = -(weighted.T @ residual).astype(np.float64)
+            normal[eau, eau] += precision
+            gradient[eau] += precision * (start.eau - face.eau)
+            normal[np.diag_indices(len(normal))] *= 1 + 1e-6
+            step = np.linalg.solve(normal, gradient)
+            face, coefficients = moved(face, step[:geometry]), step[geometry:]
+        return replace(face, modes=self._coefficients(stack, crop, face, shown))
+
+    def _coefficients(
+        self, stack: Single, crop: Crop, face: FaceParameters, weight: Single
+    ) -> Array:
+        """(m,) least-squares coefficients of the template's modes at a given shape."""
+        modes = self.template.modes
+        if not len(modes):
+            return np.zeros(0)
+        seen = sample(stack, crop.from_frame(self.shape.positions(face)))[:, 0]
+        weighted = (modes * weight).astype(np.float64)
+        normal = weighted @ modes.T
+        normal[np.diag_indices(len(normal))] *= 1 + 1e-4
+        return np.asarray(np.linalg.solve(normal, weighted @ (seen - self.template.mean)))
+
+
+def _gradients(grey: Single) -> tuple[Single, Single]:
+    """d grey / du and d grey / dv, grey levels per pixel."""
+    u = cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
+    v = cv2.Sobel(grey, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
+    return np.asarray(u, np.float32), np.asarray(v, np.float32)
+
+
+def _robust(residual: Single) -> Single:
+    """Cauchy weights (k,)."""
+    return np.asarray(1 / (1 + (residual / np.float32(ROBUST_GREY)) ** 2))

@@ -1,0 +1,208 @@
+"""The default profile of a recorded source: look at all of it, then send the best call.
+
+First pass: landmarks of every frame.  Between: one identity for the whole call, an appearance model
+learned from a sample of frames.  Second pass: every frame refined against that model, combined, coded.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.combine import combine, harm_matrix, project
+from encoder.crop import Crop, crop_face
+from encoder.fit import (
+    EYE_CORNERS,
+    Fitted,
+    fit_frame,
+    fit_identity,
+    landmark_model,
+    personalise,
+    start_parameters,
+)
+from encoder.learn import (
+    Appearance,
+    Stack,
+    code_appearance,
+    luma_modes,
+    mean_colours,
+    shape_free_stack,
+    template_of,
+    to_luma,
+)
+from encoder.model import Budget, identity_of, shape_packet
+from encoder.refine import Refiner, Template
+from encoder.shape_free import ShapeFree
+from encoder.texture import compress_background, fitting_size, texel_pixels, unseen_colours
+from protocol.components import Components, serialise_components, vector_from_face
+from protocol.messages import CallParameters, ModelPacket
+from shared_model.animate import Face
+from shared_model.appearance import atlas_of
+from shared_model.mesh import Head
+from shared_model.parameters import FaceParameters
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+IDENTITY_FRAMES = 10
+TRAINING_FRAMES = 64
+TRACKING_MODES = (0, 4, 8)
+# Landmarks are smoothed over time with this kernel before the first fit.
+SMOOTHING = np.array([0.06, 0.24, 0.4, 0.24, 0.06])
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """Everything about the caller that does not change from frame to frame.
+
+    tracker: what frames are refined with, at a part of the texels.
+    """
+
+    fitted: Fitted
+    reference: FaceParameters
+    tracker: Refiner
+    appearance: Appearance
+    pixels_per_texel: float
+
+
+class Sampler:
+    """Keeps `TRAINING_FRAMES` frames or more, less than twice as many, of a source of any length."""
+
+    def __init__(self) -> None:
+        self._stride = 1
+        self.frames: list[tuple[int, Picture]] = []
+
+    def offer(self, number: int, window: Callable[[], Picture]) -> None:
+        """Take or leave item `number`; `window` makes the picture to keep."""
+        if number % self._stride:
+            return
+        self.frames.append((number, window()))
+        if len(self.frames) >= 2 * TRAINING_FRAMES:
+            self._stride *= 2
+            self.frames = [f for f in self.frames if f[0] % self._stride == 0]
+
+
+def follow_all(head: Head, size: tuple[int, int], points: Sequence[Array]) -> tuple[Fitted, list[FaceParameters]]:
+    """One identity, and pose and actuators of every frame, from all landmarks (468, 3)."""
+    smooth = smoothed(np.array(points))
+    chosen = spread_frames(smooth)
+    fitted = fit_identity(head, size, [smooth[i] for i in chosen])
+    model = personalise(landmark_model(head), fitted.identity.aau, fitted.control_mm)
+    current = start_parameters(model, fitted.camera, smooth[0])
+    faces = []
+    for place in smooth:
+        current = fit_frame(model, fitted.camera, place, current)
+        faces.append(current)
+    return fitted, faces
+
+
+def smoothed(points: Array) -> Array:
+    """Landmarks (t, 468, 3) low-passed over time; the ends as they are mirrored."""
+    reach = len(SMOOTHING) // 2
+    if len(points) <= reach:
+        return points
+    padded = np.pad(points, ((reach, reach), (0, 0), (0, 0)), mode="reflect")
+    return np.asarray(sum(w * padded[i : i + len(points)] for i, w in enumerate(SMOOTHING)))
+
+
+def spread_frames(points: Array) -> list[int]:
+    """Indices of up to `IDENTITY_FRAMES` frames, spread over yaw and pitch."""
+    eyes = points[:, list(EYE_CORNERS)].mean(1)
+    turn = points[:, 1, :2] - eyes[:, :2]
+    shares = np.linspace(0.02, 0.98, IDENTITY_FRAMES // 2)
+    picks = [np.argsort(turn[:, axis])[(shares * (len(points) - 1)).astype(int)] for axis in (0, 1)]
+    return sorted(set(np.concatenate(picks).tolist()))
+
+
+def learn_caller(
+    head: Head,
+    fitted: Fitted,
+    faces: Sequence[FaceParameters],
+    sample_frames: Sequence[tuple[int, Picture]],
+    points: Sequence[Array],
+    call: CallParameters,
+    budget: Budget,
+) -> tuple[Caller, list[Crop], list[FaceParameters]]:
+    """The caller's appearance from a sample of frames; also their crops and refined faces."""
+    reference = faces[0]
+    packet = shape_packet(fitted, reference, call)
+    camera = call.camera
+    face = Face(head, identity_of(head, packet))
+    rest = face.animate(reference.eau)
+    size = fitting_size(atlas_of(head, 64), camera, reference.pose, rest, budget.texture_size)
+    atlas = atlas_of(head, size)
+    shape = ShapeFree(face, atlas, camera)
+    ratio = texel_pixels(atlas, camera, reference.pose, rest)
+    crops = [crop_face(frame, points[number], ratio) for number, frame in sample_frames]
+    found = [faces[number] for number, _ in sample_frames]
+    unseen = unseen_colours(head, atlas)
+    for modes in TRACKING_MODES:
+        stack = _stack(head, shape, face, crops, found)
+        mean = mean_colours(shape, stack, unseen)
+        template = template_of(stack, mean, luma_modes(stack, mean, min(modes, len(crops) // 3)))
+        refiner = Refiner(head, face, shape, template)
+        found = [refiner.refine(c, f, 2) for c, f in zip(crops, found, strict=True)]
+    stack = _stack(head, shape, face, crops, found)
+    mean = mean_colours(shape, stack, unseen)
+    appearance = code_appearance(
+        shape, stack, mean, budget.texture_bytes, budget.modes_bytes, budget.most_modes
+    )
+    refiner = Refiner(head, face, shape, decoded_template(shape, stack, appearance))
+    found = [refiner.refine(c, f, 2) for c, f in zip(crops, found, strict=True)]
+    return Caller(fitted, reference, refiner, appearance, ratio), crops, found
+
+
+def decoded_template(shape: ShapeFree, stack: Stack, appearance: Appearance) -> Template:
+    """What the decoder will paint, as the template to refine against."""
+    at = (shape.atlas.rows, shape.atlas.columns)
+    modes = np.array([to_luma(image[at]) for image in appearance.mode_images], np.float32)
+    return Template(
+        to_luma(appearance.mean[at]), modes.reshape(-1, len(at[0])), stack.weight
+    )
+
+
+def refine_all(
+    caller: Caller,
+    frames: Iterator[tuple[int, Picture]],
+    faces: Sequence[FaceParameters],
+    points: Sequence[Array],
+) -> Iterator[FaceParameters]:
+    """Refine the frames (number among those with a face, picture) against the coded appearance."""
+    for number, frame in frames:
+        crop = crop_face(frame, points[number], caller.pixels_per_texel)
+        yield caller.tracker.refine(crop, faces[number], 3)
+
+
+def combine_call(
+    caller: Caller,
+    crops: Sequence[Crop],
+    trained: Sequence[FaceParameters],
+    faces: Sequence[FaceParameters],
+    frames_per_packet: int,
+) -> tuple[Components, Array]:
+    """The call's components, and their values (t, n) in every frame."""
+    pose = caller.reference.pose
+    every = max(1, len(crops) // 12)
+    harm = harm_matrix(caller.tracker, crops[::every], trained[::every], pose)
+    vectors = np.array([vector_from_face(face, pose) for face in faces])
+    components = combine(vectors, harm, caller.appearance.modes, frames_per_packet)
+    return components, project(components, vectors, harm)
+
+
+def default_model(
+    caller: Caller, components: Components, call: CallParameters, still: Picture, budget: Budget
+) -> ModelPacket:
+    """The model packet of the default profile."""
+    return replace(
+        shape_packet(caller.fitted, caller.reference, call),
+        background=compress_background(still, budget.background_bytes),
+        texture=caller.appearance.texture,
+        extension=serialise_components(components),
+    )
+
+
+def _stack(
+    head: Head, shape: ShapeFree, face: Face, crops: Sequence[Crop], found: Sequence[FaceParameters]
+) -> Stack:
+    return shape_free_stack(head, shape, crops, found, [face.animate(f.eau) for f in found])
