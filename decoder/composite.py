@@ -1,38 +1,68 @@
 """How the still picture behind the head moves with it: the backdrop's mesh, as plain arrays.
 
-Each mesh point is lifted to the depth plane that the head origin had in the reference frame, moved
-rigidly with the head, and projected again.  Near the outline of the head it follows fully (hair and
-ears belong to the head); over about a face width it follows less and less.  Below the chin it
-follows the translation of the head rather than its rotation, since the neck holds still.
+Each mesh point is lifted to the depth plane that the head's origin had in the reference frame,
+moved rigidly with the head, and projected again.  Near the head's outline it follows fully (hair
+and ears belong to the head); over about a face width it follows less and less.  Below the chin it
+follows the head's translation rather than its rotation, since the neck holds still.
+
+Close to the skin that the still shows, the mesh also follows how the skin moves otherwise than that
+plane: nearer parts move farther when the head turns, and the jaw opens.  So the still's own chin
+and hairline stay under the drawn ones, and no second outline shows.
 """
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shared_model.geometry import (
     Camera,
+    camera_from_head,
     conjugate,
     matrix_from_quaternion,
     multiply,
     pixel_from_camera,
     pixel_from_head,
 )
-from shared_model.mesh import Head
+from shared_model.mesh import PARTS, Head
 from shared_model.parameters import Pose
 
 Array = NDArray[np.float64]
 
-MAX_COLUMNS, MAX_ROWS = 48, 36
-CELL_PX = 16
-# Distances from the head's outline, in face widths.
+# Cells of the mesh: this many to a face width, but no more than so many along the longer side.
+CELLS_PER_FACE = 10
+MAX_CELLS = 64
+# Distances in face widths: hair beyond the head's outline, fading of the motion, length of a neck,
+# and how far the skin carries its surroundings along.
 HAIR_MARGIN = 0.15
-REACH = 1.0
+REACH = 0.8
 NECK_LENGTH = 0.6
-# A point may move by this part of the distance over which its motion fades: smoothstep is at most
-# 1.5 steep, so the map stays invertible.
+SKIN_SIGMA = 0.08
+# Weight of "does not move like skin", against about 1 on the skin.
+BEYOND_SKIN = 0.15
+LEAST_WEIGHT = 1e-3
+FACING_COSINE = 0.3
+# The motion of a point may change by this much over a unit of length; at 1 the map would fold.
 STEEPEST = 0.55
+# No cell may shrink below this part of its area.
+LEAST_AREA = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Skin:
+    """The skin that the still shows, and the mesh points that it carries along.
+
+    vertices: (k,) int, vertices of the head.
+    rigid_mm: (k, 3) float64, camera frame: them in the backdrop's plane.
+    points: (p,) int, mesh points, row by row.
+    pull: (p, k) float64, what each mesh point takes of each vertex' motion; rows sum to at most 1.
+    """
+
+    vertices: NDArray[np.intp]
+    rigid_mm: Array
+    points: NDArray[np.intp]
+    pull: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +72,7 @@ class Backdrop:
     camera, reference: how the still was taken.
     face_width_px: width of the face in the still.
     grid_px: (rows, columns, 2) float64, pixels, the mesh at rest; its rim is the picture's edge.
-    lifted_mm: (rows, columns, 3) float64, camera frame, mm: the points in the depth of the head.
+    rigid_mm: (rows, columns, 3) float64, camera frame, mm: the points in the depth of the head.
     distance_px: (rows, columns) float64, pixels, from the head and its hair; 0 within.
     turning: (rows, columns) float64 in [0, 1]: how much of the head's rotation a point takes.
     """
@@ -51,9 +81,10 @@ class Backdrop:
     reference: Pose
     face_width_px: float
     grid_px: Array
-    lifted_mm: Array
+    rigid_mm: Array
     distance_px: Array
     turning: Array
+    skin: Skin
 
 
 def make_backdrop(camera: Camera, reference: Pose, head: Head, vertices: Array) -> Backdrop:
@@ -61,49 +92,52 @@ def make_backdrop(camera: Camera, reference: Pose, head: Head, vertices: Array) 
 
     vertices: (n, 3) float64, mm, head frame: the head in the still.
     """
-    grid_px = _grid(camera)
     outline_px = pixel_from_head(camera, reference, vertices)
-    face_px = outline_px[head.opacity > 0]
-    face_width_px = float(np.ptp(face_px[:, 0]))
+    face_width_px = float(np.ptp(outline_px[head.opacity > 0, 0]))
+    grid_px = _grid(camera, face_width_px)
     nearest_px = _nearest(grid_px.reshape(-1, 2), outline_px).reshape(grid_px.shape[:2])
-    depth_mm = reference.translation_mm[2]
-    lifted = np.concatenate(
-        [
-            (grid_px - camera.centre) * depth_mm / camera.focal_px,
-            np.full((*grid_px.shape[:2], 1), depth_mm),
-        ],
-        axis=-1,
-    )
     return Backdrop(
         camera=camera,
         reference=reference,
         face_width_px=face_width_px,
         grid_px=grid_px,
-        lifted_mm=lifted,
+        rigid_mm=_lift(camera, reference, grid_px),
         distance_px=np.maximum(nearest_px - HAIR_MARGIN * face_width_px, 0),
         turning=_turning(camera, reference, grid_px, vertices, face_width_px),
+        skin=_skin(camera, reference, head, vertices, grid_px, SKIN_SIGMA * face_width_px),
     )
 
 
-def warp(backdrop: Backdrop, pose: Pose) -> Array:
-    """Where the mesh lies when the head is posed like `pose`: (rows, columns, 2), pixels."""
-    reference, lifted = backdrop.reference, backdrop.lifted_mm
-    shift = pose.translation_mm - reference.translation_mm
-    rotation = matrix_from_quaternion(multiply(pose.rotation, conjugate(reference.rotation)))
-    turned = (lifted - reference.translation_mm) @ rotation.T + pose.translation_mm
-    moved = lifted + shift
-    target_mm = moved + backdrop.turning[..., None] * (turned - moved)
-    motion = pixel_from_camera(backdrop.camera, target_mm) - backdrop.grid_px
-    weight = _falloff(backdrop, motion)
-    return backdrop.grid_px + _hold_edges(backdrop, weight[..., None] * motion)
+def warp(backdrop: Backdrop, pose: Pose, vertices: Array) -> Array:
+    """Where the mesh lies in another frame: (rows, columns, 2), pixels.
+
+    vertices: (n, 3) float64, mm, head frame: the head in that frame, posed like `pose`.
+    """
+    motion = _rigid_motion(backdrop, pose)
+    motion = _hold_edges(backdrop, motion * _falloff(backdrop, motion)[..., None])
+    carried = np.zeros_like(motion)
+    skin = backdrop.skin
+    carried.reshape(-1, 2)[skin.points] = skin.pull @ _skin_motion(backdrop, pose, vertices)
+    carried = _hold_edges(backdrop, carried)
+    grid_px = backdrop.grid_px + motion
+    least_px2 = LEAST_AREA * float(np.prod(backdrop.grid_px[1, 1] - backdrop.grid_px[0, 0]))
+    return grid_px + unfolded_share(grid_px, carried, least_px2) * carried
 
 
-def _grid(camera: Camera) -> Array:
-    columns = min(MAX_COLUMNS, -(-camera.width // CELL_PX)) + 1
-    rows = min(MAX_ROWS, -(-camera.height // CELL_PX)) + 1
+def _grid(camera: Camera, face_width_px: float) -> Array:
+    longer = max(camera.width, camera.height)
+    cell_px = max(face_width_px / CELLS_PER_FACE, longer / MAX_CELLS)
+    columns, rows = (int(np.ceil(side / cell_px)) + 1 for side in (camera.width, camera.height))
     u = np.linspace(-0.5, camera.width - 0.5, columns)
     v = np.linspace(-0.5, camera.height - 0.5, rows)
     return np.stack(np.meshgrid(u, v), axis=-1)
+
+
+def _lift(camera: Camera, reference: Pose, points_px: Array) -> Array:
+    """(..., 3) mm, camera frame: pixels (..., 2) in the depth plane of the head's origin."""
+    depth_mm = np.full((*points_px.shape[:-1], 1), reference.translation_mm[2])
+    plane = (points_px - camera.centre) * depth_mm / camera.focal_px
+    return np.concatenate([plane, depth_mm], axis=-1)
 
 
 def _nearest(points: Array, targets: Array) -> Array:
@@ -123,24 +157,123 @@ def _turning(
     return 1 - smoothstep(below)
 
 
+def _skin(
+    camera: Camera, reference: Pose, head: Head, vertices: Array, grid_px: Array, sigma_px: float
+) -> Skin:
+    drawn = (head.opacity > 0) & (head.parts == PARTS.index("skin"))
+    facing = _cosines(reference, head, vertices) > FACING_COSINE
+    carriers = np.flatnonzero(drawn & facing)
+    carriers_px = pixel_from_head(camera, reference, vertices[carriers])
+    weights = _kernel(grid_px.reshape(-1, 2), carriers_px, sigma_px)
+    points = np.flatnonzero(weights.max(axis=1, initial=0) > LEAST_WEIGHT)
+    # A vertex counts by the area it stands for: they are dense around eyes and mouth.
+    shares = weights[points] / _kernel(carriers_px, carriers_px, sigma_px).sum(axis=1)
+    return Skin(
+        vertices=carriers,
+        rigid_mm=_lift(camera, reference, carriers_px),
+        points=points,
+        pull=shares / (shares.sum(axis=1, keepdims=True) + BEYOND_SKIN),
+    )
+
+
+def _cosines(reference: Pose, head: Head, vertices: Array) -> Array:
+    """(n,) cosine between each vertex' outward normal and the direction to the camera."""
+    seen = camera_from_head(reference, vertices)
+    a, b, c = (seen[head.triangles[:, corner]] for corner in range(3))
+    flat = np.cross(b - a, c - a)
+    normals = np.zeros_like(seen)
+    for corner in range(3):
+        np.add.at(normals, head.triangles[:, corner], flat)
+    lengths = np.linalg.norm(normals, axis=1) * np.linalg.norm(seen, axis=1)
+    return np.asarray(-(normals * seen).sum(axis=1) / np.maximum(lengths, 1e-12))
+
+
+def _kernel(points: Array, centres: Array, sigma: float) -> Array:
+    squared = ((points[:, None] - centres[None]) ** 2).sum(axis=-1)
+    return np.asarray(np.exp(-squared / (2 * sigma**2)))
+
+
+def _rigid_motion(backdrop: Backdrop, pose: Pose) -> Array:
+    """(rows, columns, 2) pixels: the mesh carried by the head, the neck without its rotation."""
+    turned = _carry(backdrop, pose, backdrop.rigid_mm)
+    shifted = backdrop.rigid_mm + (pose.translation_mm - backdrop.reference.translation_mm)
+    target_mm = shifted + backdrop.turning[..., None] * (turned - shifted)
+    return pixel_from_camera(backdrop.camera, target_mm) - backdrop.grid_px
+
+
+def _skin_motion(backdrop: Backdrop, pose: Pose, vertices: Array) -> Array:
+    """(k, 2) pixels by which the skin moves otherwise than the backdrop's plane."""
+    skin = backdrop.skin
+    actual_px = pixel_from_head(backdrop.camera, pose, vertices[skin.vertices])
+    return actual_px - pixel_from_camera(backdrop.camera, _carry(backdrop, pose, skin.rigid_mm))
+
+
+def _carry(backdrop: Backdrop, pose: Pose, points_mm: Array) -> Array:
+    """Camera-frame points (..., 3), mm, fixed to the head: where they are in another pose."""
+    reference = backdrop.reference
+    rotation = matrix_from_quaternion(multiply(pose.rotation, conjugate(reference.rotation)))
+    return np.asarray((points_mm - reference.translation_mm) @ rotation.T + pose.translation_mm)
+
+
 def _falloff(backdrop: Backdrop, motion: Array) -> Array:
     """1 on the head and its hair, 0 beyond the reach, which grows with the motion of the head."""
-    on_head = backdrop.distance_px == 0
-    largest = float(np.linalg.norm(motion[on_head], axis=-1).max()) if on_head.any() else 0.0
+    on_head = motion[backdrop.distance_px == 0]
+    largest = float(np.linalg.norm(on_head, axis=-1).max(initial=0))
+    # `smoothstep` is at most 1.5 steep.
     reach_px = max(REACH * backdrop.face_width_px, 1.5 * largest / STEEPEST)
     return 1 - smoothstep(backdrop.distance_px / reach_px)
 
 
 def _hold_edges(backdrop: Backdrop, motion: Array) -> Array:
     """Let nothing come in from beyond the picture: inward motion fades between head and edge."""
-    grid_px, reach = backdrop.grid_px, REACH * backdrop.face_width_px
+    grid_px, reach = backdrop.grid_px, backdrop.face_width_px
     head = grid_px[backdrop.distance_px == 0].reshape(-1, 2)
     first, last = grid_px[0, 0], grid_px[-1, -1]
-    before = np.clip(np.min(head, axis=0, initial=np.inf) - first, CELL_PX, reach)
-    after = np.clip(last - np.max(head, axis=0, initial=-np.inf), CELL_PX, reach)
+    least = reach / CELLS_PER_FACE
+    before = np.clip(np.min(head, axis=0, initial=np.inf) - first, least, reach)
+    after = np.clip(last - np.max(head, axis=0, initial=-np.inf), least, reach)
     from_first = smoothstep((grid_px - first) / before)
     from_last = smoothstep((last - grid_px) / after)
     return np.maximum(motion, 0) * from_first + np.minimum(motion, 0) * from_last
+
+
+def unfolded_share(grid: Array, motion: Array, least_area: float) -> float:
+    """The largest s in [0, 1] with which no corner of grid + s motion has less than `least_area`.
+
+    grid, motion: (rows, columns, 2) float64.  Behind a turned head's cheek the still's skin would
+    fold under itself.
+    """
+    (across, moved_across), (down, moved_down) = (
+        (np.diff(grid, axis=axis), np.diff(motion, axis=axis)) for axis in (1, 0)
+    )
+    shares = [1.0]
+    for i, j in product((slice(-1), slice(1, None)), repeat=2):
+        a, b = across[i], down[:, j]
+        c, d = moved_across[i], moved_down[:, j]
+        # The corner's area is constant + linear s + quadratic s^2.
+        constant, linear, quadratic = (
+            _cross(a, b) - least_area,
+            _cross(a, d) + _cross(c, b),
+            _cross(c, d),
+        )
+        risky = (constant > 0) & (constant + np.minimum(linear, 0) + np.minimum(quadratic, 0) < 0)
+        if risky.any():
+            shares.append(_first_root(constant[risky], linear[risky], quadratic[risky]))
+    return min(shares)
+
+
+def _first_root(constant: Array, linear: Array, quadratic: Array) -> float:
+    """The least positive root of any polynomial, all of which are positive at 0; else infinity."""
+    root = np.sqrt(np.maximum(linear**2 - 4 * quadratic * constant, 0))
+    real = linear**2 >= 4 * quadratic * constant
+    # Of the two forms of a root this one also holds where the polynomial is linear.
+    divisors = np.concatenate([(root - linear)[real], (-root - linear)[real]])
+    numerators = np.tile(2 * constant[real], 2)
+    return float(np.min(numerators[divisors > 0] / divisors[divisors > 0], initial=np.inf))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
 def smoothstep(x: Array) -> Array:
