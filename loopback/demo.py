@@ -23,6 +23,8 @@ from shared_model.errors import UserError
 Picture = NDArray[np.uint8]
 
 SHEET_COLUMNS = 6
+# Smaller pictures are enlarged by a whole number, to be looked at.
+SHEET_PICTURE_PX = 240
 LABELS = ("source", "decoded")
 
 
@@ -77,10 +79,11 @@ def _pick(name: str, chosen: list[int]) -> Iterator[tuple[int, Picture]]:
 
 
 def _labelled(picture: Picture, text: str) -> Picture:
-    labelled = picture.copy()
+    zoom = -(-SHEET_PICTURE_PX // picture.shape[0])
+    labelled = cv2.resize(picture, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC)
     for colour, thickness in (((0, 0, 0), 3), ((255, 255, 255), 1)):
         cv2.putText(labelled, text, (5, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, thickness)
-    return labelled
+    return np.asarray(labelled, dtype=np.uint8)
 
 
 def _demo_table(summary: CallSummary, quality: Quality) -> str:

@@ -1,0 +1,43 @@
+"""The first thing a newcomer runs."""
+
+from pathlib import Path
+
+import cv2
+import pytest
+
+from encoder.capture import open_source
+from loopback.cli import main
+from loopback.clips import clip_path
+from protocol.summary import summarise
+from shared_model.errors import UserError
+
+
+def test_the_demo_leaves_a_call_videos_and_a_contact_sheet(
+    carphone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "out" / "demo"
+    assert main(["demo", "--out", str(folder)]) == 0
+    printed = capsys.readouterr().out
+    assert summarise(folder / "call.rzo").frames == 120
+    assert "PSNR of the face, dB" in printed
+    with open_source(str(folder / "side_by_side.mp4")) as both:
+        assert (both.height, both.width) == (144, 2 * 176)
+        assert sum(1 for _ in both) == 120
+    sheet = cv2.imread(str(folder / "contact_sheet.png"))
+    assert sheet is not None
+    # Source above, decoded below; enlarged, since the clip is small.
+    assert sheet.shape[0] * 6 * 176 == sheet.shape[1] * 2 * 144
+    assert sheet.shape[0] >= 480
+    assert all(str(path) in printed for path in folder.iterdir())
+
+
+def test_a_clip_of_a_package_that_is_missing_says_how_to_get_it() -> None:
+    with pytest.raises(UserError, match="make install"):
+        clip_path("package:no_such_package/clip.mp4", Path())
+    with pytest.raises(UserError, match="make install"):
+        clip_path("package:loopback/no_such_clip.mp4", Path())
+
+
+def test_other_clips_are_looked_for_from_the_folder() -> None:
+    assert clip_path("a/b.mp4", Path("/clips")) == Path("/clips/a/b.mp4")
+    assert clip_path("/b.mp4", Path("/clips")) == Path("/b.mp4")
