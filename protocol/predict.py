@@ -1,7 +1,7 @@
 """Frame packets of the default profile: integers predicted from the decoder's own past.
 
 A packet holds the frames after an *anchor*, the last frame of the packet before.  Its own last
-frame, the next anchor, is predicted from that one; then the frame in the middle of two known ones
+frame, the next anchor, is predicted from that one, damped; then the frame between two known ones
 from their mean, and so on by halves (hierarchical prediction).  In turn, every component of an
 anchor is coded without prediction once in `REFRESH` packets: a lost packet is forgotten without a
 burst.
@@ -33,6 +33,11 @@ KINDS = 5
 _KIND_STEP = (0, 0, 1, 3, 4)
 _MAX_QUALITY = 31
 _QUARTERS = (256, 304, 362, 431)
+# What of an anchor is left in the next one, in sixteenths, and by how many quarter octaves this
+# prediction is better than holding the anchor, for a component whose anchors differ by 2 ** (d / 4)
+# times its own usual size, d = -7, -6, ... 2: in an autoregressive process, 1 - 2 ** (d / 2) / 2.
+_DAMPING = (16, 15, 15, 14, 13, 12, 10, 8, 5, 0)
+_DAMPING_GAIN = (0, 0, 0, 0, 0, 0, 1, 1, 1, 2)
 
 MAX_SPREAD = 63
 _SPREAD_OFFSET = 16
@@ -71,12 +76,18 @@ class FramePredictor:
     """What both ends know of the past.
 
     spreads: (n, KINDS) integers 0..MAX_SPREAD: log2 of the usual size of each component's values,
-        by kind of prediction, in quarter octaves above 1/16 unit.
+        by kind of prediction, in quarter octaves above 1/16 unit; for anchors, of what they differ.
     """
 
     def __init__(self, spreads: Integers) -> None:
-        self.spreads = np.asarray(spreads, dtype=np.int64)
+        self.spreads = np.array(spreads, dtype=np.int64)
         self.components = len(self.spreads)
+        relative = self.spreads[:, ANCHOR] - self.spreads[:, ABSOLUTE]
+        row = np.clip(relative + 7, 0, len(_DAMPING) - 1)
+        self._damping = np.array(_DAMPING)[row]
+        self.spreads[:, ANCHOR] = np.maximum(
+            0, self.spreads[:, ANCHOR] - np.array(_DAMPING_GAIN)[row]
+        )
         self.anchor = np.zeros(self.components, dtype=np.int64)
 
     def kinds(self, place: Place, sequence: int, fresh: bool) -> Integers:
@@ -90,7 +101,7 @@ class FramePredictor:
     def predict(self, place: Place, kinds: Integers, known: dict[int, Integers]) -> Integers:
         """(n,) prediction of the frame at `place` from the `known` frames of its packet."""
         if place.kind == ANCHOR:
-            return np.where(kinds == ABSOLUTE, 0, known[0])
+            return np.where(kinds == ABSOLUTE, 0, known[0] * self._damping >> 4)
         span = place.right - place.left
         share = place.index - place.left
         return (known[place.left] * (span - share) + known[place.right] * share) // span
