@@ -276,9 +276,17 @@ def _add_link(parser: Parser, where: argparse._MutuallyExclusiveGroup) -> None:
 def _add_coding(parser: Parser) -> None:
     parser.add_argument(
         "--profile",
-        choices=("thesis",),
+        choices=("thesis", "default"),
         default="thesis",
-        help="thesis: ten values of 8 bits, ten times a second (default)",
+        help="thesis: ten values of 8 bits, ten times a second; default: every frame, with the"
+        " caller's own appearance, entropy-coded (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--bitrate",
+        type=_bitrate,
+        default=800.0,
+        metavar="BPS",
+        help="bits a second of frame packets, default profile (default: %(default)g)",
     )
     parser.add_argument(
         "--detector",
@@ -300,6 +308,13 @@ def _seconds(text: str) -> float:
     value = float(text)
     if not 0 <= value < 1e9:
         raise argparse.ArgumentTypeError(f"{text} is not a number of seconds")
+    return value
+
+
+def _bitrate(text: str) -> float:
+    value = float(text)
+    if not 0 < value < 1e9:
+        raise argparse.ArgumentTypeError(f"{text} is not a number of bits a second")
     return value
 
 

@@ -37,6 +37,7 @@ class BenchSettings:
     """How clips are encoded; pace: at their own rate, as latency needs it."""
 
     profile: str = "thesis"
+    bitrate: float = 800.0
     detector: str = "network"
     max_frames: int | None = None
     pace: bool = True
@@ -44,6 +45,7 @@ class BenchSettings:
     def encoder_options(self) -> list[str]:
         """The settings as options of the encoder's command line."""
         options = ["--profile", self.profile, "--detector", self.detector, "--lossless"]
+        options += ["--bitrate", str(self.bitrate)]
         options += ["--pace" if self.pace else "--no-pace"]
         return options + ([] if self.max_frames is None else ["--max-frames", str(self.max_frames)])
 

@@ -43,6 +43,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
         call=arguments.call,
         lossless=arguments.lossless,
         profile=arguments.profile,
+        bitrate=arguments.bitrate,
         detector=arguments.detector,
         pace=over_link if arguments.pace is None else arguments.pace,
         max_frames=arguments.max_frames,
@@ -100,6 +101,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
 
     settings = BenchSettings(
         profile=arguments.profile,
+        bitrate=arguments.bitrate,
         detector=arguments.detector,
         max_frames=arguments.max_frames,
         pace=arguments.pace,

@@ -22,13 +22,13 @@ missing() {
     fi
 }
 
-wanted=$(missing | tr '\n' ' ')
+wanted=$(missing | tr '\n' ' ' | sed 's, $,,')
 [ -n "$wanted" ] || exit 0
 if [ "$(id -u)" -eq 0 ] && command -v apt-get >/dev/null; then
     apt-get update -qq
     # shellcheck disable=SC2086  # one word for each package
     DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends $wanted
 else
-    echo "risorius needs these system packages first: $wanted(Debian: apt-get install $wanted)" >&2
+    echo "risorius needs these system packages first: $wanted (Debian: apt-get install $wanted)" >&2
     exit 1
 fi
