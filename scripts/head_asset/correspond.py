@@ -9,8 +9,8 @@ from scipy.optimize import linear_sum_assignment
 
 from encoder.landmarks import FaceMesh
 from scripts.head_asset.mesh_parts import SKIN, Mesh
-from scripts.head_asset.network import POINTS, Sight, see, vertex_normals
-from shared_model.geometry import camera_from_head
+from scripts.head_asset.network import CAMERA, POINTS, Sight, see, vertex_normals
+from shared_model.geometry import camera_from_head, pixel_from_head
 from shared_model.parameters import Pose
 
 Array = NDArray[np.float64]
@@ -18,7 +18,7 @@ Indices = NDArray[np.int64]
 
 # Inner rims of the lips, from the subject's right corner to the left one, corners left out.
 INNER_UPPER = (191, 80, 81, 82, 13, 312, 311, 310, 415)
-INNER_LOWER = (95, 88, 178, 87, 14, 317, 402, 318, 324)
+INNER_LOWER = (95, 96, 88, 178, 87, 14, 317, 402, 318, 324, 325)
 # (yaw, pitch) in degrees, share of the jawOpen target.
 VIEWS = (
     *((yaw, 0, 0.0) for yaw in (-30, -20, -10, 0, 10, 20, 30)),
@@ -26,6 +26,8 @@ VIEWS = (
 )
 # Full jawOpen lowers the lower lip by more than this, mm, and the upper by less.
 LOWER_LIP_MM = -9.0
+# How far above and below an inner rim's point the line between the lips is looked for, pixels.
+RIM_SEARCH_PX = 16
 OPEN_VIEWS = ((-12, 0, 0.35), (0, 0, 0.35), (12, 0, 0.35), (0, 10, 0.25), (0, -10, 0.25))
 
 
@@ -60,6 +62,7 @@ def find_points(networks: Sequence[FaceMesh], mesh: Mesh) -> Correspondence:
             # An open mouth moves all that is below the nose, but only it shows the inner rims.
             trust.append(weight * (inner == (jaw > 0)) * _near_side(place_in_front, yaw))
     middle = robust_mean(np.array(places), np.array(trust))
+    middle[inner] = _on_the_rims(middle, mesh, frontal, lower_lip)[inner]
     mirror = mirror_pairs(middle)
     middle = (middle + middle[mirror] * [-1, 1, 1]) / 2
     return _nearest(middle, mirror, mesh, seen)
@@ -200,6 +203,25 @@ def _lift(
             slant = 1.0 if g else max(facing, 0.02) ** 2
             trust[point] = slant / (1 + max(away[best] - 2, 0))
     return place, trust
+
+
+def _on_the_rims(places: Array, mesh: Mesh, frontal: Sight, lower_lip: NDArray[np.bool_]) -> Array:
+    """Inner rims (468, 3) mm put where the closed lips meet as seen from the front, at the same x.
+
+    There a closed mouth has both; an open one parts them there.
+    """
+    moved = places.copy()
+    triangle, group = frontal.hits.triangle, _lip_groups()
+    pixels = np.rint(pixel_from_head(CAMERA, frontal.pose, places)).astype(int)
+    for point in np.flatnonzero(group):
+        column, row = pixels[point]
+        # The first row of the lower lip, looking down from well above the line.
+        rows = np.arange(row - RIM_SEARCH_PX, row + RIM_SEARCH_PX)
+        first = rows[np.argmax(lower_lip[triangle[rows, column]])]
+        pixel = (first - 1 if group[point] == 1 else first), column
+        corners = mesh.triangles[triangle[pixel]]
+        moved[point] = frontal.hits.weights[pixel] @ mesh.vertices[corners]
+    return moved
 
 
 def _near_side(place: Array, yaw_deg: float) -> Array:
