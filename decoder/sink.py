@@ -2,6 +2,8 @@
 
 from fractions import Fraction
 from pathlib import Path
+from queue import Queue
+from threading import Thread
 from typing import Protocol, Self
 
 import cv2
@@ -17,6 +19,8 @@ CODECS = {".mkv": "FFV1", ".avi": "FFV1", ".mp4": "mp4v", ".mov": "mp4v"}
 # Matroska's DefaultDuration element with a four-byte value, ns a frame.
 MKV_DEFAULT_DURATION = b"\x23\xe3\x83\x84"
 MKV_HEADER_BYTES = 4096
+# Pictures that may wait for a `Background` sink.
+QUEUED_PICTURES = 4
 
 
 class PictureSink(Protocol):
@@ -103,6 +107,52 @@ class VideoFile:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+
+class Background:
+    """Writes into another sink from a thread of its own, so that drawing need not wait for coding.
+
+    What goes wrong there is raised by the next `write` or by `close`.
+    """
+
+    def __init__(self, sink: PictureSink) -> None:
+        self._sink = sink
+        self._error: BaseException | None = None
+        self._queue: Queue[Picture | None] = Queue(QUEUED_PICTURES)
+        self._thread = Thread(target=self._work, daemon=True)
+        self._thread.start()
+
+    def write(self, picture: Picture) -> None:
+        """Hand over one picture, which must not change any more; waits if many are waiting."""
+        self._raise_error()
+        self._queue.put(picture)
+
+    def close(self) -> None:
+        """Write what is waiting and finish; closing twice does nothing more."""
+        if self._thread.is_alive():
+            self._queue.put(None)
+            self._thread.join()
+        self._sink.close()
+        self._raise_error()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def _work(self) -> None:
+        while (picture := self._queue.get()) is not None:
+            if self._error is None:
+                try:
+                    self._sink.write(picture)
+                except Exception as error:  # passed on to the other thread, whatever it is
+                    self._error = error
+
+    def _raise_error(self) -> None:
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error
 
 
 class ImageSequence:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from decoder.sink import open_sink
+from decoder.sink import Background, open_sink
 from shared_model.errors import UserError
 
 Picture = NDArray[np.uint8]
@@ -106,3 +106,33 @@ def test_a_picture_of_another_size_is_refused(tmp_path: Path) -> None:
         pytest.raises(ValueError, match="expected"),
     ):
         sink.write(noise(1, 62, 48)[0])
+
+
+def test_background_sink_writes_everything_in_order(tmp_path: Path) -> None:
+    path, pictures = tmp_path / "out.mkv", noise(25)
+    with Background(open_sink(path, 64, 48, Fraction(25))) as sink:
+        for picture in pictures:
+            sink.write(picture)
+    assert all(np.array_equal(a, b) for a, b in zip(pictures, read(path)[0], strict=True))
+
+
+def test_background_sink_is_finished_when_interrupted(tmp_path: Path) -> None:
+    path = tmp_path / "out.mkv"
+    with (
+        pytest.raises(KeyboardInterrupt),
+        Background(open_sink(path, 64, 48, Fraction(25))) as sink,
+    ):
+        for picture in noise(11):
+            sink.write(picture)
+        raise KeyboardInterrupt
+    assert len(read(path)[0]) == 11
+
+
+def test_background_sink_passes_errors_on_and_still_closes(tmp_path: Path) -> None:
+    sink = Background(open_sink(tmp_path / "out.mkv", 64, 48, Fraction(25)))
+    sink.write(noise(1)[0])
+    sink.write(noise(1, 62, 48)[0])
+    with pytest.raises(ValueError, match="expected"):
+        sink.close()
+    sink.close()
+    assert len(read(tmp_path / "out.mkv")[0]) == 1

@@ -5,7 +5,6 @@ in float opacity;
 out vec4 colour;
 
 void main() {
-    // What cannot be seen must not hide what lies behind it either.
-    if (opacity < 0.002) discard;
+    // Where the still picture stands for the skin (opacity 0) the skin hides what is inside it all the same.
     colour = vec4(texture(atlas, uv).rgb, opacity);
 }
