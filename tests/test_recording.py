@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from packets import CALL, MODEL
 
+from protocol.link import PacketSink, PacketSource
 from protocol.messages import (
     MAX_MODEL_PACKET_BYTES,
     ControlKind,
@@ -58,6 +59,16 @@ def test_a_call_comes_back_whole(tmp_path: Path) -> None:
 def test_records_round_trip(packets: list[bytes]) -> None:
     file = io.BytesIO(MAGIC + b"".join(map(record, packets)))
     assert list(read_records(file)) == packets
+
+
+def test_files_carry_a_call_as_any_link_does(tmp_path: Path) -> None:
+    sink: PacketSink = CallWriter(tmp_path / "call.rzo")
+    with sink:
+        sink.send(serialise(MODEL))
+    source: PacketSource = CallReader(tmp_path / "call.rzo")
+    with source:
+        assert source.receive(timeout_s=0) == serialise(MODEL)
+        assert source.receive(timeout_s=0) is None and source.ended
 
 
 def test_a_call_without_an_end_is_read_and_reported(tmp_path: Path) -> None:

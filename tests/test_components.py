@@ -1,0 +1,146 @@
+"""The default profile's part of the model packet: exact, bounded, and a face whatever comes."""
+
+import random
+from dataclasses import replace
+
+import msgpack  # type: ignore[import-untyped]
+import numpy as np
+import pytest
+
+from protocol.components import (
+    GEOMETRY,
+    MAX_MODES,
+    Components,
+    face_from_components,
+    parse_components,
+    serialise_components,
+    vector_from_face,
+)
+from protocol.messages import ProtocolError
+from protocol.predict import KINDS, MAX_SPREAD, MAX_VALUE, UNIT
+from shared_model.geometry import pose_from_euler
+from shared_model.parameters import EAU_HIGH, EAU_LOW, FaceParameters
+
+REFERENCE = pose_from_euler(4.0, -12.0, 3.0, np.array([30.0, -20.0, 650.0]))
+MODES = 2
+D = GEOMETRY + MODES
+
+
+def sample(components: int = 5) -> Components:
+    rng = np.random.default_rng(2)
+    return Components(
+        modes=(b"first mode", b"second"),
+        centre=rng.normal(0, 0.1, D).astype(np.float32),
+        unit=rng.uniform(0.5, 2, D).astype(np.float32),
+        basis=rng.integers(-127, 128, (components, D), dtype=np.int8),
+        exponents=rng.integers(-8, 0, components, dtype=np.int8),
+        spreads=rng.integers(0, MAX_SPREAD + 1, (components, KINDS), dtype=np.uint8),
+    )
+
+
+def same(a: Components, b: Components) -> bool:
+    return serialise_components(a) == serialise_components(b)
+
+
+@pytest.mark.parametrize("count", [1, 5, 40])
+def test_components_survive_the_wire(count: int) -> None:
+    components = sample(count)
+    parsed = parse_components(serialise_components(components))
+    assert same(parsed, components)
+    assert np.array_equal(parsed.matrix, components.matrix)
+    assert np.array_equal(parsed.spreads, components.spreads)
+
+
+def test_a_face_is_the_centre_and_its_components() -> None:
+    components = sample()
+    coded = np.array([3, -2, 0, 1, -1]) * UNIT
+    expected = components.centre + (coded / UNIT) @ components.matrix
+    face = face_from_components(components, coded, REFERENCE)
+    inside = np.clip(expected[6:GEOMETRY], EAU_LOW, EAU_HIGH)
+    vector = vector_from_face(face, REFERENCE)
+    assert vector[:6] == pytest.approx(expected[:6], abs=1e-6)
+    assert vector[6:GEOMETRY] == pytest.approx(inside)
+    assert vector[GEOMETRY:] == pytest.approx(expected[GEOMETRY:])
+
+
+@pytest.mark.parametrize("value", [MAX_VALUE, -MAX_VALUE])
+def test_the_largest_values_still_make_a_face(value: int) -> None:
+    components = replace(sample(), exponents=np.full(5, 20, np.int8))
+    face = face_from_components(components, np.full(5, value), REFERENCE)
+    assert is_finite(face)
+    assert (face.eau >= EAU_LOW).all() and (face.eau <= EAU_HIGH).all()
+
+
+def is_finite(face: FaceParameters) -> bool:
+    arrays = (face.pose.rotation, face.pose.translation_mm, face.eau, face.modes)
+    return all(bool(np.isfinite(array).all()) for array in arrays)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"centre": np.full(D, np.nan, np.float32)}, "centre is not finite"),
+        ({"centre": np.full(D, 1e6, np.float32)}, "centre is not finite"),
+        ({"unit": np.zeros(D, np.float32)}, "unit"),
+        ({"unit": np.full(D, np.inf, np.float32)}, "unit"),
+        ({"unit": np.ones(D - 1, np.float32)}, "shapes"),
+        ({"exponents": np.full(5, 21, np.int8)}, "exponent"),
+        ({"exponents": np.zeros(4, np.int8)}, "shapes"),
+        ({"spreads": np.full((5, KINDS), MAX_SPREAD + 1, np.uint8)}, "spreads"),
+        ({"spreads": np.zeros((5, KINDS - 1), np.uint8)}, "spreads"),
+        ({"basis": np.zeros((0, D), np.int8)}, "0 components"),
+        ({"modes": (b"",) * (MAX_MODES + 1)}, "modes"),
+    ],
+)
+def test_components_out_of_bounds_are_refused(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        replace(sample(), **changes)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"\xc0", b"\x90", b"\x80", msgpack.packb({"m": 1}), msgpack.packb([1, 2])]
+)
+def test_what_is_no_map_of_components_is_refused(data: bytes) -> None:
+    with pytest.raises(ProtocolError):
+        parse_components(data)
+
+
+@pytest.mark.parametrize("modes", [b"x", (1, 2), ["x"]])
+def test_modes_must_be_byte_strings(modes: object) -> None:
+    fields = msgpack.unpackb(serialise_components(sample()), use_list=False)
+    with pytest.raises(ProtocolError):
+        parse_components(msgpack.packb(fields | {"m": modes}))
+
+
+def test_every_truncation_and_bit_flip_is_components_or_a_protocol_error() -> None:
+    data = serialise_components(sample())
+    for length in range(len(data)):
+        with pytest.raises(ProtocolError):
+            parse_components(data[:length])
+    for bit in range(8 * len(data)):
+        flipped = bytearray(data)
+        flipped[bit // 8] ^= 1 << bit % 8
+        makes_a_face_or_a_protocol_error(bytes(flipped))
+
+
+def test_fuzz_of_mutated_components() -> None:
+    seed = 511
+    print(f"seed {seed}")
+    rng = random.Random(seed)
+    base = serialise_components(sample(3))
+    for _ in range(5000):
+        data = bytearray(base)
+        for _ in range(rng.randint(1, 3)):
+            place = rng.randrange(len(data))
+            data[place : place + rng.randint(0, 2)] = rng.randbytes(rng.randint(0, 2))
+            data = data or bytearray(1)
+        makes_a_face_or_a_protocol_error(bytes(data))
+
+
+def makes_a_face_or_a_protocol_error(data: bytes) -> None:
+    try:
+        components = parse_components(data)
+    except ProtocolError:
+        return
+    coded = np.full(len(components.basis), 100 * UNIT)
+    assert is_finite(face_from_components(components, coded, REFERENCE))
