@@ -4,6 +4,7 @@ Vertices are only dropped, never moved: every field of the full mesh carries ove
 """
 
 import heapq
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +20,14 @@ BUDGET = {SKIN: 1750, MOUTH: 150, TONGUE: 90}
 LEAST_COSINE = 0.2
 
 
-def decimate(mesh: Mesh, importance: Array, locked: NDArray[np.bool_]) -> Mesh:
+def decimate(
+    mesh: Mesh, importance: Array, locked: NDArray[np.bool_], budget: Mapping[int, int] = BUDGET
+) -> Mesh:
     """A thinner mesh.
 
     importance: (n,) float64, weight of the geometric error at a vertex.
     locked: (n,) bool, vertices that must stay.
+    budget: part -> vertices to keep on both sides together.
     """
     left = (mesh.vertices[mesh.triangles][:, :, 0].mean(1) > 0) & (
         mesh.parts[mesh.triangles[:, 0]] != EYE_RIGHT
@@ -32,8 +36,8 @@ def decimate(mesh: Mesh, importance: Array, locked: NDArray[np.bool_]) -> Mesh:
     faces = []
     for part in np.unique(mesh.parts):
         half = mesh.triangles[left & (mesh.parts[mesh.triangles[:, 0]] == part)]
-        if part in BUDGET:
-            half = _Collapser(mesh.vertices, half, importance, fixed).run(BUDGET[part])
+        if part in budget:
+            half = _Collapser(mesh.vertices, half, importance, fixed).run(budget[part])
         faces.append(half)
     half = np.concatenate(faces)
     return submesh(mesh, np.concatenate([half, mesh.mirror[half][:, [0, 2, 1]]]))
