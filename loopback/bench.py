@@ -15,7 +15,7 @@ from protocol.summary import due_s
 from shared_model.errors import UserError
 
 # Per frame of the source, and to start the processes and fit the model.
-LIMIT_S_PER_FRAME = 1.0
+LIMIT_S_PER_FRAME = 3.0
 LIMIT_START_S = 120.0
 COLUMNS = {
     "source": "clip",

@@ -14,7 +14,7 @@ from shared_model.errors import UserError
 
 CALL = "bench"
 LINK_FAILED = 4
-# How long the decoder may wait for a picture, and may need after the last packet.
+# How long the encoder may wait for the decoder to be there.
 PATIENCE_S = 30
 POLL_S = 0.05
 GRACE_S = 5.0
@@ -51,9 +51,9 @@ def run_call(
     failed, or if they are not done within `limit_s`; no process outlives the call.
     """
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    # The encoder waits for the decoder by itself.
+    # The encoder waits for the decoder by itself; it may then look at all of the source first.
     options = {
-        "decoder": ["--listen", endpoint, "-o", str(output), "--timeout", str(PATIENCE_S)],
+        "decoder": ["--listen", endpoint, "-o", str(output), "--timeout", str(limit_s)],
         "encoder": [source, "--connect", endpoint, "--wait", str(PATIENCE_S), *encoder_options],
     }
     processes: list[_Process] = []
