@@ -10,7 +10,7 @@ from shared_model import muscle_table as m
 from shared_model.jaw_and_lids import gaze_field, jaw_field, lid_field
 from shared_model.mesh import PARTS
 from shared_model.mouth import MouthLine, lower_lip, mouth_line, upper_lip
-from shared_model.muscles import Muscle, Points, fall
+from shared_model.muscles import Muscle, Points, fall, is_paired
 from shared_model.parameters import EAU_INDEX, EAUS
 
 Array = NDArray[np.float64]
@@ -32,19 +32,19 @@ class Anatomy:
         """(n, 3) mm of pairs of muscles at the given contractions, on skin and mouth only."""
         field = np.zeros_like(self.vertices)
         for muscle, contraction in pulls:
-            sides = [muscle.displacement(self.vertices, self.points, side) for side in "lr"]
-            # On the midline both sides of a pair meet: their larger pull, not their sum.
-            field += contraction * _meet(sides[0], sides[1])
+            field += contraction * self._both_sides(muscle)
         soft = np.isin(self.parts, [PARTS.index("skin"), PARTS.index("mouth")])
         return field * soft[:, None]
 
-
-def _meet(left: Array, right: Array) -> Array:
-    """Sum of two sides' fields, kept to the larger one's length where they point the same way."""
-    total = left + right
-    longest = np.maximum(np.linalg.norm(left, axis=1), np.linalg.norm(right, axis=1))
-    length = np.linalg.norm(total, axis=1)
-    return np.asarray(total * np.minimum(1, longest / np.maximum(length, 1e-9))[:, None])
+    def _both_sides(self, muscle: Muscle) -> Array:
+        """A muscle and its twin: where they overlap, no more than either at its strongest."""
+        left = muscle.displacement(self.vertices, self.points, "l")
+        if not is_paired(muscle, self.points):
+            return left
+        total = left + muscle.displacement(self.vertices, self.points, "r")
+        strongest = np.linalg.norm(left, axis=1).max()
+        length = np.linalg.norm(total, axis=1)
+        return np.asarray(total * np.minimum(1, strongest / np.maximum(length, 1e-9))[:, None])
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +148,7 @@ DOWN: Mapping[str, Actuator] = {
     "gaze_horizontal": Actuator(lambda h: _gaze(h, -1, 0), "eyeballs"),
     "gaze_vertical": Actuator(lambda h: _gaze(h, 0, -1), "eyeballs, lids following"),
     "lip_stretch": _pulls((m.ORBICULARIS_ORIS, 1.0)),
+    "lower_lip_lower": Actuator(lambda h: -_lower_lip_lower(h), "mentalis, on the lower lip"),
 }
 
 

@@ -122,8 +122,8 @@ DEPRESSOR_LABII = SheetMuscle(
     centre=Anchor("sto_lower", (10, -3, -4)),
     direction=(0.2, -1.0, 0.0),
     width_mm=24,
-    height_mm=(18, 34),
-    pull_mm=5.5,
+    height_mm=(18, 30),
+    pull_mm=9.0,
 )
 
 MUSCLES: tuple[Muscle, ...] = (

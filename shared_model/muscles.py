@@ -6,7 +6,7 @@ does; a contraction in [0, 1] scales it: exactly linear (eq. 2.10).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,6 +134,12 @@ def locate(anchor: Anchor, points: Points, side: str) -> Array:
     raise ValueError(f"landmarks lack {anchor.landmark!r}, which a muscle is anchored at")
 
 
+def is_paired(muscle: Muscle, points: Points) -> bool:
+    """Whether a muscle has a twin on the other side; those centred on the midline have none."""
+    anchor = muscle.attachment if isinstance(muscle, LinearMuscle) else muscle.centre
+    return anchor.landmark not in points or anchor.offset_mm[0] != 0
+
+
 def fall(x: Array, start: float, end: float) -> Array:
     """1 up to `start`, 0 from `end` on, a smooth half cosine between them."""
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.clip((x - start) / (end - start), 0, 1)))
@@ -142,11 +148,6 @@ def fall(x: Array, start: float, end: float) -> Array:
 def rise(x: Array, start: float, end: float) -> Array:
     """0 up to `start`, 1 from `end` on, a smooth half cosine between them."""
     return np.asarray(1 - fall(x, start, end))
-
-
-def scaled(muscle: LinearMuscle, share: float) -> LinearMuscle:
-    """The same muscle with another strength."""
-    return replace(muscle, pull_mm=muscle.pull_mm * share, bulge_mm=muscle.bulge_mm * share)
 
 
 def _unit(v: Array) -> Array:

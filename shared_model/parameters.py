@@ -31,7 +31,7 @@ EAUS = (
     Eau("gaze_vertical", -1.0, 1.0, "AU63 / AU64"),
     Eau("lip_stretch", -1.0, 1.0, "AU20 / AU18"),
     Eau("upper_lip_raise", 0.0, 1.0, "AU10"),
-    Eau("lower_lip_lower", 0.0, 1.0, "AU16"),
+    Eau("lower_lip_lower", -0.6, 1.0, "AU16 / AU17"),
     Eau("lip_press", 0.0, 1.0, "AU24"),
 )
 EAU_INDEX = {eau.name: index for index, eau in enumerate(EAUS)}

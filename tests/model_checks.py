@@ -17,6 +17,7 @@ class Checks:
     """What is looked at, found once on the neutral head.
 
     lower_lip, upper_lip: (k,) vertices of the lower lip and the nearest one of the upper lip.
+    upper_skin: (u, 3) skin triangles of the upper lip.
     teeth: (j,) vertices of the front teeth.  front: (m, 3) skin triangles before them.
     skin: (s, 3) triangles of the face, away from the canthi's folds.
     """
@@ -24,13 +25,19 @@ class Checks:
     head: Head
     lower_lip: Indices
     upper_lip: Indices
+    upper_skin: NDArray[np.int32]
     teeth: Indices
     front: NDArray[np.int32]
     skin: NDArray[np.int32]
 
-    def lip_gap_mm(self, vertices: Array) -> float:
-        """Height of the upper lip over the lower one where closest; negative: through it."""
-        return float((vertices[self.upper_lip, 1] - vertices[self.lower_lip, 1]).min())
+    def lip_overlap_mm(self, vertices: Array) -> float:
+        """How far down the upper lip hangs over the lower one, where closest; negative: open."""
+        gap = vertices[self.upper_lip, 1] - vertices[self.lower_lip, 1]
+        return float(-gap.min())
+
+    def lower_lip_out_mm(self, vertices: Array) -> float:
+        """How far the lower lip comes out in front of the upper one where they overlap."""
+        return self._in_front(vertices, self.lower_lip, self.upper_skin)
 
     def lid_below_brow_mm(self, vertices: Array) -> float:
         """How far the margin of the upper lid stays below the top of the brow."""
@@ -41,14 +48,18 @@ class Checks:
 
     def teeth_through_skin_mm(self, vertices: Array) -> float:
         """How far any front tooth stands out of the lips' skin; negative: behind it."""
-        corners = vertices[self.front]
+        return self._in_front(vertices, self.teeth, self.front)
+
+    def _in_front(self, vertices: Array, points: Indices, triangles: NDArray[np.int32]) -> float:
+        """How far any of the points stands before the triangles that cover it, seen along z."""
+        corners = vertices[triangles]
         worst = -np.inf
-        for tooth in vertices[self.teeth]:
-            weights = _frontal_weights(tooth, corners)
+        for point in vertices[points]:
+            weights = _frontal_weights(point, corners)
             over = (weights > 0).all(1)
             if over.any():
                 skin = (weights[over] * corners[over, :, 2]).sum(1).max()
-                worst = max(worst, float(tooth[2] - skin))
+                worst = max(worst, float(point[2] - skin))
         return worst
 
     def flipped_share(self, vertices: Array) -> float:
@@ -87,6 +98,7 @@ def find_checks(head: Head) -> Checks:
         head,
         lower[close],
         upper[away.argmin(1)][close],
+        head.triangles[before & (line.lower[head.triangles] < 0.1).all(1)],
         front_teeth,
         head.triangles[before],
         head.triangles[face],
