@@ -1,6 +1,7 @@
 """Calls over real Zenoh sessions on loopback."""
 
 import os
+import select
 import signal
 import socket
 import subprocess
@@ -9,13 +10,14 @@ import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
+from statistics import mode
 
 import pytest
 import zenoh
 from packets import MODEL
 
 from protocol.arrivals import MAX_HELD_FRAMES
-from protocol.link_zenoh import LinkOptions, ZenohSink, ZenohSource
+from protocol.link_zenoh import ZENOH_OVERHEAD_BYTES, LinkOptions, ZenohSink, ZenohSource
 from protocol.messages import ControlKind, ControlPacket, FramePacket, serialise
 from shared_model.errors import UserError
 
@@ -76,6 +78,61 @@ def test_a_live_call_arrives_packet_by_packet(stack: ExitStack, scheme: str) -> 
     for packet in [MODEL_BYTES, *map(frame, range(50)), END]:
         sink.send(packet)
         assert source.receive(WAIT_S) == packet
+
+
+def test_a_live_frame_costs_six_bytes_more_over_udp(stack: ExitStack) -> None:
+    inner, outer = free_endpoint("udp"), free_endpoint("udp")
+    source = stack.enter_context(ZenohSource(listening(inner, lossless=False)))
+    relay = stack.enter_context(MeasuringRelay(port_of(outer), port_of(inner)))
+    sink = stack.enter_context(ZenohSink(connecting(outer, lossless=False)))
+    sink.wait_for_peer(WAIT_S)
+    for packet in [MODEL_BYTES, frame(0)]:
+        sink.send(packet)
+        assert source.receive(WAIT_S) == packet
+    for number in range(100):
+        sink.send(frame(number))
+        assert source.receive(WAIT_S) == frame(number)
+    # The first few may spell out the key, until the other end has it.
+    assert mode(relay.sizes) == len(frame(0)) + ZENOH_OVERHEAD_BYTES["udp"]
+
+
+class MeasuringRelay:
+    """Passes datagrams on between a port and another, and keeps the sizes of those going in."""
+
+    def __init__(self, port: int, target: int) -> None:
+        self.sizes: list[int] = []
+        self._outside = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._outside.bind(("127.0.0.1", port))
+        self._inside = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._inside.connect(("127.0.0.1", target))
+        self._client: tuple[str, int] | None = None
+        self._done = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+
+    def _run(self) -> None:
+        while not self._done.is_set():
+            for ready in select.select([self._outside, self._inside], [], [], 0.05)[0]:
+                if ready is self._outside:
+                    data, self._client = ready.recvfrom(65536)
+                    self.sizes.append(len(data))
+                    self._inside.send(data)
+                elif self._client:
+                    self._outside.sendto(ready.recv(65536), self._client)
+
+    def __enter__(self) -> "MeasuringRelay":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._done.set()
+        self._thread.join()
+        self._outside.close()
+        self._inside.close()
+
+
+def port_of(endpoint: str) -> int:
+    """The port of an endpoint."""
+    return int(endpoint.rsplit(":", 1)[1])
 
 
 def test_two_ends_meet_at_a_router(stack: ExitStack, endpoint: str) -> None:
