@@ -13,11 +13,14 @@ from loopback.animate import AnimateOptions, animate, degrade, side_light
 from loopback.cli import main
 from loopback.script import parse_script
 from loopback.skin import painted_colours
+from protocol.messages import CallParameters, ControlKind, ControlPacket, ModelPacket, serialise
+from protocol.recording import CallWriter
 from shared_model.animate import Face, Identity
+from shared_model.anthropometry import control_points
 from shared_model.errors import UserError
-from shared_model.geometry import Camera, normalise, pixel_from_head
+from shared_model.geometry import FRONTAL, Camera, normalise, pixel_from_head
 from shared_model.mesh import generic_head
-from shared_model.parameters import AAUS, Pose
+from shared_model.parameters import AAUS, EAUS, Pose
 
 SCRIPT = """
 width = 160
@@ -115,6 +118,49 @@ def test_mottled_skin_differs_from_plain_skin_on_the_skin_only() -> None:
     plain, mottled = painted_colours(head), painted_colours(head, 0.1, 3)
     changed = (plain != mottled).any(1)
     assert changed.mean() > 0.3 and not changed[head.parts != 0].any()
+
+
+def webp(colour: tuple[int, int, int]) -> bytes:
+    done, data = cv2.imencode(".webp", np.full((64, 64, 3), colour, np.uint8))
+    assert done
+    return data.tobytes()
+
+
+def call_file(path: Path) -> Path:
+    """A call by someone green before a blue wall, 600 mm away."""
+    call = CallParameters("thesis", 160, 120, 25, 1, focal_px=220.0)
+    model = ModelPacket(
+        call,
+        aau=(0,) * len(AAUS),
+        reference_rotation=FRONTAL,
+        reference_translation_mm=(0.0, 0.0, 600.0),
+        reference_eau=(0,) * len(EAUS),
+        residual=(0,) * (3 * len(control_points(generic_head()))),
+        background=webp((200, 30, 30)),
+        texture=webp((30, 200, 30)),
+    )
+    with CallWriter(path) as writer:
+        writer.send(serialise(model))
+    return path
+
+
+def test_a_caller_wears_their_own_texture_before_their_own_wall(tmp_path: Path) -> None:
+    caller = call_file(tmp_path / "call.rzo")
+    text = SCRIPT.replace("aau = { nose_width = 1 }", "")
+    pictures, truth = run(tmp_path, text, call_file=caller)
+    assert truth["call"] == "call.rzo" and truth["frames"][0]["translation_mm"] == [40, 0, 600]
+    nose = np.rint(truth["frames"][0]["landmarks_px"]["prn"]).astype(int)
+    assert pictures[0][nose[1], nose[0]].argmax() == 1
+    assert pictures[0][3, 3].argmax() == 0
+    assert truth["frames"][3]["pitch_yaw_roll_deg"][1] == pytest.approx(30, abs=1e-3)
+
+
+def test_a_call_without_a_model_has_nobody_to_animate(tmp_path: Path) -> None:
+    empty = tmp_path / "empty.rzo"
+    with CallWriter(empty) as writer:
+        writer.send(serialise(ControlPacket(0, ControlKind.END, 0)))
+    with pytest.raises(UserError, match="nobody to animate"):
+        run(tmp_path, SCRIPT.replace("aau = { nose_width = 1 }", ""), call_file=empty)
 
 
 def test_a_callers_shape_is_their_own(tmp_path: Path) -> None:
