@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.pipeline import Scene, StageClock, face_from_model
+from decoder.pipeline import Scene, StageClock, face_from_model, head_of
 from decoder.playout import PlayedFrame
 from decoder.render import Renderer
 from decoder.sink import open_sink
@@ -150,10 +150,10 @@ class GenericActor:
 class CallerActor:
     """A caller as the decoder draws them: their shape, texture, camera and still background."""
 
-    def __init__(self, model: ModelPacket, head: Head) -> None:
-        self.head, self._model = head, model
-        self._face = face_from_model(model, head)
-        self._scene = Scene(model, head)
+    def __init__(self, model: ModelPacket) -> None:
+        self.head, self._model = head_of(model), model
+        self._face = face_from_model(model, self.head)
+        self._scene = Scene(model, self.head)
         self._clock = StageClock()
 
     def shot(self, moment: Moment) -> Shot:
@@ -203,14 +203,13 @@ def side_light(width: int, side: float) -> NDArray[np.float32]:
 
 
 def _actor(script: Script, call_file: Path | None) -> Actor:
-    head = generic_head()
     if call_file is None:
-        return GenericActor(script, head)
+        return GenericActor(script, generic_head())
     own = sorted({group for group, _ in script.tracks} & {"aau", "camera"})
     if own or script.background:
         what = " and ".join([*own, *(["background"] if script.background else [])])
         raise UserError(f"a caller brings their own {what}: leave it out of the script, or --call")
-    return CallerActor(read_model(call_file), head)
+    return CallerActor(read_model(call_file))
 
 
 def _posed(home: Pose, moment: Moment) -> Pose:
