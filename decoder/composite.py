@@ -26,6 +26,7 @@ from shared_model.geometry import (
     pixel_from_head,
 )
 from shared_model.mesh import PARTS, Head
+from shared_model.normals import vertex_normals
 from shared_model.parameters import Pose
 
 Array = NDArray[np.float64]
@@ -179,13 +180,8 @@ def _skin(
 def _cosines(reference: Pose, head: Head, vertices: Array) -> Array:
     """(n,) cosine between each vertex' outward normal and the direction to the camera."""
     seen = camera_from_head(reference, vertices)
-    a, b, c = (seen[head.triangles[:, corner]] for corner in range(3))
-    flat = np.cross(b - a, c - a)
-    normals = np.zeros_like(seen)
-    for corner in range(3):
-        np.add.at(normals, head.triangles[:, corner], flat)
-    lengths = np.linalg.norm(normals, axis=1) * np.linalg.norm(seen, axis=1)
-    return np.asarray(-(normals * seen).sum(axis=1) / np.maximum(lengths, 1e-12))
+    towards = -seen / np.linalg.norm(seen, axis=1, keepdims=True)
+    return np.asarray((vertex_normals(seen, head.triangles) * towards).sum(axis=1))
 
 
 def _kernel(points: Array, centres: Array, sigma: float) -> Array:

@@ -28,7 +28,7 @@ from shared_model.mouth_sheet import mouth_sheet_head
 Picture = NDArray[np.uint8]
 Progress = Callable[[int, int | None], None]
 
-# In pictures up to this size lips and teeth are a pixel thick: edges are smoothed while it is cheap.
+# In pictures up to this size lips and teeth are a pixel thick, and smoothing edges is cheap.
 SMALL_PX = 352 * 288
 SMALL_SAMPLES = 4
 # How often a decoder that waits for packets looks whether it shall stop.

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, matrix_from_quaternion
 from shared_model.mesh import PARTS, Head
+from shared_model.normals import vertex_normals
 from shared_model.parameters import Pose
 
 Array = NDArray[np.float64]
@@ -26,6 +27,10 @@ Picture = NDArray[np.uint8]
 # What is drawn, mm before and behind the head's origin; nothing nearer than NEAR_MM.
 DEPTH_RANGE_MM = 500.0
 NEAR_MM = 10.0
+# An atlas this many times finer than the picture is averaged (mipmaps), else drawn as it is: what
+# has been fitted through plain bilinear sampling must be shown by it.
+COARSE_TEXELS_PER_PX = 3.0
+ATLAS_MM = 200.0
 
 # BGR of the untextured head's parts, in the order of `PARTS`.
 PART_COLOURS = {
@@ -66,16 +71,6 @@ def clip_from_head(camera: Camera, pose: Pose) -> Array:
     camera_from_head[:3, :3] = matrix_from_quaternion(pose.rotation)
     camera_from_head[:3, 3] = pose.translation_mm
     return clip_from_camera @ camera_from_head
-
-
-def vertex_normals(vertices: Array, triangles: NDArray[np.int32]) -> Array:
-    """(n, 3) unit outward normals, the area-weighted mean of each vertex' triangles."""
-    a, b, c = (vertices[triangles[:, corner]] for corner in range(3))
-    face = np.cross(b - a, c - a)
-    corners = triangles.T.ravel()
-    sums = [np.bincount(corners, np.tile(face[:, k], 3), len(vertices)) for k in range(3)]
-    normals = np.stack(sums, axis=-1)
-    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))
 
 
 class Renderer:
@@ -157,7 +152,7 @@ class Renderer:
             self._begin()
             self._draw_backdrop(grid_px)
             self._write_pose(self._textured, camera, pose, vertices)
-            self._textures["atlas"].use()
+            self._use_atlas(camera, pose)
             context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE | moderngl.BLEND)
             self._textured.render()
             return self._read()
@@ -261,6 +256,16 @@ class Renderer:
     ) -> None:
         self._positions.write(_single(vertices))
         _write_uniform(array.program, "clip_from_head", clip_from_head(camera, pose))
+
+    def _use_atlas(self, camera: Camera, pose: Pose) -> None:
+        atlas = self._textures["atlas"]
+        atlas_px = ATLAS_MM * camera.focal_px / max(float(pose.translation_mm[2]), NEAR_MM)
+        if atlas.width > COARSE_TEXELS_PER_PX * atlas_px:
+            atlas.build_mipmaps()
+            atlas.filter = moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR
+        else:
+            atlas.filter = moderngl.LINEAR, moderngl.LINEAR
+        atlas.use()
 
     def _draw_backdrop(self, grid_px: Array | None) -> None:
         if self._backdrop is None or self._grid is None:

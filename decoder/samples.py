@@ -46,7 +46,7 @@ class ThesisSamples:
     def decode(self, number: int, payload: bytes) -> list[Sample]:
         """See `SampleDecoder`."""
         face = decode_thesis(payload, self._model.reference_pose)
-        # What the profile does not send stays as it was in the still that the texture was taken from.
+        # What the profile does not send stays as it was in the still.
         eau = values_from_codes(self._model.reference_eau, EAU_STEP)
         sent = [EAU_INDEX[name] for name in THESIS_EAUS]
         eau[sent] = face.eau[sent]

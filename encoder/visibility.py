@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared_model.geometry import matrix_from_quaternion
+from shared_model.normals import vertex_normals
 from shared_model.parameters import Pose
 
 Array = NDArray[np.float64]
@@ -15,16 +16,6 @@ _LEAST_COSINE = 0.34
 # What lies less than this before a point is its own skin.
 _CLEARANCE_MM = 2.0
 _STEP_DEG = 5.0
-
-
-def vertex_normals(vertices: Array, triangles: Indices) -> Array:
-    """(n, 3) outward unit normals of a mesh: (n, 3) mm, (m, 3) counter-clockwise from outside."""
-    corners = vertices[triangles]
-    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.zeros_like(vertices)
-    for k in range(3):
-        np.add.at(normals, triangles[:, k], flat)
-    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))
 
 
 class Visibility:

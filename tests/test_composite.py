@@ -15,6 +15,7 @@ from shared_model.mesh import Head
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS, Pose
 
 Array = NDArray[np.float64]
+Angles = tuple[float, float, float]
 
 CAMERA = Camera(640, 480, 800.0)
 REFERENCE = pose_from_euler(0, 0, 0, np.array([0.0, -20.0, 900.0]))
@@ -31,9 +32,7 @@ def backdrop(head: Head) -> Backdrop:
     return make_backdrop(CAMERA, REFERENCE, head, head.vertices)
 
 
-def moved(
-    dx: float = 0, dy: float = 0, dz: float = 0, angles: tuple[float, ...] = (0, 0, 0)
-) -> Pose:
+def moved(dx: float = 0, dy: float = 0, dz: float = 0, angles: Angles = (0, 0, 0)) -> Pose:
     return pose_from_euler(*angles, REFERENCE.translation_mm + np.array([dx, dy, dz]))
 
 
@@ -76,7 +75,7 @@ def test_hair_and_outline_move_as_far_as_the_head(backdrop: Backdrop, head: Head
 
 @pytest.mark.parametrize("angles", [(0, 20, 0), (12, 0, 0), (0, 0, 15), (8, -15, 10)])
 def test_skin_in_the_still_stays_under_the_drawn_skin(
-    backdrop: Backdrop, head: Head, angles: tuple[float, ...]
+    backdrop: Backdrop, head: Head, angles: Angles
 ) -> None:
     """On the opaque face the still moves with the mesh, not with a flat card."""
     pose = moved(15, 5, angles=angles)

@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 
 from encoder.klt import KltTracker
-from encoder.visibility import Visibility, vertex_normals
+from encoder.visibility import Visibility
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, pixel_from_head, pose_from_euler
 from shared_model.mesh import generic_head
+from shared_model.normals import vertex_normals
 from shared_model.parameters import AAUS, FaceParameters
 
 HEAD = generic_head()
