@@ -1,6 +1,6 @@
 """How much of real faces' motion the model leaves over: python -m scripts.landmark_misfit CLIP...
 
-Tracks the landmark network through clips, fits identity once and pose and actuators to every frame,
+Tracks the landmark network through clips, fits identity once, pose and actuators to every frame,
 and prints what is left of the landmarks' motion: root mean square about each point's own mean, mm on
 the face.
 """
