@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from shared_model.geometry import (
     Camera,
@@ -46,6 +46,9 @@ LEAST_WEIGHT = 1e-3
 FACING_COSINE = 0.3
 # The motion of a point may change by this much over a unit of length; at 1 the map would fold.
 STEEPEST = 0.55
+# Between the lips it is this dark when they are all but closed, and light at this distance.
+CLOSED_MOUTH_LIGHT = 0.35
+OPEN_MOUTH_MM = 12.0
 # No cell may shrink below this part of its area.
 LEAST_AREA = 0.05
 
@@ -233,6 +236,16 @@ def _hold_edges(backdrop: Backdrop, motion: Array) -> Array:
     return np.maximum(motion, 0) * from_first + np.minimum(motion, 0) * from_last
 
 
+def mouth_light(head: Head, vertices: Array) -> float:
+    """How bright the inside of the mouth is, against light that falls in through open lips.
+
+    vertices: (n, 3) float64, mm, head frame.
+    """
+    upper, lower = (vertices[head.landmarks[lip]] for lip in ("sto_upper", "sto_lower"))
+    opening = smoothstep(np.linalg.norm(upper - lower) / OPEN_MOUTH_MM)
+    return float(CLOSED_MOUTH_LIGHT + (1 - CLOSED_MOUTH_LIGHT) * opening)
+
+
 def unfolded_share(grid: Array, motion: Array, least_area: float) -> float:
     """The largest s in [0, 1] with which no corner of grid + s motion has less than `least_area`.
 
@@ -272,7 +285,7 @@ def _cross(a: Array, b: Array) -> Array:
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
-def smoothstep(x: Array) -> Array:
+def smoothstep(x: ArrayLike) -> Array:
     """0 below 0, 1 above 1, between them 3 x^2 - 2 x^3: smooth to the first derivative."""
-    x = np.clip(x, 0, 1)
+    x = np.clip(np.asarray(x, dtype=np.float64), 0, 1)
     return np.asarray(x * x * (3 - 2 * x))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.composite import Backdrop, make_backdrop, warp
+from decoder.composite import Backdrop, make_backdrop, mouth_light, warp
 from decoder.playout import PlayedFrame, Playout
 from decoder.render import Renderer
 from decoder.sink import Background, PictureSink, open_sink, padding_px
@@ -83,7 +83,9 @@ class Scene:
     """One caller, ready to be drawn: face, texture and backdrop on the renderer."""
 
     def __init__(self, model: ModelPacket, head: Head) -> None:
-        self._camera = model.call.camera
+        self._camera, self._head = model.call.camera, head
+        # Where modes paint the inside of the mouth they have its light in them.
+        self._shade_mouth = model.call.profile == "thesis"
         self._face = face_from_model(model, head)
         self._wardrobe = Wardrobe(model)
         still = decode_image("background", model.background)
@@ -106,8 +108,9 @@ class Scene:
             vertices = self._face.animate(frame.face.eau)
         with clock.stage("composite"):
             grid_px = warp(self._backdrop, frame.face.pose, vertices)
+            light = mouth_light(self._head, vertices) if self._shade_mouth else 1.0
         with clock.stage("render"):
-            return self._renderer.draw(self._camera, frame.face.pose, vertices, grid_px)
+            return self._renderer.draw(self._camera, frame.face.pose, vertices, grid_px, light)
 
     def close(self) -> None:
         """Free the renderer."""

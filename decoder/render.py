@@ -32,6 +32,7 @@ NEAR_MM = 10.0
 COARSE_TEXELS_PER_PX = 3.0
 ATLAS_MM = 200.0
 
+INSIDE_MOUTH = ("teeth_upper", "teeth_lower", "tongue", "mouth")
 # BGR of the untextured head's parts, in the order of `PARTS`.
 PART_COLOURS = {
     "skin": (150, 180, 225),
@@ -138,12 +139,18 @@ class Renderer:
             )
 
     def draw(
-        self, camera: Camera, pose: Pose, vertices: Array, grid_px: Array | None = None
+        self,
+        camera: Camera,
+        pose: Pose,
+        vertices: Array,
+        grid_px: Array | None = None,
+        mouth_light: float = 1.0,
     ) -> Picture:
         """The textured head over the backdrop: (height, width, 3) uint8 BGR.
 
         vertices: (n, 3) float64, mm, head frame, as many as the head has.
         grid_px: where the backdrop's mesh lies now, pixels; None: as it was last.
+        mouth_light: what the inside of the mouth is darkened by, 1 for not at all.
         """
         self._check(camera, vertices)
         if "atlas" not in self._textures:
@@ -152,6 +159,7 @@ class Renderer:
             self._begin()
             self._draw_backdrop(grid_px)
             self._write_pose(self._textured, camera, pose, vertices)
+            self._textured.program["mouth_light"] = mouth_light
             self._use_atlas(camera, pose)
             context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE | moderngl.BLEND)
             self._textured.render()
@@ -192,16 +200,18 @@ class Renderer:
 
     def _head_array(self) -> moderngl.VertexArray:
         context, head = self._context, self.head
-        attributes = np.concatenate([head.texture_coordinates, head.opacity[:, None]], axis=1)
+        inside = np.isin(head.parts, [PARTS.index(part) for part in INSIDE_MOUTH])
+        attributes = np.column_stack([head.texture_coordinates, head.opacity, inside])
         return context.vertex_array(
             _program(context, "head"),
             [
                 (self._positions, "3f", "position_mm"),
                 (
                     context.buffer(_single(attributes)),
-                    "2f 1f",
+                    "2f 1f 1f",
                     "texture_coordinate",
                     "vertex_opacity",
+                    "inside_mouth",
                 ),
             ],
             context.buffer(np.ascontiguousarray(head.triangles, dtype=np.int32)),

@@ -54,10 +54,18 @@ def synthetic_head(rows: int = 24, columns: int = 32) -> Head:
         texture_coordinates=np.stack([0.5 + points[:, 0] / 200, 0.5 - points[:, 1] / 260], axis=1),
         parts=np.concatenate(parts).astype(np.uint8),
         opacity=np.clip((points[:, 2] - 10) / 30, 0, 1),
-        landmarks={"gn": int(np.argmin(points[:, 1]))},
+        landmarks={
+            "gn": int(np.argmin(points[:, 1])),
+            "sto_upper": _nearest(points, (0.0, -45.0, 85.0)),
+            "sto_lower": _nearest(points, (0.0, -60.0, 80.0)),
+        },
         network_triangles=np.full(468, -1, dtype=np.int32),
         network_weights=np.zeros((468, 3)),
         eau_up=eau,
         eau_down=np.zeros_like(eau),
         aau=np.zeros((len(AAUS), len(points), 3)),
     )
+
+
+def _nearest(points: np.ndarray, place: tuple[float, float, float]) -> int:
+    return int(np.argmin(np.linalg.norm(points - np.array(place), axis=1)))

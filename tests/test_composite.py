@@ -8,7 +8,7 @@ import pytest
 from heads import synthetic_head
 from numpy.typing import NDArray
 
-from decoder.composite import Backdrop, make_backdrop, smoothstep, warp
+from decoder.composite import Backdrop, make_backdrop, mouth_light, smoothstep, warp
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, euler_deg, pixel_from_head, pose_from_euler
 from shared_model.mesh import Head
@@ -142,6 +142,16 @@ def test_motion_fades_without_a_step(backdrop: Backdrop, head: Head) -> None:
     widths = np.diff(grid[..., 0], axis=1) / np.diff(backdrop.grid_px[..., 0], axis=1)
     assert widths.min() > 0.3 and widths.max() < 1.8
     assert np.abs(np.diff(widths, axis=1)).max() < 0.35
+
+
+def test_mouth_lightens_as_it_opens(head: Head) -> None:
+    lights = []
+    for gap_mm in (0.0, 3.0, 6.0, 12.0, 30.0):
+        vertices = head.vertices.copy()
+        lip = vertices[head.landmarks["sto_upper"]]
+        vertices[head.landmarks["sto_lower"]] = lip - np.array([0, gap_mm, 0])
+        lights.append(mouth_light(head, vertices))
+    assert lights == sorted(lights) and lights[0] < 0.5 and lights[-2:] == [1.0, 1.0]
 
 
 def test_smoothstep_is_smooth() -> None:

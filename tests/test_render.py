@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from decoder.render import Renderer, part_colours
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
-from shared_model.mesh import Head
+from shared_model.mesh import PARTS, Head
 from shared_model.parameters import Pose
 
 Array = NDArray[np.float64]
@@ -190,6 +190,18 @@ def test_nearer_parts_hide_farther_ones_even_where_the_still_stands_for_them() -
             renderer.set_texture(atlas)
             picture = renderer.draw(CAMERA, AHEAD, shown.vertices)
         assert abs(int(picture[120, 160, 0]) - expected) <= 1
+
+
+def test_only_the_inside_of_the_mouth_is_darkened() -> None:
+    corners = np.stack([square(np.array([x, 0.0, 0]), 20.0) for x in (-30, 30)])
+    quads = quads_head(corners, np.full((2, 4, 2), 0.5))
+    parts = np.repeat([PARTS.index("skin"), PARTS.index("teeth_upper")], 4).astype(np.uint8)
+    mouth = replace(quads, parts=parts)
+    with Renderer(CAMERA.width, CAMERA.height, mouth) as renderer:
+        renderer.set_texture(np.full((8, 8, 3), 200, dtype=np.uint8))
+        picture = renderer.draw(CAMERA, AHEAD, mouth.vertices, mouth_light=0.5)
+    assert abs(int(picture[120, 143, 0]) - 200) <= 1
+    assert abs(int(picture[120, 176, 0]) - 100) <= 1
 
 
 def test_the_same_frame_is_drawn_the_same_twice(renderer: Renderer, head: Head) -> None:
