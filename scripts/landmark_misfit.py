@@ -1,8 +1,7 @@
 """How much of real faces' motion the model leaves over: python -m scripts.landmark_misfit CLIP...
 
-Tracks the landmark network through clips, fits identity once, pose and actuators to every frame,
-and prints what is left of the landmarks' motion: root mean square about each point's own mean, mm on
-the face.
+Tracks the landmark network through clips, fits identity once, pose and actuators to each frame,
+and prints what is left of the landmarks' motion: root mean square about each point's own mean, mm.
 """
 
 import argparse
