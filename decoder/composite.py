@@ -99,7 +99,8 @@ def make_backdrop(camera: Camera, reference: Pose, head: Head, vertices: Array) 
     outline_px = pixel_from_head(camera, reference, vertices)
     face_width_px = float(np.ptp(outline_px[head.opacity > 0, 0]))
     grid_px = _grid(camera, face_width_px)
-    nearest_px = _nearest(grid_px.reshape(-1, 2), outline_px).reshape(grid_px.shape[:2])
+    nearest_px2 = _squared_distances(grid_px.reshape(-1, 2), outline_px).min(axis=1)
+    nearest_px = np.sqrt(nearest_px2).reshape(grid_px.shape[:2])
     return Backdrop(
         camera=camera,
         reference=reference,
@@ -144,12 +145,6 @@ def _lift(camera: Camera, reference: Pose, points_px: Array) -> Array:
     return np.concatenate([plane, depth_mm], axis=-1)
 
 
-def _nearest(points: Array, targets: Array) -> Array:
-    """(p,) distance of each of `points` (p, 2) from the nearest of `targets` (n, 2)."""
-    squared = [((points - target) ** 2).sum(axis=1) for target in targets]
-    return np.asarray(np.sqrt(np.min(squared, axis=0)))
-
-
 def _turning(
     camera: Camera, reference: Pose, grid_px: Array, vertices: Array, face_width_px: float
 ) -> Array:
@@ -188,8 +183,13 @@ def _cosines(reference: Pose, head: Head, vertices: Array) -> Array:
 
 
 def _kernel(points: Array, centres: Array, sigma: float) -> Array:
-    squared = ((points[:, None] - centres[None]) ** 2).sum(axis=-1)
-    return np.asarray(np.exp(-squared / (2 * sigma**2)))
+    return np.asarray(np.exp(_squared_distances(points, centres) / (-2 * sigma**2)))
+
+
+def _squared_distances(a: Array, b: Array) -> Array:
+    """(p, q) of points (p, 2) and (q, 2)."""
+    squares = (a**2).sum(axis=1)[:, None] + (b**2).sum(axis=1) - 2 * a @ b.T
+    return np.asarray(np.maximum(squares, 0))
 
 
 def _rigid_motion(backdrop: Backdrop, pose: Pose) -> Array:

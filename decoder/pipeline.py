@@ -94,8 +94,7 @@ class Scene:
             self._camera, model.reference_pose, head, self._face.animate(eau)
         )
         size = model.call.width, model.call.height
-        samples = SMALL_SAMPLES if size[0] * size[1] <= SMALL_PX else 0
-        self._renderer = Renderer(*size, head, samples)
+        self._renderer = Renderer(*size, head, edge_samples(*size))
         self._renderer.set_texture(self._wardrobe.texture(np.zeros(0)))
         self._renderer.set_backdrop(still, self._backdrop.grid_px)
 
@@ -208,6 +207,11 @@ def played_frames(
 def head_of(model: ModelPacket) -> Head:
     """The mesh that the call's profile animates."""
     return mouth_sheet_head() if model.call.profile == "default" else generic_head()
+
+
+def edge_samples(width: int, height: int) -> int:
+    """Colour samples a pixel for a picture of this size."""
+    return SMALL_SAMPLES if width * height <= SMALL_PX else 0
 
 
 def face_from_model(model: ModelPacket, head: Head) -> Face:

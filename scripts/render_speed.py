@@ -1,0 +1,61 @@
+"""Time the decoder's drawing: `python -m scripts.render_speed`.
+
+Prints, for each picture size, median and least milliseconds a frame of warping the backdrop,
+setting a new texture, and drawing with readback, and the frames a second of the medians together.
+"""
+
+import sys
+import time
+
+import numpy as np
+
+from decoder.composite import make_backdrop, warp
+from decoder.pipeline import edge_samples
+from decoder.render import Renderer
+from shared_model.geometry import Camera, pose_from_euler
+from shared_model.mesh import generic_head
+
+SIZES = ((176, 144), (320, 240), (640, 480), (1280, 720))
+FRAMES = 100
+STAGES = ("warp", "texture", "draw")
+
+
+def measure(width: int, height: int) -> np.ndarray:
+    """(FRAMES, len(STAGES)) milliseconds of each stage of each frame, after a few to warm up."""
+    head, camera = generic_head(), Camera(width, height, 1.3 * height)
+    reference = pose_from_euler(0, 0, 0, np.array([0.0, 0.0, 600.0]))
+    backdrop = make_backdrop(camera, reference, head, head.vertices)
+    rng = np.random.default_rng(0)
+    atlas = rng.integers(0, 256, (256, 256, 3), dtype=np.uint8)
+    still = rng.integers(0, 256, (height, width, 3), dtype=np.uint8)
+    times = np.zeros((FRAMES + 5, len(STAGES) + 1))
+    with Renderer(width, height, head, edge_samples(width, height)) as renderer:
+        renderer.set_texture(atlas)
+        renderer.set_backdrop(still, backdrop.grid_px)
+        for row, phase in zip(times, np.linspace(0, 6.28, len(times)), strict=True):
+            shift = np.array([30 * np.sin(phase), 0.0, 0.0])
+            pose = pose_from_euler(3, 15 * np.cos(phase), 2, reference.translation_mm + shift)
+            row[0] = time.perf_counter()
+            grid_px = warp(backdrop, pose, head.vertices)
+            row[1] = time.perf_counter()
+            renderer.set_texture(atlas)
+            row[2] = time.perf_counter()
+            renderer.draw(camera, pose, head.vertices, grid_px)
+            row[3] = time.perf_counter()
+    return np.asarray(1000 * np.diff(times[5:], axis=1))
+
+
+def main() -> int:
+    """Measure every size and print a table."""
+    for width, height in SIZES:
+        ms = measure(width, height)
+        median, least = np.median(ms, axis=0), ms.min(axis=0)
+        stages = "  ".join(
+            f"{name} {m:.2f} ({n:.2f})" for name, m, n in zip(STAGES, median, least, strict=True)
+        )
+        print(f"{width}x{height}: {stages} ms, {1000 / median.sum():.0f} frames a second")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
