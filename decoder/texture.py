@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from protocol.components import parse_components
 from protocol.messages import ModelPacket, ProtocolError
+from shared_model.appearance import resized
 
 # An image of a few kilobytes may claim any size; this bounds what decoding it may allocate.
 MAX_IMAGE_SIDE_PX = 4096
@@ -22,9 +23,11 @@ class Wardrobe:
         self._mean = decode_image("texture", model.texture)
         coded = parse_components(model.extension).modes if model.extension else ()
         images = [decode_image(f"mode {i}", data) for i, data in enumerate(coded)]
-        if any(image.shape != self._mean.shape for image in images):
-            raise ProtocolError("a mode is not of the texture's size")
-        self._modes = np.array(images, dtype=np.float32).reshape(len(images), self._mean.size) - 128
+        size = len(self._mean)
+        if any(i.shape[0] != i.shape[1] or len(i) < 2 for i in (*images, self._mean)):
+            raise ProtocolError("texture or a mode is not square")
+        rows = [resized(image.astype(np.float32), size).ravel() - 128 for image in images]
+        self._modes = np.array(rows, dtype=np.float32).reshape(len(images), self._mean.size)
         self.changes = bool(images)
 
     def texture(self, coefficients: NDArray[np.float64]) -> NDArray[np.uint8]:

@@ -118,7 +118,9 @@ def _luma_motion(
         for sign in (1, -1):
             moved = y.copy()
             moved[place] += sign * probe
-            near = FaceParameters(pose_from_motion(moved[:6], reference), clip_eau(moved[6:GEOMETRY]))
+            near = FaceParameters(
+                pose_from_motion(moved[:6], reference), clip_eau(moved[6:GEOMETRY])
+            )
             pair.append(sample(grey, crop.from_frame(shape.positions(near)))[:, 0])
         columns.append((pair[0] - pair[1]) / (2 * probe))
     return np.asarray(np.stack(columns, 1), np.float32)

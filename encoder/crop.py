@@ -38,7 +38,9 @@ def crop_face(frame: Picture, points_px: Array, pixels_per_texel: float) -> Crop
     margin = MARGIN * float((high - low).max())
     height, width = frame.shape[:2]
     left, top = np.clip(np.floor(low - margin), 0, [width - 2, height - 2]).astype(int)
-    right, bottom = np.clip(np.ceil(high + margin), [left + 2, top + 2], [width, height]).astype(int)
+    right, bottom = np.clip(np.ceil(high + margin), [left + 2, top + 2], [width, height]).astype(
+        int
+    )
     window = frame[top:bottom, left:right]
     if pixels_per_texel <= 1.2:
         return Crop(np.ascontiguousarray(window), int(left), int(top), np.ones(2))

@@ -40,7 +40,7 @@ class Budget:
 
 BUDGETS = {
     "thesis": Budget(384, 8000, 8000),
-    "default": Budget(256, 3200, 4000, 4200, 16),
+    "default": Budget(256, 2600, 4000, 4500, 24),
 }
 
 

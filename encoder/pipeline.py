@@ -1,33 +1,25 @@
-"""capture -> landmarks -> fit -> model packet; per frame: landmarks -> pose, EAUs -> packets."""
+"""capture -> landmarks -> fit -> model packet; then per frame: landmarks -> pose and EAUs -> packets."""
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
-from fractions import Fraction
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture import Capture, open_source
-from encoder.follow import Follower, blend, open_follower
-from encoder.model import BUDGETS, Budget, build_model, reference_of
+from encoder.default_call import Survey, send_call
+from encoder.follow import open_follower
+from encoder.model import BUDGETS, Budget
+from encoder.tally import Tally
+from encoder.thesis_call import ThesisCall
 from protocol.link import PacketSink
-from protocol.messages import (
-    SEQUENCE_MODULUS,
-    CallParameters,
-    ControlKind,
-    ControlPacket,
-    FramePacket,
-    ModelPacket,
-    serialise,
-)
-from protocol.quantise import THESIS_RATE_HZ, encode_thesis
 from protocol.recording import CallWriter
 from shared_model.errors import UserError
 from shared_model.mesh import generic_head
-from shared_model.parameters import EAU_INDEX, THESIS_EAUS, FaceParameters
+from shared_model.parameters import EAU_INDEX, THESIS_EAUS
 
 Picture = NDArray[np.uint8]
 Progress = Callable[[int, int | None], None]
@@ -43,6 +35,7 @@ class EncodeOptions:
     output: call file; connect, listen: Zenoh endpoints (tcp/HOST:PORT) and `call` the call's name.
     lossless: over the network no packet is dropped, however slow: for measurements, not live calls.
     detector: "network" or "haar" (Viola-Jones).
+    profile: "thesis" or "default"; bitrate: bits per second that frame packets take (default profile).
     pace: send at the source's own rate, as a camera would, instead of as fast as possible.
     wait_for_peer_s: wait this long for a decoder before the first frame; 0: do not wait.
     look_for_face_s: say so if there is no face after this many seconds of video.
@@ -55,6 +48,7 @@ class EncodeOptions:
     call: str = "call"
     lossless: bool = False
     profile: str = "thesis"
+    bitrate: float = 800.0
     detector: str = "network"
     pace: bool = False
     max_frames: int | None = None
@@ -85,168 +79,83 @@ class EncodeReport:
     capture_ns: tuple[int, ...]
 
 
-@dataclass(slots=True)
-class _Tally:
-    """What the report will say, as it grows."""
-
-    model_bytes: int = 0
-    frame_bytes: int = 0
-    packets: int = 0
-    lost_frames: int = 0
-    warnings: list[str] = field(default_factory=list)
-    capture_ns: list[int] = field(default_factory=list)
-    spent_ns: dict[str, int] = field(default_factory=dict)
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Count the time in the `with` block for stage `name`."""
-        start = time.perf_counter_ns()
-        try:
-            yield
-        finally:
-            self.spent_ns[name] = self.spent_ns.get(name, 0) + time.perf_counter_ns() - start
-
-    def warn(self, message: str) -> None:
-        """Note a line for the user, once."""
-        if message not in self.warnings:
-            self.warnings.append(message)
-
-
-class ThesisSender:
-    """Sends the thesis profile: ten samples a second, each interpolated at its own time."""
-
-    def __init__(self, sink: PacketSink, model: ModelPacket, tally: _Tally) -> None:
-        self._sink, self._tally = sink, tally
-        self._model, call = model, model.call
-        self._frames_per_sample = (
-            Fraction(call.fps_numerator, call.fps_denominator) / THESIS_RATE_HZ
-        )
-        self._number = 0
-        self._before: FaceParameters | None = None
-        data = serialise(model)
-        tally.model_bytes += len(data) - 1
-        self._send(data)
-
-    def send_face(self, index: int, face: FaceParameters) -> None:
-        """Send the samples due up to source frame `index`, in which the caller is `face`."""
-        before = self._before or face
-        while (place := self._place()) <= index:
-            share = 1.0 if place <= index - 1 else float(place - (index - 1))
-            payload = encode_thesis(blend(before, face, share), self._model.reference_pose)
-            self._tally.frame_bytes += len(payload)
-            self._send(serialise(FramePacket(self._number % SEQUENCE_MODULUS, payload)))
-            self._number += 1
-        self._before = face
-
-    def send_control(self, kind: ControlKind, frame: int) -> None:
-        """Say what happened at source frame `frame`; after LOST no samples are due until FOUND."""
-        if kind is ControlKind.FOUND:
-            self._before = None
-            while self._place() < frame:
-                self._number += 1
-        self._send(serialise(ControlPacket(0, kind, frame)))
-
-    def _place(self) -> Fraction:
-        return self._model.call.start_frame + self._number * self._frames_per_sample
-
-    def _send(self, packet: bytes) -> None:
-        with self._tally.stage("send"):
-            self._sink.send(packet)
-        self._tally.packets += 1
-
-
 def encode(options: EncodeOptions, progress: Progress, stop: Callable[[], bool]) -> EncodeReport:
     """Encode one source to its end, or until `stop`; what was sent by then is a whole call.
 
     progress: called with the number of frames so far and of the whole source, if that is known.
     Raises `UserError` if the source cannot be read, shows no face, or the call cannot be sent.
     """
-    tally = _Tally()
+    tally = Tally()
     with ExitStack() as stack:
         capture = stack.enter_context(open_source(options.source))
         sink = open_sink(options, stack)
-        active = [EAU_INDEX[name] for name in THESIS_EAUS]
-        size = (capture.width, capture.height)
-        follower = open_follower(options.detector, generic_head(), size, active, tally.warn)
-        caller = Caller(options, capture, follower, sink, tally)
-        for index, frame in paced(capture, options, tally, stop):
-            caller.frame(index, frame)
-            progress(index + 1, capture.frame_count)
-        caller.end()
+        send = send_thesis if options.profile == "thesis" else send_default
+        send(options, capture, sink, tally, progress, stop)
         return _report(capture, tally)
 
 
-class Caller:
-    """The state of one call on the sending side."""
+def send_thesis(
+    options: EncodeOptions,
+    capture: Capture,
+    sink: PacketSink,
+    tally: Tally,
+    progress: Progress,
+    stop: Callable[[], bool],
+) -> None:
+    """Follow the face frame by frame and send as it goes."""
+    active = [EAU_INDEX[name] for name in THESIS_EAUS]
+    size = (capture.width, capture.height)
+    follower = open_follower(options.detector, generic_head(), size, active, tally.warn)
+    budget = options.budget or BUDGETS["thesis"]
+    call = ThesisCall(capture, follower, sink, budget, options.look_for_face_s, tally)
+    for index, frame in paced(capture, options, tally, stop):
+        call.frame(index, frame)
+        progress(index + 1, capture.frame_count)
+    if not call.started:
+        raise no_face(options.source, len(tally.capture_ns))
+    call.end(len(tally.capture_ns))
 
-    def __init__(
-        self,
-        options: EncodeOptions,
-        capture: Capture,
-        follower: Follower,
-        sink: PacketSink,
-        tally: _Tally,
-    ) -> None:
-        self._options, self._capture, self._tally = options, capture, tally
-        self._follower, self._sink = follower, sink
-        self._sender: ThesisSender | None = None
-        self._lost = False
 
-    def frame(self, index: int, frame: Picture) -> None:
-        """Find the face in source frame `index` and send what is due."""
-        with self._tally.stage("follow"):
-            face = self._follower.update(frame)
-        if face is None:
-            self._miss(index)
-            return
-        if self._sender is None:
-            with self._tally.stage("model"):
-                model = self._model(index, frame, face)
-            self._sender = ThesisSender(self._sink, model, self._tally)
-            face = reference_of(model)
-        elif self._lost:
-            self._sender.send_control(ControlKind.FOUND, index)
-        self._lost = False
-        self._sender.send_face(index, face)
+def send_default(
+    options: EncodeOptions,
+    capture: Capture,
+    sink: PacketSink,
+    tally: Tally,
+    progress: Progress,
+    stop: Callable[[], bool],
+) -> None:
+    """Look at the whole source, then send the best call it allows."""
+    if capture.is_live:
+        raise UserError("the default profile needs a recorded source; use --profile thesis")
+    survey = Survey(capture, tally)
+    for index, frame in paced(capture, replace(options, pace=False), tally, stop):
+        survey.frame(index, frame)
+        progress((index + 1) // 2, capture.frame_count)
+    if not survey.faces_seen:
+        raise no_face(options.source, len(tally.capture_ns))
+    frames = len(tally.capture_ns)
+    survey.learn(options.budget or BUDGETS["default"])
+    with open_source(options.source) as again:
+        for index, frame in again:
+            if index >= frames or stop():
+                break
+            survey.refine(index, frame)
+            progress((frames + index + 1) // 2, capture.frame_count)
+    call = survey.code(options.bitrate)
+    send_call(call, sink, tally, float(capture.fps) if options.pace else None, stop)
 
-    def end(self) -> None:
-        """Close the call.  Raises `UserError` if no face was ever found."""
-        frames = len(self._tally.capture_ns)
-        if self._sender is None:
-            raise UserError(
-                f"{self._options.source}: no face found in {frames} frames;"
-                " is one in the picture, upright and at least 20 pixels wide?",
-                NO_FACE,
-            )
-        self._sender.send_control(ControlKind.END, frames)
 
-    def _miss(self, index: int) -> None:
-        self._tally.lost_frames += 1
-        if self._sender is not None:
-            if not self._lost:
-                self._sender.send_control(ControlKind.LOST, index)
-            self._lost = True
-        elif index / self._capture.fps >= self._options.look_for_face_s:
-            self._tally.warn(
-                f"no face in the first {self._options.look_for_face_s:g} s; still looking"
-            )
-
-    def _model(self, index: int, frame: Picture, face: FaceParameters) -> ModelPacket:
-        fitted = self._follower.fitted
-        call = CallParameters(
-            profile=self._options.profile,
-            width=self._capture.width,
-            height=self._capture.height,
-            fps_numerator=self._capture.fps.numerator,
-            fps_denominator=self._capture.fps.denominator,
-            focal_px=fitted.camera.focal_px,
-            start_frame=index,
-        )
-        return build_model(generic_head(), fitted, face, frame, call, self._options.budget or BUDGETS[self._options.profile])
+def no_face(source: str, frames: int) -> UserError:
+    """The error of a source without a face."""
+    return UserError(
+        f"{source}: no face found in {frames} frames;"
+        " is one in the picture, upright and at least 20 pixels wide?",
+        NO_FACE,
+    )
 
 
 def paced(
-    capture: Capture, options: EncodeOptions, tally: _Tally, stop: Callable[[], bool]
+    capture: Capture, options: EncodeOptions, tally: Tally, stop: Callable[[], bool]
 ) -> Iterator[tuple[int, Picture]]:
     """The frames to encode, at the source's own rate if asked for."""
     start = time.monotonic()
@@ -278,7 +187,7 @@ def open_sink(options: EncodeOptions, stack: ExitStack) -> PacketSink:
     return sink
 
 
-def _report(capture: Capture, tally: _Tally) -> EncodeReport:
+def _report(capture: Capture, tally: Tally) -> EncodeReport:
     frames = len(tally.capture_ns)
     return EncodeReport(
         frames=frames,

@@ -50,8 +50,7 @@ def code_packet(
     quality: int,
     fresh: bool = False,
 ) -> CodedPacket:
-    """Quantise and code the frames `targets` (count, n), in units; does not move the predictor.
-    """
+    """Quantise and code the frames `targets` (count, n), in units; does not move the predictor."""
     wanted = np.rint(targets * UNIT).astype(np.int64)
     head = PacketHead(quality, len(wanted), fresh)
     values, known = _quantise(predictor, sequence, wanted, head)
@@ -74,9 +73,7 @@ def _quantise(
         differences = _worthwhile(error / steps[kinds], tables, around, surroundings)
         values.append((place, differences))
         sizes[place.index] = np.abs(differences)
-        known[place.index] = reconstruct(
-            predictor, place, kinds, known, head.quality, differences
-        )
+        known[place.index] = reconstruct(predictor, place, kinds, known, head.quality, differences)
     return values, known
 
 

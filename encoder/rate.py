@@ -59,9 +59,7 @@ def _code_all(
     for number, (start, end) in enumerate(packet_spans(len(values), spending.frames_per_packet)):
         targets = values[start:end]
 
-        def attempt(
-            tried: int, number: int = number, targets: Array = targets
-        ) -> CodedPacket:
+        def attempt(tried: int, number: int = number, targets: Array = targets) -> CodedPacket:
             return code_packet(
                 predictor,
                 number % SEQUENCE_MODULUS,
@@ -90,9 +88,7 @@ class Purse:
         self._spending = spending
         self._spent: list[tuple[float, int]] = []  # seconds, bits of the packets in the window
 
-    def buy(
-        self, attempt: Callable[[int], CodedPacket], quality: int, frames: int
-    ) -> CodedPacket:
+    def buy(self, attempt: Callable[[int], CodedPacket], quality: int, frames: int) -> CodedPacket:
         """The packet of `frames` frames at `quality`, or at the finest coarser one there is money for."""
         seconds = frames / self._spending.fps
         held = sum(s for s, _ in self._spent)

@@ -59,7 +59,11 @@ class Refiner:
         atlas = shape.atlas
         kept = (atlas.rows % stride == 0) & (atlas.columns % stride == 0)
         thin = Atlas(
-            atlas.size, atlas.rows[kept], atlas.columns[kept], atlas.corners[kept], atlas.weights[kept]
+            atlas.size,
+            atlas.rows[kept],
+            atlas.columns[kept],
+            atlas.corners[kept],
+            atlas.weights[kept],
         )
         self._cell_mm = DEPTH_CELL_MM * stride
         self.shape = ShapeFree(face, thin, shape.camera)

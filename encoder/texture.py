@@ -1,5 +1,7 @@
 """What the face wears: the shape-free texture of a frame (thesis 2.4.2), and images within a budget."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -25,21 +27,22 @@ FACING_COSINE = 0.1
 DEPTH_CELL_MM = 1.5
 DEPTH_TOLERANCE_MM = 2.0
 # Denser than pixels: what is sampled and drawn again is interpolated twice, and blurs.
-TEXELS_PER_PIXEL = 1.5
+TEXELS_PER_PIXEL = 1.8
 QUALITIES = (1, 95)
 BACKGROUND_SIDES_PX = (640, 448, 320, 224)
 
 
-def sample(frame: Picture, positions_px: Array) -> Texels:
+def sample(frame: NDArray[Any], positions_px: NDArray[Any]) -> Texels:
     """Colours of a picture at (k, 2) pixel positions, bicubic: (k, channels) float32."""
     columns = 1024
     rows = -(-len(positions_px) // columns)
     grid = np.zeros((rows * columns, 2), dtype=np.float32)
     grid[: len(positions_px)] = positions_px
-    grid = grid.reshape(rows, columns, 2)
-    sampled = cv2.remap(frame, grid, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    u, v = np.ascontiguousarray(grid.reshape(rows, columns, 2).transpose(2, 0, 1))
+    sampled = cv2.remap(frame, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     channels = 1 if frame.ndim == 2 else frame.shape[2]
-    return sampled.reshape(rows * columns, channels)[: len(positions_px)].astype(np.float32)
+    flat = sampled.reshape(rows * columns, channels)[: len(positions_px)]
+    return np.asarray(flat, dtype=np.float32)
 
 
 def visible_texels(

@@ -4,7 +4,7 @@ First pass: landmarks of every frame.  Between: one identity for the whole call,
 learned from a sample of frames.  Second pass: every frame refined against that model, combined, coded.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +25,7 @@ from encoder.learn import (
     Appearance,
     Stack,
     code_appearance,
+    face_mask,
     luma_modes,
     mean_colours,
     shape_free_stack,
@@ -34,6 +35,7 @@ from encoder.learn import (
 from encoder.model import Budget, identity_of, shape_packet
 from encoder.refine import Refiner, Template
 from encoder.shape_free import ShapeFree
+from encoder.sharpen import sharpened
 from encoder.texture import compress_background, fitting_size, texel_pixels, unseen_colours
 from protocol.components import Components, serialise_components, vector_from_face
 from protocol.messages import CallParameters, ModelPacket
@@ -66,6 +68,15 @@ class Caller:
     pixels_per_texel: float
 
 
+@dataclass(frozen=True, slots=True)
+class Learned:
+    """A caller, and the sample it was learned from with its refined faces."""
+
+    caller: Caller
+    crops: list[Crop]
+    faces: list[FaceParameters]
+
+
 class Sampler:
     """Keeps `TRAINING_FRAMES` frames or more, less than twice as many, of a source of any length."""
 
@@ -83,7 +94,9 @@ class Sampler:
             self.frames = [f for f in self.frames if f[0] % self._stride == 0]
 
 
-def follow_all(head: Head, size: tuple[int, int], points: Sequence[Array]) -> tuple[Fitted, list[FaceParameters]]:
+def follow_all(
+    head: Head, size: tuple[int, int], points: Sequence[Array]
+) -> tuple[Fitted, list[FaceParameters]]:
     """One identity, and pose and actuators of every frame, from all landmarks (468, 3)."""
     smooth = smoothed(np.array(points))
     chosen = spread_frames(smooth)
@@ -123,8 +136,8 @@ def learn_caller(
     points: Sequence[Array],
     call: CallParameters,
     budget: Budget,
-) -> tuple[Caller, list[Crop], list[FaceParameters]]:
-    """The caller's appearance from a sample of frames; also their crops and refined faces."""
+) -> Learned:
+    """The caller's appearance from a sample of frames (number, picture)."""
     reference = faces[0]
     packet = shape_packet(fitted, reference, call)
     camera = call.camera
@@ -144,47 +157,66 @@ def learn_caller(
         refiner = Refiner(head, face, shape, template)
         found = [refiner.refine(c, f, 2) for c, f in zip(crops, found, strict=True)]
     stack = _stack(head, shape, face, crops, found)
-    mean = mean_colours(shape, stack, unseen)
+    sharp = sharpened_stack(shape, stack, crops, found)
+    mask = face_mask(head, atlas)
+    mean = mean_colours(shape, sharp, unseen)
     appearance = code_appearance(
-        shape, stack, mean, budget.texture_bytes, budget.modes_bytes, budget.most_modes
+        shape, sharp, mean, mask, budget.texture_bytes, budget.modes_bytes, budget.most_modes
     )
-    refiner = Refiner(head, face, shape, decoded_template(shape, stack, appearance))
+    refiner = Refiner(head, face, shape, sampled_template(shape, stack, sharp, appearance))
     found = [refiner.refine(c, f, 2) for c, f in zip(crops, found, strict=True)]
-    return Caller(fitted, reference, refiner, appearance, ratio), crops, found
+    return Learned(Caller(fitted, reference, refiner, appearance, ratio), crops, found)
 
 
 def decoded_template(shape: ShapeFree, stack: Stack, appearance: Appearance) -> Template:
     """What the decoder will paint, as the template to refine against."""
     at = (shape.atlas.rows, shape.atlas.columns)
     modes = np.array([to_luma(image[at]) for image in appearance.mode_images], np.float32)
-    return Template(
-        to_luma(appearance.mean[at]), modes.reshape(-1, len(at[0])), stack.weight
+    return Template(to_luma(appearance.mean[at]), modes.reshape(-1, len(at[0])), stack.weight)
+
+
+def sampled_template(
+    shape: ShapeFree, stack: Stack, sharp: Stack, appearance: Appearance
+) -> Template:
+    """What sampling a picture should give where the decoder paints `appearance`.
+
+    Samples are blunter than what is painted; their mean and modes are regressed on the painted
+    modes' coefficients in the stack.
+    """
+    painted = decoded_template(shape, sharp, appearance)
+    if not len(painted.modes):
+        return Template(to_luma(stack.colours.mean(0)), painted.modes, stack.weight)
+    weight = np.sqrt(np.maximum(stack.weight, 1e-6))
+    wanted = (to_luma(sharp.colours) - painted.mean) * sharp.seen
+    rows = painted.modes * weight
+    coefficients = np.linalg.lstsq(rows.T, (wanted * weight).T, rcond=None)[0].T
+    design = np.concatenate([np.ones((len(coefficients), 1)), coefficients], 1)
+    filled = np.where(
+        stack.seen, to_luma(stack.colours), painted.mean + coefficients @ painted.modes
     )
+    fitted = np.linalg.lstsq(design, filled, rcond=None)[0].astype(np.float32)
+    return Template(fitted[0], fitted[1:], stack.weight)
 
 
-def refine_all(
-    caller: Caller,
-    frames: Iterator[tuple[int, Picture]],
-    faces: Sequence[FaceParameters],
-    points: Sequence[Array],
-) -> Iterator[FaceParameters]:
-    """Refine the frames (number among those with a face, picture) against the coded appearance."""
-    for number, frame in frames:
-        crop = crop_face(frame, points[number], caller.pixels_per_texel)
-        yield caller.tracker.refine(crop, faces[number], 3)
+def sharpened_stack(
+    shape: ShapeFree, stack: Stack, crops: Sequence[Crop], faces: Sequence[FaceParameters]
+) -> Stack:
+    """The stack with colours that draw right, see `sharpened`."""
+    colours = [
+        sharpened(shape, crop, crop.from_frame(shape.positions(face)), c, s)
+        for crop, face, c, s in zip(crops, faces, stack.colours, stack.seen, strict=True)
+    ]
+    return replace(stack, colours=np.array(colours))
 
 
 def combine_call(
-    caller: Caller,
-    crops: Sequence[Crop],
-    trained: Sequence[FaceParameters],
-    faces: Sequence[FaceParameters],
-    frames_per_packet: int,
+    learned: Learned, faces: Sequence[FaceParameters], frames_per_packet: int
 ) -> tuple[Components, Array]:
     """The call's components, and their values (t, n) in every frame."""
+    caller = learned.caller
     pose = caller.reference.pose
-    every = max(1, len(crops) // 12)
-    harm = harm_matrix(caller.tracker, crops[::every], trained[::every], pose)
+    every = max(1, len(learned.crops) // 12)
+    harm = harm_matrix(caller.tracker, learned.crops[::every], learned.faces[::every], pose)
     vectors = np.array([vector_from_face(face, pose) for face in faces])
     components = combine(vectors, harm, caller.appearance.modes, frames_per_packet)
     return components, project(components, vectors, harm)

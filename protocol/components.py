@@ -51,9 +51,13 @@ class Components:
             raise ValueError(f"{len(self.modes)} modes and {n} components, limit {MAX_MODES}")
         shapes = (self.centre.shape, self.unit.shape, self.basis.shape)
         if shapes != ((d,), (d,), (n, d)) or self.exponents.shape != (n,):
-            raise ValueError(f"shapes {shapes} of centre, unit and basis, expected d = {d}, n = {n}")
+            raise ValueError(
+                f"shapes {shapes} of centre, unit and basis, expected d = {d}, n = {n}"
+            )
         if self.spreads.shape != (n, KINDS) or self.spreads.max() > MAX_SPREAD:
-            raise ValueError(f"spreads {self.spreads.shape}, expected {(n, KINDS)} of 0..{MAX_SPREAD}")
+            raise ValueError(
+                f"spreads {self.spreads.shape}, expected {(n, KINDS)} of 0..{MAX_SPREAD}"
+            )
         if not (np.isfinite(self.centre).all() and (np.abs(self.centre) < 1e5).all()):
             raise ValueError("centre is not finite and below 1e5")
         if not (np.isfinite(self.unit).all() and (self.unit > 0).all() and (self.unit < 1e5).all()):
@@ -68,7 +72,9 @@ class Components:
         return np.asarray(rows * self.unit)
 
 
-def face_from_components(components: Components, coded: Integers, reference: Pose) -> FaceParameters:
+def face_from_components(
+    components: Components, coded: Integers, reference: Pose
+) -> FaceParameters:
     """The face of one frame.  coded: (n,) integers, in 1 / `UNIT` unit.
 
     Whatever the integers, motion and coefficients stay finite and actuators in their ranges.

@@ -69,3 +69,18 @@ def _fill(owner: NDArray[np.int32], weights: Array, index: int, corners: Array) 
     window = (slice(low[1], high[1] + 1), slice(low[0], high[0] + 1))
     owner[window][inside] = index
     weights[window][inside] = np.stack([1 - wb - wc, wb, wc], axis=-1)[inside]
+
+
+def resized(image: NDArray[np.float32], size: int) -> NDArray[np.float32]:
+    """A square image (s, s, channels) at `size` texels a side, bilinear, edges repeated.
+
+    Both ends enlarge modes with it, so that they agree to the last bit.
+    """
+    if len(image) == size:
+        return image
+    at = np.clip((np.arange(size) + 0.5) * len(image) / size - 0.5, 0, len(image) - 1)
+    low = np.minimum(at.astype(int), len(image) - 2)
+    share = (at - low).astype(np.float32)[:, None, None]
+    rows = image[low] * (1 - share) + image[low + 1] * share
+    across = share.transpose(1, 0, 2)
+    return np.asarray(rows[:, low] * (1 - across) + rows[:, low + 1] * across, np.float32)

@@ -52,7 +52,15 @@ def generic_head() -> Head:
         data = np.load(file, allow_pickle=False)
         arrays = {name: data[name] for name in data.files}
     names, indices = arrays["landmark_names"], arrays["landmark_vertices"]
-    doubles = ("vertices", "texture_coordinates", "opacity", "network_weights", "eau_up", "eau_down", "aau")
+    doubles = (
+        "vertices",
+        "texture_coordinates",
+        "opacity",
+        "network_weights",
+        "eau_up",
+        "eau_down",
+        "aau",
+    )
     head = Head(
         triangles=arrays["triangles"].astype(np.int32),
         parts=arrays["parts"],

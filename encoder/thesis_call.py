@@ -1,0 +1,135 @@
+"""The thesis profile on the sending side: the first good frame is the model, then ten samples a second."""
+
+from fractions import Fraction
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.capture import Capture
+from encoder.follow import Follower, blend
+from encoder.model import Budget, build_model, reference_of
+from encoder.tally import Tally
+from protocol.link import PacketSink
+from protocol.messages import (
+    SEQUENCE_MODULUS,
+    CallParameters,
+    ControlKind,
+    ControlPacket,
+    FramePacket,
+    ModelPacket,
+    serialise,
+)
+from protocol.quantise import THESIS_RATE_HZ, encode_thesis
+from shared_model.mesh import generic_head
+from shared_model.parameters import FaceParameters
+
+Picture = NDArray[np.uint8]
+
+
+class ThesisSender:
+    """Sends the thesis profile: ten samples a second, each interpolated at its own time."""
+
+    def __init__(self, sink: PacketSink, model: ModelPacket, tally: Tally) -> None:
+        self._sink, self._tally = sink, tally
+        self._model, call = model, model.call
+        self._frames_per_sample = (
+            Fraction(call.fps_numerator, call.fps_denominator) / THESIS_RATE_HZ
+        )
+        self._number = 0
+        self._before: FaceParameters | None = None
+        tally.model_bytes += len(serialise(model)) - 1
+        tally.send(sink, model)
+
+    def send_face(self, index: int, face: FaceParameters) -> None:
+        """Send the samples due up to source frame `index`, in which the caller is `face`."""
+        before = self._before or face
+        while (place := self._place()) <= index:
+            share = 1.0 if place <= index - 1 else float(place - (index - 1))
+            payload = encode_thesis(blend(before, face, share), self._model.reference_pose)
+            self._tally.frame_bytes += len(payload)
+            packet = FramePacket(self._number % SEQUENCE_MODULUS, payload)
+            self._tally.send(self._sink, packet)
+            self._number += 1
+        self._before = face
+
+    def send_control(self, kind: ControlKind, frame: int) -> None:
+        """Say what happened at source frame `frame`; after LOST no samples are due until FOUND."""
+        if kind is ControlKind.FOUND:
+            self._before = None
+            while self._place() < frame:
+                self._number += 1
+        self._tally.send(self._sink, ControlPacket(0, kind, frame))
+
+    def _place(self) -> Fraction:
+        return self._model.call.start_frame + self._number * self._frames_per_sample
+
+
+class ThesisCall:
+    """The state of one call on the sending side.
+
+    look_for_face_s: say so if there is no face after this many seconds of video.
+    """
+
+    def __init__(
+        self,
+        capture: Capture,
+        follower: Follower,
+        sink: PacketSink,
+        budget: Budget,
+        look_for_face_s: float,
+        tally: Tally,
+    ) -> None:
+        self._capture, self._tally, self._budget = capture, tally, budget
+        self._follower, self._sink = follower, sink
+        self._look_for_face_s = look_for_face_s
+        self._sender: ThesisSender | None = None
+        self._lost = False
+
+    @property
+    def started(self) -> bool:
+        """Whether a face has been found yet."""
+        return self._sender is not None
+
+    def frame(self, index: int, frame: Picture) -> None:
+        """Find the face in source frame `index` and send what is due."""
+        with self._tally.stage("follow"):
+            face = self._follower.update(frame)
+        if face is None:
+            self._miss(index)
+            return
+        if self._sender is None:
+            with self._tally.stage("model"):
+                model = self._model(index, frame, face)
+            self._sender = ThesisSender(self._sink, model, self._tally)
+            face = reference_of(model)
+        elif self._lost:
+            self._sender.send_control(ControlKind.FOUND, index)
+        self._lost = False
+        self._sender.send_face(index, face)
+
+    def end(self, frames: int) -> None:
+        """Close a call of `frames` source frames."""
+        if self._sender is not None:
+            self._sender.send_control(ControlKind.END, frames)
+
+    def _miss(self, index: int) -> None:
+        self._tally.lost_frames += 1
+        if self._sender is not None:
+            if not self._lost:
+                self._sender.send_control(ControlKind.LOST, index)
+            self._lost = True
+        elif index / self._capture.fps >= self._look_for_face_s:
+            self._tally.warn(f"no face in the first {self._look_for_face_s:g} s; still looking")
+
+    def _model(self, index: int, frame: Picture, face: FaceParameters) -> ModelPacket:
+        fitted = self._follower.fitted
+        call = CallParameters(
+            profile="thesis",
+            width=self._capture.width,
+            height=self._capture.height,
+            fps_numerator=self._capture.fps.numerator,
+            fps_denominator=self._capture.fps.denominator,
+            focal_px=fitted.camera.focal_px,
+            start_frame=index,
+        )
+        return build_model(generic_head(), fitted, face, frame, call, self._budget)
