@@ -38,7 +38,7 @@ class Wardrobe:
         flat += self._mean.ravel()
         # Half a level up, then cut: rounding at a fraction of its price.
         flat += np.float32(0.5)
-        return np.clip(flat, 0, 255).astype(np.uint8).reshape(self._mean.shape)
+        return np.asarray(np.clip(flat, 0, 255), np.uint8).reshape(self._mean.shape)
 
 
 def decode_image(name: str, data: bytes) -> NDArray[np.uint8]:

@@ -1,8 +1,9 @@
-"""Combined components (thesis eq. 2.18): pose, actuators and coefficients turned into the values sent.
+"""Combined components (thesis eq. 2.18): pose, actuators and coefficients as the values sent.
 
-Two measures are diagonalised together: the harm that an error does to the picture (the Gauss-Newton
-Hessian of the shape-free residual), which becomes the unit matrix, and the caller's own motion, which
-becomes diagonal with the strongest first.  Equal steps then do equal harm, and values are uncorrelated.
+Two measures are diagonalised together: the harm that an error does to the picture (the
+Gauss-Newton Hessian of the shape-free residual), which becomes the unit matrix, and the caller's
+own motion, which becomes diagonal with the strongest first.  Equal steps then do equal harm, and
+values are uncorrelated.
 """
 
 from collections.abc import Sequence
@@ -103,7 +104,7 @@ def measure_spreads(values: Array, frames_per_packet: int) -> NDArray[np.uint8]:
         errors[kind] = found
         sizes[:, kind] = np.concatenate(found).mean(0)
     codes = np.rint(4 * np.log2(np.maximum(sizes, 1e-6) * 16))
-    return np.clip(codes, 0, MAX_SPREAD).astype(np.uint8)
+    return np.asarray(np.clip(codes, 0, MAX_SPREAD), np.uint8)
 
 
 def _luma_motion(

@@ -1,4 +1,4 @@
-"""The default profile on the sending side, for a recorded source: survey, learn, refine, code, send."""
+"""The default profile of a recorded source, sending side: survey, learn, refine, code, send."""
 
 import time
 from collections.abc import Callable
@@ -45,7 +45,7 @@ FRAMES_PER_PACKET = 8
 
 @dataclass(frozen=True, slots=True)
 class CodedCall:
-    """A whole call: its model packet, frame payloads, how many source frames; and where no face was."""
+    """A whole call: model packet, frame payloads, number of source frames; where no face was."""
 
     model: ModelPacket
     payloads: tuple[bytes, ...]

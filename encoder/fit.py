@@ -6,6 +6,7 @@ different yaw, solved together, see depth that one frame cannot.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +30,8 @@ RESIDUAL_DEPTH_SIGMA_MM = 1.2
 LOG_FOCAL_SIGMA = 0.15
 TYPICAL_FOCAL = 1.3  # of the picture's longer side: a webcam or a portrait lens
 
-# Points of the face's outline.  They slide as the head turns, but where they are not met the picture
-# shows background on the face: full weight measured better than less (carphone +0.8 dB).
+# Points of the face's outline.  They slide as the head turns, but where they are not met the
+# picture shows background on the face: full weight measured better than less (carphone +0.8 dB).
 OUTLINE = (
     *(10, 338, 297, 332, 284, 251, 389, 356, 454, 323, 361, 288, 397, 365, 379, 378, 400, 377),
     *(152, 148, 176, 149, 150, 136, 172, 58, 132, 93, 234, 127, 162, 21, 54, 103, 67, 109),
@@ -203,7 +204,7 @@ def _observe(model: LandmarkModel, camera: Camera, state: FaceParameters) -> tup
     return geometry.pixel_from_camera(camera, seen), jacobian
 
 
-def projection_jacobian(camera: Camera, seen: Array) -> Array:
+def projection_jacobian(camera: Camera, seen: NDArray[Any]) -> Array:
     """d pixel / d point: (m, 2, 3) at camera-frame points (m, 3) (eq. 4.12-4.15)."""
     x, y, z = seen.T
     zero, one = np.zeros_like(x), np.ones_like(x)

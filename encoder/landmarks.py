@@ -96,10 +96,6 @@ class LandmarkTracker:
         self._square = square_from_landmarks(found.points) if found else None
         return found
 
-    def reset(self) -> None:
-        """Forget where the face was: the next `update` detects anew."""
-        self._square = None
-
     def _redetect(self, frame: Frame) -> Landmarks | None:
         faces = self._detector.detect(frame)
         self.faces_seen = len(faces)

@@ -1,8 +1,8 @@
 """A caller's appearance model (thesis eq. 2.17), learned from pictures of the caller and coded.
 
-The mean and each mode are coded as small pictures, one after the other: what a coded picture got wrong
-is left in the residual that the next mode is found in (closed loop), so coding errors that matter are
-corrected by later modes.
+The mean and each mode are coded as small pictures, one after the other: what a coded picture got
+wrong is left in the residual that the next mode is found in (closed loop), so coding errors that
+matter are corrected by later modes.
 """
 
 from collections.abc import Sequence
@@ -28,8 +28,9 @@ Picture = NDArray[np.uint8]
 # How much an error of each chroma difference counts against one of luma.
 CHROMA = 0.3
 MODE_REACH = 115.0
-# Modes are smoother than faces: they are coded at this part of the texture's size, no larger than this,
-# and rather coarsely.  Measured on akiyo, carphone and turn: more modes gain more than finer ones.
+# Modes are smoother than faces: they are coded at this part of the texture's size, no larger than
+# this, and rather coarsely.  Measured on akiyo, carphone and turn: more modes gain more than finer
+# ones.
 MODE_SCALE = 0.75
 MODE_SIDE = 100
 MODE_QUALITY = 20
@@ -43,7 +44,8 @@ class Appearance:
     """What the decoder will have: coded pictures, and what they decode to.
 
     texture, modes: the coded pictures.
-    mean: (size, size, 3) float32 BGR.  mode_images: (m, size, size, 3) float32, per unit coefficient.
+    mean: (size, size, 3) float32 BGR.
+    mode_images: (m, size, size, 3) float32, per unit coefficient.
     """
 
     texture: bytes
@@ -54,7 +56,10 @@ class Appearance:
 
 @dataclass(frozen=True, slots=True)
 class Stack:
-    """Shape-free pictures of some frames: colours (t, k, 3) BGR float32, seen (t, k), weight (k,)."""
+    """Shape-free pictures of some frames.
+
+    colours: (t, k, 3) float32 BGR.  seen: (t, k).  weight: (k,) float32.
+    """
 
     colours: Single
     seen: NDArray[np.bool_]
@@ -102,7 +107,7 @@ def texel_areas(shape: ShapeFree, positions: Single) -> Single:
     atlas = shape.atlas
     grid = np.full((atlas.size, atlas.size, 2), np.nan, np.float32)
     grid[atlas.rows, atlas.columns] = positions
-    across, down = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
+    across, down = (np.asarray(np.gradient(grid, axis=axis)) for axis in (1, 0))
     area = np.abs(across[..., 0] * down[..., 1] - across[..., 1] * down[..., 0])
     found = area[atlas.rows, atlas.columns]
     usual = float(np.nanmedian(found))

@@ -1,4 +1,4 @@
-"""capture -> landmarks -> fit -> model packet; then per frame: landmarks -> pose and EAUs -> packets."""
+"""capture -> landmarks -> fit -> model packet; then per frame: pose and EAUs -> packets."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -35,7 +35,8 @@ class EncodeOptions:
     output: call file; connect, listen: Zenoh endpoints (tcp/HOST:PORT) and `call` the call's name.
     lossless: over the network no packet is dropped, however slow: for measurements, not live calls.
     detector: "network" or "haar" (Viola-Jones).
-    profile: "thesis" or "default"; bitrate: bits per second that frame packets take (default profile).
+    profile: "thesis" or "default".
+    bitrate: bits per second that frame packets take (default profile).
     pace: send at the source's own rate, as a camera would, instead of as fast as possible.
     wait_for_peer_s: wait this long for a decoder before the first frame; 0: do not wait.
     look_for_face_s: say so if there is no face after this many seconds of video.

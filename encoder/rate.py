@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from encoder.quantiser import CodedPacket, code_packet
 from protocol.messages import SEQUENCE_MODULUS
-from protocol.predict import FramePredictor, Integers
+from protocol.predict import FramePredictor
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ class Spending:
     frames_per_packet: int
 
 
-def code_call(values: Array, spreads: Integers, spending: Spending) -> list[CodedPacket]:
+def code_call(values: Array, spreads: NDArray[Any], spending: Spending) -> list[CodedPacket]:
     """All packets of a call whose component values (t, n), in units, are known beforehand.
 
     One quality serves the whole call, the finest whose packets keep within the rate; packets that
@@ -52,7 +53,7 @@ def packet_bits(packet: CodedPacket) -> int:
 
 
 def _code_all(
-    values: Array, spreads: Integers, spending: Spending, quality: int
+    values: Array, spreads: NDArray[Any], spending: Spending, quality: int
 ) -> list[CodedPacket]:
     predictor, purse = FramePredictor(spreads), Purse(spending)
     packets = []
@@ -89,7 +90,7 @@ class Purse:
         self._spent: list[tuple[float, int]] = []  # seconds, bits of the packets in the window
 
     def buy(self, attempt: Callable[[int], CodedPacket], quality: int, frames: int) -> CodedPacket:
-        """The packet of `frames` frames at `quality`, or at the finest coarser one there is money for."""
+        """The packet of `frames` frames at `quality`, or the finest one there is money for."""
         seconds = frames / self._spending.fps
         held = sum(s for s, _ in self._spent)
         while self._spent and held + seconds > WINDOW_S:

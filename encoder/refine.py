@@ -1,11 +1,12 @@
-"""Analysis by synthesis (thesis 2.4.3, 4.4): move pose, actuators and coefficients until the model's
-texture is the picture's.
+"""Analysis by synthesis (thesis 2.4.3, 4.4): pose, actuators and coefficients that explain a face.
 
-The residual r = g_image - g_model lives in the shape-free frame (eq. 2.22).  Each step solves the normal
-equations of eq. 2.27 for pose, actuators and appearance coefficients together; the derivative of the
-residual is the picture's own gradient carried along the texels' motion, so it holds at any pose.
+The residual r = g_image - g_model lives in the shape-free frame (eq. 2.22).  Each step solves the
+normal equations of eq. 2.27 for pose, actuators and appearance coefficients together; the
+derivative of the residual is the picture's own gradient carried along the texels' motion, so it
+holds at any pose.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -23,7 +24,7 @@ from shared_model.parameters import EAUS, FaceParameters
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-# Grey levels beyond which a texel counts less (a hand, a highlight), and an actuator's usual motion.
+# Grey levels beyond which a texel counts less (a hand, a highlight); an actuator's usual motion.
 ROBUST_GREY = 25.0
 EAU_SIGMA = 0.25
 NOISE_GREY = 6.0
@@ -77,7 +78,7 @@ class Refiner:
         return visible_texels(self._head, self.shape.atlas, face.pose, vertices, self._cell_mm)
 
     def refine(self, crop: Crop, start: FaceParameters, iterations: int) -> FaceParameters:
-        """The face near `start` that the template explains best, with the template's coefficients."""
+        """The face near `start` that the template explains best, with its coefficients."""
         shape, template, geometry = self.shape, self.template, 6 + len(EAUS)
         grey = luma(crop.picture)
         stack = np.dstack([grey, *_gradients(grey)])
@@ -85,6 +86,8 @@ class Refiner:
         shown = template.weight * self.seen(start)
         precision = CORRELATED_TEXELS * float(shown.mean()) * (NOISE_GREY / EAU_SIGMA) ** 2
         eau = np.arange(6, geometry)
+        modes = np.arange(geometry, geometry + len(template.modes))
+        free = np.r_[0:6, 6 + np.asarray(active, dtype=np.intp), modes]
         for _ in range(iterations):
             seen = sample(stack, crop.from_frame(shape.positions(face)))
             slope = seen[:, 1:] * crop.scale.astype(np.float32)
@@ -98,7 +101,8 @@ class Refiner:
             normal[eau, eau] += precision
             gradient[eau] += precision * (start.eau - face.eau)
             normal[np.diag_indices(len(normal))] *= 1 + 1e-6
-            step = np.linalg.solve(normal, gradient)
+            step = np.zeros(len(gradient))
+            step[free] = np.linalg.solve(normal[np.ix_(free, free)], gradient[free])
             face, coefficients = moved(face, step[:geometry]), step[geometry:]
         return replace(face, modes=self._coefficients(stack, crop, face, shown))
 

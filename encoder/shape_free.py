@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.fit import projection_jacobian
-from encoder.texture import sample
 from shared_model import geometry
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
@@ -19,7 +18,6 @@ from shared_model.parameters import EAUS, FaceParameters, Pose, clip_eau
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 
 
 class ShapeFree:
@@ -55,10 +53,6 @@ class ShapeFree:
         seen = self.turned(face) + face.pose.translation_mm.astype(np.float32)
         flat = seen[:, :2] * (np.float32(self.camera.focal_px) / seen[:, 2:])
         return np.asarray(flat + self.camera.centre.astype(np.float32))
-
-    def textures(self, picture: Picture, face: FaceParameters) -> Single:
-        """(k, channels) colours of the picture at the texels."""
-        return sample(picture, self.positions(face))
 
     def motion(self, face: FaceParameters) -> Single:
         """(k, 2, 6 + EAUs) how texels move, pixels, per radian, mm and unit of each actuator."""

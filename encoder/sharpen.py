@@ -1,7 +1,7 @@
 """Textures that draw right: sampling a picture and drawing the sample again interpolates twice.
 
-Iterated back-projection (Irani & Peleg 1991): what the drawn texture lacks of the picture is carried
-back to the texels it was drawn from, a few times.
+Iterated back-projection (Irani & Peleg 1991): what the drawn texture lacks of the picture is
+carried back to the texels it was drawn from, a few times.
 """
 
 import numpy as np
@@ -43,13 +43,13 @@ def sharpened(
             back = shares * lack[:, None, channel]
             flat[:, channel] += scale * np.bincount(corners.ravel(), back.ravel(), size * size)
     result = flat.reshape(size, size, 3)[atlas.rows, atlas.columns]
-    return np.where(seen[:, None], result, colours).astype(np.float32)
+    return np.asarray(np.where(seen[:, None], result, colours), np.float32)
 
 
 def pixel_texels(
     shape: ShapeFree, positions: Single, seen: NDArray[np.bool_], size: tuple[int, int]
 ) -> tuple[NDArray[np.intp], Single]:
-    """Which texel (column, row; fractions) each pixel of the face shows: pixels (p,), texels (p, 2).
+    """Which texel each pixel of the face shows: pixels (p,), texels (p, 2), column and row.
 
     Texels' places are averaged where they fall, then moved by one Newton step; pixels at the edges
     of surfaces are left out.
@@ -85,7 +85,7 @@ def _newton(
     atlas, size = shape.atlas, shape.atlas.size
     grid = np.full((size, size, 2), np.nan, np.float32)
     grid[atlas.rows, atlas.columns] = positions
-    across, down = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
+    across, down = (np.asarray(np.gradient(grid, axis=axis)) for axis in (1, 0))
     nearest = np.rint(texels).astype(np.intp)
     column, row = nearest[:, 0], nearest[:, 1]
     target = np.stack([pixels % width, pixels // width], 1)
@@ -109,16 +109,3 @@ def _bilinear(texels: Single, size: int) -> tuple[NDArray[np.intp], Single]:
     corners = np.stack([corner, corner + 1, corner + size, corner + size + 1], 1)
     shares = np.stack([(1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y], 1)
     return corners, shares.astype(np.float32)
-
-
-def redraw_error(
-    shape: ShapeFree, crop: Crop, positions: Single, colours: Single, seen: NDArray[np.bool_]
-) -> float:
-    """Root mean square of what drawing `colours` (k, 3) lacks of the crop, grey levels."""
-    pixels, texels = pixel_texels(shape, positions, seen, crop.picture.shape[:2])
-    size = shape.atlas.size
-    image = np.zeros((size * size, 3), np.float32)
-    image[shape.atlas.rows * size + shape.atlas.columns] = colours
-    corners, shares = _bilinear(texels, size)
-    drawn = np.einsum("pc,pcd->pd", shares, image[corners])
-    return float(np.sqrt(np.mean((crop.picture.reshape(-1, 3)[pixels] - drawn) ** 2)))

@@ -1,4 +1,4 @@
-"""What the face wears: the shape-free texture of a frame (thesis 2.4.2), and images within a budget."""
+"""What the face wears: the shape-free texture of a frame (thesis 2.4.2); images within a budget."""
 
 from typing import Any
 
@@ -50,7 +50,8 @@ def visible_texels(
 ) -> NDArray[np.bool_]:
     """(k,) whether the camera sees each texel: facing it, and nothing nearer before it.
 
-    vertices: (n, 3) mm, head frame.  cell_mm: what counts as before it; no less than texels' spacing.
+    vertices: (n, 3) mm, head frame.
+    cell_mm: what counts as before it; no less than texels' spacing.
     """
     seen = geometry.camera_from_head(pose, vertices)
     corners = seen[atlas.corners]
@@ -99,7 +100,7 @@ def extract_texture(
 
 
 def unseen_colours(head: Head, atlas: Atlas) -> Texels:
-    """(k, 3) BGR of what no frame shows: a usual colour inside the mouth, not-a-number on the skin."""
+    """(k, 3) BGR of what no frame shows: a usual colour inside the mouth, nan on the skin."""
     part = head.parts[atlas.corners[:, 0]]
     colours = np.full((len(part), 3), np.nan, dtype=np.float32)
     for name, colour in UNSEEN_COLOURS.items():
@@ -169,7 +170,7 @@ def compress(picture: Picture, max_bytes: int) -> bytes:
 
 
 def compress_background(frame: Picture, max_bytes: int) -> bytes:
-    """The WebP file within `max_bytes`, of a picture scaled down as far as helps, nearest to `frame`."""
+    """The WebP file within `max_bytes` nearest to `frame`, scaled down as far as that helps."""
     longest = max(frame.shape[:2])
     reach = min(longest, BACKGROUND_SIDES_PX[0])
     judged = _scaled(frame, reach / longest).astype(np.float32)

@@ -1,4 +1,4 @@
-"""The thesis profile on the sending side: the first good frame is the model, then ten samples a second."""
+"""The thesis profile, sending side: a first good frame is the model, then ten samples a second."""
 
 from fractions import Fraction
 

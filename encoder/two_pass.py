@@ -1,7 +1,8 @@
 """The default profile of a recorded source: look at all of it, then send the best call.
 
-First pass: landmarks of every frame.  Between: one identity for the whole call, an appearance model
-learned from a sample of frames.  Second pass: every frame refined against that model, combined, coded.
+First pass: landmarks of every frame.  Between: one identity for the whole call, an appearance
+model learned from a sample of frames.  Second pass: every frame refined against that model,
+combined, coded.
 """
 
 from collections.abc import Callable, Sequence
@@ -78,7 +79,7 @@ class Learned:
 
 
 class Sampler:
-    """Keeps `TRAINING_FRAMES` frames or more, less than twice as many, of a source of any length."""
+    """Keeps `TRAINING_FRAMES` frames to twice as many of a source of any length."""
 
     def __init__(self) -> None:
         self._stride = 1

@@ -1,8 +1,8 @@
 """The default profile's part of the model packet: appearance modes and combined components.
 
-A frame is y = centre + (q @ basis) * unit: pose, EAUs and mode coefficients are one vector, and what is
-sent are its combined components (thesis eq. 2.18-2.19), scaled so that one unit of any of them does
-equal harm to the picture.
+A frame is y = centre + (q @ basis) * unit: pose, EAUs and mode coefficients are one vector, and
+what is sent are its combined components (thesis eq. 2.18-2.19), scaled so that one unit of any of
+them does equal harm to the picture.
 """
 
 from dataclasses import dataclass

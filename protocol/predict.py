@@ -13,6 +13,7 @@ units of 1 / `UNIT` of a component's own unit; encoder and decoder run the same 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,6 @@ ABSOLUTE, ANCHOR = 0, 1
 KINDS = 5
 # Coarser steps the deeper the prediction, quarter octaves: errors of anchors spread, others do not.
 _KIND_STEP = (0, 0, 1, 3, 4)
-_MAX_QUALITY = 31
 _QUARTERS = (256, 304, 362, 431)
 # What of an anchor is left in the next one, in sixteenths, and by how many quarter octaves this
 # prediction is better than holding the anchor, for a component whose anchors differ by 2 ** (d / 4)
@@ -79,7 +79,7 @@ class FramePredictor:
         by kind of prediction, in quarter octaves above 1/16 unit; for anchors, of what they differ.
     """
 
-    def __init__(self, spreads: Integers) -> None:
+    def __init__(self, spreads: NDArray[Any]) -> None:
         self.spreads = np.array(spreads, dtype=np.int64)
         self.components = len(self.spreads)
         relative = self.spreads[:, ANCHOR] - self.spreads[:, ABSOLUTE]

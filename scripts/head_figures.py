@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.render import Renderer, part_colours, vertex_normals
+from decoder.render import Renderer, part_colours
 from loopback.skin import painted_colours
 from scripts.model_figures import DOCS, save
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS, Head, generic_head
+from shared_model.normals import vertex_normals
 from shared_model.parameters import Pose
 
 Array = NDArray[np.float64]

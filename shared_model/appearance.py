@@ -35,7 +35,7 @@ class Atlas:
 
 @lru_cache(maxsize=8)
 def atlas_of(head: Head, size: int) -> Atlas:
-    """Find the triangle and the barycentric weights under the centre of every texel that is shown."""
+    """Find the triangle and barycentric weights under the centre of every texel that is shown."""
     owner = np.full((size, size), -1, dtype=np.int32)
     weights = np.zeros((size, size, 3))
     at = head.texture_coordinates * size - 0.5

@@ -24,7 +24,7 @@ class Head:
     triangles: (m, 3) int32, counter-clockwise seen from outside.
     texture_coordinates: (n, 2) float64 in [0, 1]: u to the subject's left, v down (row 0 on top).
     parts: (n,) uint8, index into `PARTS`.
-    opacity: (n,) float64 in [0, 1]: 1 on the face, 0 where the still picture takes over (hair, neck).
+    opacity: (n,) float64 in [0, 1]: 1 on the face, 0 where the still picture takes over.
     landmarks: anatomical abbreviation of thesis A.1 (sides as `_l`, `_r`) -> vertex index.
     network_triangles: (468,) int32 and network_weights: (468, 3) float64: where each point of the
         468-point landmark network lies on the mesh; negative triangle: nowhere.

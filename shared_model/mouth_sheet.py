@@ -1,8 +1,8 @@
 """The head with a sheet between the lips in place of teeth, tongue and mouth bag.
 
-The default profile paints the inside of the mouth by its appearance modes; for that a sheet that hangs
-between the inner rims of the lips serves better than the generic mouth, since every texel of it shows
-the same place between the lips in every frame.  Closed lips fold it to nothing.
+The default profile paints the inside of the mouth by its appearance modes; for that a sheet that
+hangs between the inner rims of the lips serves better than the generic mouth, since every texel of
+it shows the same place between the lips in every frame.  Closed lips fold it to nothing.
 """
 
 from functools import cache
@@ -14,7 +14,7 @@ from shared_model.mesh import PARTS, Head, generic_head
 
 Array = NDArray[np.float64]
 
-# Inner rims of the lips among the landmark network's points, from the subject's right corner to the left.
+# Inner rims of the lips among the network's points, from the subject's right corner to the left.
 UPPER_RIM = (78, 191, 80, 81, 82, 13, 312, 311, 310, 415, 308)
 LOWER_RIM = (78, 95, 88, 178, 87, 14, 317, 402, 318, 324, 308)
 # Where the sheet lies in the atlas, in place of the islands of the parts it replaces: u, v ranges.
@@ -74,7 +74,7 @@ def _renumbered(head: Head) -> NDArray[np.int32]:
 
 
 def _strip(count: int) -> NDArray[np.int32]:
-    """Triangles between an upper row 0..count-1 and a lower row count..2 count-1, seen from outside."""
+    """Triangles between an upper row 0..count-1 and the lower row after it, seen from outside."""
     a = np.arange(count - 1)
     upper, lower = a, a + count
     first = np.stack([upper, lower, lower + 1], 1)
