@@ -77,8 +77,17 @@ class Refiner:
         vertices = self._face.animate(face.eau)
         return visible_texels(self._head, self.shape.atlas, face.pose, vertices, self._cell_mm)
 
-    def refine(self, crop: Crop, start: FaceParameters, iterations: int) -> FaceParameters:
-        """The face near `start` that the template explains best, with its coefficients."""
+    def refine(
+        self,
+        crop: Crop,
+        start: FaceParameters,
+        iterations: int,
+        active: Sequence[int] = range(len(EAUS)),
+    ) -> FaceParameters:
+        """The face near `start` that the template explains best, with its coefficients.
+
+        active: the actuators that may move; the others stay where `start` has them.
+        """
         shape, template, geometry = self.shape, self.template, 6 + len(EAUS)
         grey = luma(crop.picture)
         stack = np.dstack([grey, *_gradients(grey)])
