@@ -150,7 +150,8 @@ def _turning(
 ) -> Array:
     """1 down to the chin, then falling to 0 along the neck."""
     down = -matrix_from_quaternion(reference.rotation)[:2, 1]
-    down /= np.linalg.norm(down)
+    # A head that looks straight up has no neck in the picture.
+    down /= max(float(np.linalg.norm(down)), 1e-9)
     chin_px = float(np.max(pixel_from_head(camera, reference, vertices) @ down))
     below = (grid_px @ down - chin_px) / (NECK_LENGTH * face_width_px)
     return 1 - smoothstep(below)

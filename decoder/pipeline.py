@@ -1,36 +1,24 @@
-"""link or call file -> playout -> texture -> animate -> render and composite -> sinks."""
+"""link or call file -> playout -> scene (texture, animate, composite, render) -> sinks."""
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from decoder.composite import Backdrop, make_backdrop, mouth_light, warp
 from decoder.playout import PlayedFrame, Playout
-from decoder.render import Renderer
+from decoder.recast import read_model, recast
+from decoder.scene import Scene, StageClock, head_of
 from decoder.sink import Background, PictureSink, open_sink, padding_px
-from decoder.texture import Wardrobe, decode_image
 from protocol.link import PacketSource
 from protocol.messages import Kind, ModelPacket, ProtocolError, packet_kind
-from protocol.quantise import AAU_STEP, EAU_STEP, RESIDUAL_STEP_MM, values_from_codes
 from protocol.recording import CallReader, TruncatedCall
 from protocol.summary import summarise
-from shared_model.animate import Face, identity_from_controls
 from shared_model.errors import UserError
-from shared_model.mesh import Head, generic_head
-from shared_model.mouth_sheet import mouth_sheet_head
 
-Picture = NDArray[np.uint8]
 Progress = Callable[[int, int | None], None]
 
-# In pictures up to this size lips and teeth are a pixel thick, and smoothing edges is cheap.
-SMALL_PX = 352 * 288
-SMALL_SAMPLES = 4
 # How often a decoder that waits for packets looks whether it shall stop.
 POLL_S = 0.1
 
@@ -42,6 +30,7 @@ class DecodeOptions:
     call_file: a recorded call; None: over the network.
     listen, connect: Zenoh endpoints such as tcp/0.0.0.0:7447; call: name of the call.
     output: video file or image pattern; None: only measured.
+    face: call file whose caller is drawn instead; None: the call's own.
     """
 
     call_file: Path | None = None
@@ -49,13 +38,14 @@ class DecodeOptions:
     connect: tuple[str, ...] = ()
     call: str = "call"
     output: Path | None = None
+    face: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class DecodeReport:
     """What was decoded.
 
-    frames: pictures shown; fps, width, height: of the source.
+    frames: pictures shown; fps: of the source; width, height: of the pictures.
     model_bytes, frame_bytes: payload bytes of the packets that came.
     stage_ms: mean time per frame of each stage, ms.
     shown_ns: for each picture its source frame and `time.monotonic_ns` when it was complete.
@@ -79,64 +69,6 @@ class DecodeReport:
     warnings: tuple[str, ...]
 
 
-class Scene:
-    """One caller, ready to be drawn: face, texture and backdrop on the renderer."""
-
-    def __init__(self, model: ModelPacket, head: Head) -> None:
-        self._camera, self._head = model.call.camera, head
-        # Where modes paint the inside of the mouth they have its light in them.
-        self._shade_mouth = model.call.profile == "thesis"
-        self._face = face_from_model(model, head)
-        self._wardrobe = Wardrobe(model)
-        still = decode_image("background", model.background)
-        eau = values_from_codes(model.reference_eau, EAU_STEP)
-        self._backdrop: Backdrop = make_backdrop(
-            self._camera, model.reference_pose, head, self._face.animate(eau)
-        )
-        size = model.call.width, model.call.height
-        self._renderer = Renderer(*size, head, edge_samples(*size))
-        self._renderer.set_texture(self._wardrobe.texture(np.zeros(0)))
-        self._renderer.set_backdrop(still, self._backdrop.grid_px)
-
-    def draw(self, frame: PlayedFrame, clock: "StageClock") -> Picture:
-        """The picture of one frame, (height, width, 3) uint8 BGR."""
-        if self._wardrobe.changes:
-            with clock.stage("texture"):
-                self._renderer.set_texture(self._wardrobe.texture(frame.face.modes))
-        with clock.stage("animate"):
-            vertices = self._face.animate(frame.face.eau)
-        with clock.stage("composite"):
-            grid_px = warp(self._backdrop, frame.face.pose, vertices)
-            light = mouth_light(self._head, vertices) if self._shade_mouth else 1.0
-        with clock.stage("render"):
-            return self._renderer.draw(self._camera, frame.face.pose, vertices, grid_px, light)
-
-    def close(self) -> None:
-        """Free the renderer."""
-        self._renderer.close()
-
-
-class StageClock:
-    """Adds up the time of each stage."""
-
-    def __init__(self) -> None:
-        self._total_ns: dict[str, int] = {}
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Count the time in the `with` block for stage `name`."""
-        start = time.perf_counter_ns()
-        try:
-            yield
-        finally:
-            spent = time.perf_counter_ns() - start
-            self._total_ns[name] = self._total_ns.get(name, 0) + spent
-
-    def mean_ms(self, frames: int) -> dict[str, float]:
-        """Milliseconds per frame of each stage."""
-        return {name: ns / 1e6 / max(frames, 1) for name, ns in self._total_ns.items()}
-
-
 @dataclass(slots=True)
 class _Tally:
     """What the report will say, as it grows."""
@@ -144,9 +76,15 @@ class _Tally:
     model_bytes: int = 0
     frame_bytes: int = 0
     held_frames: int = 0
-    damaged: list[str] = field(default_factory=list)
+    damaged: int = 0
+    first_damage: str = ""
     warnings: list[str] = field(default_factory=list)
     shown_ns: list[tuple[int, int]] = field(default_factory=list)
+
+    def note_damage(self, error: ProtocolError) -> None:
+        """Count a damaged packet; the first one is told."""
+        self.damaged += 1
+        self.first_damage = self.first_damage or str(error)
 
 
 def decode(options: DecodeOptions, progress: Progress, stop: Callable[[], bool]) -> DecodeReport:
@@ -156,23 +94,26 @@ def decode(options: DecodeOptions, progress: Progress, stop: Callable[[], bool])
     Raises `UserError` if the call cannot be read, drawn or written.
     """
     total = _expected_frames(options)
+    worn = read_model(options.face) if options.face else None
     playout, tally, clock = Playout(), _Tally(), StageClock()
     with ExitStack() as stack:
         source = stack.enter_context(open_source(options))
         scene: Scene | None = None
         sink: PictureSink | None = None
         for frame in played_frames(source, playout, tally, stop):
+            sender = playout.model
+            assert sender is not None
+            worn = worn or sender
             if scene is None:
-                assert playout.model is not None
-                scene, sink = _open_outputs(playout.model, options, tally, stack)
-            picture = scene.draw(frame, clock)
+                scene, sink = _open_outputs(sender, worn, options, tally, stack)
+            picture = scene.draw(recast(frame, sender, worn), clock)
             tally.shown_ns.append((frame.index, time.monotonic_ns()))
             tally.held_frames += frame.held
             if sink is not None:
                 with clock.stage("write"):
                     sink.write(picture)
             progress(len(tally.shown_ns), total)
-    return _report(playout, tally, clock, _name(options))
+    return _report(playout, worn, tally, clock, _name(options))
 
 
 def open_source(options: DecodeOptions) -> PacketSource:
@@ -195,30 +136,13 @@ def played_frames(
             try:
                 frame = next(frames, None)
             except ProtocolError as error:
-                tally.damaged.append(str(error))
+                tally.note_damage(error)
                 break
             if frame is None:
                 break
             yield frame
         if playout.ended:
             return
-
-
-def head_of(model: ModelPacket) -> Head:
-    """The mesh that the call's profile animates."""
-    return mouth_sheet_head() if model.call.profile == "default" else generic_head()
-
-
-def edge_samples(width: int, height: int) -> int:
-    """Colour samples a pixel for a picture of this size."""
-    return SMALL_SAMPLES if width * height <= SMALL_PX else 0
-
-
-def face_from_model(model: ModelPacket, head: Head) -> Face:
-    """The caller's own head."""
-    aau = values_from_codes(model.aau, AAU_STEP)
-    control_mm = values_from_codes(model.residual, RESIDUAL_STEP_MM).reshape(-1, 3)
-    return Face(head, identity_from_controls(head, aau, control_mm))
 
 
 def _packets(source: PacketSource, tally: _Tally, stop: Callable[[], bool]) -> Iterator[bytes]:
@@ -229,7 +153,7 @@ def _packets(source: PacketSource, tally: _Tally, stop: Callable[[], bool]) -> I
             tally.warnings.append(f"the call is cut off: {error}")
             return
         except ProtocolError as error:
-            tally.damaged.append(str(error))
+            tally.note_damage(error)
             continue
         if packet is not None:
             yield packet
@@ -245,13 +169,17 @@ def _count(data: bytes, tally: _Tally) -> None:
 
 
 def _open_outputs(
-    model: ModelPacket, options: DecodeOptions, tally: _Tally, stack: ExitStack
+    sender: ModelPacket,
+    worn: ModelPacket,
+    options: DecodeOptions,
+    tally: _Tally,
+    stack: ExitStack,
 ) -> tuple[Scene, PictureSink | None]:
-    call = model.call
+    call = worn.call
     try:
-        scene = Scene(model, head_of(model))
+        scene = Scene(worn, head_of(worn))
     except ProtocolError as error:
-        raise UserError(f"cannot decode {_name(options)}: {error}") from error
+        raise UserError(f"cannot draw {options.face or _name(options)}: {error}") from error
     stack.callback(scene.close)
     if options.output is None:
         return scene, None
@@ -260,7 +188,7 @@ def _open_outputs(
             f"{call.width}x{call.height} is odd: the video repeats its last row or column; "
             "write images (frame%04d.png) to keep the size"
         )
-    fps = Fraction(call.fps_numerator, call.fps_denominator)
+    fps = Fraction(sender.call.fps_numerator, sender.call.fps_denominator)
     sink = open_sink(options.output, call.width, call.height, fps)
     return scene, stack.enter_context(Background(sink))
 
@@ -277,13 +205,15 @@ def _name(options: DecodeOptions) -> str:
     return str(options.call_file) if options.call_file else f"call {options.call}"
 
 
-def _report(playout: Playout, tally: _Tally, clock: StageClock, name: str) -> DecodeReport:
+def _report(
+    playout: Playout, worn: ModelPacket | None, tally: _Tally, clock: StageClock, name: str
+) -> DecodeReport:
     model, frames = playout.model, len(tally.shown_ns)
     if model is None:
-        reason = tally.damaged[0] if tally.damaged else "it has no model packet"
+        reason = tally.first_damage or "it has no model packet"
         raise UserError(f"cannot decode {name}: {reason}")
     if tally.damaged:
-        tally.warnings.append(f"{len(tally.damaged)} damaged packets, first: {tally.damaged[0]}")
+        tally.warnings.append(f"{tally.damaged} damaged packets, first: {tally.first_damage}")
     if not playout.ended and not tally.warnings:
         tally.warnings.append("the call has no end: decoded up to its last packet")
     if playout.joined_late:
@@ -291,8 +221,8 @@ def _report(playout: Playout, tally: _Tally, clock: StageClock, name: str) -> De
     return DecodeReport(
         frames=frames,
         fps=model.call.fps,
-        width=model.call.width,
-        height=model.call.height,
+        width=(worn or model).call.width,
+        height=(worn or model).call.height,
         model_bytes=tally.model_bytes,
         frame_bytes=tally.frame_bytes,
         stage_ms=clock.mean_ms(frames),

@@ -80,26 +80,29 @@ class Playout:
         """
         packet = parse_packet(data)
         if isinstance(packet, ModelPacket):
-            # A model packet may be repeated for those who join late; the first one counts.
-            self.model = self.model or packet
-        elif self.model is None:
+            # A model packet may be repeated for those who join late; the first usable one counts.
+            if self.model is None:
+                self._decoder = sample_decoder(packet)
+                self.model = packet
+        elif self.model is None or self._decoder is None:
             self.unusable += 1
         elif isinstance(packet, FramePacket):
-            yield from self._receive_frame(self.model, packet)
+            yield from self._receive_frame(self.model.call, self._decoder, packet)
         else:
             yield from self._receive_control(self.model.call, packet)
 
-    def _receive_frame(self, model: ModelPacket, packet: FramePacket) -> Iterator[PlayedFrame]:
+    def _receive_frame(
+        self, call: CallParameters, decoder: SampleDecoder, packet: FramePacket
+    ) -> Iterator[PlayedFrame]:
         number = self._unwrap(packet.sequence)
         if number is None:
             self.late += 1
             return
-        self._decoder = self._decoder or sample_decoder(model)
-        samples = self._decoder.decode(number, packet.payload)
+        samples = decoder.decode(number, packet.payload)
         self.lost += number - self._number - 1
         self._number = number
         for sample in samples:
-            yield from self._frames_until(model.call, sample)
+            yield from self._frames_until(call, sample)
             held = self._face_lost and self._sample is not None
             face = self._sample.face if held and self._sample else sample.face
             self._sample = Sample(sample.place, face)

@@ -74,6 +74,18 @@ def clip_from_head(camera: Camera, pose: Pose) -> Array:
     return clip_from_camera @ camera_from_head
 
 
+def widened(clip: Array, vertices: Array, camera: Camera, rim_px: float) -> Array:
+    """The matrix `clip` that draws the head about its middle, its outline `rim_px` further out."""
+    homogeneous = np.column_stack([vertices, np.ones(len(vertices))]) @ clip.T
+    flat = homogeneous[:, :2] / homogeneous[:, 3:]
+    low, high = flat.min(0), flat.max(0)
+    middle = (low + high) / 2
+    factor = 1 + 2 * rim_px * 2 / (np.array([camera.width, camera.height]) * (high - low))
+    wide = clip.copy()
+    wide[:2] = factor[:, None] * clip[:2] + ((1 - factor) * middle)[:, None] * clip[3]
+    return wide
+
+
 class Renderer:
     """Draws one head at one picture size; holds the GL context, textures and buffers.
 
@@ -86,7 +98,10 @@ class Renderer:
     def __init__(self, width: int, height: int, head: Head, samples: int = 0) -> None:
         self.width, self.height, self.head = width, height, head
         self._context = create_context()
-        self._target, self._resolved = self._framebuffers(samples)
+        try:
+            self._target, self._resolved = self._framebuffers(samples)
+        except moderngl.Error as error:
+            raise UserError(f"cannot draw pictures of {width}x{height} here: {error}") from error
         self._textures: dict[str, moderngl.Texture] = {}
         self._positions = self._context.buffer(reserve=12 * len(head.vertices), dynamic=True)
         self._textured = self._head_array()
@@ -145,12 +160,14 @@ class Renderer:
         vertices: Array,
         grid_px: Array | None = None,
         mouth_light: float = 1.0,
+        rim_px: float = 0.0,
     ) -> Picture:
         """The textured head over the backdrop: (height, width, 3) uint8 BGR.
 
         vertices: (n, 3) float64, mm, head frame, as many as the head has.
         grid_px: where the backdrop's mesh lies now, pixels; None: as it was last.
         mouth_light: what the inside of the mouth is darkened by, 1 for not at all.
+        rim_px: by how much the face's own colours reach beyond its outline, pixels.
         """
         self._check(camera, vertices)
         if "atlas" not in self._textures:
@@ -161,6 +178,17 @@ class Renderer:
             self._write_pose(self._textured, camera, pose, vertices)
             self._textured.program["mouth_light"] = mouth_light
             self._use_atlas(camera, pose)
+            if rim_px:
+                _write_uniform(
+                    self._textured.program,
+                    "clip_from_head",
+                    widened(clip_from_head(camera, pose), vertices, camera, rim_px),
+                )
+                context.enable_only(moderngl.CULL_FACE | moderngl.BLEND)
+                self._textured.render()
+                _write_uniform(
+                    self._textured.program, "clip_from_head", clip_from_head(camera, pose)
+                )
             context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE | moderngl.BLEND)
             self._textured.render()
             return self._read()

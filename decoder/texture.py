@@ -10,6 +10,9 @@ from shared_model.appearance import resized
 
 # An image of a few kilobytes may claim any size; this bounds what decoding it may allocate.
 MAX_IMAGE_SIDE_PX = 4096
+MAX_ATLAS_SIDE_PX = 1024
+# All modes, enlarged to the atlas, take 12 bytes a texel.
+MAX_MODE_TEXELS = 8 * 1024 * 1024
 
 
 class Wardrobe:
@@ -20,12 +23,15 @@ class Wardrobe:
     """
 
     def __init__(self, model: ModelPacket) -> None:
-        self._mean = decode_image("texture", model.texture)
-        coded = parse_components(model.extension).modes if model.extension else ()
-        images = [decode_image(f"mode {i}", data) for i, data in enumerate(coded)]
+        self._mean = decode_image("texture", model.texture, MAX_ATLAS_SIDE_PX)
         size = len(self._mean)
-        if any(i.shape[0] != i.shape[1] or len(i) < 2 for i in (*images, self._mean)):
-            raise ProtocolError("texture or a mode is not square")
+        _check_square("texture", self._mean)
+        coded = parse_components(model.extension).modes if model.extension else ()
+        if len(coded) * size * size > MAX_MODE_TEXELS:
+            raise ProtocolError(
+                f"{len(coded)} modes of {size}x{size}, limit {MAX_MODE_TEXELS} texels"
+            )
+        images = [_mode_image(f"mode {i}", data, size) for i, data in enumerate(coded)]
         rows = [resized(image.astype(np.float32), size).ravel() - 128 for image in images]
         self._modes = np.array(rows, dtype=np.float32).reshape(len(images), self._mean.size)
         self.changes = bool(images)
@@ -41,19 +47,34 @@ class Wardrobe:
         return np.asarray(np.clip(flat, 0, 255), np.uint8).reshape(self._mean.shape)
 
 
-def decode_image(name: str, data: bytes) -> NDArray[np.uint8]:
+def decode_image(name: str, data: bytes, limit_px: int = MAX_IMAGE_SIDE_PX) -> NDArray[np.uint8]:
     """The picture in `data`, a WebP file: (h, w, 3) uint8 BGR.
 
-    name: what the picture is, for the message.
+    name: what the picture is, for the message.  limit_px: longest side allowed.
     Raises `ProtocolError` if it is no WebP image, is damaged, or is too large.
     """
     width, height = _webp_size(name, data)
-    if not (1 <= width <= MAX_IMAGE_SIDE_PX and 1 <= height <= MAX_IMAGE_SIDE_PX):
-        raise ProtocolError(f"{name} is {width}x{height}, limit {MAX_IMAGE_SIDE_PX} a side")
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    if not (1 <= width <= limit_px and 1 <= height <= limit_px):
+        raise ProtocolError(f"{name} is {width}x{height}, limit {limit_px} a side")
+    try:
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error as error:
+        raise ProtocolError(f"{name} is a damaged image of {len(data)} bytes") from error
     if picture is None:
         raise ProtocolError(f"{name} is a damaged image of {len(data)} bytes")
     return np.asarray(picture, dtype=np.uint8)
+
+
+def _mode_image(name: str, data: bytes, limit_px: int) -> NDArray[np.uint8]:
+    image = decode_image(name, data, limit_px)
+    _check_square(name, image)
+    return image
+
+
+def _check_square(name: str, image: NDArray[np.uint8]) -> None:
+    height, width = image.shape[:2]
+    if width != height or width < 2:
+        raise ProtocolError(f"{name} is {width}x{height}, expected a square of at least 2x2")
 
 
 def _webp_size(name: str, data: bytes) -> tuple[int, int]:

@@ -14,15 +14,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.pipeline import Scene, StageClock, face_from_model, head_of
 from decoder.playout import PlayedFrame
+from decoder.recast import read_model
 from decoder.render import Renderer
+from decoder.scene import Scene, StageClock, face_from_model, head_of
 from decoder.sink import open_sink
 from loopback.script import Moment, Script, read_script
 from loopback.skin import painted_colours
 from loopback.truth import Shot, frame_truth, script_truth, write_truth
-from protocol.messages import Kind, ModelPacket, ProtocolError, packet_kind, parse_packet
-from protocol.recording import CallReader
+from protocol.messages import ModelPacket, ProtocolError
 from shared_model.animate import Face, Identity
 from shared_model.errors import UserError
 from shared_model.geometry import (
@@ -171,19 +171,6 @@ class CallerActor:
         self._scene.close()
 
 
-def read_model(path: Path) -> ModelPacket:
-    """The first model packet of a call file.  Raises `UserError` if there is none."""
-    try:
-        with CallReader(path) as reader:
-            for data in reader:
-                packet = parse_packet(data) if packet_kind(data) == Kind.MODEL else None
-                if isinstance(packet, ModelPacket):
-                    return packet
-    except ProtocolError as error:
-        raise UserError(f"{path}: {error}") from error
-    raise UserError(f"{path} has no model packet: nobody to animate")
-
-
 def degrade(
     picture: Picture, script: Script, moment: Moment, random: np.random.Generator
 ) -> Picture:
@@ -209,7 +196,10 @@ def _actor(script: Script, call_file: Path | None) -> Actor:
     if own or script.background:
         what = " and ".join([*own, *(["background"] if script.background else [])])
         raise UserError(f"a caller brings their own {what}: leave it out of the script, or --call")
-    return CallerActor(read_model(call_file))
+    try:
+        return CallerActor(read_model(call_file))
+    except ProtocolError as error:
+        raise UserError(f"cannot draw {call_file}: {error}") from error
 
 
 def _posed(home: Pose, moment: Moment) -> Pose:

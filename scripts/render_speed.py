@@ -10,8 +10,8 @@ import time
 import numpy as np
 
 from decoder.composite import make_backdrop, warp
-from decoder.pipeline import edge_samples
 from decoder.render import Renderer
+from decoder.scene import edge_samples
 from shared_model.geometry import Camera, pose_from_euler
 from shared_model.mesh import generic_head
 

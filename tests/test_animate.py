@@ -159,7 +159,7 @@ def test_a_call_without_a_model_has_nobody_to_animate(tmp_path: Path) -> None:
     empty = tmp_path / "empty.rzo"
     with CallWriter(empty) as writer:
         writer.send(serialise(ControlPacket(0, ControlKind.END, 0)))
-    with pytest.raises(UserError, match="nobody to animate"):
+    with pytest.raises(UserError, match="nobody to draw"):
         run(tmp_path, SCRIPT.replace("aau = { nose_width = 1 }", ""), call_file=empty)
 
 

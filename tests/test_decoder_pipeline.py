@@ -9,7 +9,7 @@ import pytest
 from heads import synthetic_head
 from numpy.typing import NDArray
 
-from decoder import pipeline
+from decoder import scene
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
 from protocol.messages import (
     CallParameters,
@@ -89,9 +89,9 @@ def read(path: Path) -> list[NDArray[np.uint8]]:
 @pytest.fixture(autouse=True)
 def small_head(monkeypatch: pytest.MonkeyPatch) -> Head:
     head = synthetic_head()
-    monkeypatch.setattr(pipeline, "generic_head", lambda: head)
+    monkeypatch.setattr(scene, "generic_head", lambda: head)
     monkeypatch.setattr(
-        pipeline,
+        scene,
         "face_from_model",
         lambda model, head: Face(head, Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices))),
     )

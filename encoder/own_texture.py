@@ -1,0 +1,136 @@
+"""The caller's own textured model, as the tracker fits it: one texture under changing light."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.crop import Crop, crop_face
+from encoder.learn import face_mask
+from encoder.refine import Refiner, Template, luma
+from encoder.shape_free import ShapeFree
+from encoder.texture import fitting_size, sample, texel_pixels
+from shared_model.animate import Face
+from shared_model.appearance import atlas_of
+from shared_model.geometry import Camera, pixel_from_head
+from shared_model.mesh import PARTS, Head
+from shared_model.parameters import FaceParameters
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+Picture = NDArray[np.uint8]
+
+LARGEST_ATLAS = 192
+# Eyes look about and blink without the actuators that are followed.
+EYE_WEIGHT = 0.3
+# Share of a new frame in the texture where the first frame did not show it.
+FILL_GAIN = 0.2
+# Frames that explain the texture this well may fill what it lacks.
+GOOD_CORRELATION = 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class Refined:
+    """A fit of the textured model.
+
+    face: pose and actuators.  correlation: of picture and texture over the texels seen, -1..1,
+    apart from low-order light.
+    """
+
+    face: FaceParameters
+    correlation: float
+
+
+class OwnTexture:
+    """Texture of one caller, fitted to pictures with gain, offset and a slope of light.
+
+    face: the caller's shape.  frame, start: the picture (h, w, 3) BGR that shows the texture.
+    """
+
+    def __init__(
+        self, head: Head, face: Face, camera: Camera, frame: Picture, start: FaceParameters
+    ):
+        rest = face.animate(start.eau)
+        size = fitting_size(atlas_of(head, 64), camera, start.pose, rest, LARGEST_ATLAS)
+        atlas = atlas_of(head, size)
+        self._face, self._camera = face, camera
+        self._outline = np.flatnonzero(head.opacity > 0.5)
+        self._ratio = texel_pixels(atlas, camera, start.pose, rest)
+        blank = np.zeros(len(atlas.rows), np.float32)
+        empty = Template(blank, np.zeros((0, len(blank)), np.float32), blank)
+        self._refiner = Refiner(head, face, ShapeFree(face, atlas, camera), empty)
+        thin = self._refiner.shape.atlas
+        self._worth = face_mask(head, thin) * _part_weight(head.parts[thin.corners[:, 0]])
+        across = 2 * thin.columns.astype(np.float32) / size - 1
+        along = 2 * thin.rows.astype(np.float32) / size - 1
+        self._light = np.stack([np.ones_like(across), across, along])
+        self._mean = self._sampled(self._crop(frame, start), start)
+        self._known = self._refiner.seen(start) & (self._worth > 0)
+        self._rebuild()
+
+    def refine(
+        self, frame: Picture, start: FaceParameters, active: Sequence[int], iterations: int
+    ) -> Refined:
+        """The face near `start` that explains `frame` best; `active` actuators may move."""
+        crop = self._crop(frame, start)
+        found = self._refiner.refine(crop, start, iterations, active)
+        texels = self._sampled(crop, found)
+        seen = self._refiner.seen(found)
+        correlation = self._correlation(texels, seen)
+        if correlation > GOOD_CORRELATION:
+            self._fill(texels, seen, found.modes)
+        return Refined(replace(found, modes=start.modes), correlation)
+
+    def _fill(self, texels: Single, seen: NDArray[np.bool_], coefficients: Array) -> None:
+        """Take from a frame what the first one did not show, as the first one's light had it."""
+        new = seen & ~self._first & (self._worth > 0)
+        if not new.any():
+            return
+        light = coefficients.astype(np.float32)
+        gain = max(1 + float(light[0]), 0.2)
+        before = (texels - light[1:] @ self._light + light[0] * self._centre) / gain
+        share = np.where(self._known, np.float32(FILL_GAIN), np.float32(1))
+        self._mean[new] += share[new] * (before[new] - self._mean[new])
+        self._known |= new
+        self._rebuild(first=self._first)
+
+    def _rebuild(self, first: NDArray[np.bool_] | None = None) -> None:
+        """Make the template of what is known."""
+        self._first = self._known.copy() if first is None else first
+        self._centre = (
+            np.float32(self._mean[self._known].mean()) if self._known.any() else np.float32(0)
+        )
+        modes = np.concatenate([(self._mean - self._centre)[None], self._light])
+        weight = self._worth * self._known
+        self._refiner.template = Template(self._mean, modes.astype(np.float32), weight)
+
+    def _correlation(self, texels: Single, seen: NDArray[np.bool_]) -> float:
+        """Correlation of texels and texture, low-order light taken from both."""
+        kept = seen & self._known
+        if kept.sum() < 50:
+            return 0.0
+        root = np.sqrt(self._worth[kept])
+        light = (self._light[:, kept] * root).T
+        both = np.stack([texels[kept], self._mean[kept]], axis=1) * root[:, None]
+        rest = both - light @ np.linalg.lstsq(light, both, rcond=None)[0]
+        power = np.linalg.norm(rest, axis=0)
+        return float(rest[:, 0] @ rest[:, 1] / max(float(power.prod()), 1e-9))
+
+    def _sampled(self, crop: Crop, face: FaceParameters) -> Single:
+        at = crop.from_frame(self._refiner.shape.positions(face))
+        return np.asarray(sample(luma(crop.picture), at)[:, 0], np.float32)
+
+    def _crop(self, frame: Picture, face: FaceParameters) -> Crop:
+        vertices = self._face.animate(face.eau)[self._outline]
+        points = pixel_from_head(self._camera, face.pose, vertices)
+        low, high = np.zeros(2), np.array(frame.shape[1::-1]) - 1.0
+        return crop_face(frame, np.clip(points, low, high), self._ratio)
+
+
+def _part_weight(parts: NDArray[np.uint8]) -> Single:
+    """(k,) 1 on skin, less on eyes, nothing within the mouth."""
+    table = np.zeros(len(PARTS), np.float32)
+    table[PARTS.index("skin")] = 1
+    table[[PARTS.index("eye_left"), PARTS.index("eye_right")]] = EYE_WEIGHT
+    return np.asarray(table[parts])

@@ -1,0 +1,154 @@
+"""The caller as one frame shows them, without the frame before: by landmarks or by Viola-Jones."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.align import pose_from_three_points
+from encoder.fit import (
+    EYE_CORNERS,
+    TYPICAL_FOCAL,
+    Fitted,
+    LandmarkModel,
+    fit_frame,
+    fit_identity,
+    landmark_model,
+    personalise,
+    start_parameters,
+)
+from encoder.haar import HaarDetector
+from encoder.landmarks import LandmarkTracker
+from shared_model.animate import identity_from_controls
+from shared_model.anthropometry import residual_basis
+from shared_model.geometry import Camera
+from shared_model.mesh import Head
+from shared_model.parameters import AAUS, FaceParameters
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+Warn = Callable[[str], None]
+
+# Every so many of the landmarks goes to the filter, their error in units of the eyes' distance.
+EVERY = 12
+SIGMA = 0.015
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """The caller in one frame.
+
+    face: pose and actuators.  points_mm: (n, 3) head frame, in this expression, and where they
+    were seen: pixels (n, 2), variance_px2 (n,).  n may be 0.
+    """
+
+    face: FaceParameters
+    points_mm: Array
+    pixels: Array
+    variance_px2: Array
+
+
+class Sighter(Protocol):
+    """Finds the caller.  point_count: how many points each `Sight` brings."""
+
+    point_count: int
+
+    def first(self, frame: Picture) -> Fitted | None:
+        """Who is in the picture (h, w, 3) BGR; None where nobody is."""
+
+    def sight(self, frame: Picture, near: FaceParameters | None) -> Sight | None:
+        """The same caller; near: about where, None where that is not known."""
+
+
+class NetworkSighter:
+    """By the landmark network.  active: the actuators that may move after the first frame."""
+
+    def __init__(
+        self,
+        head: Head,
+        size: tuple[int, int],
+        active: Sequence[int],
+        tracker: LandmarkTracker,
+        warn: Warn,
+    ) -> None:
+        self._head, self._size, self._active = head, size, active
+        self._tracker, self._warn = tracker, warn
+        self._model = landmark_model(head)
+        self._chosen = np.arange(0, len(self._model.index), EVERY)
+        self._camera = Camera(*size, TYPICAL_FOCAL * max(size))
+        self.point_count = len(self._chosen)
+
+    def first(self, frame: Picture) -> Fitted | None:
+        """See `Sighter`."""
+        points = self._points(frame)
+        if points is None:
+            return None
+        fitted = fit_identity(self._head, self._size, [points])
+        self._model = personalise(self._model, fitted.identity.aau, fitted.control_mm)
+        self._camera = fitted.camera
+        return fitted
+
+    def sight(self, frame: Picture, near: FaceParameters | None) -> Sight | None:
+        """See `Sighter`."""
+        points = self._points(frame)
+        if points is None:
+            return None
+        model, camera = self._model, self._camera
+        start = near or start_parameters(model, camera, points)
+        face = fit_frame(model, camera, points, start, self._active)
+        shape = points_in(model, face.eau)[self._chosen]
+        eyes_px = np.linalg.norm(points[EYE_CORNERS[0], :2] - points[EYE_CORNERS[1], :2])
+        variance = np.full(self.point_count, (SIGMA * eyes_px) ** 2)
+        return Sight(face, shape, points[model.index[self._chosen], :2], variance)
+
+    def _points(self, frame: Picture) -> Array | None:
+        found = self._tracker.update(frame)
+        warn_of_several(self._tracker.faces_seen, self._warn)
+        return None if found is None else found.points
+
+
+class HaarSighter:
+    """By Viola-Jones' eyes and the nose between (thesis 5.1): generic identity, pose only."""
+
+    point_count = 0
+
+    def __init__(
+        self, head: Head, size: tuple[int, int], detector: HaarDetector, warn: Warn
+    ) -> None:
+        self._head, self._detector, self._warn = head, detector, warn
+        self._camera = Camera(*size, TYPICAL_FOCAL * max(size))
+
+    def first(self, frame: Picture) -> Fitted | None:
+        """See `Sighter`."""
+        seen = self.sight(frame, None)
+        if seen is None:
+            return None
+        control = np.zeros((len(residual_basis(self._head)), 3))
+        identity = identity_from_controls(self._head, np.zeros(len(AAUS)), control)
+        return Fitted(self._camera, identity, control, (seen.face,))
+
+    def sight(self, frame: Picture, near: FaceParameters | None) -> Sight | None:
+        """See `Sighter`."""
+        faces = self._detector.detect(frame)
+        warn_of_several(len(faces), self._warn)
+        if not faces:
+            return None
+        pose = pose_from_three_points(self._head, self._camera, faces[0])
+        face = FaceParameters(pose) if near is None else replace(near, pose=pose)
+        return Sight(face, np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
+
+
+def points_in(model: LandmarkModel, eau: Array) -> Array:
+    """(m, 3) the model's points, mm, head frame, in an expression."""
+    up, down = np.maximum(eau, 0), np.maximum(-eau, 0)
+    return np.asarray(
+        model.neutral + np.tensordot(up, model.up, 1) + np.tensordot(down, model.down, 1)
+    )
+
+
+def warn_of_several(faces: int, warn: Warn) -> None:
+    """Say that several faces are in the picture."""
+    if faces > 1:
+        warn(f"{faces} faces in the picture: taking the largest")

@@ -1,0 +1,240 @@
+"""Model-based tracking (thesis 5.2): landmarks and KLT -> EKF -> analysis by synthesis -> EKF.
+
+Each of the four can be left out; what remains still follows the face.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.align import pose_from_points
+from encoder.ekf import Doubt, Estimate, FaceFilter
+from encoder.fit import Fitted
+from encoder.klt import EYE_DISTANCE_MM, KltTracker, Tracks
+from encoder.own_texture import OwnTexture, Refined
+from encoder.sighting import Sight, Sighter
+from shared_model.animate import Face
+from shared_model.geometry import pixel_from_head
+from shared_model.mesh import Head
+from shared_model.parameters import FaceParameters, clip_eau
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+PARTS = ("network", "klt", "ekf", "abs")
+
+# Standard deviations of what the parts measure: points in units of the distance between the eyes.
+ABS_SIGMA = 0.012
+ABS_EAU_SIGMA = 0.05
+NETWORK_EAU_SIGMA = 0.12
+# The fit of the textured model moves the whole face; it tells the filter by so many points.
+ANCHORS = 20
+ITERATIONS = 3
+RECOVERY_ITERATIONS = 10
+
+# Frames in a row that must look bad before the face counts as lost, and what is bad.
+BAD_FRAMES = 3
+LEAST_CORRELATION = 0.5
+LEAST_SHARE = 0.3
+# A face found again must look more like the caller than one merely held.
+FOUND_CORRELATION = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """Who is followed: fixed from the first face on."""
+
+    fitted: Fitted
+    face: Face
+    texture: OwnTexture
+    klt: KltTracker
+    anchors: NDArray[np.int32]
+
+
+class TrackingFollower:
+    """A `Follower` that fuses landmarks, KLT and the fit of the caller's own textured model.
+
+    active: actuators that may move after the first frame.  elapsed_s: from frame to frame.
+    sighter: finds the face at the start and when it was lost; also measures every frame unless
+    "network" is left out.  without: which of `PARTS` are left out.
+    """
+
+    def __init__(
+        self,
+        head: Head,
+        active: Sequence[int],
+        elapsed_s: float,
+        sighter: Sighter,
+        without: frozenset[str] = frozenset(),
+    ) -> None:
+        if not without <= set(PARTS):
+            raise ValueError(f"without is {sorted(without)}, expected some of {', '.join(PARTS)}")
+        self._head, self._active = head, list(active)
+        self._elapsed_s, self._sighter, self._without = elapsed_s, sighter, without
+        self._caller: Caller | None = None
+        self._filter: FaceFilter | None = None
+        self._last: FaceParameters | None = None
+        self._bad = 0
+
+    @property
+    def fitted(self) -> Fitted:
+        """See `Follower`."""
+        if self._caller is None:
+            raise ValueError("no face has been seen, expected update before fitted")
+        return self._caller.fitted
+
+    def update(self, frame: Picture) -> FaceParameters | None:
+        """See `Follower`."""
+        if self._caller is None:
+            return self._begin(frame)
+        if self._last is None:
+            return self._recover(self._caller, frame)
+        return self._follow(self._caller, self._last, frame)
+
+    def _has(self, part: str) -> bool:
+        return part not in self._without
+
+    def _begin(self, frame: Picture) -> FaceParameters | None:
+        fitted = self._sighter.first(frame)
+        if fitted is None:
+            return None
+        face, start, camera = Face(self._head, fitted.identity), fitted.frames[0], fitted.camera
+        texture = OwnTexture(self._head, face, camera, frame, start)
+        klt = KltTracker(face, frame, camera, start)
+        spread = np.linspace(0, len(klt.index) - 1, min(ANCHORS, len(klt.index)))
+        self._caller = Caller(fitted, face, texture, klt, klt.index[spread.astype(int)])
+        self._restart(self._caller, start)
+        return start
+
+    def _restart(self, caller: Caller, face: FaceParameters) -> None:
+        """Follow from `face` on."""
+        count = len(caller.klt.index) + self._sighter.point_count + len(caller.anchors)
+        # The wire has one focal length, the identity's.
+        doubt = Doubt(focal_share=1e-4)
+        camera, eau = caller.fitted.camera, face.eau[self._active]
+        self._filter = FaceFilter(camera, face.pose, eau, count, doubt=doubt)
+        self._last, self._bad = face, 0
+
+    def _follow(
+        self, caller: Caller, last: FaceParameters, frame: Picture
+    ) -> FaceParameters | None:
+        predicted = self._predict(last)
+        sight = self._sighter.sight(frame, predicted) if self._measured_by_network() else None
+        camera = caller.fitted.camera
+        tracks = caller.klt.track(frame, camera, predicted) if self._has("klt") else None
+        start = self._fuse(caller, predicted, sight, tracks)
+        refined = None
+        if self._has("abs"):
+            refined = caller.texture.refine(frame, start, self._active, ITERATIONS)
+        if self._is_bad(sight, tracks, refined):
+            return self._miss(last)
+        found = self._correct(caller, start, refined)
+        caller.klt.put_back(frame, camera, found)
+        self._last, self._bad = found, 0
+        return found
+
+    def _measured_by_network(self) -> bool:
+        return self._has("network") and self._sighter.point_count > 0
+
+    def _predict(self, last: FaceParameters) -> FaceParameters:
+        if self._filter is None or not self._has("ekf"):
+            return last
+        return self._face_of(self._filter.predict(self._elapsed_s), last)
+
+    def _face_of(self, estimate: Estimate, like: FaceParameters) -> FaceParameters:
+        eau = like.eau.copy()
+        eau[self._active] = estimate.eau
+        return replace(like, pose=estimate.pose, eau=clip_eau(eau))
+
+    def _fuse(
+        self, caller: Caller, predicted: FaceParameters, sight: Sight | None, tracks: Tracks | None
+    ) -> FaceParameters:
+        """Where landmarks and KLT points have the face."""
+        if self._filter is not None and self._has("ekf"):
+            estimate = self._measure(caller, tracks, sight, None, predicted)
+            return self._face_of(estimate, predicted)
+        if sight is not None:
+            return sight.face
+        if tracks is None:
+            return predicted
+        ok = np.isfinite(tracks.variance_px2)
+        if ok.sum() < 6:
+            return predicted
+        points, pixels = tracks.points_mm[ok], tracks.pixels[ok]
+        pose = pose_from_points(caller.fitted.camera, points, pixels, predicted.pose)
+        return replace(predicted, pose=pose)
+
+    def _correct(
+        self, caller: Caller, start: FaceParameters, refined: Refined | None
+    ) -> FaceParameters:
+        """What the fit of the textured model has to say, filtered."""
+        if refined is None:
+            return start
+        if self._filter is None or not self._has("ekf"):
+            return refined.face
+        return self._face_of(self._measure(caller, None, None, refined.face, start), start)
+
+    def _measure(
+        self,
+        caller: Caller,
+        tracks: Tracks | None,
+        sight: Sight | None,
+        refined: FaceParameters | None,
+        like: FaceParameters,
+    ) -> Estimate:
+        """Update the filter by what there is; the rest has infinite variance."""
+        assert self._filter is not None
+        n, m, k = len(caller.klt.index), self._sighter.point_count, len(caller.anchors)
+        points, pixels = np.zeros((n + m + k, 3)), np.zeros((n + m + k, 2))
+        variance = np.full(n + m + k, np.inf)
+        eau, eau_variance = like.eau[self._active], np.full(len(self._active), np.inf)
+        if tracks is not None:
+            points[:n], pixels[:n], variance[:n] = (
+                tracks.points_mm,
+                tracks.pixels,
+                tracks.variance_px2,
+            )
+        if sight is not None:
+            at = slice(n, n + m)
+            points[at], pixels[at], variance[at] = sight.points_mm, sight.pixels, sight.variance_px2
+            eau, eau_variance[:] = sight.face.eau[self._active], NETWORK_EAU_SIGMA**2
+        if refined is not None:
+            camera = caller.fitted.camera
+            eyes_px = camera.focal_px * EYE_DISTANCE_MM / refined.pose.translation_mm[2]
+            points[n + m :] = caller.face.animate(refined.eau)[caller.anchors]
+            pixels[n + m :] = pixel_from_head(camera, refined.pose, points[n + m :])
+            variance[n + m :] = (ABS_SIGMA * eyes_px) ** 2
+            eau, eau_variance[:] = refined.eau[self._active], ABS_EAU_SIGMA**2
+        return self._filter.update(points, pixels, variance, eau, eau_variance)
+
+    def _is_bad(self, sight: Sight | None, tracks: Tracks | None, refined: Refined | None) -> bool:
+        if self._measured_by_network() and sight is None:
+            return True
+        if refined is not None:
+            return refined.correlation < LEAST_CORRELATION
+        return sight is None and tracks is not None and tracks.share < LEAST_SHARE
+
+    def _miss(self, last: FaceParameters) -> FaceParameters | None:
+        """Hold the last face for a few frames, then give it up."""
+        self._bad += 1
+        if self._bad < BAD_FRAMES:
+            return last
+        self._last = None
+        return None
+
+    def _recover(self, caller: Caller, frame: Picture) -> FaceParameters | None:
+        """Look for the same caller anywhere in the picture."""
+        sight = self._sighter.sight(frame, None)
+        if sight is None:
+            return None
+        found = sight.face
+        if self._has("abs"):
+            refined = caller.texture.refine(frame, found, self._active, RECOVERY_ITERATIONS)
+            if refined.correlation < FOUND_CORRELATION:
+                return None
+            found = refined.face
+        caller.klt.put_back(frame, caller.fitted.camera, found)
+        self._restart(caller, found)
+        return found
