@@ -112,6 +112,7 @@ def _add_decode(added: "Commands") -> None:
         "The call comes from a file or over Zenoh (--listen or --connect).  The video has one\n"
         "frame per source frame, in the source's size and rate; .mkv is lossless (FFV1).",
         "  risorius decode call.rzo -o out.mkv --source me.mp4\n"
+        "  risorius decode call.rzo --face anna.rzo -o anna.mkv\n"
         "  risorius decode --listen tcp/0.0.0.0:7447 --call anna -o out.mkv\n",
     )
     where = parser.add_mutually_exclusive_group(required=True)
@@ -120,7 +121,14 @@ def _add_decode(added: "Commands") -> None:
     parser.add_argument(
         "-o", "--output", type=Path, metavar="VIDEO", help=".mkv .avi .mp4 .mov, or frame%%04d.png"
     )
-    parser.add_argument(
+    likeness = parser.add_mutually_exclusive_group()
+    likeness.add_argument(
+        "--face",
+        type=Path,
+        metavar="OTHER",
+        help="draw the caller of this call file instead, moved by the call's stream",
+    )
+    likeness.add_argument(
         "--source", metavar="VIDEO", help="the original: report PSNR against it (thesis eq. 6.1)"
     )
     parser.add_argument(

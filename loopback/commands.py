@@ -77,6 +77,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
             connect=tuple(arguments.connect or ()),
             call=arguments.call,
             output=output,
+            face=arguments.face,
         )
         stop = stack.enter_context(StopOnSignal())
         patience = Patience(arguments.timeout, stop)
