@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from loopback.progress import ProgressLine
-from loopback.report import json_text, table, write_json
+from loopback.report import json_text, write_json
 from loopback.signals import StopOnSignal
 from shared_model.errors import UserError
 
@@ -139,6 +139,7 @@ def run_relay(arguments: argparse.Namespace) -> int:
 
 def run_info(arguments: argparse.Namespace) -> int:
     """`risorius info`."""
+    from loopback.information import summary_table
     from protocol.messages import ProtocolError
     from protocol.summary import summarise
 
@@ -149,8 +150,7 @@ def run_info(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json_text(summary))
         return 0
-    rows = [[name.replace("_", " "), value] for name, value in asdict(summary).items()]
-    print(table(("what", "value"), rows))
+    print(summary_table(summary))
     return 0
 
 

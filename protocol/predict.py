@@ -11,7 +11,7 @@ model packet's table of spreads and what the packet itself has shown so far.  Al
 units of 1 / `UNIT` of a component's own unit; encoder and decoder run the same code.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -125,6 +125,15 @@ class PacketHead:
     fresh: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class ReadPacket:
+    """A frame packet taken apart: what `encode_packet` was given, and the frames (n,) it makes."""
+
+    head: PacketHead
+    values: list[tuple[Place, Integers]]
+    frames: list[Integers]
+
+
 def encode_packet(
     predictor: FramePredictor,
     sequence: int,
@@ -138,14 +147,30 @@ def encode_packet(
     values: quantised differences (n,) at each place, in coding order.
     """
     coder = RangeEncoder()
+    for _ in encoding(coder, predictor, sequence, usual_frames, head, values):
+        pass
+    return coder.finish()
+
+
+def encoding(
+    coder: BitCoder,
+    predictor: FramePredictor,
+    sequence: int,
+    usual_frames: int,
+    head: PacketHead,
+    values: Sequence[tuple[Place, Integers]],
+) -> Iterator[int | None]:
+    """Code a packet step by step, see `encode_packet`: its head (None), then each component."""
     _code_head(coder, head, usual_frames)
+    yield None
     surroundings, sizes = Surroundings(), dict[int, Integers]()
     for place, differences in values:
         kinds = predictor.kinds(place, sequence, head.fresh)
         tables = predictor.tables(kinds, head.quality)
-        coded = _code_frame(coder, surroundings, tables, parents(place, sizes), differences)
-        sizes[place.index] = np.abs(coded)
-    return coder.finish()
+        around = parents(place, sizes)
+        coded = _coded_values(coder, surroundings, tables, around, differences)
+        yield from (component for component, _ in enumerate(coded))
+        sizes[place.index] = np.abs(differences)
 
 
 def decode_packet(
@@ -155,16 +180,24 @@ def decode_packet(
 
     Raises `ProtocolError` if the payload is not what an encoder makes.
     """
+    packet = read_packet(predictor, sequence, usual_frames, payload)
+    predictor.anchor = packet.frames[-1]
+    return packet.frames
+
+
+def read_packet(
+    predictor: FramePredictor, sequence: int, usual_frames: int, payload: bytes
+) -> ReadPacket:
+    """What is in a payload, see `decode_packet`; does not move the predictor."""
     coder = RangeDecoder(payload)
     try:
         head = _code_head(coder, PacketHead(0, usual_frames), usual_frames)
-        known = _decode_frames(coder, predictor, sequence, head)
+        values, known = _decode_frames(coder, predictor, sequence, head)
     except ValueError as error:
         raise ProtocolError(f"frame packet: {error}") from error
     if coder.surplus:
         raise ProtocolError(f"frame packet: {coder.surplus} bytes too many")
-    predictor.anchor = known[head.frames]
-    return [known[index] for index in range(1, head.frames + 1)]
+    return ReadPacket(head, values, [known[index] for index in range(1, head.frames + 1)])
 
 
 def parents(place: Place, sizes: dict[int, Integers]) -> Integers | None:
@@ -208,32 +241,33 @@ def _code_head(coder: BitCoder, head: PacketHead, usual_frames: int) -> PacketHe
     return PacketHead(quality, frames, bool(fresh))
 
 
-def _code_frame(
+def _coded_values(
     coder: BitCoder,
     surroundings: Surroundings,
     tables: Integers,
     sizes: Integers | None,
     differences: Integers,
-) -> Integers:
+) -> Iterator[int]:
     surroundings.start_frame()
     around = [0] * len(tables) if sizes is None else sizes.tolist()
-    coded = []
     for value, expected, parent in zip(differences.tolist(), tables.tolist(), around, strict=True):
         value = code_value(coder, value, surroundings.table(expected, parent))
         surroundings.saw(expected, abs(value))
-        coded.append(value)
-    return np.array(coded, dtype=np.int64)
+        yield value
 
 
 def _decode_frames(
     coder: BitCoder, predictor: FramePredictor, sequence: int, head: PacketHead
-) -> dict[int, Integers]:
-    known, sizes = {0: predictor.anchor}, dict[int, Integers]()
+) -> tuple[list[tuple[Place, Integers]], dict[int, Integers]]:
+    values, known, sizes = [], {0: predictor.anchor}, dict[int, Integers]()
     surroundings, nothing = Surroundings(), np.zeros(predictor.components, dtype=np.int64)
     for place in coding_order(head.frames):
         kinds = predictor.kinds(place, sequence, head.fresh)
         tables = predictor.tables(kinds, head.quality)
-        coded = _code_frame(coder, surroundings, tables, parents(place, sizes), nothing)
+        around = parents(place, sizes)
+        found = _coded_values(coder, surroundings, tables, around, nothing)
+        coded = np.fromiter(found, np.int64, predictor.components)
+        values.append((place, coded))
         sizes[place.index] = np.abs(coded)
         known[place.index] = reconstruct(predictor, place, kinds, known, head.quality, coded)
-    return known
+    return values, known

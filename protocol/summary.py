@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
+from protocol.accounting import Accounts, PacketSize
 from protocol.messages import (
     CallParameters,
     ControlKind,
@@ -31,6 +32,10 @@ class CallSummary:
     frame_bps: bits of frame payload per second of the time the frame packets are due in.
     packet_bps: the same with byte 0 of each frame packet.
     complete: the call has its END packet.
+    packet_size: of the frame packets; None without any.
+    model_parts: bytes by part; they add up to `model_bytes`.
+    groups: bytes by group of parameters, see `accounting`; they add up to `frame_bytes`.
+    group_bits: the same in bits a source frame.
     """
 
     profile: str
@@ -48,6 +53,10 @@ class CallSummary:
     frame_bps: float
     packet_bps: float
     complete: bool
+    packet_size: PacketSize | None
+    model_parts: dict[str, int]
+    groups: dict[str, float]
+    group_bits: dict[str, float]
 
 
 def summarise(path: Path) -> CallSummary:
@@ -71,6 +80,7 @@ class _Tally:
         self.call: CallParameters | None = None
         self.payload = {kind: 0 for kind in Kind}
         self.frame_packets = 0
+        self.accounts = Accounts()
         self.frames: int | None = None
 
     def add(self, data: bytes) -> None:
@@ -78,8 +88,10 @@ class _Tally:
         self.payload[packet_kind(data)] += len(data) - 1
         if isinstance(packet, ModelPacket):
             self.call = self.call or packet.call
+            self.accounts.add_model(packet)
         elif isinstance(packet, FramePacket):
             self.frame_packets += 1
+            self.accounts.add_frame(packet)
         elif packet.kind is ControlKind.END:
             self.frames = packet.frame
 
@@ -90,6 +102,7 @@ class _Tally:
         frames = _frames_of(call, self.frame_packets) if self.frames is None else self.frames
         frame_bits = 8 * self.payload[Kind.FRAME]
         seconds = due_s(call.profile, frames, Fraction(call.fps_numerator, call.fps_denominator))
+        groups = self.accounts.groups
         return CallSummary(
             profile=call.profile,
             frames=frames,
@@ -106,6 +119,10 @@ class _Tally:
             frame_bps=frame_bits / seconds,
             packet_bps=(frame_bits + 8 * self.frame_packets) / seconds,
             complete=complete,
+            packet_size=self.accounts.packet_size,
+            model_parts=self.accounts.model_parts,
+            groups=groups,
+            group_bits={name: 8 * count / max(frames, 1) for name, count in groups.items()},
         )
 
 

@@ -1,0 +1,153 @@
+"""Where the bytes of a call go: model packets by part, frame packets by group of parameters.
+
+A frame packet's decisions have ideal lengths, -log2 of their probabilities, which tell what each
+combined component costs.  A component moves several parameters; its bits are split by how much of
+its harm each group does: a basis row is in units of equal harm (`Components.unit`), so by squares.
+"""
+
+from dataclasses import dataclass
+from math import log2
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.components import GEOMETRY, Components, parse_components
+from protocol.entropy import WHOLE
+from protocol.messages import FramePacket, ModelPacket, ProtocolError, serialise
+from protocol.predict import FramePredictor, encoding, read_packet
+from shared_model.parameters import EAUS, THESIS_EAUS
+
+Array = NDArray[np.float64]
+
+GROUPS = ("pose", "expression", "lids", "gaze", "modes")
+# A packet's head, and what is lost to whole bytes; packets that nobody can decode.
+OVERHEAD, DAMAGED = "overhead", "damaged"
+_THESIS_VALUES = {"pose": 6, "expression": len(THESIS_EAUS)}
+
+
+@dataclass(frozen=True, slots=True)
+class PacketSize:
+    """Bytes of payload of the frame packets: mean, 95th percentile, largest."""
+
+    mean: float
+    p95: float
+    largest: int
+
+
+class Accounts:
+    """Adds up what the packets of one call, given in order, spend their bytes on."""
+
+    def __init__(self) -> None:
+        self._model_parts: dict[str, int] = {}
+        self._groups: dict[str, float] = {}
+        self._sizes: list[int] = []
+        self._model: ModelPacket | None = None
+        self._components: Components | None = None
+        self._predictor: FramePredictor | None = None
+
+    @property
+    def model_parts(self) -> dict[str, int]:
+        """Bytes of each part of the model packets; they add up to the packets without byte 0."""
+        return dict(self._model_parts)
+
+    @property
+    def groups(self) -> dict[str, float]:
+        """Bytes that each group of parameters took; they add up to the frame packets' payloads."""
+        return dict(self._groups)
+
+    @property
+    def packet_size(self) -> PacketSize | None:
+        """How large frame packets are; None without any."""
+        if not self._sizes:
+            return None
+        p95 = float(np.percentile(self._sizes, 95))
+        return PacketSize(float(np.mean(self._sizes)), p95, max(self._sizes))
+
+    def add_model(self, packet: ModelPacket) -> None:
+        """Enter a model packet; the frame packets that follow are read by it."""
+        self._model = self._model or packet
+        modes: tuple[bytes, ...] = ()
+        if packet.extension:
+            self._components = parse_components(packet.extension)
+            self._predictor = FramePredictor(self._components.spreads)
+            modes = self._components.modes
+        parts = {
+            "background": len(packet.background),
+            "texture": len(packet.texture),
+            "modes": sum(map(len, modes)),
+        }
+        parts["shape"] = len(serialise(packet)) - 1 - sum(parts.values())
+        for name, count in parts.items():
+            self._model_parts[name] = self._model_parts.get(name, 0) + count
+
+    def add_frame(self, packet: FramePacket) -> None:
+        """Enter a frame packet."""
+        size = len(packet.payload)
+        self._sizes.append(size)
+        try:
+            shares = self._shares(packet)
+        except ProtocolError:
+            shares = {DAMAGED: 1.0}
+        for name, share in shares.items():
+            self._groups[name] = self._groups.get(name, 0.0) + share * size
+
+    def _shares(self, packet: FramePacket) -> dict[str, float]:
+        if self._model is None:
+            raise ProtocolError("a frame packet before the model packet")
+        if self._model.call.profile == "thesis":
+            total = sum(_THESIS_VALUES.values())
+            return {name: count / total for name, count in _THESIS_VALUES.items()}
+        if self._components is None or self._predictor is None:
+            raise ProtocolError("the model packet has no components")
+        usual = self._model.call.frames_per_packet
+        bits = component_bits(self._predictor, packet.sequence, usual, packet.payload)
+        groups = bits @ group_shares(self._components)
+        # The coder may find bytes shorter than the ideal; no group then took more than there is.
+        whole = max(8.0 * len(packet.payload), float(groups.sum()))
+        shares = dict(zip(GROUPS, (groups / whole).tolist(), strict=True))
+        return shares | {OVERHEAD: 1 - sum(shares.values())}
+
+
+def component_bits(
+    predictor: FramePredictor, sequence: int, usual_frames: int, payload: bytes
+) -> Array:
+    """(n,) ideal bits that each component takes of a payload; moves the predictor on.
+
+    Raises `ProtocolError` as `decode_packet` does.
+    """
+    packet = read_packet(predictor, sequence, usual_frames, payload)
+    meter, bits, before = _Meter(), np.zeros(predictor.components), 0.0
+    steps = encoding(meter, predictor, sequence, usual_frames, packet.head, packet.values)
+    for component in steps:
+        if component is not None:
+            bits[component] += meter.bits - before
+        before = meter.bits
+    predictor.anchor = packet.frames[-1]
+    return bits
+
+
+def group_shares(components: Components) -> Array:
+    """(n, GROUPS) share of each group in the harm that each component does; rows add up to 1."""
+    squares = components.basis.astype(np.float64) ** 2
+    grouped = np.stack([squares[:, _group_of(components) == g].sum(1) for g in GROUPS], 1)
+    return np.asarray(grouped / np.maximum(grouped.sum(1, keepdims=True), 1))
+
+
+class _Meter:
+    """A coder that writes nothing and adds up ideal lengths."""
+
+    def __init__(self) -> None:
+        self.bits = 0.0
+
+    def code_bit(self, bit: int, zero: int) -> int:
+        self.bits -= log2((WHOLE - zero if bit else zero) / WHOLE)
+        return bit
+
+
+def _group_of(components: Components) -> NDArray[np.str_]:
+    """(d,) the group of each value of y, see `Components`."""
+    names = [eau.name.split("_")[0] for eau in EAUS]
+    actuators = [{"lid": "lids", "gaze": "gaze"}.get(name, "expression") for name in names]
+    return np.array(
+        ["pose"] * (GEOMETRY - len(EAUS)) + actuators + ["modes"] * len(components.modes)
+    )

@@ -1,0 +1,142 @@
+"""Every byte of a call is accounted for, and put down to the parameters that it moved."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from packets import CALL, MODEL
+
+from encoder.rate import Spending, code_call
+from loopback.information import summary_table
+from protocol.accounting import DAMAGED, GROUPS, OVERHEAD, Accounts, component_bits, group_shares
+from protocol.components import GEOMETRY, Components, serialise_components
+from protocol.messages import ControlKind, ControlPacket, FramePacket, ProtocolError, serialise
+from protocol.predict import KINDS, FramePredictor
+from protocol.recording import CallWriter
+from protocol.summary import summarise
+from shared_model.parameters import EAU_INDEX
+
+DEFAULT = replace(CALL, profile="default", frames_per_packet=8)
+FRAMES = 81
+# What each component moves: pose, a lid, a mode.
+MOVED = (0, 6 + EAU_INDEX["lid_left"], GEOMETRY)
+
+
+def components() -> Components:
+    d = GEOMETRY + 1
+    basis = np.zeros((len(MOVED), d), np.int8)
+    basis[np.arange(len(MOVED)), MOVED] = 127
+    return Components(
+        (b"mode",),
+        np.zeros(d, np.float32),
+        np.ones(d, np.float32),
+        basis,
+        np.zeros(len(MOVED), np.int8),
+        np.full((len(MOVED), KINDS), 28, np.uint8),
+    )
+
+
+def payloads(sizes: tuple[float, ...]) -> list[bytes]:
+    """Frame packets of components that wander by the given sizes, units a frame."""
+    rng = np.random.default_rng(3)
+    values = np.cumsum(rng.normal(size=(FRAMES, len(MOVED))) * sizes, axis=0)
+    packets = code_call(values, components().spreads, Spending(4000, 25, 8))
+    return [packet.payload for packet in packets]
+
+
+def accounts(frames: list[bytes]) -> Accounts:
+    accounts = Accounts()
+    accounts.add_model(replace(MODEL, call=DEFAULT, extension=serialise_components(components())))
+    for number, payload in enumerate(frames):
+        accounts.add_frame(FramePacket(number % 64, payload))
+    return accounts
+
+
+def test_groups_add_up_to_the_frame_packets() -> None:
+    sent = payloads((3.0, 1.0, 1.0))
+    groups = accounts(sent).groups
+    assert sum(groups.values()) == pytest.approx(sum(map(len, sent)))
+    assert set(groups) == {*GROUPS, OVERHEAD}
+    assert min(groups.values()) >= 0
+
+
+@pytest.mark.parametrize(("moving", "group"), [*enumerate(("pose", "lids", "modes"))])
+def test_bits_go_to_the_group_that_moves(moving: int, group: str) -> None:
+    sizes = np.full(len(MOVED), 0.05)
+    sizes[moving] = 4.0
+    groups = accounts(payloads(tuple(sizes))).groups
+    assert max(groups, key=lambda name: groups[name]) == group
+    assert groups["expression"] == groups["gaze"] == 0
+
+
+def test_ideal_lengths_are_those_spent() -> None:
+    predictor, spent = FramePredictor(components().spreads), 0.0
+    sent = payloads((3.0, 1.0, 1.0))
+    for number, payload in enumerate(sent):
+        spent += component_bits(predictor, number % 64, 8, payload).sum()
+    total = 8 * sum(map(len, sent))
+    # Five bits of quality and half a byte lost to rounding in each packet.
+    assert total - 12 * len(sent) < spent < total
+
+
+def test_a_component_is_shared_by_harm() -> None:
+    mixed = components()
+    mixed.basis[0, :] = 0
+    mixed.basis[0, 0], mixed.basis[0, GEOMETRY] = 60, 120
+    shares = group_shares(mixed)
+    assert shares.sum(1) == pytest.approx(1)
+    assert shares[0].tolist() == pytest.approx([0.2, 0, 0, 0, 0.8])
+
+
+def test_parts_of_the_model_add_up() -> None:
+    packet = replace(MODEL, call=DEFAULT, extension=serialise_components(components()))
+    parts = accounts([]).model_parts
+    assert sum(parts.values()) == len(serialise(packet)) - 1
+    assert (parts["background"], parts["modes"]) == (len(MODEL.background), len(b"mode"))
+
+
+def test_sizes_of_packets_are_stated() -> None:
+    size = accounts([bytes(n) for n in (1, 2, 3, 10)]).packet_size
+    assert size is not None
+    assert (size.mean, size.largest) == (4, 10) and 3 < size.p95 < 10
+    assert Accounts().packet_size is None
+
+
+def test_what_cannot_be_decoded_is_damaged() -> None:
+    no_model = Accounts()
+    no_model.add_frame(FramePacket(0, bytes(7)))
+    assert no_model.groups == {DAMAGED: 7}
+    no_components = Accounts()
+    no_components.add_model(replace(MODEL, call=DEFAULT))
+    no_components.add_frame(FramePacket(0, bytes(5)))
+    assert no_components.groups == {DAMAGED: 5}
+    assert accounts([bytes(1000)]).groups == {DAMAGED: 1000}
+
+
+def test_components_that_are_none_are_a_protocol_error() -> None:
+    with pytest.raises(ProtocolError, match="components"):
+        Accounts().add_model(replace(MODEL, extension=b"?"))
+
+
+def test_a_summary_splits_a_call_of_the_default_profile(tmp_path: Path) -> None:
+    path, sent = tmp_path / "call.rzo", payloads((3.0, 1.0, 1.0))
+    model = replace(MODEL, call=DEFAULT, extension=serialise_components(components()))
+    with CallWriter(path) as writer:
+        writer.send(serialise(model))
+        for number, payload in enumerate(sent):
+            writer.send(serialise(FramePacket(number % 64, payload)))
+        writer.send(serialise(ControlPacket(0, ControlKind.END, FRAMES)))
+    summary = summarise(path)
+    assert sum(summary.groups.values()) == pytest.approx(summary.frame_bytes)
+    assert sum(summary.group_bits.values()) == pytest.approx(8 * summary.frame_bytes / FRAMES)
+    assert sum(summary.model_parts.values()) == summary.model_bytes
+    text = summary_table(summary)
+    assert all(f"\n{group} " in text for group in (*GROUPS, OVERHEAD))
+
+
+def test_the_thesis_profile_spends_a_byte_on_each_value() -> None:
+    thesis = Accounts()
+    thesis.add_model(MODEL)
+    thesis.add_frame(FramePacket(0, bytes(10)))
+    assert thesis.groups == {"pose": 6, "expression": 4}
