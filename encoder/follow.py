@@ -1,7 +1,7 @@
 """One face parameter set per frame: a picture in, pose and actuators out, lightly filtered."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -21,6 +21,8 @@ from encoder.fit import (
 from encoder.haar import HaarDetector
 from encoder.landmarks import LandmarkTracker
 from encoder.networks import NetworkFilesMissing, find_network_folder
+from encoder.sighting import HaarSighter, NetworkSighter, Sighter, warn_of_several
+from encoder.track import PARTS, TrackingFollower
 from shared_model import geometry
 from shared_model.animate import identity_from_controls
 from shared_model.anthropometry import residual_basis
@@ -34,6 +36,7 @@ Picture = NDArray[np.uint8]
 Warn = Callable[[str], None]
 
 DETECTORS = ("network", "haar")
+TRACKERS = ("single", "full")
 # Share of a new measurement in the filtered value: little lag, and half of the jitter's power gone.
 GAIN = 0.7
 
@@ -49,23 +52,62 @@ class Follower(Protocol):
         """Pose and actuators in the next frame (h, w, 3) BGR; None where there is no face."""
 
 
+@dataclass(frozen=True, slots=True)
+class FollowOptions:
+    """How to follow a face.
+
+    detector: what finds it, one of `DETECTORS`.
+    tracker: "single" measures every frame by itself, "full" is `TrackingFollower`.
+    without: parts of the full tracker to leave out, some of `track.PARTS`.
+    """
+
+    detector: str = "network"
+    tracker: str = "single"
+    without: frozenset[str] = frozenset()
+
+
 def open_follower(
-    detector: str, head: Head, size: tuple[int, int], active: Sequence[int], warn: Warn
+    options: FollowOptions,
+    head: Head,
+    size: tuple[int, int],
+    active: Sequence[int],
+    elapsed_s: float,
+    warn: Warn,
 ) -> Follower:
-    """The follower for `detector`, one of `DETECTORS`; Viola-Jones where the networks are missing.
+    """The follower for `options`; by Viola-Jones where the networks are missing.
 
     size: (width, height) of the picture.  active: actuators that may move after the first frame.
+    elapsed_s: from frame to frame.  Raises `UserError` for an option that is not known.
     """
-    if detector not in DETECTORS:
-        raise UserError(f"detector {detector} is unknown; choose one of {', '.join(DETECTORS)}")
-    if detector == "network":
-        try:
-            folder = find_network_folder()
-            tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
-            return NetworkFollower(head, size, active, tracker, warn)
-        except NetworkFilesMissing as error:
-            warn(f"{error}; following by Viola-Jones, pose only")
-    return HaarFollower(head, size, HaarDetector(), warn)
+    _check("detector", [options.detector], DETECTORS)
+    _check("tracker", [options.tracker], TRACKERS)
+    _check("part", options.without, PARTS)
+    landmarks = _landmark_tracker(warn) if options.detector == "network" else None
+    if options.tracker == "full":
+        sighter: Sighter
+        if landmarks is None:
+            sighter = HaarSighter(head, size, HaarDetector(), warn)
+        else:
+            sighter = NetworkSighter(head, size, active, landmarks, warn)
+        return TrackingFollower(head, active, elapsed_s, sighter, options.without)
+    if landmarks is None:
+        return HaarFollower(head, size, HaarDetector(), warn)
+    return NetworkFollower(head, size, active, landmarks, warn)
+
+
+def _check(what: str, chosen: Iterable[str], known: Sequence[str]) -> None:
+    for name in chosen:
+        if name not in known:
+            raise UserError(f"{what} {name} is unknown; choose one of {', '.join(known)}")
+
+
+def _landmark_tracker(warn: Warn) -> LandmarkTracker | None:
+    try:
+        folder = find_network_folder()
+    except NetworkFilesMissing as error:
+        warn(f"{error}; following by Viola-Jones")
+        return None
+    return LandmarkTracker(folder, BlazeFaceDetector(folder))
 
 
 class NetworkFollower:
@@ -95,7 +137,7 @@ class NetworkFollower:
     def update(self, frame: Picture) -> FaceParameters | None:
         """See `Follower`."""
         found = self._tracker.update(frame)
-        _warn_of_several(self._tracker.faces_seen, self._warn)
+        warn_of_several(self._tracker.faces_seen, self._warn)
         if found is None:
             return None
         if self._model is None or self._last is None:
@@ -132,17 +174,12 @@ class HaarFollower:
     def update(self, frame: Picture) -> FaceParameters | None:
         """See `Follower`."""
         faces = self._detector.detect(frame)
-        _warn_of_several(len(faces), self._warn)
+        warn_of_several(len(faces), self._warn)
         if not faces:
             return None
         face = FaceParameters(pose_from_three_points(self._head, self._fitted.camera, faces[0]))
         self._last = face if self._last is None else blend(self._last, face, GAIN)
         return self._last
-
-
-def _warn_of_several(faces: int, warn: Warn) -> None:
-    if faces > 1:
-        warn(f"{faces} faces in the picture: taking the largest")
 
 
 def blend(first: FaceParameters, second: FaceParameters, share: float) -> FaceParameters:

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from encoder.capture import Capture, open_source
 from encoder.default_call import Survey, send_call
-from encoder.follow import open_follower
+from encoder.follow import FollowOptions, open_follower
 from encoder.model import BUDGETS, Budget
 from encoder.tally import Tally
 from encoder.thesis_call import ThesisCall
@@ -34,7 +34,7 @@ class EncodeOptions:
     source: video file, image pattern (frame_%04d.png), camera index or URL.
     output: call file; connect, listen: Zenoh endpoints (tcp/HOST:PORT) and `call` the call's name.
     lossless: over the network no packet is dropped, however slow: for measurements, not live calls.
-    detector: "network" or "haar" (Viola-Jones).
+    follow: how the thesis profile follows the face.
     profile: "thesis" or "default".
     bitrate: bits per second that frame packets take (default profile).
     pace: send at the source's own rate, as a camera would, instead of as fast as possible.
@@ -50,7 +50,7 @@ class EncodeOptions:
     lossless: bool = False
     profile: str = "thesis"
     bitrate: float = 800.0
-    detector: str = "network"
+    follow: FollowOptions = field(default_factory=FollowOptions)
     pace: bool = False
     max_frames: int | None = None
     wait_for_peer_s: float = 0.0
@@ -106,7 +106,8 @@ def send_thesis(
     """Follow the face frame by frame and send as it goes."""
     active = [EAU_INDEX[name] for name in THESIS_EAUS]
     size = (capture.width, capture.height)
-    follower = open_follower(options.detector, generic_head(), size, active, tally.warn)
+    elapsed_s = float(1 / capture.fps)
+    follower = open_follower(options.follow, generic_head(), size, active, elapsed_s, tally.warn)
     budget = options.budget or BUDGETS["thesis"]
     call = ThesisCall(capture, follower, sink, budget, options.look_for_face_s, tally)
     for index, frame in paced(capture, options, tally, stop):

@@ -77,6 +77,20 @@ def _add_encode(added: "Commands") -> None:
     _add_link(parser, where)
     _add_coding(parser)
     parser.add_argument(
+        "--tracker",
+        choices=("single", "full"),
+        default="single",
+        help="thesis profile: landmarks of each frame by itself, or KLT, filter and the fit of the"
+        " caller's own texture as well (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--without",
+        type=_parts,
+        default=frozenset(),
+        metavar="PARTS",
+        help="leave parts out of the full tracker, to measure: some of network,klt,ekf,abs",
+    )
+    parser.add_argument(
         "--pace",
         action=argparse.BooleanOptionalAction,
         help="send at the source's own rate (default: over a link yes, into a file no)",
@@ -310,6 +324,10 @@ def _add_coding(parser: Parser) -> None:
 def _add_reporting(parser: Parser) -> None:
     parser.add_argument("--report", type=Path, metavar="FILE", help="write the figures as JSON")
     parser.add_argument("-q", "--quiet", action="store_true", help="no progress, no summary")
+
+
+def _parts(text: str) -> frozenset[str]:
+    return frozenset(text.split(","))
 
 
 def _seconds(text: str) -> float:

@@ -32,6 +32,7 @@ INTERRUPTED = 130
 
 def run_encode(arguments: argparse.Namespace) -> int:
     """`risorius encode`."""
+    from encoder.follow import FollowOptions
     from encoder.pipeline import EncodeOptions, encode
 
     over_link = arguments.output is None
@@ -44,7 +45,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
         lossless=arguments.lossless,
         profile=arguments.profile,
         bitrate=arguments.bitrate,
-        detector=arguments.detector,
+        follow=FollowOptions(arguments.detector, arguments.tracker, arguments.without),
         pace=over_link if arguments.pace is None else arguments.pace,
         max_frames=arguments.max_frames,
         wait_for_peer_s=arguments.wait,
