@@ -14,7 +14,7 @@ from decoder.sink import Background, PictureSink, open_sink, padding_px
 from protocol.link import PacketSource
 from protocol.messages import Kind, ModelPacket, ProtocolError, packet_kind
 from protocol.recording import CallReader, TruncatedCall
-from protocol.summary import summarise
+from protocol.summary import source_frames
 from shared_model.errors import UserError
 
 Progress = Callable[[int, int | None], None]
@@ -197,7 +197,7 @@ def _expected_frames(options: DecodeOptions) -> int | None:
     if options.call_file is None:
         return None
     with suppress(ProtocolError):
-        return summarise(options.call_file).frames
+        return source_frames(options.call_file)
     return None
 
 

@@ -127,6 +127,21 @@ def send_default(
     stop: Callable[[], bool],
 ) -> None:
     """Look at the whole source, then send the best call it allows."""
+    call = survey_source(options, capture, tally, progress, stop).code(options.bitrate)
+    send_call(call, sink, tally, float(capture.fps) if options.pace else None, stop)
+
+
+def survey_source(
+    options: EncodeOptions,
+    capture: Capture,
+    tally: Tally,
+    progress: Progress,
+    stop: Callable[[], bool],
+) -> Survey:
+    """Go over the whole source, twice, and learn its caller: ready to be coded at any rate.
+
+    Raises `UserError` if the source is live or shows no face.
+    """
     if capture.is_live:
         raise UserError("the default profile needs a recorded source; use --profile thesis")
     survey = Survey(capture, tally)
@@ -143,8 +158,7 @@ def send_default(
                 break
             survey.refine(index, frame)
             progress((frames + index + 1) // 2, capture.frame_count)
-    call = survey.code(options.bitrate)
-    send_call(call, sink, tally, float(capture.fps) if options.pace else None, stop)
+    return survey
 
 
 def no_face(source: str, frames: int) -> UserError:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from protocol.components import GEOMETRY, Components, parse_components
 from protocol.entropy import WHOLE
-from protocol.messages import FramePacket, ModelPacket, ProtocolError, serialise
+from protocol.messages import FramePacket, ModelPacket, Packet, ProtocolError, serialise
 from protocol.predict import FramePredictor, encoding, read_packet
 from shared_model.parameters import EAUS, THESIS_EAUS
 
@@ -63,8 +63,17 @@ class Accounts:
         p95 = float(np.percentile(self._sizes, 95))
         return PacketSize(float(np.mean(self._sizes)), p95, max(self._sizes))
 
-    def add_model(self, packet: ModelPacket) -> None:
-        """Enter a model packet; the frame packets that follow are read by it."""
+    def add(self, packet: Packet) -> None:
+        """Enter a packet; frame packets are read by the model packet before them.
+
+        Raises `ProtocolError` if a model packet's components are damaged.
+        """
+        if isinstance(packet, ModelPacket):
+            self._add_model(packet)
+        elif isinstance(packet, FramePacket):
+            self._add_frame(packet)
+
+    def _add_model(self, packet: ModelPacket) -> None:
         self._model = self._model or packet
         modes: tuple[bytes, ...] = ()
         if packet.extension:
@@ -80,8 +89,7 @@ class Accounts:
         for name, count in parts.items():
             self._model_parts[name] = self._model_parts.get(name, 0) + count
 
-    def add_frame(self, packet: FramePacket) -> None:
-        """Enter a frame packet."""
+    def _add_frame(self, packet: FramePacket) -> None:
         size = len(packet.payload)
         self._sizes.append(size)
         try:

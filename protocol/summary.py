@@ -12,6 +12,7 @@ from protocol.messages import (
     FramePacket,
     Kind,
     ModelPacket,
+    Packet,
     ProtocolError,
     packet_kind,
     parse_packet,
@@ -64,13 +65,25 @@ def summarise(path: Path) -> CallSummary:
 
     Raises `ProtocolError` if it is no call, `UserError` if it cannot be read.
     """
-    tally = _Tally()
+    tally, accounts = _Tally(), Accounts()
     with CallReader(path) as reader:
         # The torn record at the end of a truncated call is no packet and counts as container.
         with suppress(TruncatedCall):
             for data in reader:
-                tally.add(data)
-        return tally.summary(reader.complete, reader.file_bytes)
+                accounts.add(tally.add(data))
+        return tally.summary(accounts, reader.complete, reader.file_bytes)
+
+
+def source_frames(path: Path) -> int:
+    """Frames of the source of a call file, without a look into its frame packets.
+
+    Raises as `summarise` does.
+    """
+    tally = _Tally()
+    with CallReader(path) as reader, suppress(TruncatedCall):
+        for data in reader:
+            tally.add(data)
+    return tally.source_frames
 
 
 class _Tally:
@@ -80,29 +93,35 @@ class _Tally:
         self.call: CallParameters | None = None
         self.payload = {kind: 0 for kind in Kind}
         self.frame_packets = 0
-        self.accounts = Accounts()
         self.frames: int | None = None
 
-    def add(self, data: bytes) -> None:
+    def add(self, data: bytes) -> Packet:
         packet = parse_packet(data)
         self.payload[packet_kind(data)] += len(data) - 1
         if isinstance(packet, ModelPacket):
             self.call = self.call or packet.call
-            self.accounts.add_model(packet)
         elif isinstance(packet, FramePacket):
             self.frame_packets += 1
-            self.accounts.add_frame(packet)
         elif packet.kind is ControlKind.END:
             self.frames = packet.frame
+        return packet
 
-    def summary(self, complete: bool, file_bytes: int) -> CallSummary:
-        call = self.call
-        if call is None:
+    @property
+    def source_frames(self) -> int:
+        """Told by the END packet; of a truncated call, from the frame packets that are there."""
+        if self.frames is None:
+            return _frames_of(self._known_call(), self.frame_packets)
+        return self.frames
+
+    def _known_call(self) -> CallParameters:
+        if self.call is None:
             raise ProtocolError("the call has no model packet")
-        frames = _frames_of(call, self.frame_packets) if self.frames is None else self.frames
+        return self.call
+
+    def summary(self, accounts: Accounts, complete: bool, file_bytes: int) -> CallSummary:
+        call, frames, groups = self._known_call(), self.source_frames, accounts.groups
         frame_bits = 8 * self.payload[Kind.FRAME]
         seconds = due_s(call.profile, frames, Fraction(call.fps_numerator, call.fps_denominator))
-        groups = self.accounts.groups
         return CallSummary(
             profile=call.profile,
             frames=frames,
@@ -119,8 +138,8 @@ class _Tally:
             frame_bps=frame_bits / seconds,
             packet_bps=(frame_bits + 8 * self.frame_packets) / seconds,
             complete=complete,
-            packet_size=self.accounts.packet_size,
-            model_parts=self.accounts.model_parts,
+            packet_size=accounts.packet_size,
+            model_parts=accounts.model_parts,
             groups=groups,
             group_bits={name: 8 * count / max(frames, 1) for name, count in groups.items()},
         )

@@ -47,9 +47,9 @@ def payloads(sizes: tuple[float, ...]) -> list[bytes]:
 
 def accounts(frames: list[bytes]) -> Accounts:
     accounts = Accounts()
-    accounts.add_model(replace(MODEL, call=DEFAULT, extension=serialise_components(components())))
+    accounts.add(replace(MODEL, call=DEFAULT, extension=serialise_components(components())))
     for number, payload in enumerate(frames):
-        accounts.add_frame(FramePacket(number % 64, payload))
+        accounts.add(FramePacket(number % 64, payload))
     return accounts
 
 
@@ -105,18 +105,18 @@ def test_sizes_of_packets_are_stated() -> None:
 
 def test_what_cannot_be_decoded_is_damaged() -> None:
     no_model = Accounts()
-    no_model.add_frame(FramePacket(0, bytes(7)))
+    no_model.add(FramePacket(0, bytes(7)))
     assert no_model.groups == {DAMAGED: 7}
     no_components = Accounts()
-    no_components.add_model(replace(MODEL, call=DEFAULT))
-    no_components.add_frame(FramePacket(0, bytes(5)))
+    no_components.add(replace(MODEL, call=DEFAULT))
+    no_components.add(FramePacket(0, bytes(5)))
     assert no_components.groups == {DAMAGED: 5}
     assert accounts([bytes(1000)]).groups == {DAMAGED: 1000}
 
 
 def test_components_that_are_none_are_a_protocol_error() -> None:
     with pytest.raises(ProtocolError, match="components"):
-        Accounts().add_model(replace(MODEL, extension=b"?"))
+        Accounts().add(replace(MODEL, extension=b"?"))
 
 
 def test_a_summary_splits_a_call_of_the_default_profile(tmp_path: Path) -> None:
@@ -137,6 +137,6 @@ def test_a_summary_splits_a_call_of_the_default_profile(tmp_path: Path) -> None:
 
 def test_the_thesis_profile_spends_a_byte_on_each_value() -> None:
     thesis = Accounts()
-    thesis.add_model(MODEL)
-    thesis.add_frame(FramePacket(0, bytes(10)))
+    thesis.add(MODEL)
+    thesis.add(FramePacket(0, bytes(10)))
     assert thesis.groups == {"pose": 6, "expression": 4}
