@@ -161,8 +161,10 @@ def _add_bench(added: "Commands") -> None:
         added,
         "bench",
         "measure bits, PSNR and latency of recorded videos",
-        "Encoder and decoder run as two processes that talk over Zenoh on this host.",
-        "  risorius bench me.mp4 you.mp4 --out out/bench\n",
+        "Encoder and decoder run as two processes that talk over Zenoh on this host.\n"
+        "With --sweep each clip is learned once and coded at several rates into call files.",
+        "  risorius bench me.mp4 you.mp4 --out out/bench\n"
+        "  risorius bench --sweep 200,350,500,800,1200,2000 me.mp4 --out out/sweep\n",
     )
     parser.add_argument("source", nargs="+", metavar="SOURCE", help="video file or image pattern")
     parser.add_argument(
@@ -173,6 +175,12 @@ def _add_bench(added: "Commands") -> None:
         help="decoded videos and report.json go here (default: %(default)s)",
     )
     _add_coding(parser)
+    parser.add_argument(
+        "--sweep",
+        type=_bitrates,
+        metavar="BPS,...",
+        help="draw the default profile's PSNR over these rates; goes on where it was stopped",
+    )
     parser.add_argument(
         "--pace",
         action=argparse.BooleanOptionalAction,
@@ -342,6 +350,17 @@ def _bitrate(text: str) -> float:
     if not 0 < value < 1e9:
         raise argparse.ArgumentTypeError(f"{text} is not a number of bits a second")
     return value
+
+
+def _port(text: str) -> int:
+    value = int(text)
+    if not 0 <= value < 65536:
+        raise argparse.ArgumentTypeError(f"{text} is not a TCP port, 0 to 65535")
+    return value
+
+
+def _bitrates(text: str) -> tuple[float, ...]:
+    return tuple(sorted({_bitrate(part) for part in text.split(",")}))
 
 
 def _count(text: str) -> int:

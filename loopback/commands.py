@@ -99,6 +99,8 @@ def run_decode(arguments: argparse.Namespace) -> int:
 
 def run_bench(arguments: argparse.Namespace) -> int:
     """`risorius bench`."""
+    if arguments.sweep:
+        return run_sweep(arguments)
     from loopback.bench import BenchSettings, bench, bench_table
 
     settings = BenchSettings(
@@ -111,6 +113,20 @@ def run_bench(arguments: argparse.Namespace) -> int:
     report = bench(arguments.source, settings, arguments.out, say)
     write_json(arguments.out / "report.json", report)
     print(bench_table(report["clips"]))
+    return 0
+
+
+def run_sweep(arguments: argparse.Namespace) -> int:
+    """`risorius bench --sweep`."""
+    from loopback.sweep import SweepSettings, sweep, sweep_table
+
+    settings = SweepSettings(arguments.sweep, arguments.max_frames)
+
+    def progress(label: str) -> ProgressLine:
+        return ProgressLine(label, sys.stderr)
+
+    report = sweep(arguments.source, settings, arguments.out, say, progress)
+    print(sweep_table(report))
     return 0
 
 
