@@ -88,31 +88,29 @@ class Refiner:
 
         active: the actuators that may move; the others stay where `start` has them.
         """
-        shape, template, geometry = self.shape, self.template, 6 + len(EAUS)
+        shape, template, free = self.shape, self.template, np.asarray(active, np.intp)
         grey = luma(crop.picture)
         stack = np.dstack([grey, *_gradients(grey)])
         face, coefficients = start, np.zeros(len(template.modes))
         shown = template.weight * self.seen(start)
         precision = CORRELATED_TEXELS * float(shown.mean()) * (NOISE_GREY / EAU_SIGMA) ** 2
-        eau = np.arange(6, geometry)
-        modes = np.arange(geometry, geometry + len(template.modes))
-        free = np.r_[0:6, 6 + np.asarray(active, dtype=np.intp), modes]
+        eau = np.arange(6, 6 + len(free))
         for _ in range(iterations):
             seen = sample(stack, crop.from_frame(shape.positions(face)))
-            slope = seen[:, 1:] * crop.scale.astype(np.float32)
-            jacobian = np.einsum("kie,ki->ke", shape.motion(face), slope)
-            rows = np.concatenate([jacobian, -template.modes.T], axis=1)
+            change = shape.change(face, seen[:, 1:] * crop.scale.astype(np.float32), free)
+            rows = np.concatenate([change, -template.modes.T], axis=1)
             residual = seen[:, 0] - template.mean
             unexplained = residual - coefficients.astype(np.float32) @ template.modes
             weighted = rows * (shown * _robust(unexplained))[:, None]
             normal = (rows.T @ weighted).astype(np.float64)
             gradient = -(weighted.T @ residual).astype(np.float64)
             normal[eau, eau] += precision
-            gradient[eau] += precision * (start.eau - face.eau)
+            gradient[eau] += precision * (start.eau - face.eau)[free]
             normal[np.diag_indices(len(normal))] *= 1 + 1e-6
-            step = np.zeros(len(gradient))
-            step[free] = np.linalg.solve(normal[np.ix_(free, free)], gradient[free])
-            face, coefficients = moved(face, step[:geometry]), step[geometry:]
+            found = np.linalg.solve(normal, gradient)
+            step = np.zeros(6 + len(EAUS))
+            step[np.r_[0:6, 6 + free]] = found[: 6 + len(free)]
+            face, coefficients = moved(face, step), found[6 + len(free) :]
         return replace(face, modes=self._coefficients(stack, crop, face, shown))
 
     def _coefficients(

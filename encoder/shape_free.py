@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.fit import projection_jacobian
 from shared_model import geometry
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
@@ -54,23 +53,22 @@ class ShapeFree:
         flat = seen[:, :2] * (np.float32(self.camera.focal_px) / seen[:, 2:])
         return np.asarray(flat + self.camera.centre.astype(np.float32))
 
-    def motion(self, face: FaceParameters) -> Single:
-        """(k, 2, 6 + EAUs) how texels move, pixels, per radian, mm and unit of each actuator."""
+    def change(self, face: FaceParameters, slope: Single, active: NDArray[np.intp]) -> Single:
+        """(k, 6 + a) how the picture under each texel changes, per radian, mm and unit.
+
+        slope: (k, 2) the picture's gradient there, per pixel.  active: (a,) actuators that move.
+        """
         turned = self.turned(face)
         seen = turned + face.pose.translation_mm.astype(np.float32)
-        through = projection_jacobian(self.camera, seen).astype(np.float32)
+        u, v = (slope * (np.float32(self.camera.focal_px) / seen[:, 2:])).T
+        along = np.stack([u, v, -(u * seen[:, 0] + v * seen[:, 1]) / seen[:, 2]], axis=1)
         rotation = geometry.matrix_from_quaternion(face.pose.rotation).astype(np.float32)
-        place = np.arange(len(EAUS)) + np.where(face.eau >= 0, 0, len(EAUS))
-        fields = self._fields[place].reshape(len(EAUS), -1, 3)
-        out = np.empty((len(self), 2, 6 + len(EAUS)), np.float32)
-        x, y, z = turned.T
-        a, b = through[:, :, 0], through[:, :, 1]
-        c = through[:, :, 2]
-        out[:, :, 0] = c * y[:, None] - b * z[:, None]
-        out[:, :, 1] = a * z[:, None] - c * x[:, None]
-        out[:, :, 2] = b * x[:, None] - a * y[:, None]
-        out[:, :, 3:6] = through
-        out[:, :, 6:] = np.einsum("kij,ekj->kie", through @ rotation, fields, optimize=True)
+        place = active + np.where(face.eau[active] >= 0, 0, len(EAUS))
+        fields = self._fields[place].reshape(len(active), -1, 3)
+        out = np.empty((len(self), 6 + len(active)), np.float32)
+        out[:, :3] = np.cross(turned, along)
+        out[:, 3:6] = along
+        out[:, 6:] = np.einsum("ekj,kj->ke", fields, along @ rotation)
         return out
 
 
