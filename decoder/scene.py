@@ -48,7 +48,7 @@ class Scene:
         # Where modes paint the inside of the mouth they have its light in them.
         self._shade_mouth = model.call.profile == "thesis"
         check_size(self._camera)
-        self._face = face_from_model(model, head)
+        self._face = self._own_face = face_from_model(model, head)
         rest = self._face.animate(values_from_codes(model.reference_eau, EAU_STEP))
         check_reference(self._camera, model.reference_pose, head, rest)
         self._wardrobe = Wardrobe(model)
@@ -58,6 +58,10 @@ class Scene:
         self._renderer = Renderer(*size, head, edge_samples(*size))
         self._renderer.set_texture(self._wardrobe.texture(np.zeros(0)))
         self._renderer.set_backdrop(still, self._backdrop.grid_px)
+
+    def reshape(self, aau: Array) -> None:
+        """From now on draw the caller with `aau` (len(AAUS),) added to their own AAUs."""
+        self._face = self._own_face.reshaped(aau)
 
     def draw(self, frame: PlayedFrame, clock: "StageClock") -> Picture:
         """The picture of one frame, (height, width, 3) uint8 BGR."""

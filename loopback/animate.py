@@ -34,7 +34,7 @@ from shared_model.geometry import (
     pose_from_euler,
 )
 from shared_model.mesh import Head, generic_head
-from shared_model.parameters import FaceParameters, Pose
+from shared_model.parameters import AAUS, FaceParameters, Pose
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -90,7 +90,7 @@ def animate(options: AnimateOptions, progress: Progress, stop: Callable[[], bool
     truth = options.truth or _beside(options.output)
     frames: list[dict[str, Any]] = []
     with ExitStack() as stack:
-        actor = _actor(script, options.call_file)
+        actor = open_actor(script, options.call_file)
         stack.callback(actor.close)
         camera = actor.shot(script.at(0)).camera
         size = camera.width, camera.height
@@ -116,6 +116,8 @@ class GenericActor:
 
     def __init__(self, script: Script, head: Head) -> None:
         self.head, self._script = head, script
+        none = Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices))
+        self._face = Face(head, none)
         focal = script.focal_px or TYPICAL_FOCAL * max(script.width, script.height)
         self._camera = Camera(script.width, script.height, focal)
         self._colours = painted_colours(head, script.mottle, script.seed)
@@ -124,11 +126,11 @@ class GenericActor:
 
     def shot(self, moment: Moment) -> Shot:
         """The camera zooms; the head keeps its distance."""
-        identity = Identity(moment.aau, np.zeros_like(self.head.vertices))
         home = Pose(np.array(FRONTAL), np.array([0.0, 0.0, self._script.distance_mm]))
         rest = self._camera
         camera = Camera(rest.width, rest.height, rest.focal_px * moment.zoom)
-        return Shot(camera, _posed(home, moment), Face(self.head, identity).animate(moment.eau))
+        vertices = self._face.reshaped(moment.aau).animate(moment.eau)
+        return Shot(camera, _posed(home, moment), vertices)
 
     def draw(self, moment: Moment, shot: Shot) -> Picture:
         """The shaded head over the background."""
@@ -157,12 +159,14 @@ class CallerActor:
         self._clock = StageClock()
 
     def shot(self, moment: Moment) -> Shot:
-        """Poses are relative to that of the caller's still picture."""
+        """Poses are relative to that of the caller's still picture, AAUs to their own."""
         pose = _posed(self._model.reference_pose, moment)
-        return Shot(self._model.call.camera, pose, self._face.animate(moment.eau))
+        vertices = self._face.reshaped(moment.aau).animate(moment.eau)
+        return Shot(self._model.call.camera, pose, vertices)
 
     def draw(self, moment: Moment, shot: Shot) -> Picture:
         """As the decoder draws a frame of a call."""
+        self._scene.reshape(moment.aau)
         frame = PlayedFrame(0, FaceParameters(shot.pose, moment.eau), held=False)
         return self._scene.draw(frame, self._clock)
 
@@ -189,12 +193,17 @@ def side_light(width: int, side: float) -> NDArray[np.float32]:
     return (1 + side * SIDE_SHARE * np.linspace(-1, 1, width)).astype(np.float32)
 
 
-def _actor(script: Script, call_file: Path | None) -> Actor:
+def open_actor(script: Script, call_file: Path | None) -> Actor:
+    """Whoever plays the script: the generic head, or the caller of a call file.
+
+    Raises `UserError` if the caller cannot be drawn or cannot do what the script asks for.
+    """
     if call_file is None:
         return GenericActor(script, generic_head())
-    own = sorted({group for group, _ in script.tracks} & {"aau", "camera"})
-    if own or script.background:
-        what = " and ".join([*own, *(["background"] if script.background else [])])
+    own = ["camera"] if any(group == "camera" for group, _ in script.tracks) else []
+    own += ["background"] if script.background else []
+    if own:
+        what = " and ".join(own)
         raise UserError(f"a caller brings their own {what}: leave it out of the script, or --call")
     try:
         return CallerActor(read_model(call_file))

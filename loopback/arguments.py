@@ -266,6 +266,25 @@ def _add_animate(added: "Commands") -> None:
     parser.set_defaults(run=commands.run_animate)
 
 
+def _add_view(added: "Commands") -> None:
+    parser = _add_command(
+        added,
+        "view",
+        "move every actuator of the face by hand, in a browser",
+        "Prints the address of a page on this host: a slider for each actuator, a face to drag, the\n"
+        "decoder's own renderer behind it.  Ctrl-C ends it.  Single pictures can be had as well:\n"
+        "ADDRESS/picture.jpg?jaw_drop=0.5&happiness=1&yaw=-20, names as in docs/animate.md.",
+        "  risorius view\n  risorius view --call anna.rzo --port 8000\n",
+    )
+    parser.add_argument(
+        "--call", type=Path, metavar="CALL", help="show the caller of this call file"
+    )
+    parser.add_argument(
+        "--port", type=_port, default=0, metavar="N", help="TCP port; 0: any free one (default: 0)"
+    )
+    parser.set_defaults(run=commands.run_view)
+
+
 def _add_demo(added: "Commands") -> None:
     parser = _add_command(
         added,
@@ -385,5 +404,6 @@ COMMANDS = (
     _add_replay,
     _add_info,
     _add_animate,
+    _add_view,
     _add_demo,
 )

@@ -185,6 +185,15 @@ def run_animate(arguments: argparse.Namespace) -> int:
     return INTERRUPTED if stop() else 0
 
 
+def run_view(arguments: argparse.Namespace) -> int:
+    """`risorius view`: being stopped is its normal end."""
+    from loopback.view import ViewOptions, view
+
+    with StopOnSignal(), suppress(KeyboardInterrupt):
+        view(ViewOptions(arguments.call, arguments.port), lambda url: print(url, flush=True))
+    return 0
+
+
 def run_demo(arguments: argparse.Namespace) -> int:
     """`risorius demo`."""
     from loopback.demo import demo

@@ -1,5 +1,6 @@
 """vertices = f(identity, parameters): eq. 2.10 with every actuator as a displacement field."""
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +41,12 @@ class Face:
         up = head.eau_up.reshape(len(EAUS), -1)
         down = head.eau_down.reshape(len(EAUS), -1)
         self._fields = np.ascontiguousarray(np.concatenate([up, down]))
+
+    def reshaped(self, aau: Array) -> "Face":
+        """This face with `aau` (len(AAUS),) added to its own AAUs."""
+        other = copy(self)
+        other.neutral = self.neutral + np.tensordot(aau, self.head.aau, 1)
+        return other
 
     def animate(self, eau: Array) -> Array:
         """Vertices (n, 3), mm, head frame, of actuators `eau` (len(EAUS),) (eq. 2.10)."""

@@ -163,9 +163,23 @@ def test_a_call_without_a_model_has_nobody_to_animate(tmp_path: Path) -> None:
         run(tmp_path, SCRIPT.replace("aau = { nose_width = 1 }", ""), call_file=empty)
 
 
-def test_a_callers_shape_is_their_own(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="brings their own aau"):
-        run(tmp_path, call_file=tmp_path / "call.rzo")
+def test_a_callers_camera_is_their_own(tmp_path: Path) -> None:
+    text = SCRIPT + "camera = { zoom = 2 }"
+    with pytest.raises(UserError, match="brings their own camera"):
+        run(tmp_path, text, call_file=tmp_path / "call.rzo")
+
+
+def test_a_callers_shape_changes_from_their_own(tmp_path: Path) -> None:
+    caller = call_file(tmp_path / "call.rzo")
+    text = "[[key]]\ntime = 0\naau = { nose_width = %d }\n[[key]]\ntime = 0.1\n"
+    own, wide = (run(tmp_path, "seconds = 0.04\n" + text % v, call_file=caller) for v in (0, 1))
+
+    def width_px(truth: dict[str, Any]) -> float:
+        left, right = (truth["frames"][0]["landmarks_px"][f"al_{side}"][0] for side in "lr")
+        return float(left - right)
+
+    assert width_px(wide[1]) > 1.05 * width_px(own[1])
+    assert not np.array_equal(own[0][0], wide[0][0])
 
 
 def test_a_head_behind_the_camera_is_the_scripts_mistake(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from protocol.recording import MAGIC, TruncatedCall, read_records, record
 from protocol.summary import summarise
 
 LIMIT_S = 60.0
-COMMANDS = ("encode", "decode", "relay", "bench", "replay", "info", "demo")
+COMMANDS = ("encode", "decode", "relay", "bench", "replay", "info", "animate", "view", "demo")
 
 Capture = pytest.CaptureFixture[str]
 

@@ -1,0 +1,149 @@
+"""Chromium without a window, told what to do over its DevTools pipe (file descriptors 3 and 4)."""
+
+import base64
+import fcntl
+import json
+import os
+import shutil
+import subprocess
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
+LIMIT_S = 30.0
+# Descriptors that are out of the way of those that Chromium expects.
+HIGH_FD = 20
+
+
+def find_browser() -> str | None:
+    """The path of a Chromium, None if there is none."""
+    return next(filter(None, map(shutil.which, PROGRAMS)), None)
+
+
+class Browser:
+    """One page of a browser of its own.
+
+    program: Chromium's path.  folder: for its profile.  width, height: of the window, pixels.
+    """
+
+    def __init__(self, program: str, folder: Path, width: int = 1280, height: int = 860) -> None:
+        to_browser, self._commands = os.pipe()
+        self._answers, from_browser = os.pipe()
+        to_browser, from_browser = (_moved(fd) for fd in (to_browser, from_browser))
+
+        def connect() -> None:
+            os.dup2(to_browser, 3)
+            os.dup2(from_browser, 4)
+
+        # As root in a container there is no sandbox, and no GPU on a server.
+        flags = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run"]
+        where = [f"--user-data-dir={folder}", f"--window-size={width},{height}"]
+        self._process = subprocess.Popen(
+            [program, *flags, *where, "--remote-debugging-pipe", "about:blank"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            pass_fds=(3, 4),
+            preexec_fn=connect,
+        )
+        os.close(to_browser)
+        os.close(from_browser)
+        self._number, self._rest = 0, b""
+        self._session: str | None = None
+        targets = self.call("Target.getTargets")["targetInfos"]
+        target = next(info["targetId"] for info in targets if info["type"] == "page")
+        attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
+        self._session = attached["sessionId"]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        # It ends, its helpers with it, when nobody is left to command it.
+        os.close(self._commands)
+        os.close(self._answers)
+        try:
+            self._process.wait(LIMIT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """One DevTools command and its result."""
+        self._number += 1
+        message: dict[str, Any] = {"id": self._number, "method": method, "params": parameters}
+        if self._session:
+            message["sessionId"] = self._session
+        os.write(self._commands, json.dumps(message).encode() + b"\0")
+        while True:
+            answer = self._receive()
+            if answer.get("id") == self._number:
+                assert "error" not in answer, answer["error"]
+                result: dict[str, Any] = answer["result"]
+                return result
+
+    def value(self, expression: str) -> Any:
+        """What a JavaScript expression is worth on the page."""
+        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
+        assert "exceptionDetails" not in answer, answer
+        return answer["result"].get("value")
+
+    def wait(self, condition: str) -> None:
+        """Wait until a JavaScript condition holds."""
+        deadline = time.monotonic() + LIMIT_S
+        while not self.value(condition):
+            assert time.monotonic() < deadline, f"still not: {condition}"
+            time.sleep(0.02)
+
+    def box(self, selector: str) -> tuple[float, float, float, float]:
+        """Left, top, width and height of an element in the window, scrolled into view."""
+        found = self.value(
+            f"(e => {{ e.scrollIntoView({{block: 'center'}}); const b = e.getBoundingClientRect();"
+            f" return [b.x, b.y, b.width, b.height]; }})(document.querySelector({selector!r}))"
+        )
+        left, top, width, height = found
+        return left, top, width, height
+
+    def mouse(self, kind: str, x: float, y: float) -> None:
+        """One event of the mouse: mousePressed, mouseMoved with it down, mouseReleased."""
+        self.call(
+            "Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1
+        )
+
+    def click(self, selector: str, across: float = 0.5) -> None:
+        """Press an element at this share of its width."""
+        left, top, width, height = self.box(selector)
+        for kind in ("mousePressed", "mouseReleased"):
+            self.mouse(kind, left + across * width, top + height / 2)
+
+    def screenshot(self) -> NDArray[np.uint8]:
+        """The window, (h, w, 3) uint8 BGR."""
+        data = base64.b64decode(self.call("Page.captureScreenshot")["data"])
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        assert picture is not None
+        return np.asarray(picture, dtype=np.uint8)
+
+    def _receive(self) -> dict[str, Any]:
+        while b"\0" not in self._rest:
+            data = os.read(self._answers, 1 << 16)
+            assert data, "the browser has gone"
+            self._rest += data
+        message, self._rest = self._rest.split(b"\0", 1)
+        answer: dict[str, Any] = json.loads(message)
+        return answer
+
+
+def _moved(fd: int) -> int:
+    high = fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, HIGH_FD)
+    os.close(fd)
+    return high
