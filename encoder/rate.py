@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 
 WINDOW_S = 5.0
 QUALITIES = 32
+# Packets of a call take turns between two neighbouring qualities: the rate is met more closely.
+TURNS = 8
 # Byte 0 of a packet and the length before it in a call file.
 OVERHEAD_BYTES = 2
 
@@ -31,10 +33,10 @@ class Spending:
 def code_call(values: Array, spreads: NDArray[Any], spending: Spending) -> list[CodedPacket]:
     """All packets of a call whose component values (t, n), in units, are known beforehand.
 
-    One quality serves the whole call, the finest whose packets keep within the rate; packets that
+    One level serves the whole call, the finest whose packets keep within the rate; packets that
     would take more than the rate within any window of `WINDOW_S` are coded more coarsely.
     """
-    low, high = 0, QUALITIES - 1
+    low, high = 0, TURNS * (QUALITIES - 1)
     best = _code_all(values, spreads, spending, high)
     allowed = spending.bitrate * len(values) / spending.fps
     while low < high:
@@ -52,8 +54,13 @@ def packet_bits(packet: CodedPacket) -> int:
     return 8 * (len(packet.payload) + OVERHEAD_BYTES)
 
 
+def packet_quality(level: int, number: int) -> int:
+    """The quality of packet `number` at a level, which counts in `1 / TURNS` quality."""
+    return (level + number * (TURNS // 2 + 1) % TURNS) // TURNS
+
+
 def _code_all(
-    values: Array, spreads: NDArray[Any], spending: Spending, quality: int
+    values: Array, spreads: NDArray[Any], spending: Spending, level: int
 ) -> list[CodedPacket]:
     predictor, purse = FramePredictor(spreads), Purse(spending)
     packets = []
@@ -70,7 +77,7 @@ def _code_all(
                 fresh=number == 0,
             )
 
-        packet = purse.buy(attempt, quality, end - start)
+        packet = purse.buy(attempt, packet_quality(level, number), end - start)
         predictor.anchor = packet.frames[-1]
         packets.append(packet)
     return packets

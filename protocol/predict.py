@@ -32,7 +32,7 @@ ABSOLUTE, ANCHOR = 0, 1
 KINDS = 5
 # Coarser steps the deeper the prediction, quarter octaves: errors of anchors spread, others do not.
 _KIND_STEP = (0, 0, 1, 3, 4)
-_QUARTERS = (256, 304, 362, 431)
+_QUARTERS = (64, 76, 91, 108)
 # What of an anchor is left in the next one, in sixteenths, and by how many quarter octaves this
 # prediction is better than holding the anchor, for a component whose anchors differ by 2 ** (d / 4)
 # times its own usual size, d = -7, -6, ... 2: in an autoregressive process, 1 - 2 ** (d / 2) / 2.
@@ -40,7 +40,9 @@ _DAMPING = (16, 15, 15, 14, 13, 12, 10, 8, 5, 0)
 _DAMPING_GAIN = (0, 0, 0, 0, 0, 0, 1, 1, 1, 2)
 
 MAX_SPREAD = 63
-_SPREAD_OFFSET = 16
+# From a spread to the table of its values at quality 0: in quarter octaves, 1/16 unit is 8 below the
+# finest step.
+_SPREAD_OFFSET = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +69,7 @@ def coding_order(count: int) -> tuple[Place, ...]:
 
 
 def step(quality: int, kind: int) -> int:
-    """The quantiser's step, in 1 / `UNIT`: 2 ** (quality / 4) units, more for deeper kinds."""
+    """The quantiser's step, in 1 / `UNIT`: 2 ** (quality / 4 - 2) units, more for deeper kinds."""
     quarters = quality + _KIND_STEP[kind]
     return _QUARTERS[quarters % 4] << quarters // 4
 

@@ -50,7 +50,7 @@ def walk(seed: int, count: int) -> Integers:
 
 
 def send(
-    sender: FramePredictor, sequence: int, wanted: Integers, quality: int = 4, fresh: bool = False
+    sender: FramePredictor, sequence: int, wanted: Integers, quality: int = 12, fresh: bool = False
 ) -> tuple[bytes, Integers]:
     """Quantise and code plainly; returns the payload and the frames a receiver gets."""
     head = PacketHead(quality, len(wanted), fresh)
@@ -112,7 +112,7 @@ def test_a_fresh_packet_needs_no_past() -> None:
 def test_a_still_face_costs_hardly_a_byte() -> None:
     sender = predictor()
     sender.anchor = np.zeros(len(SPREADS), dtype=np.int64)
-    payload, _ = send(sender, 1, np.zeros((USUAL, len(SPREADS)), dtype=np.int64), quality=0)
+    payload, _ = send(sender, 1, np.zeros((USUAL, len(SPREADS)), dtype=np.int64), quality=8)
     assert len(payload) <= 6
 
 
@@ -130,7 +130,7 @@ def test_every_frame_is_coded_once_after_those_it_is_between(count: int) -> None
 def test_steps_double_every_four_qualities() -> None:
     for kind in range(KINDS):
         assert [step(q + 4, kind) for q in range(28)] == [2 * step(q, kind) for q in range(28)]
-    assert step(0, 0) == UNIT
+    assert step(8, 0) == UNIT
 
 
 def test_parents_are_the_frames_within_the_packet() -> None:

@@ -1,0 +1,63 @@
+"""Quantisation weighs harm against bits and leaves encoder and decoder with the same frames."""
+
+import numpy as np
+import pytest
+
+from encoder.quantiser import WORTH, code_packet
+from protocol.predict import KINDS, UNIT, FramePredictor, decode_packet, step
+
+USUAL, COMPONENTS = 8, 10
+
+
+def predictor() -> FramePredictor:
+    return FramePredictor(np.tile([40, 34, 30, 28, 26], (COMPONENTS, 1)))
+
+
+def targets(scale: float, seed: int = 2) -> np.ndarray:
+    """(8, n) values, units, of frames that move smoothly."""
+    rng = np.random.default_rng(seed)
+    return np.asarray(np.cumsum(rng.normal(size=(USUAL, COMPONENTS)), axis=0) * scale)
+
+
+@pytest.mark.parametrize("quality", [0, 8, 16, 31])
+def test_a_decoder_gets_the_encoders_frames(quality: int) -> None:
+    sender, receiver = predictor(), predictor()
+    for sequence in range(5):
+        packet = code_packet(sender, sequence, USUAL, targets(3, sequence), quality)
+        frames = decode_packet(receiver, sequence, USUAL, packet.payload)
+        assert np.array_equal(frames, packet.frames)
+        sender.anchor = packet.frames[-1]
+
+
+@pytest.mark.parametrize("quality", [0, 8, 16])
+def test_no_value_is_further_off_than_its_bits_are_worth(quality: int) -> None:
+    wanted = targets(4)
+    packet = code_packet(predictor(), 0, USUAL, wanted, quality, fresh=True)
+    error = np.abs(packet.frames / UNIT - wanted)
+    # A value may be a step too small, or zero where a first bit costs more than it mends.
+    assert error.max() <= (1 + np.sqrt(16 * WORTH)) * step(quality, KINDS - 1) / UNIT
+    assert np.sqrt((error**2).mean()) < step(quality, KINDS - 1) / UNIT
+
+
+def test_finer_qualities_cost_more_and_harm_less() -> None:
+    wanted, sizes, errors = targets(4), [], []
+    for quality in (0, 8, 16, 24):
+        packet = code_packet(predictor(), 0, USUAL, wanted, quality)
+        sizes.append(len(packet.payload))
+        errors.append(float(((packet.frames / UNIT - wanted) ** 2).sum()))
+    assert sizes == sorted(sizes, reverse=True) and errors == sorted(errors)
+
+
+def test_what_is_not_worth_its_bits_is_not_sent() -> None:
+    nothing = code_packet(predictor(), 1, USUAL, np.zeros((USUAL, COMPONENTS)), 8)
+    little = code_packet(predictor(), 1, USUAL, np.full((USUAL, COMPONENTS), 0.3), 8)
+    assert little.payload == nothing.payload
+    assert not little.frames.any()
+
+
+def test_coding_does_not_move_the_predictor() -> None:
+    sender = predictor()
+    sender.anchor = np.arange(COMPONENTS, dtype=np.int64)
+    first = code_packet(sender, 3, USUAL, targets(2), 8)
+    assert np.array_equal(sender.anchor, np.arange(COMPONENTS))
+    assert code_packet(sender, 3, USUAL, targets(2), 8).payload == first.payload
