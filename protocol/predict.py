@@ -40,7 +40,7 @@ _DAMPING = (16, 15, 15, 14, 13, 12, 10, 8, 5, 0)
 _DAMPING_GAIN = (0, 0, 0, 0, 0, 0, 1, 1, 1, 2)
 
 MAX_SPREAD = 63
-# From a spread to the table of its values at quality 0: in quarter octaves, 1/16 unit is 8 below the
+# From a spread to the table of its values at quality 0: 1/16 unit is 8 quarter octaves below the
 # finest step.
 _SPREAD_OFFSET = 8
 
