@@ -126,7 +126,7 @@ UP: Mapping[str, Actuator] = {
     "eyebrow_middle": _pulls((m.FRONTALIS_MAJOR, 1.0)),
     "eyebrow_inner": _pulls((m.FRONTALIS_INNER, 1.0)),
     "eyebrow_outer": _pulls((m.FRONTALIS_OUTER, 1.0)),
-    "nose_base": _pulls((m.NASI_LABII, 1.0), (m.PROCERUS, 0.8), (m.DEPRESSOR_SUPERCILII, 0.6)),
+    "nose_base": _pulls((m.NASI_LABII, 1.0), (m.PROCERUS, 0.5), (m.DEPRESSOR_SUPERCILII, 0.6)),
     "lid_left": Actuator(lambda h: _lids(h, "l", 0.95, 0.12), "lids over the eyeball"),
     "lid_right": Actuator(lambda h: _lids(h, "r", 0.95, 0.12), "lids over the eyeball"),
     "gaze_horizontal": Actuator(lambda h: _gaze(h, 1, 0), "eyeballs"),
@@ -140,7 +140,7 @@ DOWN: Mapping[str, Actuator] = {
     "mouth_corners": _pulls((m.ANGULI_DEPRESSOR, 1.0)),
     "eyebrow_middle": _pulls((m.LATERAL_CORRUGATOR, 0.25), (m.DEPRESSOR_SUPERCILII, 0.9)),
     "eyebrow_inner": _pulls(
-        (m.LATERAL_CORRUGATOR, 0.3), (m.PROCERUS, 1.0), (m.DEPRESSOR_SUPERCILII, 0.45)
+        (m.LATERAL_CORRUGATOR, 0.3), (m.PROCERUS, 0.6), (m.DEPRESSOR_SUPERCILII, 0.45)
     ),
     "eyebrow_outer": _pulls((m.ORBICULARIS_OCULI, 1.0)),
     "lid_left": Actuator(lambda h: _lids(h, "l", -0.55, -0.04), "upper lid raised"),
