@@ -1,0 +1,50 @@
+"""The coding gain table: every row codes the same values, more cheaply from step to step."""
+
+import numpy as np
+import pytest
+
+from encoder.combine import combine, project
+from protocol.components import GEOMETRY
+from scripts.coding_gain import ROWS, Material, between, gains, markdown, optimised, predicted
+
+
+@pytest.fixture(scope="module")
+def material() -> Material:
+    """Seven seconds of values that move together, three at a time."""
+    rng = np.random.default_rng(5)
+    d, count = GEOMETRY + 2, 180
+    sources = np.zeros((count, 3))
+    for t in range(1, count):
+        sources[t] = 0.95 * sources[t - 1] + rng.normal(size=3)
+    vectors = sources @ rng.normal(size=(3, d)) * 0.3 + rng.normal(size=(count, d)) * 0.02
+    harm = np.diag(rng.uniform(50, 500, d))
+    components = combine(vectors, harm, (b"one", b"two"), 8)
+    return Material(vectors, harm, components, project(components, vectors, harm), 25.0)
+
+
+def test_steps_save_bits(material: Material) -> None:
+    found = gains(material, 4.0)
+    assert list(found) == list(ROWS)
+    bits = [found[row] for row in ROWS]
+    # Steady as these values are, contexts have nothing to adapt to.
+    assert all(after < 1.03 * before for before, after in zip(bits[:-1], bits[1:-1], strict=False))
+    assert bits[-2] < bits[0] / 5
+    # What is sent in the end is whole bytes.
+    assert bits[-2] < bits[-1] < 1.4 * bits[-2]
+
+
+def test_finer_steps_cost_more_and_harm_less(material: Material) -> None:
+    for way in (predicted, optimised):
+        coarse, fine = way(material, 12), way(material, 4)
+        assert fine.harm < coarse.harm
+        assert all(fine.bps[row] > coarse.bps[row] for row in fine.bps)
+        halfway = between([coarse, fine], np.sqrt(fine.harm * coarse.harm))
+        assert all(coarse.bps[row] < halfway[row] < fine.bps[row] for row in fine.bps)
+        assert all(np.isnan(bps) for bps in between([coarse, fine], 1e9).values())
+
+
+def test_the_table_says_what_each_row_saves() -> None:
+    columns = {"a": {row: 1000.0 / 2**n for n, row in enumerate(ROWS)}}
+    lines = markdown(columns).splitlines()
+    assert len(lines) == 2 + len(ROWS)
+    assert lines[2].endswith("| 1000 |  |") and lines[3].endswith("| 500 | 50 % |")
