@@ -1,5 +1,7 @@
 """The coding gain table: every row codes the same values, more cheaply from step to step."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -27,7 +29,7 @@ def test_steps_save_bits(material: Material) -> None:
     assert list(found) == list(ROWS)
     bits = [found[row] for row in ROWS]
     # Steady as these values are, contexts have nothing to adapt to.
-    assert all(after < 1.03 * before for before, after in zip(bits[:-1], bits[1:-1], strict=False))
+    assert all(after < 1.03 * before for before, after in pairwise(bits[:-1]))
     assert bits[-2] < bits[0] / 5
     # What is sent in the end is whole bytes.
     assert bits[-2] < bits[-1] < 1.4 * bits[-2]
