@@ -21,6 +21,9 @@ EYE_CORNERS = (33, 263)
 _MARGIN = 1.5
 # Samples averaged along a side of a crop's pixel, at most: beyond, time grows and nothing else.
 _MOST_SAMPLES = 2
+# The detector takes long where there is no face: it rests one frame more after each vain search,
+# up to so many.
+_LONGEST_REST = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +88,7 @@ class LandmarkTracker:
         self._detector = detector
         self._least_score = least_score
         self._square: Square | None = None
+        self._vain = self._rest = 0
         self.faces_seen = 0
 
     def update(self, frame: Frame) -> Landmarks | None:
@@ -96,7 +100,20 @@ class LandmarkTracker:
         self._square = square_from_landmarks(found.points) if found else None
         return found
 
+    def steer(self, square: Square | None) -> None:
+        """Look there in the next frame; None: ask the detector."""
+        self._square = square
+
     def _redetect(self, frame: Frame) -> Landmarks | None:
+        if self._rest:
+            self._rest -= 1
+            return None
+        found = self._search(frame)
+        self._vain = 0 if found else min(self._vain + 1, _LONGEST_REST)
+        self._rest = self._vain
+        return found
+
+    def _search(self, frame: Frame) -> Landmarks | None:
         faces = self._detector.detect(frame)
         self.faces_seen = len(faces)
         for face in faces:
@@ -123,9 +140,12 @@ def square_from_detection(face: Detection) -> Square:
 
 
 def square_from_landmarks(points: Array) -> Square:
-    """Where the network should look for the face whose landmarks (468, 3) are `points`."""
+    """Where the network should look for the face whose landmarks (468, >= 2) are `points`.
+
+    Points that are nan are not known; the corners of the eyes must be.
+    """
     along = points[EYE_CORNERS[1]] - points[EYE_CORNERS[0]]
-    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    low, high = np.nanmin(points[:, :2], axis=0), np.nanmax(points[:, :2], axis=0)
     side = _MARGIN * float(np.max(high - low))
     return Square((low + high) / 2, side, float(np.arctan2(along[1], along[0])))
 

@@ -21,7 +21,8 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
-LARGEST_ATLAS = 192
+# Texels a side, coarse to fine.
+LARGEST_ATLASES = (56, 192)
 # Eyes look about and blink without the actuators that are followed.
 EYE_WEIGHT = 0.3
 # Share of a new frame in the texture where the first frame did not show it.
@@ -34,7 +35,7 @@ GOOD_CORRELATION = 0.8
 class Refined:
     """A fit of the textured model.
 
-    face: pose and actuators.  correlation: of picture and texture over the texels seen, -1..1,
+    face: pose, actuators and, as modes, gain, offset and slope of light.  correlation: of picture and texture over the texels seen, -1..1,
     apart from low-order light.
     """
 
@@ -46,13 +47,20 @@ class OwnTexture:
     """Texture of one caller, fitted to pictures with gain, offset and a slope of light.
 
     face: the caller's shape.  frame, start: the picture (h, w, 3) BGR that shows the texture.
+    largest_atlas: texels a side, at most.
     """
 
     def __init__(
-        self, head: Head, face: Face, camera: Camera, frame: Picture, start: FaceParameters
-    ):
+        self,
+        head: Head,
+        face: Face,
+        camera: Camera,
+        frame: Picture,
+        start: FaceParameters,
+        largest_atlas: int,
+    ) -> None:
         rest = face.animate(start.eau)
-        size = fitting_size(atlas_of(head, 64), camera, start.pose, rest, LARGEST_ATLAS)
+        size = fitting_size(atlas_of(head, 64), camera, start.pose, rest, largest_atlas)
         atlas = atlas_of(head, size)
         self._face, self._camera = face, camera
         self._outline = np.flatnonzero(head.opacity > 0.5)
@@ -65,6 +73,7 @@ class OwnTexture:
         across = 2 * thin.columns.astype(np.float32) / size - 1
         along = 2 * thin.rows.astype(np.float32) / size - 1
         self._light = np.stack([np.ones_like(across), across, along])
+        self._lit = np.zeros(4)
         self._mean = self._sampled(self._crop(frame, start), start)
         self._known = self._refiner.seen(start) & (self._worth > 0)
         self._rebuild()
@@ -74,13 +83,16 @@ class OwnTexture:
     ) -> Refined:
         """The face near `start` that explains `frame` best; `active` actuators may move."""
         crop = self._crop(frame, start)
-        found = self._refiner.refine(crop, start, iterations, active)
-        texels = self._sampled(crop, found)
-        seen = self._refiner.seen(found)
-        correlation = self._correlation(texels, seen)
-        if correlation > GOOD_CORRELATION:
-            self._fill(texels, seen, found.modes)
-        return Refined(replace(found, modes=start.modes), correlation)
+        found = self._refiner.refine(crop, replace(start, modes=self._lit), iterations, active)
+        texels, seen = self._sampled(crop, found), self._refiner.seen(found)
+        return Refined(found, self._correlation(texels, seen))
+
+    def learn(self, frame: Picture, refined: Refined) -> None:
+        """Keep the light of a frame well explained, and what the first one did not show."""
+        self._lit = refined.face.modes
+        if refined.correlation > GOOD_CORRELATION:
+            texels = self._sampled(self._crop(frame, refined.face), refined.face)
+            self._fill(texels, self._refiner.seen(refined.face), refined.face.modes)
 
     def _fill(self, texels: Single, seen: NDArray[np.bool_], coefficients: Array) -> None:
         """Take from a frame what the first one did not show, as the first one's light had it."""

@@ -28,6 +28,8 @@ Single = NDArray[np.float32]
 ROBUST_GREY = 25.0
 EAU_SIGMA = 0.25
 NOISE_GREY = 6.0
+# How much a step is damped after one that led astray.
+FIRST_DAMPING = 0.1
 # Neighbouring texels err together; this many texels count as one.
 CORRELATED_TEXELS = 10.0
 # Texels that a fit looks at.
@@ -88,43 +90,85 @@ class Refiner:
 
         active: the actuators that may move; the others stay where `start` has them.
         """
-        shape, template, free = self.shape, self.template, np.asarray(active, np.intp)
-        grey = luma(crop.picture)
-        stack = np.dstack([grey, *_gradients(grey)])
-        face, coefficients = start, np.zeros(len(template.modes))
-        shown = template.weight * self.seen(start)
-        precision = CORRELATED_TEXELS * float(shown.mean()) * (NOISE_GREY / EAU_SIGMA) ** 2
-        eau = np.arange(6, 6 + len(free))
+        free = np.asarray(active, np.intp)
+        view = self._view(crop, start)
+        modes = len(self.template.modes)
+        light = start.modes if len(start.modes) == modes else np.zeros(modes)
+        trial = best = self._linearise(view, replace(start, modes=light), free)
+        damping = 0.0
         for _ in range(iterations):
-            seen = sample(stack, crop.from_frame(shape.positions(face)))
-            change = shape.change(face, seen[:, 1:] * crop.scale.astype(np.float32), free)
-            rows = np.concatenate([change, -template.modes.T], axis=1)
-            residual = seen[:, 0] - template.mean
-            unexplained = residual - coefficients.astype(np.float32) @ template.modes
-            weighted = rows * (shown * _robust(unexplained))[:, None]
-            normal = (rows.T @ weighted).astype(np.float64)
-            gradient = -(weighted.T @ residual).astype(np.float64)
-            normal[eau, eau] += precision
-            gradient[eau] += precision * (start.eau - face.eau)[free]
-            normal[np.diag_indices(len(normal))] *= 1 + 1e-6
-            found = np.linalg.solve(normal, gradient)
-            step = np.zeros(6 + len(EAUS))
-            step[np.r_[0:6, 6 + free]] = found[: 6 + len(free)]
-            face, coefficients = moved(face, step), found[6 + len(free) :]
-        return replace(face, modes=self._coefficients(stack, crop, face, shown))
+            trial = self._linearise(view, _stepped(best, free, damping), free)
+            if trial.cost <= best.cost:
+                best, damping = trial, damping / 10
+            else:
+                damping = max(10 * damping, FIRST_DAMPING)
+        return replace(best.face, modes=self._coefficients(view, best.face))
 
-    def _coefficients(
-        self, stack: Single, crop: Crop, face: FaceParameters, weight: Single
-    ) -> Array:
+    def _view(self, crop: Crop, start: FaceParameters) -> "_View":
+        grey = luma(crop.picture)
+        shown = self.template.weight * self.seen(start)
+        precision = CORRELATED_TEXELS * float(shown.mean()) * (NOISE_GREY / EAU_SIGMA) ** 2
+        return _View(crop, np.dstack([grey, *_gradients(grey)]), shown, start, precision)
+
+    def _linearise(self, view: "_View", face: FaceParameters, free: NDArray[np.intp]) -> "_Linear":
+        """The normal equations of eq. 2.27 at `face` and its coefficients."""
+        template, shape = self.template, self.shape
+        seen = sample(view.stack, view.crop.from_frame(shape.positions(face)))
+        change = shape.change(face, seen[:, 1:] * view.crop.scale.astype(np.float32), free)
+        rows = np.concatenate([change, -template.modes.T], axis=1)
+        residual = seen[:, 0] - template.mean
+        left = residual - face.modes.astype(np.float32) @ template.modes
+        weighted = rows * (view.shown * _robust(left))[:, None]
+        normal = (rows.T @ weighted).astype(np.float64)
+        gradient = -(weighted.T @ residual).astype(np.float64)
+        away, eau = (view.start.eau - face.eau)[free], np.arange(6, 6 + len(free))
+        normal[eau, eau] += view.precision
+        gradient[eau] += view.precision * away
+        cost = float(view.shown @ _robust_cost(left)) + view.precision * float(away @ away)
+        return _Linear(face, normal, gradient, cost)
+
+    def _coefficients(self, view: "_View", face: FaceParameters) -> Array:
         """(m,) least-squares coefficients of the template's modes at a given shape."""
         modes = self.template.modes
         if not len(modes):
             return np.zeros(0)
-        seen = sample(stack, crop.from_frame(self.shape.positions(face)))[:, 0]
-        weighted = (modes * weight).astype(np.float64)
+        seen = sample(view.stack, view.crop.from_frame(self.shape.positions(face)))[:, 0]
+        weighted = (modes * view.shown).astype(np.float64)
         normal = weighted @ modes.T
         normal[np.diag_indices(len(normal))] *= 1 + 1e-4
         return np.asarray(np.linalg.solve(normal, weighted @ (seen - self.template.mean)))
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    """A picture to explain: its luma and gradients, the texels' weights, the first guess."""
+
+    crop: Crop
+    stack: Single
+    shown: Single
+    start: FaceParameters
+    precision: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Linear:
+    """Normal equations at a face with coefficients `face.modes`, and its cost."""
+
+    face: FaceParameters
+    normal: Array
+    gradient: Array
+    cost: float
+
+
+def _stepped(at: _Linear, free: NDArray[np.intp], damping: float) -> FaceParameters:
+    """Where the normal equations lead, damped after Marquardt; coefficients are not damped."""
+    size = 6 + len(free)
+    more = np.full(len(at.normal), 1e-6)
+    more[:size] += damping
+    found = np.linalg.solve(at.normal + np.diag(more * np.diag(at.normal)), at.gradient)
+    step = np.zeros(6 + len(EAUS))
+    step[np.r_[0:6, 6 + free]] = found[:size]
+    return replace(moved(at.face, step), modes=found[size:])
 
 
 def _gradients(grey: Single) -> tuple[Single, Single]:
@@ -132,6 +176,12 @@ def _gradients(grey: Single) -> tuple[Single, Single]:
     u = cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
     v = cv2.Sobel(grey, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
     return np.asarray(u, np.float32), np.asarray(v, np.float32)
+
+
+def _robust_cost(residual: Single) -> Single:
+    """Squared grey levels (k,), of outliers only their logarithm: what `_robust` minimises."""
+    square = np.float32(ROBUST_GREY**2)
+    return np.asarray(square * np.log1p(residual**2 / square))
 
 
 def _robust(residual: Single) -> Single:

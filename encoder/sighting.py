@@ -20,10 +20,10 @@ from encoder.fit import (
     start_parameters,
 )
 from encoder.haar import HaarDetector
-from encoder.landmarks import LandmarkTracker
+from encoder.landmarks import COUNT, LandmarkTracker, Square, square_from_landmarks
 from shared_model.animate import identity_from_controls
 from shared_model.anthropometry import residual_basis
-from shared_model.geometry import Camera
+from shared_model.geometry import Camera, pixel_from_head
 from shared_model.mesh import Head
 from shared_model.parameters import AAUS, FaceParameters
 
@@ -92,6 +92,8 @@ class NetworkSighter:
 
     def sight(self, frame: Picture, near: FaceParameters | None) -> Sight | None:
         """See `Sighter`."""
+        # The tracker knows better than the network's last landmarks where the face is.
+        self._tracker.steer(None if near is None else self._square(near))
         points = self._points(frame)
         if points is None:
             return None
@@ -102,6 +104,14 @@ class NetworkSighter:
         eyes_px = np.linalg.norm(points[EYE_CORNERS[0], :2] - points[EYE_CORNERS[1], :2])
         variance = np.full(self.point_count, (SIGMA * eyes_px) ** 2)
         return Sight(face, shape, points[model.index[self._chosen], :2], variance)
+
+    def _square(self, face: FaceParameters) -> Square:
+        """Where the network should look for the caller's face."""
+        points = np.full((COUNT, 3), np.nan)
+        points[self._model.index, :2] = pixel_from_head(
+            self._camera, face.pose, points_in(self._model, face.eau)
+        )
+        return square_from_landmarks(points)
 
     def _points(self, frame: Picture) -> Array | None:
         found = self._tracker.update(frame)

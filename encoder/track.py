@@ -13,7 +13,7 @@ from encoder.align import pose_from_points
 from encoder.ekf import Doubt, Estimate, FaceFilter
 from encoder.fit import Fitted
 from encoder.klt import EYE_DISTANCE_MM, KltTracker, Tracks
-from encoder.own_texture import OwnTexture, Refined
+from encoder.own_texture import LARGEST_ATLASES, OwnTexture, Refined
 from encoder.sighting import Sight, Sighter
 from shared_model.animate import Face
 from shared_model.geometry import pixel_from_head
@@ -31,12 +31,18 @@ ABS_EAU_SIGMA = 0.05
 NETWORK_EAU_SIGMA = 0.12
 # The fit of the textured model moves the whole face; it tells the filter by so many points.
 ANCHORS = 20
-ITERATIONS = 3
-RECOVERY_ITERATIONS = 10
+# Steps of the fit, coarse and fine.
+ITERATIONS = (4, 3)
+RECOVERY_ITERATIONS = (8, 5)
+
+# The fit goes on from where the face was expected unless another start explains so much more.
+CLEARLY_BETTER = 0.01
 
 # Frames in a row that must look bad before the face counts as lost, and what is bad.
 BAD_FRAMES = 3
 LEAST_CORRELATION = 0.5
+# Where the landmark network sees no face, the texture has to be the surer.
+UNSEEN_CORRELATION = 0.75
 LEAST_SHARE = 0.3
 # A face found again must look more like the caller than one merely held.
 FOUND_CORRELATION = 0.6
@@ -48,7 +54,7 @@ class Caller:
 
     fitted: Fitted
     face: Face
-    texture: OwnTexture
+    textures: tuple[OwnTexture, ...]
     klt: KltTracker
     anchors: NDArray[np.int32]
 
@@ -101,10 +107,12 @@ class TrackingFollower:
         if fitted is None:
             return None
         face, start, camera = Face(self._head, fitted.identity), fitted.frames[0], fitted.camera
-        texture = OwnTexture(self._head, face, camera, frame, start)
+        textures = tuple(
+            OwnTexture(self._head, face, camera, frame, start, size) for size in LARGEST_ATLASES
+        )
         klt = KltTracker(face, frame, camera, start)
         spread = np.linspace(0, len(klt.index) - 1, min(ANCHORS, len(klt.index)))
-        self._caller = Caller(fitted, face, texture, klt, klt.index[spread.astype(int)])
+        self._caller = Caller(fitted, face, textures, klt, klt.index[spread.astype(int)])
         self._restart(self._caller, start)
         return start
 
@@ -127,10 +135,13 @@ class TrackingFollower:
         start = self._fuse(caller, predicted, sight, tracks)
         refined = None
         if self._has("abs"):
-            refined = caller.texture.refine(frame, start, self._active, ITERATIONS)
+            refined = self._refine(caller, frame, self._starts(start, sight), ITERATIONS)
         if self._is_bad(sight, tracks, refined):
             return self._miss(last)
         found = self._correct(caller, start, refined)
+        if refined is not None:
+            for texture in caller.textures:
+                texture.learn(frame, refined)
         caller.klt.put_back(frame, camera, found)
         self._last, self._bad = found, 0
         return found
@@ -165,6 +176,29 @@ class TrackingFollower:
         points, pixels = tracks.points_mm[ok], tracks.pixels[ok]
         pose = pose_from_points(caller.fitted.camera, points, pixels, predicted.pose)
         return replace(predicted, pose=pose)
+
+    def _refine(
+        self,
+        caller: Caller,
+        frame: Picture,
+        starts: Sequence[FaceParameters],
+        iterations: Sequence[int],
+    ) -> Refined:
+        """Fit the textured model, coarse to fine; only the best start goes on to be fitted fine."""
+        steps = zip(caller.textures, iterations, strict=True)
+        for texture, count in steps:
+            refined = [texture.refine(frame, face, self._active, count) for face in starts]
+            best = max(refined, key=lambda r: r.correlation)
+            if best.correlation < refined[0].correlation + CLEARLY_BETTER:
+                best = refined[0]
+            starts = [best.face]
+        return best
+
+    def _starts(self, start: FaceParameters, sight: Sight | None) -> list[FaceParameters]:
+        """Where the fit may start: an expression lost sight of is found by its landmarks."""
+        if sight is None:
+            return [start]
+        return [start, replace(start, eau=sight.face.eau), sight.face]
 
     def _correct(
         self, caller: Caller, start: FaceParameters, refined: Refined | None
@@ -210,11 +244,10 @@ class TrackingFollower:
         return self._filter.update(points, pixels, variance, eau, eau_variance)
 
     def _is_bad(self, sight: Sight | None, tracks: Tracks | None, refined: Refined | None) -> bool:
-        if self._measured_by_network() and sight is None:
-            return True
+        unseen = self._measured_by_network() and sight is None
         if refined is not None:
-            return refined.correlation < LEAST_CORRELATION
-        return sight is None and tracks is not None and tracks.share < LEAST_SHARE
+            return refined.correlation < (UNSEEN_CORRELATION if unseen else LEAST_CORRELATION)
+        return unseen or (tracks is not None and tracks.share < LEAST_SHARE)
 
     def _miss(self, last: FaceParameters) -> FaceParameters | None:
         """Hold the last face for a few frames, then give it up."""
@@ -231,7 +264,7 @@ class TrackingFollower:
             return None
         found = sight.face
         if self._has("abs"):
-            refined = caller.texture.refine(frame, found, self._active, RECOVERY_ITERATIONS)
+            refined = self._refine(caller, frame, [found], RECOVERY_ITERATIONS)
             if refined.correlation < FOUND_CORRELATION:
                 return None
             found = refined.face

@@ -1,0 +1,199 @@
+"""Synthetic-pose-expression experiment (thesis 5.3.1): python -m scripts.track_synthetic CALL...
+
+Draws each caller of the given call files (thesis profile) turning, nodding, tilting and making
+faces, follows the video with the whole tracker and with each part left out, and prints root mean
+square errors (eq. 5.1) as Markdown.  --out takes the sequences, figures.json and charts.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.capture import open_source
+from encoder.follow import FollowOptions, open_follower
+from loopback.animate import AnimateOptions, animate
+from scripts.line_charts import Chart, draw_charts
+from shared_model.geometry import euler_deg
+from shared_model.mesh import generic_head
+from shared_model.parameters import EAU_INDEX, THESIS_EAUS, FaceParameters
+
+Array = NDArray[np.float64]
+
+ANGLES = ("pitch", "yaw", "roll")
+THESIS_RMSE = (3.395, 4.565, 2.552, 0.095, 0.122, 0.256, 0.105)
+FPS, KEY_S = 25, 0.2
+# Track -> (amplitude, period in s).  Periods have no common multiple within the sequence, so that
+# extremes meet in many ways.
+POSE = {"yaw": (40.0, 6.1), "pitch": (25.0, 4.7), "roll": (30.0, 7.3)}
+EAUS = {
+    "jaw_drop": (0.8, 1.7),
+    "mouth_corners": (0.8, 2.3),
+    "eyebrow_middle": (0.8, 3.1),
+    "eyebrow_inner": (0.8, 2.7),
+}
+LIGHT = {"brightness": (0.15, 5.0), "side": (0.4, 8.3)}
+
+CONFIGURATIONS: Mapping[str, FollowOptions] = {
+    "all parts": FollowOptions(tracker="full"),
+    "without EKF": FollowOptions(tracker="full", without=frozenset({"ekf"})),
+    "without ABS": FollowOptions(tracker="full", without=frozenset({"abs"})),
+    "without KLT": FollowOptions(tracker="full", without=frozenset({"klt"})),
+    "without network after frame 1": FollowOptions(tracker="full", without=frozenset({"network"})),
+    "no network at all (Viola-Jones)": FollowOptions("haar", "full"),
+    "network alone, each frame": FollowOptions(tracker="single"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """What a tracker said: (t, 7) angles and actuators, nan where it was lost; its focal length."""
+
+    values: Array
+    focal_px: float
+
+
+def main(arguments: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("call", nargs="+", type=Path)
+    parser.add_argument("--out", type=Path, default=Path("out/tracking"))
+    parser.add_argument("--frames", type=int, default=600)
+    parser.add_argument("--only", nargs="+", default=list(CONFIGURATIONS), metavar="CONFIGURATION")
+    options = parser.parse_args(arguments)
+    options.out.mkdir(parents=True, exist_ok=True)
+    script = options.out / "calibration.toml"
+    script.write_text(calibration_script(options.frames / FPS))
+    figures: dict[str, dict[str, Any]] = {}
+    for call in options.call:
+        video, truth = draw(script, call, options.out)
+        found = {name: follow(video, CONFIGURATIONS[name]) for name in options.only}
+        figures[call.stem] = {name: errors(f, truth) for name, f in found.items()}
+        draw_figures(options.out / call.stem, truth, found)
+    (options.out / "figures.json").write_text(json.dumps(figures, indent=1))
+    print(error_table(figures))
+    return 0
+
+
+def calibration_script(seconds: float) -> str:
+    """An animation script (docs/animate.md): every track swings, at rest in the first picture."""
+    lines = [f"seconds = {seconds}", f"fps = {FPS}", "noise = 2.0"]
+    for time_s in np.arange(0, seconds, KEY_S):
+
+        def swing(tracks: Mapping[str, tuple[float, float]], about: Mapping[str, float]) -> str:
+            values = {
+                name: about.get(name, 0.0) + a * np.sin(2 * np.pi * time_s / period)  # noqa: B023
+                for name, (a, period) in tracks.items()
+            }
+            # A jaw only opens: it swings from shut to its amplitude.
+            if "jaw_drop" in tracks:
+                a, period = tracks["jaw_drop"]
+                values["jaw_drop"] = a * np.sin(np.pi * time_s / period) ** 2  # noqa: B023
+            return ", ".join(f"{name} = {value:.4f}" for name, value in values.items())
+
+        lines += [
+            "[[key]]",
+            f"time = {time_s:.3f}",
+            f"pose = {{ {swing(POSE, {})} }}",
+            f"eau = {{ {swing(EAUS, {})} }}",
+            f"light = {{ {swing(LIGHT, {'brightness': 1.0})} }}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def draw(script: Path, call: Path, out: Path) -> tuple[Path, dict[str, Any]]:
+    """The sequence of one caller, drawn where it is not there yet, and its truth."""
+    video = out / f"{call.stem}.mkv"
+    if not video.exists():
+        animate(AnimateOptions(script, video, call_file=call), lambda *_: None, lambda: False)
+    return video, json.loads(video.with_suffix(".json").read_text())
+
+
+def follow(video: Path, options: FollowOptions) -> Followed:
+    """Follow a video from its first frame."""
+    active = [EAU_INDEX[name] for name in THESIS_EAUS]
+    with open_source(str(video)) as capture:
+        size, elapsed_s = (capture.width, capture.height), float(1 / capture.fps)
+        follower = open_follower(options, generic_head(), size, active, elapsed_s, _warn)
+        values = [_values(follower.update(frame)) for _, frame in capture]
+    try:
+        focal_px = follower.fitted.camera.focal_px
+    except ValueError:
+        focal_px = float("nan")
+    return Followed(np.array(values), focal_px)
+
+
+def _values(face: FaceParameters | None) -> Array:
+    if face is None:
+        return np.full(len(ANGLES) + len(THESIS_EAUS), np.nan)
+    return np.r_[euler_deg(face.pose), [face.eau[EAU_INDEX[name]] for name in THESIS_EAUS]]
+
+
+def true_values(truth: Mapping[str, Any]) -> Array:
+    """(t, 7) angles in degrees and actuators."""
+    at = [truth["eaus"].index(name) for name in THESIS_EAUS]
+    rows = [[*f["pitch_yaw_roll_deg"], *np.array(f["eau"])[at]] for f in truth["frames"]]
+    return np.array(rows)
+
+
+def errors(found: Followed, truth: Mapping[str, Any]) -> dict[str, Any]:
+    """Root mean square errors, also about their mean; share of frames lost; focal length.
+
+    Somebody else's idea of a straight face differs by a constant: the errors about their mean do
+    not count it.
+    """
+    expected = true_values(truth)
+    off = found.values[: len(expected)] - expected[: len(found.values)]
+    off[:, :3] = (off[:, :3] + 180) % 360 - 180
+    focal = truth["frames"][0]["focal_px"]
+    return {
+        "rmse": np.sqrt(np.nanmean(off**2, axis=0)).tolist(),
+        "about_mean": np.nanstd(off, axis=0).tolist(),
+        "lost": float(np.isnan(off[:, 0]).mean()),
+        "focal_percent": 100 * (found.focal_px / focal - 1),
+    }
+
+
+def error_table(figures: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
+    """Markdown: errors of each configuration and caller, the mean of all callers, the thesis'."""
+    names = [*ANGLES, *(name.replace("_", " ") for name in THESIS_EAUS), "lost %", "focal %"]
+    lines = ["| | caller | " + " | ".join(names) + " |", "|---" * (len(names) + 2) + "|"]
+    lines.append(f"| thesis | | {_cells(THESIS_RMSE)} | | |")
+    for name in next(iter(figures.values())):
+        rows = {caller: of[name] for caller, of in figures.items()}
+        for caller, row in rows.items():
+            cells = f"{_cells(row['rmse'])} | {100 * row['lost']:.1f} | {row['focal_percent']:+.1f}"
+            lines.append(f"| {name} | {caller} | {cells} |")
+        for what, key in (("mean", "rmse"), ("mean, less offset", "about_mean")):
+            mean = np.mean([row[key] for row in rows.values()], axis=0)
+            lines.append(f"| {name} | {what} | {_cells(mean)} | | |")
+    return "\n".join(lines)
+
+
+def _cells(row: Sequence[float]) -> str:
+    return " | ".join(f"{v:.2f}" if i < 3 else f"{v:.3f}" for i, v in enumerate(row))
+
+
+def draw_figures(stem: Path, truth: Mapping[str, Any], found: Mapping[str, Followed]) -> None:
+    """Charts as Fig. 5.6 (angles) and Fig. 5.7 (actuators), of the first configuration."""
+    name, first = next(iter(found.items()))
+    expected, time_s = true_values(truth), np.array([f["time_s"] for f in truth["frames"]])
+    titles = [*(f"{a}, degrees" for a in ANGLES), *(n.replace("_", " ") for n in THESIS_EAUS)]
+    charts = [Chart(title, (expected[:, k], first.values[:, k])) for k, title in enumerate(titles)]
+    for part, panels in (("pose", charts[:3]), ("expression", charts[3:])):
+        picture = draw_charts(panels, time_s, ("true", name))
+        cv2.imwrite(str(stem.with_name(f"{stem.name}-{part}.png")), picture)
+
+
+def _warn(message: str) -> None:
+    print(message, file=sys.stderr)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))
