@@ -1,7 +1,8 @@
 """Time the decoder's drawing: `python -m scripts.render_speed`.
 
-Prints, for each picture size, median and least milliseconds a frame of warping the backdrop,
-setting a new texture, and drawing with readback, and the frames a second of the medians together.
+Prints, for each picture size, median and least milliseconds a frame of animating the head, warping
+the backdrop, setting a new texture, and drawing with readback, and the frames a second of the
+medians together.
 """
 
 import sys
@@ -12,17 +13,20 @@ import numpy as np
 from decoder.composite import make_backdrop, warp
 from decoder.render import Renderer
 from decoder.scene import edge_samples
+from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, pose_from_euler
 from shared_model.mesh import generic_head
+from shared_model.parameters import AAUS, EAUS
 
 SIZES = ((176, 144), (320, 240), (640, 480), (1280, 720))
 FRAMES = 100
-STAGES = ("warp", "texture", "draw")
+STAGES = ("animate", "warp", "texture", "draw")
 
 
 def measure(width: int, height: int) -> np.ndarray:
     """(FRAMES, len(STAGES)) milliseconds of each stage of each frame, after a few to warm up."""
     head, camera = generic_head(), Camera(width, height, 1.3 * height)
+    face = Face(head, Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices)))
     reference = pose_from_euler(0, 0, 0, np.array([0.0, 0.0, 600.0]))
     backdrop = make_backdrop(camera, reference, head, head.vertices)
     rng = np.random.default_rng(0)
@@ -35,13 +39,16 @@ def measure(width: int, height: int) -> np.ndarray:
         for row, phase in zip(times, np.linspace(0, 6.28, len(times)), strict=True):
             shift = np.array([30 * np.sin(phase), 0.0, 0.0])
             pose = pose_from_euler(3, 15 * np.cos(phase), 2, reference.translation_mm + shift)
+            eau = rng.uniform(0, 0.3, len(EAUS))
             row[0] = time.perf_counter()
-            grid_px = warp(backdrop, pose, head.vertices)
+            vertices = face.animate(eau)
             row[1] = time.perf_counter()
-            renderer.set_texture(atlas)
+            grid_px = warp(backdrop, pose, vertices)
             row[2] = time.perf_counter()
-            renderer.draw(camera, pose, head.vertices, grid_px)
+            renderer.set_texture(atlas)
             row[3] = time.perf_counter()
+            renderer.draw(camera, pose, vertices, grid_px)
+            row[4] = time.perf_counter()
     return np.asarray(1000 * np.diff(times[5:], axis=1))
 
 

@@ -171,7 +171,7 @@ def test_a_callers_camera_is_their_own(tmp_path: Path) -> None:
 
 def test_a_callers_shape_changes_from_their_own(tmp_path: Path) -> None:
     caller = call_file(tmp_path / "call.rzo")
-    text = "[[key]]\ntime = 0\naau = { nose_width = %d }\n[[key]]\ntime = 0.1\n"
+    text = "[[key]]\ntime = 0\naau = { nose_width = %d }\n"
     own, wide = (run(tmp_path, "seconds = 0.04\n" + text % v, call_file=caller) for v in (0, 1))
 
     def width_px(truth: dict[str, Any]) -> float:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from loopback.script import parse_script, read_script
-from shared_model.curves import smooth_curve
 from shared_model.errors import UserError
 from shared_model.expressions import EMOTIONS
 from shared_model.parameters import AAUS, EAU_INDEX
@@ -21,20 +20,6 @@ TWO_KEYS = {
         {"time": 1, "eau": {"jaw_drop": 1}, "aau": {"nose_width": -1}},
     ],
 }
-
-
-def test_a_curve_goes_through_its_points_and_never_beyond_them() -> None:
-    places, values = [0, 1, 3, 4], [0, 1, 1, -2]
-    np.testing.assert_allclose(smooth_curve(places, places, values), values)
-    curve = smooth_curve(np.linspace(-1, 5, 400), places, values)
-    assert curve.min() == -2 and curve.max() == 1
-    assert np.abs(np.diff(curve)).max() < 0.1
-
-
-def test_a_curve_with_one_point_is_constant_and_bad_places_are_refused() -> None:
-    np.testing.assert_array_equal(smooth_curve([0, 9], [3], [7]), [7, 7])
-    with pytest.raises(ValueError, match="expected them to increase"):
-        smooth_curve([0], [1, 1], [0, 1])
 
 
 def test_values_are_held_before_the_first_and_after_the_last_key() -> None:
