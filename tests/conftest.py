@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from shots import Shots, draw_shots
 
 from decoder.sink import open_sink
 from encoder.capture import exact_fps
@@ -72,6 +73,12 @@ def call(carphone: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("call") / "call.rzo"
     assert main(["encode", str(carphone), "-o", str(path), "--max-frames", "30", "-q"]) == 0
     return path
+
+
+@pytest.fixture(scope="session")
+def shots(tmp_path_factory: pytest.TempPathFactory) -> Shots:
+    """A few pictures of the generic head, with their truth."""
+    return draw_shots(tmp_path_factory.mktemp("shots"))
 
 
 @pytest.fixture

@@ -1,0 +1,78 @@
+"""Pictures of the generic head drawn from a script, with all that is known of them."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.crop import Crop
+from loopback.animate import AnimateOptions, animate
+from shared_model.animate import Face, Identity
+from shared_model.geometry import Camera
+from shared_model.mesh import generic_head
+from shared_model.parameters import AAUS, FaceParameters, Pose
+
+# A face that turns, speaks and winks, 150 pixels wide.
+SCRIPT = """
+width = 320
+height = 240
+fps = 10
+seconds = 0.7
+distance_mm = 500
+[[key]]
+time = 0
+pose = { yaw = -8, pitch = 2 }
+eau = { jaw_drop = 0.1, mouth_corners = 0, lid_left = 0, lid_right = 0, eyebrow_middle = 0 }
+[[key]]
+time = 0.3
+pose = { yaw = 2, pitch = -3, roll = 4 }
+eau = { jaw_drop = 0.6, mouth_corners = 0.5, lid_left = 0.6, lid_right = 0, eyebrow_middle = 0.5 }
+[[key]]
+time = 0.6
+pose = { yaw = 9, pitch = 3, roll = -3 }
+eau = { jaw_drop = 0.3, mouth_corners = -0.4, lid_left = 0, lid_right = 0.3, eyebrow_middle = 0 }
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Shots:
+    """pictures: (h, w, 3) uint8 BGR.  points: (468, 2) of the network, nan where unknown."""
+
+    camera: Camera
+    face: Face
+    pictures: list[NDArray[np.uint8]]
+    faces: list[FaceParameters]
+    points: list[NDArray[np.float64]]
+
+
+def draw_shots(folder: Path, script: str = SCRIPT) -> Shots:
+    """Draw a script into `folder` and read it back."""
+    (folder / "script.toml").write_text(script)
+    options = AnimateOptions(folder / "script.toml", folder / "shot%03d.png")
+    report = animate(options, lambda done, total: None, lambda: False)
+    truth = json.loads(report.truth.read_text())
+    pictures = [cv2.imread(str(folder / f"shot{i:03d}.png")) for i in range(report.frames)]
+    frames = truth["frames"]
+    camera = Camera(truth["width"], truth["height"], frames[0]["focal_px"])
+    head = generic_head()
+    unknown = [np.nan, np.nan]
+    return Shots(
+        camera,
+        Face(head, Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices))),
+        [np.asarray(picture, np.uint8) for picture in pictures],
+        [
+            FaceParameters(
+                Pose(np.array(f["rotation"]), np.array(f["translation_mm"])), np.array(f["eau"])
+            )
+            for f in frames
+        ],
+        [np.array([point or unknown for point in f["network_px"]]) for f in frames],
+    )
+
+
+def whole(picture: NDArray[np.uint8]) -> Crop:
+    """A crop that is the whole picture."""
+    return Crop(picture, 0, 0, np.ones(2))

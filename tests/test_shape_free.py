@@ -1,0 +1,66 @@
+"""Texels lie where the geometry says, and move as their derivative says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from shots import Shots
+
+from encoder.shape_free import ShapeFree, moved
+from shared_model.appearance import atlas_of
+from shared_model.geometry import pixel_from_head
+from shared_model.parameters import EAU_INDEX, EAUS
+
+
+@pytest.fixture(scope="module")
+def shape(shots: Shots) -> ShapeFree:
+    return ShapeFree(shots.face, atlas_of(shots.face.head, 48), shots.camera)
+
+
+def test_texels_lie_where_the_mesh_is_drawn(shots: Shots, shape: ShapeFree) -> None:
+    for face in shots.faces:
+        vertices = shots.face.animate(face.eau)
+        expected = pixel_from_head(shots.camera, face.pose, shape.atlas.points(vertices))
+        assert np.abs(shape.positions(face) - expected).max() < 0.01
+    assert len(shape) == len(shape.atlas.rows)
+
+
+@pytest.mark.parametrize("number", range(6 + len(EAUS)))
+def test_change_is_the_derivative_along_the_pictures_slope(
+    shots: Shots, shape: ShapeFree, number: int
+) -> None:
+    # Away from zero and from the limits, where actuators have kinks.
+    face = replace(shots.faces[3], eau=np.full(len(EAUS), 0.3))
+    size = 1e-3 if number < 3 else 1e-2
+    step = np.zeros(6 + len(EAUS))
+    step[number] = size
+    ahead, behind = shape.positions(moved(face, step)), shape.positions(moved(face, -step))
+    measured = (ahead - behind) / (2 * size)
+    slope = np.tile(np.array([0.6, -0.8], np.float32), (len(shape), 1))
+    stated = shape.change(face, slope, np.arange(len(EAUS)))[:, number]
+    expected = measured @ slope[0]
+    assert np.abs(stated - expected).max() < 0.02 * np.abs(measured).max() + 0.1
+
+
+def test_only_actuators_that_may_move_are_asked_for(shots: Shots, shape: ShapeFree) -> None:
+    slope = np.ones((len(shape), 2), np.float32)
+    every = shape.change(shots.faces[1], slope, np.arange(len(EAUS)))
+    few = shape.change(shots.faces[1], slope, np.array([2, 0]))
+    assert np.allclose(few, every[:, [*range(6), 8, 6]], rtol=1e-5, atol=1e-3)
+
+
+def test_a_step_keeps_actuators_in_range_and_the_rotation_of_unit_length(shots: Shots) -> None:
+    step = np.full(6 + len(EAUS), 0.9)
+    face = moved(moved(shots.faces[0], step), step)
+    assert np.linalg.norm(face.pose.rotation) == pytest.approx(1)
+    assert all(eau.low <= value <= eau.high for eau, value in zip(EAUS, face.eau, strict=True))
+
+
+def test_a_negative_actuator_moves_along_its_own_field(shots: Shots, shape: ShapeFree) -> None:
+    lowered = np.zeros(len(EAUS))
+    lowered[EAU_INDEX["mouth_corners"]] = -0.5
+    face = replace(shots.faces[0], eau=lowered)
+    expected = pixel_from_head(
+        shots.camera, face.pose, shape.atlas.points(shots.face.animate(lowered))
+    )
+    assert np.abs(shape.positions(face) - expected).max() < 0.01
