@@ -65,6 +65,35 @@ def test_fields_in_the_head_are_those_of_the_muscles(fields: Fields) -> None:
         np.testing.assert_allclose(stored, field, atol=0.02)
 
 
+def test_another_mesh_with_the_same_landmarks_is_animated_by_the_same_muscles(
+    fields: Fields,
+) -> None:
+    """Each triangle cut into four, on a wider and longer head: the old vertices move alike."""
+    shape = HEAD.vertices + 0.5 * HEAD.aau[:4].sum(0)
+    vertices, triangles, parts = cut_into_four(shape, HEAD.triangles, HEAD.parts)
+    up, down = eau_fields(vertices, triangles, parts, HEAD.landmarks)
+    for eau, index in EAU_INDEX.items():
+        for found, expected in ((up[index], fields[0][index]), (down[index], fields[1][index])):
+            a, b = found[: len(shape)].ravel(), expected.ravel()
+            assert (not a.any() and not b.any()) or a @ b > 0.95 * np.sqrt((a @ a) * (b @ b)), eau
+
+
+def cut_into_four(
+    vertices: Array, triangles: NDArray[np.int32], parts: NDArray[np.uint8]
+) -> tuple[Array, NDArray[np.int32], NDArray[np.uint8]]:
+    edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    unique, inverse = np.unique(edges, axis=0, return_inverse=True)
+    middle = len(vertices) + inverse.reshape(-1, 3)
+    a, b, c = triangles.T
+    ab, bc, ca = middle.T
+    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return (
+        np.concatenate([vertices, vertices[unique].mean(1)]),
+        np.concatenate([np.stack(corners, 1) for corners in quarters]).astype(np.int32),
+        np.append(parts, parts[unique[:, 0]]),
+    )
+
+
 def test_zygomatic_draws_the_corner_of_the_mouth_up_out_and_back(fields: Fields) -> None:
     pull = fields[0][EAU_INDEX["mouth_corners"], HEAD.landmarks["ch_l"]]
     assert pull[0] > 2 and pull[1] > 5 and pull[2] < 0
