@@ -25,6 +25,7 @@ examples:
   risorius decode call.rzo -o out.mkv           make it a video again
   risorius decode --listen tcp/0.0.0.0:7447 -o out.mkv     on one host, then
   risorius encode 0 --connect tcp/HOST:7447                on the other: a call with camera 0
+  risorius view --call call.rzo                 move every muscle of the face by hand
   risorius bench me.mp4 --out out/bench         bits against PSNR, two processes on this host
 """
 EXIT_CODES = """\
