@@ -272,8 +272,8 @@ def _add_view(added: "Commands") -> None:
         added,
         "view",
         "move every actuator of the face by hand, in a browser",
-        "Prints the address of a page on this host: a slider for each actuator, a face to drag, the\n"
-        "decoder's own renderer behind it.  Ctrl-C ends it.  Single pictures can be had as well:\n"
+        "Prints the address of a page on this host: a slider for each actuator, a face to drag,\n"
+        "the decoder's own renderer behind it.  Ctrl-C ends it.  Single pictures come from\n"
         "ADDRESS/picture.jpg?jaw_drop=0.5&happiness=1&yaw=-20, names as in docs/animate.md.",
         "  risorius view\n  risorius view --call anna.rzo --port 8000\n",
     )
