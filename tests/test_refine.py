@@ -11,8 +11,8 @@ from encoder.refine import Refiner, Template, luma
 from encoder.shape_free import ShapeFree, moved
 from encoder.texture import sample, visible_texels
 from shared_model.appearance import atlas_of
-from shared_model.geometry import Pose, euler_deg
-from shared_model.parameters import EAU_INDEX, EAUS, FaceParameters
+from shared_model.geometry import euler_deg
+from shared_model.parameters import EAU_INDEX, EAUS, FaceParameters, Pose
 
 MOVED = [EAU_INDEX[name] for name in ("jaw_drop", "mouth_corners", "eyebrow_middle")]
 

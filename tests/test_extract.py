@@ -1,0 +1,120 @@
+"""Textures out of pictures: what is sampled, what is seen, what is made up, what it weighs."""
+
+import cv2
+import numpy as np
+import pytest
+from shots import Shots
+
+from encoder.texture import (
+    compress,
+    compress_background,
+    extract_texture,
+    fill,
+    fitting_size,
+    sample,
+    texel_pixels,
+    unseen_colours,
+    visible_texels,
+)
+from shared_model.appearance import Atlas, atlas_of
+from shared_model.geometry import pixel_from_head, pose_from_euler
+from shared_model.mesh import PARTS
+from shared_model.parameters import EAU_INDEX, EAUS
+
+
+@pytest.fixture(scope="module")
+def atlas(shots: Shots) -> Atlas:
+    return atlas_of(shots.face.head, 96)
+
+
+def test_samples_at_pixel_centres_are_the_pixels() -> None:
+    picture = np.random.default_rng(1).integers(0, 256, (30, 40, 3), dtype=np.uint8)
+    places = np.array([(x, y) for y in range(30) for x in range(40)], np.float32)
+    assert np.array_equal(sample(picture, places), picture.reshape(-1, 3))
+    assert sample(picture[..., 0], places[:5]).shape == (5, 1)
+    assert np.array_equal(sample(picture, np.array([(-9.0, -9.0)])), picture[:1, 0])
+
+
+def test_a_turned_head_hides_its_far_side(shots: Shots, atlas: Atlas) -> None:
+    head, rest = shots.face.head, shots.face.neutral
+    at = np.array([0.0, 0.0, 600.0])
+    ahead = visible_texels(head, atlas, pose_from_euler(0, 0, 0, at), rest)
+    left = visible_texels(head, atlas, pose_from_euler(0, 60, 0, at), rest)
+    right = visible_texels(head, atlas, pose_from_euler(0, -60, 0, at), rest)
+    x = atlas.points(rest)[:, 0]
+    skin = head.parts[atlas.corners[:, 0]] == PARTS.index("skin")
+    one, other = (side & (x > 40) & skin for side in (left, right))
+    assert abs(int(one.sum()) - int(other.sum())) > 0.5 * max(one.sum(), other.sum())
+    assert ahead[skin & (np.abs(x) < 20)].mean() > 0.6
+    away = visible_texels(head, atlas, pose_from_euler(0, 180, 0, at), rest)
+    assert away[skin & (np.abs(x) < 20)].mean() < 0.1
+
+
+def test_an_open_mouth_shows_more_of_its_inside(shots: Shots, atlas: Atlas) -> None:
+    head, pose = shots.face.head, shots.faces[0].pose
+    inside = [PARTS.index(name) for name in ("teeth_upper", "teeth_lower", "tongue", "mouth")]
+    within = np.isin(head.parts[atlas.corners[:, 0]], inside)
+    wide = np.zeros(len(EAUS))
+    wide[EAU_INDEX["jaw_drop"]] = 1
+    closed, opened = (
+        visible_texels(head, atlas, pose, shots.face.animate(eau))[within].mean()
+        for eau in (0 * wide, wide)
+    )
+    assert closed < 0.35 and opened > 1.5 * closed
+
+
+def test_a_texture_holds_the_pictures_colours(shots: Shots, atlas: Atlas) -> None:
+    face = shots.faces[2]
+    vertices, head = shots.face.animate(face.eau), shots.face.head
+    texture = extract_texture(head, atlas, shots.camera, face.pose, vertices, shots.pictures[2])
+    assert texture.shape == (96, 96, 3) and texture.dtype == np.uint8
+    seen = visible_texels(head, atlas, face.pose, vertices)
+    seen &= head.opacity[atlas.corners].min(1) > 0
+    there = pixel_from_head(shots.camera, face.pose, atlas.points(vertices))
+    expected = sample(cv2.blur(shots.pictures[2], (3, 3)), there)[seen]
+    found = texture[atlas.rows[seen], atlas.columns[seen]]
+    assert np.median(np.abs(found - expected)) < 4
+
+
+def test_what_was_never_seen_has_a_usual_colour(shots: Shots, atlas: Atlas) -> None:
+    colours = unseen_colours(shots.face.head, atlas)
+    part = shots.face.head.parts[atlas.corners[:, 0]]
+    assert np.isnan(colours[part == PARTS.index("skin")]).all()
+    assert np.isfinite(colours[part == PARTS.index("teeth_upper")]).all()
+
+
+def test_filling_continues_smoothly_and_keeps_what_is_known() -> None:
+    image = np.zeros((33, 47, 3), np.float32)
+    image[...] = np.linspace(0, 255, 47)[None, :, None]
+    known = np.zeros((33, 47), bool)
+    known[:, :8] = known[:, -8:] = True
+    filled = fill(np.where(known[..., None], image, 999).astype(np.float32), known)
+    assert np.array_equal(filled[known], image[known])
+    assert filled.min() >= 0 and filled.max() <= 255.001
+    nothing = fill(image, np.zeros((33, 47), bool))
+    assert np.isfinite(nothing).all()
+
+
+def test_a_larger_face_gets_a_larger_texture(shots: Shots) -> None:
+    atlas, rest = atlas_of(shots.face.head, 64), shots.face.neutral
+    sizes, spacings = [], []
+    for depth_mm in (2500.0, 1000.0, 500.0):
+        pose = pose_from_euler(0, 0, 0, np.array([0.0, 0.0, depth_mm]))
+        sizes.append(fitting_size(atlas, shots.camera, pose, rest, 320))
+        spacings.append(texel_pixels(atlas, shots.camera, pose, rest))
+    assert sizes == sorted(sizes) and sizes[0] < sizes[2] <= 320
+    assert all(size % 16 == 0 for size in sizes)
+    assert spacings[2] == pytest.approx(2 * spacings[1], rel=0.2)
+
+
+def test_pictures_are_coded_within_their_bytes(shots: Shots) -> None:
+    picture = shots.pictures[0]
+    small, large = compress(picture, 1500), compress(picture, 6000)
+    assert len(small) <= 1500 < len(large) <= 6000
+    for limit in (800, 4000):
+        data = compress_background(picture, limit)
+        assert len(data) <= limit
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        assert image is not None
+        # Scaled down, perhaps, but of the same shape.
+        assert image.shape[1] / image.shape[0] == pytest.approx(4 / 3, rel=0.02)

@@ -1,0 +1,161 @@
+"""Least squares from landmarks recover pose, actuators and identity of a head that is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from encoder.fit import (
+    LandmarkModel,
+    fit_frame,
+    fit_identity,
+    landmark_model,
+    personalise,
+    projection_jacobian,
+    start_parameters,
+)
+from shared_model.animate import Face, Identity
+from shared_model.geometry import (
+    Camera,
+    euler_deg,
+    matrix_from_quaternion,
+    pixel_from_camera,
+    pixel_from_head,
+    pose_from_euler,
+)
+from shared_model.mesh import Head, generic_head
+from shared_model.parameters import AAUS, EAU_INDEX, EAUS, FaceParameters
+
+Array = NDArray[np.float64]
+
+CAMERA = Camera(640, 480, 800.0)
+SPOKEN = ("jaw_drop", "mouth_corners", "eyebrow_middle", "lip_stretch")
+
+
+@pytest.fixture(scope="module")
+def head() -> Head:
+    return generic_head()
+
+
+@pytest.fixture(scope="module")
+def model(head: Head) -> LandmarkModel:
+    return landmark_model(head)
+
+
+def a_face(yaw: float, pitch: float, roll: float, **eau: float) -> FaceParameters:
+    pose = pose_from_euler(pitch, yaw, roll, np.array([25.0, -15.0, 650.0]))
+    values = np.zeros(len(EAUS))
+    for name, value in eau.items():
+        values[EAU_INDEX[name]] = value
+    return FaceParameters(pose, values)
+
+
+def seen_points(
+    head: Head, face: FaceParameters, aau: Array | None = None, noise_px: float = 0.0
+) -> Array:
+    """(468, 3) what the landmark network would say, its depth relative, in pixels."""
+    identity = Identity(np.zeros(len(AAUS)) if aau is None else aau, np.zeros_like(head.vertices))
+    vertices = Face(head, identity).animate(face.eau)
+    known = head.network_triangles >= 0
+    corners = head.triangles[head.network_triangles[known]]
+    points = np.einsum("mc,mcd->md", head.network_weights[known], vertices[corners])
+    turned = points @ matrix_from_quaternion(face.pose.rotation).T
+    depth = turned[:, 2] * CAMERA.focal_px / face.pose.translation_mm[2]
+    found = np.zeros((468, 3))
+    found[known, :2] = pixel_from_head(CAMERA, face.pose, points)
+    found[known, 2] = depth - depth.mean()
+    noise = np.random.default_rng(4).normal(size=found.shape)
+    return np.asarray(found + noise_px * noise)
+
+
+def angles(face: FaceParameters) -> Array:
+    return np.array(euler_deg(face.pose))
+
+
+@pytest.mark.parametrize("turn", [(0, 0, 0), (20, -10, 5), (-30, 8, -20)])
+def test_a_first_pose_is_near(head: Head, model: LandmarkModel, turn: tuple[int, int, int]) -> None:
+    truth = a_face(*turn)
+    found = start_parameters(model, CAMERA, seen_points(head, truth))
+    assert np.abs(angles(found) - angles(truth)).max() < 3
+    shift = found.pose.translation_mm - truth.pose.translation_mm
+    # Weak perspective takes the face's depth for the head's origin's, behind it.
+    assert np.abs(shift[:2]).max() < 2 and abs(shift[2]) < 65
+    assert not found.eau.any()
+
+
+@pytest.mark.parametrize("turn", [(0, 0, 0), (20, -10, 5), (-30, 8, -20)])
+def test_pose_and_actuators_are_recovered(
+    head: Head, model: LandmarkModel, turn: tuple[int, int, int]
+) -> None:
+    truth = a_face(*turn, jaw_drop=0.6, mouth_corners=-0.4, eyebrow_middle=0.5, lip_stretch=0.3)
+    points = seen_points(head, truth)
+    found = fit_frame(model, CAMERA, points, start_parameters(model, CAMERA, points), iterations=8)
+    assert np.abs(angles(found) - angles(truth)).max() < 0.5
+    assert np.abs(found.pose.translation_mm - truth.pose.translation_mm)[:2].max() < 0.5
+    assert found.pose.translation_mm[2] == pytest.approx(650, abs=5)
+    spoken = [EAU_INDEX[name] for name in SPOKEN]
+    assert np.abs((found.eau - truth.eau)[spoken]).max() < 0.12
+
+
+def test_noise_of_a_pixel_costs_little(head: Head, model: LandmarkModel) -> None:
+    truth = a_face(12, 4, -3, jaw_drop=0.4)
+    points = seen_points(head, truth, noise_px=1.0)
+    found = fit_frame(model, CAMERA, points, start_parameters(model, CAMERA, points))
+    assert np.abs(angles(found) - angles(truth)).max() < 1
+    assert found.eau[EAU_INDEX["jaw_drop"]] == pytest.approx(0.4, abs=0.1)
+
+
+def test_actuators_that_may_not_move_stay(head: Head, model: LandmarkModel) -> None:
+    truth = a_face(0, 0, 0, jaw_drop=0.7, mouth_corners=0.5)
+    points = seen_points(head, truth)
+    start = replace(start_parameters(model, CAMERA, points), eau=np.full(len(EAUS), 0.05))
+    found = fit_frame(model, CAMERA, points, start, active=[EAU_INDEX["jaw_drop"]])
+    still = np.arange(len(EAUS)) != EAU_INDEX["jaw_drop"]
+    assert (found.eau[still] == 0.05).all()
+    assert found.eau[EAU_INDEX["jaw_drop"]] > 0.5
+
+
+def test_whatever_the_points_actuators_stay_in_range(model: LandmarkModel) -> None:
+    rng = np.random.default_rng(8)
+    points = rng.uniform(50, 400, (468, 3))
+    found = fit_frame(model, CAMERA, points, a_face(0, 0, 0))
+    assert all(eau.low <= value <= eau.high for eau, value in zip(EAUS, found.eau, strict=True))
+    assert np.isfinite(found.pose.translation_mm).all()
+
+
+def test_several_frames_tell_who_it_is(head: Head) -> None:
+    aau = np.zeros(len(AAUS))
+    aau[AAUS.index("facial_height")], aau[AAUS.index("nose_width")] = 1.0, -0.8
+    truths = [a_face(yaw, pitch, 0) for yaw, pitch in ((-25, 0), (0, 8), (25, -5), (10, 0))]
+    fitted = fit_identity(head, (640, 480), [seen_points(head, t, aau) for t in truths])
+    for truth, found in zip(truths, fitted.frames, strict=True):
+        assert np.abs(angles(found) - angles(truth)).max() < 2
+    assert fitted.camera.focal_px == pytest.approx(CAMERA.focal_px, rel=0.15)
+    # The shape is found, by AAUs and residual together.
+    found_face = Face(head, fitted.identity).neutral
+    generic = head.vertices
+    truth_face = Face(head, Identity(aau, np.zeros_like(generic))).neutral
+    known = head.triangles[head.network_triangles[head.network_triangles >= 0]]
+    points = np.unique(known)
+    left = np.linalg.norm((found_face - truth_face)[points], axis=1)
+    before = np.linalg.norm((generic - truth_face)[points], axis=1)
+    assert np.sqrt((left**2).mean()) < 0.6 * np.sqrt((before**2).mean())
+
+
+def test_personal_points_are_those_of_the_personal_head(head: Head, model: LandmarkModel) -> None:
+    aau = np.linspace(-1, 1, len(AAUS))
+    personal = personalise(model, aau, np.zeros((len(model.residual), 3)))
+    vertices = Face(head, Identity(aau, np.zeros_like(head.vertices))).neutral
+    corners = head.triangles[head.network_triangles[model.index]]
+    expected = np.einsum("mc,mcd->md", head.network_weights[model.index], vertices[corners])
+    assert np.allclose(personal.neutral, expected)
+
+
+def test_projection_has_the_stated_derivative() -> None:
+    points = np.array([(10.0, -20.0, 500.0), (-80.0, 60.0, 700.0)])
+    stated = projection_jacobian(CAMERA, points)
+    for axis in range(3):
+        step = np.eye(3)[axis] * 1e-4
+        ahead, behind = (pixel_from_camera(CAMERA, points + s * step) for s in (1, -1))
+        assert np.allclose(stated[:, :, axis], (ahead - behind) / 2e-4, atol=1e-5)
