@@ -29,7 +29,7 @@ from shared_model.anthropometry import residual_basis
 from shared_model.errors import UserError
 from shared_model.geometry import Camera
 from shared_model.mesh import Head
-from shared_model.parameters import AAUS, FaceParameters, Pose
+from shared_model.parameters import AAUS, EAU_INDEX, THESIS_EAUS, FaceParameters, Pose
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -37,6 +37,8 @@ Warn = Callable[[str], None]
 
 DETECTORS = ("network", "haar")
 TRACKERS = ("single", "full")
+# What the thesis profile sends, and the lids, lest blinks pass for the brows' motion.
+FOLLOWED = tuple(EAU_INDEX[name] for name in (*THESIS_EAUS, "lid_left", "lid_right"))
 # Share of a new measurement in the filtered value: little lag, and half of the jitter's power gone.
 GAIN = 0.7
 
@@ -62,7 +64,7 @@ class FollowOptions:
     """
 
     detector: str = "network"
-    tracker: str = "single"
+    tracker: str = "full"
     without: frozenset[str] = frozenset()
 
 

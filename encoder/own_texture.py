@@ -35,8 +35,8 @@ GOOD_CORRELATION = 0.8
 class Refined:
     """A fit of the textured model.
 
-    face: pose, actuators and, as modes, gain, offset and slope of light.  correlation: of picture and texture over the texels seen, -1..1,
-    apart from low-order light.
+    face: pose and actuators; as modes, gain, offset and slopes of the light.
+    correlation: of picture and texture over the texels seen, -1..1, apart from low-order light.
     """
 
     face: FaceParameters

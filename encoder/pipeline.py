@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from encoder.capture import Capture, open_source
 from encoder.default_call import Survey, send_call
-from encoder.follow import FollowOptions, open_follower
+from encoder.follow import FOLLOWED, FollowOptions, open_follower
 from encoder.model import BUDGETS, Budget
 from encoder.tally import Tally
 from encoder.thesis_call import ThesisCall
@@ -19,7 +19,6 @@ from protocol.link import PacketSink
 from protocol.recording import CallWriter
 from shared_model.errors import UserError
 from shared_model.mesh import generic_head
-from shared_model.parameters import EAU_INDEX, THESIS_EAUS
 
 Picture = NDArray[np.uint8]
 Progress = Callable[[int, int | None], None]
@@ -104,10 +103,9 @@ def send_thesis(
     stop: Callable[[], bool],
 ) -> None:
     """Follow the face frame by frame and send as it goes."""
-    active = [EAU_INDEX[name] for name in THESIS_EAUS]
     size = (capture.width, capture.height)
     elapsed_s = float(1 / capture.fps)
-    follower = open_follower(options.follow, generic_head(), size, active, elapsed_s, tally.warn)
+    follower = open_follower(options.follow, generic_head(), size, FOLLOWED, elapsed_s, tally.warn)
     budget = options.budget or BUDGETS["thesis"]
     call = ThesisCall(capture, follower, sink, budget, options.look_for_face_s, tally)
     for index, frame in paced(capture, options, tally, stop):

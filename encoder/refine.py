@@ -165,7 +165,8 @@ def _stepped(at: _Linear, free: NDArray[np.intp], damping: float) -> FaceParamet
     size = 6 + len(free)
     more = np.full(len(at.normal), 1e-6)
     more[:size] += damping
-    found = np.linalg.solve(at.normal + np.diag(more * np.diag(at.normal)), at.gradient)
+    damped = at.normal + np.diag(more * np.diag(at.normal))
+    found = np.asarray(np.linalg.solve(damped, at.gradient), np.float64)
     step = np.zeros(6 + len(EAUS))
     step[np.r_[0:6, 6 + free]] = found[:size]
     return replace(moved(at.face, step), modes=found[size:])

@@ -33,7 +33,7 @@ Warn = Callable[[str], None]
 
 # Every so many of the landmarks goes to the filter, their error in units of the eyes' distance.
 EVERY = 12
-SIGMA = 0.015
+SIGMA = 0.03
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,9 +16,9 @@ from encoder.klt import EYE_DISTANCE_MM, KltTracker, Tracks
 from encoder.own_texture import LARGEST_ATLASES, OwnTexture, Refined
 from encoder.sighting import Sight, Sighter
 from shared_model.animate import Face
-from shared_model.geometry import pixel_from_head
+from shared_model.geometry import matrix_from_quaternion, pixel_from_head
 from shared_model.mesh import Head
-from shared_model.parameters import FaceParameters, clip_eau
+from shared_model.parameters import EAUS, FaceParameters, Pose, clip_eau
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -27,8 +27,11 @@ PARTS = ("network", "klt", "ekf", "abs")
 
 # Standard deviations of what the parts measure: points in units of the distance between the eyes.
 ABS_SIGMA = 0.012
-ABS_EAU_SIGMA = 0.05
-NETWORK_EAU_SIGMA = 0.12
+ABS_EAU_SIGMA = 0.06
+BROW_EAU_SIGMA = 0.2
+NETWORK_EAU_SIGMA = 0.1
+# The network's errors double at this angle aside of the camera.
+NETWORK_WIDE_DEG = 15.0
 # The fit of the textured model moves the whole face; it tells the filter by so many points.
 ANCHORS = 20
 # Steps of the fit, coarse and fine.
@@ -79,6 +82,8 @@ class TrackingFollower:
             raise ValueError(f"without is {sorted(without)}, expected some of {', '.join(PARTS)}")
         self._head, self._active = head, list(active)
         self._elapsed_s, self._sighter, self._without = elapsed_s, sighter, without
+        brow = [EAUS[index].name.startswith("eyebrow") for index in active]
+        self._fit_variance = np.where(brow, BROW_EAU_SIGMA, ABS_EAU_SIGMA) ** 2
         self._caller: Caller | None = None
         self._filter: FaceFilter | None = None
         self._last: FaceParameters | None = None
@@ -232,15 +237,17 @@ class TrackingFollower:
             )
         if sight is not None:
             at = slice(n, n + m)
-            points[at], pixels[at], variance[at] = sight.points_mm, sight.pixels, sight.variance_px2
-            eau, eau_variance[:] = sight.face.eau[self._active], NETWORK_EAU_SIGMA**2
+            wider = (1 + (_aside_deg(like.pose) / NETWORK_WIDE_DEG) ** 2) ** 2
+            points[at], pixels[at] = sight.points_mm, sight.pixels
+            variance[at] = wider * sight.variance_px2
+            eau, eau_variance[:] = sight.face.eau[self._active], wider * NETWORK_EAU_SIGMA**2
         if refined is not None:
             camera = caller.fitted.camera
             eyes_px = camera.focal_px * EYE_DISTANCE_MM / refined.pose.translation_mm[2]
             points[n + m :] = caller.face.animate(refined.eau)[caller.anchors]
             pixels[n + m :] = pixel_from_head(camera, refined.pose, points[n + m :])
             variance[n + m :] = (ABS_SIGMA * eyes_px) ** 2
-            eau, eau_variance[:] = refined.eau[self._active], ABS_EAU_SIGMA**2
+            eau, eau_variance = refined.eau[self._active], self._fit_variance
         return self._filter.update(points, pixels, variance, eau, eau_variance)
 
     def _is_bad(self, sight: Sight | None, tracks: Tracks | None, refined: Refined | None) -> bool:
@@ -271,3 +278,10 @@ class TrackingFollower:
         caller.klt.put_back(frame, caller.fitted.camera, found)
         self._restart(caller, found)
         return found
+
+
+def _aside_deg(pose: Pose) -> float:
+    """Degrees between where the face looks and the camera."""
+    towards = -pose.translation_mm / np.linalg.norm(pose.translation_mm)
+    ahead = matrix_from_quaternion(pose.rotation)[:, 2]
+    return float(np.degrees(np.arccos(np.clip(ahead @ towards, -1, 1))))

@@ -80,7 +80,7 @@ def _add_encode(added: "Commands") -> None:
     parser.add_argument(
         "--tracker",
         choices=("single", "full"),
-        default="single",
+        default="full",
         help="thesis profile: landmarks of each frame by itself, or KLT, filter and the fit of the"
         " caller's own texture as well (default: %(default)s)",
     )

@@ -42,7 +42,7 @@ def _panel(chart: Chart, time_s: Array) -> Picture:
     def place(t: Array, value: Array) -> NDArray[np.int32]:
         x = LEFT + (WIDTH - LEFT - RIGHT) * (t - time_s[0]) / (time_s[-1] - time_s[0])
         y = HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * (value - low) / (high - low)
-        return np.rint(16 * np.stack([x, y], -1)).astype(np.int32)
+        return np.asarray(np.rint(16 * np.stack([x, y], -1)), np.int32)
 
     for tick in _ticks(low, high):
         ends = place(time_s[[0, -1]], np.full(2, tick))

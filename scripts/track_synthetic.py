@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture import open_source
-from encoder.follow import FollowOptions, open_follower
+from encoder.follow import FOLLOWED, FollowOptions, open_follower
 from loopback.animate import AnimateOptions, animate
 from scripts.line_charts import Chart, draw_charts
 from shared_model.geometry import euler_deg
@@ -117,10 +117,9 @@ def draw(script: Path, call: Path, out: Path) -> tuple[Path, dict[str, Any]]:
 
 def follow(video: Path, options: FollowOptions) -> Followed:
     """Follow a video from its first frame."""
-    active = [EAU_INDEX[name] for name in THESIS_EAUS]
     with open_source(str(video)) as capture:
         size, elapsed_s = (capture.width, capture.height), float(1 / capture.fps)
-        follower = open_follower(options, generic_head(), size, active, elapsed_s, _warn)
+        follower = open_follower(options, generic_head(), size, FOLLOWED, elapsed_s, _warn)
         values = [_values(follower.update(frame)) for _, frame in capture]
     try:
         focal_px = follower.fitted.camera.focal_px
@@ -132,14 +131,14 @@ def follow(video: Path, options: FollowOptions) -> Followed:
 def _values(face: FaceParameters | None) -> Array:
     if face is None:
         return np.full(len(ANGLES) + len(THESIS_EAUS), np.nan)
-    return np.r_[euler_deg(face.pose), [face.eau[EAU_INDEX[name]] for name in THESIS_EAUS]]
+    return np.array([*euler_deg(face.pose), *(face.eau[EAU_INDEX[n]] for n in THESIS_EAUS)])
 
 
 def true_values(truth: Mapping[str, Any]) -> Array:
     """(t, 7) angles in degrees and actuators."""
     at = [truth["eaus"].index(name) for name in THESIS_EAUS]
     rows = [[*f["pitch_yaw_roll_deg"], *np.array(f["eau"])[at]] for f in truth["frames"]]
-    return np.array(rows)
+    return np.asarray(rows, np.float64)
 
 
 def errors(found: Followed, truth: Mapping[str, Any]) -> dict[str, Any]:
