@@ -141,7 +141,10 @@ class TrackingFollower:
         refined = None
         if self._has("abs"):
             refined = self._refine(caller, frame, self._starts(start, sight), ITERATIONS)
-        if self._is_bad(sight, tracks, refined):
+        if refined is not None and refined.correlation < LEAST_CORRELATION and sight is not None:
+            # The landmarks still see a face where the texture does not know it.
+            start, refined = sight.face, None
+        elif self._is_bad(sight, tracks, refined):
             return self._miss(last)
         found = self._correct(caller, start, refined)
         if refined is not None:
@@ -272,9 +275,10 @@ class TrackingFollower:
         found = sight.face
         if self._has("abs"):
             refined = self._refine(caller, frame, [found], RECOVERY_ITERATIONS)
-            if refined.correlation < FOUND_CORRELATION:
+            if refined.correlation >= FOUND_CORRELATION:
+                found = refined.face
+            elif not self._measured_by_network():
                 return None
-            found = refined.face
         caller.klt.put_back(frame, caller.fitted.camera, found)
         self._restart(caller, found)
         return found
