@@ -20,6 +20,9 @@ EXTRA_OF = {"filterpy": "encoder", "moderngl": "decoder"}
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return the exit code; all that goes wrong is one line on stderr."""
+    # Before numpy is loaded: sums must not depend on how many threads share them, or the same clip
+    # would give other bytes on another host.  Products here are too small to gain by threads.
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
     try:
         arguments = build_parser().parse_args(argv)
         command: Callable[[argparse.Namespace], int] = arguments.run

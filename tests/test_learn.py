@@ -52,7 +52,7 @@ def changing_stack(shape: ShapeFree, count: int = 24, noise: float = 1.0) -> tup
     rng = np.random.default_rng(7)
     coefficients = np.asarray(rng.normal(size=(count, 2)) * (20, 10), np.float32)
     grey = 120 + coefficients @ patterns(shape)
-    colours = np.repeat(grey[..., None], 3, axis=2)
+    colours: Single = np.repeat(grey[..., None], 3, axis=2)
     colours += rng.normal(size=colours.shape).astype(np.float32) * noise
     seen = np.ones(colours.shape[:2], bool)
     return Stack(colours.astype(np.float32), seen, np.ones(len(shape), np.float32)), coefficients
