@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from encoder.capture import exact_fps, open_source
+from loopback.likeness import compare_faces
 from loopback.quality import FaceArea, face_area_finder, measure
 from loopback.report import figure, rounded, table
 from loopback.two_processes import CallResult, run_call
@@ -25,11 +26,19 @@ COLUMNS = {
     "face_psnr_db": "face dB",
     "face_psnr_p5_db": "p5",
     "full_psnr_db": "full dB",
+    "nme_percent": "nme %",
+    "mouth_corr": "mouth",
+    "blink_corr": "blink",
     "latency_ms.p50": "lat p50 ms",
     "latency_ms.p99": "p99",
     "encoder_fps": "enc fps",
     "decoder_fps": "dec fps",
 }
+# Figures that have a mean over clips.
+MEANS = (
+    *("model_bytes", "frame_bps", "face_psnr_db", "face_psnr_p5_db", "full_psnr_db"),
+    *("nme_percent", "face_found", "mouth_corr", "brow_corr", "blink_corr"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +86,9 @@ def bench_clip(
     limit_s = LIMIT_START_S + LIMIT_S_PER_FRAME * frames
     result = run_call(source, output, settings.encoder_options(), limit_s)
     quality = measure(source, str(output), face_area, lambda done, total: None, settings.max_frames)
-    return {"source": Path(source).name, **call_figures(result, settings.profile)} | asdict(quality)
+    alike = compare_faces(source, str(output), settings.max_frames)
+    figures = call_figures(result, settings.profile)
+    return {"source": Path(source).name, **figures, **asdict(quality), **asdict(alike)}
 
 
 def call_figures(result: CallResult, profile: str) -> dict[str, Any]:
@@ -124,8 +135,7 @@ def latency_ms(
 
 def mean_figures(clips: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
     """Mean over the clips of the figures that have one."""
-    names = ("model_bytes", "frame_bps", "face_psnr_db", "face_psnr_p5_db", "full_psnr_db")
-    columns = {name: [clip[name] for clip in clips if clip[name] is not None] for name in names}
+    columns = {name: [clip[name] for clip in clips if clip[name] is not None] for name in MEANS}
     return {name: rounded(float(np.mean(c))) if c else None for name, c in columns.items()}
 
 

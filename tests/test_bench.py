@@ -8,6 +8,7 @@ import pytest
 
 from encoder.capture import open_source
 from loopback.bench import (
+    MEANS,
     BenchSettings,
     bench_clip,
     bench_table,
@@ -41,7 +42,7 @@ def test_clips_of_one_name_do_not_overwrite_each_other() -> None:
 
 
 def test_means_leave_out_what_a_clip_does_not_have() -> None:
-    clip = {"model_bytes": 10, "frame_bps": 800.0, "full_psnr_db": 30.0}
+    clip = {name: 1.0 for name in MEANS} | {"frame_bps": 800.0}
     clips = [
         {**clip, "face_psnr_db": 24.0, "face_psnr_p5_db": None},
         {**clip, "face_psnr_db": None, "face_psnr_p5_db": None},
@@ -97,6 +98,7 @@ def test_bench_reports_every_figure(
     assert clip["lost_packets"] == 0
     assert 0 < clip["latency_ms"]["p50"] <= clip["latency_ms"]["p99"]
     assert clip["face_psnr_db"] > 20
+    assert clip["face_found"] == 1 and 0 < clip["nme_percent"] < 10
     assert {"capture", "follow", "send"} <= set(clip["encoder_ms"])
     assert {"animate", "render"} <= set(clip["decoder_ms"])
     assert report["mean"]["frame_bps"] == 800
