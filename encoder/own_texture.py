@@ -27,6 +27,7 @@ LARGEST_ATLASES = (56, 192)
 EYE_WEIGHT = 0.3
 # Share of a new frame in the texture where the first frame did not show it.
 FILL_GAIN = 0.2
+LEARN_EVERY = 4
 # Frames that explain the texture this well may fill what it lacks.
 GOOD_CORRELATION = 0.8
 
@@ -74,6 +75,7 @@ class OwnTexture:
         along = 2 * thin.rows.astype(np.float32) / size - 1
         self._light = np.stack([np.ones_like(across), across, along])
         self._lit = np.zeros(4)
+        self._learned = 0
         self._mean = self._sampled(self._crop(frame, start), start)
         self._known = self._refiner.seen(start) & (self._worth > 0)
         self._rebuild()
@@ -83,14 +85,15 @@ class OwnTexture:
     ) -> Refined:
         """The face near `start` that explains `frame` best; `active` actuators may move."""
         crop = self._crop(frame, start)
-        found = self._refiner.refine(crop, replace(start, modes=self._lit), iterations, active)
-        texels, seen = self._sampled(crop, found), self._refiner.seen(found)
-        return Refined(found, self._correlation(texels, seen))
+        lit = replace(start, modes=self._lit)
+        found = self._refiner.explain(crop, lit, iterations, active)
+        return Refined(found.face, self._correlation(found.grey, found.shown > 0))
 
     def learn(self, frame: Picture, refined: Refined) -> None:
-        """Keep the light of a frame well explained, and what the first one did not show."""
+        """Keep the light of a frame, and of one in a few what the first did not show."""
         self._lit = refined.face.modes
-        if refined.correlation > GOOD_CORRELATION:
+        self._learned += 1
+        if refined.correlation > GOOD_CORRELATION and self._learned % LEARN_EVERY == 0:
             texels = self._sampled(self._crop(frame, refined.face), refined.face)
             self._fill(texels, self._refiner.seen(refined.face), refined.face.modes)
 

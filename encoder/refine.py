@@ -30,6 +30,11 @@ EAU_SIGMA = 0.25
 NOISE_GREY = 6.0
 # How much a step is damped after one that led astray.
 FIRST_DAMPING = 0.1
+LONGEST_TURN_RAD, LONGEST_WAY_MM = 0.3, 100.0
+# A step that changes the cost by no more than this share is the last.
+SETTLED = 0.001
+# Keeps equations solvable that no texel takes part in.
+TINY = 1e-9
 # Neighbouring texels err together; this many texels count as one.
 CORRELATED_TEXELS = 10.0
 # Texels that a fit looks at.
@@ -43,6 +48,15 @@ class Template:
     mean: Single
     modes: Single
     weight: Single
+
+
+@dataclass(frozen=True, slots=True)
+class Explained:
+    """A fit: the face with its coefficients; luma (k,) and weight (k,) of the texels seen."""
+
+    face: FaceParameters
+    grey: Single
+    shown: Single
 
 
 def luma(picture: NDArray[np.uint8]) -> Single:
@@ -90,6 +104,12 @@ class Refiner:
 
         active: the actuators that may move; the others stay where `start` has them.
         """
+        return self.explain(crop, start, iterations, active).face
+
+    def explain(
+        self, crop: Crop, start: FaceParameters, iterations: int, active: Sequence[int]
+    ) -> "Explained":
+        """See `refine`; coefficients are sought from `start.modes` on, if it has as many."""
         free = np.asarray(active, np.intp)
         view = self._view(crop, start)
         modes = len(self.template.modes)
@@ -98,11 +118,15 @@ class Refiner:
         damping = 0.0
         for _ in range(iterations):
             trial = self._linearise(view, _stepped(best, free, damping), free)
+            settled = abs(best.cost - trial.cost) < SETTLED * best.cost
             if trial.cost <= best.cost:
                 best, damping = trial, damping / 10
             else:
                 damping = max(10 * damping, FIRST_DAMPING)
-        return replace(best.face, modes=self._coefficients(view, best.face))
+            if settled:
+                break
+        found = replace(best.face, modes=self._coefficients(best.grey, view.shown))
+        return Explained(found, best.grey, view.shown)
 
     def _view(self, crop: Crop, start: FaceParameters) -> "_View":
         grey = luma(crop.picture)
@@ -113,8 +137,9 @@ class Refiner:
     def _linearise(self, view: "_View", face: FaceParameters, free: NDArray[np.intp]) -> "_Linear":
         """The normal equations of eq. 2.27 at `face` and its coefficients."""
         template, shape = self.template, self.shape
-        seen = sample(view.stack, view.crop.from_frame(shape.positions(face)))
-        change = shape.change(face, seen[:, 1:] * view.crop.scale.astype(np.float32), free)
+        placed = shape.placed(face)
+        seen = sample(view.stack, view.crop.from_frame(placed.pixels))
+        change = shape.change(placed, seen[:, 1:] * view.crop.scale.astype(np.float32), free)
         rows = np.concatenate([change, -template.modes.T], axis=1)
         residual = seen[:, 0] - template.mean
         left = residual - face.modes.astype(np.float32) @ template.modes
@@ -125,18 +150,18 @@ class Refiner:
         normal[eau, eau] += view.precision
         gradient[eau] += view.precision * away
         cost = float(view.shown @ _robust_cost(left)) + view.precision * float(away @ away)
-        return _Linear(face, normal, gradient, cost)
+        return _Linear(face, normal, gradient, cost, seen[:, 0])
 
-    def _coefficients(self, view: "_View", face: FaceParameters) -> Array:
-        """(m,) least-squares coefficients of the template's modes at a given shape."""
+    def _coefficients(self, grey: Single, weight: Single) -> Array:
+        """(m,) least-squares coefficients of the template's modes; grey, weight: (k,)."""
         modes = self.template.modes
         if not len(modes):
             return np.zeros(0)
-        seen = sample(view.stack, view.crop.from_frame(self.shape.positions(face)))[:, 0]
-        weighted = (modes * view.shown).astype(np.float64)
+        weighted = (modes * weight).astype(np.float64)
         normal = weighted @ modes.T
         normal[np.diag_indices(len(normal))] *= 1 + 1e-4
-        return np.asarray(np.linalg.solve(normal, weighted @ (seen - self.template.mean)))
+        normal[np.diag_indices(len(normal))] += TINY
+        return np.asarray(np.linalg.solve(normal, weighted @ (grey - self.template.mean)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,23 +177,25 @@ class _View:
 
 @dataclass(frozen=True, slots=True)
 class _Linear:
-    """Normal equations at a face with coefficients `face.modes`, and its cost."""
+    """Normal equations at a face with coefficients `face.modes`, its cost, the texels' luma."""
 
     face: FaceParameters
     normal: Array
     gradient: Array
     cost: float
+    grey: Single
 
 
 def _stepped(at: _Linear, free: NDArray[np.intp], damping: float) -> FaceParameters:
     """Where the normal equations lead, damped after Marquardt; coefficients are not damped."""
     size = 6 + len(free)
+    longest = np.r_[[LONGEST_TURN_RAD] * 3, [LONGEST_WAY_MM] * 3, np.ones(len(free))]
     more = np.full(len(at.normal), 1e-6)
     more[:size] += damping
-    damped = at.normal + np.diag(more * np.diag(at.normal))
+    damped = at.normal + np.diag(more * np.diag(at.normal) + TINY)
     found = np.asarray(np.linalg.solve(damped, at.gradient), np.float64)
     step = np.zeros(6 + len(EAUS))
-    step[np.r_[0:6, 6 + free]] = found[:size]
+    step[np.r_[0:6, 6 + free]] = np.clip(found[:size], -longest, longest)
     return replace(moved(at.face, step), modes=found[size:])
 
 

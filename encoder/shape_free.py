@@ -4,7 +4,7 @@ Analysis by synthesis (thesis 2.4.3) compares pictures here: the same texel is t
 skin in every frame, whatever the pose and expression.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,36 +40,52 @@ class ShapeFree:
     def __len__(self) -> int:
         return len(self._neutral)
 
-    def turned(self, face: FaceParameters) -> Single:
-        """(k, 3) texels, mm, camera axes, before the head's translation."""
+    def placed(self, face: FaceParameters) -> "Placed":
+        """Where the texels are in this pose and expression."""
         drive = np.concatenate([np.maximum(face.eau, 0), np.minimum(face.eau, 0)])
         points = self._neutral + (drive.astype(np.float32) @ self._fields).reshape(-1, 3)
         rotation = geometry.matrix_from_quaternion(face.pose.rotation).astype(np.float32)
-        return np.asarray(points @ rotation.T)
+        turned = points @ rotation.T
+        seen = turned + face.pose.translation_mm.astype(np.float32)
+        per_mm = np.float32(self.camera.focal_px) / seen[:, 2:]
+        pixels = seen[:, :2] * per_mm + self.camera.centre.astype(np.float32)
+        return Placed(face, rotation, turned, seen, per_mm, pixels)
 
     def positions(self, face: FaceParameters) -> Single:
         """(k, 2) where each texel lies in the picture, pixels."""
-        seen = self.turned(face) + face.pose.translation_mm.astype(np.float32)
-        flat = seen[:, :2] * (np.float32(self.camera.focal_px) / seen[:, 2:])
-        return np.asarray(flat + self.camera.centre.astype(np.float32))
+        return self.placed(face).pixels
 
-    def change(self, face: FaceParameters, slope: Single, active: NDArray[np.intp]) -> Single:
+    def change(self, placed: "Placed", slope: Single, active: NDArray[np.intp]) -> Single:
         """(k, 6 + a) how the picture under each texel changes, per radian, mm and unit.
 
         slope: (k, 2) the picture's gradient there, per pixel.  active: (a,) actuators that move.
         """
-        turned = self.turned(face)
-        seen = turned + face.pose.translation_mm.astype(np.float32)
-        u, v = (slope * (np.float32(self.camera.focal_px) / seen[:, 2:])).T
-        along = np.stack([u, v, -(u * seen[:, 0] + v * seen[:, 1]) / seen[:, 2]], axis=1)
-        rotation = geometry.matrix_from_quaternion(face.pose.rotation).astype(np.float32)
-        place = active + np.where(face.eau[active] >= 0, 0, len(EAUS))
+        u, v = (slope * placed.per_mm).T
+        x, y, z = placed.seen.T
+        along = np.stack([u, v, -(u * x + v * y) / z], axis=1)
+        place = active + np.where(placed.face.eau[active] >= 0, 0, len(EAUS))
         fields = self._fields[place].reshape(len(active), -1, 3)
         out = np.empty((len(self), 6 + len(active)), np.float32)
-        out[:, :3] = np.cross(turned, along)
+        tx, ty, tz = placed.turned.T
+        out[:, 0] = ty * along[:, 2] - tz * v
+        out[:, 1] = tz * u - tx * along[:, 2]
+        out[:, 2] = tx * v - ty * u
         out[:, 3:6] = along
-        out[:, 6:] = np.einsum("ekj,kj->ke", fields, along @ rotation)
+        out[:, 6:] = np.einsum("ekj,kj->ke", fields, along @ placed.rotation)
         return out
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """Texels of a face: rotation (3, 3), turned and seen (k, 3) mm, camera axes, before and after
+    the head's translation, per_mm (k, 1) pixels per mm at each, pixels (k, 2)."""
+
+    face: FaceParameters
+    rotation: Single
+    turned: Single
+    seen: Single
+    per_mm: Single
+    pixels: Single
 
 
 def moved(face: FaceParameters, step: Array) -> FaceParameters:

@@ -34,6 +34,8 @@ Warn = Callable[[str], None]
 # Every so many of the landmarks goes to the filter, their error in units of the eyes' distance.
 EVERY = 12
 SIGMA = 0.03
+# Steps of the landmarks' fit where the face is nearly known.
+STEPS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +101,7 @@ class NetworkSighter:
             return None
         model, camera = self._model, self._camera
         start = near or start_parameters(model, camera, points)
-        face = fit_frame(model, camera, points, start, self._active)
+        face = fit_frame(model, camera, points, start, self._active, STEPS if near else 4)
         shape = points_in(model, face.eau)[self._chosen]
         eyes_px = np.linalg.norm(points[EYE_CORNERS[0], :2] - points[EYE_CORNERS[1], :2])
         variance = np.full(self.point_count, (SIGMA * eyes_px) ** 2)

@@ -13,7 +13,7 @@ from encoder.align import pose_from_points
 from encoder.ekf import Doubt, Estimate, FaceFilter
 from encoder.fit import Fitted
 from encoder.klt import EYE_DISTANCE_MM, KltTracker, Tracks
-from encoder.own_texture import LARGEST_ATLASES, OwnTexture, Refined
+from encoder.own_texture import GOOD_CORRELATION, LARGEST_ATLASES, OwnTexture, Refined
 from encoder.sighting import Sight, Sighter
 from shared_model.animate import Face
 from shared_model.geometry import matrix_from_quaternion, pixel_from_head
@@ -40,6 +40,8 @@ RECOVERY_ITERATIONS = (8, 5)
 
 # The fit goes on from where the face was expected unless another start explains so much more.
 CLEARLY_BETTER = 0.01
+# Other starts are tried in one of so many frames, and wherever the fit is poor.
+OTHER_STARTS_EVERY = 4
 
 # Frames in a row that must look bad before the face counts as lost, and what is bad.
 BAD_FRAMES = 3
@@ -87,7 +89,7 @@ class TrackingFollower:
         self._caller: Caller | None = None
         self._filter: FaceFilter | None = None
         self._last: FaceParameters | None = None
-        self._bad = 0
+        self._bad = self._number = 0
 
     @property
     def fitted(self) -> Fitted:
@@ -98,6 +100,7 @@ class TrackingFollower:
 
     def update(self, frame: Picture) -> FaceParameters | None:
         """See `Follower`."""
+        self._number += 1
         if self._caller is None:
             return self._begin(frame)
         if self._last is None:
@@ -193,12 +196,13 @@ class TrackingFollower:
         iterations: Sequence[int],
     ) -> Refined:
         """Fit the textured model, coarse to fine; only the best start goes on to be fitted fine."""
-        steps = zip(caller.textures, iterations, strict=True)
-        for texture, count in steps:
-            refined = [texture.refine(frame, face, self._active, count) for face in starts]
-            best = max(refined, key=lambda r: r.correlation)
-            if best.correlation < refined[0].correlation + CLEARLY_BETTER:
-                best = refined[0]
+        for texture, count in zip(caller.textures, iterations, strict=True):
+            best = texture.refine(frame, starts[0], self._active, count)
+            if self._number % OTHER_STARTS_EVERY == 0 or best.correlation < GOOD_CORRELATION:
+                rest = [texture.refine(frame, face, self._active, count) for face in starts[1:]]
+                other = max(rest, key=lambda r: r.correlation, default=best)
+                if other.correlation > best.correlation + CLEARLY_BETTER:
+                    best = other
             starts = [best.face]
         return best
 
