@@ -1,63 +1,111 @@
-"""Puts the figures of a bench into README.md, between its two marks.
+"""Puts the figures of benches into README.md: a table for each profile, between its marks.
 
-usage: risorius bench CLIP... --out DIR && python scripts/readme_figures.py DIR/report.json
+    risorius bench CLIP... --profile thesis --out DIR/thesis
+    risorius bench CLIP... --profile default --out DIR/default
+    python scripts/readme_figures.py DIR/*/report.json
+
+A profile whose report is not named keeps the table that it has.
 """
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from loopback.report import figure
 
+Cells = Mapping[str, Any]
 README = Path(__file__).resolve().parent.parent / "README.md"
-BEGIN, END = "<!-- figures -->\n", "<!-- end of figures -->\n"
-COLUMNS = {
-    "clip": "source",
-    "size": None,
-    "frames": "frames",
+
+
+def _plain(name: str, digits: int) -> Callable[[Cells], str]:
+    return lambda clip: _number(figure(clip, name), digits)
+
+
+def _busy_ms(end: str) -> Callable[[Cells], str]:
+    return lambda clip: _number(sum(value or 0 for value in clip[f"{end}_ms"].values()), 1)
+
+
+COLUMNS: dict[str, Callable[[Cells], str]] = {
+    "clip": lambda clip: Path(clip["source"]).stem,
+    "size": lambda clip: f"{clip['width']}x{clip['height']}, {clip['fps']:.3g}/s",
+    "frames": _plain("frames", 0),
+    "model packet, bytes": _plain("model_bytes", 0),
+    "frame packets, bit/s": _plain("frame_bps", 0),
+    "face PSNR, dB": _plain("face_psnr_db", 1),
+    "5th percentile": _plain("face_psnr_p5_db", 1),
+    "landmarks off, %": _plain("nme_percent", 1),
+    "mouth / lids": lambda clip: " / ".join(
+        _number(clip[name], 2) for name in ("mouth_corr", "blink_corr")
+    ),
+    "latency p50 / p99, ms": lambda clip: " / ".join(
+        _number(figure(clip, f"latency_ms.{name}"), 0) for name in ("p50", "p99")
+    ),
+    "encoder, ms/frame": _busy_ms("encoder"),
+    "decoder, ms/frame": _busy_ms("decoder"),
+}
+# Figures of the last row: means over the clips, a dash for the others.
+MEAN_COLUMNS = {
     "model packet, bytes": "model_bytes",
     "frame packets, bit/s": "frame_bps",
     "face PSNR, dB": "face_psnr_db",
     "5th percentile": "face_psnr_p5_db",
-    "latency p50 / p99, ms": None,
-    "encoder, frames/s": "encoder_fps",
+    "landmarks off, %": "nme_percent",
 }
+# A call that looks ahead has no latency: the whole source has been read before it begins.
+LEFT_OUT = {"thesis": (), "default": ("latency p50 / p99, ms",)}
+
+
+def marks(profile: str) -> tuple[str, str]:
+    """The lines in README.md around the figures of a profile."""
+    return f"<!-- figures: {profile} -->\n", f"<!-- end of figures: {profile} -->\n"
 
 
 def markdown(report: Mapping[str, Any]) -> str:
     """A sentence and a table of the report of a bench."""
-    clips, mean = report["clips"], report["mean"]
-    rows = [
-        "| " + " | ".join(COLUMNS) + " |",
-        "|---" * len(COLUMNS) + "|",
-        *("| " + " | ".join(_cells(clip)) + " |" for clip in clips),
-    ]
-    sources = " ".join(clip["source"] for clip in clips)
+    clips, mean, profile = report["clips"], report["mean"], report["settings"]["profile"]
+    columns = [title for title in COLUMNS if title not in LEFT_OUT[profile]]
+    rows = [[COLUMNS[title](clip) for title in columns] for clip in clips]
+    rows.append(["**mean**", *(_mean_cell(mean, title, COLUMNS[title]) for title in columns[1:])])
+    lines = [columns, ["---"] * len(columns), *rows]
+    sources = " ".join(Path(clip["source"]).name for clip in clips)
     return (
-        f"**{mean['frame_bps']:g} bit/s at {mean['face_psnr_db']:.1f} dB** over the face, mean of"
+        f"**{mean['frame_bps']:.0f} bit/s at {mean['face_psnr_db']:.1f} dB** over the face, mean of"
         f" {len(clips)} real clips, after {mean['model_bytes'] / 1000:.1f} kB once"
-        f" (`risorius bench {sources}`):\n\n" + "\n".join(rows) + "\n"
+        f" (`risorius bench --profile {profile} {sources}`):\n\n"
+        + "".join(f"| {' | '.join(line)} |\n" for line in lines)
     )
 
 
-def _cells(clip: Mapping[str, Any]) -> list[str]:
-    special = {
-        "size": f"{clip['width']}x{clip['height']}, {clip['fps']:g}/s",
-        "latency p50 / p99, ms": " / ".join(
-            f"{figure(clip, f'latency_ms.{name}'):.0f}" for name in ("p50", "p99")
-        ),
-    }
-    return [special[title] if name is None else str(clip[name]) for title, name in COLUMNS.items()]
+def replaced(text: str, report: Mapping[str, Any]) -> str:
+    """README.md's text with the figures of a report between the marks of its profile.
+
+    Raises `ValueError` if the marks are not there.
+    """
+    begin, end = marks(report["settings"]["profile"])
+    before, rest = text.split(begin)
+    _, after = rest.split(end)
+    return before + begin + markdown(report) + end + after
+
+
+def _mean_cell(mean: Mapping[str, Any], title: str, own: Callable[[Cells], str]) -> str:
+    if title not in MEAN_COLUMNS:
+        return own(mean) if title == "mouth / lids" else ""
+    digits = 0 if title.startswith(("model", "frame")) else 1
+    return _number(mean[MEAN_COLUMNS[title]], digits)
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
 
 
 def main(arguments: list[str]) -> None:
-    """Rewrite README.md from the report named on the command line."""
-    report = json.loads(Path(arguments[0]).read_text(encoding="utf-8"))
-    before, rest = README.read_text(encoding="utf-8").split(BEGIN)
-    _, after = rest.split(END)
-    README.write_text(before + BEGIN + markdown(report) + END + after, encoding="utf-8")
+    """Rewrite README.md from the reports named on the command line."""
+    text = README.read_text(encoding="utf-8")
+    for name in arguments:
+        text = replaced(text, json.loads(Path(name).read_text(encoding="utf-8")))
+    README.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
