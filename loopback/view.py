@@ -30,6 +30,7 @@ from shared_model.errors import UserError
 HOST = "127.0.0.1"
 LINK_FAILED = 4
 JPEG_QUALITY = 92
+NAP_S = 0.2
 # The generic head's studio: a head fills the picture at the distance of a portrait.
 STUDIO = {"width": 720, "height": 800, "distance_mm": 1000, "focal_px": 2750, "mottle": 0}
 
@@ -83,7 +84,8 @@ class Orders:
         """Wait for the next picture to draw: pages take turns."""
         with self._changed:
             while not self._waiting:
-                self._changed.wait()
+                # Now and then it wakes: Ctrl-C that comes as it falls asleep would go unheard.
+                self._changed.wait(NAP_S)
             return self._waiting.pop(next(iter(self._waiting)))
 
 
