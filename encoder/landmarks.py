@@ -21,8 +21,9 @@ EYE_CORNERS = (33, 263)
 _MARGIN = 1.5
 # Samples averaged along a side of a crop's pixel, at most: beyond, time grows and nothing else.
 _MOST_SAMPLES = 2
-# The detector takes long where there is no face: from the second vain search on it rests a frame
-# more after each, up to so many.
+# The detector takes long where there is no face: after a few vain searches it rests one frame more
+# after each, up to so many.
+_SEARCHES = 4
 _LONGEST_REST = 8
 
 
@@ -109,8 +110,8 @@ class LandmarkTracker:
             self._rest -= 1
             return None
         found = self._search(frame)
-        self._vain = 0 if found else min(self._vain + 1, _LONGEST_REST + 1)
-        self._rest = max(self._vain - 1, 0)
+        self._vain = 0 if found else min(self._vain + 1, _SEARCHES + _LONGEST_REST)
+        self._rest = max(self._vain - _SEARCHES, 0)
         return found
 
     def _search(self, frame: Frame) -> Landmarks | None:
