@@ -26,6 +26,7 @@ UNSEEN_COLOURS = {
 FACING_COSINE = 0.1
 DEPTH_CELL_MM = 1.5
 DEPTH_TOLERANCE_MM = 2.0
+CELLS_ASIDE = 192
 # Denser than pixels: what is sampled and drawn again is interpolated twice, and blurs.
 TEXELS_PER_PIXEL = 1.8
 QUALITIES = (1, 95)
@@ -59,15 +60,19 @@ def visible_texels(
     points = np.einsum("kc,kcd->kd", atlas.weights, corners)
     lengths = np.linalg.norm(normal, axis=1) * np.linalg.norm(points, axis=1)
     facing = -(normal * points).sum(1) / np.maximum(lengths, 1e-12)
-    cells = np.floor(points[:, :2] / points[:, 2:] * pose.translation_mm[2] / cell_mm)
-    cells = (cells - cells.min(0)).astype(np.intp)
-    flat = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
-    nearest = np.full(flat.max() + 1, np.inf)
-    np.minimum.at(nearest, flat, points[:, 2])
+    ahead = points[:, 2] > 1
+    depth = np.where(ahead, points[:, 2], np.inf)
+    cells = np.floor(points[:, :2] / depth[:, None] * pose.translation_mm[2] / cell_mm)
+    cells -= np.floor(pose.translation_mm[:2] / cell_mm)
+    # A pose gone astray may bring the head into the camera: what is far aside shares a cell.
+    cells = np.clip(cells, -CELLS_ASIDE, CELLS_ASIDE - 1).astype(np.intp) + CELLS_ASIDE
+    flat = cells[:, 0] * (2 * CELLS_ASIDE) + cells[:, 1]
+    nearest = np.full((2 * CELLS_ASIDE) ** 2, np.inf)
+    np.minimum.at(nearest, flat, depth)
     # Depth changes by this much within a cell of a slanting surface.
     slant = cell_mm * np.sqrt(1 - np.minimum(facing**2, 1)) / np.maximum(facing, FACING_COSINE)
     unhidden = points[:, 2] <= nearest[flat] + DEPTH_TOLERANCE_MM + slant
-    return np.asarray((facing > FACING_COSINE) & unhidden)
+    return np.asarray((facing > FACING_COSINE) & unhidden & ahead)
 
 
 def extract_texture(

@@ -17,7 +17,7 @@ from encoder.texture import (
     visible_texels,
 )
 from shared_model.appearance import Atlas, atlas_of
-from shared_model.geometry import pixel_from_head, pose_from_euler
+from shared_model.geometry import camera_from_head, pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS
 from shared_model.parameters import EAU_INDEX, EAUS
 
@@ -48,6 +48,14 @@ def test_a_turned_head_hides_its_far_side(shots: Shots, atlas: Atlas) -> None:
     assert ahead[skin & (np.abs(x) < 20)].mean() > 0.6
     away = visible_texels(head, atlas, pose_from_euler(0, 180, 0, at), rest)
     assert away[skin & (np.abs(x) < 20)].mean() < 0.1
+
+
+@pytest.mark.parametrize("depth_mm", [-300.0, 0.0, 40.0, 90.0, 130.0])
+def test_a_head_in_the_camera_is_borne(shots: Shots, atlas: Atlas, depth_mm: float) -> None:
+    pose = pose_from_euler(5, 40, -8, np.array([30.0, -20.0, depth_mm]))
+    seen = visible_texels(shots.face.head, atlas, pose, shots.face.neutral)
+    points = camera_from_head(pose, atlas.points(shots.face.neutral))
+    assert not seen[points[:, 2] <= 0].any()
 
 
 def test_an_open_mouth_shows_more_of_its_inside(shots: Shots, atlas: Atlas) -> None:
