@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.align import pose_from_points
-from encoder.ekf import Doubt, Estimate, FaceFilter
+from encoder.ekf import Doubt, Estimate, FaceFilter, Motion
 from encoder.fit import Fitted
 from encoder.klt import EYE_DISTANCE_MM, KltTracker, Tracks
 from encoder.own_texture import GOOD_CORRELATION, LARGEST_ATLASES, OwnTexture, Refined
@@ -42,6 +42,9 @@ RECOVERY_ITERATIONS = (8, 5)
 CLEARLY_BETTER = 0.01
 # Other starts are tried in one of so many frames, and wherever the fit is poor.
 OTHER_STARTS_EVERY = 4
+
+# A head this many times farther or nearer than at first is none.
+FARTHEST = 6.0
 
 # Frames in a row that must look bad before the face counts as lost, and what is bad.
 BAD_FRAMES = 3
@@ -127,10 +130,11 @@ class TrackingFollower:
     def _restart(self, caller: Caller, face: FaceParameters) -> None:
         """Follow from `face` on."""
         count = len(caller.klt.index) + self._sighter.point_count + len(caller.anchors)
-        # The wire has one focal length, the identity's.
-        doubt = Doubt(focal_share=1e-4)
+        # The wire has one focal length, the identity's; a filter free to change it runs away with
+        # the depth, since one head shows it hardly.
+        motion, doubt = Motion(focal_per_s=0.0), Doubt(focal_share=1e-6)
         camera, eau = caller.fitted.camera, face.eau[self._active]
-        self._filter = FaceFilter(camera, face.pose, eau, count, doubt=doubt)
+        self._filter = FaceFilter(camera, face.pose, eau, count, motion, doubt)
         self._last, self._bad = face, 0
 
     def _follow(
@@ -138,6 +142,8 @@ class TrackingFollower:
     ) -> FaceParameters | None:
         predicted = self._predict(last)
         sight = self._sighter.sight(frame, predicted) if self._measured_by_network() else None
+        if sight is not None and not _plausible(sight.face, caller):
+            sight = None
         camera = caller.fitted.camera
         tracks = caller.klt.track(frame, camera, predicted) if self._has("klt") else None
         start = self._fuse(caller, predicted, sight, tracks)
@@ -150,6 +156,8 @@ class TrackingFollower:
         elif self._is_bad(sight, tracks, refined):
             return self._miss(last)
         found = self._correct(caller, start, refined)
+        if not _plausible(found, caller):
+            return self._miss(last)
         if refined is not None:
             for texture in caller.textures:
                 texture.learn(frame, refined)
@@ -274,7 +282,7 @@ class TrackingFollower:
     def _recover(self, caller: Caller, frame: Picture) -> FaceParameters | None:
         """Look for the same caller anywhere in the picture."""
         sight = self._sighter.sight(frame, None)
-        if sight is None:
+        if sight is None or not _plausible(sight.face, caller):
             return None
         found = sight.face
         if self._has("abs"):
@@ -286,6 +294,12 @@ class TrackingFollower:
         caller.klt.put_back(frame, caller.fitted.camera, found)
         self._restart(caller, found)
         return found
+
+
+def _plausible(face: FaceParameters, caller: Caller) -> bool:
+    """Whether the head is before the camera, and not absurdly nearer or farther than at first."""
+    times = face.pose.translation_mm[2] / caller.fitted.frames[0].pose.translation_mm[2]
+    return bool(1 / FARTHEST < times < FARTHEST)
 
 
 def _aside_deg(pose: Pose) -> float:
