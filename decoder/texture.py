@@ -1,4 +1,4 @@
-"""Encoded images of the model packet to pictures: the atlas and the still."""
+"""Coded pictures of the model packet: the atlas with its modes, and the still."""
 
 import cv2
 import numpy as np
@@ -6,13 +6,13 @@ from numpy.typing import NDArray
 
 from protocol.components import parse_components
 from protocol.messages import ModelPacket, ProtocolError
-from shared_model.appearance import resized
+from protocol.pictures import MAGIC, ModeSeries, decode_still, still_size
 
 # An image of a few kilobytes may claim any size; this bounds what decoding it may allocate.
 MAX_IMAGE_SIDE_PX = 4096
 MAX_ATLAS_SIDE_PX = 1024
-# All modes, enlarged to the atlas, take 12 bytes a texel.
-MAX_MODE_TEXELS = 8 * 1024 * 1024
+# All modes together; each texel takes 12 bytes.
+MAX_MODE_TEXELS = 4 * 1024 * 1024
 
 
 class Wardrobe:
@@ -31,9 +31,9 @@ class Wardrobe:
             raise ProtocolError(
                 f"{len(coded)} modes of {size}x{size}, limit {MAX_MODE_TEXELS} texels"
             )
-        images = [_mode_image(f"mode {i}", data, size) for i, data in enumerate(coded)]
-        rows = [resized(image.astype(np.float32), size).ravel() - 128 for image in images]
-        self._modes = np.array(rows, dtype=np.float32).reshape(len(images), self._mean.size)
+        series = ModeSeries(size)
+        images = [series.decode(f"mode {i}", data) for i, data in enumerate(coded)]
+        self._modes = np.array(images, dtype=np.float32).reshape(len(images), self._mean.size)
         self.changes = bool(images)
 
     def texture(self, coefficients: NDArray[np.float64]) -> NDArray[np.uint8]:
@@ -48,14 +48,17 @@ class Wardrobe:
 
 
 def decode_image(name: str, data: bytes, limit_px: int = MAX_IMAGE_SIDE_PX) -> NDArray[np.uint8]:
-    """The picture in `data`, a WebP file: (h, w, 3) uint8 BGR.
+    """The picture in `data`, of `protocol.pictures` or a WebP file: (h, w, 3) uint8 BGR.
 
     name: what the picture is, for the message.  limit_px: longest side allowed.
-    Raises `ProtocolError` if it is no WebP image, is damaged, or is too large.
+    Raises `ProtocolError` if it is neither, is damaged, or is too large.
     """
-    width, height = _webp_size(name, data)
+    own = data.startswith(MAGIC)
+    width, height = still_size(name, data) if own else _webp_size(name, data)
     if not (1 <= width <= limit_px and 1 <= height <= limit_px):
         raise ProtocolError(f"{name} is {width}x{height}, limit {limit_px} a side")
+    if own:
+        return np.asarray(np.clip(decode_still(name, data) + 0.5, 0, 255), np.uint8)
     try:
         picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     except cv2.error as error:
@@ -63,12 +66,6 @@ def decode_image(name: str, data: bytes, limit_px: int = MAX_IMAGE_SIDE_PX) -> N
     if picture is None:
         raise ProtocolError(f"{name} is a damaged image of {len(data)} bytes")
     return np.asarray(picture, dtype=np.uint8)
-
-
-def _mode_image(name: str, data: bytes, limit_px: int) -> NDArray[np.uint8]:
-    image = decode_image(name, data, limit_px)
-    _check_square(name, image)
-    return image
 
 
 def _check_square(name: str, image: NDArray[np.uint8]) -> None:

@@ -16,7 +16,16 @@ from encoder.crop import Crop
 from encoder.refine import Refiner, luma
 from encoder.shape_free import ShapeFree
 from encoder.texture import sample
-from protocol.components import GEOMETRY, Components, vector_from_face
+from protocol.components import (
+    CENTRE_STEPS,
+    GEOMETRY,
+    MAX_BASIS,
+    MAX_CENTRE,
+    Components,
+    codes_of_units,
+    unit_of,
+    vector_from_face,
+)
 from protocol.predict import KINDS, MAX_SPREAD, coding_order
 from protocol.quantise import pose_from_motion
 from shared_model.parameters import FaceParameters, Pose, clip_eau
@@ -28,8 +37,12 @@ _PROBE = np.array([0.2, 0.2, 0.2, 0.4, 0.4, 0.002, *[0.03] * (GEOMETRY - 6)])
 # Frames over which motion is measured, and how much plain variance counts beside it.
 MOTION_FRAMES = 4
 VARIANCE_SHARE = 0.3
-# Components that never leave this many units about their mean are not sent.
+# One unit of a component, grey levels of error; the finest step is one unit.
+UNIT_GREY = 0.5
+# Components that never leave this many grey levels about their mean are not sent.
 LEAST_SPREAD = 0.35
+# Steps of a basis row to the usual size of its component, and the least that a row has.
+BASIS_STEPS, LEAST_REACH = 6.0, 15.0
 # An actuator's error is seen by people even where it costs little PSNR: harm per unit, grey^2.
 EAU_HARM = 4.0
 
@@ -40,7 +53,7 @@ def harm_matrix(
     faces: Sequence[FaceParameters],
     reference: Pose,
 ) -> Array:
-    """(d, d) mean squared grey error per squared unit of y = (motion, EAUs, coefficients)."""
+    """(d, d) mean squared error, in `UNIT_GREY`, per squared unit of y, see `vector_from_face`."""
     modes = refiner.template.modes
     total = np.zeros((GEOMETRY + len(modes),) * 2)
     for crop, face in zip(crops, faces, strict=True):
@@ -50,7 +63,7 @@ def harm_matrix(
     harm = total / len(crops)
     harm[np.arange(6, GEOMETRY), np.arange(6, GEOMETRY)] += EAU_HARM
     harm[np.diag_indices(len(harm))] *= 1 + 1e-5
-    return harm
+    return harm / UNIT_GREY**2
 
 
 def combine(
@@ -60,21 +73,26 @@ def combine(
 
     vectors: (t, d) y of the frames.  harm: (d, d), see `harm_matrix`.
     """
-    centre = vectors.mean(0).astype(np.float32)
-    unit = (1 / np.sqrt(np.diag(harm))).astype(np.float32)
+    units = codes_of_units(1 / np.sqrt(np.diag(harm)))
+    unit = unit_of(units)
+    steps = np.rint(CENTRE_STEPS * vectors.mean(0) / unit)
+    centres = np.clip(steps, -MAX_CENTRE, MAX_CENTRE).astype(np.int64)
+    centre = centres * unit / CENTRE_STEPS
     root = np.linalg.cholesky(harm)
     white = (vectors - centre) @ root
     moves = np.diff(white[::MOTION_FRAMES], axis=0) if len(white) > 2 * MOTION_FRAMES else white
     motion = moves.T @ moves / max(len(moves), 1) + VARIANCE_SHARE * (white.T @ white) / len(white)
     _, axes = np.linalg.eigh(motion)
     axes = axes[:, ::-1]
-    kept = np.abs(white @ axes).std(0) + np.abs((white @ axes).mean(0)) > LEAST_SPREAD
+    kept = np.abs(white @ axes).std(0) + np.abs((white @ axes).mean(0)) > LEAST_SPREAD / UNIT_GREY
     kept[0] = True
     rows = np.linalg.solve(root.T, axes[:, kept]).T / unit
-    exponents = np.ceil(np.log2(np.abs(rows).max(1))).astype(np.int8)
-    basis = np.rint(np.ldexp(rows, -exponents.astype(int)[:, None]) * 127).astype(np.int8)
+    # What a row's rounding leaks into its neighbours grows with how far the component goes.
+    reach = np.clip(BASIS_STEPS * (white @ axes[:, kept]).std(0), LEAST_REACH, MAX_BASIS)[:, None]
+    exponents = np.ceil(np.log2(np.abs(rows).max(1) * MAX_BASIS / reach[:, 0])).astype(np.int8)
+    basis = np.rint(np.ldexp(rows, -exponents.astype(int)[:, None]) * MAX_BASIS).astype(np.int8)
     flat = np.full((len(basis), KINDS), MAX_SPREAD, dtype=np.uint8)
-    draft = Components(modes, centre, unit, basis, exponents, flat)
+    draft = Components(modes, units, centres, basis, exponents, flat)
     spreads = measure_spreads(project(draft, vectors, harm), frames_per_packet)
     return replace(draft, spreads=spreads)
 

@@ -16,24 +16,23 @@ from encoder.crop import Crop
 from encoder.fit import OUTLINE
 from encoder.refine import Template
 from encoder.shape_free import ShapeFree
-from encoder.texture import compress, fill, sample, visible_texels
-from shared_model.appearance import Atlas, resized
+from encoder.texture import fill, sample, visible_texels
+from protocol.pictures import MAX_STEP, ModeSeries, encode_still, to_luma, to_planes
+from shared_model.appearance import Atlas
 from shared_model.mesh import PARTS, Head
 from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-Picture = NDArray[np.uint8]
 
-# How much an error of each chroma difference counts against one of luma.
-CHROMA = 0.3
-MODE_REACH = 115.0
-# Modes are smoother than faces: they are coded at this part of the texture's size, no larger than
-# this, and rather coarsely.  Measured on akiyo, carphone and turn: more modes gain more than finer
-# ones.
-MODE_SCALE = 0.75
-MODE_SIDE = 100
-MODE_QUALITY = 20
+# The modes' quantiser: where the search for it starts and how far apart it tries, in steps of
+# `pictures.step_size`; the mean's is coarser by so many.  Measured on six callers.
+FIRST_STEP = 28
+STEP_STRIDE = 3
+MEAN_COARSER = 3
+# A mode costs a length, a centre, a unit and a column of the basis beside its picture.
+MODE_OVERHEAD = 20
+LEAST_ENERGY = 1e-3
 # What hair and neck count beside the face, and how soft the border is, in atlas sides.
 OUTSIDE = 0.1
 SOFT_EDGE = 0.015
@@ -137,108 +136,115 @@ def luma_modes(stack: Stack, mean: Single, count: int) -> Single:
     return np.asarray(rows[:count] / root, np.float32)
 
 
-def to_luma(colours: Single) -> Single:
-    """Luma (...,) of BGR colours (..., 3)."""
-    return np.asarray(colours @ np.array([0.114, 0.587, 0.299], np.float32))
-
-
 def template_of(stack: Stack, mean: Single, modes: Single) -> Template:
     """The tracking template of a mean (k, 3) and luma modes (m, k)."""
     return Template(to_luma(mean), modes, stack.weight)
 
 
 def code_appearance(
-    shape: ShapeFree,
-    stack: Stack,
-    mean: Single,
-    mask: Single,
-    texture_bytes: int,
-    modes_bytes: int,
-    most_modes: int,
+    shape: ShapeFree, stack: Stack, mean: Single, mask: Single, face_bytes: int, most_modes: int
 ) -> Appearance:
-    """Code the mean within `texture_bytes`, then modes one by one within `modes_bytes` together."""
-    texture = compress(_picture(shape, mean), texture_bytes)
-    mean_image = _decoded(texture, shape.atlas.size)
-    at = (shape.atlas.rows, shape.atlas.columns)
-    planes = _planes(stack.colours - mean_image[at]) * stack.seen[..., None]
-    root = np.sqrt(np.maximum(stack.weight * mask, 1e-6))[:, None]
-    support = np.where(mask > 2 * OUTSIDE, mask, 0)[:, None]
-    residual = (planes * root).reshape(len(planes), -1)
-    coded: list[bytes] = []
-    images: list[Single] = []
-    left = modes_bytes
-    while len(coded) < most_modes:
-        data = _next_mode(shape, residual, root, support, left)
-        if data is None:
+    """Code mean and modes within `face_bytes` together, by the quantiser that explains most."""
+    bench = _Bench(shape, stack, mean, mask, face_bytes, most_modes)
+    best = bench.code(FIRST_STEP)
+    for stride in (STEP_STRIDE, -STEP_STRIDE):
+        for step in range(FIRST_STEP + stride, MAX_STEP if stride > 0 else 0, stride):
+            found = bench.code(step)
+            if found.error >= best.error:
+                break
+            best = found
+        if best.step != FIRST_STEP:
             break
-        image = _decoded(data, shape.atlas.size) - 128.0
-        row = (_planes(image[at]) * root).ravel()
-        energy = float(row @ row)
-        if energy < 1e-6:
-            break
-        coded.append(data)
-        images.append(image)
-        left -= len(data)
-        basis = _orthonormal(np.array([(_planes(i[at]) * root).ravel() for i in images]))
-        full = (planes * root).reshape(len(planes), -1)
-        residual = full - (full @ basis.T) @ basis
-    shown = np.array(images, np.float32).reshape(-1, *mean_image.shape)
-    return Appearance(texture, tuple(coded), mean_image, shown)
+    return best.appearance
 
 
-def _next_mode(
-    shape: ShapeFree, residual: Single, root: Single, support: Single, left: int
-) -> bytes | None:
-    """The strongest direction left, as a coded picture; None if it takes more than `left` bytes."""
-    gram = residual @ residual.T
-    _, vectors = np.linalg.eigh(gram.astype(np.float64))
-    direction = (vectors[:, -1] @ residual).reshape(-1, 3) / root * support
-    colours = _unplanes(direction.astype(np.float32))
-    peak = float(np.percentile(np.abs(colours), 99.8))
-    scaled = np.clip(colours * (MODE_REACH / max(peak, 1e-9)), -127, 127) + 128
-    side = min(round(MODE_SCALE * shape.atlas.size), MODE_SIDE)
-    picture = cv2.resize(_picture(shape, scaled, 128.0), (side, side), interpolation=cv2.INTER_AREA)
-    data = _webp(np.asarray(picture, np.uint8), MODE_QUALITY)
-    return data if len(data) <= left else None
+@dataclass(frozen=True, slots=True)
+class _Coded:
+    """An appearance, its modes' step, and the mean log2 of the error left in the frames."""
+
+    appearance: Appearance
+    step: int
+    error: float
 
 
-def _picture(shape: ShapeFree, colours: Single, around: float | None = None) -> Picture:
-    """The whole atlas of texel colours (k, 3), continued smoothly; uint8 BGR."""
+@dataclass(frozen=True, slots=True)
+class _Bench:
+    """A stack to be coded in several ways."""
+
+    shape: ShapeFree
+    stack: Stack
+    mean: Single
+    mask: Single
+    face_bytes: int
+    most_modes: int
+
+    def code(self, step: int) -> _Coded:
+        """The mean, and as many modes as fit, each found in what the coded ones leave over."""
+        size, at = self.shape.atlas.size, (self.shape.atlas.rows, self.shape.atlas.columns)
+        texture, mean = encode_still(
+            _picture(self.shape, self.mean), min(step + MEAN_COARSER, MAX_STEP)
+        )
+        root = np.sqrt(np.maximum(self.stack.weight * self.mask, 1e-6))[:, None]
+        support = np.where(self.mask > 2 * OUTSIDE, self.mask, 0)[:, None]
+        planes = to_planes(self.stack.colours - mean[at]) * self.stack.seen[..., None]
+        frames = (planes * root).reshape(len(planes), -1)
+        remainder = _Remainder(frames)
+        series, left = ModeSeries(size), self.face_bytes - len(texture)
+        coded: list[bytes] = []
+        images: list[Single] = []
+        while len(coded) < self.most_modes:
+            direction = np.zeros((size, size, 3), np.float32)
+            direction[at] = remainder.strongest().reshape(-1, 3) / root * support
+            data, image = series.encode(direction, step)
+            row = (to_planes(image[at]) * root).ravel()
+            left -= len(data) + MODE_OVERHEAD
+            if left < 0 or float(row @ row) < LEAST_ENERGY:
+                break
+            coded.append(data)
+            images.append(image)
+            remainder.explain(row)
+        shown = np.array(images, np.float32).reshape(-1, size, size, 3)
+        return _Coded(Appearance(texture, tuple(coded), mean, shown), step, remainder.error)
+
+
+class _Remainder:
+    """What coded modes leave of frames (t, d), by least squares; kept as inner products."""
+
+    def __init__(self, frames: Single) -> None:
+        self._frames = frames
+        self._gram = (frames @ frames.T).astype(np.float64)
+        self._rows = np.zeros((0, frames.shape[1]), np.float32)
+        self._shares = np.zeros((len(frames), 0))
+        self._left: Array = self._gram
+
+    @property
+    def error(self) -> float:
+        """Mean log2 of the frames' energy that is left."""
+        return float(np.log2(np.maximum(np.diag(self._left), 1e-6)).mean())
+
+    def strongest(self) -> Single:
+        """(d,) the strongest direction left, as long as frames usually go along it."""
+        _, vectors = np.linalg.eigh(self._left)
+        vector = vectors[:, -1]
+        known = (vector @ self._shares).astype(np.float32) @ self._rows
+        found = vector.astype(np.float32) @ self._frames - known
+        return np.asarray(found / np.sqrt(np.float32(len(self._frames))), np.float32)
+
+    def explain(self, row: Single) -> None:
+        """Take a coded mode (d,) out of the frames."""
+        self._rows = np.concatenate([self._rows, row[None]])
+        inner = (self._rows @ self._rows.T).astype(np.float64)
+        inner[np.diag_indices(len(inner))] *= 1 + 1e-9
+        along = (self._frames @ self._rows.T).astype(np.float64)
+        self._shares = np.linalg.solve(inner, along.T).T
+        self._left = np.asarray(self._gram - self._shares @ along.T)
+
+
+def _picture(shape: ShapeFree, colours: Single) -> Single:
+    """The whole atlas of texel colours (k, 3), continued smoothly."""
     atlas = shape.atlas
     image = np.zeros((atlas.size, atlas.size, 3), np.float32)
     known = np.zeros((atlas.size, atlas.size), bool)
     image[atlas.rows, atlas.columns] = colours
     known[atlas.rows, atlas.columns] = True
-    whole = fill(image, known) if around is None else np.where(known[..., None], image, around)
-    return np.asarray(np.clip(np.rint(whole), 0, 255), np.uint8)
-
-
-def _planes(colours: Single) -> Single:
-    """BGR differences (..., 3) to luma and weighted chroma differences."""
-    y = to_luma(colours)
-    blue, red = colours[..., 0] - y, colours[..., 2] - y
-    return np.asarray(np.stack([y, CHROMA * blue, CHROMA * red], -1), np.float32)
-
-
-def _unplanes(planes: Single) -> Single:
-    y = planes[..., 0]
-    blue, red = y + planes[..., 1] / CHROMA, y + planes[..., 2] / CHROMA
-    green = (y - 0.114 * blue - 0.299 * red) / 0.587
-    return np.asarray(np.stack([blue, green, red], -1), np.float32)
-
-
-def _orthonormal(rows: Single) -> Single:
-    q, _ = np.linalg.qr(rows.T.astype(np.float64))
-    return np.asarray(q.T, np.float32)
-
-
-def _webp(picture: Picture, quality: int) -> bytes:
-    done, data = cv2.imencode(".webp", picture, [cv2.IMWRITE_WEBP_QUALITY, quality])
-    assert done
-    return data.tobytes()
-
-
-def _decoded(data: bytes, size: int) -> Single:
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    assert image is not None
-    return resized(np.asarray(image, np.float32), size)
+    return fill(image, known)

@@ -27,20 +27,19 @@ Picture = NDArray[np.uint8]
 class Budget:
     """Sizes of the model packet's images.
 
-    texture_size: most texels a side.  texture_bytes, background_bytes: of each image.
-    modes_bytes, most_modes: of all appearance modes together (default profile).
+    texture_size: most texels a side.  face_bytes: of the texture and all appearance modes.
+    background_bytes: of the still.  most_modes: in the default profile.
     """
 
     texture_size: int
-    texture_bytes: int
+    face_bytes: int
     background_bytes: int
-    modes_bytes: int = 0
     most_modes: int = 0
 
 
 BUDGETS = {
     "thesis": Budget(384, 8000, 8000),
-    "default": Budget(256, 2600, 4000, 4500, 24),
+    "default": Budget(256, 7400, 2000, 24),
 }
 
 
@@ -81,7 +80,7 @@ def build_model(
     return replace(
         draft,
         background=compress_background(frame, budget.background_bytes),
-        texture=compress(texture, budget.texture_bytes),
+        texture=compress(texture, budget.face_bytes),
     )
 
 

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.pictures import MAX_STEP, encode_still
 from shared_model import geometry
 from shared_model.appearance import Atlas
 from shared_model.geometry import Camera
@@ -189,6 +190,21 @@ def compress_background(frame: Picture, max_bytes: int) -> bytes:
         if error < least:
             best, least = data, error
     return best
+
+
+def code_background(frame: Picture, max_bytes: int) -> bytes:
+    """The still of at most `max_bytes` nearest to `frame`, its longer side at most 640 pixels."""
+    small = _scaled(frame, BACKGROUND_SIDES_PX[0] / max(frame.shape[:2])).astype(np.float32)
+    low, high = 0, MAX_STEP
+    best = b""
+    while low < high:
+        middle = (low + high) // 2
+        data, _ = encode_still(small, middle)
+        if len(data) <= max_bytes:
+            high, best = middle, data
+        else:
+            low = middle + 1
+    return best or encode_still(small, MAX_STEP)[0]
 
 
 def _scaled(frame: Picture, ratio: float) -> Picture:

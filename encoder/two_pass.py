@@ -31,15 +31,15 @@ from encoder.learn import (
     mean_colours,
     shape_free_stack,
     template_of,
-    to_luma,
 )
 from encoder.model import Budget, identity_of, shape_packet
 from encoder.refine import Refiner, Template
 from encoder.shape_free import ShapeFree
 from encoder.sharpen import sharpened
-from encoder.texture import compress_background, fitting_size, texel_pixels, unseen_colours
+from encoder.texture import code_background, fitting_size, texel_pixels, unseen_colours
 from protocol.components import Components, serialise_components, vector_from_face
 from protocol.messages import CallParameters, ModelPacket
+from protocol.pictures import to_luma
 from shared_model.animate import Face
 from shared_model.appearance import atlas_of
 from shared_model.mesh import Head
@@ -161,9 +161,7 @@ def learn_caller(
     sharp = sharpened_stack(shape, stack, crops, found)
     mask = face_mask(head, atlas)
     mean = mean_colours(shape, sharp, unseen)
-    appearance = code_appearance(
-        shape, sharp, mean, mask, budget.texture_bytes, budget.modes_bytes, budget.most_modes
-    )
+    appearance = code_appearance(shape, sharp, mean, mask, budget.face_bytes, budget.most_modes)
     refiner = Refiner(head, face, shape, sampled_template(shape, stack, sharp, appearance))
     found = [refiner.refine(c, f, 2) for c, f in zip(crops, found, strict=True)]
     return Learned(Caller(fitted, reference, refiner, appearance, ratio), crops, found)
@@ -229,7 +227,7 @@ def default_model(
     """The model packet of the default profile."""
     return replace(
         shape_packet(caller.fitted, caller.reference, call),
-        background=compress_background(still, budget.background_bytes),
+        background=code_background(still, budget.background_bytes),
         texture=caller.appearance.texture,
         extension=serialise_components(components),
     )

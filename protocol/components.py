@@ -12,9 +12,12 @@ import msgpack  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.adaptive import AdaptiveIntegers
+from protocol.entropy import RangeDecoder, RangeEncoder
 from protocol.messages import MAX_IMAGE_BYTES, ProtocolError
 from protocol.predict import KINDS, MAX_SPREAD, UNIT, Integers
 from protocol.quantise import motion_from_pose, pose_from_motion
+from protocol.values import BitCoder
 from shared_model.parameters import EAUS, FaceParameters, Pose, clip_eau
 
 Array = NDArray[np.float64]
@@ -22,25 +25,31 @@ Array = NDArray[np.float64]
 GEOMETRY = 6 + len(EAUS)
 MAX_MODES = 64
 MAX_COMPONENTS = GEOMETRY + MAX_MODES
-_KEYS = ("m", "c", "u", "b", "s")
+_KEYS = ("m", "t")
+# Steps of a unit to the octave, the code of 1, and steps of the centre to a unit.
+UNIT_STEPS, UNIT_ZERO = 8, 128
+CENTRE_STEPS = 4
+MAX_CENTRE = (2 << AdaptiveIntegers.LONGEST) - 2
+MAX_BASIS = 127
 
 
 @dataclass(frozen=True, slots=True)
 class Components:
     """How frames of the default profile become faces; d = 6 + EAUs + modes values, n components.
 
-    modes: encoded pictures of the appearance modes, each 128 + mode, added to the texture times its
+    modes: coded appearance modes, see `pictures.ModeSeries`; each is added to the texture times its
         coefficient (eq. 2.17).
-    centre: (d,) float32, the mean of y: motion against the reference pose as in the thesis profile
-        (rotation deg, shift mm, log depth), EAUs, mode coefficients.
-    unit: (d,) float32, > 0.  basis: (n, d) int8, in 1 / 127 of `unit`, times 2 ** exponent by row.
+    units: (d,) uint8, the `unit` of each value in eighths of an octave above 2 ** -16.
+    centres: (d,) int, the mean of y in quarters of `unit`: motion against the reference pose as in
+        the thesis profile (rotation deg, shift mm, log depth), EAUs, mode coefficients.
+    basis: (n, d) int8, in 1 / `MAX_BASIS` of `unit`, times 2 ** exponent by row.
     exponents: (n,) int8.
     spreads: (n, KINDS) uint8 0..MAX_SPREAD, see `predict.FramePredictor`.
     """
 
     modes: tuple[bytes, ...]
-    centre: NDArray[np.float32]
-    unit: NDArray[np.float32]
+    units: NDArray[np.uint8]
+    centres: Integers
     basis: NDArray[np.int8]
     exponents: NDArray[np.int8]
     spreads: NDArray[np.uint8]
@@ -49,26 +58,38 @@ class Components:
         d, n = GEOMETRY + len(self.modes), len(self.basis)
         if len(self.modes) > MAX_MODES or not 1 <= n <= MAX_COMPONENTS:
             raise ValueError(f"{len(self.modes)} modes and {n} components, limit {MAX_MODES}")
-        shapes = (self.centre.shape, self.unit.shape, self.basis.shape)
+        shapes = (self.units.shape, self.centres.shape, self.basis.shape)
         if shapes != ((d,), (d,), (n, d)) or self.exponents.shape != (n,):
             raise ValueError(
-                f"shapes {shapes} of centre, unit and basis, expected d = {d}, n = {n}"
+                f"shapes {shapes} of units, centres and basis, expected d = {d}, n = {n}"
             )
         if self.spreads.shape != (n, KINDS) or self.spreads.max() > MAX_SPREAD:
             raise ValueError(
                 f"spreads {self.spreads.shape}, expected {(n, KINDS)} of 0..{MAX_SPREAD}"
             )
-        if not (np.isfinite(self.centre).all() and (np.abs(self.centre) < 1e5).all()):
-            raise ValueError("centre is not finite and below 1e5")
-        if not (np.isfinite(self.unit).all() and (self.unit > 0).all() and (self.unit < 1e5).all()):
-            raise ValueError("unit is not in 0..1e5")
+        if (np.abs(self.centres) > MAX_CENTRE).any():
+            raise ValueError(f"centre beyond {MAX_CENTRE}")
+        if (np.abs(self.basis.astype(int)) > MAX_BASIS).any():
+            raise ValueError(f"basis beyond {MAX_BASIS}")
         if (np.abs(self.exponents.astype(int)) > 20).any():
             raise ValueError("exponent beyond 20")
 
     @property
+    def unit(self) -> Array:
+        """(d,) what does equal harm, > 0."""
+        return unit_of(self.units)
+
+    @property
+    def centre(self) -> Array:
+        """(d,) the mean of y."""
+        return np.asarray(self.centres * self.unit / CENTRE_STEPS)
+
+    @property
     def matrix(self) -> Array:
         """(n, d) what one unit of each component adds to y."""
-        rows = np.ldexp(self.basis.astype(np.float64) / 127, self.exponents.astype(int)[:, None])
+        rows = np.ldexp(
+            self.basis.astype(np.float64) / MAX_BASIS, self.exponents.astype(int)[:, None]
+        )
         return np.asarray(rows * self.unit)
 
 
@@ -91,14 +112,23 @@ def vector_from_face(face: FaceParameters, reference: Pose) -> Array:
     return np.concatenate([motion_from_pose(face.pose, reference), face.eau, face.modes])
 
 
+def unit_of(codes: NDArray[np.uint8]) -> Array:
+    """(d,) units that codes stand for."""
+    return np.asarray(2.0 ** ((codes.astype(np.float64) - UNIT_ZERO) / UNIT_STEPS))
+
+
+def codes_of_units(unit: Array) -> NDArray[np.uint8]:
+    """(d,) codes of the nearest units."""
+    codes = np.rint(UNIT_STEPS * np.log2(unit)) + UNIT_ZERO
+    return np.asarray(np.clip(codes, 0, 255), np.uint8)
+
+
 def serialise_components(components: Components) -> bytes:
     """The bytes of the model packet's extension."""
-    arrays = (components.centre, components.unit, components.basis)
-    tables = (components.exponents, components.spreads)
-    raw = [a.astype(a.dtype.newbyteorder("<")).tobytes() for a in (*arrays[:2],)]
-    raw += [components.basis.tobytes()]
-    raw += [tables[0].tobytes() + tables[1].tobytes()]
-    data: bytes = msgpack.packb(dict(zip(_KEYS, (components.modes, *raw), strict=True)))
+    coder = RangeEncoder()
+    _code_tables(coder, components)
+    tables = bytes([len(components.basis)]) + coder.finish()
+    data: bytes = msgpack.packb(dict(zip(_KEYS, (components.modes, tables), strict=True)))
     return data
 
 
@@ -120,18 +150,64 @@ def parse_components(data: bytes) -> Components:
 
 
 def _components(fields: Any) -> Components:
-    modes, centre, unit, basis, tables = (fields[key] for key in _KEYS)
+    modes, tables = (fields[key] for key in _KEYS)
     if not isinstance(modes, tuple) or not all(isinstance(mode, bytes) for mode in modes):
         raise ValueError("modes are not byte strings")
-    d = GEOMETRY + len(modes)
-    rows = np.frombuffer(basis, np.int8)
-    n = len(rows) // d
-    flat = np.frombuffer(tables, np.uint8)
-    return Components(
+    if not isinstance(tables, bytes) or not tables or not 1 <= tables[0] <= MAX_COMPONENTS:
+        raise ValueError("no tables")
+    d, n = GEOMETRY + len(modes), tables[0]
+    empty = Components(
         modes,
-        np.frombuffer(centre, "<f4").astype(np.float32),
-        np.frombuffer(unit, "<f4").astype(np.float32),
-        rows.reshape(n, d),
-        flat[:n].view(np.int8),
-        flat[n:].reshape(n, KINDS),
+        units=np.zeros(d, np.uint8),
+        centres=np.zeros(d, np.int64),
+        basis=np.zeros((n, d), np.int8),
+        exponents=np.zeros(n, np.int8),
+        spreads=np.zeros((n, KINDS), np.uint8),
     )
+    coder = RangeDecoder(tables[1:])
+    found = _code_tables(coder, empty)
+    if coder.surplus:
+        raise ValueError(f"{coder.surplus} bytes too many")
+    return found
+
+
+def _code_tables(coder: BitCoder, components: Components) -> Components:
+    """Code all but the modes; a decoder takes sizes only from `components`.  Returns them."""
+    groups = np.repeat([0, 1, 2], [6, len(EAUS), len(components.modes)])[None]
+    spreads = components.spreads.astype(np.int64)
+    steps = np.diff(spreads, axis=1, prepend=0).astype(np.int64)
+    rises = np.diff(components.units.astype(np.int64), prepend=0).astype(np.int64)
+    units = _code_table(coder, rises[None], 1)
+    return Components(
+        components.modes,
+        units=_bytes(np.cumsum(units[0])),
+        centres=_code_table(coder, components.centres[None], 1)[0],
+        basis=_signed(_code_table(coder, components.basis.astype(np.int64), 3, groups)),
+        exponents=_signed(_code_table(coder, components.exponents.astype(np.int64)[None], 1)[0]),
+        spreads=_bytes(np.cumsum(_code_table(coder, steps, KINDS, np.arange(KINDS)[None]), 1)),
+    )
+
+
+def _code_table(
+    coder: BitCoder, values: Integers, contexts: int, context: Integers | None = None
+) -> Integers:
+    """Code a table (r, c) of integers.  context: (1, c) of each column, 0..contexts - 1."""
+    integers = AdaptiveIntegers(contexts)
+    of_column = [0] * values.shape[1] if context is None else context[0].tolist()
+    rows = [
+        [integers.code(coder, c, v) for c, v in zip(of_column, row, strict=True)]
+        for row in values.tolist()
+    ]
+    return np.array(rows, dtype=np.int64)
+
+
+def _bytes(values: Integers) -> NDArray[np.uint8]:
+    if ((values < 0) | (values > 255)).any():
+        raise ValueError("a table's value is beyond a byte")
+    return values.astype(np.uint8)
+
+
+def _signed(values: Integers) -> NDArray[np.int8]:
+    if (np.abs(values) > 127).any():
+        raise ValueError("a table's value is beyond a byte")
+    return values.astype(np.int8)

@@ -9,6 +9,8 @@ import pytest
 
 from protocol.components import (
     GEOMETRY,
+    MAX_BASIS,
+    MAX_CENTRE,
     MAX_MODES,
     Components,
     face_from_components,
@@ -30,9 +32,9 @@ def sample(components: int = 5) -> Components:
     rng = np.random.default_rng(2)
     return Components(
         modes=(b"first mode", b"second"),
-        centre=rng.normal(0, 0.1, D).astype(np.float32),
-        unit=rng.uniform(0.5, 2, D).astype(np.float32),
-        basis=rng.integers(-127, 128, (components, D), dtype=np.int8),
+        units=rng.integers(120, 137, D, dtype=np.uint8),
+        centres=rng.integers(-3, 4, D),
+        basis=rng.integers(-MAX_BASIS, MAX_BASIS + 1, (components, D), dtype=np.int8),
         exponents=rng.integers(-8, 0, components, dtype=np.int8),
         spreads=rng.integers(0, MAX_SPREAD + 1, (components, KINDS), dtype=np.uint8),
     )
@@ -79,11 +81,9 @@ def is_finite(face: FaceParameters) -> bool:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"centre": np.full(D, np.nan, np.float32)}, "centre is not finite"),
-        ({"centre": np.full(D, 1e6, np.float32)}, "centre is not finite"),
-        ({"unit": np.zeros(D, np.float32)}, "unit"),
-        ({"unit": np.full(D, np.inf, np.float32)}, "unit"),
-        ({"unit": np.ones(D - 1, np.float32)}, "shapes"),
+        ({"centres": np.full(D, MAX_CENTRE + 1)}, "centre beyond"),
+        ({"basis": np.full((5, D), -128, np.int8)}, "basis beyond"),
+        ({"units": np.ones(D - 1, np.uint8)}, "shapes"),
         ({"exponents": np.full(5, 21, np.int8)}, "exponent"),
         ({"exponents": np.zeros(4, np.int8)}, "shapes"),
         ({"spreads": np.full((5, KINDS), MAX_SPREAD + 1, np.uint8)}, "spreads"),
