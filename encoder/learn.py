@@ -214,7 +214,7 @@ class _Remainder:
         self._frames = frames
         self._gram = (frames @ frames.T).astype(np.float64)
         self._rows = np.zeros((0, frames.shape[1]), np.float32)
-        self._shares = np.zeros((len(frames), 0))
+        self._shares: Array = np.zeros((len(frames), 0))
         self._left: Array = self._gram
 
     @property
@@ -236,8 +236,8 @@ class _Remainder:
         inner = (self._rows @ self._rows.T).astype(np.float64)
         inner[np.diag_indices(len(inner))] *= 1 + 1e-9
         along = (self._frames @ self._rows.T).astype(np.float64)
-        self._shares = np.linalg.solve(inner, along.T).T
-        self._left = np.asarray(self._gram - self._shares @ along.T)
+        self._shares = np.asarray(np.linalg.solve(inner, along.T).T)
+        self._left = np.asarray(self._gram - self._shares @ along.T, np.float64)
 
 
 def _picture(shape: ShapeFree, colours: Single) -> Single:

@@ -42,6 +42,22 @@ BUDGETS = {
     "default": Budget(256, 7400, 2000, 24),
 }
 
+# What a model packet holds beside its images: shape, call parameters, the components' tables.
+SHAPE_BYTES = {"thesis": 400, "default": 600}
+
+
+def budget_for(profile: str, model_bytes: int | None) -> Budget:
+    """The usual sizes, or all images scaled so that the packet takes about `model_bytes`."""
+    usual = BUDGETS[profile]
+    if model_bytes is None:
+        return usual
+    share = (model_bytes - SHAPE_BYTES[profile]) / (usual.face_bytes + usual.background_bytes)
+    return replace(
+        usual,
+        face_bytes=int(usual.face_bytes * share),
+        background_bytes=int(usual.background_bytes * share),
+    )
+
 
 def shape_packet(fitted: Fitted, reference: FaceParameters, call: CallParameters) -> ModelPacket:
     """The packet's geometry, quantised; its images are still empty.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from encoder.capture import Capture, open_source
 from encoder.default_call import Survey, send_call
 from encoder.follow import FOLLOWED, FollowOptions, open_follower
-from encoder.model import BUDGETS, Budget
+from encoder.model import budget_for
 from encoder.tally import Tally
 from encoder.thesis_call import ThesisCall
 from protocol.link import PacketSink
@@ -39,6 +39,7 @@ class EncodeOptions:
     pace: send at the source's own rate, as a camera would, instead of as fast as possible.
     wait_for_peer_s: wait this long for a decoder before the first frame; 0: do not wait.
     look_for_face_s: say so if there is no face after this many seconds of video.
+    model_bytes: about as large the model packet shall be; None: as is usual for the profile.
     """
 
     source: str
@@ -54,7 +55,7 @@ class EncodeOptions:
     max_frames: int | None = None
     wait_for_peer_s: float = 0.0
     look_for_face_s: float = 10.0
-    budget: Budget | None = None
+    model_bytes: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +107,7 @@ def send_thesis(
     size = (capture.width, capture.height)
     elapsed_s = float(1 / capture.fps)
     follower = open_follower(options.follow, generic_head(), size, FOLLOWED, elapsed_s, tally.warn)
-    budget = options.budget or BUDGETS["thesis"]
+    budget = budget_for("thesis", options.model_bytes)
     call = ThesisCall(capture, follower, sink, budget, options.look_for_face_s, tally)
     for index, frame in paced(capture, options, tally, stop):
         call.frame(index, frame)
@@ -149,7 +150,7 @@ def survey_source(
     if not survey.faces_seen:
         raise no_face(options.source, len(tally.capture_ns))
     frames = len(tally.capture_ns)
-    survey.learn(options.budget or BUDGETS["default"])
+    survey.learn(budget_for("default", options.model_bytes))
     with open_source(options.source) as again:
         for index, frame in again:
             if index >= frames or stop():

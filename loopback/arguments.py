@@ -339,6 +339,12 @@ def _add_coding(parser: Parser) -> None:
         help="bits a second of frame packets, default profile (default: %(default)g)",
     )
     parser.add_argument(
+        "--model-bytes",
+        type=_model_bytes,
+        metavar="N",
+        help="about as large the model packet shall be (default: 16000 thesis, 10000 default)",
+    )
+    parser.add_argument(
         "--detector",
         choices=("network", "haar"),
         default="network",
@@ -369,6 +375,13 @@ def _bitrate(text: str) -> float:
     value = float(text)
     if not 0 < value < 1e9:
         raise argparse.ArgumentTypeError(f"{text} is not a number of bits a second")
+    return value
+
+
+def _model_bytes(text: str) -> int:
+    value = int(text)
+    if not 2000 <= value <= 100_000:
+        raise argparse.ArgumentTypeError(f"{text} is not 2000 to 100000 bytes")
     return value
 
 

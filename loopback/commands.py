@@ -50,6 +50,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
         max_frames=arguments.max_frames,
         wait_for_peer_s=arguments.wait,
         look_for_face_s=arguments.look_for_face,
+        model_bytes=arguments.model_bytes,
     )
     with StopOnSignal() as stop, _progress("encode", arguments) as progress:
         try:
@@ -109,6 +110,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
         detector=arguments.detector,
         max_frames=arguments.max_frames,
         pace=arguments.pace,
+        model_bytes=arguments.model_bytes,
     )
     report = bench(arguments.source, settings, arguments.out, say)
     write_json(arguments.out / "report.json", report)
