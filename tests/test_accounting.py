@@ -10,7 +10,7 @@ from packets import CALL, MODEL
 from encoder.rate import Spending, code_call
 from loopback.information import summary_table
 from protocol.accounting import DAMAGED, GROUPS, OVERHEAD, Accounts, component_bits, group_shares
-from protocol.components import GEOMETRY, Components, serialise_components
+from protocol.components import GEOMETRY, UNIT_ZERO, Components, serialise_components
 from protocol.messages import ControlKind, ControlPacket, FramePacket, ProtocolError, serialise
 from protocol.predict import KINDS, FramePredictor
 from protocol.recording import CallWriter
@@ -29,8 +29,8 @@ def components() -> Components:
     basis[np.arange(len(MOVED)), MOVED] = 127
     return Components(
         (b"mode",),
-        np.zeros(d, np.float32),
-        np.ones(d, np.float32),
+        np.full(d, UNIT_ZERO, np.uint8),
+        np.zeros(d, np.int64),
         basis,
         np.zeros(len(MOVED), np.int8),
         np.full((len(MOVED), KINDS), 28, np.uint8),

@@ -16,10 +16,10 @@ from encoder.learn import (
     shape_free_stack,
     template_of,
     texel_areas,
-    to_luma,
 )
 from encoder.shape_free import ShapeFree
 from encoder.texture import unseen_colours
+from protocol.pictures import to_luma
 from shared_model.animate import Face, Identity
 from shared_model.appearance import atlas_of
 from shared_model.mesh import Head
@@ -131,26 +131,24 @@ def test_modes_for_tracking_are_the_strongest_changes(shape: ShapeFree) -> None:
     assert np.allclose(template.mean, to_luma(mean)) and template.modes is modes
 
 
-def coded(shape: ShapeFree, stack: Stack, texture: int, modes: int, most: int = 8) -> Appearance:
+def coded(shape: ShapeFree, stack: Stack, face_bytes: int, most: int = 8) -> Appearance:
     mask = np.ones(len(shape), np.float32)
-    return code_appearance(shape, stack, stack.colours.mean(0), mask, texture, modes, most)
+    return code_appearance(shape, stack, stack.colours.mean(0), mask, face_bytes, most)
 
 
 def test_an_appearance_stays_within_its_bytes(shape: ShapeFree) -> None:
     stack, _ = changing_stack(shape, noise=6.0)
-    for texture, modes in ((800, 0), (800, 700), (3000, 4000)):
-        found = coded(shape, stack, texture, modes)
-        assert len(found.texture) <= texture and sum(map(len, found.modes)) <= modes
+    for limit in (1500, 3000, 6000):
+        found = coded(shape, stack, limit)
+        assert len(found.texture) + sum(map(len, found.modes)) <= limit
         assert len(found.mode_images) == len(found.modes)
-    assert len(coded(shape, stack, 800, 10_000, most=3).modes) <= 3
+    assert len(coded(shape, stack, 20_000, most=3).modes) <= 3
 
 
 def test_each_mode_explains_more_of_the_face(shape: ShapeFree) -> None:
     stack, _ = changing_stack(shape)
     mask = np.ones(len(shape), np.float32)
-    left = [
-        left_over(shape, stack, coded(shape, stack, 2000, 10_000, most), mask) for most in (0, 1, 2)
-    ]
+    left = [left_over(shape, stack, coded(shape, stack, 12_000, most), mask) for most in (0, 1, 2)]
     # Two patterns: two modes explain nearly all, coding errors included.
     assert left[1] < 0.5 * left[0] and left[2] < 0.05 * left[0]
 
@@ -158,7 +156,7 @@ def test_each_mode_explains_more_of_the_face(shape: ShapeFree) -> None:
 def test_a_later_mode_mends_what_coding_did_to_an_earlier_one(shape: ShapeFree) -> None:
     stack, _ = changing_stack(shape, noise=0.0)
     mask = np.ones(len(shape), np.float32)
-    two, more = (coded(shape, stack, 2000, 20_000, most) for most in (2, 5))
+    two, more = (coded(shape, stack, 20_000, most) for most in (2, 5))
     assert left_over(shape, stack, more, mask) < left_over(shape, stack, two, mask)
 
 
@@ -172,7 +170,7 @@ def test_what_was_not_seen_teaches_nothing(shape: ShapeFree) -> None:
     tame[~hidden] = 0
     mean, mask = stack.colours.mean(0), np.ones(len(shape), np.float32)
     one, other = (
-        code_appearance(shape, Stack(c, hidden, stack.weight), mean, mask, 1500, 3000, 4)
+        code_appearance(shape, Stack(c, hidden, stack.weight), mean, mask, 4500, 4)
         for c in (wild, tame)
     )
     assert one.modes == other.modes and one.texture == other.texture
