@@ -80,6 +80,11 @@ class OwnTexture:
         self._known = self._refiner.seen(start) & (self._worth > 0)
         self._rebuild()
 
+    @property
+    def texels_known(self) -> int:
+        """How many texels some frame has shown."""
+        return int(self._known.sum())
+
     def refine(
         self, frame: Picture, start: FaceParameters, active: Sequence[int], iterations: int
     ) -> Refined:

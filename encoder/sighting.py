@@ -33,7 +33,7 @@ Warn = Callable[[str], None]
 
 # Every so many of the landmarks goes to the filter, their error in units of the eyes' distance.
 EVERY = 12
-SIGMA = 0.03
+SIGMA = 0.015
 # Steps of the landmarks' fit where the face is nearly known.
 STEPS = 2
 

@@ -29,7 +29,7 @@ PARTS = ("network", "klt", "ekf", "abs")
 ABS_SIGMA = 0.012
 ABS_EAU_SIGMA = 0.06
 BROW_EAU_SIGMA = 0.2
-NETWORK_EAU_SIGMA = 0.1
+NETWORK_EAU_SIGMA = 0.07
 # The network's errors double at this angle aside of the camera.
 NETWORK_WIDE_DEG = 15.0
 # The fit of the textured model moves the whole face; it tells the filter by so many points.
