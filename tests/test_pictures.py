@@ -1,0 +1,113 @@
+"""Pictures of the model packet: colours, sizes, modes in a series, bad bytes."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from protocol.messages import ProtocolError
+from protocol.pictures import (
+    MAX_STEP,
+    ModeSeries,
+    decode_still,
+    encode_still,
+    from_planes,
+    step_size,
+    still_size,
+    to_luma,
+    to_planes,
+)
+
+Single = NDArray[np.float32]
+
+
+def painting(height: int, width: int) -> Single:
+    """(h, w, 3) BGR of a smooth gradient with a red square."""
+    y, x = np.mgrid[:height, :width]
+    picture = np.stack([60 + x, 90 + y, 120 + 0.5 * (x + y)], -1)
+    picture[height // 4 : height // 2, width // 4 : width // 2] = (40, 50, 200)
+    return np.asarray(np.clip(picture, 0, 255), np.float32)
+
+
+def error(one: Single, other: Single) -> float:
+    return float(np.square(to_luma(one) - to_luma(other)).mean())
+
+
+@pytest.mark.parametrize("chroma", [0.3, 0.5, 1.0])
+def test_planes_and_colours_are_each_others_inverse(chroma: float) -> None:
+    colours = np.random.default_rng(1).uniform(0, 255, (9, 7, 3)).astype(np.float32)
+    assert np.allclose(from_planes(to_planes(colours, chroma), chroma), colours, atol=1e-2)
+    grey = np.full((2, 2, 3), 77.0, np.float32)
+    assert np.allclose(to_planes(grey), [77, 0, 0], atol=1e-4) and np.allclose(to_luma(grey), 77)
+
+
+def test_steps_double_every_octave() -> None:
+    assert step_size(0) == 1 and step_size(16) == pytest.approx(2 * step_size(8))
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (2, 5), (33, 64), (97, 41), (160, 200)])
+def test_a_still_decodes_to_what_its_encoder_says(height: int, width: int) -> None:
+    picture = painting(height, width)
+    data, stated = encode_still(picture, 8)
+    assert still_size("still", data) == (width, height)
+    decoded = decode_still("still", data)
+    assert np.array_equal(decoded, stated) and decoded.shape == picture.shape
+    assert error(decoded, picture) < 4
+
+
+def test_coarser_stills_are_smaller_and_worse() -> None:
+    picture = painting(96, 96)
+    found = [encode_still(picture, step) for step in (0, 16, 32, 48, MAX_STEP)]
+    sizes = [len(data) for data, _ in found]
+    errors = [error(decoded, picture) for _, decoded in found]
+    assert sizes == sorted(sizes, reverse=True) and errors == sorted(errors)
+
+
+def test_modes_decode_in_their_order() -> None:
+    rng = np.random.default_rng(4)
+    sender, receiver = ModeSeries(48), ModeSeries(48)
+    for number in range(4):
+        mode = np.zeros((48, 48, 3), np.float32)
+        mode[10:20, 5:40] = rng.normal(size=(10, 35, 3)) * 30
+        data, stated = sender.encode(mode, 24)
+        assert np.array_equal(receiver.decode(f"mode {number}", data), stated)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "no picture"),
+        (b"RIFF", "no picture"),
+        (b"W", "still: "),
+        (b"W\x08", "still: "),
+        (b"W\x00\x08\x10", "0x8"),
+        (b"W\x08\x00\x10", "8x0"),
+        (b"W\x08\x08", "no step"),
+        (b"W\x08\x08\x51", "no step"),
+        (b"W\x08\x08\x10" + bytes(40), "too many"),
+    ],
+)
+def test_what_is_no_still_is_refused(data: bytes, message: str) -> None:
+    with pytest.raises(ProtocolError, match=message):
+        decode_still("still", data)
+
+
+def test_what_is_no_mode_is_refused() -> None:
+    with pytest.raises(ProtocolError, match="no step"):
+        ModeSeries(16).decode("mode 0", b"")
+
+
+def test_every_truncation_and_bit_flip_is_a_still_or_a_protocol_error() -> None:
+    data, _ = encode_still(painting(12, 14), 32)
+    for place in range(len(data)):
+        for damaged in (data[:place], *(flip(data, place, bit) for bit in range(8))):
+            try:
+                width, height = still_size("still", damaged)
+                if width * height > 10_000:
+                    continue
+                assert np.isfinite(decode_still("still", damaged)).all()
+            except ProtocolError:
+                pass
+
+
+def flip(data: bytes, place: int, bit: int) -> bytes:
+    return data[:place] + bytes([data[place] ^ 1 << bit]) + data[place + 1 :]
