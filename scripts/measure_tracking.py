@@ -1,112 +1,111 @@
-"""Milliseconds a frame of the encoder's measurements on a clip, and how calm they are.
+"""Milliseconds a frame and jitter of each tracker: python -m scripts.measure_tracking CLIP...
 
-    python scripts/measure_tracking.py SOURCE [--frames 100]
-
-Prints medians and minima for detection, face mesh, irises, KLT and filter, each by itself, and the
-root mean square second difference of pitch, yaw and roll from the landmarks alone and from the
-filter.
+For every configuration of the synthetic experiment: median milliseconds a frame, the root mean
+square second difference of pitch, yaw and roll (degrees), and frames lost; then the median
+milliseconds of each part of the whole tracker.
 """
 
 import argparse
+import functools
+import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Sequence
 from itertools import islice
-from typing import TypeVar
+from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from encoder.capture import open_source
-from encoder.detect import BlazeFaceDetector
 from encoder.ekf import FaceFilter
-from encoder.fit import fit_frame, fit_identity, landmark_model, personalise
-from encoder.iris import IrisFinder
+from encoder.follow import FOLLOWED, FollowOptions, open_follower
 from encoder.klt import KltTracker
-from encoder.landmarks import LandmarkTracker
-from encoder.networks import find_network_folder
-from shared_model.animate import Face
+from encoder.own_texture import OwnTexture
+from encoder.sighting import NetworkSighter
+from scripts.track_synthetic import CONFIGURATIONS
 from shared_model.geometry import euler_deg
 from shared_model.mesh import generic_head
-from shared_model.parameters import FaceParameters
 
-T = TypeVar("T")
-LANDMARKS_USED = 12  # every so many of the landmarks goes into the filter
-LANDMARK_SIGMA = 0.015  # of the distance between the eyes; their errors move together
-
-
-class Stopwatch:
-    """Milliseconds of each call, by name."""
-
-    def __init__(self) -> None:
-        self.ms: dict[str, list[float]] = defaultdict(list)
-
-    def time(self, name: str, call: Callable[[], T]) -> T:
-        start = time.perf_counter()
-        result = call()
-        self.ms[name].append(1000 * (time.perf_counter() - start))
-        return result
+PARTS: dict[str, tuple[tuple[type, str], ...]] = {
+    "landmarks and their fit": ((NetworkSighter, "sight"),),
+    "KLT": ((KltTracker, "track"), (KltTracker, "put_back")),
+    "EKF": ((FaceFilter, "predict"), (FaceFilter, "update")),
+    "ABS": ((OwnTexture, "refine"), (OwnTexture, "learn")),
+}
 
 
-def calmness(angles: list[tuple[float, float, float]]) -> str:
-    rms = np.sqrt(np.mean(np.diff(angles, 2, axis=0) ** 2, axis=0))
-    return " ".join(f"{value:.2f}" for value in rms)
+def main(arguments: Sequence[str]) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("source", nargs="+")
+    parser.add_argument("--frames", type=int, default=100)
+    options = parser.parse_args(arguments)
+    cv2.setNumThreads(1)
+    spent_ms = watch(PARTS)
+    print("| clip | tracker | ms | jitter pitch yaw roll | lost |\n|---|---|---|---|---|")
+    parts: dict[str, dict[str, float]] = {}
+    for source in options.source:
+        for name, follow in CONFIGURATIONS.items():
+            spent_ms.clear()
+            print(f"| {Path(source).name} | {name} | {row(source, follow, options.frames)} |")
+            if follow == FollowOptions():
+                # Some parts run more than once in a frame.
+                parts[source] = {k: sum(v) / options.frames for k, v in spent_ms.items()}
+    print("\n| clip | " + " | ".join(PARTS) + " |\n" + "|---" * (len(PARTS) + 1) + "|")
+    for source, ms in parts.items():
+        cells = " | ".join(f"{ms.get(name, 0):.1f}" for name in PARTS)
+        print(f"| {Path(source).name} | {cells} |")
+    return 0
 
 
-def measure(source: str, count: int) -> None:
-    folder, head, watch = find_network_folder(), generic_head(), Stopwatch()
-    detector, irises = BlazeFaceDetector(folder), IrisFinder(folder)
-    tracker = LandmarkTracker(folder, detector)
+def row(source: str, follow: FollowOptions, count: int) -> str:
+    """Cells of one clip and tracker."""
+    spent, angles = [], []
     with open_source(source) as capture:
-        frames, elapsed_s = [f for _, f in islice(capture, count)], float(1 / capture.fps)
-    for frame in frames[::10]:
-        watch.time("detect", partial(detector.detect, frame))
-    seen = [watch.time("face mesh", partial(tracker.update, frame)) for frame in frames]
-    points = [found.points for found in seen if found is not None]
-    if len(points) < len(frames):
-        raise SystemExit(f"{source}: a face is missing in {len(frames) - len(points)} frames")
-    for frame, at in zip(frames[::5], points[::5], strict=True):
-        watch.time("irises", partial(irises.find, frame, at))
-    fitted = fit_identity(
-        head, (frames[0].shape[1], frames[0].shape[0]), points[:: len(points) // 3]
-    )
-    camera, face = fitted.camera, Face(head, fitted.identity)
-    model = personalise(landmark_model(head), fitted.identity.aau, fitted.control_mm)
-    alone = [fit_frame(model, camera, points[0], fitted.frames[0])]
-    for at in points[1:]:
-        alone.append(watch.time("fit", partial(fit_frame, model, camera, at, alone[-1])))
-    klt = KltTracker(face, frames[0], camera, alone[0])
-    chosen = np.arange(0, len(model.index), LANDMARKS_USED)
-    total = len(klt.index) + len(chosen)
-    filter_ = FaceFilter(camera, alone[0].pose, np.zeros(0), total)
-    filtered = [alone[0].pose]
-    for frame, at, shape in zip(frames[1:], points[1:], alone[1:], strict=True):
-        ahead = filter_.predict(elapsed_s)
-        guess = FaceParameters(ahead.pose, shape.eau)
-        tracks = watch.time("klt", partial(klt.track, frame, ahead.camera, guess))
-        eyes = np.linalg.norm(at[33, :2] - at[263, :2])
-        up, down = np.maximum(shape.eau, 0), np.maximum(-shape.eau, 0)
-        mesh = model.neutral + np.tensordot(up, model.up, 1) + np.tensordot(down, model.down, 1)
-        variance = np.full(len(chosen), (LANDMARK_SIGMA * eyes) ** 2)
-        measured = (
-            np.concatenate([tracks.points_mm, mesh[chosen]]),
-            np.concatenate([tracks.pixels, at[model.index[chosen], :2]]),
-            np.concatenate([tracks.variance_px2, variance]),
-            np.zeros(0),
-            np.zeros(0),
-        )
-        held = watch.time("filter", partial(filter_.update, *measured))
-        klt.put_back(frame, held.camera, FaceParameters(held.pose, shape.eau))
-        filtered.append(held.pose)
-    for name, ms in watch.ms.items():
-        print(f"{name:10} {np.median(ms):6.2f} ms, at best {min(ms):6.2f}")
-    print("jitter pitch yaw roll, degrees: landmarks", calmness([euler_deg(a.pose) for a in alone]))
-    print("                                   filter", calmness([euler_deg(p) for p in filtered]))
+        size, elapsed_s = (capture.width, capture.height), float(1 / capture.fps)
+        follower = open_follower(follow, generic_head(), size, FOLLOWED, elapsed_s, _warn)
+        for _, frame in islice(capture, count):
+            start = time.perf_counter()
+            face = follower.update(frame)
+            spent.append(1000 * (time.perf_counter() - start))
+            angles.append((np.nan,) * 3 if face is None else euler_deg(face.pose))
+    shown = " ".join(f"{value:.2f}" for value in jitter(np.array(angles)))
+    return f"{np.median(spent):.1f} | {shown} | {int(np.isnan(angles).any(1).sum())}"
+
+
+def jitter(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3,) root mean square second difference of angles (t, 3) over time."""
+    return np.asarray(np.sqrt(np.nanmean(np.diff(angles, 2, axis=0) ** 2, axis=0)))
+
+
+def watch(parts: dict[str, tuple[tuple[type, str], ...]]) -> dict[str, list[float]]:
+    """Make methods note how long they took, ms, by the name of their part."""
+    spent: dict[str, list[float]] = defaultdict(list)
+    for name, methods in parts.items():
+        for owner, method in methods:
+            setattr(owner, method, _timed(getattr(owner, method), spent, name))
+    return spent
+
+
+def _timed(
+    call: Callable[..., Any], spent: dict[str, list[float]], name: str
+) -> Callable[..., Any]:
+    @functools.wraps(call)
+    def timed(*arguments: Any) -> Any:
+        start = time.perf_counter()
+        try:
+            return call(*arguments)
+        finally:
+            spent[name].append(1000 * (time.perf_counter() - start))
+
+    return timed
+
+
+def _warn(message: str) -> None:
+    print(message, file=sys.stderr)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("source")
-    parser.add_argument("--frames", type=int, default=100)
-    arguments = parser.parse_args()
-    measure(arguments.source, arguments.frames)
+    raise SystemExit(main(sys.argv[1:]))

@@ -48,7 +48,7 @@ def own_texture(studio: Studio) -> OwnTexture:
 def moved_face() -> FaceParameters:
     eau = np.zeros(len(EAUS))
     eau[JAW] = 0.3
-    return FaceParameters(pose_from_euler(1.5, 2, -2, PLACE + [2, -1.5, 6]), eau)
+    return FaceParameters(pose_from_euler(1.5, 2, -2, PLACE + np.array([2, -1.5, 6])), eau)
 
 
 def off_deg(found: FaceParameters, truth: FaceParameters) -> float:
