@@ -83,7 +83,9 @@ def test_all_that_the_thesis_sends_is_followed() -> None:
 def test_blending_goes_half_the_way_in_angle_place_and_actuators() -> None:
     place = np.array([0.0, 0, 600])
     first = FaceParameters(pose_from_euler(0, 0, 0, place))
-    second = FaceParameters(pose_from_euler(0, 20, 0, place + np.array([10, 0, 0])), np.full(14, 0.4))
+    second = FaceParameters(
+        pose_from_euler(0, 20, 0, place + np.array([10, 0, 0])), np.full(14, 0.4)
+    )
     half = blend(first, second, 0.5)
     assert euler_deg(half.pose) == pytest.approx((0, 10, 0), abs=1e-6)
     assert half.pose.translation_mm == pytest.approx([5, 0, 600])
