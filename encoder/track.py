@@ -35,7 +35,7 @@ NETWORK_WIDE_DEG = 15.0
 # The fit of the textured model moves the whole face; it tells the filter by so many points.
 ANCHORS = 20
 # Steps of the fit, coarse and fine.
-ITERATIONS = (4, 3)
+ITERATIONS = (3, 2)
 RECOVERY_ITERATIONS = (8, 5)
 
 # The fit goes on from where the face was expected unless another start explains so much more.
