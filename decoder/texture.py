@@ -11,6 +11,8 @@ from protocol.pictures import MAGIC, ModeSeries, decode_still, still_size
 # An image of a few kilobytes may claim any size; this bounds what decoding it may allocate.
 MAX_IMAGE_SIDE_PX = 4096
 MAX_ATLAS_SIDE_PX = 1024
+# Of a picture of `protocol.pictures`, which takes its time for each pixel.
+MAX_CODED_SIDE_PX = 1024
 # All modes together; each texel takes 12 bytes.
 MAX_MODE_TEXELS = 4 * 1024 * 1024
 
@@ -54,6 +56,7 @@ def decode_image(name: str, data: bytes, limit_px: int = MAX_IMAGE_SIDE_PX) -> N
     Raises `ProtocolError` if it is neither, is damaged, or is too large.
     """
     own = data.startswith(MAGIC)
+    limit_px = min(limit_px, MAX_CODED_SIDE_PX) if own else limit_px
     width, height = still_size(name, data) if own else _webp_size(name, data)
     if not (1 <= width <= limit_px and 1 <= height <= limit_px):
         raise ProtocolError(f"{name} is {width}x{height}, limit {limit_px} a side")

@@ -34,7 +34,7 @@ class AdaptiveBits:
 class AdaptiveIntegers:
     """Signed integers, small ones most likely, in `count` contexts: Elias' gamma code, learning.
 
-    Sizes go up to 2 ** `LONGEST` - 2.
+    Sizes go up to 2 ** (`LONGEST` + 1) - 2.
     """
 
     LONGEST = 14

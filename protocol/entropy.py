@@ -1,16 +1,20 @@
 """A byte-wise binary range coder with given probabilities, all in integers.
 
-Probabilities are in 1 / 65536.  The encoder keeps its low end as one unbounded integer, so there is
-no carry to propagate; `finish` returns the fewest bytes that name a point of the final interval;
-the decoder reads zeros past the end.  Zeros take the lower part of the interval: likely zeros and
-nothing else cost no byte at all.  After Martin, "Range encoding", 1979.
+Probabilities are in 1 / 65536.  The encoder keeps its low end in integers of unbounded length, so
+there is no carry to propagate; `finish` returns the fewest bytes that name a point of the final
+interval; the decoder reads zeros past the end.  Zeros take the lower part of the interval: likely
+zeros and nothing else cost no byte at all.  After Martin, "Range encoding", 1979.
 """
+
+from bisect import bisect_left
 
 PROBABILITY_BITS = 16
 WHOLE = 1 << PROBABILITY_BITS
 # Wide enough that the interval is never split more coarsely than the probabilities say.
 _TOP_BITS = 48
 _LEAST_RANGE = 1 << 40
+# Adding to a long integer takes time by its length: what is above so many bits is put aside.
+_SHORT_BITS = 1024
 
 
 class RangeEncoder:
@@ -18,6 +22,7 @@ class RangeEncoder:
 
     def __init__(self) -> None:
         self._low, self._range, self._shifted = 0, 1 << _TOP_BITS, 0
+        self._aside: list[tuple[int, int]] = []
 
     def code_bit(self, bit: int, zero: int) -> int:
         """Code `bit`, 0 with probability `zero` / 65536, 0 < zero < 65536; returns it."""
@@ -31,17 +36,28 @@ class RangeEncoder:
             self._low <<= 8
             self._range <<= 8
             self._shifted += 8
+        if self._shifted > _SHORT_BITS:
+            self._aside.append((self._low >> _TOP_BITS, self._shifted))
+            self._low, self._shifted = self._low & (1 << _TOP_BITS) - 1, 0
         return bit
 
     def finish(self) -> bytes:
         """The shortest bytes from which a `RangeDecoder` reads what was coded."""
-        total = _TOP_BITS + self._shifted
-        length, point = 0, 0
-        while not self._low <= point < self._low + self._range:
-            length += 1
-            unit = total - 8 * length
-            point = -(-self._low >> unit) << unit
-        return (point >> total - 8 * length).to_bytes(length, "big")
+        low, total = 0, _TOP_BITS
+        for part, bits in (*self._aside, (self._low >> _TOP_BITS, self._shifted)):
+            low, total = (low << bits) + part, total + bits
+        low = (low << _TOP_BITS) + (self._low & (1 << _TOP_BITS) - 1)
+
+        def point(length: int) -> int:
+            """The lowest point from `low` on that has so many bytes, in units of the last one."""
+            return -(-low >> total - 8 * length)
+
+        length = bisect_left(
+            range(total // 8),
+            True,
+            key=lambda n: point(n) << total - 8 * n < low + self._range,
+        )
+        return point(length).to_bytes(length, "big")
 
 
 class RangeDecoder:

@@ -123,23 +123,19 @@ class SubbandCoder:
         height, width = band.shape
         above = _doubled(parent, band.shape)
         foretold = _classes(_spread(before))
-        across = -(-width // TILE)
-        busy = [0] * (across + 1)
+        contexts = 3 * _by_tile(foretold).max((1, 3)) + np.minimum(2, _by_tile(above).sum((1, 3)))
+        whether = np.abs(_by_tile(band)).max((1, 3)).tolist()
+        busy = [0] * (-(-width // TILE) + 1)
         sizes: Rows = [[0] * (width + 2) for _ in range(height + 1)]
-        for top in range(0, height, TILE):
-            for tile in range(across):
-                rows = slice(top, min(top + TILE, height))
-                columns = slice(tile * TILE, min(tile * TILE + TILE, width))
-                window = rows, columns
-                context = kind * 3 + busy[tile] + busy[tile - 1]
-                context = context * _CLASSES + int(foretold[window].max())
-                context = context * 3 + min(2, int(above[window].sum()))
-                occupied = int(band[window].any())
-                occupied = self._tiles.code(coder, context, occupied)
-                busy[tile] = occupied
-                if occupied:
+        for row, in_row in enumerate(contexts.tolist()):
+            for tile, context in enumerate(in_row):
+                beside = kind * 3 + busy[tile] + busy[tile - 1]
+                busy[tile] = self._tiles.code(
+                    coder, beside * _CLASSES * 3 + context, int(whether[row][tile] > 0)
+                )
+                if busy[tile]:
+                    window = _window(row, band.shape[0]), _window(tile, band.shape[1])
                     self._code_tile(coder, window, band, sizes, foretold, above)
-            busy[across] = 0
 
     def _code_tile(
         self,
@@ -257,6 +253,18 @@ def _doubled(parent: Integers | None, shape: tuple[int, ...]) -> Integers:
     doubled = np.repeat(np.repeat(parent, 2, 0), 2, 1)
     short = [(0, max(0, want - have)) for want, have in zip(shape, doubled.shape, strict=True)]
     return np.asarray(np.pad(doubled, short)[: shape[0], : shape[1]])
+
+
+def _window(tile: int, end: int) -> slice:
+    """The rows or columns of a tile."""
+    return slice(tile * TILE, min((tile + 1) * TILE, end))
+
+
+def _by_tile(band: Integers) -> Integers:
+    """A band by rows of tiles, rows within, columns of tiles, columns within; zeros at its ends."""
+    whole = np.pad(band, [(0, -side % TILE) for side in band.shape])
+    height, width = whole.shape
+    return whole.reshape(height // TILE, TILE, width // TILE, TILE)
 
 
 def _spread(before: Integers) -> Integers:

@@ -113,7 +113,7 @@ def test_modes_must_be_byte_strings(modes: object) -> None:
 
 
 def test_every_truncation_and_bit_flip_is_components_or_a_protocol_error() -> None:
-    data = serialise_components(sample())
+    data = serialise_components(sample(2))
     for length in range(len(data)):
         with pytest.raises(ProtocolError):
             parse_components(data[:length])
@@ -128,7 +128,7 @@ def test_fuzz_of_mutated_components() -> None:
     print(f"seed {seed}")
     rng = random.Random(seed)
     base = serialise_components(sample(3))
-    for _ in range(5000):
+    for _ in range(1500):
         data = bytearray(base)
         for _ in range(rng.randint(1, 3)):
             place = rng.randrange(len(data))

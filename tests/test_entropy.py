@@ -65,6 +65,12 @@ def test_carries_run_through_the_whole_string() -> None:
     assert [decoder.code_bit(0, zero) for _, zero in [*ones, last]] == [1] * 400 + [0]
 
 
+def test_long_strings_are_coded_in_time_by_their_length() -> None:
+    pairs = drawn(5, 200_000)
+    decoder = RangeDecoder(encode(pairs))
+    assert all(decoder.code_bit(0, zero) == bit for bit, zero in pairs)
+
+
 def test_the_worst_case_costs_sixteen_bits_a_decision() -> None:
     assert len(encode([(0, 1), (1, WHOLE - 1)] * 50)) <= 201
 

@@ -91,6 +91,40 @@ def test_what_is_no_still_is_refused(data: bytes, message: str) -> None:
         decode_still("still", data)
 
 
+def test_a_harsh_picture_at_the_finest_step_is_coded() -> None:
+    rng = np.random.default_rng(6)
+    squares = rng.integers(0, 2, (4, 4, 3)) * 255.0
+    picture = np.kron(squares, np.ones((32, 32, 1))).astype(np.float32)
+    data, stated = encode_still(picture, 0)
+    assert np.array_equal(decode_still("still", data), stated)
+    assert error(stated, picture) < 2
+
+
+def test_a_mode_is_cheaper_after_others_that_are_busy_in_the_same_places() -> None:
+    rng = np.random.default_rng(8)
+    series, sizes, alone = ModeSeries(64), [], []
+    for _ in range(3):
+        mode = np.zeros((64, 64, 3), np.float32)
+        mode[20:34, 8:56] = rng.normal(size=(14, 48, 3)) * 30
+        sizes.append(len(series.encode(mode, 28)[0]))
+        alone.append(len(ModeSeries(64).encode(mode, 28)[0]))
+    assert sizes[0] == alone[0] and sizes[2] < 0.95 * alone[2]
+
+
+def test_a_mode_of_another_series_is_a_mode_or_a_protocol_error() -> None:
+    rng = np.random.default_rng(9)
+    modes = [rng.normal(size=(24, 24, 3)).astype(np.float32) * 30 for _ in range(4)]
+    series = ModeSeries(24)
+    coded = [series.encode(mode, 20)[0] for mode in modes]
+    out_of_order = ModeSeries(24)
+    for data in reversed(coded):
+        try:
+            decoded = out_of_order.decode("mode", data)
+        except ProtocolError:
+            continue
+        assert decoded.shape == (24, 24, 3) and np.isfinite(decoded).all()
+
+
 def test_what_is_no_mode_is_refused() -> None:
     with pytest.raises(ProtocolError, match="no step"):
         ModeSeries(16).decode("mode 0", b"")

@@ -6,8 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from decoder.texture import decode_image
+from decoder.texture import MAX_CODED_SIDE_PX, decode_image
 from protocol.messages import ProtocolError
+from protocol.pictures import MAGIC, encode_still
+from protocol.varint import encode_varint
 
 
 def webp(width: int, height: int, quality: int = 90) -> bytes:
@@ -34,6 +36,28 @@ def test_size_is_bounded_before_anything_is_allocated() -> None:
     data[21:25] = (0x3FFF | 0x3FFF << 14).to_bytes(4, "little")
     with pytest.raises(ProtocolError, match="16384x16384"):
         decode_image("texture", bytes(data))
+
+
+def test_a_wavelet_still_keeps_its_size_and_its_colours() -> None:
+    ramp = np.broadcast_to(np.linspace(-9, 270, 61)[None, :, None], (47, 61, 3))
+    picture = decode_image("still", encode_still(ramp.astype(np.float32), 16)[0])
+    assert picture.shape == (47, 61, 3) and picture.dtype == np.uint8
+    # Beyond black and white colours stop, they do not wrap around.
+    assert picture[20, -1].min() == 255 and picture[20, 0].max() == 0
+    assert np.abs(picture[:, 5:-5] - ramp[:, 5:-5]).max() < 8
+
+
+@pytest.mark.parametrize("size", [(MAX_CODED_SIDE_PX + 1, 8), (8, 1 << 28)])
+def test_the_size_of_a_wavelet_still_is_bounded(size: tuple[int, int]) -> None:
+    data = MAGIC + b"".join(encode_varint(side) for side in size) + bytes(20)
+    with pytest.raises(ProtocolError, match=f"{size[0]}x{size[1]}, limit {MAX_CODED_SIDE_PX}"):
+        decode_image("background", data)
+
+
+def test_an_atlas_has_its_own_limit() -> None:
+    data, _ = encode_still(np.zeros((40, 40, 3), np.float32), 16)
+    with pytest.raises(ProtocolError, match="40x40, limit 32"):
+        decode_image("texture", data, 32)
 
 
 def test_every_truncation_decodes_or_is_a_protocol_error() -> None:
