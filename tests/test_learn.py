@@ -27,7 +27,7 @@ from shared_model.mouth_sheet import mouth_sheet_head
 from shared_model.parameters import AAUS
 
 Single = NDArray[np.float32]
-SIZE = 96
+SIZE = 64
 
 
 @pytest.fixture(scope="module")
