@@ -13,6 +13,7 @@ from encoder.align import pose_from_points
 from encoder.ekf import Doubt, Estimate, FaceFilter, Motion
 from encoder.fit import Fitted
 from encoder.klt import EYE_DISTANCE_MM, KltTracker, Tracks
+from encoder.lost import FOUND_CORRELATION, LEAST_CORRELATION, is_bad, is_plausible
 from encoder.own_texture import GOOD_CORRELATION, LARGEST_ATLASES, OwnTexture, Refined
 from encoder.sighting import Sight, Sighter
 from shared_model.animate import Face
@@ -43,17 +44,8 @@ CLEARLY_BETTER = 0.01
 # Other starts are tried in one of so many frames, and wherever the fit is poor.
 OTHER_STARTS_EVERY = 4
 
-# A head this many times farther or nearer than at first is none.
-FARTHEST = 6.0
-
-# Frames in a row that must look bad before the face counts as lost, and what is bad.
+# Frames in a row that must look bad before the face counts as lost.
 BAD_FRAMES = 3
-LEAST_CORRELATION = 0.5
-# Where the landmark network sees no face, the texture has to be the surer.
-UNSEEN_CORRELATION = 0.75
-LEAST_SHARE = 0.3
-# A face found again must look more like the caller than one merely held.
-FOUND_CORRELATION = 0.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,8 +133,9 @@ class TrackingFollower:
         self, caller: Caller, last: FaceParameters, frame: Picture
     ) -> FaceParameters | None:
         predicted = self._predict(last)
-        sight = self._sighter.sight(frame, predicted) if self._measured_by_network() else None
-        if sight is not None and not _plausible(sight.face, caller):
+        looks = self._measured_by_network()
+        sight = self._sighter.sight(frame, predicted) if looks else None
+        if sight is not None and not is_plausible(sight.face, caller.fitted):
             sight = None
         camera = caller.fitted.camera
         tracks = caller.klt.track(frame, camera, predicted) if self._has("klt") else None
@@ -153,10 +146,10 @@ class TrackingFollower:
         if refined is not None and refined.correlation < LEAST_CORRELATION and sight is not None:
             # The landmarks still see a face where the texture does not know it.
             start, refined = sight.face, None
-        elif self._is_bad(sight, tracks, refined):
+        elif is_bad(looks and sight is None, tracks, refined):
             return self._miss(last)
         found = self._correct(caller, start, refined)
-        if not _plausible(found, caller):
+        if not is_plausible(found, caller.fitted):
             return self._miss(last)
         if refined is not None:
             for texture in caller.textures:
@@ -265,12 +258,6 @@ class TrackingFollower:
             eau, eau_variance = refined.eau[self._active], self._fit_variance
         return self._filter.update(points, pixels, variance, eau, eau_variance)
 
-    def _is_bad(self, sight: Sight | None, tracks: Tracks | None, refined: Refined | None) -> bool:
-        unseen = self._measured_by_network() and sight is None
-        if refined is not None:
-            return refined.correlation < (UNSEEN_CORRELATION if unseen else LEAST_CORRELATION)
-        return unseen or (tracks is not None and tracks.share < LEAST_SHARE)
-
     def _miss(self, last: FaceParameters) -> FaceParameters | None:
         """Hold the last face for a few frames, then give it up."""
         self._bad += 1
@@ -282,7 +269,7 @@ class TrackingFollower:
     def _recover(self, caller: Caller, frame: Picture) -> FaceParameters | None:
         """Look for the same caller anywhere in the picture."""
         sight = self._sighter.sight(frame, None)
-        if sight is None or not _plausible(sight.face, caller):
+        if sight is None or not is_plausible(sight.face, caller.fitted):
             return None
         found = sight.face
         if self._has("abs"):
@@ -294,12 +281,6 @@ class TrackingFollower:
         caller.klt.put_back(frame, caller.fitted.camera, found)
         self._restart(caller, found)
         return found
-
-
-def _plausible(face: FaceParameters, caller: Caller) -> bool:
-    """Whether the head is before the camera, and not absurdly nearer or farther than at first."""
-    times = face.pose.translation_mm[2] / caller.fitted.frames[0].pose.translation_mm[2]
-    return bool(1 / FARTHEST < times < FARTHEST)
 
 
 def _aside_deg(pose: Pose) -> float:
