@@ -2,9 +2,10 @@
 
     risorius bench CLIP... --profile thesis --out DIR/thesis
     risorius bench CLIP... --profile default --out DIR/default
-    python scripts/readme_figures.py DIR/*/report.json
+    python scripts/readme_figures.py [--without-times] DIR/*/report.json
 
-A profile whose report is not named keeps the table that it has.
+A profile whose report is not named keeps the table that it has.  Times mean something only if the
+host had nothing else to do.
 """
 
 import json
@@ -53,8 +54,8 @@ MEAN_COLUMNS = {
     "5th percentile": "face_psnr_p5_db",
     "landmarks off, %": "nme_percent",
 }
-# A call that looks ahead has no latency: the whole source has been read before it begins.
-LEFT_OUT = {"thesis": (), "default": ("latency p50 / p99, ms",)}
+LATENCY = "latency p50 / p99, ms"
+TIMES = (LATENCY, "encoder, ms/frame", "decoder, ms/frame")
 
 
 def marks(profile: str) -> tuple[str, str]:
@@ -62,10 +63,12 @@ def marks(profile: str) -> tuple[str, str]:
     return f"<!-- figures: {profile} -->\n", f"<!-- end of figures: {profile} -->\n"
 
 
-def markdown(report: Mapping[str, Any]) -> str:
+def markdown(report: Mapping[str, Any], times: bool = True) -> str:
     """A sentence and a table of the report of a bench."""
     clips, mean, profile = report["clips"], report["mean"], report["settings"]["profile"]
-    columns = [title for title in COLUMNS if title not in LEFT_OUT[profile]]
+    # A call that looks ahead has no latency: the whole source has been read before it begins.
+    hidden = TIMES if not times else () if profile == "thesis" else (LATENCY,)
+    columns = [title for title in COLUMNS if title not in hidden]
     rows = [[COLUMNS[title](clip) for title in columns] for clip in clips]
     rows.append(["**mean**", *(_mean_cell(mean, title, COLUMNS[title]) for title in columns[1:])])
     lines = [columns, ["---"] * len(columns), *rows]
@@ -78,7 +81,7 @@ def markdown(report: Mapping[str, Any]) -> str:
     )
 
 
-def replaced(text: str, report: Mapping[str, Any]) -> str:
+def replaced(text: str, report: Mapping[str, Any], times: bool = True) -> str:
     """README.md's text with the figures of a report between the marks of its profile.
 
     Raises `ValueError` if the marks are not there.
@@ -86,7 +89,7 @@ def replaced(text: str, report: Mapping[str, Any]) -> str:
     begin, end = marks(report["settings"]["profile"])
     before, rest = text.split(begin)
     _, after = rest.split(end)
-    return before + begin + markdown(report) + end + after
+    return before + begin + markdown(report, times) + end + after
 
 
 def _mean_cell(mean: Mapping[str, Any], title: str, own: Callable[[Cells], str]) -> str:
@@ -102,9 +105,9 @@ def _number(value: float | None, digits: int) -> str:
 
 def main(arguments: list[str]) -> None:
     """Rewrite README.md from the reports named on the command line."""
-    text = README.read_text(encoding="utf-8")
-    for name in arguments:
-        text = replaced(text, json.loads(Path(name).read_text(encoding="utf-8")))
+    text, times = README.read_text(encoding="utf-8"), "--without-times" not in arguments
+    for name in arguments[int(not times) :]:
+        text = replaced(text, json.loads(Path(name).read_text(encoding="utf-8")), times)
     README.write_text(text, encoding="utf-8")
 
 

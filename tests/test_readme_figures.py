@@ -44,7 +44,9 @@ def test_the_table_says_each_figure_and_the_means() -> None:
 
 
 def test_a_call_that_looks_ahead_has_no_latency_in_its_table() -> None:
-    assert "latency" not in markdown(report("default", None))
+    table = markdown(report("default", None))
+    assert "latency" not in table and "ms/frame" in table
+    assert "ms" not in markdown(report("thesis", 24.0), times=False).splitlines()[2]
 
 
 def test_a_profile_leaves_the_other_ones_table_alone() -> None:
