@@ -76,7 +76,7 @@ def main(arguments: Sequence[str]) -> int:
         found = {name: follow(video, CONFIGURATIONS[name]) for name in options.only}
         figures[call.stem] = {name: errors(f, truth) for name, f in found.items()}
         draw_figures(options.out / call.stem, truth, found)
-    (options.out / "figures.json").write_text(json.dumps(figures, indent=1))
+        (options.out / "figures.json").write_text(json.dumps(figures, indent=1))
     print(error_table(figures))
     return 0
 
