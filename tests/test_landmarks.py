@@ -116,3 +116,40 @@ def test_face_is_held_over_a_real_clip(networks: Path, name: str) -> None:
     for index, frame in enumerate(frames(name, 60)):
         found = tracker.update(frame)
         assert found is not None and found.score > 0.7, f"frame {index}"
+
+
+class Nobody:
+    """A detector that never finds a face, and counts how often it was asked."""
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    def detect(self, frame: Frame) -> list[Detection]:
+        self.asked += 1
+        return []
+
+
+def test_the_detector_rests_where_there_is_no_face(networks: Path) -> None:
+    nobody = Nobody()
+    tracker = LandmarkTracker(networks, nobody)
+    empty = np.zeros((120, 160, 3), np.uint8)
+    for _ in range(4):
+        assert tracker.update(empty) is None
+    assert nobody.asked == 4
+    for _ in range(90):
+        assert tracker.update(empty) is None
+    assert nobody.asked < 20
+
+
+def test_steered_landmarks_need_no_detector(networks: Path) -> None:
+    (frame,) = frames("akiyo.mp4", 1)
+    first = LandmarkTracker(networks, BlazeFaceDetector(networks)).update(frame)
+    assert first is not None
+    nobody = Nobody()
+    tracker = LandmarkTracker(networks, nobody)
+    known = np.full((468, 3), np.nan)
+    known[::3], known[list(EYE_CORNERS)] = first.points[::3], first.points[list(EYE_CORNERS)]
+    tracker.steer(square_from_landmarks(known))
+    found = tracker.update(frame)
+    assert found is not None and nobody.asked == 0
+    assert np.abs(found.points[:, :2] - first.points[:, :2]).mean() < 1
