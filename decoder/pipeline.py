@@ -103,10 +103,13 @@ def decode(options: DecodeOptions, progress: Progress, stop: Callable[[], bool])
         for frame in played_frames(source, playout, tally, stop):
             sender = playout.model
             assert sender is not None
-            worn = worn or sender
+            shown = worn or sender
             if scene is None:
-                scene, sink = _open_outputs(sender, worn, options, tally, stack)
-            picture = scene.draw(recast(frame, sender, worn), clock)
+                sink = _open_sink(sender, shown, options, tally, stack)
+            if scene is None or scene.model is not shown:
+                with clock.stage("model"):
+                    scene = _change_scene(scene, shown, options, stack)
+            picture = scene.draw(recast(frame, sender, shown), clock)
             tally.shown_ns.append((frame.index, time.monotonic_ns()))
             tally.held_frames += frame.held
             if sink is not None:
@@ -168,21 +171,29 @@ def _count(data: bytes, tally: _Tally) -> None:
             tally.frame_bytes += len(data) - 1
 
 
-def _open_outputs(
-    sender: ModelPacket,
-    worn: ModelPacket,
-    options: DecodeOptions,
-    tally: _Tally,
-    stack: ExitStack,
-) -> tuple[Scene, PictureSink | None]:
-    call = worn.call
+def _change_scene(
+    before: Scene | None, model: ModelPacket, options: DecodeOptions, stack: ExitStack
+) -> Scene:
+    if before is not None:
+        before.close()
     try:
-        scene = Scene(worn, head_of(worn))
+        scene = Scene(model, head_of(model))
     except ProtocolError as error:
         raise UserError(f"cannot draw {options.face or _name(options)}: {error}") from error
     stack.callback(scene.close)
+    return scene
+
+
+def _open_sink(
+    sender: ModelPacket,
+    shown: ModelPacket,
+    options: DecodeOptions,
+    tally: _Tally,
+    stack: ExitStack,
+) -> PictureSink | None:
+    call = shown.call
     if options.output is None:
-        return scene, None
+        return None
     if any(padding_px(options.output, call.width, call.height)):
         tally.warnings.append(
             f"{call.width}x{call.height} is odd: the video repeats its last row or column; "
@@ -190,7 +201,7 @@ def _open_outputs(
         )
     fps = Fraction(sender.call.fps_numerator, sender.call.fps_denominator)
     sink = open_sink(options.output, call.width, call.height, fps)
-    return scene, stack.enter_context(Background(sink))
+    return stack.enter_context(Background(sink))
 
 
 def _expected_frames(options: DecodeOptions) -> int | None:

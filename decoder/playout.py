@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 # A packet this far behind the newest, in sequence numbers, is late; any other is ahead of it.
 LATE_WINDOW = 16
 # A call whose first sample has a higher number is one we joined late.
-FIRST_WINDOW = 8
+FIRST_WINDOW = 9
 # No packet may claim more frames than these beyond the last sample (ten minutes).
 MAX_HELD_S = 600
 
@@ -55,7 +55,8 @@ class PlayedFrame:
 class Playout:
     """Turns the packets of one call into the faces of its source frames, in order.
 
-    model: the call's model packet, None until it came.
+    model: the call's model packet as the newest frames need it, None until one came.  An update
+        holds from the frame packet on whose sequence number it bears.
     ended: the END packet has come.
     lost, late, unusable: numbers of frame packets that never came, came too late or twice, or came
         before the model packet.
@@ -70,6 +71,8 @@ class Playout:
         self._number = -1  # of the newest sample
         self._sample: Sample | None = None
         self._decoder: SampleDecoder | None = None
+        self._first = 0  # number of the model's first frame packet
+        self._update: tuple[ModelPacket, SampleDecoder, int] | None = None
         self._face_lost = False
 
     def receive(self, data: bytes) -> Iterator[PlayedFrame]:
@@ -80,25 +83,38 @@ class Playout:
         """
         packet = parse_packet(data)
         if isinstance(packet, ModelPacket):
-            # A model packet may be repeated for those who join late; the first usable one counts.
-            if self.model is None:
-                self._decoder = sample_decoder(packet)
-                self.model = packet
+            self._receive_model(packet)
         elif self.model is None or self._decoder is None:
             self.unusable += 1
         elif isinstance(packet, FramePacket):
-            yield from self._receive_frame(self.model.call, self._decoder, packet)
+            yield from self._receive_frame(packet)
         else:
             yield from self._receive_control(self.model.call, packet)
 
-    def _receive_frame(
-        self, call: CallParameters, decoder: SampleDecoder, packet: FramePacket
-    ) -> Iterator[PlayedFrame]:
+    def _receive_model(self, packet: ModelPacket) -> None:
+        """Take the first model packet, and updates; each may be repeated for who joins late."""
+        newest = self._update[0] if self._update else self.model
+        if newest is None:
+            self.model, self._decoder = packet, sample_decoder(packet)
+            self._first, self._number = packet.sequence, packet.sequence - 1
+            if packet.layer:
+                self._join_late()
+        elif packet.layer > newest.layer:
+            check_update(newest.call, packet.call)
+            ahead = (packet.sequence - self._number) % SEQUENCE_MODULUS
+            self._update = packet, sample_decoder(packet), self._number + ahead
+
+    def _receive_frame(self, packet: FramePacket) -> Iterator[PlayedFrame]:
         number = self._unwrap(packet.sequence)
         if number is None:
             self.late += 1
             return
-        samples = decoder.decode(number, packet.payload)
+        if self._update is not None and number >= self._update[2]:
+            self.model, self._decoder, self._first = self._update
+            self._update = None
+        assert self.model is not None and self._decoder is not None
+        call = self.model.call
+        samples = self._decoder.decode(number - self._first, packet.payload)
         self.lost += number - self._number - 1
         self._number = number
         for sample in samples:
@@ -109,15 +125,18 @@ class Playout:
 
     def _unwrap(self, sequence: int) -> int | None:
         """The sample's number in the call; None if it is late or a repetition."""
-        if self._sample is None and self._number < 0 and sequence > FIRST_WINDOW:
-            self.joined_late = True
-            self._number = sequence - 1
-            self._next = -1
-            return sequence
         ahead = (sequence - self._number) % SEQUENCE_MODULUS
+        if self._sample is None and self._number < self._first and ahead > FIRST_WINDOW:
+            self._join_late()
+            self._number += ahead - 1
+            return self._number + 1
         if ahead == 0 or ahead >= SEQUENCE_MODULUS - LATE_WINDOW:
             return None
         return self._number + ahead
+
+    def _join_late(self) -> None:
+        self.joined_late = True
+        self._next = -1
 
     def _frames_until(self, call: CallParameters, sample: Sample) -> Iterator[PlayedFrame]:
         """Source frames after those already shown up to the place of `sample`."""
@@ -161,13 +180,24 @@ class Playout:
     def _skip_to(self, frame: int) -> None:
         """Expect the samples at and after source frame `frame`: none were sent without a face."""
         if not self.joined_late and self._decoder is not None:
-            self._number = max(self._number, self._decoder.number_at(frame) - 1)
+            self._number = max(self._number, self._first + self._decoder.number_at(frame) - 1)
 
     def _check_held(self, call: CallParameters, end: int | Fraction) -> None:
         if end - self._next > MAX_HELD_S * call.fps:
             raise ProtocolError(
                 f"call jumps from frame {self._next} to {int(end)}, limit {MAX_HELD_S} s"
             )
+
+
+def check_update(call: CallParameters, update: CallParameters) -> None:
+    """Raise `ProtocolError` if an update's call is another than the one it updates."""
+    for one, other in ((call.profile, update.profile), (_shape(call), _shape(update))):
+        if one != other:
+            raise ProtocolError(f"an update is of another call: {other}, expected {one}")
+
+
+def _shape(call: CallParameters) -> tuple[int, int, int, int]:
+    return call.width, call.height, call.fps_numerator, call.fps_denominator
 
 
 def interpolate(first: FaceParameters, second: FaceParameters, share: float) -> FaceParameters:
@@ -180,7 +210,10 @@ def interpolate(first: FaceParameters, second: FaceParameters, share: float) -> 
             _mix(first.pose.translation_mm, second.pose.translation_mm, share),
         ),
         _mix(first.eau, second.eau, share),
-        _mix(first.modes, second.modes, share),
+        # After an update coefficients are of other modes.
+        _mix(first.modes, second.modes, share)
+        if first.modes.shape == second.modes.shape
+        else second.modes,
         _mix(first.light, second.light, share),
     )
 

@@ -40,10 +40,13 @@ LEAST_FACE_PX = 4.0
 class Scene:
     """One caller, ready to be drawn: face, texture and backdrop on the renderer.
 
+    model: what it was made of.
+
     Raises `ProtocolError` if the model packet is none that can be drawn.
     """
 
     def __init__(self, model: ModelPacket, head: Head) -> None:
+        self.model = model
         self._camera, self._head = model.call.camera, head
         # Where modes paint the inside of the mouth they have its light in them.
         self._shade_mouth = model.call.profile == "thesis"

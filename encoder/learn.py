@@ -16,7 +16,7 @@ from encoder.crop import Crop
 from encoder.fit import OUTLINE
 from encoder.refine import Template
 from encoder.shape_free import ShapeFree
-from encoder.texture import fill, sample, visible_texels
+from encoder.texture import fill, finest_still, sample, visible_texels
 from protocol.pictures import MAX_STEP, ModeSeries, encode_still, to_luma, to_planes
 from shared_model.appearance import Atlas
 from shared_model.mesh import PARTS, Head
@@ -28,7 +28,8 @@ Single = NDArray[np.float32]
 # The modes' quantiser: where the search for it starts and how far apart it tries, in steps of
 # `pictures.step_size`; the mean's is coarser by so many.  Measured on six callers.
 FIRST_STEP = 28
-STEP_STRIDE = 3
+STEP_STRIDE = 4
+MOST_TRIES = 3
 MEAN_COARSER = 3
 # A mode costs a length, a centre, a unit and a column of the basis beside its picture.
 MODE_OVERHEAD = 20
@@ -145,11 +146,15 @@ def code_appearance(
     shape: ShapeFree, stack: Stack, mean: Single, mask: Single, face_bytes: int, most_modes: int
 ) -> Appearance:
     """Code mean and modes within `face_bytes` together, by the quantiser that explains most."""
+    if not most_modes:
+        texture, decoded = finest_still(_picture(shape, mean), face_bytes)
+        size = shape.atlas.size
+        return Appearance(texture, (), decoded, np.zeros((0, size, size, 3), np.float32))
     bench = _Bench(shape, stack, mean, mask, face_bytes, most_modes)
     best = bench.code(FIRST_STEP)
     for stride in (STEP_STRIDE, -STEP_STRIDE):
-        for step in range(FIRST_STEP + stride, MAX_STEP if stride > 0 else 0, stride):
-            found = bench.code(step)
+        for tries in range(1, MOST_TRIES + 1):
+            found = bench.code(FIRST_STEP + tries * stride)
             if found.error >= best.error:
                 break
             best = found
@@ -204,7 +209,8 @@ class _Bench:
             images.append(image)
             remainder.explain(row)
         shown = np.array(images, np.float32).reshape(-1, size, size, 3)
-        return _Coded(Appearance(texture, tuple(coded), mean, shown), step, remainder.error)
+        error = remainder.error if len(texture) <= self.face_bytes else np.inf
+        return _Coded(Appearance(texture, tuple(coded), mean, shown), step, error)
 
 
 class _Remainder:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from encoder.capture import Capture, open_source
 from encoder.default_call import Survey, send_call
 from encoder.follow import FOLLOWED, FollowOptions, open_follower
+from encoder.live_call import LiveCall
 from encoder.model import budget_for
 from encoder.tally import Tally
 from encoder.thesis_call import ThesisCall
@@ -36,6 +37,7 @@ class EncodeOptions:
     follow: how the thesis profile follows the face.
     profile: "thesis" or "default".
     bitrate: bits per second that frame packets take (default profile).
+    live: look at nothing before it is sent, as if the source were a camera (default profile).
     pace: send at the source's own rate, as a camera would, instead of as fast as possible.
     wait_for_peer_s: wait this long for a decoder before the first frame; 0: do not wait.
     look_for_face_s: say so if there is no face after this many seconds of video.
@@ -50,6 +52,7 @@ class EncodeOptions:
     lossless: bool = False
     profile: str = "thesis"
     bitrate: float = 800.0
+    live: bool = False
     follow: FollowOptions = field(default_factory=FollowOptions)
     pace: bool = False
     max_frames: int | None = None
@@ -125,9 +128,33 @@ def send_default(
     progress: Progress,
     stop: Callable[[], bool],
 ) -> None:
-    """Look at the whole source, then send the best call it allows."""
+    """Look at the whole source, then send the best call it allows; a live one frame by frame."""
+    if options.live or capture.is_live:
+        send_live(options, capture, sink, tally, progress, stop)
+        return
     call = survey_source(options, capture, tally, progress, stop).code(options.bitrate)
     send_call(call, sink, tally, float(capture.fps) if options.pace else None, stop)
+
+
+def send_live(
+    options: EncodeOptions,
+    capture: Capture,
+    sink: PacketSink,
+    tally: Tally,
+    progress: Progress,
+    stop: Callable[[], bool],
+) -> None:
+    """Send every frame as it comes, in the default profile."""
+    budget = budget_for("default", options.model_bytes)
+    # A source that waits for its reader may wait for the learning, too.
+    wait = not (options.pace or capture.is_live)
+    call = LiveCall(capture, sink, budget, options.bitrate, options.look_for_face_s, tally, wait)
+    for index, frame in paced(capture, options, tally, stop):
+        call.frame(index, frame)
+        progress(index + 1, capture.frame_count)
+    if not call.started:
+        raise no_face(options.source, len(tally.capture_ns))
+    call.end(len(tally.capture_ns))
 
 
 def survey_source(
@@ -139,10 +166,8 @@ def survey_source(
 ) -> Survey:
     """Go over the whole source, twice, and learn its caller: ready to be coded at any rate.
 
-    Raises `UserError` if the source is live or shows no face.
+    Raises `UserError` if the source shows no face.
     """
-    if capture.is_live:
-        raise UserError("the default profile needs a recorded source; use --profile thesis")
     survey = Survey(capture, tally)
     for index, frame in paced(capture, replace(options, pace=False), tally, stop):
         survey.frame(index, frame)

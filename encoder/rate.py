@@ -17,6 +17,12 @@ WINDOW_S = 5.0
 QUALITIES = 32
 # Packets of a call take turns between two neighbouring qualities: the rate is met more closely.
 TURNS = 8
+# A live call saves up this many seconds of its rate; its packets may be this much finer than the
+# one before.
+CREDIT_S = 2.0
+FINER = 3
+# A call in debt spends this share of what it earns.
+REPAYING = 0.75
 # Byte 0 of a packet and the length before it in a call file.
 OVERHEAD_BYTES = 2
 
@@ -89,6 +95,39 @@ def packet_spans(frames: int, frames_per_packet: int) -> list[tuple[int, int]]:
     return list(zip(starts, [*starts[1:], frames], strict=True))
 
 
+class LivePurse:
+    """Codes the packets of a call that is not known beforehand.
+
+    What a calm stretch leaves over is credit for the next `CREDIT_S` seconds' worth at most.
+    """
+
+    def __init__(self, spending: Spending) -> None:
+        self._spending, self._purse = spending, Purse(spending)
+        self._credit = 0.0
+        self._quality = 0
+
+    def code(self, predictor: FramePredictor, number: int, targets: Array) -> CodedPacket:
+        """Packet `number` of frames (count, n), in units, as finely as there is credit for."""
+        spending = self._spending
+        earned = spending.bitrate * len(targets) / spending.fps
+        self._credit = min(self._credit + earned, spending.bitrate * CREDIT_S)
+
+        def attempt(quality: int) -> CodedPacket:
+            sequence, usual = number % SEQUENCE_MODULUS, spending.frames_per_packet
+            return code_packet(predictor, sequence, usual, targets, quality, fresh=number == 0)
+
+        quality = max(0, self._quality - FINER)
+        packet = attempt(quality)
+        # Half of the credit may go at once.  The first frame comes whole; debts are paid back.
+        limit = max(self._credit / 2, REPAYING * earned) if number else spending.bitrate
+        while packet_bits(packet) > limit and quality < QUALITIES - 1:
+            quality += 1
+            packet = attempt(quality)
+        packet, self._quality = self._purse.buy(attempt, quality, len(targets)), quality
+        self._credit -= packet_bits(packet)
+        return packet
+
+
 class Purse:
     """What may be spent now so that no window holds more than its share."""
 
@@ -96,18 +135,22 @@ class Purse:
         self._spending = spending
         self._spent: list[tuple[float, int]] = []  # seconds, bits of the packets in the window
 
-    def buy(self, attempt: Callable[[int], CodedPacket], quality: int, frames: int) -> CodedPacket:
-        """The packet of `frames` frames at `quality`, or the finest one there is money for."""
+    def money(self, frames: int) -> float:
+        """Bits that a packet of `frames` frames may take now."""
         seconds = frames / self._spending.fps
         held = sum(s for s, _ in self._spent)
         while self._spent and held + seconds > WINDOW_S:
             held -= self._spent.pop(0)[0]
         # Before a whole window has passed, the rest of it counts as already earned: the first frame
         # comes whole.
-        money = self._spending.bitrate * WINDOW_S - sum(bits for _, bits in self._spent)
+        return self._spending.bitrate * WINDOW_S - sum(bits for _, bits in self._spent)
+
+    def buy(self, attempt: Callable[[int], CodedPacket], quality: int, frames: int) -> CodedPacket:
+        """The packet of `frames` frames at `quality`, or the finest one there is money for."""
+        money = self.money(frames)
         packet = attempt(quality)
         while packet_bits(packet) > money and quality < QUALITIES - 1:
             quality += 1
             packet = attempt(quality)
-        self._spent.append((seconds, packet_bits(packet)))
+        self._spent.append((frames / self._spending.fps, packet_bits(packet)))
         return packet

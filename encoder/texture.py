@@ -194,17 +194,25 @@ def compress_background(frame: Picture, max_bytes: int) -> bytes:
 
 def code_background(frame: Picture, max_bytes: int) -> bytes:
     """The still of at most `max_bytes` nearest to `frame`, its longer side at most 640 pixels."""
-    small = _scaled(frame, BACKGROUND_SIDES_PX[0] / max(frame.shape[:2])).astype(np.float32)
+    small = _scaled(frame, BACKGROUND_SIDES_PX[0] / max(frame.shape[:2]))
+    return finest_still(small.astype(np.float32), max_bytes)[0]
+
+
+def finest_still(colours: Texels, max_bytes: int) -> tuple[bytes, Texels]:
+    """The best coding of a picture (h, w, 3) within `max_bytes`, and what it decodes to.
+
+    At the coarsest step even if that is larger.
+    """
     low, high = 0, MAX_STEP
-    best = b""
+    best = encode_still(colours, MAX_STEP)
     while low < high:
         middle = (low + high) // 2
-        data, _ = encode_still(small, middle)
-        if len(data) <= max_bytes:
-            high, best = middle, data
+        found = encode_still(colours, middle)
+        if len(found[0]) <= max_bytes:
+            high, best = middle, found
         else:
             low = middle + 1
-    return best or encode_still(small, MAX_STEP)[0]
+    return best
 
 
 def _scaled(frame: Picture, ratio: float) -> Picture:

@@ -79,10 +79,10 @@ class Learned:
 
 
 class Sampler:
-    """Keeps `TRAINING_FRAMES` frames to twice as many of a source of any length."""
+    """Keeps `least` frames to twice as many of a source of any length."""
 
-    def __init__(self) -> None:
-        self._stride = 1
+    def __init__(self, least: int = TRAINING_FRAMES) -> None:
+        self._least, self._stride = least, 1
         self.frames: list[tuple[int, Picture]] = []
 
     def offer(self, number: int, window: Callable[[], Picture]) -> None:
@@ -90,7 +90,7 @@ class Sampler:
         if number % self._stride:
             return
         self.frames.append((number, window()))
-        if len(self.frames) >= 2 * TRAINING_FRAMES:
+        if len(self.frames) >= 2 * self._least:
             self._stride *= 2
             self.frames = [f for f in self.frames if f[0] % self._stride == 0]
 

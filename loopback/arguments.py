@@ -339,6 +339,12 @@ def _add_coding(parser: Parser) -> None:
         help="bits a second of frame packets, default profile (default: %(default)g)",
     )
     parser.add_argument(
+        "--live",
+        action="store_true",
+        help="default profile: send each frame of a file as if it came from a camera, rather than"
+        " look at the whole file first",
+    )
+    parser.add_argument(
         "--model-bytes",
         type=_model_bytes,
         metavar="N",

@@ -51,12 +51,14 @@ class BenchSettings:
     max_frames: int | None = None
     pace: bool = True
     model_bytes: int | None = None
+    live: bool = False
 
     def encoder_options(self) -> list[str]:
         """The settings as options of the encoder's command line."""
         options = ["--profile", self.profile, "--detector", self.detector, "--lossless"]
         options += ["--bitrate", str(self.bitrate)]
         options += ["--pace" if self.pace else "--no-pace"]
+        options += ["--live"] if self.live else []
         if self.model_bytes is not None:
             options += ["--model-bytes", str(self.model_bytes)]
         return options + ([] if self.max_frames is None else ["--max-frames", str(self.max_frames)])

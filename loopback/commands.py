@@ -51,6 +51,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
         wait_for_peer_s=arguments.wait,
         look_for_face_s=arguments.look_for_face,
         model_bytes=arguments.model_bytes,
+        live=arguments.live,
     )
     with StopOnSignal() as stop, _progress("encode", arguments) as progress:
         try:
@@ -111,6 +112,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
         max_frames=arguments.max_frames,
         pace=arguments.pace,
         model_bytes=arguments.model_bytes,
+        live=arguments.live,
     )
     report = bench(arguments.source, settings, arguments.out, say)
     write_json(arguments.out / "report.json", report)

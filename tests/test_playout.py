@@ -219,3 +219,58 @@ def test_interpolation_meets_both_ends() -> None:
         np.testing.assert_allclose(between.eau, end.eau)
         turn = vector_from_quaternion(between.pose.rotation)
         np.testing.assert_allclose(turn, vector_from_quaternion(end.pose.rotation), atol=1e-12)
+
+
+def update(layer: int, sequence: int, start: int, width: int = 176) -> bytes:
+    call = CallParameters("thesis", width, 144, 10, 1, 300.0, start_frame=start)
+    rotation, translation = map(tuple, (REFERENCE.rotation, REFERENCE.translation_mm))
+    aau, eau = (layer, *[0] * (len(AAUS) - 1)), (0,) * len(EAUS)
+    packet = ModelPacket(
+        call, aau, rotation, translation, eau, layer=layer, layers=layer + 1, sequence=sequence
+    )
+    return serialise(packet)
+
+
+def layers(packets: list[bytes], playout: Playout) -> list[int]:
+    """Which layer the model of each frame has."""
+    found = []
+    for data in packets:
+        for _ in playout.receive(data):
+            assert playout.model is not None
+            found.append(playout.model.layer)
+    return found
+
+
+def test_an_update_holds_from_the_packet_it_names() -> None:
+    playout = Playout()
+    packets = [model((10, 1)), *map(sample, range(3)), update(1, 5, 5), *map(sample, range(3, 8))]
+    assert layers(packets, playout) == [0] * 5 + [1] * 3
+
+
+def test_an_update_takes_effect_even_if_its_first_packets_are_lost() -> None:
+    playout = Playout()
+    packets = [model((10, 1)), sample(0), update(1, 2, 2), sample(1), sample(4)]
+    assert layers(packets, playout)[-1] == 1
+    assert playout.lost == 2
+
+
+def test_of_repeated_and_old_updates_the_newest_counts() -> None:
+    playout = Playout()
+    packets = [model((10, 1)), sample(0), update(2, 3, 3), update(1, 2, 2), update(2, 3, 3)]
+    assert layers([*packets, *map(sample, range(1, 5))], playout) == [0, 0, 0, 2, 2]
+
+
+def test_an_update_of_another_call_is_refused() -> None:
+    playout = Playout()
+    play([model((10, 1)), sample(0)], playout)
+    with pytest.raises(ProtocolError, match="another call"):
+        play([update(1, 2, 2, width=352)], playout)
+    assert len(play([sample(1)], playout)) == 1
+
+
+def test_who_joins_after_an_update_counts_from_it() -> None:
+    playout = Playout()
+    played = play([update(3, 60, 100), sample(1), sample(2)], playout)
+    assert playout.joined_late
+    # Packet 60 was of frame 100; the sequence has gone round since.
+    assert [frame.index for frame in played] == [105, 106]

@@ -9,6 +9,7 @@ from encoder.rate import (
     QUALITIES,
     TURNS,
     WINDOW_S,
+    LivePurse,
     Purse,
     Spending,
     code_call,
@@ -122,3 +123,16 @@ def test_a_purse_pays_the_first_packet_in_full_and_saves_afterwards() -> None:
     sizes = [len(purse.buy(attempt, 0, USUAL).payload) for _ in range(4)]
     assert sizes[0] == 320
     assert 8 * sum(sizes) <= 800 * WINDOW_S and sizes == sorted(sizes, reverse=True)
+
+
+def test_a_live_call_keeps_its_rate_over_the_long_run() -> None:
+    rng = np.random.default_rng(5)
+    values = np.cumsum(rng.normal(size=(1201, 6)), axis=0) * 3
+    spreads = measure_spreads(values, 8)
+    spending = Spending(800.0, 25.0, 8)
+    purse, predictor, bits = LivePurse(spending), FramePredictor(spreads), 0
+    for number, (start, end) in enumerate(packet_spans(len(values), 8)):
+        packet = purse.code(predictor, number, values[start:end])
+        predictor.anchor = packet.frames[-1]
+        bits += packet_bits(packet)
+    assert 0.9 * 800 < bits / (len(values) / 25) < 1.03 * 800

@@ -1,0 +1,332 @@
+"""The default profile of a live source, sending side: every frame is sent as it comes.
+
+The first face makes the first model packet: shape, mean texture, no modes.  As the call teaches
+what the caller looks like, the model is learned again and goes out as an update, announced some
+packets before the first frame packet that needs it; the stream flows on meanwhile.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.capture import Capture
+from encoder.combine import combine, harm_matrix, project
+from encoder.crop import crop_face
+from encoder.default_call import FRAMES_PER_PACKET
+from encoder.detect import BlazeFaceDetector
+from encoder.fit import (
+    LandmarkModel,
+    fit_frame,
+    fit_identity,
+    landmark_model,
+    personalise,
+    start_parameters,
+)
+from encoder.landmarks import LandmarkTracker
+from encoder.model import Budget
+from encoder.networks import find_network_folder
+from encoder.rate import LivePurse, Spending
+from encoder.tally import Tally
+from encoder.two_pass import Learned, Sampler, default_model, learn_caller, spread_frames
+from protocol.components import GEOMETRY, Components, vector_from_face
+from protocol.link import PacketSink
+from protocol.messages import (
+    SEQUENCE_MODULUS,
+    CallParameters,
+    ControlKind,
+    ControlPacket,
+    FramePacket,
+    ModelPacket,
+    serialise,
+)
+from protocol.predict import FramePredictor
+from shared_model.mouth_sheet import mouth_sheet_head
+from shared_model.parameters import FaceParameters
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+# Seconds of the caller's face after which the model is learned, and what share of the budget for
+# texture and modes it takes: nobody keeps the first ones for long.
+LEARN_AFTER_S = {1.0: 0.6, 3.0: 1.0, 6.0: 1.0, 10.0: 1.0, 16.0: 1.0, 25.0: 1.0, 40.0: 1.0}
+# Frames to learn from, and up to twice as many: learning goes on beside the call.
+TRAINING_FRAMES = 24
+# Packets by which an update is announced ahead of its first frame packet.
+AHEAD = 4
+# What of the budget the first model takes: its still, and a mean that is soon replaced.
+FIRST_SHARE = 0.3
+# How far callers move who have not yet moved: degrees, mm, log depth, actuators.
+USUAL_MOTION = np.array([4.0, 4.0, 3.0, 15.0, 15.0, 0.04, *[0.12] * (GEOMETRY - 6)])
+CORRELATION = 0.95
+IMAGINED_FRAMES = 400
+
+
+@dataclass(frozen=True, slots=True)
+class Epoch:
+    """A model packet, and what is needed to send frames under it.
+
+    number: of its first frame packet in the call.  start: the source frame of that packet.
+    """
+
+    model: ModelPacket
+    learned: Learned
+    landmarks: LandmarkModel
+    components: Components
+    harm: Array
+    number: int
+    start: int
+
+
+class LiveCall:
+    """A call in the default profile, sent frame by frame.
+
+    look_for_face_s: say so if there is no face after this many seconds of video.
+    wait: learn before the next frame, so that the same source gives the same bytes; otherwise
+        beside the frames.
+    """
+
+    def __init__(
+        self,
+        capture: Capture,
+        sink: PacketSink,
+        budget: Budget,
+        bitrate: float,
+        look_for_face_s: float,
+        tally: Tally,
+        wait: bool,
+    ) -> None:
+        folder = find_network_folder()
+        self._tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
+        self._capture, self._sink, self._tally = capture, sink, tally
+        self._budget, self._look_for_face_s = budget, look_for_face_s
+        self._head = mouth_sheet_head()
+        self._sampler, self._points = Sampler(TRAINING_FRAMES), dict[int, Array]()
+        self._faces_seen = 0
+        self._due = list(LEARN_AFTER_S.items())
+        self._pool: Executor | None = None if wait else ThreadPoolExecutor(1)
+        self._learning: Future[Learned] | None = None
+        self._epoch: Epoch | None = None
+        self._next: Epoch | None = None
+        self._face: FaceParameters | None = None  # as it was last seen
+        self._missed = 0  # frames without the face since it was last seen
+        self._lost = False  # whether the decoder has been told
+        self._number = 0  # of the next frame packet
+        self._coded = 0  # source frames coded so far
+        self._waiting: list[Array] = []
+        self._predictor = FramePredictor(np.zeros((1, 5), np.uint8))
+        spending = Spending(bitrate, float(capture.fps), FRAMES_PER_PACKET)
+        self._purse = LivePurse(spending)
+
+    @property
+    def started(self) -> bool:
+        """Whether a face has been found yet."""
+        return self._epoch is not None
+
+    def frame(self, index: int, frame: Picture) -> None:
+        """Find the face in source frame `index` and send what is due."""
+        with self._tally.stage("landmarks"):
+            found = self._tracker.update(frame)
+        if self._tracker.faces_seen > 1:
+            self._tally.warn(f"{self._tracker.faces_seen} faces in the picture: taking the largest")
+        if found is None:
+            self._miss(index)
+            return
+        number = self._faces_seen
+        self._faces_seen += 1
+        self._sampler.offer(number, frame.copy)
+        self._points[number] = found.points
+        if self._epoch is None:
+            self._begin(index)
+        epoch = self._epoch
+        assert epoch is not None
+        if self._missed:
+            self._face = None
+        self._missed = 0
+        self._queue(self._refined(epoch, frame, found.points))
+        self._learn_on(index)
+
+    def end(self, frames: int) -> None:
+        """Close a call of `frames` source frames."""
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+        if self._epoch is not None:
+            self._flush()
+            self._tally.send(self._sink, ControlPacket(0, ControlKind.END, frames))
+
+    def _miss(self, index: int) -> None:
+        self._tally.lost_frames += 1
+        if self._epoch is None:
+            if index / self._capture.fps >= self._look_for_face_s:
+                self._tally.warn(f"no face in the first {self._look_for_face_s:g} s; still looking")
+            return
+        assert self._face is not None
+        self._missed += 1
+        self._queue(self._face)
+
+    def _refined(self, epoch: Epoch, frame: Picture, points: Array) -> FaceParameters:
+        """The caller in one frame, by landmarks, then by the learned appearance."""
+        camera, caller = epoch.model.call.camera, epoch.learned.caller
+        with self._tally.stage("fit"):
+            near = self._face or start_parameters(epoch.landmarks, camera, points)
+            start = fit_frame(epoch.landmarks, camera, points, near)
+        with self._tally.stage("refine"):
+            crop = crop_face(frame, points, caller.pixels_per_texel)
+            self._face = caller.tracker.refine(crop, start, 3)
+        return self._face
+
+    def _queue(self, face: FaceParameters) -> None:
+        """Add a frame to the packet that is being filled, and send it once it is full."""
+        epoch = self._epoch
+        assert epoch is not None
+        vector = vector_from_face(face, epoch.model.reference_pose)
+        self._waiting.append(project(epoch.components, vector[None], epoch.harm)[0])
+        first = self._number == epoch.number
+        if len(self._waiting) == (1 if first else FRAMES_PER_PACKET):
+            self._flush()
+
+    def _flush(self) -> None:
+        epoch = self._epoch
+        assert epoch is not None
+        if not self._waiting:
+            return
+        lost = self._missed >= len(self._waiting)
+        if lost != self._lost:
+            kind = ControlKind.LOST if lost else ControlKind.FOUND
+            self._tally.send(self._sink, ControlPacket(0, kind, self._coded))
+            self._lost = lost
+        number = self._number - epoch.number
+        with self._tally.stage("code"):
+            packet = self._purse.code(self._predictor, number, np.array(self._waiting))
+        self._predictor.anchor = packet.frames[-1]
+        self._tally.frame_bytes += len(packet.payload)
+        sequence = self._number % SEQUENCE_MODULUS
+        self._tally.send(self._sink, FramePacket(sequence, packet.payload))
+        self._coded += len(self._waiting)
+        self._waiting.clear()
+        self._number += 1
+        if self._next is not None and self._number == self._next.number:
+            self._enter(self._next)
+            self._next = None
+
+    def _enter(self, epoch: Epoch) -> None:
+        """Frames from here on are sent under `epoch`."""
+        self._epoch = epoch
+        self._predictor = FramePredictor(epoch.components.spreads)
+        if self._face is not None:
+            # Coefficients are of other modes now; the mean until the next refinement.
+            blank = np.zeros(len(epoch.components.modes))
+            self._face = replace(self._face, modes=blank)
+
+    def _begin(self, index: int) -> None:
+        """The first face: a model from this frame alone."""
+        share = replace(
+            self._budget, face_bytes=int(self._budget.face_bytes * FIRST_SHARE), most_modes=0
+        )
+        learned = self._learn(share, *self._sample())
+        self._coded = index
+        epoch = self._epoch_of(learned, share, layer=0, number=0, start=index)
+        self._send_model(epoch)
+        self._enter(epoch)
+
+    def _learn_on(self, index: int) -> None:
+        """Learn again when it is time; announce what was learned."""
+        if self._learning is not None:
+            if self._learning.done():
+                learned, self._learning = self._learning.result(), None
+                self._announce(learned)
+        elif self._due and self._next is None:
+            after_s, share = self._due[0]
+            if self._faces_seen < after_s * self._capture.fps:
+                return
+            self._due.pop(0)
+            budget = replace(self._budget, face_bytes=int(share * self._budget.face_bytes))
+            if self._pool is None:
+                with self._tally.stage("learn"):
+                    self._announce(self._learn(budget, *self._sample()))
+            else:
+                self._learning = self._pool.submit(self._learn, budget, *self._sample())
+
+    def _announce(self, learned: Learned) -> None:
+        epoch = self._epoch
+        assert epoch is not None
+        number = self._number + AHEAD
+        start = self._coded + AHEAD * FRAMES_PER_PACKET
+        layer = epoch.model.layer + 1
+        self._next = self._epoch_of(learned, self._budget, layer, number, start)
+        self._send_model(self._next)
+
+    def _send_model(self, epoch: Epoch) -> None:
+        self._tally.model_bytes += len(serialise(epoch.model)) - 1
+        self._tally.send(self._sink, epoch.model)
+
+    def _sample(self) -> tuple[list[Picture], list[Array]]:
+        """Some of the frames so far, and their landmarks."""
+        self._points = {number: self._points[number] for number, _ in self._sampler.frames}
+        return [frame for _, frame in self._sampler.frames], list(self._points.values())
+
+    def _learn(
+        self, budget: Budget, pictures: Sequence[Picture], points: Sequence[Array]
+    ) -> Learned:
+        """Identity and appearance from some frames and their landmarks."""
+        size = (self._capture.width, self._capture.height)
+        chosen = spread_frames(np.array(points))
+        fitted = fit_identity(self._head, size, [points[i] for i in chosen])
+        model = personalise(landmark_model(self._head), fitted.identity.aau, fitted.control_mm)
+        current = start_parameters(model, fitted.camera, points[0])
+        faces = []
+        for place in points:
+            current = fit_frame(model, fitted.camera, place, current)
+            faces.append(current)
+        call = self._call(fitted.camera.focal_px, 0)
+        frames = list(enumerate(pictures))
+        return learn_caller(self._head, fitted, faces, frames, points, call, budget)
+
+    def _call(self, focal_px: float, start: int) -> CallParameters:
+        return CallParameters(
+            profile="default",
+            width=self._capture.width,
+            height=self._capture.height,
+            fps_numerator=self._capture.fps.numerator,
+            fps_denominator=self._capture.fps.denominator,
+            focal_px=focal_px,
+            frames_per_packet=FRAMES_PER_PACKET,
+            start_frame=start,
+        )
+
+    def _epoch_of(
+        self, learned: Learned, budget: Budget, layer: int, number: int, start: int
+    ) -> Epoch:
+        caller = learned.caller
+        pose = caller.reference.pose
+        every = max(1, len(learned.crops) // 12)
+        harm = harm_matrix(caller.tracker, learned.crops[::every], learned.faces[::every], pose)
+        vectors = np.array([vector_from_face(face, pose) for face in learned.faces])
+        components = combine(imagined(vectors), harm, caller.appearance.modes, FRAMES_PER_PACKET)
+        call = self._call(caller.fitted.camera.focal_px, start)
+        packet = default_model(caller, components, call, self._sampler.frames[0][1], budget)
+        model = replace(packet, layer=layer, layers=layer + 1, sequence=number % SEQUENCE_MODULUS)
+        landmarks = personalise(
+            landmark_model(self._head), caller.fitted.identity.aau, caller.fitted.control_mm
+        )
+        return Epoch(model, learned, landmarks, components, harm, number, start)
+
+
+def imagined(vectors: Array) -> Array:
+    """(t, d) how y may go on: a Gauss-Markov process with the moments of y (n, d) so far.
+
+    What has hardly moved yet moves as callers usually do.
+    """
+    count, d = vectors.shape
+    covariance = np.cov(vectors.T).reshape(d, d) if count > 1 else np.zeros((d, d))
+    usual = np.zeros(d)
+    usual[:GEOMETRY] = USUAL_MOTION**2 / 4
+    root = np.linalg.cholesky(covariance + np.diag(usual + 1e-9))
+    noise = np.random.default_rng(1).normal(size=(IMAGINED_FRAMES, d))
+    state, rows = noise[0], []
+    for fresh in noise:
+        state = CORRELATION * state + np.sqrt(1 - CORRELATION**2) * fresh
+        rows.append(vectors.mean(0) + root @ state)
+    return np.array(rows)

@@ -1,0 +1,123 @@
+"""A live call: frames go out as they come, and the model is learned again on the way."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from decoder.pipeline import DecodeOptions, decode
+from decoder.playout import PlayedFrame, Playout
+from encoder.live_call import AHEAD, IMAGINED_FRAMES, LEARN_AFTER_S, imagined
+from encoder.pipeline import EncodeOptions, encode
+from loopback.animate import AnimateOptions, animate
+from protocol.components import GEOMETRY, parse_components
+from protocol.messages import ControlKind, ControlPacket, FramePacket, ModelPacket, parse_packet
+from protocol.recording import CallReader
+from shared_model.parameters import EAU_INDEX
+
+FRAMES, FPS = 74, 25
+SCRIPT = """
+width = 160
+height = 120
+fps = 25
+seconds = 2.96
+distance_mm = 420
+noise = 1
+[[key]]
+time = 0
+pose = { yaw = -6 }
+[[key]]
+time = 0.5
+eau = { jaw_drop = 0.6 }
+[[key]]
+time = 1.2
+pose = { yaw = 6 }
+eau = { jaw_drop = 0.05 }
+[[key]]
+time = 2.96
+pose = { yaw = -4 }
+eau = { jaw_drop = 0.6 }
+"""
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> Path:
+    folder = tmp_path_factory.mktemp("live")
+    (folder / "script.toml").write_text(SCRIPT)
+    options = AnimateOptions(folder / "script.toml", folder / "clip.mkv")
+    animate(options, lambda done, total: None, lambda: False)
+    return folder / "clip.mkv"
+
+
+def encode_live(clip: Path, output: Path, pace: bool = False) -> None:
+    options = EncodeOptions(str(clip), output, profile="default", live=True, pace=pace)
+    encode(options, lambda done, total: None, lambda: False)
+
+
+@pytest.fixture(scope="module")
+def call(clip: Path) -> Path:
+    path = clip.with_name("call.rzo")
+    encode_live(clip, path)
+    return path
+
+
+def raw_packets(path: Path) -> list[bytes]:
+    with CallReader(path) as reader:
+        return list(reader)
+
+
+def played(path: Path) -> list[PlayedFrame]:
+    playout = Playout()
+    return [frame for data in raw_packets(path) for frame in playout.receive(data)]
+
+
+def test_an_update_is_announced_ahead_of_its_first_packet(call: Path) -> None:
+    packets = [parse_packet(data) for data in raw_packets(call)]
+    models = [(i, p) for i, p in enumerate(packets) if isinstance(p, ModelPacket)]
+    assert [model.layer for _, model in models] == [0, 1]
+    (_, first), (place, update) = models
+    assert not parse_components(first.extension).modes
+    assert parse_components(update.extension).modes
+    before = sum(isinstance(packet, FramePacket) for packet in packets[:place])
+    assert update.sequence == before + AHEAD
+    learned = min(LEARN_AFTER_S) * FPS
+    assert update.call.start_frame > learned
+    assert isinstance(packets[-1], ControlPacket) and packets[-1].kind is ControlKind.END
+
+
+def test_every_frame_has_one_face_across_the_update(call: Path, clip: Path) -> None:
+    frames = played(call)
+    assert [frame.index for frame in frames] == list(range(FRAMES))
+    jaw = [frame.face.eau[EAU_INDEX["jaw_drop"]] for frame in frames]
+    assert min(jaw[26:34]) < 0.15 < 0.25 < min(max(jaw[8:18]), max(jaw[70:]))
+    modes = [len(frame.face.modes) for frame in frames]
+    assert modes[0] == 0 and modes[-1] > 0 and modes == sorted(modes)
+
+
+def test_a_live_call_is_drawn_with_the_model_of_each_frame(call: Path, tmp_path: Path) -> None:
+    options = DecodeOptions(call_file=call, output=tmp_path / "out.mkv")
+    report = decode(options, lambda done, total: None, lambda: False)
+    assert report.frames == FRAMES and not report.warnings
+
+
+def test_the_same_source_gives_the_same_bytes(call: Path, clip: Path, tmp_path: Path) -> None:
+    encode_live(clip, tmp_path / "again.rzo")
+    assert (tmp_path / "again.rzo").read_bytes() == call.read_bytes()
+
+
+def test_learning_beside_the_frames_loses_none_of_them(clip: Path, tmp_path: Path) -> None:
+    encode_live(clip, tmp_path / "paced.rzo", pace=True)
+    assert [frame.index for frame in played(tmp_path / "paced.rzo")] == list(range(FRAMES))
+
+
+def test_imagined_motion_has_the_moments_of_what_was_seen() -> None:
+    rng = np.random.default_rng(3)
+    mixing = rng.normal(size=(GEOMETRY + 2, GEOMETRY + 2))
+    seen = 40 * rng.normal(size=(60, GEOMETRY + 2)) @ mixing + 7
+    made = imagined(seen)
+    assert made.shape == (IMAGINED_FRAMES, GEOMETRY + 2)
+    ratio = made.std(0) / seen.std(0)
+    assert (ratio > 0.4).all() and (ratio < 2).all()
+    # It moves a little from frame to frame, as faces do.
+    assert (np.abs(np.diff(made, axis=0)).mean(0) < made.std(0)).all()
+    assert np.isfinite(imagined(seen[:1])).all()
