@@ -3,8 +3,7 @@
 Biorthogonal 9/7 wavelets (Cohen, Daubechies & Feauveau 1992) by lifting, one step for all
 subbands, and adaptive contexts: the size of a coefficient is foretold by its neighbours, by its
 parent in the next coarser subband, and by the same place in the pictures coded before.  The last is
-what an image codec lacks: all modes of a face are busy at the eyes and the mouth, and together they
-take two thirds of the bytes they take as WebP files of equal quality.
+what an image codec lacks: all modes of a face are busy at the eyes and the mouth.
 
 Integers come out of the bytes the same on any machine.  The transform back is floating point: it
 makes colours, nothing that is predicted from.
