@@ -1,7 +1,8 @@
-"""Puts the figures of benches into README.md: a table for each profile, between its marks.
+"""Puts the figures of benches into README.md: a table for each way of coding, between its marks.
 
     risorius bench CLIP... --profile thesis --out DIR/thesis
     risorius bench CLIP... --profile default --out DIR/default
+    risorius bench CLIP... --profile default --live --no-pace --out DIR/live
     python scripts/readme_figures.py [--without-times] DIR/*/report.json
 
 A profile whose report is not named keeps the table that it has.  Times mean something only if the
@@ -54,20 +55,31 @@ MEAN_COLUMNS = {
     "5th percentile": "face_psnr_p5_db",
     "landmarks off, %": "nme_percent",
 }
+OPTIONS = {
+    "thesis": "--profile thesis",
+    "default": "--profile default",
+    "live": "--profile default --live --no-pace",
+}
 LATENCY = "latency p50 / p99, ms"
 TIMES = (LATENCY, "encoder, ms/frame", "decoder, ms/frame")
 
 
-def marks(profile: str) -> tuple[str, str]:
-    """The lines in README.md around the figures of a profile."""
-    return f"<!-- figures: {profile} -->\n", f"<!-- end of figures: {profile} -->\n"
+def marks(way: str) -> tuple[str, str]:
+    """The lines in README.md around the figures of a way of coding."""
+    return f"<!-- figures: {way} -->\n", f"<!-- end of figures: {way} -->\n"
+
+
+def way_of(report: Mapping[str, Any]) -> str:
+    """The profile, or "live" for the default profile sent live."""
+    settings = report["settings"]
+    return "live" if settings.get("live") else str(settings["profile"])
 
 
 def markdown(report: Mapping[str, Any], times: bool = True) -> str:
     """A sentence and a table of the report of a bench."""
-    clips, mean, profile = report["clips"], report["mean"], report["settings"]["profile"]
+    clips, mean, way = report["clips"], report["mean"], way_of(report)
     # A call that looks ahead has no latency: the whole source has been read before it begins.
-    hidden = TIMES if not times else () if profile == "thesis" else (LATENCY,)
+    hidden = TIMES if not times else () if way == "thesis" else (LATENCY,)
     columns = [title for title in COLUMNS if title not in hidden]
     rows = [[COLUMNS[title](clip) for title in columns] for clip in clips]
     rows.append(["**mean**", *(_mean_cell(mean, title, COLUMNS[title]) for title in columns[1:])])
@@ -76,7 +88,7 @@ def markdown(report: Mapping[str, Any], times: bool = True) -> str:
     return (
         f"**{mean['frame_bps']:.0f} bit/s at {mean['face_psnr_db']:.1f} dB** over the face, mean of"
         f" {len(clips)} real clips, after {mean['model_bytes'] / 1000:.1f} kB once"
-        f" (`risorius bench --profile {profile} {sources}`):\n\n"
+        f" (`risorius bench {OPTIONS[way]} {sources}`):\n\n"
         + "".join(f"| {' | '.join(line)} |\n" for line in lines)
     )
 
@@ -86,7 +98,7 @@ def replaced(text: str, report: Mapping[str, Any], times: bool = True) -> str:
 
     Raises `ValueError` if the marks are not there.
     """
-    begin, end = marks(report["settings"]["profile"])
+    begin, end = marks(way_of(report))
     before, rest = text.split(begin)
     _, after = rest.split(end)
     return before + begin + markdown(report, times) + end + after
