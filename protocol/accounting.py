@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 
 from protocol.components import GEOMETRY, Components, parse_components
 from protocol.entropy import WHOLE
-from protocol.messages import FramePacket, ModelPacket, Packet, ProtocolError, serialise
+from protocol.messages import (
+    SEQUENCE_MODULUS,
+    FramePacket,
+    ModelPacket,
+    Packet,
+    ProtocolError,
+    serialise,
+)
 from protocol.predict import FramePredictor, encoding, read_packet
 from shared_model.parameters import EAUS, THESIS_EAUS
 
@@ -42,8 +49,8 @@ class Accounts:
         self._groups: dict[str, float] = {}
         self._sizes: list[int] = []
         self._model: ModelPacket | None = None
-        self._components: Components | None = None
-        self._predictor: FramePredictor | None = None
+        self._reading: _Reading | None = None
+        self._waiting: _Reading | None = None
 
     @property
     def model_parts(self) -> dict[str, int]:
@@ -74,12 +81,14 @@ class Accounts:
             self._add_frame(packet)
 
     def _add_model(self, packet: ModelPacket) -> None:
-        self._model = self._model or packet
         modes: tuple[bytes, ...] = ()
         if packet.extension:
-            self._components = parse_components(packet.extension)
-            self._predictor = FramePredictor(self._components.spreads)
-            modes = self._components.modes
+            components = parse_components(packet.extension)
+            modes = components.modes
+            if self._model is None or packet.layer > self._model.layer:
+                self._waiting = _Reading(components, packet.sequence)
+        if self._model is None or packet.layer > self._model.layer:
+            self._model = packet
         parts = {
             "background": len(packet.background),
             "texture": len(packet.texture),
@@ -105,15 +114,31 @@ class Accounts:
         if self._model.call.profile == "thesis":
             total = sum(_THESIS_VALUES.values())
             return {name: count / total for name, count in _THESIS_VALUES.items()}
-        if self._components is None or self._predictor is None:
+        if self._waiting and self._waiting.number(packet) < SEQUENCE_MODULUS // 2:
+            self._reading, self._waiting = self._waiting, None
+        reading = self._reading
+        if reading is None:
             raise ProtocolError("the model packet has no components")
         usual = self._model.call.frames_per_packet
-        bits = component_bits(self._predictor, packet.sequence, usual, packet.payload)
-        groups = bits @ group_shares(self._components)
+        number = reading.number(packet)
+        bits = component_bits(reading.predictor, number, usual, packet.payload)
+        groups = bits @ group_shares(reading.components)
         # The coder may find bytes shorter than the ideal; no group then took more than there is.
         whole = max(8.0 * len(packet.payload), float(groups.sum()))
         shares = dict(zip(GROUPS, (groups / whole).tolist(), strict=True))
         return shares | {OVERHEAD: 1 - sum(shares.values())}
+
+
+class _Reading:
+    """How frame packets are read from the one numbered `first` on."""
+
+    def __init__(self, components: Components, first: int) -> None:
+        self.components, self.predictor = components, FramePredictor(components.spreads)
+        self._first = first
+
+    def number(self, packet: FramePacket) -> int:
+        """The packet's place in the stream of its model packet, 0..63."""
+        return (packet.sequence - self._first) % SEQUENCE_MODULUS
 
 
 def component_bits(

@@ -47,7 +47,9 @@ def payloads(sizes: tuple[float, ...]) -> list[bytes]:
 
 def accounts(frames: list[bytes]) -> Accounts:
     accounts = Accounts()
-    accounts.add(replace(MODEL, call=DEFAULT, extension=serialise_components(components())))
+    accounts.add(
+        replace(MODEL, call=DEFAULT, sequence=0, extension=serialise_components(components()))
+    )
     for number, payload in enumerate(frames):
         accounts.add(FramePacket(number % 64, payload))
     return accounts
@@ -89,6 +91,25 @@ def test_a_component_is_shared_by_harm() -> None:
     assert shares[0].tolist() == pytest.approx([0.2, 0, 0, 0, 0.8])
 
 
+def test_an_update_of_the_model_is_read_from_its_own_packet_on() -> None:
+    sent = payloads((3.0, 1.0, 1.0))
+    extension = serialise_components(components())
+    first = replace(MODEL, call=DEFAULT, sequence=0, extension=extension)
+    update = replace(first, layer=1, layers=2, sequence=len(sent))
+    whole = Accounts()
+    whole.add(first)
+    for number, payload in enumerate(sent[:-1]):
+        whole.add(FramePacket(number, payload))
+    # Told a packet ahead, and once more for those who join late.
+    whole.add(update)
+    whole.add(FramePacket(len(sent) - 1, sent[-1]))
+    for number, payload in enumerate(sent, len(sent)):
+        whole.add(FramePacket(number % 64, payload))
+        whole.add(update)
+    once = accounts(sent).groups
+    assert whole.groups == pytest.approx({name: 2 * count for name, count in once.items()})
+
+
 def test_parts_of_the_model_add_up() -> None:
     packet = replace(MODEL, call=DEFAULT, extension=serialise_components(components()))
     parts = accounts([]).model_parts
@@ -121,7 +142,7 @@ def test_components_that_are_none_are_a_protocol_error() -> None:
 
 def test_a_summary_splits_a_call_of_the_default_profile(tmp_path: Path) -> None:
     path, sent = tmp_path / "call.rzo", payloads((3.0, 1.0, 1.0))
-    model = replace(MODEL, call=DEFAULT, extension=serialise_components(components()))
+    model = replace(MODEL, call=DEFAULT, sequence=0, extension=serialise_components(components()))
     with CallWriter(path) as writer:
         writer.send(serialise(model))
         for number, payload in enumerate(sent):
