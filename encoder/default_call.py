@@ -15,6 +15,7 @@ from encoder.model import Budget
 from encoder.networks import NetworkFilesMissing, find_network_folder
 from encoder.rate import Spending, code_call, packet_spans
 from encoder.tally import Tally
+from encoder.texture import code_background
 from encoder.two_pass import (
     Learned,
     Sampler,
@@ -22,6 +23,7 @@ from encoder.two_pass import (
     default_model,
     follow_all,
     learn_caller,
+    smoothed,
 )
 from protocol.link import PacketSink
 from protocol.messages import (
@@ -101,7 +103,7 @@ class Survey:
         head = mouth_sheet_head()
         size = (self._capture.width, self._capture.height)
         with self._tally.stage("fit"):
-            fitted, self._start = follow_all(head, size, self._points)
+            fitted, self._start = follow_all(head, size, list(smoothed(np.array(self._points))))
         call = CallParameters(
             profile="default",
             width=self._capture.width,
@@ -135,9 +137,8 @@ class Survey:
         held = held_numbers(self._number, self._call.start_frame, min(self._frames, last + 1))
         with self._tally.stage("combine"):
             components, values = combine_call(self._learned, self._faces, FRAMES_PER_PACKET)
-            model = default_model(
-                self._learned.caller, components, self._call, self._still, self._budget
-            )
+            background = code_background(self._still, self._budget.background_bytes)
+            model = default_model(self._learned.caller, components, self._call, background)
         spending = Spending(bitrate, float(self._capture.fps), FRAMES_PER_PACKET)
         with self._tally.stage("code"):
             packets = code_call(values[held], components.spreads, spending)

@@ -20,7 +20,6 @@ from encoder.detect import BlazeFaceDetector
 from encoder.fit import (
     LandmarkModel,
     fit_frame,
-    fit_identity,
     landmark_model,
     personalise,
     start_parameters,
@@ -30,7 +29,8 @@ from encoder.model import Budget
 from encoder.networks import find_network_folder
 from encoder.rate import LivePurse, Spending
 from encoder.tally import Tally
-from encoder.two_pass import Learned, Sampler, default_model, learn_caller, spread_frames
+from encoder.texture import code_background
+from encoder.two_pass import Learned, Sampler, default_model, follow_all, learn_caller
 from protocol.components import GEOMETRY, Components, vector_from_face
 from protocol.link import PacketSink
 from protocol.messages import (
@@ -110,6 +110,7 @@ class LiveCall:
         self._learning: Future[Learned] | None = None
         self._epoch: Epoch | None = None
         self._next: Epoch | None = None
+        self._background = b""
         self._face: FaceParameters | None = None  # as it was last seen
         self._missed = 0  # frames without the face since it was last seen
         self._lost = False  # whether the decoder has been told
@@ -225,9 +226,11 @@ class LiveCall:
         share = replace(
             self._budget, face_bytes=int(self._budget.face_bytes * FIRST_SHARE), most_modes=0
         )
+        still = self._sampler.frames[0][1]
+        self._background = code_background(still, self._budget.background_bytes)
         learned = self._learn(share, *self._sample())
         self._coded = index
-        epoch = self._epoch_of(learned, share, layer=0, number=0, start=index)
+        epoch = self._epoch_of(learned, layer=0, number=0, start=index)
         self._send_model(epoch)
         self._enter(epoch)
 
@@ -255,7 +258,7 @@ class LiveCall:
         number = self._number + AHEAD
         start = self._coded + AHEAD * FRAMES_PER_PACKET
         layer = epoch.model.layer + 1
-        self._next = self._epoch_of(learned, self._budget, layer, number, start)
+        self._next = self._epoch_of(learned, layer, number, start)
         self._send_model(self._next)
 
     def _send_model(self, epoch: Epoch) -> None:
@@ -272,14 +275,7 @@ class LiveCall:
     ) -> Learned:
         """Identity and appearance from some frames and their landmarks."""
         size = (self._capture.width, self._capture.height)
-        chosen = spread_frames(np.array(points))
-        fitted = fit_identity(self._head, size, [points[i] for i in chosen])
-        model = personalise(landmark_model(self._head), fitted.identity.aau, fitted.control_mm)
-        current = start_parameters(model, fitted.camera, points[0])
-        faces = []
-        for place in points:
-            current = fit_frame(model, fitted.camera, place, current)
-            faces.append(current)
+        fitted, faces = follow_all(self._head, size, points)
         call = self._call(fitted.camera.focal_px, 0)
         frames = list(enumerate(pictures))
         return learn_caller(self._head, fitted, faces, frames, points, call, budget)
@@ -296,9 +292,7 @@ class LiveCall:
             start_frame=start,
         )
 
-    def _epoch_of(
-        self, learned: Learned, budget: Budget, layer: int, number: int, start: int
-    ) -> Epoch:
+    def _epoch_of(self, learned: Learned, layer: int, number: int, start: int) -> Epoch:
         caller = learned.caller
         pose = caller.reference.pose
         every = max(1, len(learned.crops) // 12)
@@ -306,7 +300,7 @@ class LiveCall:
         vectors = np.array([vector_from_face(face, pose) for face in learned.faces])
         components = combine(imagined(vectors), harm, caller.appearance.modes, FRAMES_PER_PACKET)
         call = self._call(caller.fitted.camera.focal_px, start)
-        packet = default_model(caller, components, call, self._sampler.frames[0][1], budget)
+        packet = default_model(caller, components, call, self._background)
         model = replace(packet, layer=layer, layers=layer + 1, sequence=number % SEQUENCE_MODULUS)
         landmarks = personalise(
             landmark_model(self._head), caller.fitted.identity.aau, caller.fitted.control_mm

@@ -36,7 +36,7 @@ from encoder.model import Budget, identity_of, shape_packet
 from encoder.refine import Refiner, Template
 from encoder.shape_free import ShapeFree
 from encoder.sharpen import sharpened
-from encoder.texture import code_background, fitting_size, texel_pixels, unseen_colours
+from encoder.texture import fitting_size, texel_pixels, unseen_colours
 from protocol.components import Components, serialise_components, vector_from_face
 from protocol.messages import CallParameters, ModelPacket
 from protocol.pictures import to_luma
@@ -98,14 +98,13 @@ class Sampler:
 def follow_all(
     head: Head, size: tuple[int, int], points: Sequence[Array]
 ) -> tuple[Fitted, list[FaceParameters]]:
-    """One identity, and pose and actuators of every frame, from all landmarks (468, 3)."""
-    smooth = smoothed(np.array(points))
-    chosen = spread_frames(smooth)
-    fitted = fit_identity(head, size, [smooth[i] for i in chosen])
+    """One identity, and pose and actuators of every frame, from its landmarks (468, 3)."""
+    chosen = spread_frames(np.array(points))
+    fitted = fit_identity(head, size, [points[i] for i in chosen])
     model = personalise(landmark_model(head), fitted.identity.aau, fitted.control_mm)
-    current = start_parameters(model, fitted.camera, smooth[0])
+    current = start_parameters(model, fitted.camera, points[0])
     faces = []
-    for place in smooth:
+    for place in points:
         current = fit_frame(model, fitted.camera, place, current)
         faces.append(current)
     return fitted, faces
@@ -222,12 +221,12 @@ def combine_call(
 
 
 def default_model(
-    caller: Caller, components: Components, call: CallParameters, still: Picture, budget: Budget
+    caller: Caller, components: Components, call: CallParameters, background: bytes
 ) -> ModelPacket:
-    """The model packet of the default profile."""
+    """The model packet of the default profile.  background: the coded still."""
     return replace(
         shape_packet(caller.fitted, caller.reference, call),
-        background=code_background(still, budget.background_bytes),
+        background=background,
         texture=caller.appearance.texture,
         extension=serialise_components(components),
     )

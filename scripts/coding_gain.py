@@ -28,7 +28,7 @@ from encoder.model import BUDGETS
 from encoder.networks import find_network_folder
 from encoder.quantiser import code_packet
 from encoder.rate import QUALITIES, packet_spans
-from encoder.two_pass import Sampler, follow_all, learn_caller
+from encoder.two_pass import Sampler, follow_all, learn_caller, smoothed
 from protocol.accounting import component_bits
 from protocol.components import Components, vector_from_face
 from protocol.messages import SEQUENCE_MODULUS, CallParameters
@@ -100,7 +100,7 @@ def read_material(source: str) -> Material:
                 sampler.offer(len(points), lambda frame=frame: frame)  # type: ignore[misc]
                 points.append(found.points)
     head = mouth_sheet_head()
-    fitted, faces = follow_all(head, size, points)
+    fitted, faces = follow_all(head, size, list(smoothed(np.array(points))))
     call = CallParameters("default", *size, fps.numerator, fps.denominator, fitted.camera.focal_px)
     learned = learn_caller(head, fitted, faces, sampler.frames, points, call, BUDGETS["default"])
     caller, refined = learned.caller, list[FaceParameters]()
