@@ -134,7 +134,11 @@ def _add_decode(added: "Commands") -> None:
     where.add_argument("call_file", nargs="?", type=Path, metavar="CALL", help="call file (.rzo)")
     _add_link(parser, where)
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="VIDEO", help=".mkv .avi .mp4 .mov, or frame%%04d.png"
+        "-o",
+        "--output",
+        type=Path,
+        metavar="VIDEO",
+        help=".mkv .avi .mp4 .mov, or frame%%04d.png; without it the call is only checked",
     )
     likeness = parser.add_mutually_exclusive_group()
     likeness.add_argument(
@@ -320,7 +324,9 @@ def _add_link(parser: Parser, where: argparse._MutuallyExclusiveGroup) -> None:
         where.add_argument(
             option, action="append", metavar="ENDPOINT", help=f"Zenoh endpoint, as {example}"
         )
-    parser.add_argument("--call", default="call", metavar="NAME", help="name on the link")
+    parser.add_argument(
+        "--call", default="call", metavar="NAME", help="name on the link (default: %(default)s)"
+    )
 
 
 def _add_coding(parser: Parser) -> None:
@@ -370,29 +376,43 @@ def _parts(text: str) -> frozenset[str]:
     return frozenset(text.split(","))
 
 
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text} is not a number") from error
+
+
+def _integer(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number") from error
+
+
 def _seconds(text: str) -> float:
-    value = float(text)
+    value = _number(text)
     if not 0 <= value < 1e9:
         raise argparse.ArgumentTypeError(f"{text} is not a number of seconds")
     return value
 
 
 def _bitrate(text: str) -> float:
-    value = float(text)
+    value = _number(text)
     if not 0 < value < 1e9:
         raise argparse.ArgumentTypeError(f"{text} is not a number of bits a second")
     return value
 
 
 def _model_bytes(text: str) -> int:
-    value = int(text)
+    value = _integer(text)
     if not 2000 <= value <= 100_000:
         raise argparse.ArgumentTypeError(f"{text} is not 2000 to 100000 bytes")
     return value
 
 
 def _port(text: str) -> int:
-    value = int(text)
+    value = _integer(text)
     if not 0 <= value < 65536:
         raise argparse.ArgumentTypeError(f"{text} is not a TCP port, 0 to 65535")
     return value
@@ -403,7 +423,7 @@ def _bitrates(text: str) -> tuple[float, ...]:
 
 
 def _count(text: str) -> int:
-    value = int(text)
+    value = _integer(text)
     if value < 1:
         raise argparse.ArgumentTypeError(f"{text} is not a number of frames above 0")
     return value

@@ -35,6 +35,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
     from encoder.follow import FollowOptions
     from encoder.pipeline import EncodeOptions, encode
 
+    _refuse_overwriting([arguments.source], [arguments.output, arguments.report])
     over_link = arguments.output is None
     options = EncodeOptions(
         source=arguments.source,
@@ -70,6 +71,10 @@ def run_decode(arguments: argparse.Namespace) -> int:
     """`risorius decode`."""
     from decoder.pipeline import DecodeOptions, decode
 
+    _refuse_overwriting(
+        [arguments.call_file, arguments.source, arguments.face],
+        [arguments.output, arguments.report],
+    )
     with ExitStack() as stack:
         output: Path | None = arguments.output
         if output is None and arguments.source:
@@ -90,7 +95,9 @@ def run_decode(arguments: argparse.Namespace) -> int:
             except UserError as error:
                 raise _reason(error, stop, patience) from error
         _warn(report.warnings)
-        quality = _quality(arguments, output) if output and arguments.source else None
+        quality = (
+            _quality(arguments, output, report.frames) if output and arguments.source else None
+        )
     if arguments.report:
         figures = asdict(report) | ({"quality": asdict(quality)} if quality else {})
         write_json(arguments.report, figures)
@@ -179,6 +186,7 @@ def run_animate(arguments: argparse.Namespace) -> int:
     """`risorius animate`."""
     from loopback.animate import AnimateOptions, animate
 
+    _refuse_overwriting([arguments.script, arguments.call], [arguments.output, arguments.truth])
     options = AnimateOptions(
         arguments.script, arguments.output, call_file=arguments.call, truth=arguments.truth
     )
@@ -263,11 +271,33 @@ def _warn(warnings: Iterable[str]) -> None:
         say(f"risorius: warning: {warning}")
 
 
-def _quality(arguments: argparse.Namespace, decoded: Path) -> "Quality":
+def _refuse_overwriting(
+    inputs: Iterable[str | Path | None], outputs: Iterable[Path | None]
+) -> None:
+    """A slip of the hand must not cost the user's only recording."""
+    read = [Path(given) for given in inputs if given is not None]
+    for output in outputs:
+        if output is not None and any(_same_file(output, given) for given in read):
+            raise UserError(f"{output} is what is to be read; give the output another name")
+
+
+def _same_file(one: Path, other: Path) -> bool:
+    try:
+        return one.samefile(other)
+    except OSError:
+        return False
+
+
+def _quality(arguments: argparse.Namespace, decoded: Path, frames: int) -> "Quality":
+    """Of the frames that the call has: its encoder may have been stopped before the source."""
+    from encoder.capture import open_source
     from loopback.quality import face_area_finder, measure
 
+    with open_source(arguments.source) as originals:
+        if frames < (originals.frame_count or 0):
+            say(f"risorius: warning: {arguments.source} goes on after the call's {frames} frames")
     with _progress("compare", arguments) as progress:
-        return measure(arguments.source, str(decoded), face_area_finder(say), progress)
+        return measure(arguments.source, str(decoded), face_area_finder(say), progress, frames)
 
 
 def _encode_summary(report: "EncodeReport") -> str:

