@@ -82,6 +82,11 @@ class Survey:
         """Number of frames with a face so far."""
         return len(self._points)
 
+    @property
+    def faces_refined(self) -> int:
+        """Number of them that `refine` has been over."""
+        return len(self._faces)
+
     def frame(self, index: int, frame: Picture) -> None:
         """First pass over source frame `index`: where are the landmarks."""
         with self._tally.stage("landmarks"):
@@ -134,7 +139,8 @@ class Survey:
         """The call at `bitrate` bits per second, all frame packets counted."""
         assert self._learned is not None and self._still is not None
         last = max(i for i, number in self._number.items() if number < len(self._faces))
-        held = held_numbers(self._number, self._call.start_frame, min(self._frames, last + 1))
+        frames = self._frames if len(self._faces) == len(self._number) else last + 1
+        held = held_numbers(self._number, self._call.start_frame, last + 1)
         with self._tally.stage("combine"):
             components, values = combine_call(self._learned, self._faces, FRAMES_PER_PACKET)
             background = code_background(self._still, self._budget.background_bytes)
@@ -142,8 +148,8 @@ class Survey:
         spending = Spending(bitrate, float(self._capture.fps), FRAMES_PER_PACKET)
         with self._tally.stage("code"):
             packets = code_call(values[held], components.spreads, spending)
-        lost = frozenset(set(range(self._call.start_frame, self._frames)) - set(self._number))
-        return CodedCall(model, tuple(p.payload for p in packets), self._frames, lost)
+        lost = frozenset(set(range(self._call.start_frame, frames)) - set(self._number))
+        return CodedCall(model, tuple(p.payload for p in packets), frames, lost)
 
 
 def held_numbers(number: dict[int, int], start: int, end: int) -> list[int]:

@@ -133,7 +133,11 @@ def send_default(
         send_live(options, capture, sink, tally, progress, stop)
         return
     call = survey_source(options, capture, tally, progress, stop).code(options.bitrate)
-    send_call(call, sink, tally, float(capture.fps) if options.pace else None, stop)
+    if options.pace:
+        send_call(call, sink, tally, float(capture.fps), stop)
+    else:
+        # Whoever stopped while the source was looked at has what was seen until then.
+        send_call(call, sink, tally, None, lambda: False)
 
 
 def send_live(
@@ -166,7 +170,8 @@ def survey_source(
 ) -> Survey:
     """Go over the whole source, twice, and learn its caller: ready to be coded at any rate.
 
-    Raises `UserError` if the source shows no face.
+    Raises `UserError` if the source shows no face, and `KeyboardInterrupt` if it was stopped before
+    there is anything to code.
     """
     survey = Survey(capture, tally)
     for index, frame in paced(capture, replace(options, pace=False), tally, stop):
@@ -175,6 +180,8 @@ def survey_source(
     if not survey.faces_seen:
         raise no_face(options.source, len(tally.capture_ns))
     frames = len(tally.capture_ns)
+    if stop():
+        raise KeyboardInterrupt
     survey.learn(budget_for("default", options.model_bytes))
     with open_source(options.source) as again:
         for index, frame in again:
@@ -182,6 +189,8 @@ def survey_source(
                 break
             survey.refine(index, frame)
             progress((frames + index + 1) // 2, capture.frame_count)
+    if not survey.faces_refined:
+        raise KeyboardInterrupt
     return survey
 
 

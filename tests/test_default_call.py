@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 
 from decoder.samples import Sample, sample_decoder
 from encoder.default_call import FRAMES_PER_PACKET, held_numbers
+from encoder.pipeline import EncodeOptions
+from encoder.pipeline import encode as encode_clip
 from encoder.two_pass import TRAINING_FRAMES, Sampler, smoothed, spread_frames
 from loopback.animate import AnimateOptions, animate
 from loopback.cli import main
@@ -36,6 +38,8 @@ LOST = range(19, 30)
 FOUND = LOST.stop + 8
 FPS = 25
 BITRATE = 1500
+# A small model is learned faster.
+MODEL_BYTES = "5000"
 SCRIPT = """
 width = 161
 height = 121
@@ -85,6 +89,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> Clip:
 
 def encode(clip: Clip, output: Path, *more: str) -> None:
     options = ["--profile", "default", "--bitrate", str(BITRATE), "-q", *more]
+    options += ["--model-bytes", MODEL_BYTES]
     assert main(["encode", clip.pattern, "-o", str(output), *options]) == 0
 
 
@@ -172,7 +177,7 @@ def test_the_same_input_gives_the_same_bytes_on_any_number_of_threads(
     clip: Clip, tmp_path: Path
 ) -> None:
     names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
-    options = ("--profile", "default", "--max-frames", "8", "-q")
+    options = ("--profile", "default", "--max-frames", "6", "--model-bytes", MODEL_BYTES, "-q")
     encoded = []
     for threads in ("1", "2"):
         path = tmp_path / f"{threads}.rzo"
@@ -191,6 +196,26 @@ def test_the_shortest_clips_are_calls(clip: Clip, count: int, tmp_path: Path) ->
     path = tmp_path / "short.rzo"
     encode(clip, path, "--max-frames", str(count))
     assert [sample.place for sample in samples(path)] == list(range(START, count))
+
+
+@pytest.mark.parametrize("frames", [5, FRAMES + 9])
+def test_stopped_in_the_second_pass_a_call_is_kept_and_in_the_first_there_is_none(
+    clip: Clip, frames: int, tmp_path: Path
+) -> None:
+    output, done = tmp_path / "stopped.rzo", 0
+
+    def progress(_: int, total: int | None) -> None:
+        nonlocal done
+        done += 1
+
+    options = EncodeOptions(clip.pattern, output, profile="default")
+    if frames < FRAMES:
+        with pytest.raises(KeyboardInterrupt):
+            encode_clip(options, progress, lambda: done >= frames)
+        assert list(tmp_path.iterdir()) == []
+        return
+    encode_clip(options, progress, lambda: done >= frames)
+    assert [sample.place for sample in samples(output)] == list(range(START, frames - FRAMES))
 
 
 def test_a_clip_without_a_face_has_its_own_exit_code(
