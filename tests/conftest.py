@@ -27,9 +27,6 @@ NOISE_FRAMES = 8
 # As on a server, in every process that a test starts: no display, and no test needs two cores.
 os.environ.pop("DISPLAY", None)
 cv2.setNumThreads(1)
-# A busy host is no failure.
-hypothesis.settings.register_profile("unhurried", deadline=None)
-hypothesis.settings.load_profile("unhurried")
 # Nor does any fail for want of time on a machine that others use as well.
 hypothesis.settings.register_profile("unhurried", deadline=None)
 hypothesis.settings.load_profile("unhurried")
