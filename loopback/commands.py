@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from loopback.progress import ProgressLine
-from loopback.report import json_text, write_json
+from loopback.report import json_text, write_json, write_report, write_text
 from loopback.signals import StopOnSignal
 from shared_model.errors import UserError
 
@@ -60,10 +60,10 @@ def run_encode(arguments: argparse.Namespace) -> int:
         except UserError as error:
             raise _reason(error, stop) from error
     _warn(report.warnings)
-    if arguments.report:
-        write_json(arguments.report, report)
     if not arguments.quiet:
         print(_encode_summary(report))
+    if arguments.report:
+        write_json(arguments.report, report)
     return INTERRUPTED if stop() else 0
 
 
@@ -98,11 +98,11 @@ def run_decode(arguments: argparse.Namespace) -> int:
         quality = (
             _quality(arguments, output, report.frames) if output and arguments.source else None
         )
+    if not arguments.quiet:
+        print(_decode_summary(report, quality))
     if arguments.report:
         figures = asdict(report) | ({"quality": asdict(quality)} if quality else {})
         write_json(arguments.report, figures)
-    if not arguments.quiet:
-        print(_decode_summary(report, quality))
     return INTERRUPTED if stop() else 0
 
 
@@ -110,7 +110,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
     """`risorius bench`."""
     if arguments.sweep:
         return run_sweep(arguments)
-    from loopback.bench import BenchSettings, bench, bench_table
+    from loopback.bench import BenchSettings, bench, bench_page, bench_table
 
     settings = BenchSettings(
         profile=arguments.profile,
@@ -123,6 +123,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
     )
     report = bench(arguments.source, settings, arguments.out, say)
     write_json(arguments.out / "report.json", report)
+    write_text(arguments.out / "report.html", bench_page(report["clips"]))
     print(bench_table(report["clips"]))
     return 0
 
@@ -148,9 +149,9 @@ def run_replay(arguments: argparse.Namespace) -> int:
     suite = read_suite(arguments.suite)
     results = replay(suite, arguments.out, say)
     write_json(arguments.out / "report.json", {"clips": [result.figures for result in results]})
-    if arguments.junit:
-        arguments.junit.write_bytes(junit_xml(suite, results))
     print(replay_table(results))
+    if arguments.junit:
+        write_report(arguments.junit, junit_xml(suite, results))
     return 0 if all(result.passed for result in results) else 1
 
 

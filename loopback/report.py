@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +18,13 @@ Cell = str | int | float | None
 
 def write_json(path: Path, report: "DataclassInstance | Mapping[str, Any]") -> None:
     """Write a dataclass or mapping to `path`.  Raises `UserError` if it cannot."""
+    write_report(path, f"{json_text(report)}\n".encode())
+
+
+def write_report(path: Path, content: bytes) -> None:
+    """Write a file whole.  Raises `UserError` if it cannot."""
     try:
-        path.write_text(json_text(report) + "\n", encoding="utf-8")
+        path.write_bytes(content)
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror}") from error
 
@@ -54,6 +60,19 @@ def table(header: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
     widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
     lines = ["  ".join(_aligned(row, widths)).rstrip() for row in texts]
     return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
+
+
+def html_page(title: str, header: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
+    """The same table as a page by itself."""
+    cells = [
+        "<tr>" + "".join(f"<{tag}>{escape(_text(cell))}</{tag}>" for cell in row) + "</tr>"
+        for tag, row in [("th", header), *(("td", row) for row in rows)]
+    ]
+    style = "body{font:15px sans-serif;margin:2em}td,th{padding:.2em .8em;text-align:right}"
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title>'
+        f"<style>{style}</style><h1>{escape(title)}</h1><table>{''.join(cells)}</table></html>\n"
+    )
 
 
 def _aligned(row: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
