@@ -37,9 +37,7 @@ _PROBE = np.array([0.2, 0.2, 0.2, 0.4, 0.4, 0.002, *[0.03] * (GEOMETRY - 6)])
 # Frames over which motion is measured, and how much plain variance counts beside it.
 MOTION_FRAMES = 4
 VARIANCE_SHARE = 0.3
-# One unit of a component, grey levels of error; the finest step is one unit.
-UNIT_GREY = 0.5
-# Components that never leave this many grey levels about their mean are not sent.
+# Components that never leave this many units, grey levels of error, about their mean are not sent.
 LEAST_SPREAD = 0.35
 # Steps of a basis row to the usual size of its component, and the least that a row has.
 BASIS_STEPS, LEAST_REACH = 6.0, 15.0
@@ -53,7 +51,7 @@ def harm_matrix(
     faces: Sequence[FaceParameters],
     reference: Pose,
 ) -> Array:
-    """(d, d) mean squared error, in `UNIT_GREY`, per squared unit of y, see `vector_from_face`."""
+    """(d, d) mean squared grey error per squared unit of y, see `vector_from_face`."""
     modes = refiner.template.modes
     total = np.zeros((GEOMETRY + len(modes),) * 2)
     for crop, face in zip(crops, faces, strict=True):
@@ -63,7 +61,7 @@ def harm_matrix(
     harm = total / len(crops)
     harm[np.arange(6, GEOMETRY), np.arange(6, GEOMETRY)] += EAU_HARM
     harm[np.diag_indices(len(harm))] *= 1 + 1e-5
-    return harm / UNIT_GREY**2
+    return harm
 
 
 def combine(
@@ -84,7 +82,7 @@ def combine(
     motion = moves.T @ moves / max(len(moves), 1) + VARIANCE_SHARE * (white.T @ white) / len(white)
     _, axes = np.linalg.eigh(motion)
     axes = axes[:, ::-1]
-    kept = np.abs(white @ axes).std(0) + np.abs((white @ axes).mean(0)) > LEAST_SPREAD / UNIT_GREY
+    kept = np.abs(white @ axes).std(0) + np.abs((white @ axes).mean(0)) > LEAST_SPREAD
     kept[0] = True
     rows = np.linalg.solve(root.T, axes[:, kept]).T / unit
     # What a row's rounding leaks into its neighbours grows with how far the component goes.

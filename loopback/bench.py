@@ -10,7 +10,7 @@ import numpy as np
 from encoder.capture import exact_fps, open_source
 from loopback.likeness import compare_faces
 from loopback.quality import FaceArea, face_area_finder, measure
-from loopback.report import figure, rounded, table
+from loopback.report import figure, html_page, rounded, table
 from loopback.two_processes import CallResult, run_call
 from protocol.summary import due_s
 from shared_model.errors import UserError
@@ -146,11 +146,20 @@ def mean_figures(clips: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
 
 def bench_table(clips: Sequence[Mapping[str, Any]]) -> str:
     """The main figures of each clip and their mean, as a table."""
+    return table(list(COLUMNS.values()), _rows(clips))
+
+
+def bench_page(clips: Sequence[Mapping[str, Any]]) -> str:
+    """The same as an HTML page."""
+    return html_page("risorius bench", list(COLUMNS.values()), _rows(clips))
+
+
+def _rows(clips: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
     rows: list[list[Any]] = [[figure(clip, name) for name in COLUMNS] for clip in clips]
     if len(clips) > 1:
         mean = {"source": "mean", **mean_figures(clips)}
         rows.append([mean.get(name) for name in COLUMNS])
-    return table(list(COLUMNS.values()), rows)
+    return rows
 
 
 def output_names(sources: Sequence[str]) -> list[str]:

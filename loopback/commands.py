@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from loopback.progress import ProgressLine
-from loopback.report import json_text, write_json, write_report, write_text
+from loopback.report import json_text, write_json, write_report
 from loopback.signals import StopOnSignal
 from shared_model.errors import UserError
 
@@ -123,7 +123,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
     )
     report = bench(arguments.source, settings, arguments.out, say)
     write_json(arguments.out / "report.json", report)
-    write_text(arguments.out / "report.html", bench_page(report["clips"]))
+    write_report(arguments.out / "report.html", bench_page(report["clips"]).encode())
     print(bench_table(report["clips"]))
     return 0
 

@@ -26,7 +26,7 @@ Rows = list[list[int]]
 LEVELS = 5
 # Lifting steps of the 9/7 wavelets, and the gain that makes them nearly orthonormal.
 _LIFT = (-1.586134342059924, -0.052980118572961, 0.882911075530934, 0.443506852043971)
-_GAIN = 1.230174104914001
+_GAIN = 1.149604398860241
 # A coefficient rounds down from this share of a step on; what is not zero lies nearer to it.
 _ROUND_UP = 0.36
 _TOWARDS_ZERO = 0.06

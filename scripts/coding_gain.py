@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture import open_source
-from encoder.combine import UNIT_GREY, combine, harm_matrix, project
+from encoder.combine import combine, harm_matrix, project
 from encoder.crop import crop_face
 from encoder.default_call import FRAMES_PER_PACKET
 from encoder.detect import BlazeFaceDetector
@@ -72,7 +72,7 @@ class Material:
 
     def harm_of(self, decoded: Array) -> float:
         """Mean harm of vectors (t, d) that come out instead, grey levels squared."""
-        error = (self.vectors - decoded) * UNIT_GREY
+        error = self.vectors - decoded
         return float(np.einsum("td,de,te->t", error, self.harm, error).mean())
 
     def harm_of_values(self, values: Array) -> float:

@@ -90,6 +90,7 @@ def test_bench_reports_every_figure(
 ) -> None:
     out = tmp_path / "bench"
     assert main(["bench", str(carphone), "--max-frames", "30", "--out", str(out)]) == 0
+    assert "<td>" in (out / "report.html").read_text()
     report = json.loads((out / "report.json").read_text())
     (clip,) = report["clips"]
     assert (clip["frames"], clip["shown_frames"]) == (30, 30)

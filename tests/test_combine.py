@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from shots import Shots, whole
 
-from encoder.combine import LEAST_SPREAD, UNIT_GREY, combine, harm_matrix, measure_spreads, project
+from encoder.combine import LEAST_SPREAD, combine, harm_matrix, measure_spreads, project
 from encoder.refine import Refiner, Template, luma
 from encoder.shape_free import ShapeFree
 from encoder.texture import sample
@@ -48,7 +48,7 @@ def test_components_are_sorted_and_those_that_stand_still_left_out() -> None:
     values = project(components, vectors(), harm())
     spread = values.std(0) + np.abs(values.mean(0))
     assert len(components.basis) < D
-    assert (spread > 0.9 * LEAST_SPREAD / UNIT_GREY).all()
+    assert (spread > 0.9 * LEAST_SPREAD).all()
     assert values.var(0)[:3].sum() > 0.5 * values.var(0).sum()
     still = combine(np.tile(vectors()[:1], (50, 1)), harm(), MODES, 8)
     assert len(still.basis) == 1
@@ -60,7 +60,7 @@ def test_what_is_projected_comes_back_but_for_what_is_left_out() -> None:
     back = components.centre + project(components, y, harm()) @ components.matrix
     error = np.einsum("td,de,te->t", y - back, harm(), y - back).mean()
     about_mean = np.einsum("td,de,te->t", y - y.mean(0), harm(), y - y.mean(0)).mean()
-    assert error < (LEAST_SPREAD / UNIT_GREY) ** 2 * D and error < 0.01 * about_mean
+    assert error < LEAST_SPREAD**2 * D and error < 0.01 * about_mean
 
 
 def test_a_face_survives_components(shots: Shots) -> None:
@@ -124,6 +124,6 @@ def test_harm_foretells_what_an_error_does_to_the_picture(shots: Shots, refiner:
         off = FaceParameters(pose_from_motion(moved[:6], reference), moved[6:])
         change = sample(grey, shape.positions(off))[:, 0] - before
         measured = float((weight * change**2).sum() / weight.sum())
-        assert error @ h @ error * UNIT_GREY**2 == pytest.approx(measured, rel=0.4)
+        assert error @ h @ error == pytest.approx(measured, rel=0.4)
     # A mode of two grey levels a unit, all over the face.
-    assert h[-1, -1] * UNIT_GREY**2 == pytest.approx(4, rel=0.01)
+    assert h[-1, -1] == pytest.approx(4, rel=0.01)
