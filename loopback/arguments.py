@@ -210,7 +210,7 @@ def _add_replay(added: "Commands") -> None:
         type=Path,
         default=Path("out/replay"),
         metavar="DIR",
-        help="decoded videos, report.json and report.html go here (default: %(default)s)",
+        help="decoded videos and report.json go here (default: %(default)s)",
     )
     parser.add_argument("--junit", type=Path, metavar="FILE", help="write JUnit XML")
     parser.set_defaults(run=commands.run_replay)
