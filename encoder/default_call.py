@@ -11,7 +11,7 @@ from encoder.capture import Capture
 from encoder.crop import crop_face
 from encoder.detect import BlazeFaceDetector
 from encoder.landmarks import LandmarkTracker
-from encoder.model import Budget
+from encoder.model import Budget, call_parameters
 from encoder.networks import NetworkFilesMissing, find_network_folder
 from encoder.rate import Spending, code_call, packet_spans
 from encoder.tally import Tally
@@ -28,7 +28,6 @@ from encoder.two_pass import (
 from protocol.link import PacketSink
 from protocol.messages import (
     SEQUENCE_MODULUS,
-    CallParameters,
     ControlKind,
     ControlPacket,
     FramePacket,
@@ -109,16 +108,8 @@ class Survey:
         size = (self._capture.width, self._capture.height)
         with self._tally.stage("fit"):
             fitted, self._start = follow_all(head, size, list(smoothed(np.array(self._points))))
-        call = CallParameters(
-            profile="default",
-            width=self._capture.width,
-            height=self._capture.height,
-            fps_numerator=self._capture.fps.numerator,
-            fps_denominator=self._capture.fps.denominator,
-            focal_px=fitted.camera.focal_px,
-            frames_per_packet=FRAMES_PER_PACKET,
-            start_frame=min(self._number),
-        )
+        focal_px, start = fitted.camera.focal_px, min(self._number)
+        call = call_parameters(self._capture, "default", focal_px, start, FRAMES_PER_PACKET)
         with self._tally.stage("learn"):
             self._learned = learn_caller(
                 head, fitted, self._start, self._sampler.frames, self._points, call, budget

@@ -25,7 +25,7 @@ from encoder.fit import (
     start_parameters,
 )
 from encoder.landmarks import LandmarkTracker
-from encoder.model import Budget
+from encoder.model import Budget, call_parameters
 from encoder.networks import find_network_folder
 from encoder.rate import LivePurse, Spending
 from encoder.tally import Tally
@@ -35,7 +35,6 @@ from protocol.components import GEOMETRY, Components, vector_from_face
 from protocol.link import PacketSink
 from protocol.messages import (
     SEQUENCE_MODULUS,
-    CallParameters,
     ControlKind,
     ControlPacket,
     FramePacket,
@@ -276,21 +275,11 @@ class LiveCall:
         """Identity and appearance from some frames and their landmarks."""
         size = (self._capture.width, self._capture.height)
         fitted, faces = follow_all(self._head, size, points)
-        call = self._call(fitted.camera.focal_px, 0)
+        call = call_parameters(
+            self._capture, "default", fitted.camera.focal_px, 0, FRAMES_PER_PACKET
+        )
         frames = list(enumerate(pictures))
         return learn_caller(self._head, fitted, faces, frames, points, call, budget)
-
-    def _call(self, focal_px: float, start: int) -> CallParameters:
-        return CallParameters(
-            profile="default",
-            width=self._capture.width,
-            height=self._capture.height,
-            fps_numerator=self._capture.fps.numerator,
-            fps_denominator=self._capture.fps.denominator,
-            focal_px=focal_px,
-            frames_per_packet=FRAMES_PER_PACKET,
-            start_frame=start,
-        )
 
     def _epoch_of(self, learned: Learned, layer: int, number: int, start: int) -> Epoch:
         caller = learned.caller
@@ -299,7 +288,9 @@ class LiveCall:
         harm = harm_matrix(caller.tracker, learned.crops[::every], learned.faces[::every], pose)
         vectors = np.array([vector_from_face(face, pose) for face in learned.faces])
         components = combine(imagined(vectors), harm, caller.appearance.modes, FRAMES_PER_PACKET)
-        call = self._call(caller.fitted.camera.focal_px, start)
+        call = call_parameters(
+            self._capture, "default", caller.fitted.camera.focal_px, start, FRAMES_PER_PACKET
+        )
         packet = default_model(caller, components, call, self._background)
         model = replace(packet, layer=layer, layers=layer + 1, sequence=number % SEQUENCE_MODULUS)
         landmarks = personalise(

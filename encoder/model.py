@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.capture import Capture
 from encoder.fit import Fitted
 from encoder.texture import compress, compress_background, extract_texture, fitting_size
 from protocol.messages import CallParameters, ModelPacket
@@ -56,6 +57,22 @@ def budget_for(profile: str, model_bytes: int | None) -> Budget:
         usual,
         face_bytes=int(usual.face_bytes * share),
         background_bytes=int(usual.background_bytes * share),
+    )
+
+
+def call_parameters(
+    capture: Capture, profile: str, focal_px: float, start_frame: int, frames_per_packet: int = 1
+) -> CallParameters:
+    """What stays the same throughout a call of this source."""
+    return CallParameters(
+        profile=profile,
+        width=capture.width,
+        height=capture.height,
+        fps_numerator=capture.fps.numerator,
+        fps_denominator=capture.fps.denominator,
+        focal_px=focal_px,
+        frames_per_packet=frames_per_packet,
+        start_frame=start_frame,
     )
 
 

@@ -7,12 +7,11 @@ from numpy.typing import NDArray
 
 from encoder.capture import Capture
 from encoder.follow import Follower, blend
-from encoder.model import Budget, build_model, reference_of
+from encoder.model import Budget, build_model, call_parameters, reference_of
 from encoder.tally import Tally
 from protocol.link import PacketSink
 from protocol.messages import (
     SEQUENCE_MODULUS,
-    CallParameters,
     ControlKind,
     ControlPacket,
     FramePacket,
@@ -123,13 +122,5 @@ class ThesisCall:
 
     def _model(self, index: int, frame: Picture, face: FaceParameters) -> ModelPacket:
         fitted = self._follower.fitted
-        call = CallParameters(
-            profile="thesis",
-            width=self._capture.width,
-            height=self._capture.height,
-            fps_numerator=self._capture.fps.numerator,
-            fps_denominator=self._capture.fps.denominator,
-            focal_px=fitted.camera.focal_px,
-            start_frame=index,
-        )
+        call = call_parameters(self._capture, "thesis", fitted.camera.focal_px, index)
         return build_model(generic_head(), fitted, face, frame, call, self._budget)
