@@ -36,6 +36,8 @@ def run_encode(arguments: argparse.Namespace) -> int:
     from encoder.pipeline import EncodeOptions, encode
 
     _refuse_overwriting([arguments.source], [arguments.output, arguments.report])
+    if arguments.live and arguments.profile == "thesis":
+        raise UserError("--live is about the default profile; add --profile default")
     over_link = arguments.output is None
     options = EncodeOptions(
         source=arguments.source,

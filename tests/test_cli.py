@@ -499,3 +499,8 @@ def copy_frames(source: Path, target: Path, count: int) -> None:
     ):
         for _, frame in islice(capture, count):
             sink.write(frame)
+
+
+def test_live_without_its_profile_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["encode", "clip.mp4", "-o", "call.rzo", "--live"]) == 2
+    assert "--profile default" in capsys.readouterr().err
