@@ -55,6 +55,7 @@ MEAN_COLUMNS = {
     "5th percentile": "face_psnr_p5_db",
     "landmarks off, %": "nme_percent",
 }
+MODELS_OF = {"thesis": "once", "default": "once", "live": "of models"}
 OPTIONS = {
     "thesis": "--profile thesis",
     "default": "--profile default",
@@ -87,7 +88,7 @@ def markdown(report: Mapping[str, Any], times: bool = True) -> str:
     sources = " ".join(Path(clip["source"]).name for clip in clips)
     return (
         f"**{mean['frame_bps']:.0f} bit/s at {mean['face_psnr_db']:.1f} dB** over the face, mean of"
-        f" {len(clips)} real clips, after {mean['model_bytes'] / 1000:.1f} kB once"
+        f" {len(clips)} real clips, after {mean['model_bytes'] / 1000:.1f} kB {MODELS_OF[way]}"
         f" (`risorius bench {OPTIONS[way]} {sources}`):\n\n"
         + "".join(f"| {' | '.join(line)} |\n" for line in lines)
     )
