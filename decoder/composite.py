@@ -96,8 +96,9 @@ def make_backdrop(camera: Camera, reference: Pose, head: Head, vertices: Array) 
 
     vertices: (n, 3) float64, mm, head frame: the head in the still.
     """
-    outline_px = pixel_from_head(camera, reference, vertices)
-    face_width_px = float(np.ptp(outline_px[head.opacity > 0, 0]))
+    solid = head.parts != PARTS.index("surround")
+    outline_px = pixel_from_head(camera, reference, vertices[solid])
+    face_width_px = float(np.ptp(outline_px[head.opacity[solid] > 0, 0]))
     grid_px = _grid(camera, face_width_px)
     nearest_px2 = _squared_distances(grid_px.reshape(-1, 2), outline_px).min(axis=1)
     nearest_px = np.sqrt(nearest_px2).reshape(grid_px.shape[:2])
@@ -108,7 +109,7 @@ def make_backdrop(camera: Camera, reference: Pose, head: Head, vertices: Array) 
         grid_px=grid_px,
         rigid_mm=_lift(camera, reference, grid_px),
         distance_px=np.maximum(nearest_px - HAIR_MARGIN * face_width_px, 0),
-        turning=_turning(camera, reference, grid_px, vertices, face_width_px),
+        turning=_turning(camera, reference, grid_px, vertices[solid], face_width_px),
         skin=_skin(camera, reference, head, vertices, grid_px, SKIN_SIGMA * face_width_px),
     )
 

@@ -19,9 +19,9 @@ from protocol.quantise import AAU_STEP, EAU_STEP, RESIDUAL_STEP_MM, values_from_
 from shared_model.animate import Face, identity_from_controls
 from shared_model.anthropometry import residual_basis
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head
-from shared_model.mesh import Head, generic_head
-from shared_model.mouth_sheet import mouth_sheet_head
+from shared_model.mesh import PARTS, Head, generic_head
 from shared_model.parameters import Pose
+from shared_model.surround import surrounded_head
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -108,7 +108,7 @@ class StageClock:
 
 def head_of(model: ModelPacket) -> Head:
     """The mesh that the call's profile animates."""
-    return mouth_sheet_head() if model.call.profile == "default" else generic_head()
+    return surrounded_head() if model.call.profile == "default" else generic_head()
 
 
 def edge_samples(width: int, height: int) -> int:
@@ -150,7 +150,8 @@ def check_reference(camera: Camera, pose: Pose, head: Head, vertices: Array) -> 
     nearest_mm = float(camera_from_head(pose, vertices)[:, 2].min())
     if nearest_mm < NEAR_MM:
         raise ProtocolError(f"reference pose puts the head {nearest_mm:.0f} mm before the camera")
-    width_px = float(np.ptp(pixel_from_head(camera, pose, vertices[head.opacity > 0])[:, 0]))
+    drawn = (head.opacity > 0) & (head.parts != PARTS.index("surround"))
+    width_px = float(np.ptp(pixel_from_head(camera, pose, vertices[drawn])[:, 0]))
     if width_px < LEAST_FACE_PX:
         raise ProtocolError(f"reference pose makes the face {width_px:.1g} px wide")
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from protocol.components import parse_components
 from protocol.messages import ModelPacket, ProtocolError
-from protocol.pictures import MAGIC, ModeSeries, decode_still, still_size
+from protocol.pictures import MAGIC, ModeSeries, decode_still, still_head
 
 # An image of a few kilobytes may claim any size; this bounds what decoding it may allocate.
 MAX_IMAGE_SIDE_PX = 4096
@@ -33,7 +33,7 @@ class Wardrobe:
             raise ProtocolError(
                 f"{len(coded)} modes of {size}x{size}, limit {MAX_MODE_TEXELS} texels"
             )
-        series = ModeSeries(size)
+        series = ModeSeries(size, _relief(model.texture))
         images = [series.decode(f"mode {i}", data) for i, data in enumerate(coded)]
         self._modes = np.array(images, dtype=np.float32).reshape(len(images), self._mean.size)
         self.changes = bool(images)
@@ -57,7 +57,7 @@ def decode_image(name: str, data: bytes, limit_px: int = MAX_IMAGE_SIDE_PX) -> N
     """
     own = data.startswith(MAGIC)
     limit_px = min(limit_px, MAX_CODED_SIDE_PX) if own else limit_px
-    width, height = still_size(name, data) if own else _webp_size(name, data)
+    width, height = _coded_size(name, data) if own else _webp_size(name, data)
     if not (1 <= width <= limit_px and 1 <= height <= limit_px):
         raise ProtocolError(f"{name} is {width}x{height}, limit {limit_px} a side")
     if own:
@@ -71,10 +71,20 @@ def decode_image(name: str, data: bytes, limit_px: int = MAX_IMAGE_SIDE_PX) -> N
     return np.asarray(picture, dtype=np.uint8)
 
 
+def _relief(texture: bytes) -> bytes:
+    """The relief that a texture's modes share with it; WebP has none."""
+    return still_head("texture", texture).relief if texture.startswith(MAGIC) else b""
+
+
 def _check_square(name: str, image: NDArray[np.uint8]) -> None:
     height, width = image.shape[:2]
     if width != height or width < 2:
         raise ProtocolError(f"{name} is {width}x{height}, expected a square of at least 2x2")
+
+
+def _coded_size(name: str, data: bytes) -> tuple[int, int]:
+    head = still_head(name, data)
+    return head.width, head.height
 
 
 def _webp_size(name: str, data: bytes) -> tuple[int, int]:

@@ -35,8 +35,8 @@ from protocol.messages import (
     serialise,
 )
 from shared_model.errors import UserError
-from shared_model.mouth_sheet import mouth_sheet_head
 from shared_model.parameters import FaceParameters
+from shared_model.surround import surrounded_head
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -104,7 +104,7 @@ class Survey:
 
     def learn(self, budget: Budget) -> None:
         """Between the passes: identity, appearance model."""
-        head = mouth_sheet_head()
+        head = surrounded_head()
         size = (self._capture.width, self._capture.height)
         with self._tally.stage("fit"):
             fitted, self._start = follow_all(head, size, list(smoothed(np.array(self._points))))

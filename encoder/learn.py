@@ -18,6 +18,7 @@ from encoder.refine import Template
 from encoder.shape_free import ShapeFree
 from encoder.texture import fill, finest_still, sample, visible_texels
 from protocol.pictures import MAX_STEP, ModeSeries, encode_still, to_luma, to_planes
+from protocol.relief import SIDE, encode_relief
 from shared_model.appearance import Atlas
 from shared_model.mesh import PARTS, Head
 from shared_model.parameters import FaceParameters
@@ -28,14 +29,14 @@ Single = NDArray[np.float32]
 # The modes' quantiser: where the search for it starts and how far apart it tries, in steps of
 # `pictures.step_size`; the mean's is coarser by so many.  Measured on six callers.
 FIRST_STEP = 28
-STEP_STRIDE = 4
+STEP_STRIDES = (4, 2, 1)
 MOST_TRIES = 3
 MEAN_COARSER = 3
 # A mode costs a length, a centre, a unit and a column of the basis beside its picture.
 MODE_OVERHEAD = 20
 LEAST_ENERGY = 1e-3
 # What hair and neck count beside the face, and how soft the border is, in atlas sides.
-OUTSIDE = 0.1
+OUTSIDE = 0.03
 SOFT_EDGE = 0.015
 
 
@@ -83,6 +84,25 @@ def face_mask(head: Head, atlas: Atlas) -> Single:
     found = np.clip(2 * soft[atlas.rows, atlas.columns], OUTSIDE, 1)
     inside = head.parts[atlas.corners[:, 0]] == PARTS.index("mouth")
     return np.where(inside, 1, found).astype(np.float32)
+
+
+def within_outline(
+    shape: ShapeFree,
+    crops: Sequence[Crop],
+    faces: Sequence[FaceParameters],
+    points: Sequence[Array],
+) -> Single:
+    """(k,) share of the frames in which each texel lies within the landmarks' outline of the face.
+
+    points: (468, >= 2) pixels, landmarks of each frame.
+    """
+    count = np.zeros(len(shape), np.float32)
+    for crop, face, places in zip(crops, faces, points, strict=True):
+        corners = crop.from_frame(places[list(OUTLINE), :2].astype(np.float32))
+        mask = np.zeros(crop.picture.shape[:2], np.float32)
+        cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(corners).astype(np.int32)), 1.0)
+        count += sample(mask, crop.from_frame(shape.positions(face)))[:, 0].clip(0, 1)
+    return count / np.float32(max(len(crops), 1))
 
 
 def shape_free_stack(
@@ -150,17 +170,31 @@ def code_appearance(
         texture, decoded = finest_still(_picture(shape, mean), face_bytes)
         size = shape.atlas.size
         return Appearance(texture, (), decoded, np.zeros((0, size, size, 3), np.float32))
-    bench = _Bench(shape, stack, mean, mask, face_bytes, most_modes)
+    relief = encode_relief(fineness(shape.atlas, stack.weight))
+    bench = _Bench(shape, stack, mean, mask, relief, face_bytes, most_modes)
     best = bench.code(FIRST_STEP)
-    for stride in (STEP_STRIDE, -STEP_STRIDE):
-        for tries in range(1, MOST_TRIES + 1):
-            found = bench.code(FIRST_STEP + tries * stride)
-            if found.error >= best.error:
+    for stride in STEP_STRIDES:
+        for turn in (stride, -stride):
+            first = best.step
+            for tries in range(1, MOST_TRIES + 1):
+                found = bench.code(first + tries * turn)
+                if found.error >= best.error:
+                    break
+                best = found
+            if best.step != first:
                 break
-            best = found
-        if best.step != FIRST_STEP:
-            break
     return best.appearance
+
+
+def fineness(atlas: Atlas, weight: Single) -> Array:
+    """How finely each cell of the atlas' relief should be coded: errors count by `weight` (k,)."""
+    cell = atlas.rows * SIDE // atlas.size * SIDE + atlas.columns * SIDE // atlas.size
+    root = np.sqrt(np.maximum(weight, 0))
+    usual = max(float(np.median(root)), 1e-3)
+    count = np.bincount(cell, minlength=SIDE * SIDE)
+    total = np.bincount(cell, root, SIDE * SIDE)
+    mean = np.where(count > 0, total / np.maximum(count, 1), usual)
+    return np.maximum(mean / usual, 1e-3).reshape(SIDE, SIDE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,6 +214,7 @@ class _Bench:
     stack: Stack
     mean: Single
     mask: Single
+    relief: bytes
     face_bytes: int
     most_modes: int
 
@@ -187,14 +222,14 @@ class _Bench:
         """The mean, and as many modes as fit, each found in what the coded ones leave over."""
         size, at = self.shape.atlas.size, (self.shape.atlas.rows, self.shape.atlas.columns)
         texture, mean = encode_still(
-            _picture(self.shape, self.mean), min(step + MEAN_COARSER, MAX_STEP)
+            _picture(self.shape, self.mean), min(step + MEAN_COARSER, MAX_STEP), self.relief
         )
         root = np.sqrt(np.maximum(self.stack.weight * self.mask, 1e-6))[:, None]
         support = np.where(self.mask > 2 * OUTSIDE, self.mask, 0)[:, None]
         planes = to_planes(self.stack.colours - mean[at]) * self.stack.seen[..., None]
         frames = (planes * root).reshape(len(planes), -1)
         remainder = _Remainder(frames)
-        series, left = ModeSeries(size), self.face_bytes - len(texture)
+        series, left = ModeSeries(size, self.relief), self.face_bytes - len(texture)
         coded: list[bytes] = []
         images: list[Single] = []
         while len(coded) < self.most_modes:

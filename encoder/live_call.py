@@ -42,8 +42,8 @@ from protocol.messages import (
     serialise,
 )
 from protocol.predict import FramePredictor
-from shared_model.mouth_sheet import mouth_sheet_head
 from shared_model.parameters import FaceParameters
+from shared_model.surround import surrounded_head
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -101,7 +101,7 @@ class LiveCall:
         self._tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
         self._capture, self._sink, self._tally = capture, sink, tally
         self._budget, self._look_for_face_s = budget, look_for_face_s
-        self._head = mouth_sheet_head()
+        self._head = surrounded_head()
         self._sampler, self._points = Sampler(TRAINING_FRAMES), dict[int, Array]()
         self._faces_seen = 0
         self._due = list(LEARN_AFTER_S.items())

@@ -31,6 +31,7 @@ from encoder.learn import (
     mean_colours,
     shape_free_stack,
     template_of,
+    within_outline,
 )
 from encoder.model import Budget, identity_of, shape_packet
 from encoder.refine import Refiner, Template
@@ -42,7 +43,7 @@ from protocol.messages import CallParameters, ModelPacket
 from protocol.pictures import to_luma
 from shared_model.animate import Face
 from shared_model.appearance import atlas_of
-from shared_model.mesh import Head
+from shared_model.mesh import PARTS, Head
 from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
@@ -157,8 +158,11 @@ def learn_caller(
         refiner = Refiner(head, face, shape, template)
         found = [refiner.refine(c, f, 2) for c, f in zip(crops, found, strict=True)]
     stack = _stack(head, shape, face, crops, found)
+    shown = within_outline(shape, crops, found, [points[number] for number, _ in sample_frames])
+    mask = np.maximum(face_mask(head, atlas), shown)
+    beside = head.parts[atlas.corners[:, 0]] == PARTS.index("surround")
+    stack = replace(stack, weight=stack.weight * np.where(beside, mask, 1).astype(np.float32))
     sharp = sharpened_stack(shape, stack, crops, found)
-    mask = face_mask(head, atlas)
     mean = mean_colours(shape, sharp, unseen)
     appearance = code_appearance(shape, sharp, mean, mask, budget.face_bytes, budget.most_modes)
     refiner = Refiner(head, face, shape, sampled_template(shape, stack, sharp, appearance))

@@ -1,8 +1,9 @@
 """Colour pictures in a model packet: stills and textures, and appearance modes.
 
-A still is `W`, width and height (varints), a step (one byte), then its wavelet coefficients; a mode
-is a step and its coefficients, as large as the texture it belongs to.  Luma and two colour
-differences are coded, these at half the size and with less weight.
+A still is `W`, width and height (varints), its relief behind its length (one byte), a step (one
+byte), then its wavelet coefficients; a mode is a step and its coefficients, as large as the texture
+it belongs to and under the texture's relief.  Luma and two colour differences are coded, these at
+half the size and with less weight.
 """
 
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.messages import ProtocolError
+from protocol.relief import decode_relief
 from protocol.varint import decode_varint, encode_varint
 from protocol.wavelet import SubbandCoder
 
@@ -21,7 +23,7 @@ MAGIC = b"W"
 # How much an error of each colour difference counts against one of luma: in a still it shows as a
 # blotch, in a mode it comes and goes.
 STILL_CHROMA = 0.5
-CHROMA = 0.3
+CHROMA = 0.2
 # Of 2 ** (1 / STEPS_PER_OCTAVE) each.
 STEPS_PER_OCTAVE = 8
 MAX_STEP = 80
@@ -64,50 +66,34 @@ def step_size(code: int) -> float:
     return float(2 ** (code / STEPS_PER_OCTAVE))
 
 
-def encode_still(colours: Single, step: int) -> tuple[bytes, Single]:
+def encode_still(colours: Single, step: int, relief: bytes = b"") -> tuple[bytes, Single]:
     """The bytes of a picture (h, w, 3), BGR 0..255, and what they decode to.
 
-    step: 0..MAX_STEP.
+    step: 0..MAX_STEP.  relief: see `protocol.relief`; none: equally fine everywhere.
     """
     height, width = colours.shape[:2]
-    data, decoded = _encode(SubbandCoder(), to_planes(colours, STILL_CHROMA), step, _STILL)
-    return MAGIC + encode_varint(width) + encode_varint(height) + data, decoded
+    head = MAGIC + encode_varint(width) + encode_varint(height) + bytes([len(relief)]) + relief
+    planes = to_planes(colours, STILL_CHROMA)
+    fineness = decode_relief("still", relief, height, width)
+    data, decoded = _encode(SubbandCoder(), planes, step, _STILL, fineness)
+    return head + data, decoded
 
 
-def still_size(name: str, data: bytes) -> tuple[int, int]:
-    """Width and height that a still's bytes state.
+@dataclass(frozen=True, slots=True)
+class StillHead:
+    """What comes before a still's coefficients, which start at byte `start`."""
 
-    name: what it is, for the message.  Raises `ProtocolError` if it is no still.
+    width: int
+    height: int
+    relief: bytes
+    start: int
+
+
+def still_head(name: str, data: bytes) -> StillHead:
+    """What the head of a still says.
+
+    name: what it is, for the message.  Raises `ProtocolError` if `data` does not start with one.
     """
-    width, height, _ = _still_head(name, data)
-    return width, height
-
-
-def decode_still(name: str, data: bytes) -> Single:
-    """The picture (h, w, 3), BGR, about 0..255.
-
-    Raises `ProtocolError` if `data` is no still.  Check `still_size` first: any size is decoded.
-    """
-    width, height, start = _still_head(name, data)
-    return _decode(SubbandCoder(), name, data[start:], (height, width), _STILL)
-
-
-class ModeSeries:
-    """Codes the appearance modes of one caller, in order.  size: of the texture, a side."""
-
-    def __init__(self, size: int) -> None:
-        self._size, self._coder = size, SubbandCoder()
-
-    def encode(self, planes: Single, step: int) -> tuple[bytes, Single]:
-        """The bytes of a mode (size, size, 3), as `to_planes` makes it, and its decoded BGR."""
-        return _encode(self._coder, planes, step, _MODE)
-
-    def decode(self, name: str, data: bytes) -> Single:
-        """The mode (size, size, 3), BGR.  Raises `ProtocolError` if `data` holds none."""
-        return _decode(self._coder, name, data, (self._size, self._size), _MODE)
-
-
-def _still_head(name: str, data: bytes) -> tuple[int, int, int]:
     if not data.startswith(MAGIC):
         raise ProtocolError(f"{name} is no picture this program knows")
     try:
@@ -118,32 +104,68 @@ def _still_head(name: str, data: bytes) -> tuple[int, int, int]:
         raise ProtocolError(f"{name}: {error}") from error
     if not width or not height:
         raise ProtocolError(f"{name} is {width}x{height}")
-    return width, height, start + used
+    start += used
+    length = data[start] if start < len(data) else 0
+    relief = data[start + 1 : start + 1 + length]
+    if start >= len(data) or len(relief) < length:
+        raise ProtocolError(f"{name} ends in its head")
+    return StillHead(width, height, relief, start + 1 + length)
 
 
-def _encode(coder: SubbandCoder, planes: Single, step: int, kind: _Kind) -> tuple[bytes, Single]:
-    luma = planes[..., 0].astype(np.float64) - kind.offset
-    colour = [_halved(planes[..., i].astype(np.float64)) for i in (1, 2)]
+def decode_still(name: str, data: bytes) -> Single:
+    """The picture (h, w, 3), BGR, about 0..255.
+
+    Raises `ProtocolError` if `data` is no still.  Check `still_head` first: any size is decoded.
+    """
+    head = still_head(name, data)
+    fineness = decode_relief(name, head.relief, head.height, head.width)
+    return _decode(SubbandCoder(), name, data[head.start :], _STILL, fineness)
+
+
+class ModeSeries:
+    """Codes the appearance modes of one caller, in order.
+
+    size: of the texture, a side.  relief: the texture's.
+    Raises `ProtocolError` if the relief is damaged.
+    """
+
+    def __init__(self, size: int, relief: bytes = b"") -> None:
+        self._fineness = decode_relief("texture", relief, size, size)
+        self._coder = SubbandCoder()
+
+    def encode(self, planes: Single, step: int) -> tuple[bytes, Single]:
+        """The bytes of a mode (size, size, 3), as `to_planes` makes it, and its decoded BGR."""
+        return _encode(self._coder, planes, step, _MODE, self._fineness)
+
+    def decode(self, name: str, data: bytes) -> Single:
+        """The mode (size, size, 3), BGR.  Raises `ProtocolError` if `data` holds none."""
+        return _decode(self._coder, name, data, _MODE, self._fineness)
+
+
+def _encode(
+    coder: SubbandCoder, planes: Single, step: int, kind: _Kind, fineness: Array
+) -> tuple[bytes, Single]:
+    luma = (planes[..., 0].astype(np.float64) - kind.offset) * fineness
+    colour = [_halved(planes[..., i].astype(np.float64) * fineness) for i in (1, 2)]
     data, decoded = coder.encode([luma, *colour], step_size(step))
-    return bytes([step]) + data, _colours(decoded, kind)
+    return bytes([step]) + data, _colours(decoded, kind, fineness)
 
 
-def _decode(
-    coder: SubbandCoder, name: str, data: bytes, shape: tuple[int, int], kind: _Kind
-) -> Single:
+def _decode(coder: SubbandCoder, name: str, data: bytes, kind: _Kind, fineness: Array) -> Single:
     if not data or data[0] > MAX_STEP:
         raise ProtocolError(f"{name} has no step of 0..{MAX_STEP}")
+    shape = fineness.shape
     half = -(-shape[0] // 2), -(-shape[1] // 2)
     planes = coder.decode(data[1:], [shape, half, half], step_size(data[0]))
-    return _colours(planes, kind)
+    return _colours(planes, kind, fineness)
 
 
-def _colours(planes: list[Array], kind: _Kind) -> Single:
-    shape = planes[0].shape
-    colour = [_enlarged(_enlarged(plane, shape[0]).T, shape[1]).T for plane in planes[1:]]
-    return from_planes(
-        np.stack([planes[0] + kind.offset, *colour], -1).astype(np.float32), kind.chroma
-    )
+def _colours(planes: list[Array], kind: _Kind, fineness: Array) -> Single:
+    height, width = fineness.shape
+    colour = [_enlarged(_enlarged(plane, height).T, width).T for plane in planes[1:]]
+    even = [plane / fineness for plane in (planes[0], *colour)]
+    even[0] += kind.offset
+    return from_planes(np.stack(even, -1).astype(np.float32), kind.chroma)
 
 
 def _halved(plane: Array) -> Array:

@@ -44,8 +44,8 @@ from protocol.predict import (
     reconstruct,
     step,
 )
-from shared_model.mouth_sheet import mouth_sheet_head
 from shared_model.parameters import FaceParameters
+from shared_model.surround import surrounded_head
 
 Array = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def read_material(source: str) -> Material:
             if (found := tracker.update(frame)) is not None:
                 sampler.offer(len(points), lambda frame=frame: frame)  # type: ignore[misc]
                 points.append(found.points)
-    head = mouth_sheet_head()
+    head = surrounded_head()
     fitted, faces = follow_all(head, size, list(smoothed(np.array(points))))
     call = CallParameters("default", *size, fps.numerator, fps.denominator, fitted.camera.focal_px)
     learned = learn_caller(head, fitted, faces, sampler.frames, points, call, BUDGETS["default"])

@@ -13,7 +13,16 @@ from shared_model.parameters import AAUS, EAUS
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
-PARTS = ("skin", "eye_left", "eye_right", "teeth_upper", "teeth_lower", "tongue", "mouth")
+PARTS = (
+    "skin",
+    "eye_left",
+    "eye_right",
+    "teeth_upper",
+    "teeth_lower",
+    "tongue",
+    "mouth",
+    "surround",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from shared_model.mesh import PARTS, Head, generic_head
 from shared_model.mouth_sheet import mouth_sheet_head, rim_weights
 from shared_model.parameters import EAU_INDEX
+from shared_model.surround import sheet_holders, surrounded_head
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -72,6 +73,8 @@ def residual_basis(head: Head) -> Array:
     """
     if head is generic_head():
         return _generic_basis()
+    if head is surrounded_head():
+        return _surrounded_basis()
     return _mouth_sheet_basis() if head is mouth_sheet_head() else _basis(head)
 
 
@@ -84,6 +87,12 @@ def _generic_basis() -> Array:
 def _mouth_sheet_basis() -> Array:
     basis = _generic_basis()
     return np.concatenate([basis, basis @ rim_weights(generic_head()).T], axis=1)
+
+
+@cache
+def _surrounded_basis() -> Array:
+    basis = _mouth_sheet_basis()
+    return np.concatenate([basis, basis[:, sheet_holders(mouth_sheet_head())]], axis=1)
 
 
 def _basis(head: Head) -> Array:

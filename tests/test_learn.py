@@ -23,8 +23,8 @@ from protocol.pictures import to_luma
 from shared_model.animate import Face, Identity
 from shared_model.appearance import atlas_of
 from shared_model.mesh import Head
-from shared_model.mouth_sheet import mouth_sheet_head
 from shared_model.parameters import AAUS
+from shared_model.surround import surrounded_head
 
 Single = NDArray[np.float32]
 SIZE = 64
@@ -32,7 +32,7 @@ SIZE = 64
 
 @pytest.fixture(scope="module")
 def head() -> Head:
-    return mouth_sheet_head()
+    return surrounded_head()
 
 
 @pytest.fixture(scope="module")
