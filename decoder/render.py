@@ -42,6 +42,7 @@ PART_COLOURS = {
     "teeth_lower": (215, 232, 238),
     "tongue": (110, 100, 190),
     "mouth": (70, 60, 130),
+    "surround": (90, 90, 90),
 }
 
 

@@ -16,7 +16,7 @@ from encoder.crop import Crop
 from encoder.fit import OUTLINE
 from encoder.refine import Template
 from encoder.shape_free import ShapeFree
-from encoder.texture import fill, finest_still, sample, visible_texels
+from encoder.texture import DEPTH_CELL_MM, fill, finest_still, sample, visible_texels
 from protocol.pictures import MAX_STEP, ModeSeries, encode_still, to_luma, to_planes
 from protocol.relief import SIDE, encode_relief
 from shared_model.appearance import Atlas
@@ -29,7 +29,7 @@ Single = NDArray[np.float32]
 # The modes' quantiser: where the search for it starts and how far apart it tries, in steps of
 # `pictures.step_size`; the mean's is coarser by so many.  Measured on six callers.
 FIRST_STEP = 28
-STEP_STRIDES = (4, 2, 1)
+STEP_STRIDES = (4, 2)
 MOST_TRIES = 3
 MEAN_COARSER = 3
 # A mode costs a length, a centre, a unit and a column of the basis beside its picture.
@@ -111,13 +111,17 @@ def shape_free_stack(
     crops: Sequence[Crop],
     faces: Sequence[FaceParameters],
     vertices: Sequence[Array],
+    cell_mm: float = DEPTH_CELL_MM,
 ) -> Stack:
-    """Sample the texels of `shape` in every crop.  vertices: (n, 3) of each frame, head frame."""
+    """Sample the texels of `shape` in every crop.
+
+    vertices: (n, 3) of each frame, head frame.  cell_mm: see `visible_texels`.
+    """
     colours, seen, areas = [], [], []
     for crop, face, mesh in zip(crops, faces, vertices, strict=True):
         positions = shape.positions(face)
         colours.append(sample(crop.picture, crop.from_frame(positions)))
-        seen.append(visible_texels(head, shape.atlas, face.pose, mesh))
+        seen.append(visible_texels(head, shape.atlas, face.pose, mesh, cell_mm))
         areas.append(texel_areas(shape, positions) * seen[-1])
     return Stack(np.array(colours), np.array(seen), np.mean(areas, axis=0).astype(np.float32))
 

@@ -68,9 +68,17 @@ class Refiner:
     """Fits one caller's textured model to pictures, at about `TEXELS` of its texels.
 
     shape: all texels.  template: what they should look like.
+    cell_mm: see `visible_texels`, for all texels.
     """
 
-    def __init__(self, head: Head, face: Face, shape: ShapeFree, template: Template) -> None:
+    def __init__(
+        self,
+        head: Head,
+        face: Face,
+        shape: ShapeFree,
+        template: Template,
+        cell_mm: float = DEPTH_CELL_MM,
+    ) -> None:
         self._head, self._face = head, face
         stride = max(1, round(np.sqrt(len(shape) / TEXELS)))
         atlas = shape.atlas
@@ -82,7 +90,7 @@ class Refiner:
             atlas.corners[kept],
             atlas.weights[kept],
         )
-        self._cell_mm = DEPTH_CELL_MM * stride
+        self._cell_mm = cell_mm * stride
         self.shape = ShapeFree(face, thin, shape.camera)
         self.template = Template(
             template.mean[kept], template.modes[:, kept], template.weight[kept]

@@ -34,15 +34,16 @@ from encoder.learn import (
     within_outline,
 )
 from encoder.model import Budget, identity_of, shape_packet
-from encoder.refine import Refiner, Template
+from encoder.refine import TEXELS, Refiner, Template
 from encoder.shape_free import ShapeFree
 from encoder.sharpen import sharpened
-from encoder.texture import fitting_size, texel_pixels, unseen_colours
+from encoder.texture import DEPTH_CELL_MM, fitting_size, texel_pixels, unseen_colours
 from protocol.components import Components, serialise_components, vector_from_face
 from protocol.messages import CallParameters, ModelPacket
 from protocol.pictures import to_luma
 from shared_model.animate import Face
 from shared_model.appearance import atlas_of
+from shared_model.geometry import Camera
 from shared_model.mesh import PARTS, Head
 from shared_model.parameters import FaceParameters
 
@@ -150,24 +151,43 @@ def learn_caller(
     ratio = texel_pixels(atlas, camera, reference.pose, rest)
     crops = [crop_face(frame, points[number], ratio) for number, frame in sample_frames]
     found = [faces[number] for number, _ in sample_frames]
-    unseen = unseen_colours(head, atlas)
-    for modes in TRACKING_MODES:
-        stack = _stack(head, shape, face, crops, found)
-        mean = mean_colours(shape, stack, unseen)
-        template = template_of(stack, mean, luma_modes(stack, mean, min(modes, len(crops) // 3)))
-        refiner = Refiner(head, face, shape, template)
-        found = [refiner.refine(c, f, 2) for c, f in zip(crops, found, strict=True)]
+    found = tracked(head, face, camera, size, crops, found)
     stack = _stack(head, shape, face, crops, found)
     shown = within_outline(shape, crops, found, [points[number] for number, _ in sample_frames])
     mask = np.maximum(face_mask(head, atlas), shown)
     beside = head.parts[atlas.corners[:, 0]] == PARTS.index("surround")
     stack = replace(stack, weight=stack.weight * np.where(beside, mask, 1).astype(np.float32))
     sharp = sharpened_stack(shape, stack, crops, found)
-    mean = mean_colours(shape, sharp, unseen)
+    mean = mean_colours(shape, sharp, unseen_colours(head, atlas))
     appearance = code_appearance(shape, sharp, mean, mask, budget.face_bytes, budget.most_modes)
     refiner = Refiner(head, face, shape, sampled_template(shape, stack, sharp, appearance))
     found = [refiner.refine(c, f, 2) for c, f in zip(crops, found, strict=True)]
     return Learned(Caller(fitted, reference, refiner, appearance, ratio), crops, found)
+
+
+def tracked(
+    head: Head,
+    face: Face,
+    camera: Camera,
+    size: int,
+    crops: Sequence[Crop],
+    found: Sequence[FaceParameters],
+) -> list[FaceParameters]:
+    """The faces `found` in crops, refined against their own mean and ever more modes.
+
+    size: of the texture that the crops are for, a side; a coarser one serves here.
+    """
+    coarser = max(1, round(float(np.sqrt(len(atlas_of(head, size).rows) / TEXELS))))
+    shape = ShapeFree(face, atlas_of(head, size // coarser), camera)
+    cell_mm = coarser * DEPTH_CELL_MM
+    unseen, faces = unseen_colours(head, shape.atlas), list(found)
+    for modes in TRACKING_MODES:
+        stack = _stack(head, shape, face, crops, faces, cell_mm)
+        mean = mean_colours(shape, stack, unseen)
+        template = template_of(stack, mean, luma_modes(stack, mean, min(modes, len(crops) // 3)))
+        refiner = Refiner(head, face, shape, template, cell_mm)
+        faces = [refiner.refine(c, f, 2) for c, f in zip(crops, faces, strict=True)]
+    return faces
 
 
 def decoded_template(shape: ShapeFree, stack: Stack, appearance: Appearance) -> Template:
@@ -237,6 +257,12 @@ def default_model(
 
 
 def _stack(
-    head: Head, shape: ShapeFree, face: Face, crops: Sequence[Crop], found: Sequence[FaceParameters]
+    head: Head,
+    shape: ShapeFree,
+    face: Face,
+    crops: Sequence[Crop],
+    found: Sequence[FaceParameters],
+    cell_mm: float = DEPTH_CELL_MM,
 ) -> Stack:
-    return shape_free_stack(head, shape, crops, found, [face.animate(f.eau) for f in found])
+    vertices = [face.animate(f.eau) for f in found]
+    return shape_free_stack(head, shape, crops, found, vertices, cell_mm)

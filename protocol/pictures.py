@@ -23,7 +23,7 @@ MAGIC = b"W"
 # How much an error of each colour difference counts against one of luma: in a still it shows as a
 # blotch, in a mode it comes and goes.
 STILL_CHROMA = 0.5
-CHROMA = 0.2
+CHROMA = 0.3
 # Of 2 ** (1 / STEPS_PER_OCTAVE) each.
 STEPS_PER_OCTAVE = 8
 MAX_STEP = 80

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared_model.mesh import PARTS, Head, generic_head
-from shared_model.mouth_sheet import mouth_sheet_head, rim_weights
 from shared_model.parameters import EAU_INDEX
+from shared_model.sheets import rim_weights, sheeted_head
 from shared_model.surround import sheet_holders, surrounded_head
 
 Array = NDArray[np.float64]
@@ -75,7 +75,7 @@ def residual_basis(head: Head) -> Array:
         return _generic_basis()
     if head is surrounded_head():
         return _surrounded_basis()
-    return _mouth_sheet_basis() if head is mouth_sheet_head() else _basis(head)
+    return _sheeted_basis() if head is sheeted_head() else _basis(head)
 
 
 @cache
@@ -84,15 +84,15 @@ def _generic_basis() -> Array:
 
 
 @cache
-def _mouth_sheet_basis() -> Array:
+def _sheeted_basis() -> Array:
     basis = _generic_basis()
     return np.concatenate([basis, basis @ rim_weights(generic_head()).T], axis=1)
 
 
 @cache
 def _surrounded_basis() -> Array:
-    basis = _mouth_sheet_basis()
-    return np.concatenate([basis, basis[:, sheet_holders(mouth_sheet_head())]], axis=1)
+    basis = _sheeted_basis()
+    return np.concatenate([basis, basis[:, sheet_holders(sheeted_head())]], axis=1)
 
 
 def _basis(head: Head) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared_model.mesh import PARTS, Head
-from shared_model.mouth_sheet import mouth_sheet_head
+from shared_model.sheets import sheeted_head
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -37,8 +37,8 @@ BEHIND_MM = 1.0
 
 @cache
 def surrounded_head() -> Head:
-    """The head with a mouth sheet; its vertices are followed by those of the sheet beside it."""
-    head = mouth_sheet_head()
+    """The head with all sheets; the vertices of the one beside the face come last."""
+    head = sheeted_head()
     kept, holders = np.arange(len(head.vertices)), sheet_holders(head)
     carried = np.concatenate([kept, holders])
     count = len(holders)
@@ -102,7 +102,7 @@ def _places(head: Head) -> Array:
 
 def _width() -> Array:
     """Of the sheet in each direction: the neck does not move as the jaw above it does."""
-    return np.interp(DIRECTIONS_DEG, *NARROWING)
+    return np.asarray(np.interp(DIRECTIONS_DEG, *NARROWING))
 
 
 def _ends() -> Array:

@@ -106,7 +106,7 @@ def test_no_triangle_joins_two_parts(head: Head) -> None:
     assert (parts == parts[:, :1]).all()
 
 
-@pytest.mark.parametrize("name", PARTS)
+@pytest.mark.parametrize("name", [name for name in PARTS if name != "surround"])
 def test_every_part_is_there_and_symmetric(head: Head, name: str) -> None:
     twin = {"eye_left": "eye_right", "eye_right": "eye_left"}.get(name, name)
     here, there = head.vertices[part(head, name)], head.vertices[part(head, twin)]

@@ -12,10 +12,11 @@ from protocol.pictures import (
     encode_still,
     from_planes,
     step_size,
-    still_size,
+    still_head,
     to_luma,
     to_planes,
 )
+from protocol.relief import SIDE, encode_relief
 
 Single = NDArray[np.float32]
 
@@ -48,7 +49,8 @@ def test_steps_double_every_octave() -> None:
 def test_a_still_decodes_to_what_its_encoder_says(height: int, width: int) -> None:
     picture = painting(height, width)
     data, stated = encode_still(picture, 8)
-    assert still_size("still", data) == (width, height)
+    head = still_head("still", data)
+    assert (head.width, head.height, head.relief) == (width, height, b"")
     decoded = decode_still("still", data)
     assert np.array_equal(decoded, stated) and decoded.shape == picture.shape
     assert error(decoded, picture) < 4
@@ -81,9 +83,12 @@ def test_modes_decode_in_their_order() -> None:
         (b"W\x08", "still: "),
         (b"W\x00\x08\x10", "0x8"),
         (b"W\x08\x00\x10", "8x0"),
-        (b"W\x08\x08", "no step"),
-        (b"W\x08\x08\x51", "no step"),
-        (b"W\x08\x08\x10" + bytes(40), "too many"),
+        (b"W\x08\x08", "ends in its head"),
+        (b"W\x08\x08\x02\x10", "ends in its head"),
+        (b"W\x08\x08\x00", "no step"),
+        (b"W\x08\x08\x00\x51", "no step"),
+        (b"W\x08\x08\x00\x10" + bytes(40), "too many"),
+        (b"W\x08\x08\xc8" + bytes(300), "relief"),
     ],
 )
 def test_what_is_no_still_is_refused(data: bytes, message: str) -> None:
@@ -131,16 +136,40 @@ def test_what_is_no_mode_is_refused() -> None:
 
 
 def test_every_truncation_and_bit_flip_is_a_still_or_a_protocol_error() -> None:
-    data, _ = encode_still(painting(12, 14), 32)
+    data, _ = encode_still(painting(12, 14), 32, encode_relief(hill()))
     for place in range(len(data)):
         for damaged in (data[:place], *(flip(data, place, bit) for bit in range(8))):
             try:
-                width, height = still_size("still", damaged)
-                if width * height > 10_000:
+                head = still_head("still", damaged)
+                if head.width * head.height > 10_000:
                     continue
                 assert np.isfinite(decode_still("still", damaged)).all()
             except ProtocolError:
                 pass
+
+
+def test_a_relief_makes_the_picture_finer_where_it_is_high() -> None:
+    picture = np.random.default_rng(2).uniform(0, 255, (96, 96, 3)).astype(np.float32)
+    relief = encode_relief(hill())
+    data, stated = encode_still(picture, 40, relief)
+    assert still_head("still", data).relief == relief
+    assert np.array_equal(decode_still("still", data), stated)
+    middle, rim = np.s_[40:56, 40:56], np.s_[:16, :16]
+    assert error(stated[middle], picture[middle]) < 0.5 * error(stated[rim], picture[rim])
+
+
+def test_modes_share_the_relief_of_their_texture() -> None:
+    mode = np.random.default_rng(3).normal(size=(48, 48, 3)).astype(np.float32) * 40
+    relief = encode_relief(hill())
+    data, stated = ModeSeries(48, relief).encode(mode, 24)
+    assert np.array_equal(ModeSeries(48, relief).decode("mode", data), stated)
+    assert not np.allclose(ModeSeries(48).decode("mode", data), stated)
+
+
+def hill() -> NDArray[np.float64]:
+    """A relief with its summit in the middle."""
+    y, x = np.mgrid[:SIDE, :SIDE] - (SIDE - 1) / 2
+    return np.asarray(np.exp2(1.5 - (x**2 + y**2) / 20))
 
 
 def flip(data: bytes, place: int, bit: int) -> bytes:

@@ -6,12 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scripts.head_asset.makehuman import Source, mirror_index
-from shared_model.mesh import PARTS
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-SKIN, EYE_LEFT, EYE_RIGHT, TEETH_UPPER, TEETH_LOWER, TONGUE, MOUTH = range(len(PARTS))
+SKIN, EYE_LEFT, EYE_RIGHT, TEETH_UPPER, TEETH_LOWER, TONGUE, MOUTH = range(7)
 # Angles from the eye's axis of the rings of an eyeball: pupil, iris, then the white; degrees.
 EYE_RINGS_DEG = (8.5, 16.0, 23.2, 33.0, 44.0, 57.0, 74.0, 95.0)
 EYE_SEGMENTS = 16
@@ -77,7 +76,7 @@ def build_mesh(source: Source) -> Mesh:
 def part_mirror(vertices: Array, parts: NDArray[np.uint8]) -> Indices:
     """(n,) mirror images that stay in their part (eyes change places)."""
     mirror = np.zeros(len(vertices), np.int64)
-    for part in range(len(PARTS)):
+    for part in range(MOUTH + 1):
         index = np.flatnonzero(parts == part)
         if part == EYE_LEFT:
             mirror[index], mirror[parts == EYE_RIGHT] = np.flatnonzero(parts == EYE_RIGHT), index

@@ -1,0 +1,128 @@
+"""The head with sheets in place of what is seen between the lips and between the lids.
+
+The default profile paints the inside of the mouth and the eyes by its appearance modes; for that a
+sheet that hangs between the rims serves better than the generic mouth and eyeballs, since every
+texel of it shows the same place between the rims in every frame.  Closed rims fold it to nothing.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared_model.mesh import PARTS, Head, generic_head
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """Where a sheet hangs: part of the head, and its rims among the network's points.
+
+    upper, lower: as many points each, from the subject's right corner to the left.
+    """
+
+    part: str
+    upper: tuple[int, ...]
+    lower: tuple[int, ...]
+
+
+MOUTH = Sheet(
+    "mouth",
+    (78, 191, 80, 81, 82, 13, 312, 311, 310, 415, 308),
+    (78, 95, 88, 178, 87, 14, 317, 402, 318, 324, 308),
+)
+EYES = (
+    Sheet(
+        "eye_left",
+        (362, 398, 384, 385, 386, 387, 388, 466, 263),
+        (362, 382, 381, 380, 374, 373, 390, 249, 263),
+    ),
+    Sheet(
+        "eye_right",
+        (33, 246, 161, 160, 159, 158, 157, 173, 133),
+        (33, 7, 163, 144, 145, 153, 154, 155, 133),
+    ),
+)
+SHEETS = (MOUTH, *EYES)
+# Where the mouth's lies in the atlas, in place of the islands of the parts it replaces: u, v
+# ranges.  The eyes' fill the holes between the lids.
+ISLAND = ((0.06, 0.94), (0.9, 0.99))
+# The sheets hang this far behind the rims, so that the rims' own edges are in front, mm.
+BEHIND_MM = 1.5
+# The face keeps its texture further into the hair than it needs to in the thesis profile.
+OPACITY_GAIN = 2.5
+
+
+@cache
+def sheeted_head() -> Head:
+    """The generic head with the sheets; its vertices are followed by those of the rims."""
+    head = generic_head()
+    carry = rim_weights(head)
+    count = len(head.vertices)
+    outer = head.triangles[head.parts[head.triangles[:, 0]] == PARTS.index("skin")]
+    behind = np.array([0.0, 0.0, -BEHIND_MM])
+
+    def extended(values: Array) -> Array:
+        return np.concatenate([values, carry @ values], axis=-2)
+
+    vertices = extended(head.vertices)
+    vertices[count:] += behind
+    sizes = [len(sheet.upper) + len(sheet.lower) for sheet in SHEETS]
+    parts = np.repeat([PARTS.index(sheet.part) for sheet in SHEETS], sizes)
+    mouth, eyes = _island(), carry[sizes[0] :] @ head.texture_coordinates
+    return Head(
+        vertices=vertices,
+        triangles=np.concatenate([outer, count + _strips()]).astype(np.int32),
+        texture_coordinates=np.concatenate([head.texture_coordinates, mouth, eyes]),
+        parts=np.append(head.parts, parts.astype(np.uint8)),
+        opacity=np.append(np.minimum(OPACITY_GAIN * head.opacity, 1), np.ones(len(carry))),
+        landmarks=head.landmarks,
+        network_triangles=_renumbered(head),
+        network_weights=head.network_weights,
+        eau_up=extended(head.eau_up),
+        eau_down=extended(head.eau_down),
+        aau=extended(head.aau),
+    )
+
+
+def rim_weights(head: Head) -> Array:
+    """(r, n) each rim vertex as a weighted mean of the head's vertices.
+
+    Sheet by sheet, the upper rim first.
+    """
+    points = [point for sheet in SHEETS for point in (*sheet.upper, *sheet.lower)]
+    weights = np.zeros((len(points), len(head.vertices)))
+    for row, point in enumerate(points):
+        corners = head.triangles[head.network_triangles[point]]
+        weights[row, corners] = head.network_weights[point]
+    return weights
+
+
+def _renumbered(head: Head) -> NDArray[np.int32]:
+    """The network's points keep their triangles, whose numbers change as others go."""
+    inside = head.parts[head.triangles[:, 0]] != PARTS.index("skin")
+    number = np.cumsum(~inside) - 1
+    found = np.where(inside[head.network_triangles], -1, number[head.network_triangles])
+    return np.where(head.network_triangles < 0, -1, found).astype(np.int32)
+
+
+def _strips() -> NDArray[np.int32]:
+    """Triangles between the upper and the lower rim of each sheet, seen from outside."""
+    strips, first = [], 0
+    for sheet in SHEETS:
+        count = len(sheet.upper)
+        upper = first + np.arange(count - 1)
+        lower = upper + count
+        strips.append(np.stack([upper, lower, lower + 1], 1))
+        strips.append(np.stack([upper, lower + 1, upper + 1], 1))
+        first += 2 * count
+    return np.concatenate(strips).astype(np.int32)
+
+
+def _island() -> Array:
+    (left, right), (top, bottom) = ISLAND
+    u = np.linspace(left, right, len(MOUTH.upper))
+    rows = [np.stack([u, np.full_like(u, v)], 1) for v in (top, bottom)]
+    return np.concatenate(rows)

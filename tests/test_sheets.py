@@ -1,0 +1,105 @@
+"""The sheets between lips and lids hang on their rims and open with them."""
+
+import numpy as np
+
+from shared_model.animate import Face, Identity
+from shared_model.mesh import PARTS, generic_head
+from shared_model.parameters import AAUS, EAU_INDEX, EAUS
+from shared_model.sheets import BEHIND_MM, EYES, MOUTH, SHEETS, Sheet, rim_weights, sheeted_head
+
+HEAD, SHEETED = generic_head(), sheeted_head()
+COUNT = len(HEAD.vertices)
+
+
+def triangles_of(sheet: Sheet) -> np.ndarray:
+    ours = SHEETED.parts[SHEETED.triangles[:, 0]] == PARTS.index(sheet.part)
+    return np.asarray(SHEETED.triangles[ours])
+
+
+def animated(**actuators: float) -> np.ndarray:
+    eau = np.zeros(len(EAUS))
+    for name, value in actuators.items():
+        eau[EAU_INDEX[name]] = value
+    face = Face(SHEETED, Identity(np.zeros(len(AAUS)), np.zeros_like(SHEETED.vertices)))
+    return face.animate(eau)
+
+
+def frontal_mm2(sheet: Sheet, vertices: np.ndarray) -> float:
+    """What the sheet covers, seen from the front; parts that are turned over count as negative."""
+    a, b, c = (vertices[triangles_of(sheet)[:, i]] for i in range(3))
+    return float(np.cross(b - a, c - a)[:, 2].sum() / 2)
+
+
+def test_the_head_itself_stays_as_it_is() -> None:
+    np.testing.assert_array_equal(SHEETED.vertices[:COUNT], HEAD.vertices)
+    np.testing.assert_array_equal(SHEETED.eau_up[:, :COUNT], HEAD.eau_up)
+    np.testing.assert_array_equal(SHEETED.aau[:, :COUNT], HEAD.aau)
+    assert SHEETED.landmarks == HEAD.landmarks
+    assert np.all(SHEETED.opacity[:COUNT] >= HEAD.opacity)
+
+
+def test_nothing_of_the_old_mouth_and_eyes_is_drawn() -> None:
+    old = SHEETED.triangles[(SHEETED.triangles < COUNT).all(1)]
+    assert np.all(HEAD.parts[old] == PARTS.index("skin"))
+    for sheet in SHEETS:
+        assert np.all(triangles_of(sheet) >= COUNT)
+        assert len(triangles_of(sheet)) == 2 * (len(sheet.upper) - 1)
+
+
+def test_rim_weights_find_the_points_of_the_network() -> None:
+    weights = rim_weights(HEAD)
+    np.testing.assert_allclose(weights.sum(1), 1, atol=1e-5)
+    points = [point for sheet in SHEETS for point in (*sheet.upper, *sheet.lower)]
+    for row, point in enumerate(points):
+        corners = HEAD.triangles[HEAD.network_triangles[point]]
+        expected = HEAD.network_weights[point] @ HEAD.vertices[corners]
+        np.testing.assert_allclose(weights[row] @ HEAD.vertices, expected, atol=1e-6)
+
+
+def test_the_sheet_hangs_behind_the_rims_in_every_setting() -> None:
+    weights = rim_weights(HEAD)
+    for setting in ({}, {"jaw_drop": 1.0}, {"mouth_corners": 1.0, "lid_left": -0.5}):
+        vertices = animated(**setting)
+        behind = weights @ vertices[:COUNT] - vertices[COUNT:]
+        np.testing.assert_allclose(behind, np.tile([0, 0, BEHIND_MM], (len(weights), 1)), atol=1e-6)
+
+
+def test_closed_lips_fold_the_sheet_to_nothing_and_an_open_jaw_spreads_it() -> None:
+    opened = frontal_mm2(MOUTH, animated(jaw_drop=1))
+    assert opened > 400 and frontal_mm2(MOUTH, animated()) < 0.05 * opened
+
+
+def test_closed_lids_fold_the_sheet_of_their_own_eye() -> None:
+    left, right = EYES
+    opened, closed = animated(), animated(lid_left=1)
+    assert frontal_mm2(left, opened) > 150
+    assert frontal_mm2(left, closed) < 0.2 * frontal_mm2(left, opened)
+    assert abs(frontal_mm2(right, closed) - frontal_mm2(right, opened)) < 1
+
+
+def test_open_sheets_face_outwards() -> None:
+    vertices = animated(jaw_drop=1)
+    for sheet in SHEETS:
+        a, b, c = (vertices[triangles_of(sheet)[:, i]] for i in range(3))
+        normals = np.cross(b - a, c - a)
+        assert np.all(normals[np.linalg.norm(normals, axis=1) > 1, 2] > 0)
+
+
+def test_the_eyes_fill_the_holes_between_the_lids_in_the_atlas() -> None:
+    for sheet in EYES:
+        vertices = np.unique(triangles_of(sheet))
+        low, high = (
+            SHEETED.texture_coordinates[vertices].min(0),
+            SHEETED.texture_coordinates[vertices].max(0),
+        )
+        corner = HEAD.landmarks["en_l" if sheet.part == "eye_left" else "en_r"]
+        away = HEAD.texture_coordinates[corner] - (low + high) / 2
+        assert np.all(np.abs(away) < (high - low)), sheet.part
+
+
+def test_the_networks_points_lie_where_they_did() -> None:
+    known = (HEAD.network_triangles >= 0) & (SHEETED.network_triangles >= 0)
+    assert known.sum() > 430
+    before = HEAD.triangles[HEAD.network_triangles[known]]
+    after = SHEETED.triangles[SHEETED.network_triangles[known]]
+    np.testing.assert_array_equal(before, after)
