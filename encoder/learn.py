@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from encoder.crop import Crop
 from encoder.fit import OUTLINE
+from encoder.parallel import on_all_cores
 from encoder.refine import Template
 from encoder.shape_free import ShapeFree
 from encoder.texture import DEPTH_CELL_MM, fill, finest_still, sample, visible_texels
@@ -117,13 +118,17 @@ def shape_free_stack(
 
     vertices: (n, 3) of each frame, head frame.  cell_mm: see `visible_texels`.
     """
-    colours, seen, areas = [], [], []
-    for crop, face, mesh in zip(crops, faces, vertices, strict=True):
+
+    def look(view: tuple[Crop, FaceParameters, Array]) -> tuple[Single, NDArray[np.bool_], Single]:
+        crop, face, mesh = view
         positions = shape.positions(face)
-        colours.append(sample(crop.picture, crop.from_frame(positions)))
-        seen.append(visible_texels(head, shape.atlas, face.pose, mesh, cell_mm))
-        areas.append(texel_areas(shape, positions) * seen[-1])
-    return Stack(np.array(colours), np.array(seen), np.mean(areas, axis=0).astype(np.float32))
+        colours = sample(crop.picture, crop.from_frame(positions))
+        seen = visible_texels(head, shape.atlas, face.pose, mesh, cell_mm)
+        return colours, seen, texel_areas(shape, positions) * seen
+
+    views = on_all_cores(look, zip(crops, faces, vertices, strict=True))
+    colours, seen, areas = (np.array(parts) for parts in zip(*views, strict=True))
+    return Stack(colours, seen, areas.mean(0).astype(np.float32))
 
 
 def texel_areas(shape: ShapeFree, positions: Single) -> Single:

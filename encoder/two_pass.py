@@ -34,6 +34,7 @@ from encoder.learn import (
     within_outline,
 )
 from encoder.model import Budget, identity_of, shape_packet
+from encoder.parallel import on_all_cores
 from encoder.refine import TEXELS, Refiner, Template
 from encoder.shape_free import ShapeFree
 from encoder.sharpen import sharpened
@@ -48,6 +49,7 @@ from shared_model.mesh import PARTS, Head
 from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
 IDENTITY_FRAMES = 10
@@ -161,7 +163,7 @@ def learn_caller(
     mean = mean_colours(shape, sharp, unseen_colours(head, atlas))
     appearance = code_appearance(shape, sharp, mean, mask, budget.face_bytes, budget.most_modes)
     refiner = Refiner(head, face, shape, sampled_template(shape, stack, sharp, appearance))
-    found = [refiner.refine(c, f, 2) for c, f in zip(crops, found, strict=True)]
+    found = refined(refiner, crops, found)
     return Learned(Caller(fitted, reference, refiner, appearance, ratio), crops, found)
 
 
@@ -186,8 +188,16 @@ def tracked(
         mean = mean_colours(shape, stack, unseen)
         template = template_of(stack, mean, luma_modes(stack, mean, min(modes, len(crops) // 3)))
         refiner = Refiner(head, face, shape, template, cell_mm)
-        faces = [refiner.refine(c, f, 2) for c, f in zip(crops, faces, strict=True)]
+        faces = refined(refiner, crops, faces)
     return faces
+
+
+def refined(
+    refiner: Refiner, crops: Sequence[Crop], faces: Sequence[FaceParameters]
+) -> list[FaceParameters]:
+    """The faces in crops, two steps nearer to what the template says."""
+    pairs = zip(crops, faces, strict=True)
+    return on_all_cores(lambda pair: refiner.refine(pair[0], pair[1], 2), pairs)
 
 
 def decoded_template(shape: ShapeFree, stack: Stack, appearance: Appearance) -> Template:
@@ -224,11 +234,13 @@ def sharpened_stack(
     shape: ShapeFree, stack: Stack, crops: Sequence[Crop], faces: Sequence[FaceParameters]
 ) -> Stack:
     """The stack with colours that draw right, see `sharpened`."""
-    colours = [
-        sharpened(shape, crop, crop.from_frame(shape.positions(face)), c, s)
-        for crop, face, c, s in zip(crops, faces, stack.colours, stack.seen, strict=True)
-    ]
-    return replace(stack, colours=np.array(colours))
+
+    def sharpen(view: tuple[Crop, FaceParameters, Single, NDArray[np.bool_]]) -> Single:
+        crop, face, colours, seen = view
+        return sharpened(shape, crop, crop.from_frame(shape.positions(face)), colours, seen)
+
+    views = zip(crops, faces, stack.colours, stack.seen, strict=True)
+    return replace(stack, colours=np.array(on_all_cores(sharpen, views)))
 
 
 def combine_call(

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 # Cells a side; octaves between neighbouring values and of the whole range.
 SIDE = 12
 STEP_OCTAVES = 0.5
-RANGE_OCTAVES = (-2.0, 1.5)
+RANGE_OCTAVES = (-1.0, 1.5)
 
 
 def encode_relief(fineness: Array) -> bytes:
