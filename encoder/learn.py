@@ -18,7 +18,7 @@ from encoder.parallel import on_all_cores
 from encoder.refine import Template
 from encoder.shape_free import ShapeFree
 from encoder.texture import DEPTH_CELL_MM, fill, finest_still, sample, visible_texels
-from protocol.pictures import MAX_STEP, ModeSeries, encode_still, to_luma, to_planes
+from protocol.pictures import ModeSeries, encode_still, to_luma, to_planes
 from protocol.relief import SIDE, encode_relief
 from shared_model.appearance import Atlas
 from shared_model.mesh import PARTS, Head
@@ -27,12 +27,11 @@ from shared_model.parameters import FaceParameters
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-# The modes' quantiser: where the search for it starts and how far apart it tries, in steps of
-# `pictures.step_size`; the mean's is coarser by so many.  Measured on six callers.
+# The quantiser: where the search for it starts and how far apart it tries, in steps of
+# `pictures.step_size`.  Measured on six callers.
 FIRST_STEP = 28
 STEP_STRIDES = (4, 2)
 MOST_TRIES = 3
-MEAN_COARSER = 3
 # A mode costs a length, a centre, a unit and a column of the basis beside its picture.
 MODE_OVERHEAD = 20
 LEAST_ENERGY = 1e-3
@@ -230,9 +229,7 @@ class _Bench:
     def code(self, step: int) -> _Coded:
         """The mean, and as many modes as fit, each found in what the coded ones leave over."""
         size, at = self.shape.atlas.size, (self.shape.atlas.rows, self.shape.atlas.columns)
-        texture, mean = encode_still(
-            _picture(self.shape, self.mean), min(step + MEAN_COARSER, MAX_STEP), self.relief
-        )
+        texture, mean = encode_still(_picture(self.shape, self.mean), step, self.relief)
         root = np.sqrt(np.maximum(self.stack.weight * self.mask, 1e-6))[:, None]
         support = np.where(self.mask > 2 * OUTSIDE, self.mask, 0)[:, None]
         planes = to_planes(self.stack.colours - mean[at]) * self.stack.seen[..., None]
