@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.cadence import Cadence
 from encoder.capture import Capture
 from encoder.combine import combine, harm_matrix, project
 from encoder.crop import crop_face
-from encoder.default_call import FRAMES_PER_PACKET
 from encoder.detect import BlazeFaceDetector
 from encoder.fit import (
     LandmarkModel,
@@ -35,6 +35,7 @@ from protocol.components import GEOMETRY, Components, vector_from_face
 from protocol.link import PacketSink
 from protocol.messages import (
     SEQUENCE_MODULUS,
+    CallParameters,
     ControlKind,
     ControlPacket,
     FramePacket,
@@ -96,6 +97,7 @@ class LiveCall:
         look_for_face_s: float,
         tally: Tally,
         wait: bool,
+        cadence: Cadence,
     ) -> None:
         folder = find_network_folder()
         self._tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
@@ -111,13 +113,16 @@ class LiveCall:
         self._next: Epoch | None = None
         self._background = b""
         self._face: FaceParameters | None = None  # as it was last seen
-        self._missed = 0  # frames without the face since it was last seen
+        self._missed = 0  # frames without the face since one was last coded
+        self._held = 0  # frames waiting that repeat an older face
         self._lost = False  # whether the decoder has been told
         self._number = 0  # of the next frame packet
         self._coded = 0  # source frames coded so far
         self._waiting: list[Array] = []
         self._predictor = FramePredictor(np.zeros((1, 5), np.uint8))
-        spending = Spending(bitrate, float(capture.fps), FRAMES_PER_PACKET)
+        self._cadence = cadence
+        fps = float(cadence.coded_fps(capture.fps))
+        spending = Spending(bitrate, fps, cadence.frames_per_packet)
         self._purse = LivePurse(spending)
 
     @property
@@ -142,10 +147,11 @@ class LiveCall:
             self._begin(index)
         epoch = self._epoch
         assert epoch is not None
-        if self._missed:
-            self._face = None
-        self._missed = 0
-        self._queue(self._refined(epoch, frame, found.points))
+        if self._is_coded(index):
+            if self._missed:
+                self._face = None
+            self._missed = 0
+            self._queue(self._refined(epoch, frame, found.points))
         self._learn_on(index)
 
     def end(self, frames: int) -> None:
@@ -164,7 +170,12 @@ class LiveCall:
             return
         assert self._face is not None
         self._missed += 1
-        self._queue(self._face)
+        if self._is_coded(index):
+            self._held += 1
+            self._queue(self._face)
+
+    def _is_coded(self, index: int) -> bool:
+        return index == self._coded + len(self._waiting) * self._cadence.frame_step
 
     def _refined(self, epoch: Epoch, frame: Picture, points: Array) -> FaceParameters:
         """The caller in one frame, by landmarks, then by the learned appearance."""
@@ -184,7 +195,7 @@ class LiveCall:
         vector = vector_from_face(face, epoch.model.reference_pose)
         self._waiting.append(project(epoch.components, vector[None], epoch.harm)[0])
         first = self._number == epoch.number
-        if len(self._waiting) == (1 if first else FRAMES_PER_PACKET):
+        if len(self._waiting) == (1 if first else self._cadence.frames_per_packet):
             self._flush()
 
     def _flush(self) -> None:
@@ -192,7 +203,7 @@ class LiveCall:
         assert epoch is not None
         if not self._waiting:
             return
-        lost = self._missed >= len(self._waiting)
+        lost = self._held == len(self._waiting)
         if lost != self._lost:
             kind = ControlKind.LOST if lost else ControlKind.FOUND
             self._tally.send(self._sink, ControlPacket(0, kind, self._coded))
@@ -204,8 +215,9 @@ class LiveCall:
         self._tally.frame_bytes += len(packet.payload)
         sequence = self._number % SEQUENCE_MODULUS
         self._tally.send(self._sink, FramePacket(sequence, packet.payload))
-        self._coded += len(self._waiting)
+        self._coded += len(self._waiting) * self._cadence.frame_step
         self._waiting.clear()
+        self._held = 0
         self._number += 1
         if self._next is not None and self._number == self._next.number:
             self._enter(self._next)
@@ -255,7 +267,8 @@ class LiveCall:
         epoch = self._epoch
         assert epoch is not None
         number = self._number + AHEAD
-        start = self._coded + AHEAD * FRAMES_PER_PACKET
+        cadence = self._cadence
+        start = self._coded + AHEAD * cadence.frames_per_packet * cadence.frame_step
         layer = epoch.model.layer + 1
         self._next = self._epoch_of(learned, layer, number, start)
         self._send_model(self._next)
@@ -275,9 +288,7 @@ class LiveCall:
         """Identity and appearance from some frames and their landmarks."""
         size = (self._capture.width, self._capture.height)
         fitted, faces = follow_all(self._head, size, points)
-        call = call_parameters(
-            self._capture, "default", fitted.camera.focal_px, 0, FRAMES_PER_PACKET
-        )
+        call = self._call_parameters(fitted.camera.focal_px, 0)
         frames = list(enumerate(pictures))
         return learn_caller(self._head, fitted, faces, frames, points, call, budget)
 
@@ -287,10 +298,10 @@ class LiveCall:
         every = max(1, len(learned.crops) // 12)
         harm = harm_matrix(caller.tracker, learned.crops[::every], learned.faces[::every], pose)
         vectors = np.array([vector_from_face(face, pose) for face in learned.faces])
-        components = combine(imagined(vectors), harm, caller.appearance.modes, FRAMES_PER_PACKET)
-        call = call_parameters(
-            self._capture, "default", caller.fitted.camera.focal_px, start, FRAMES_PER_PACKET
-        )
+        cadence, modes = self._cadence, caller.appearance.modes
+        motion = imagined(vectors, cadence.frame_step)
+        components = combine(motion, harm, modes, cadence.frames_per_packet)
+        call = self._call_parameters(caller.fitted.camera.focal_px, start)
         packet = default_model(caller, components, call, self._background)
         model = replace(packet, layer=layer, layers=layer + 1, sequence=number % SEQUENCE_MODULUS)
         landmarks = personalise(
@@ -298,20 +309,25 @@ class LiveCall:
         )
         return Epoch(model, learned, landmarks, components, harm, number, start)
 
+    def _call_parameters(self, focal_px: float, start: int) -> CallParameters:
+        packing = self._cadence.frames_per_packet, self._cadence.frame_step
+        return call_parameters(self._capture, "default", focal_px, start, *packing)
 
-def imagined(vectors: Array) -> Array:
+
+def imagined(vectors: Array, frame_step: int = 1) -> Array:
     """(t, d) how y may go on: a Gauss-Markov process with the moments of y (n, d) so far.
 
-    What has hardly moved yet moves as callers usually do.
+    What has hardly moved yet moves as callers usually do.  frame_step: source frames between two.
     """
     count, d = vectors.shape
     covariance = np.cov(vectors.T).reshape(d, d) if count > 1 else np.zeros((d, d))
     usual = np.zeros(d)
     usual[:GEOMETRY] = USUAL_MOTION**2 / 4
+    correlation = CORRELATION**frame_step
     root = np.linalg.cholesky(covariance + np.diag(usual + 1e-9))
     noise = np.random.default_rng(1).normal(size=(IMAGINED_FRAMES, d))
     state, rows = noise[0], []
     for fresh in noise:
-        state = CORRELATION * state + np.sqrt(1 - CORRELATION**2) * fresh
+        state = correlation * state + np.sqrt(1 - correlation**2) * fresh
         rows.append(vectors.mean(0) + root @ state)
     return np.array(rows)

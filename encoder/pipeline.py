@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.cadence import cadence_for
 from encoder.capture import Capture, open_source
 from encoder.default_call import Survey, send_call
 from encoder.follow import FOLLOWED, FollowOptions, open_follower
@@ -17,6 +18,7 @@ from encoder.model import budget_for
 from encoder.tally import Tally
 from encoder.thesis_call import ThesisCall
 from protocol.link import PacketSink
+from protocol.quantise import THESIS_RATE_HZ
 from protocol.recording import CallWriter
 from shared_model.errors import UserError
 from shared_model.mesh import generic_head
@@ -37,6 +39,7 @@ class EncodeOptions:
     follow: how the thesis profile follows the face.
     profile: "thesis" or "default".
     bitrate: bits per second that frame packets take (default profile).
+    fps: code about this many frames a second (default profile), see `cadence_for`; None: all.
     live: look at nothing before it is sent, as if the source were a camera (default profile).
     pace: send at the source's own rate, as a camera would, instead of as fast as possible.
     wait_for_peer_s: wait this long for a decoder before the first frame; 0: do not wait.
@@ -52,6 +55,7 @@ class EncodeOptions:
     lossless: bool = False
     profile: str = "thesis"
     bitrate: float = 800.0
+    fps: float | None = None
     live: bool = False
     follow: FollowOptions = field(default_factory=FollowOptions)
     pace: bool = False
@@ -65,13 +69,15 @@ class EncodeOptions:
 class EncodeReport:
     """What was sent.
 
-    frames, fps, width, height: of the source.  model_bytes, frame_bytes: payload of the packets.
+    frames, fps, width, height: of the source.  coded_fps: frames a second that were coded.
+    model_bytes, frame_bytes: payload of the packets.
     stage_ms: mean time per frame of each stage, ms.
     capture_ns: `time.monotonic_ns` at which each source frame was read.
     """
 
     frames: int
     fps: float
+    coded_fps: float
     width: int
     height: int
     model_bytes: int
@@ -95,7 +101,7 @@ def encode(options: EncodeOptions, progress: Progress, stop: Callable[[], bool])
         sink = open_sink(options, stack)
         send = send_thesis if options.profile == "thesis" else send_default
         send(options, capture, sink, tally, progress, stop)
-        return _report(capture, tally)
+        return _report(options, capture, tally)
 
 
 def send_thesis(
@@ -152,7 +158,10 @@ def send_live(
     budget = budget_for("default", options.model_bytes)
     # A source that waits for its reader may wait for the learning, too.
     wait = not (options.pace or capture.is_live)
-    call = LiveCall(capture, sink, budget, options.bitrate, options.look_for_face_s, tally, wait)
+    cadence = cadence_for(capture.fps, options.fps)
+    call = LiveCall(
+        capture, sink, budget, options.bitrate, options.look_for_face_s, tally, wait, cadence
+    )
     for index, frame in paced(capture, options, tally, stop):
         call.frame(index, frame)
         progress(index + 1, capture.frame_count)
@@ -173,7 +182,7 @@ def survey_source(
     Raises `UserError` if the source shows no face, and `KeyboardInterrupt` if it was stopped before
     there is anything to code.
     """
-    survey = Survey(capture, tally)
+    survey = Survey(capture, tally, cadence_for(capture.fps, options.fps))
     for index, frame in paced(capture, replace(options, pace=False), tally, stop):
         survey.frame(index, frame)
         progress((index + 1) // 2, capture.frame_count)
@@ -236,11 +245,13 @@ def open_sink(options: EncodeOptions, stack: ExitStack) -> PacketSink:
     return sink
 
 
-def _report(capture: Capture, tally: Tally) -> EncodeReport:
+def _report(options: EncodeOptions, capture: Capture, tally: Tally) -> EncodeReport:
     frames = len(tally.capture_ns)
+    coded_fps = cadence_for(capture.fps, options.fps).coded_fps(capture.fps)
     return EncodeReport(
         frames=frames,
         fps=float(capture.fps),
+        coded_fps=THESIS_RATE_HZ if options.profile == "thesis" else float(coded_fps),
         width=capture.width,
         height=capture.height,
         model_bytes=tally.model_bytes,

@@ -20,7 +20,8 @@ from protocol.varint import MAX_VARINT, decode_varint, encode_varint
 from shared_model.geometry import Camera, normalise
 from shared_model.parameters import AAUS, EAUS, Pose
 
-FORMAT_VERSION = 1
+# A model packet is in the oldest version that has fields for what it says.
+PLAIN_VERSION, FORMAT_VERSION = 1, 2
 PROFILES = ("thesis", "default")
 
 SEQUENCE_MODULUS = 64
@@ -33,6 +34,7 @@ MAX_SIDE_PX = 8192
 MAX_FPS_TERM = 1_000_000
 MAX_FPS = 1000
 MAX_FRAMES_PER_PACKET = 64
+MAX_FRAME_STEP = 255
 MAX_FOCAL_PX = 1e6
 MAX_RESIDUAL_POINTS = 256
 MAX_TRANSLATION_MM = 1e6
@@ -69,8 +71,9 @@ class CallParameters:
     width, height: size of the source picture, pixels.
     fps_numerator, fps_denominator: frame rate of the source.
     focal_px: focal length, pixels; kept in single precision.
-    frames_per_packet: source frames in one frame packet (default profile).
+    frames_per_packet: coded frames in one frame packet (default profile).
     start_frame: source frame that frame packet 0 belongs to.
+    frame_step: source frames from one coded frame to the next (default profile).
     """
 
     profile: str
@@ -81,6 +84,7 @@ class CallParameters:
     focal_px: float
     frames_per_packet: int = 1
     start_frame: int = 0
+    frame_step: int = 1
 
     def __post_init__(self) -> None:
         if self.profile not in PROFILES:
@@ -93,6 +97,7 @@ class CallParameters:
             raise ValueError(f"fps is {self.fps}, expected 1/{MAX_FPS}..{MAX_FPS}")
         check_int("frames per packet", self.frames_per_packet, 1, MAX_FRAMES_PER_PACKET)
         check_int("start frame", self.start_frame, 0, MAX_FRAME_INDEX)
+        check_int("frame step", self.frame_step, 1, MAX_FRAME_STEP)
         focal = single("focal length", self.focal_px)
         if not 1 <= focal <= MAX_FOCAL_PX:
             raise ValueError(f"focal length is {focal} px, expected 1..{MAX_FOCAL_PX}")
@@ -224,7 +229,7 @@ def serialise(packet: Packet) -> bytes:
         body = bytes([packet.kind]) + encode_varint(packet.frame)
         return _header(Kind.CONTROL, packet.sequence) + body
     fields: bytes = msgpack.packb(_model_fields(packet), use_single_float=True)
-    data = _header(Kind.MODEL, packet.sequence) + bytes([FORMAT_VERSION]) + fields
+    data = _header(Kind.MODEL, packet.sequence) + bytes([_version(packet)]) + fields
     if len(data) > MAX_MODEL_PACKET_BYTES:
         raise ValueError(f"model packet has {len(data)} bytes, limit {MAX_MODEL_PACKET_BYTES}")
     return data
@@ -270,6 +275,15 @@ def _parse_control(sequence: int, payload: bytes) -> ControlPacket:
 
 # Keys of the model packet's map, short because they are sent.
 _KEYS = ("p", "s", "r", "f", "n", "o", "l", "a", "d", "q", "t", "e", "b", "x", "m")
+_LATER_KEYS = ("k",)
+
+
+def _version(packet: ModelPacket) -> int:
+    return PLAIN_VERSION if packet.call.frame_step == 1 else FORMAT_VERSION
+
+
+def _keys(version: int) -> tuple[str, ...]:
+    return _KEYS if version == PLAIN_VERSION else _KEYS + _LATER_KEYS
 
 
 def _model_fields(packet: ModelPacket) -> dict[str, Any]:
@@ -290,42 +304,46 @@ def _model_fields(packet: ModelPacket) -> dict[str, Any]:
         packet.background,
         packet.texture,
         packet.extension,
+        call.frame_step,
     )
-    return dict(zip(_KEYS, values, strict=True))
+    return dict(zip(_keys(_version(packet)), values, strict=False))
 
 
 def _parse_model(sequence: int, payload: bytes) -> ModelPacket:
-    if payload[:1] != bytes([FORMAT_VERSION]):
-        version = payload[0] if payload else "missing"
-        raise ValueError(f"format version is {version}, this program reads {FORMAT_VERSION}")
+    version = payload[0] if payload else None
+    if version not in (PLAIN_VERSION, FORMAT_VERSION):
+        raise ValueError(
+            f"format version is {'missing' if version is None else version},"
+            f" this program reads {PLAIN_VERSION} and {FORMAT_VERSION}"
+        )
     fields = msgpack.unpackb(
         payload[1:],
         use_list=False,
         max_str_len=1,
         max_bin_len=MAX_IMAGE_BYTES,
         max_array_len=4,
-        max_map_len=len(_KEYS),
+        max_map_len=len(_keys(version)),
         max_ext_len=0,
     )
-    packet = _model_from_fields(sequence, fields)
+    packet = _model_from_fields(sequence, _keys(version), fields)
     # One encoding only: no longer integers, doubles or another order of keys for the same packet.
     if serialise(packet)[1:] != payload:
         raise ValueError("not in the one encoding of its fields")
     return packet
 
 
-def _model_from_fields(sequence: int, fields: Any) -> ModelPacket:
-    if not isinstance(fields, dict) or tuple(fields) != _KEYS:
-        raise ValueError(f"no map of the fields {','.join(_KEYS)}")
+def _model_from_fields(sequence: int, keys: tuple[str, ...], fields: Any) -> ModelPacket:
+    if not isinstance(fields, dict) or tuple(fields) != keys:
+        raise ValueError(f"no map of the fields {','.join(keys)}")
     profile, size, fps, focal, packing, start, layer, aau, residual, *rest = fields.values()
-    rotation, translation, eau, background, texture, extension = rest
+    rotation, translation, eau, background, texture, extension, *later = rest
     check_int("profile", profile, 0, len(PROFILES) - 1)
     width, height = _pair("size", size)
     numerator, denominator = _pair("fps", fps)
     number, layers = _pair("layer", layer)
     return ModelPacket(
         call=CallParameters(
-            PROFILES[profile], width, height, numerator, denominator, focal, packing, start
+            PROFILES[profile], width, height, numerator, denominator, focal, packing, start, *later
         ),
         aau=_codes_from_bytes("aau", aau),
         reference_rotation=rotation,

@@ -26,6 +26,7 @@ class CallSummary:
     """Bytes and rates of one call file.
 
     frames, duration_s, fps, width, height: of the source.
+    coded_fps: frames a second that were coded; those between are interpolated.
     model_bytes, frame_bytes, control_bytes: payload of the packets of each kind.
     container_bytes: magic, record lengths and byte 0 of each packet; with the three above it makes
         `file_bytes`.
@@ -42,6 +43,7 @@ class CallSummary:
     profile: str
     frames: int
     fps: float
+    coded_fps: float
     duration_s: float
     width: int
     height: int
@@ -126,6 +128,7 @@ class _Tally:
             profile=call.profile,
             frames=frames,
             fps=call.fps,
+            coded_fps=_coded_fps(call),
             duration_s=frames / call.fps,
             width=call.width,
             height=call.height,
@@ -149,7 +152,11 @@ def _frames_of(call: CallParameters, frame_packets: int) -> int:
     """Source frames of a truncated call, from the packets that are there."""
     if call.profile == "thesis":
         return round(frame_packets / THESIS_RATE_HZ * call.fps)
-    return frame_packets * call.frames_per_packet
+    return frame_packets * call.frames_per_packet * call.frame_step
+
+
+def _coded_fps(call: CallParameters) -> float:
+    return THESIS_RATE_HZ if call.profile == "thesis" else call.fps / call.frame_step
 
 
 def due_s(profile: str, frames: int, fps: Fraction) -> float:

@@ -37,6 +37,7 @@ GOLDEN: dict[str, Packet] = {
         layer=2,
         layers=5,
     ),
+    "model_step": replace(MODEL, call=replace(CALL, profile="default", frame_step=3)),
     "frame_thesis": FramePacket(63, bytes(range(123, 133))),
     "frame_empty": FramePacket(1, b""),
     "control_end": ControlPacket(7, ControlKind.END, 382),

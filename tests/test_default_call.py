@@ -19,7 +19,8 @@ from conftest import PROGRAM, ROOT
 from numpy.typing import NDArray
 
 from decoder.samples import Sample, sample_decoder
-from encoder.default_call import FRAMES_PER_PACKET, held_numbers
+from encoder.cadence import FRAMES_PER_PACKET
+from encoder.default_call import held_numbers
 from encoder.pipeline import EncodeOptions
 from encoder.pipeline import encode as encode_clip
 from encoder.two_pass import TRAINING_FRAMES, Sampler, smoothed, spread_frames

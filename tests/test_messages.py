@@ -89,9 +89,9 @@ def test_fuzz_of_random_and_mutated_packets() -> None:
         parses_or_protocol_error(rng.randbytes(rng.randint(0, 40)))
 
 
-def model_of_fields(**changes: object) -> bytes:
+def model_of_fields(changes: dict[str, object], model: Packet = MODEL) -> bytes:
     """A model packet with fields of the map replaced or added."""
-    data = serialise(MODEL)
+    data = serialise(model)
     fields = msgpack.unpackb(data[2:], use_list=False) | changes
     packed: bytes = msgpack.packb(fields, use_single_float=True)
     return data[:2] + packed
@@ -137,7 +137,24 @@ def model_of_fields(**changes: object) -> bytes:
 )
 def test_model_fields_out_of_bounds_are_named(changes: dict[str, object], message: str) -> None:
     with pytest.raises(ProtocolError, match=message):
-        parse_packet(model_of_fields(**changes))
+        parse_packet(model_of_fields(changes))
+
+
+@pytest.mark.parametrize(
+    ("step", "message"),
+    [(0, "frame step"), (256, "frame step"), (True, "frame step"), (1, "one encoding")],
+)
+def test_a_step_out_of_bounds_is_named(step: int, message: str) -> None:
+    with pytest.raises(ProtocolError, match=message):
+        parse_packet(model_of_fields({"k": step}, GOLDEN["model_step"]))
+
+
+def test_a_version_has_its_own_fields_only() -> None:
+    for model, version in ((MODEL, 2), (GOLDEN["model_step"], 1)):
+        data = bytearray(serialise(model))
+        data[1] = version
+        with pytest.raises(ProtocolError, match=r"no map|exceeds"):
+            parse_packet(bytes(data))
 
 
 @pytest.mark.parametrize(
@@ -167,7 +184,7 @@ def test_bad_bytes_are_named(data: bytes, message: str) -> None:
 
 def test_messages_stay_short_however_large_the_field() -> None:
     with pytest.raises(ProtocolError) as caught:
-        parse_packet(model_of_fields(p=bytes(100_000)))
+        parse_packet(model_of_fields({"p": bytes(100_000)}))
     assert len(str(caught.value)) <= 200
 
 
@@ -219,6 +236,7 @@ images = st.binary(max_size=40)
             st.floats(1, 1e5),
             st.integers(1, 64),
             st.integers(0, 2**32 - 1),
+            st.integers(1, 255),
         ),
         aau=st.tuples(*[codes] * len(AAUS)),
         reference_rotation=st.just((0.6, 0.0, 0.8, 0.0)),
