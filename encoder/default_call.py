@@ -16,6 +16,7 @@ from encoder.landmarks import LandmarkTracker
 from encoder.model import Budget, call_parameters
 from encoder.networks import NetworkFilesMissing, find_network_folder
 from encoder.rate import Spending, code_call, packet_spans
+from encoder.startup import LayeredModel, LayerPacer, layered
 from encoder.tally import Tally
 from encoder.texture import code_background
 from encoder.two_pass import (
@@ -159,6 +160,11 @@ class Survey:
         lost = frozenset(set(range(start, frames)) - set(self._number))
         return CodedCall(model, tuple(p.payload for p in packets), frames, lost)
 
+    def in_layers(self, call: CodedCall) -> LayeredModel:
+        """The model of a call as it is sent in layers."""
+        assert self._learned is not None and self._still is not None
+        return layered(call.model, self._learned.caller.appearance.mean, self._still)
+
 
 def held_numbers(number: dict[int, int], start: int, end: int) -> list[int]:
     """For each source frame from `start` to `end`, the newest of the found faces until then."""
@@ -170,11 +176,18 @@ def held_numbers(number: dict[int, int], start: int, end: int) -> list[int]:
 
 
 def send_call(
-    call: CodedCall, sink: PacketSink, tally: Tally, fps: float | None, stop: Callable[[], bool]
+    call: CodedCall,
+    sink: PacketSink,
+    tally: Tally,
+    fps: float | None,
+    stop: Callable[[], bool],
+    pacer: LayerPacer | None = None,
 ) -> None:
-    """Send a coded call, as fast as it goes or at `fps` source frames per second."""
-    tally.model_bytes += len(serialise(call.model)) - 1
-    tally.send(sink, call.model)
+    """Send a coded call, as fast as it goes or at `fps` source frames per second.
+
+    pacer: says which layers of the call's model to send between frame packets.
+    """
+    send_model(call.model, sink, tally, pacer)
     begin, parameters = time.monotonic(), call.model.call
     start, step = parameters.start_frame, parameters.frame_step
     spans = packet_spans(len(range(start, call.frames, step)), parameters.frames_per_packet)
@@ -192,4 +205,39 @@ def send_call(
             lost = gone
         tally.frame_bytes += len(payload)
         tally.send(sink, FramePacket(number % SEQUENCE_MODULUS, payload))
+        if pacer is not None:
+            seconds = (end - first) * step / parameters.fps
+            send_layers(pacer, 1 + len(payload), seconds, sink, tally)
+    if pacer is not None:
+        warn_of_missing(pacer, tally)
     tally.send(sink, ControlPacket(0, ControlKind.END, call.frames))
+
+
+def send_model(
+    model: ModelPacket, sink: PacketSink, tally: Tally, pacer: LayerPacer | None
+) -> None:
+    """Send a model packet, whole or the first layer of one."""
+    size = len(serialise(model))
+    tally.model_bytes += size - 1
+    tally.send(sink, model)
+    if pacer is not None:
+        pacer.spent(size)
+
+
+def send_layers(
+    pacer: LayerPacer, frame_bytes: int, seconds: float, sink: PacketSink, tally: Tally
+) -> None:
+    """Send the layers that are due after a frame packet of so many bytes and seconds."""
+    pacer.spent(frame_bytes)
+    for layer in pacer.due(seconds):
+        tally.model_bytes += len(serialise(layer)) - 1
+        tally.send(sink, layer)
+
+
+def warn_of_missing(pacer: LayerPacer, tally: Tally) -> None:
+    """Say so if a call ends before its model was sent whole."""
+    if pacer.items_waiting:
+        tally.warn(
+            f"the call ended with {pacer.items_waiting} pictures of its model not sent:"
+            " it was too short for --startup-bitrate"
+        )

@@ -15,6 +15,7 @@ from encoder.default_call import Survey, send_call
 from encoder.follow import FOLLOWED, FollowOptions, open_follower
 from encoder.live_call import LiveCall
 from encoder.model import budget_for
+from encoder.startup import LayerPacer
 from encoder.tally import Tally
 from encoder.thesis_call import ThesisCall
 from protocol.link import PacketSink
@@ -39,6 +40,8 @@ class EncodeOptions:
     follow: how the thesis profile follows the face.
     profile: "thesis" or "default".
     bitrate: bits per second that frame packets take (default profile).
+    startup_bitrate: bits per second of all packets together while the model is sent in layers
+        (default profile); None: it is sent whole, at once.
     fps: code about this many frames a second (default profile), see `cadence_for`; None: all.
     live: look at nothing before it is sent, as if the source were a camera (default profile).
     pace: send at the source's own rate, as a camera would, instead of as fast as possible.
@@ -55,6 +58,7 @@ class EncodeOptions:
     lossless: bool = False
     profile: str = "thesis"
     bitrate: float = 800.0
+    startup_bitrate: float | None = None
     fps: float | None = None
     live: bool = False
     follow: FollowOptions = field(default_factory=FollowOptions)
@@ -138,12 +142,17 @@ def send_default(
     if options.live or capture.is_live:
         send_live(options, capture, sink, tally, progress, stop)
         return
-    call = survey_source(options, capture, tally, progress, stop).code(options.bitrate)
+    survey = survey_source(options, capture, tally, progress, stop)
+    call, pacer = survey.code(options.bitrate), None
+    if options.startup_bitrate is not None:
+        model = survey.in_layers(call)
+        call, pacer = replace(call, model=model.first), LayerPacer(options.startup_bitrate)
+        pacer.begin(model)
     if options.pace:
-        send_call(call, sink, tally, float(capture.fps), stop)
+        send_call(call, sink, tally, float(capture.fps), stop, pacer)
     else:
         # Whoever stopped while the source was looked at has what was seen until then.
-        send_call(call, sink, tally, None, lambda: False)
+        send_call(call, sink, tally, None, lambda: False, pacer)
 
 
 def send_live(

@@ -78,6 +78,13 @@ def _add_encode(added: "Commands") -> None:
     _add_link(parser, where)
     _add_coding(parser)
     parser.add_argument(
+        "--startup-bitrate",
+        type=_bitrate,
+        metavar="BPS",
+        help="default profile: send the model in layers, a first one of 2 kB and the others between"
+        " the frames, so that all packets together keep to BPS (default: whole, at once)",
+    )
+    parser.add_argument(
         "--tracker",
         choices=("single", "full"),
         default="full",

@@ -37,6 +37,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
 
     _refuse_overwriting([arguments.source], [arguments.output, arguments.report])
     _refuse_other_profile(arguments)
+    _check_startup(arguments)
     over_link = arguments.output is None
     options = EncodeOptions(
         source=arguments.source,
@@ -47,6 +48,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
         lossless=arguments.lossless,
         profile=arguments.profile,
         bitrate=arguments.bitrate,
+        startup_bitrate=arguments.startup_bitrate,
         fps=arguments.fps,
         follow=FollowOptions(arguments.detector, arguments.tracker, arguments.without),
         pace=over_link if arguments.pace is None else arguments.pace,
@@ -280,9 +282,20 @@ def _warn(warnings: Iterable[str]) -> None:
 
 def _refuse_other_profile(arguments: argparse.Namespace) -> None:
     """An option that the thesis profile has no use for would be ignored in silence."""
-    for option, given in (("--live", arguments.live), ("--fps", arguments.fps is not None)):
-        if given and arguments.profile == "thesis":
+    names = ("live", "fps", "startup_bitrate")
+    for name in names if arguments.profile == "thesis" else ():
+        if getattr(arguments, name, None) not in (None, False):
+            option = f"--{name.replace('_', '-')}"
             raise UserError(f"{option} is about the default profile; add --profile default")
+
+
+def _check_startup(arguments: argparse.Namespace) -> None:
+    startup: float | None = arguments.startup_bitrate
+    if startup is not None and startup <= arguments.bitrate:
+        raise UserError(
+            f"--startup-bitrate {startup:g} leaves nothing for the model"
+            f" beside frames of --bitrate {arguments.bitrate:g}"
+        )
 
 
 def _refuse_overwriting(

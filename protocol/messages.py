@@ -1,6 +1,7 @@
 """The packets of a call: bytes in, frozen dataclasses out, and back.
 
-Byte 0 of a packet holds its kind (top two bits) and a sequence number modulo 64; then the payload.
+Byte 0 of a packet holds its kind (top two bits) and a sequence number modulo 64, that of a layer
+packet the number of the model that it refines; then the payload.
 Every packet has exactly one encoding: `serialise(parse_packet(data)) == data`.  All else raises
 `ProtocolError`, whatever the bytes, and no field may grow beyond its limit below.  Encoded images
 are carried, not looked into.
@@ -39,6 +40,8 @@ MAX_FOCAL_PX = 1e6
 MAX_RESIDUAL_POINTS = 256
 MAX_TRANSLATION_MM = 1e6
 MAX_LAYERS = 64
+MAX_LAYER_PACKETS = 4096
+MAX_LAYER_BYTES = 16 * 1024
 MAX_FRAME_INDEX = MAX_VARINT
 MAX_MESSAGE = 200
 
@@ -48,11 +51,12 @@ class ProtocolError(Exception):
 
 
 class Kind(IntEnum):
-    """Top two bits of byte 0; 3 is reserved."""
+    """Top two bits of byte 0."""
 
     FRAME = 0
     MODEL = 1
     CONTROL = 2
+    LAYER = 3
 
 
 class ControlKind(IntEnum):
@@ -126,7 +130,9 @@ class ModelPacket:
     reference_eau: len(EAUS) codes -127..127 of that frame, see `quantise.EAU_STEP`.
     background, texture: encoded images.
     extension: what a profile adds to the model, in that profile's own format.
-    layer, layers: this packet is number `layer` of `layers` that refine one another.
+    layer, layers: this packet is number `layer` of `layers` that replace one another.
+    layered: its pictures are rough and modes are missing (empty), see `protocol.layers`; they come
+        in layer packets.
     """
 
     call: CallParameters
@@ -141,6 +147,7 @@ class ModelPacket:
     layer: int = 0
     layers: int = 1
     sequence: int = 0
+    layered: bool = False
 
     def __post_init__(self) -> None:
         check_int("sequence", self.sequence, 0, SEQUENCE_MODULUS - 1)
@@ -155,6 +162,8 @@ class ModelPacket:
         check_bytes("extension", self.extension, MAX_EXTENSION_BYTES)
         check_int("number of layers", self.layers, 1, MAX_LAYERS)
         check_int("layer", self.layer, 0, self.layers - 1)
+        if type(self.layered) is not bool:
+            raise ValueError(f"layered is {self.layered!r}, expected true or false")
         rotation = singles("reference rotation", self.reference_rotation, 4, 1.001)
         norm = math.hypot(*rotation)
         if abs(norm - 1) > 1e-3:
@@ -199,7 +208,36 @@ class ControlPacket:
         check_int("frame", self.frame, 0, MAX_FRAME_INDEX)
 
 
-Packet = ModelPacket | FramePacket | ControlPacket
+@dataclass(frozen=True, slots=True)
+class LayerPacket:
+    """A piece of what a layered model's first layer leaves out, see `protocol.layers`.
+
+    model: the `layer` of the model packet that it refines.
+    number: of the piece, from 0 on.
+    """
+
+    model: int
+    number: int
+    data: bytes
+
+    def __post_init__(self) -> None:
+        check_int("model of a layer", self.model, 0, MAX_LAYERS - 1)
+        check_int("number of a layer packet", self.number, 0, MAX_LAYER_PACKETS - 1)
+        check_bytes("layer", self.data, MAX_LAYER_BYTES)
+        if not self.data:
+            raise ValueError("layer is empty")
+
+
+Packet = ModelPacket | FramePacket | ControlPacket | LayerPacket
+
+
+_MAX_PACKET_BYTES = {
+    Kind.FRAME: 1 + MAX_FRAME_PAYLOAD_BYTES,
+    Kind.MODEL: MAX_MODEL_PACKET_BYTES,
+    Kind.CONTROL: MAX_CONTROL_PACKET_BYTES,
+    # A number takes at most five bytes.
+    Kind.LAYER: 6 + MAX_LAYER_BYTES,
+}
 
 
 def parse_packet(data: bytes) -> Packet:
@@ -216,6 +254,9 @@ def parse_packet(data: bytes) -> Packet:
             return FramePacket(sequence, payload)
         if kind is Kind.CONTROL:
             return _parse_control(sequence, payload)
+        if kind is Kind.LAYER:
+            number, length = decode_varint(payload)
+            return LayerPacket(sequence, number, payload[length:])
         return _parse_model(sequence, payload)
     except ValueError as error:
         raise ProtocolError(f"{kind.name.lower()} packet: {error}"[:MAX_MESSAGE]) from error
@@ -228,6 +269,8 @@ def serialise(packet: Packet) -> bytes:
     if isinstance(packet, ControlPacket):
         body = bytes([packet.kind]) + encode_varint(packet.frame)
         return _header(Kind.CONTROL, packet.sequence) + body
+    if isinstance(packet, LayerPacket):
+        return _header(Kind.LAYER, packet.model) + encode_varint(packet.number) + packet.data
     fields: bytes = msgpack.packb(_model_fields(packet), use_single_float=True)
     data = _header(Kind.MODEL, packet.sequence) + bytes([_version(packet)]) + fields
     if len(data) > MAX_MODEL_PACKET_BYTES:
@@ -236,20 +279,15 @@ def serialise(packet: Packet) -> bytes:
 
 
 def packet_kind(data: bytes) -> Kind:
-    """The kind in byte 0 of a packet.  Raises `ProtocolError` if empty or reserved."""
+    """The kind in byte 0 of a packet.  Raises `ProtocolError` if empty."""
     if not data:
         raise ProtocolError("empty packet")
-    try:
-        return Kind(data[0] // SEQUENCE_MODULUS)
-    except ValueError as error:
-        raise ProtocolError(f"byte 0 is 0x{data[0]:02x}: reserved kind of packet") from error
+    return Kind(data[0] // SEQUENCE_MODULUS)
 
 
 def max_packet_bytes(kind: Kind) -> int:
     """The greatest length of a whole packet of `kind`, bytes."""
-    if kind is Kind.MODEL:
-        return MAX_MODEL_PACKET_BYTES
-    return MAX_CONTROL_PACKET_BYTES if kind is Kind.CONTROL else 1 + MAX_FRAME_PAYLOAD_BYTES
+    return _MAX_PACKET_BYTES[kind]
 
 
 def is_end(data: bytes) -> bool:
@@ -275,11 +313,12 @@ def _parse_control(sequence: int, payload: bytes) -> ControlPacket:
 
 # Keys of the model packet's map, short because they are sent.
 _KEYS = ("p", "s", "r", "f", "n", "o", "l", "a", "d", "q", "t", "e", "b", "x", "m")
-_LATER_KEYS = ("k",)
+_LATER_KEYS = ("k", "y")
 
 
 def _version(packet: ModelPacket) -> int:
-    return PLAIN_VERSION if packet.call.frame_step == 1 else FORMAT_VERSION
+    plain = packet.call.frame_step == 1 and not packet.layered
+    return PLAIN_VERSION if plain else FORMAT_VERSION
 
 
 def _keys(version: int) -> tuple[str, ...]:
@@ -305,6 +344,7 @@ def _model_fields(packet: ModelPacket) -> dict[str, Any]:
         packet.texture,
         packet.extension,
         call.frame_step,
+        packet.layered,
     )
     return dict(zip(_keys(_version(packet)), values, strict=False))
 
@@ -337,13 +377,14 @@ def _model_from_fields(sequence: int, keys: tuple[str, ...], fields: Any) -> Mod
         raise ValueError(f"no map of the fields {','.join(keys)}")
     profile, size, fps, focal, packing, start, layer, aau, residual, *rest = fields.values()
     rotation, translation, eau, background, texture, extension, *later = rest
+    step, layered = later or (1, False)
     check_int("profile", profile, 0, len(PROFILES) - 1)
     width, height = _pair("size", size)
     numerator, denominator = _pair("fps", fps)
     number, layers = _pair("layer", layer)
     return ModelPacket(
         call=CallParameters(
-            PROFILES[profile], width, height, numerator, denominator, focal, packing, start, *later
+            PROFILES[profile], width, height, numerator, denominator, focal, packing, start, step
         ),
         aau=_codes_from_bytes("aau", aau),
         reference_rotation=rotation,
@@ -356,6 +397,7 @@ def _model_from_fields(sequence: int, keys: tuple[str, ...], fields: Any) -> Mod
         layer=number,
         layers=layers,
         sequence=sequence,
+        layered=layered,
     )
 
 

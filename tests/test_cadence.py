@@ -15,7 +15,14 @@ from encoder.cadence import FRAMES_PER_PACKET, Cadence, cadence_for
 from encoder.pipeline import EncodeOptions, EncodeReport, encode
 from loopback.animate import AnimateOptions, animate
 from loopback.quality import face_area_finder, measure
-from protocol.messages import MAX_FRAME_STEP, ControlPacket, FramePacket, ModelPacket, parse_packet
+from protocol.messages import (
+    MAX_FRAME_STEP,
+    ControlPacket,
+    FramePacket,
+    ModelPacket,
+    Packet,
+    parse_packet,
+)
 from protocol.recording import CallReader
 from protocol.summary import summarise
 from shared_model.parameters import EAU_INDEX
@@ -134,7 +141,7 @@ def test_every_kth_frame_is_coded_and_every_frame_is_drawn(
     assert quality.face_psnr_db is not None and quality.face_psnr_db > (22 if live else 26)
 
 
-def packets_of(path: Path) -> list[ModelPacket | FramePacket | ControlPacket]:
+def packets_of(path: Path) -> list[Packet]:
     with CallReader(path) as reader:
         return [parse_packet(data) for data in reader]
 

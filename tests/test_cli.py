@@ -464,7 +464,7 @@ def test_nothing_is_written_over_what_is_read(
 
 
 @pytest.mark.parametrize(
-    "option", ["--bitrate", "--fps", "--max-frames", "--wait", "--model-bytes"]
+    "option", ["--bitrate", "--startup-bitrate", "--fps", "--max-frames", "--wait", "--model-bytes"]
 )
 def test_what_is_no_number_is_said(option: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["encode", "me.mp4", "-o", "x.rzo", option, "many"]) == 2
@@ -503,6 +503,16 @@ def copy_frames(source: Path, target: Path, count: int) -> None:
     ):
         for _, frame in islice(capture, count):
             sink.write(frame)
+
+
+def test_a_paced_start_needs_its_profile_and_room_beside_the_frames(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    line = ["encode", "clip.mp4", "-o", "call.rzo", "--startup-bitrate"]
+    assert main([*line, "8000"]) == 2
+    assert "--profile default" in one_line(capsys.readouterr().err)
+    assert main([*line, "800", "--profile", "default"]) == 2
+    assert "leaves nothing for the model" in one_line(capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("option", ["--live", "--fps 10"])

@@ -27,7 +27,14 @@ from encoder.two_pass import TRAINING_FRAMES, Sampler, smoothed, spread_frames
 from loopback.animate import AnimateOptions, animate
 from loopback.cli import main
 from loopback.quality import face_area_finder, measure
-from protocol.messages import ControlKind, ControlPacket, FramePacket, ModelPacket, parse_packet
+from protocol.messages import (
+    ControlKind,
+    ControlPacket,
+    FramePacket,
+    ModelPacket,
+    Packet,
+    parse_packet,
+)
 from protocol.recording import CallReader
 from protocol.summary import summarise
 from shared_model.geometry import euler_deg
@@ -101,7 +108,7 @@ def call(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def packets(path: Path) -> list[ModelPacket | FramePacket | ControlPacket]:
+def packets(path: Path) -> list[Packet]:
     with CallReader(path) as reader:
         return [parse_packet(data) for data in reader]
 

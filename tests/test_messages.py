@@ -12,12 +12,14 @@ from packets import CALL, GOLDEN, MODEL, VECTORS
 from protocol.messages import (
     MAX_FRAME_PAYLOAD_BYTES,
     MAX_IMAGE_BYTES,
+    MAX_LAYER_BYTES,
     MAX_MODEL_PACKET_BYTES,
     CallParameters,
     ControlKind,
     ControlPacket,
     FramePacket,
     Kind,
+    LayerPacket,
     ModelPacket,
     Packet,
     ProtocolError,
@@ -66,7 +68,7 @@ def test_every_bit_flip_is_a_packet_or_a_protocol_error(packet: Packet) -> None:
 @pytest.mark.parametrize("packet", GOLDEN.values(), ids=GOLDEN)
 def test_an_added_byte_never_goes_unnoticed(packet: Packet) -> None:
     data = serialise(packet) + b"\0"
-    if packet_kind(data) is Kind.FRAME:
+    if packet_kind(data) in (Kind.FRAME, Kind.LAYER):
         assert parse_packet(data) != packet
     else:
         with pytest.raises(ProtocolError):
@@ -149,6 +151,14 @@ def test_a_step_out_of_bounds_is_named(step: int, message: str) -> None:
         parse_packet(model_of_fields({"k": step}, GOLDEN["model_step"]))
 
 
+def test_layered_is_yes_or_no() -> None:
+    with pytest.raises(ProtocolError, match="layered"):
+        parse_packet(model_of_fields({"y": 1}, GOLDEN["model_step"]))
+    # What the older version can say is said in it.
+    with pytest.raises(ProtocolError, match="one encoding"):
+        parse_packet(model_of_fields({"y": False}, GOLDEN["model_layered"]))
+
+
 def test_a_version_has_its_own_fields_only() -> None:
     for model, version in ((MODEL, 2), (GOLDEN["model_step"], 1)):
         data = bytearray(serialise(model))
@@ -161,7 +171,11 @@ def test_a_version_has_its_own_fields_only() -> None:
     ("data", "message"),
     [
         (b"", "empty"),
-        (b"\xc0", "reserved"),
+        (b"\xc0", "bad number"),
+        (b"\xc0\x05", "layer is empty"),
+        (b"\xc0\x80\x20x", "number of a layer packet"),
+        (b"\xc0\x00" + bytes(MAX_LAYER_BYTES + 1), "limit"),
+        (bytes([0xC0]) + bytes(MAX_LAYER_BYTES + 6), "too long"),
         (bytes(2 + MAX_FRAME_PAYLOAD_BYTES), "too long"),
         (b"\x40", "version is missing"),
         (b"\x40\x07", "version is 7"),
@@ -251,8 +265,12 @@ images = st.binary(max_size=40)
         layers=st.just(64),
         layer=st.integers(0, 63),
         sequence=st.integers(0, 63),
+        layered=st.booleans(),
     )
     | st.builds(FramePacket, st.integers(0, 63), st.binary(max_size=64))
+    | st.builds(
+        LayerPacket, st.integers(0, 63), st.integers(0, 4095), st.binary(min_size=1, max_size=64)
+    )
     | st.builds(
         ControlPacket,
         st.integers(0, 63),
