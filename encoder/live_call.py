@@ -2,12 +2,14 @@
 
 The first face makes the first model packet: shape, mean texture, no modes.  As the call teaches
 what the caller looks like, the model is learned again and goes out as an update, announced some
-packets before the first frame packet that needs it; the stream flows on meanwhile.
+packets before the first frame packet that needs it; the stream flows on meanwhile.  On a thin link
+the layers of an update go first, and its model packet, which is then all that is missing, last.
 """
 
 from collections.abc import Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,7 @@ from encoder.cadence import Cadence
 from encoder.capture import Capture
 from encoder.combine import combine, harm_matrix, project
 from encoder.crop import crop_face
+from encoder.default_call import send_layers, send_model, warn_of_missing
 from encoder.detect import BlazeFaceDetector
 from encoder.fit import (
     LandmarkModel,
@@ -28,6 +31,7 @@ from encoder.landmarks import LandmarkTracker
 from encoder.model import Budget, call_parameters
 from encoder.networks import find_network_folder
 from encoder.rate import LivePurse, Spending
+from encoder.startup import UPDATE_LAYER_BYTES, LayerPacer, layered
 from encoder.tally import Tally
 from encoder.texture import code_background
 from encoder.two_pass import Learned, Sampler, default_model, follow_all, learn_caller
@@ -40,7 +44,6 @@ from protocol.messages import (
     ControlPacket,
     FramePacket,
     ModelPacket,
-    serialise,
 )
 from protocol.predict import FramePredictor
 from shared_model.mouth_sheet import mouth_sheet_head
@@ -86,6 +89,7 @@ class LiveCall:
     look_for_face_s: say so if there is no face after this many seconds of video.
     wait: learn before the next frame, so that the same source gives the same bytes; otherwise
         beside the frames.
+    pacer: sends models in layers; None: whole, at once.
     """
 
     def __init__(
@@ -98,6 +102,7 @@ class LiveCall:
         tally: Tally,
         wait: bool,
         cadence: Cadence,
+        pacer: LayerPacer | None = None,
     ) -> None:
         folder = find_network_folder()
         self._tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
@@ -111,6 +116,8 @@ class LiveCall:
         self._learning: Future[Learned] | None = None
         self._epoch: Epoch | None = None
         self._next: Epoch | None = None
+        self._pacer = pacer
+        self._coming: Epoch | None = None  # whose layers are on their way
         self._background = b""
         self._face: FaceParameters | None = None  # as it was last seen
         self._missed = 0  # frames without the face since one was last coded
@@ -120,7 +127,8 @@ class LiveCall:
         self._coded = 0  # source frames coded so far
         self._waiting: list[Array] = []
         self._predictor = FramePredictor(np.zeros((1, 5), np.uint8))
-        self._cadence = cadence
+        self._cadence, self._fps = cadence, float(capture.fps)
+        self._still: Picture = np.zeros((0, 0, 3), np.uint8)
         fps = float(cadence.coded_fps(capture.fps))
         spending = Spending(bitrate, fps, cadence.frames_per_packet)
         self._purse = LivePurse(spending)
@@ -160,6 +168,8 @@ class LiveCall:
             self._pool.shutdown(cancel_futures=True)
         if self._epoch is not None:
             self._flush()
+            if self._pacer is not None:
+                warn_of_missing(self._pacer, self._tally)
             self._tally.send(self._sink, ControlPacket(0, ControlKind.END, frames))
 
     def _miss(self, index: int) -> None:
@@ -215,13 +225,17 @@ class LiveCall:
         self._tally.frame_bytes += len(packet.payload)
         sequence = self._number % SEQUENCE_MODULUS
         self._tally.send(self._sink, FramePacket(sequence, packet.payload))
-        self._coded += len(self._waiting) * self._cadence.frame_step
+        frames = len(self._waiting)
+        self._coded += frames * self._cadence.frame_step
         self._waiting.clear()
         self._held = 0
         self._number += 1
         if self._next is not None and self._number == self._next.number:
             self._enter(self._next)
             self._next = None
+        if self._pacer is not None:
+            seconds = frames * self._cadence.frame_step / self._fps
+            self._send_layers(self._pacer, 1 + len(packet.payload), seconds)
 
     def _enter(self, epoch: Epoch) -> None:
         """Frames from here on are sent under `epoch`."""
@@ -237,11 +251,15 @@ class LiveCall:
         share = replace(
             self._budget, face_bytes=int(self._budget.face_bytes * FIRST_SHARE), most_modes=0
         )
-        still = self._sampler.frames[0][1]
-        self._background = code_background(still, self._budget.background_bytes)
+        self._still = self._sampler.frames[0][1]
+        self._background = code_background(self._still, self._budget.background_bytes)
         learned = self._learn(share, *self._sample())
         self._coded = index
         epoch = self._epoch_of(learned, layer=0, number=0, start=index)
+        if self._pacer is not None:
+            parts = layered(epoch.model, learned.caller.appearance.mean, self._still)
+            self._pacer.begin(parts)
+            epoch = replace(epoch, model=parts.first)
         self._send_model(epoch)
         self._enter(epoch)
 
@@ -251,11 +269,14 @@ class LiveCall:
             if self._learning.done():
                 learned, self._learning = self._learning.result(), None
                 self._announce(learned)
-        elif self._due and self._next is None:
+        elif self._due and self._next is None and not self._sending_layers:
             after_s, share = self._due[0]
             if self._faces_seen < after_s * self._capture.fps:
                 return
             self._due.pop(0)
+            # While layers were sent more than one may have become due.
+            while self._pacer and self._due and self._faces_seen >= self._due[0][0] * self._fps:
+                share = self._due.pop(0)[1]
             budget = replace(self._budget, face_bytes=int(share * self._budget.face_bytes))
             if self._pool is None:
                 with self._tally.stage("learn"):
@@ -266,16 +287,44 @@ class LiveCall:
     def _announce(self, learned: Learned) -> None:
         epoch = self._epoch
         assert epoch is not None
-        number = self._number + AHEAD
-        cadence = self._cadence
-        start = self._coded + AHEAD * cadence.frames_per_packet * cadence.frame_step
         layer = epoch.model.layer + 1
-        self._next = self._epoch_of(learned, layer, number, start)
+        if self._pacer is None:
+            self._next = self._epoch_of(learned, layer, *self._ahead(AHEAD))
+            self._send_model(self._next)
+            return
+        draft = self._epoch_of(learned, layer, 0, 0)
+        mean = learned.caller.appearance.mean
+        parts = layered(draft.model, mean, self._still, UPDATE_LAYER_BYTES)
+        self._pacer.begin(parts)
+        self._coming = replace(draft, model=parts.first)
+
+    def _ahead(self, packets: int) -> tuple[int, int]:
+        """Number and first source frame of the frame packet that comes after so many."""
+        cadence = self._cadence
+        frames = packets * cadence.frames_per_packet * cadence.frame_step
+        return self._number + packets, self._coded + frames
+
+    @property
+    def _sending_layers(self) -> bool:
+        return self._coming is not None or bool(self._pacer and self._pacer.items_waiting)
+
+    def _send_layers(self, pacer: LayerPacer, frame_bytes: int, seconds: float) -> None:
+        """Send the layers that are due; after the last ones of an update, its model packet."""
+        send_layers(pacer, frame_bytes, seconds, self._sink, self._tally)
+        coming = self._coming
+        if coming is None or pacer.items_waiting:
+            return
+        cadence = self._cadence
+        packet_s = cadence.frames_per_packet * cadence.frame_step / self._fps
+        under_way = ceil(pacer.carried_s(UPDATE_LAYER_BYTES) / packet_s)
+        number, start = self._ahead(AHEAD + under_way)
+        call = replace(coming.model.call, start_frame=start)
+        model = replace(coming.model, call=call, sequence=number % SEQUENCE_MODULUS)
+        self._next, self._coming = replace(coming, model=model, number=number, start=start), None
         self._send_model(self._next)
 
     def _send_model(self, epoch: Epoch) -> None:
-        self._tally.model_bytes += len(serialise(epoch.model)) - 1
-        self._tally.send(self._sink, epoch.model)
+        send_model(epoch.model, self._sink, self._tally, self._pacer)
 
     def _sample(self) -> tuple[list[Picture], list[Array]]:
         """Some of the frames so far, and their landmarks."""

@@ -169,7 +169,15 @@ def send_live(
     wait = not (options.pace or capture.is_live)
     cadence = cadence_for(capture.fps, options.fps)
     call = LiveCall(
-        capture, sink, budget, options.bitrate, options.look_for_face_s, tally, wait, cadence
+        capture,
+        sink,
+        budget,
+        options.bitrate,
+        options.look_for_face_s,
+        tally,
+        wait,
+        cadence,
+        LayerPacer(options.startup_bitrate) if options.startup_bitrate else None,
     )
     for index, frame in paced(capture, options, tally, stop):
         call.frame(index, frame)
