@@ -2,8 +2,10 @@
 
 The first face makes the first model packet: shape, mean texture, no modes.  As the call teaches
 what the caller looks like, the model is learned again and goes out as an update, announced some
-packets before the first frame packet that needs it; the stream flows on meanwhile.  On a thin link
-the layers of an update go first, and its model packet, which is then all that is missing, last.
+packets before the first frame packet that needs it; the stream flows on meanwhile.
+
+On a thin link the first model is a first layer only.  Of an update the first layers go ahead, its
+model packet once they make it better than what there is, then the other modes.
 """
 
 from collections.abc import Sequence
@@ -59,6 +61,8 @@ LEARN_AFTER_S = {1.0: 0.6, 3.0: 1.0, 6.0: 1.0, 10.0: 1.0, 16.0: 1.0, 25.0: 1.0, 
 TRAINING_FRAMES = 24
 # Packets by which an update is announced ahead of its first frame packet.
 AHEAD = 4
+# Layers that make an update better than the model before: texture, background and four modes.
+ENOUGH_ITEMS = 6
 # What of the budget the first model takes: its still, and a mean that is soon replaced.
 FIRST_SHARE = 0.3
 # How far callers move who have not yet moved: degrees, mm, log depth, actuators.
@@ -170,6 +174,8 @@ class LiveCall:
             self._flush()
             if self._pacer is not None:
                 warn_of_missing(self._pacer, self._tally)
+                if self._epoch.model.layer == 0:
+                    self._tally.warn("the call ended with no more of its model than a first layer")
             self._tally.send(self._sink, ControlPacket(0, ControlKind.END, frames))
 
     def _miss(self, index: int) -> None:
@@ -257,8 +263,8 @@ class LiveCall:
         self._coded = index
         epoch = self._epoch_of(learned, layer=0, number=0, start=index)
         if self._pacer is not None:
+            # What else the first frame could teach, the update does better and is as large.
             parts = layered(epoch.model, learned.caller.appearance.mean, self._still)
-            self._pacer.begin(parts)
             epoch = replace(epoch, model=parts.first)
         self._send_model(epoch)
         self._enter(epoch)
@@ -306,13 +312,13 @@ class LiveCall:
 
     @property
     def _sending_layers(self) -> bool:
-        return self._coming is not None or bool(self._pacer and self._pacer.items_waiting)
+        return self._coming is not None or (self._pacer is not None and self._pacer.busy)
 
     def _send_layers(self, pacer: LayerPacer, frame_bytes: int, seconds: float) -> None:
-        """Send the layers that are due; after the last ones of an update, its model packet."""
+        """Send the layers that are due; once there are enough of an update, its model packet."""
         send_layers(pacer, frame_bytes, seconds, self._sink, self._tally)
         coming = self._coming
-        if coming is None or pacer.items_waiting:
+        if coming is None or (pacer.items_sent < ENOUGH_ITEMS and pacer.items_waiting):
             return
         cadence = self._cadence
         packet_s = cadence.frames_per_packet * cadence.frame_step / self._fps

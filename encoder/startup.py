@@ -73,16 +73,27 @@ class LayerPacer:
 
     def __init__(self, bitrate: float) -> None:
         self._bitrate, self._credit = bitrate, 0.0
-        self._model, self._number, self._waiting = 0, 0, list[bytes]()
+        self._model, self._number, self._items = 0, 0, 0
+        self._waiting: list[bytes] = []
 
     @property
     def items_waiting(self) -> int:
         """Pictures and modes of the model that are not yet sent whole."""
         return len(self._waiting)
 
+    @property
+    def items_sent(self) -> int:
+        """Pictures and modes of the model that are sent whole."""
+        return self._items - len(self._waiting)
+
+    @property
+    def busy(self) -> bool:
+        """Whether there are layers to send, or a debt to pay."""
+        return bool(self._waiting) or self._credit < 0
+
     def begin(self, model: LayeredModel) -> None:
         """Send this model's layers from now on, instead of any before."""
-        self._model, self._number = model.first.layer, 0
+        self._model, self._number, self._items = model.first.layer, 0, len(model.items)
         self._waiting = [item(data) for data in model.items]
 
     def carried_s(self, packet_bytes: int) -> float:

@@ -6,11 +6,12 @@ import pytest
 
 from decoder.pipeline import DecodeOptions, decode
 from decoder.playout import Playout
-from encoder.live_call import AHEAD
+from encoder.live_call import AHEAD, ENOUGH_ITEMS
 from encoder.pipeline import EncodeOptions, EncodeReport, encode
 from encoder.startup import FIRST_LAYER_BYTES, UPDATE_LAYER_BYTES
 from loopback.animate import AnimateOptions, animate
 from protocol.components import parse_components
+from protocol.layers import Layers
 from protocol.messages import FramePacket, LayerPacket, ModelPacket, parse_packet
 from protocol.recording import CallReader, record
 
@@ -75,41 +76,42 @@ def raw_packets(path: Path) -> list[bytes]:
         return list(reader)
 
 
-def test_an_updates_layers_go_before_its_model_and_the_first_ones_after(call: Path) -> None:
+def test_an_updates_first_layers_go_before_its_model_the_other_modes_after(call: Path) -> None:
     packets = [parse_packet(data) for data in raw_packets(call)]
     models = {p.layer: i for i, p in enumerate(packets) if isinstance(p, ModelPacket)}
     assert list(models) == [0, 1] and models[0] == 0
-    layers = {
-        number: [
-            i for i, p in enumerate(packets) if isinstance(p, LayerPacket) and p.model == number
-        ]
-        for number in models
-    }
-    assert min(layers[0]) > models[0] and max(layers[0]) < min(layers[1])
-    assert max(layers[1]) < models[1]
     first, update = (packets[place] for place in models.values())
     assert isinstance(first, ModelPacket) and isinstance(update, ModelPacket)
     assert first.layered and update.layered
     assert len(raw_packets(call)[0]) <= FIRST_LAYER_BYTES
     assert len(raw_packets(call)[models[1]]) <= UPDATE_LAYER_BYTES
+    layers, early = Layers(), 0
+    for place, packet in enumerate(packets):
+        if isinstance(packet, LayerPacket):
+            assert packet.model > 0
+            layers.add(packet)
+            early += packet.model == 1 and place < models[1]
+    modes = parse_components(layers.refine(update).extension).modes
+    assert modes and all(modes)
+    assert early >= min(ENOUGH_ITEMS, 2 + len(modes))
     before = sum(isinstance(packet, FramePacket) for packet in packets[: models[1]])
     assert update.sequence >= before + AHEAD
     assert update.call.start_frame == 1 + (update.sequence - 1) * PACKED
 
 
-def test_a_live_call_is_whole_when_an_update_takes_effect(call: Path) -> None:
+def test_an_update_takes_effect_with_its_pictures_and_modes(call: Path) -> None:
     playout, shown = Playout(), []
     for data in raw_packets(call):
         for frame in playout.receive(data):
             assert playout.model is not None
             shown.append((frame.index, playout.model))
     assert [index for index, _ in shown] == list(range(FRAMES))
+    rough = next(model for _, model in shown if model.layer == 0)
     updated = [model for _, model in shown if model.layer == 1]
-    assert updated and parse_components(updated[0].extension).modes
-    assert all(all(parse_components(model.extension).modes) for model in updated)
-    rough, *_, better = [model for _, model in shown if model.layer == 0]
-    assert len(better.texture) > len(rough.texture)
-    assert len(better.background) > len(rough.background)
+    for model in (updated[0], updated[-1]):
+        assert len(model.texture) > len(rough.texture)
+        assert len(model.background) > len(rough.background)
+        assert all(parse_components(model.extension).modes[: ENOUGH_ITEMS - 2])
 
 
 def test_layers_and_frames_keep_to_the_rate(call: Path) -> None:
@@ -134,7 +136,7 @@ def test_a_live_call_in_layers_is_drawn(call: Path, tmp_path: Path) -> None:
 
 def test_a_call_that_ends_early_says_what_is_missing(clip: Path, tmp_path: Path) -> None:
     report = encoded(clip, tmp_path / "short.rzo", 3000, frames=20)
-    assert any("not sent" in warning for warning in report.warnings)
+    assert any("no more of its model" in warning for warning in report.warnings)
 
 
 def test_the_same_source_gives_the_same_bytes(call: Path, clip: Path, tmp_path: Path) -> None:
