@@ -48,9 +48,14 @@ class Wardrobe:
                 f"{len(coded)} modes of {size}x{size}, limit {MAX_MODE_TEXELS} texels"
             )
         known = len(self._modes)
-        images = [self._series.decode(f"mode {known + i}", m) for i, m in enumerate(coded[known:])]
-        rows = np.array(images, dtype=np.float32).reshape(len(images), self._mean.size)
-        self._modes = np.concatenate([self._modes, rows])
+        rows = [self._modes]
+        try:
+            for number, data in enumerate(coded[known:], known):
+                image = self._series.decode(f"mode {number}", data)
+                rows.append(image.astype(np.float32).reshape(1, -1))
+        finally:
+            # The series cannot go back: what it has decoded counts.
+            self._modes = np.concatenate(rows)
 
     def _put_on(self, model: ModelPacket) -> None:
         mean = decode_image("texture", model.texture, MAX_ATLAS_SIDE_PX)

@@ -17,9 +17,17 @@ from encoder.pipeline import EncodeOptions, EncodeReport, encode
 from encoder.startup import FIRST_LAYER_BYTES, LayeredModel, LayerPacer
 from loopback.animate import AnimateOptions, animate
 from loopback.quality import face_area_finder, measure
-from protocol.components import parse_components
+from protocol.components import parse_components, serialise_components
 from protocol.layers import Layers, item
-from protocol.messages import FramePacket, LayerPacket, ModelPacket, Packet, parse_packet, serialise
+from protocol.messages import (
+    FramePacket,
+    LayerPacket,
+    ModelPacket,
+    Packet,
+    ProtocolError,
+    parse_packet,
+    serialise,
+)
 from protocol.recording import MAGIC, CallReader, record
 from protocol.summary import summarise
 
@@ -269,6 +277,26 @@ def test_a_damaged_layer_leaves_what_was_drawn_before(at_once: Path, tmp_path: P
     assert report.frames == FRAMES
     (warning,) = report.warnings
     assert warning.startswith("1 damaged packets") and "no step" in warning
+
+
+def test_modes_before_a_damaged_one_are_worn_and_not_decoded_again(whole: Path) -> None:
+    model = packets(whole)[0]
+    assert isinstance(model, ModelPacket)
+    components = parse_components(model.extension)
+    assert len(components.modes) > 2
+
+    def with_modes(*modes: bytes) -> ModelPacket:
+        missing = (b"",) * (len(components.modes) - len(modes))
+        extension = serialise_components(replace(components, modes=modes + missing))
+        return replace(model, extension=extension, layered=True)
+
+    wardrobe = Wardrobe(with_modes())
+    for _ in range(2):
+        with pytest.raises(ProtocolError, match="mode 2 has no step"):
+            wardrobe.refine(with_modes(*components.modes[:2], b"\xff"))
+    coefficients = np.linspace(-3, 3, len(components.modes))
+    expected = Wardrobe(with_modes(*components.modes[:2]))
+    np.testing.assert_array_equal(wardrobe.texture(coefficients), expected.texture(coefficients))
 
 
 def test_whose_face_is_worn_has_all_layers(at_once: Path, whole: Path) -> None:
