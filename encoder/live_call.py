@@ -29,6 +29,7 @@ from encoder.fit import (
     personalise,
     start_parameters,
 )
+from encoder.imagine import imagined
 from encoder.landmarks import LandmarkTracker
 from encoder.model import Budget, call_parameters
 from encoder.networks import find_network_folder
@@ -37,7 +38,7 @@ from encoder.startup import UPDATE_LAYER_BYTES, LayerPacer, layered
 from encoder.tally import Tally
 from encoder.texture import code_background
 from encoder.two_pass import Learned, Sampler, default_model, follow_all, learn_caller
-from protocol.components import GEOMETRY, Components, vector_from_face
+from protocol.components import Components, vector_from_face
 from protocol.link import PacketSink
 from protocol.messages import (
     SEQUENCE_MODULUS,
@@ -65,10 +66,6 @@ AHEAD = 4
 ENOUGH_ITEMS = 6
 # What of the budget the first model takes: its still, and a mean that is soon replaced.
 FIRST_SHARE = 0.3
-# How far callers move who have not yet moved: degrees, mm, log depth, actuators.
-USUAL_MOTION = np.array([4.0, 4.0, 3.0, 15.0, 15.0, 0.04, *[0.12] * (GEOMETRY - 6)])
-CORRELATION = 0.95
-IMAGINED_FRAMES = 400
 
 
 @dataclass(frozen=True, slots=True)
@@ -367,22 +364,3 @@ class LiveCall:
     def _call_parameters(self, focal_px: float, start: int) -> CallParameters:
         packing = self._cadence.frames_per_packet, self._cadence.frame_step
         return call_parameters(self._capture, "default", focal_px, start, *packing)
-
-
-def imagined(vectors: Array, frame_step: int = 1) -> Array:
-    """(t, d) how y may go on: a Gauss-Markov process with the moments of y (n, d) so far.
-
-    What has hardly moved yet moves as callers usually do.  frame_step: source frames between two.
-    """
-    count, d = vectors.shape
-    covariance = np.cov(vectors.T).reshape(d, d) if count > 1 else np.zeros((d, d))
-    usual = np.zeros(d)
-    usual[:GEOMETRY] = USUAL_MOTION**2 / 4
-    correlation = CORRELATION**frame_step
-    root = np.linalg.cholesky(covariance + np.diag(usual + 1e-9))
-    noise = np.random.default_rng(1).normal(size=(IMAGINED_FRAMES, d))
-    state, rows = noise[0], []
-    for fresh in noise:
-        state = correlation * state + np.sqrt(1 - correlation**2) * fresh
-        rows.append(vectors.mean(0) + root @ state)
-    return np.array(rows)
