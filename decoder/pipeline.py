@@ -11,6 +11,7 @@ from decoder.playout import PlayedFrame, Playout
 from decoder.recast import read_model, recast
 from decoder.scene import Scene, StageClock, head_of
 from decoder.sink import Background, PictureSink, open_sink, padding_px
+from protocol.layers import is_refined
 from protocol.link import PacketSource
 from protocol.messages import Kind, ModelPacket, ProtocolError, packet_kind
 from protocol.recording import CallReader, TruncatedCall
@@ -108,7 +109,7 @@ def decode(options: DecodeOptions, progress: Progress, stop: Callable[[], bool])
                 sink = _open_sink(sender, shown, options, tally, stack)
             if scene is None or scene.model is not shown:
                 with clock.stage("model"):
-                    scene = _change_scene(scene, shown, options, stack)
+                    scene = _change_scene(scene, shown, options, tally, stack)
             picture = scene.draw(recast(frame, sender, shown), clock)
             tally.shown_ns.append((frame.index, time.monotonic_ns()))
             tally.held_frames += frame.held
@@ -165,15 +166,25 @@ def _packets(source: PacketSource, tally: _Tally, stop: Callable[[], bool]) -> I
 def _count(data: bytes, tally: _Tally) -> None:
     with suppress(ProtocolError):
         kind = packet_kind(data)
-        if kind is Kind.MODEL and not tally.model_bytes:
+        if kind is Kind.LAYER or (kind is Kind.MODEL and not tally.model_bytes):
             tally.model_bytes += len(data) - 1
         elif kind is Kind.FRAME:
             tally.frame_bytes += len(data) - 1
 
 
 def _change_scene(
-    before: Scene | None, model: ModelPacket, options: DecodeOptions, stack: ExitStack
+    before: Scene | None,
+    model: ModelPacket,
+    options: DecodeOptions,
+    tally: _Tally,
+    stack: ExitStack,
 ) -> Scene:
+    if before is not None and is_refined(before.model, model):
+        try:
+            before.refine(model)
+        except ProtocolError as error:
+            tally.note_damage(error)
+        return before
     if before is not None:
         before.close()
     try:

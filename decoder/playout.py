@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.samples import Sample, SampleDecoder, sample_decoder
+from protocol.layers import Layers
 from protocol.messages import (
     SEQUENCE_MODULUS,
     CallParameters,
     ControlKind,
     ControlPacket,
     FramePacket,
+    LayerPacket,
     ModelPacket,
     ProtocolError,
     parse_packet,
@@ -56,7 +58,8 @@ class Playout:
     """Turns the packets of one call into the faces of its source frames, in order.
 
     model: the call's model packet as the newest frames need it, None until one came.  An update
-        holds from the frame packet on whose sequence number it bears.
+        holds from the frame packet on whose sequence number it bears.  A layered model has in it
+        what has come of its layers.
     ended: the END packet has come.
     lost, late, unusable: numbers of frame packets that never came, came too late or twice, or came
         before the model packet.
@@ -73,6 +76,7 @@ class Playout:
         self._decoder: SampleDecoder | None = None
         self._first = 0  # number of the model's first frame packet
         self._update: tuple[ModelPacket, SampleDecoder, int] | None = None
+        self._layers = Layers()
         self._face_lost = False
 
     def receive(self, data: bytes) -> Iterator[PlayedFrame]:
@@ -84,6 +88,8 @@ class Playout:
         packet = parse_packet(data)
         if isinstance(packet, ModelPacket):
             self._receive_model(packet)
+        elif isinstance(packet, LayerPacket):
+            self._receive_layer(packet)
         elif self.model is None or self._decoder is None:
             self.unusable += 1
         elif isinstance(packet, FramePacket):
@@ -99,10 +105,18 @@ class Playout:
             self._first, self._number = packet.sequence, packet.sequence - 1
             if packet.layer:
                 self._join_late()
+            self.model = self._layers.refine(packet)
         elif packet.layer > newest.layer:
             check_update(newest.call, packet.call)
             ahead = (packet.sequence - self._number) % SEQUENCE_MODULUS
             self._update = packet, sample_decoder(packet), self._number + ahead
+
+    def _receive_layer(self, packet: LayerPacket) -> None:
+        """Layers may come before the model that they refine, to who joins late."""
+        if self.model is None or packet.model >= self.model.layer:
+            self._layers.add(packet)
+        if self.model is not None and packet.model == self.model.layer:
+            self.model = self._layers.refine(self.model)
 
     def _receive_frame(self, packet: FramePacket) -> Iterator[PlayedFrame]:
         number = self._unwrap(packet.sequence)
@@ -110,8 +124,10 @@ class Playout:
             self.late += 1
             return
         if self._update is not None and number >= self._update[2]:
-            self.model, self._decoder, self._first = self._update
-            self._update = None
+            update, self._decoder, self._first = self._update
+            self._update, self.model = None, update
+            self._layers.forget_before(update.layer)
+            self.model = self._layers.refine(update)
         assert self.model is not None and self._decoder is not None
         call = self.model.call
         samples = self._decoder.decode(number - self._first, packet.payload)

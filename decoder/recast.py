@@ -1,26 +1,47 @@
 """Another's face for a call: its identity, texture and still, moved by this call's stream."""
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from decoder.playout import PlayedFrame
-from protocol.messages import Kind, ModelPacket, ProtocolError, packet_kind, parse_packet
+from protocol.layers import Layers, is_refined
+from protocol.messages import (
+    Kind,
+    LayerPacket,
+    ModelPacket,
+    ProtocolError,
+    packet_kind,
+    parse_packet,
+)
 from protocol.quantise import motion_from_pose, pose_from_motion
-from protocol.recording import CallReader
+from protocol.recording import CallReader, TruncatedCall
 from shared_model.errors import UserError
 from shared_model.parameters import FaceParameters
 
 
 def read_model(path: Path) -> ModelPacket:
-    """The first model packet of a call file.  Raises `UserError` if there is none."""
+    """The first model of a call file, with all of its layers.
+
+    Raises `UserError` if there is none.
+    """
+    model, layers = None, Layers()
     try:
-        with CallReader(path) as reader:
+        with CallReader(path) as reader, suppress(TruncatedCall):
             for data in reader:
-                packet = parse_packet(data) if packet_kind(data) == Kind.MODEL else None
-                if isinstance(packet, ModelPacket):
-                    return packet
+                if packet_kind(data) not in (Kind.MODEL, Kind.LAYER):
+                    continue
+                packet = parse_packet(data)
+                if isinstance(packet, LayerPacket):
+                    layers.add(packet)
+                elif isinstance(packet, ModelPacket) and model is None:
+                    model = packet
+                if model is not None and not model.layered:
+                    return model
+        if model is not None:
+            return layers.refine(model)
     except ProtocolError as error:
         raise UserError(f"{path}: {error}") from error
     raise UserError(f"{path} has no model packet: nobody to draw")
@@ -32,7 +53,7 @@ def recast(frame: PlayedFrame, sender: ModelPacket, worn: ModelPacket) -> Played
     Its head moves from its own reference pose as the sender's does from theirs; actuators are
     everybody's.  Modes are of one caller: unless both are the same model, the mean is worn.
     """
-    if worn == sender:
+    if is_refined(worn, sender):
         return frame
     face = frame.face
     motion = motion_from_pose(face.pose, sender.reference_pose)

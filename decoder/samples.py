@@ -59,7 +59,7 @@ class ThesisSamples:
 
 
 class DefaultSamples:
-    """Every source frame: the first alone in packet 0, then as many a packet as the call says."""
+    """Every coded frame: the first alone in packet 0, then as many a packet as the call says."""
 
     def __init__(self, model: ModelPacket) -> None:
         self._model = model
@@ -68,16 +68,17 @@ class DefaultSamples:
 
     def decode(self, number: int, payload: bytes) -> list[Sample]:
         """See `SampleDecoder`."""
-        usual = self._model.call.frames_per_packet
+        call, reference = self._model.call, self._model.reference_pose
+        usual = call.frames_per_packet
         frames = decode_packet(self._predictor, number % SEQUENCE_MODULUS, usual, payload)
-        first = self._model.call.start_frame + (1 + (number - 1) * usual if number else 0)
-        reference = self._model.reference_pose
+        first = 1 + (number - 1) * usual if number else 0
+        places = [call.start_frame + (first + i) * call.frame_step for i in range(len(frames))]
         return [
-            Sample(Fraction(first + i), face_from_components(self._components, coded, reference))
-            for i, coded in enumerate(frames)
+            Sample(Fraction(place), face_from_components(self._components, coded, reference))
+            for place, coded in zip(places, frames, strict=True)
         ]
 
     def number_at(self, frame: int) -> int:
         """See `SampleDecoder`."""
-        past = frame - self._model.call.start_frame
-        return max(0, ceil(past / self._model.call.frames_per_packet))
+        call = self._model.call
+        return max(0, ceil((frame - call.start_frame) / (call.frame_step * call.frames_per_packet)))

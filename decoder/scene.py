@@ -62,6 +62,18 @@ class Scene:
         self._renderer.set_texture(self._wardrobe.texture(np.zeros(0)))
         self._renderer.set_backdrop(still, self._backdrop.grid_px)
 
+    def refine(self, model: ModelPacket) -> None:
+        """Take in what more layers of the same model bring.
+
+        Raises `ProtocolError` if they are damaged; what was there is drawn on.
+        """
+        before, self.model = self.model, model
+        self._wardrobe.refine(model)
+        self._renderer.set_texture(self._wardrobe.texture(np.zeros(0)))
+        if model.background != before.background:
+            still = decode_image("background", model.background)
+            self._renderer.set_backdrop(still, self._backdrop.grid_px)
+
     def reshape(self, aau: Array) -> None:
         """From now on draw the caller with `aau` (len(AAUS),) added to their own AAUs."""
         self._face = self._own_face.reshaped(aau)

@@ -1,5 +1,7 @@
 """Coded pictures of the model packet: the atlas with its modes, and the still."""
 
+from itertools import takewhile
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -20,29 +22,56 @@ MAX_MODE_TEXELS = 4 * 1024 * 1024
 class Wardrobe:
     """What the caller wears in each frame: mean + modes x coefficients (eq. 2.17).
 
-    changes: whether there are any modes.
     Raises `ProtocolError` if an image of the model packet is damaged or of another size.
     """
 
     def __init__(self, model: ModelPacket) -> None:
-        self._mean = decode_image("texture", model.texture, MAX_ATLAS_SIDE_PX)
-        size = len(self._mean)
-        _check_square("texture", self._mean)
+        self._modes: NDArray[np.float32]
+        self._put_on(model)
+        self.refine(model)
+
+    @property
+    def changes(self) -> bool:
+        """Whether there are any modes."""
+        return bool(len(self._modes))
+
+    def refine(self, model: ModelPacket) -> None:
+        """Take in what more layers of the same model bring.  Raises as the constructor does."""
+        if model.texture != self._texture:
+            self._put_on(model)
         coded = parse_components(model.extension).modes if model.extension else ()
+        if model.layered:
+            coded = tuple(takewhile(bool, coded))
+        size = len(self._mean)
         if len(coded) * size * size > MAX_MODE_TEXELS:
             raise ProtocolError(
                 f"{len(coded)} modes of {size}x{size}, limit {MAX_MODE_TEXELS} texels"
             )
-        series = ModeSeries(size, _relief(model.texture))
-        images = [series.decode(f"mode {i}", data) for i, data in enumerate(coded)]
-        self._modes = np.array(images, dtype=np.float32).reshape(len(images), self._mean.size)
-        self.changes = bool(images)
+        known = len(self._modes)
+        rows = [self._modes]
+        try:
+            for number, data in enumerate(coded[known:], known):
+                image = self._series.decode(f"mode {number}", data)
+                rows.append(image.astype(np.float32).reshape(1, -1))
+        finally:
+            # The series cannot go back: what it has decoded counts.
+            self._modes = np.concatenate(rows)
+
+    def _put_on(self, model: ModelPacket) -> None:
+        mean = decode_image("texture", model.texture, MAX_ATLAS_SIDE_PX)
+        _check_square("texture", mean)
+        self._texture, self._mean = model.texture, mean
+        self._series = ModeSeries(len(mean), _relief(model.texture))
+        self._modes = np.zeros((0, mean.size), np.float32)
 
     def texture(self, coefficients: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """The atlas (size, size, 3) uint8 BGR; coefficients (m,), or none for the mean."""
+        """The atlas (size, size, 3) uint8 BGR; coefficients (m,), or none for the mean.
+
+        Coefficients of modes that have not come yet add nothing.
+        """
         if not coefficients.size:
             return self._mean
-        flat = coefficients.astype(np.float32) @ self._modes
+        flat = coefficients[: len(self._modes)].astype(np.float32) @ self._modes
         flat += self._mean.ravel()
         # Half a level up, then cut: rounding at a fraction of its price.
         flat += np.float32(0.5)

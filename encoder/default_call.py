@@ -3,10 +3,12 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.cadence import Cadence
 from encoder.capture import Capture
 from encoder.crop import crop_face
 from encoder.detect import BlazeFaceDetector
@@ -14,6 +16,7 @@ from encoder.landmarks import LandmarkTracker
 from encoder.model import Budget, call_parameters
 from encoder.networks import NetworkFilesMissing, find_network_folder
 from encoder.rate import Spending, code_call, packet_spans
+from encoder.startup import LayeredModel, LayerPacer, layered
 from encoder.tally import Tally
 from encoder.texture import code_background
 from encoder.two_pass import (
@@ -41,8 +44,6 @@ from shared_model.surround import surrounded_head
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-FRAMES_PER_PACKET = 8
-
 
 @dataclass(frozen=True, slots=True)
 class CodedCall:
@@ -60,13 +61,13 @@ class Survey:
     Call `frame` with every frame, `learn`, `refine` with every frame again, then `code`.
     """
 
-    def __init__(self, capture: Capture, tally: Tally) -> None:
+    def __init__(self, capture: Capture, tally: Tally, cadence: Cadence) -> None:
         try:
             folder = find_network_folder()
         except NetworkFilesMissing as error:
             raise UserError(f"{error}; without them use --profile thesis") from error
         self._tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
-        self._capture, self._tally = capture, tally
+        self._capture, self._tally, self._cadence = capture, tally, cadence
         self._points: list[Array] = []
         self._number: dict[int, int] = {}  # source frame -> place among those with a face
         self._frames = 0
@@ -74,7 +75,9 @@ class Survey:
         self._still: Picture | None = None
         self._learned: Learned | None = None
         self._start: list[FaceParameters] = []
-        self._faces: list[FaceParameters] = []
+        self._coded: list[int] = []  # whose face each coded frame has, by place
+        self._needed: frozenset[int] = frozenset()
+        self._faces: dict[int, FaceParameters] = {}
 
     @property
     def faces_seen(self) -> int:
@@ -108,8 +111,18 @@ class Survey:
         size = (self._capture.width, self._capture.height)
         with self._tally.stage("fit"):
             fitted, self._start = follow_all(head, size, list(smoothed(np.array(self._points))))
-        focal_px, start = fitted.camera.focal_px, min(self._number)
-        call = call_parameters(self._capture, "default", focal_px, start, FRAMES_PER_PACKET)
+        focal_px, start, cadence = fitted.camera.focal_px, min(self._number), self._cadence
+        held = held_numbers(self._number, start, max(self._number) + 1)
+        self._coded = held[:: cadence.frame_step]
+        self._needed = frozenset(self._coded)
+        call = call_parameters(
+            self._capture,
+            "default",
+            focal_px,
+            start,
+            cadence.frames_per_packet,
+            cadence.frame_step,
+        )
         with self._tally.stage("learn"):
             self._learned = learn_caller(
                 head, fitted, self._start, self._sampler.frames, self._points, call, budget
@@ -117,30 +130,40 @@ class Survey:
         self._call, self._budget = call, budget
 
     def refine(self, index: int, frame: Picture) -> None:
-        """Second pass over source frame `index`: analysis by synthesis."""
+        """Second pass over source frame `index`: analysis by synthesis, if it is to be coded."""
         number = self._number.get(index)
-        if number is None or self._learned is None:
+        if number is None or self._learned is None or number not in self._needed:
             return
         caller = self._learned.caller
         with self._tally.stage("refine"):
             crop = crop_face(frame, self._points[number], caller.pixels_per_texel)
-            self._faces.append(caller.tracker.refine(crop, self._start[number], 3))
+            self._faces[number] = caller.tracker.refine(crop, self._start[number], 3)
 
     def code(self, bitrate: float) -> CodedCall:
         """The call at `bitrate` bits per second, all frame packets counted."""
         assert self._learned is not None and self._still is not None
-        last = max(i for i, number in self._number.items() if number < len(self._faces))
-        frames = self._frames if len(self._faces) == len(self._number) else last + 1
-        held = held_numbers(self._number, self._call.start_frame, last + 1)
+        start, cadence = self._call.start_frame, self._cadence
+        coded = list(takewhile(self._faces.__contains__, self._coded))
+        stopped_at = start + (len(coded) - 1) * cadence.frame_step + 1
+        frames = self._frames if len(coded) == len(self._coded) else stopped_at
+        place = {number: i for i, number in enumerate(self._faces)}
         with self._tally.stage("combine"):
-            components, values = combine_call(self._learned, self._faces, FRAMES_PER_PACKET)
+            faces = list(self._faces.values())
+            components, values = combine_call(self._learned, faces, cadence.frames_per_packet)
             background = code_background(self._still, self._budget.background_bytes)
             model = default_model(self._learned.caller, components, self._call, background)
-        spending = Spending(bitrate, float(self._capture.fps), FRAMES_PER_PACKET)
+        fps = float(cadence.coded_fps(self._capture.fps))
+        spending = Spending(bitrate, fps, cadence.frames_per_packet)
         with self._tally.stage("code"):
-            packets = code_call(values[held], components.spreads, spending)
-        lost = frozenset(set(range(self._call.start_frame, frames)) - set(self._number))
+            sent = values[[place[number] for number in coded]]
+            packets = code_call(sent, components.spreads, spending)
+        lost = frozenset(set(range(start, frames)) - set(self._number))
         return CodedCall(model, tuple(p.payload for p in packets), frames, lost)
+
+    def in_layers(self, call: CodedCall) -> LayeredModel:
+        """The model of a call as it is sent in layers."""
+        assert self._learned is not None and self._still is not None
+        return layered(call.model, self._learned.caller.appearance.mean, self._still)
 
 
 def held_numbers(number: dict[int, int], start: int, end: int) -> list[int]:
@@ -153,24 +176,68 @@ def held_numbers(number: dict[int, int], start: int, end: int) -> list[int]:
 
 
 def send_call(
-    call: CodedCall, sink: PacketSink, tally: Tally, fps: float | None, stop: Callable[[], bool]
+    call: CodedCall,
+    sink: PacketSink,
+    tally: Tally,
+    fps: float | None,
+    stop: Callable[[], bool],
+    pacer: LayerPacer | None = None,
 ) -> None:
-    """Send a coded call, as fast as it goes or at `fps` source frames per second."""
-    tally.model_bytes += len(serialise(call.model)) - 1
-    tally.send(sink, call.model)
-    begin, start = time.monotonic(), call.model.call.start_frame
-    spans = packet_spans(call.frames - start, FRAMES_PER_PACKET)
+    """Send a coded call, as fast as it goes or at `fps` source frames per second.
+
+    pacer: says which layers of the call's model to send between frame packets.
+    """
+    send_model(call.model, sink, tally, pacer)
+    begin, parameters = time.monotonic(), call.model.call
+    start, step = parameters.start_frame, parameters.frame_step
+    spans = packet_spans(len(range(start, call.frames, step)), parameters.frames_per_packet)
     lost = False
     for number, (payload, (first, end)) in enumerate(zip(call.payloads, spans, strict=False)):
         if stop():
             break
         if fps is not None:
-            time.sleep(max(0.0, begin + (start + end) / fps - time.monotonic()))
-        gone = all(start + i in call.lost for i in range(first, end))
+            newest = start + (end - 1) * step
+            time.sleep(max(0.0, begin + (newest + 1) / fps - time.monotonic()))
+        gone = all(start + i * step in call.lost for i in range(first, end))
         if gone != lost:
             kind = ControlKind.LOST if gone else ControlKind.FOUND
-            tally.send(sink, ControlPacket(0, kind, start + first))
+            tally.send(sink, ControlPacket(0, kind, start + first * step))
             lost = gone
         tally.frame_bytes += len(payload)
         tally.send(sink, FramePacket(number % SEQUENCE_MODULUS, payload))
+        if pacer is not None:
+            seconds = (end - first) * step / parameters.fps
+            send_layers(pacer, 1 + len(payload), seconds, sink, tally)
+    if pacer is not None:
+        warn_of_missing(pacer, tally)
     tally.send(sink, ControlPacket(0, ControlKind.END, call.frames))
+
+
+def send_model(
+    model: ModelPacket, sink: PacketSink, tally: Tally, pacer: LayerPacer | None
+) -> None:
+    """Send a model packet, whole or the first layer of one."""
+    size = len(serialise(model))
+    tally.model_bytes += size - 1
+    tally.send(sink, model)
+    if pacer is not None:
+        pacer.spent(size)
+
+
+def send_layers(
+    pacer: LayerPacer, frame_bytes: int, seconds: float, sink: PacketSink, tally: Tally
+) -> None:
+    """Send the layers that are due after a frame packet of so many bytes and seconds."""
+    pacer.spent(frame_bytes)
+    for layer in pacer.due(seconds):
+        tally.model_bytes += len(serialise(layer)) - 1
+        tally.send(sink, layer)
+
+
+def warn_of_missing(pacer: LayerPacer, tally: Tally) -> None:
+    """Say so if a call ends before its model was sent whole."""
+    if pacer.items_waiting:
+        tally.warn(
+            f"the call ended with {pacer.items_waiting} pictures of its model not sent:"
+            " it was too short for --startup-bitrate"
+        )

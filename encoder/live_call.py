@@ -3,19 +3,24 @@
 The first face makes the first model packet: shape, mean texture, no modes.  As the call teaches
 what the caller looks like, the model is learned again and goes out as an update, announced some
 packets before the first frame packet that needs it; the stream flows on meanwhile.
+
+On a thin link the first model is a first layer only.  Of an update the first layers go ahead, its
+model packet once they make it better than what there is, then the other modes.
 """
 
 from collections.abc import Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.cadence import Cadence
 from encoder.capture import Capture
 from encoder.combine import combine, harm_matrix, project
 from encoder.crop import crop_face
-from encoder.default_call import FRAMES_PER_PACKET
+from encoder.default_call import send_layers, send_model, warn_of_missing
 from encoder.detect import BlazeFaceDetector
 from encoder.fit import (
     LandmarkModel,
@@ -24,22 +29,24 @@ from encoder.fit import (
     personalise,
     start_parameters,
 )
+from encoder.imagine import imagined
 from encoder.landmarks import LandmarkTracker
 from encoder.model import Budget, call_parameters
 from encoder.networks import find_network_folder
 from encoder.rate import LivePurse, Spending
+from encoder.startup import UPDATE_LAYER_BYTES, LayerPacer, layered
 from encoder.tally import Tally
 from encoder.texture import code_background
 from encoder.two_pass import Learned, Sampler, default_model, follow_all, learn_caller
-from protocol.components import GEOMETRY, Components, vector_from_face
+from protocol.components import Components, vector_from_face
 from protocol.link import PacketSink
 from protocol.messages import (
     SEQUENCE_MODULUS,
+    CallParameters,
     ControlKind,
     ControlPacket,
     FramePacket,
     ModelPacket,
-    serialise,
 )
 from protocol.predict import FramePredictor
 from shared_model.parameters import FaceParameters
@@ -55,12 +62,10 @@ LEARN_AFTER_S = {1.0: 0.6, 3.0: 1.0, 6.0: 1.0, 10.0: 1.0, 16.0: 1.0, 25.0: 1.0, 
 TRAINING_FRAMES = 24
 # Packets by which an update is announced ahead of its first frame packet.
 AHEAD = 4
+# Layers that make an update better than the model before: texture, background and four modes.
+ENOUGH_ITEMS = 6
 # What of the budget the first model takes: its still, and a mean that is soon replaced.
 FIRST_SHARE = 0.3
-# How far callers move who have not yet moved: degrees, mm, log depth, actuators.
-USUAL_MOTION = np.array([4.0, 4.0, 3.0, 15.0, 15.0, 0.04, *[0.12] * (GEOMETRY - 6)])
-CORRELATION = 0.95
-IMAGINED_FRAMES = 400
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +90,7 @@ class LiveCall:
     look_for_face_s: say so if there is no face after this many seconds of video.
     wait: learn before the next frame, so that the same source gives the same bytes; otherwise
         beside the frames.
+    pacer: sends models in layers; None: whole, at once.
     """
 
     def __init__(
@@ -96,6 +102,8 @@ class LiveCall:
         look_for_face_s: float,
         tally: Tally,
         wait: bool,
+        cadence: Cadence,
+        pacer: LayerPacer | None = None,
     ) -> None:
         folder = find_network_folder()
         self._tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
@@ -109,15 +117,21 @@ class LiveCall:
         self._learning: Future[Learned] | None = None
         self._epoch: Epoch | None = None
         self._next: Epoch | None = None
+        self._pacer = pacer
+        self._coming: Epoch | None = None  # whose layers are on their way
         self._background = b""
         self._face: FaceParameters | None = None  # as it was last seen
-        self._missed = 0  # frames without the face since it was last seen
+        self._missed = 0  # frames without the face since one was last coded
+        self._held = 0  # frames waiting that repeat an older face
         self._lost = False  # whether the decoder has been told
         self._number = 0  # of the next frame packet
         self._coded = 0  # source frames coded so far
         self._waiting: list[Array] = []
         self._predictor = FramePredictor(np.zeros((1, 5), np.uint8))
-        spending = Spending(bitrate, float(capture.fps), FRAMES_PER_PACKET)
+        self._cadence, self._fps = cadence, float(capture.fps)
+        self._still: Picture = np.zeros((0, 0, 3), np.uint8)
+        fps = float(cadence.coded_fps(capture.fps))
+        spending = Spending(bitrate, fps, cadence.frames_per_packet)
         self._purse = LivePurse(spending)
 
     @property
@@ -142,10 +156,11 @@ class LiveCall:
             self._begin(index)
         epoch = self._epoch
         assert epoch is not None
-        if self._missed:
-            self._face = None
-        self._missed = 0
-        self._queue(self._refined(epoch, frame, found.points))
+        if self._is_coded(index):
+            if self._missed:
+                self._face = None
+            self._missed = 0
+            self._queue(self._refined(epoch, frame, found.points))
         self._learn_on(index)
 
     def end(self, frames: int) -> None:
@@ -154,6 +169,10 @@ class LiveCall:
             self._pool.shutdown(cancel_futures=True)
         if self._epoch is not None:
             self._flush()
+            if self._pacer is not None:
+                warn_of_missing(self._pacer, self._tally)
+                if self._epoch.model.layer == 0:
+                    self._tally.warn("the call ended with no more of its model than a first layer")
             self._tally.send(self._sink, ControlPacket(0, ControlKind.END, frames))
 
     def _miss(self, index: int) -> None:
@@ -164,7 +183,12 @@ class LiveCall:
             return
         assert self._face is not None
         self._missed += 1
-        self._queue(self._face)
+        if self._is_coded(index):
+            self._held += 1
+            self._queue(self._face)
+
+    def _is_coded(self, index: int) -> bool:
+        return index == self._coded + len(self._waiting) * self._cadence.frame_step
 
     def _refined(self, epoch: Epoch, frame: Picture, points: Array) -> FaceParameters:
         """The caller in one frame, by landmarks, then by the learned appearance."""
@@ -184,7 +208,7 @@ class LiveCall:
         vector = vector_from_face(face, epoch.model.reference_pose)
         self._waiting.append(project(epoch.components, vector[None], epoch.harm)[0])
         first = self._number == epoch.number
-        if len(self._waiting) == (1 if first else FRAMES_PER_PACKET):
+        if len(self._waiting) == (1 if first else self._cadence.frames_per_packet):
             self._flush()
 
     def _flush(self) -> None:
@@ -192,7 +216,7 @@ class LiveCall:
         assert epoch is not None
         if not self._waiting:
             return
-        lost = self._missed >= len(self._waiting)
+        lost = self._held == len(self._waiting)
         if lost != self._lost:
             kind = ControlKind.LOST if lost else ControlKind.FOUND
             self._tally.send(self._sink, ControlPacket(0, kind, self._coded))
@@ -204,12 +228,17 @@ class LiveCall:
         self._tally.frame_bytes += len(packet.payload)
         sequence = self._number % SEQUENCE_MODULUS
         self._tally.send(self._sink, FramePacket(sequence, packet.payload))
-        self._coded += len(self._waiting)
+        frames = len(self._waiting)
+        self._coded += frames * self._cadence.frame_step
         self._waiting.clear()
+        self._held = 0
         self._number += 1
         if self._next is not None and self._number == self._next.number:
             self._enter(self._next)
             self._next = None
+        if self._pacer is not None:
+            seconds = frames * self._cadence.frame_step / self._fps
+            self._send_layers(self._pacer, 1 + len(packet.payload), seconds)
 
     def _enter(self, epoch: Epoch) -> None:
         """Frames from here on are sent under `epoch`."""
@@ -225,11 +254,15 @@ class LiveCall:
         share = replace(
             self._budget, face_bytes=int(self._budget.face_bytes * FIRST_SHARE), most_modes=0
         )
-        still = self._sampler.frames[0][1]
-        self._background = code_background(still, self._budget.background_bytes)
+        self._still = self._sampler.frames[0][1]
+        self._background = code_background(self._still, self._budget.background_bytes)
         learned = self._learn(share, *self._sample())
         self._coded = index
         epoch = self._epoch_of(learned, layer=0, number=0, start=index)
+        if self._pacer is not None:
+            # What else the first frame could teach, the update does better and is as large.
+            parts = layered(epoch.model, learned.caller.appearance.mean, self._still)
+            epoch = replace(epoch, model=parts.first)
         self._send_model(epoch)
         self._enter(epoch)
 
@@ -239,11 +272,14 @@ class LiveCall:
             if self._learning.done():
                 learned, self._learning = self._learning.result(), None
                 self._announce(learned)
-        elif self._due and self._next is None:
+        elif self._due and self._next is None and not self._sending_layers:
             after_s, share = self._due[0]
             if self._faces_seen < after_s * self._capture.fps:
                 return
             self._due.pop(0)
+            # While layers were sent more than one may have become due.
+            while self._pacer and self._due and self._faces_seen >= self._due[0][0] * self._fps:
+                share = self._due.pop(0)[1]
             budget = replace(self._budget, face_bytes=int(share * self._budget.face_bytes))
             if self._pool is None:
                 with self._tally.stage("learn"):
@@ -254,15 +290,44 @@ class LiveCall:
     def _announce(self, learned: Learned) -> None:
         epoch = self._epoch
         assert epoch is not None
-        number = self._number + AHEAD
-        start = self._coded + AHEAD * FRAMES_PER_PACKET
         layer = epoch.model.layer + 1
-        self._next = self._epoch_of(learned, layer, number, start)
+        if self._pacer is None:
+            self._next = self._epoch_of(learned, layer, *self._ahead(AHEAD))
+            self._send_model(self._next)
+            return
+        draft = self._epoch_of(learned, layer, 0, 0)
+        mean = learned.caller.appearance.mean
+        parts = layered(draft.model, mean, self._still, UPDATE_LAYER_BYTES)
+        self._pacer.begin(parts)
+        self._coming = replace(draft, model=parts.first)
+
+    def _ahead(self, packets: int) -> tuple[int, int]:
+        """Number and first source frame of the frame packet that comes after so many."""
+        cadence = self._cadence
+        frames = packets * cadence.frames_per_packet * cadence.frame_step
+        return self._number + packets, self._coded + frames
+
+    @property
+    def _sending_layers(self) -> bool:
+        return self._coming is not None or (self._pacer is not None and self._pacer.busy)
+
+    def _send_layers(self, pacer: LayerPacer, frame_bytes: int, seconds: float) -> None:
+        """Send the layers that are due; once there are enough of an update, its model packet."""
+        send_layers(pacer, frame_bytes, seconds, self._sink, self._tally)
+        coming = self._coming
+        if coming is None or (pacer.items_sent < ENOUGH_ITEMS and pacer.items_waiting):
+            return
+        cadence = self._cadence
+        packet_s = cadence.frames_per_packet * cadence.frame_step / self._fps
+        under_way = ceil(pacer.carried_s(UPDATE_LAYER_BYTES) / packet_s)
+        number, start = self._ahead(AHEAD + under_way)
+        call = replace(coming.model.call, start_frame=start)
+        model = replace(coming.model, call=call, sequence=number % SEQUENCE_MODULUS)
+        self._next, self._coming = replace(coming, model=model, number=number, start=start), None
         self._send_model(self._next)
 
     def _send_model(self, epoch: Epoch) -> None:
-        self._tally.model_bytes += len(serialise(epoch.model)) - 1
-        self._tally.send(self._sink, epoch.model)
+        send_model(epoch.model, self._sink, self._tally, self._pacer)
 
     def _sample(self) -> tuple[list[Picture], list[Array]]:
         """Some of the frames so far, and their landmarks."""
@@ -275,9 +340,7 @@ class LiveCall:
         """Identity and appearance from some frames and their landmarks."""
         size = (self._capture.width, self._capture.height)
         fitted, faces = follow_all(self._head, size, points)
-        call = call_parameters(
-            self._capture, "default", fitted.camera.focal_px, 0, FRAMES_PER_PACKET
-        )
+        call = self._call_parameters(fitted.camera.focal_px, 0)
         frames = list(enumerate(pictures))
         return learn_caller(self._head, fitted, faces, frames, points, call, budget)
 
@@ -287,10 +350,10 @@ class LiveCall:
         every = max(1, len(learned.crops) // 12)
         harm = harm_matrix(caller.tracker, learned.crops[::every], learned.faces[::every], pose)
         vectors = np.array([vector_from_face(face, pose) for face in learned.faces])
-        components = combine(imagined(vectors), harm, caller.appearance.modes, FRAMES_PER_PACKET)
-        call = call_parameters(
-            self._capture, "default", caller.fitted.camera.focal_px, start, FRAMES_PER_PACKET
-        )
+        cadence, modes = self._cadence, caller.appearance.modes
+        motion = imagined(vectors, cadence.frame_step)
+        components = combine(motion, harm, modes, cadence.frames_per_packet)
+        call = self._call_parameters(caller.fitted.camera.focal_px, start)
         packet = default_model(caller, components, call, self._background)
         model = replace(packet, layer=layer, layers=layer + 1, sequence=number % SEQUENCE_MODULUS)
         landmarks = personalise(
@@ -298,20 +361,6 @@ class LiveCall:
         )
         return Epoch(model, learned, landmarks, components, harm, number, start)
 
-
-def imagined(vectors: Array) -> Array:
-    """(t, d) how y may go on: a Gauss-Markov process with the moments of y (n, d) so far.
-
-    What has hardly moved yet moves as callers usually do.
-    """
-    count, d = vectors.shape
-    covariance = np.cov(vectors.T).reshape(d, d) if count > 1 else np.zeros((d, d))
-    usual = np.zeros(d)
-    usual[:GEOMETRY] = USUAL_MOTION**2 / 4
-    root = np.linalg.cholesky(covariance + np.diag(usual + 1e-9))
-    noise = np.random.default_rng(1).normal(size=(IMAGINED_FRAMES, d))
-    state, rows = noise[0], []
-    for fresh in noise:
-        state = CORRELATION * state + np.sqrt(1 - CORRELATION**2) * fresh
-        rows.append(vectors.mean(0) + root @ state)
-    return np.array(rows)
+    def _call_parameters(self, focal_px: float, start: int) -> CallParameters:
+        packing = self._cadence.frames_per_packet, self._cadence.frame_step
+        return call_parameters(self._capture, "default", focal_px, start, *packing)

@@ -61,7 +61,12 @@ def budget_for(profile: str, model_bytes: int | None) -> Budget:
 
 
 def call_parameters(
-    capture: Capture, profile: str, focal_px: float, start_frame: int, frames_per_packet: int = 1
+    capture: Capture,
+    profile: str,
+    focal_px: float,
+    start_frame: int,
+    frames_per_packet: int = 1,
+    frame_step: int = 1,
 ) -> CallParameters:
     """What stays the same throughout a call of this source."""
     return CallParameters(
@@ -73,6 +78,7 @@ def call_parameters(
         focal_px=focal_px,
         frames_per_packet=frames_per_packet,
         start_frame=start_frame,
+        frame_step=frame_step,
     )
 
 

@@ -9,14 +9,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.cadence import cadence_for
 from encoder.capture import Capture, open_source
 from encoder.default_call import Survey, send_call
 from encoder.follow import FOLLOWED, FollowOptions, open_follower
 from encoder.live_call import LiveCall
 from encoder.model import budget_for
+from encoder.startup import LayerPacer
 from encoder.tally import Tally
 from encoder.thesis_call import ThesisCall
 from protocol.link import PacketSink
+from protocol.quantise import THESIS_RATE_HZ
 from protocol.recording import CallWriter
 from shared_model.errors import UserError
 from shared_model.mesh import generic_head
@@ -37,6 +40,9 @@ class EncodeOptions:
     follow: how the thesis profile follows the face.
     profile: "thesis" or "default".
     bitrate: bits per second that frame packets take (default profile).
+    startup_bitrate: bits per second of all packets together while the model is sent in layers
+        (default profile); None: it is sent whole, at once.
+    fps: code about this many frames a second (default profile), see `cadence_for`; None: all.
     live: look at nothing before it is sent, as if the source were a camera (default profile).
     pace: send at the source's own rate, as a camera would, instead of as fast as possible.
     wait_for_peer_s: wait this long for a decoder before the first frame; 0: do not wait.
@@ -52,6 +58,8 @@ class EncodeOptions:
     lossless: bool = False
     profile: str = "thesis"
     bitrate: float = 800.0
+    startup_bitrate: float | None = None
+    fps: float | None = None
     live: bool = False
     follow: FollowOptions = field(default_factory=FollowOptions)
     pace: bool = False
@@ -65,13 +73,15 @@ class EncodeOptions:
 class EncodeReport:
     """What was sent.
 
-    frames, fps, width, height: of the source.  model_bytes, frame_bytes: payload of the packets.
+    frames, fps, width, height: of the source.  coded_fps: frames a second that were coded.
+    model_bytes, frame_bytes: payload of the packets.
     stage_ms: mean time per frame of each stage, ms.
     capture_ns: `time.monotonic_ns` at which each source frame was read.
     """
 
     frames: int
     fps: float
+    coded_fps: float
     width: int
     height: int
     model_bytes: int
@@ -95,7 +105,7 @@ def encode(options: EncodeOptions, progress: Progress, stop: Callable[[], bool])
         sink = open_sink(options, stack)
         send = send_thesis if options.profile == "thesis" else send_default
         send(options, capture, sink, tally, progress, stop)
-        return _report(capture, tally)
+        return _report(options, capture, tally)
 
 
 def send_thesis(
@@ -132,12 +142,17 @@ def send_default(
     if options.live or capture.is_live:
         send_live(options, capture, sink, tally, progress, stop)
         return
-    call = survey_source(options, capture, tally, progress, stop).code(options.bitrate)
+    survey = survey_source(options, capture, tally, progress, stop)
+    call, pacer = survey.code(options.bitrate), None
+    if options.startup_bitrate is not None:
+        model = survey.in_layers(call)
+        call, pacer = replace(call, model=model.first), LayerPacer(options.startup_bitrate)
+        pacer.begin(model)
     if options.pace:
-        send_call(call, sink, tally, float(capture.fps), stop)
+        send_call(call, sink, tally, float(capture.fps), stop, pacer)
     else:
         # Whoever stopped while the source was looked at has what was seen until then.
-        send_call(call, sink, tally, None, lambda: False)
+        send_call(call, sink, tally, None, lambda: False, pacer)
 
 
 def send_live(
@@ -152,7 +167,18 @@ def send_live(
     budget = budget_for("default", options.model_bytes)
     # A source that waits for its reader may wait for the learning, too.
     wait = not (options.pace or capture.is_live)
-    call = LiveCall(capture, sink, budget, options.bitrate, options.look_for_face_s, tally, wait)
+    cadence = cadence_for(capture.fps, options.fps)
+    call = LiveCall(
+        capture,
+        sink,
+        budget,
+        options.bitrate,
+        options.look_for_face_s,
+        tally,
+        wait,
+        cadence,
+        LayerPacer(options.startup_bitrate) if options.startup_bitrate else None,
+    )
     for index, frame in paced(capture, options, tally, stop):
         call.frame(index, frame)
         progress(index + 1, capture.frame_count)
@@ -173,7 +199,7 @@ def survey_source(
     Raises `UserError` if the source shows no face, and `KeyboardInterrupt` if it was stopped before
     there is anything to code.
     """
-    survey = Survey(capture, tally)
+    survey = Survey(capture, tally, cadence_for(capture.fps, options.fps))
     for index, frame in paced(capture, replace(options, pace=False), tally, stop):
         survey.frame(index, frame)
         progress((index + 1) // 2, capture.frame_count)
@@ -236,11 +262,13 @@ def open_sink(options: EncodeOptions, stack: ExitStack) -> PacketSink:
     return sink
 
 
-def _report(capture: Capture, tally: Tally) -> EncodeReport:
+def _report(options: EncodeOptions, capture: Capture, tally: Tally) -> EncodeReport:
     frames = len(tally.capture_ns)
+    coded_fps = cadence_for(capture.fps, options.fps).coded_fps(capture.fps)
     return EncodeReport(
         frames=frames,
         fps=float(capture.fps),
+        coded_fps=THESIS_RATE_HZ if options.profile == "thesis" else float(coded_fps),
         width=capture.width,
         height=capture.height,
         model_bytes=tally.model_bytes,

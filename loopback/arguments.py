@@ -78,6 +78,13 @@ def _add_encode(added: "Commands") -> None:
     _add_link(parser, where)
     _add_coding(parser)
     parser.add_argument(
+        "--startup-bitrate",
+        type=_bitrate,
+        metavar="BPS",
+        help="default profile: send the model in layers, a first one of 2 kB and the others between"
+        " the frames, so that all packets together keep to BPS (default: whole, at once)",
+    )
+    parser.add_argument(
         "--tracker",
         choices=("single", "full"),
         default="full",
@@ -345,6 +352,13 @@ def _add_coding(parser: Parser) -> None:
         help="bits a second of frame packets, default profile (default: %(default)g)",
     )
     parser.add_argument(
+        "--fps",
+        type=_frame_rate,
+        metavar="N",
+        help="default profile: code about N frames a second, the nearest that is every k-th of the"
+        " source's; the decoder interpolates those between (default: every frame)",
+    )
+    parser.add_argument(
         "--live",
         action="store_true",
         help="default profile: send each frame of a file as if it came from a camera, rather than"
@@ -401,6 +415,13 @@ def _bitrate(text: str) -> float:
     value = _number(text)
     if not 0 < value < 1e9:
         raise argparse.ArgumentTypeError(f"{text} is not a number of bits a second")
+    return value
+
+
+def _frame_rate(text: str) -> float:
+    value = _number(text)
+    if not 0 < value < 1e9:
+        raise argparse.ArgumentTypeError(f"{text} is not a number of frames a second")
     return value
 
 

@@ -47,6 +47,7 @@ class BenchSettings:
 
     profile: str = "thesis"
     bitrate: float = 800.0
+    fps: float | None = None
     detector: str = "network"
     max_frames: int | None = None
     pace: bool = True
@@ -59,6 +60,7 @@ class BenchSettings:
         options += ["--bitrate", str(self.bitrate)]
         options += ["--pace" if self.pace else "--no-pace"]
         options += ["--live"] if self.live else []
+        options += [] if self.fps is None else ["--fps", str(self.fps)]
         if self.model_bytes is not None:
             options += ["--model-bytes", str(self.model_bytes)]
         return options + ([] if self.max_frames is None else ["--max-frames", str(self.max_frames)])

@@ -36,8 +36,8 @@ def run_encode(arguments: argparse.Namespace) -> int:
     from encoder.pipeline import EncodeOptions, encode
 
     _refuse_overwriting([arguments.source], [arguments.output, arguments.report])
-    if arguments.live and arguments.profile == "thesis":
-        raise UserError("--live is about the default profile; add --profile default")
+    _refuse_other_profile(arguments)
+    _check_startup(arguments)
     over_link = arguments.output is None
     options = EncodeOptions(
         source=arguments.source,
@@ -48,6 +48,8 @@ def run_encode(arguments: argparse.Namespace) -> int:
         lossless=arguments.lossless,
         profile=arguments.profile,
         bitrate=arguments.bitrate,
+        startup_bitrate=arguments.startup_bitrate,
+        fps=arguments.fps,
         follow=FollowOptions(arguments.detector, arguments.tracker, arguments.without),
         pace=over_link if arguments.pace is None else arguments.pace,
         max_frames=arguments.max_frames,
@@ -114,9 +116,11 @@ def run_bench(arguments: argparse.Namespace) -> int:
         return run_sweep(arguments)
     from loopback.bench import BenchSettings, bench, bench_page, bench_table
 
+    _refuse_other_profile(arguments)
     settings = BenchSettings(
         profile=arguments.profile,
         bitrate=arguments.bitrate,
+        fps=arguments.fps,
         detector=arguments.detector,
         max_frames=arguments.max_frames,
         pace=arguments.pace,
@@ -134,6 +138,8 @@ def run_sweep(arguments: argparse.Namespace) -> int:
     """`risorius bench --sweep`."""
     from loopback.sweep import SweepSettings, sweep, sweep_table
 
+    if arguments.fps is not None:
+        raise UserError("--sweep codes every frame; leave out --fps")
     settings = SweepSettings(arguments.sweep, arguments.max_frames)
 
     def progress(label: str) -> ProgressLine:
@@ -274,6 +280,24 @@ def _warn(warnings: Iterable[str]) -> None:
         say(f"risorius: warning: {warning}")
 
 
+def _refuse_other_profile(arguments: argparse.Namespace) -> None:
+    """An option that the thesis profile has no use for would be ignored in silence."""
+    names = ("live", "fps", "startup_bitrate")
+    for name in names if arguments.profile == "thesis" else ():
+        if getattr(arguments, name, None) not in (None, False):
+            option = f"--{name.replace('_', '-')}"
+            raise UserError(f"{option} is about the default profile; add --profile default")
+
+
+def _check_startup(arguments: argparse.Namespace) -> None:
+    startup: float | None = arguments.startup_bitrate
+    if startup is not None and startup <= arguments.bitrate:
+        raise UserError(
+            f"--startup-bitrate {startup:g} leaves nothing for the model"
+            f" beside frames of --bitrate {arguments.bitrate:g}"
+        )
+
+
 def _refuse_overwriting(
     inputs: Iterable[str | Path | None], outputs: Iterable[Path | None]
 ) -> None:
@@ -306,9 +330,9 @@ def _quality(arguments: argparse.Namespace, decoded: Path, frames: int) -> "Qual
 def _encode_summary(report: "EncodeReport") -> str:
     busy_ms = sum(report.stage_ms.values())
     return (
-        f"{report.frames} frames of {report.width}x{report.height} at {report.fps:.2f}/s:"
-        f" model {report.model_bytes} bytes, frames {report.frame_bytes} bytes;"
-        f" {busy_ms:.1f} ms a frame"
+        f"{report.frames} frames of {report.width}x{report.height} at {report.fps:.2f}/s,"
+        f" {report.coded_fps:.2f}/s coded: model {report.model_bytes} bytes,"
+        f" frames {report.frame_bytes} bytes; {busy_ms:.1f} ms a frame"
     )
 
 

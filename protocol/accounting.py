@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from protocol.components import GEOMETRY, Components, parse_components
 from protocol.entropy import WHOLE
+from protocol.layers import Layers
 from protocol.messages import (
     SEQUENCE_MODULUS,
     FramePacket,
+    LayerPacket,
     ModelPacket,
     Packet,
     ProtocolError,
@@ -46,6 +48,7 @@ class Accounts:
 
     def __init__(self) -> None:
         self._model_parts: dict[str, int] = {}
+        self._layers, self._layered = Layers(), set[int]()
         self._groups: dict[str, float] = {}
         self._sizes: list[int] = []
         self._model: ModelPacket | None = None
@@ -54,8 +57,13 @@ class Accounts:
 
     @property
     def model_parts(self) -> dict[str, int]:
-        """Bytes of each part of the model packets; they add up to the packets without byte 0."""
-        return dict(self._model_parts)
+        """Bytes of each part of model and layer packets; they add up to these without byte 0."""
+        found = dict(self._model_parts)
+        for model in self._layered:
+            for name, count in self._layers.parts(model).items():
+                found[name] = found.get(name, 0) + count
+                found["shape"] = found.get("shape", 0) - count
+        return found
 
     @property
     def groups(self) -> dict[str, float]:
@@ -73,10 +81,12 @@ class Accounts:
     def add(self, packet: Packet) -> None:
         """Enter a packet; frame packets are read by the model packet before them.
 
-        Raises `ProtocolError` if a model packet's components are damaged.
+        Raises `ProtocolError` if a model packet's components or the stream of layers are damaged.
         """
         if isinstance(packet, ModelPacket):
             self._add_model(packet)
+        elif isinstance(packet, LayerPacket):
+            self._add_layer(packet)
         elif isinstance(packet, FramePacket):
             self._add_frame(packet)
 
@@ -97,6 +107,14 @@ class Accounts:
         parts["shape"] = len(serialise(packet)) - 1 - sum(parts.values())
         for name, count in parts.items():
             self._model_parts[name] = self._model_parts.get(name, 0) + count
+
+    def _add_layer(self, packet: LayerPacket) -> None:
+        """Counts as shape until it is known what it is of."""
+        size = len(serialise(packet)) - 1
+        self._model_parts["shape"] = self._model_parts.get("shape", 0) + size
+        self._layers.add(packet)
+        self._layers.parts(packet.model)
+        self._layered.add(packet.model)
 
     def _add_frame(self, packet: FramePacket) -> None:
         size = len(packet.payload)

@@ -32,9 +32,10 @@ class Arrivals:
     def put(self, packet: bytes) -> None:
         """Take in a packet from any thread."""
         with self._lock:
-            if packet[:1] and packet[0] // SEQUENCE_MODULUS == Kind.MODEL:
+            kind = packet[0] // SEQUENCE_MODULUS if packet else None
+            if kind == Kind.MODEL:
                 self._put_model(packet)
-            elif self._models:
+            elif self._models or kind == Kind.LAYER:
                 self._queue_up(packet)
             else:
                 self._held.append(packet)

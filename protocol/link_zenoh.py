@@ -125,9 +125,9 @@ class ZenohSink(_Session):
                 raise UserError(f"no decoder came within {timeout_s:g} s", LINK_FAILED)
 
     def send(self, packet: bytes) -> None:
-        """Publish one packet; a model packet is kept for who joins later."""
+        """Publish one packet; model and layer packets are kept for who joins later."""
         kind = packet_kind(packet)
-        if kind is Kind.MODEL:
+        if kind in (Kind.MODEL, Kind.LAYER):
             self._models.append(packet)
         self._put(kind, packet)
 

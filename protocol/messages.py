@@ -1,6 +1,7 @@
 """The packets of a call: bytes in, frozen dataclasses out, and back.
 
-Byte 0 of a packet holds its kind (top two bits) and a sequence number modulo 64; then the payload.
+Byte 0 of a packet holds its kind (top two bits) and a sequence number modulo 64, that of a layer
+packet the number of the model that it refines; then the payload.
 Every packet has exactly one encoding: `serialise(parse_packet(data)) == data`.  All else raises
 `ProtocolError`, whatever the bytes, and no field may grow beyond its limit below.  Encoded images
 are carried, not looked into.
@@ -20,7 +21,8 @@ from protocol.varint import MAX_VARINT, decode_varint, encode_varint
 from shared_model.geometry import Camera, normalise
 from shared_model.parameters import AAUS, EAUS, Pose
 
-FORMAT_VERSION = 1
+# A model packet is in the oldest version that has fields for what it says.
+PLAIN_VERSION, FORMAT_VERSION = 2, 3
 PROFILES = ("thesis", "default")
 
 SEQUENCE_MODULUS = 64
@@ -33,10 +35,13 @@ MAX_SIDE_PX = 8192
 MAX_FPS_TERM = 1_000_000
 MAX_FPS = 1000
 MAX_FRAMES_PER_PACKET = 64
+MAX_FRAME_STEP = 255
 MAX_FOCAL_PX = 1e6
 MAX_RESIDUAL_POINTS = 256
 MAX_TRANSLATION_MM = 1e6
 MAX_LAYERS = 64
+MAX_LAYER_PACKETS = 4096
+MAX_LAYER_BYTES = 16 * 1024
 MAX_FRAME_INDEX = MAX_VARINT
 MAX_MESSAGE = 200
 
@@ -46,11 +51,12 @@ class ProtocolError(Exception):
 
 
 class Kind(IntEnum):
-    """Top two bits of byte 0; 3 is reserved."""
+    """Top two bits of byte 0."""
 
     FRAME = 0
     MODEL = 1
     CONTROL = 2
+    LAYER = 3
 
 
 class ControlKind(IntEnum):
@@ -69,8 +75,9 @@ class CallParameters:
     width, height: size of the source picture, pixels.
     fps_numerator, fps_denominator: frame rate of the source.
     focal_px: focal length, pixels; kept in single precision.
-    frames_per_packet: source frames in one frame packet (default profile).
+    frames_per_packet: coded frames in one frame packet (default profile).
     start_frame: source frame that frame packet 0 belongs to.
+    frame_step: source frames from one coded frame to the next (default profile).
     """
 
     profile: str
@@ -81,6 +88,7 @@ class CallParameters:
     focal_px: float
     frames_per_packet: int = 1
     start_frame: int = 0
+    frame_step: int = 1
 
     def __post_init__(self) -> None:
         if self.profile not in PROFILES:
@@ -93,6 +101,7 @@ class CallParameters:
             raise ValueError(f"fps is {self.fps}, expected 1/{MAX_FPS}..{MAX_FPS}")
         check_int("frames per packet", self.frames_per_packet, 1, MAX_FRAMES_PER_PACKET)
         check_int("start frame", self.start_frame, 0, MAX_FRAME_INDEX)
+        check_int("frame step", self.frame_step, 1, MAX_FRAME_STEP)
         focal = single("focal length", self.focal_px)
         if not 1 <= focal <= MAX_FOCAL_PX:
             raise ValueError(f"focal length is {focal} px, expected 1..{MAX_FOCAL_PX}")
@@ -121,7 +130,9 @@ class ModelPacket:
     reference_eau: len(EAUS) codes -127..127 of that frame, see `quantise.EAU_STEP`.
     background, texture: encoded images.
     extension: what a profile adds to the model, in that profile's own format.
-    layer, layers: this packet is number `layer` of `layers` that refine one another.
+    layer, layers: this packet is number `layer` of `layers` that replace one another.
+    layered: its pictures are rough and modes are missing (empty), see `protocol.layers`; they come
+        in layer packets.
     """
 
     call: CallParameters
@@ -136,6 +147,7 @@ class ModelPacket:
     layer: int = 0
     layers: int = 1
     sequence: int = 0
+    layered: bool = False
 
     def __post_init__(self) -> None:
         check_int("sequence", self.sequence, 0, SEQUENCE_MODULUS - 1)
@@ -150,6 +162,8 @@ class ModelPacket:
         check_bytes("extension", self.extension, MAX_EXTENSION_BYTES)
         check_int("number of layers", self.layers, 1, MAX_LAYERS)
         check_int("layer", self.layer, 0, self.layers - 1)
+        if type(self.layered) is not bool:
+            raise ValueError(f"layered is {self.layered!r}, expected true or false")
         rotation = singles("reference rotation", self.reference_rotation, 4, 1.001)
         norm = math.hypot(*rotation)
         if abs(norm - 1) > 1e-3:
@@ -194,7 +208,36 @@ class ControlPacket:
         check_int("frame", self.frame, 0, MAX_FRAME_INDEX)
 
 
-Packet = ModelPacket | FramePacket | ControlPacket
+@dataclass(frozen=True, slots=True)
+class LayerPacket:
+    """A piece of what a layered model's first layer leaves out, see `protocol.layers`.
+
+    model: the `layer` of the model packet that it refines.
+    number: of the piece, from 0 on.
+    """
+
+    model: int
+    number: int
+    data: bytes
+
+    def __post_init__(self) -> None:
+        check_int("model of a layer", self.model, 0, MAX_LAYERS - 1)
+        check_int("number of a layer packet", self.number, 0, MAX_LAYER_PACKETS - 1)
+        check_bytes("layer", self.data, MAX_LAYER_BYTES)
+        if not self.data:
+            raise ValueError("layer is empty")
+
+
+Packet = ModelPacket | FramePacket | ControlPacket | LayerPacket
+
+
+_MAX_PACKET_BYTES = {
+    Kind.FRAME: 1 + MAX_FRAME_PAYLOAD_BYTES,
+    Kind.MODEL: MAX_MODEL_PACKET_BYTES,
+    Kind.CONTROL: MAX_CONTROL_PACKET_BYTES,
+    # A number takes at most five bytes.
+    Kind.LAYER: 6 + MAX_LAYER_BYTES,
+}
 
 
 def parse_packet(data: bytes) -> Packet:
@@ -211,6 +254,9 @@ def parse_packet(data: bytes) -> Packet:
             return FramePacket(sequence, payload)
         if kind is Kind.CONTROL:
             return _parse_control(sequence, payload)
+        if kind is Kind.LAYER:
+            number, length = decode_varint(payload)
+            return LayerPacket(sequence, number, payload[length:])
         return _parse_model(sequence, payload)
     except ValueError as error:
         raise ProtocolError(f"{kind.name.lower()} packet: {error}"[:MAX_MESSAGE]) from error
@@ -223,28 +269,25 @@ def serialise(packet: Packet) -> bytes:
     if isinstance(packet, ControlPacket):
         body = bytes([packet.kind]) + encode_varint(packet.frame)
         return _header(Kind.CONTROL, packet.sequence) + body
+    if isinstance(packet, LayerPacket):
+        return _header(Kind.LAYER, packet.model) + encode_varint(packet.number) + packet.data
     fields: bytes = msgpack.packb(_model_fields(packet), use_single_float=True)
-    data = _header(Kind.MODEL, packet.sequence) + bytes([FORMAT_VERSION]) + fields
+    data = _header(Kind.MODEL, packet.sequence) + bytes([_version(packet)]) + fields
     if len(data) > MAX_MODEL_PACKET_BYTES:
         raise ValueError(f"model packet has {len(data)} bytes, limit {MAX_MODEL_PACKET_BYTES}")
     return data
 
 
 def packet_kind(data: bytes) -> Kind:
-    """The kind in byte 0 of a packet.  Raises `ProtocolError` if empty or reserved."""
+    """The kind in byte 0 of a packet.  Raises `ProtocolError` if empty."""
     if not data:
         raise ProtocolError("empty packet")
-    try:
-        return Kind(data[0] // SEQUENCE_MODULUS)
-    except ValueError as error:
-        raise ProtocolError(f"byte 0 is 0x{data[0]:02x}: reserved kind of packet") from error
+    return Kind(data[0] // SEQUENCE_MODULUS)
 
 
 def max_packet_bytes(kind: Kind) -> int:
     """The greatest length of a whole packet of `kind`, bytes."""
-    if kind is Kind.MODEL:
-        return MAX_MODEL_PACKET_BYTES
-    return MAX_CONTROL_PACKET_BYTES if kind is Kind.CONTROL else 1 + MAX_FRAME_PAYLOAD_BYTES
+    return _MAX_PACKET_BYTES[kind]
 
 
 def is_end(data: bytes) -> bool:
@@ -270,6 +313,16 @@ def _parse_control(sequence: int, payload: bytes) -> ControlPacket:
 
 # Keys of the model packet's map, short because they are sent.
 _KEYS = ("p", "s", "r", "f", "n", "o", "l", "a", "d", "q", "t", "e", "b", "x", "m")
+_LATER_KEYS = ("k", "y")
+
+
+def _version(packet: ModelPacket) -> int:
+    plain = packet.call.frame_step == 1 and not packet.layered
+    return PLAIN_VERSION if plain else FORMAT_VERSION
+
+
+def _keys(version: int) -> tuple[str, ...]:
+    return _KEYS if version == PLAIN_VERSION else _KEYS + _LATER_KEYS
 
 
 def _model_fields(packet: ModelPacket) -> dict[str, Any]:
@@ -290,42 +343,48 @@ def _model_fields(packet: ModelPacket) -> dict[str, Any]:
         packet.background,
         packet.texture,
         packet.extension,
+        call.frame_step,
+        packet.layered,
     )
-    return dict(zip(_KEYS, values, strict=True))
+    return dict(zip(_keys(_version(packet)), values, strict=False))
 
 
 def _parse_model(sequence: int, payload: bytes) -> ModelPacket:
-    if payload[:1] != bytes([FORMAT_VERSION]):
-        version = payload[0] if payload else "missing"
-        raise ValueError(f"format version is {version}, this program reads {FORMAT_VERSION}")
+    version = payload[0] if payload else None
+    if version not in (PLAIN_VERSION, FORMAT_VERSION):
+        raise ValueError(
+            f"format version is {'missing' if version is None else version},"
+            f" this program reads {PLAIN_VERSION} and {FORMAT_VERSION}"
+        )
     fields = msgpack.unpackb(
         payload[1:],
         use_list=False,
         max_str_len=1,
         max_bin_len=MAX_IMAGE_BYTES,
         max_array_len=4,
-        max_map_len=len(_KEYS),
+        max_map_len=len(_keys(version)),
         max_ext_len=0,
     )
-    packet = _model_from_fields(sequence, fields)
+    packet = _model_from_fields(sequence, _keys(version), fields)
     # One encoding only: no longer integers, doubles or another order of keys for the same packet.
     if serialise(packet)[1:] != payload:
         raise ValueError("not in the one encoding of its fields")
     return packet
 
 
-def _model_from_fields(sequence: int, fields: Any) -> ModelPacket:
-    if not isinstance(fields, dict) or tuple(fields) != _KEYS:
-        raise ValueError(f"no map of the fields {','.join(_KEYS)}")
+def _model_from_fields(sequence: int, keys: tuple[str, ...], fields: Any) -> ModelPacket:
+    if not isinstance(fields, dict) or tuple(fields) != keys:
+        raise ValueError(f"no map of the fields {','.join(keys)}")
     profile, size, fps, focal, packing, start, layer, aau, residual, *rest = fields.values()
-    rotation, translation, eau, background, texture, extension = rest
+    rotation, translation, eau, background, texture, extension, *later = rest
+    step, layered = later or (1, False)
     check_int("profile", profile, 0, len(PROFILES) - 1)
     width, height = _pair("size", size)
     numerator, denominator = _pair("fps", fps)
     number, layers = _pair("layer", layer)
     return ModelPacket(
         call=CallParameters(
-            PROFILES[profile], width, height, numerator, denominator, focal, packing, start
+            PROFILES[profile], width, height, numerator, denominator, focal, packing, start, step
         ),
         aau=_codes_from_bytes("aau", aau),
         reference_rotation=rotation,
@@ -338,6 +397,7 @@ def _model_from_fields(sequence: int, fields: Any) -> ModelPacket:
         layer=number,
         layers=layers,
         sequence=sequence,
+        layered=layered,
     )
 
 

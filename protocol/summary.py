@@ -9,7 +9,7 @@ from protocol.accounting import Accounts, PacketSize
 from protocol.messages import (
     CallParameters,
     ControlKind,
-    FramePacket,
+    ControlPacket,
     Kind,
     ModelPacket,
     Packet,
@@ -26,7 +26,9 @@ class CallSummary:
     """Bytes and rates of one call file.
 
     frames, duration_s, fps, width, height: of the source.
-    model_bytes, frame_bytes, control_bytes: payload of the packets of each kind.
+    coded_fps: frames a second that were coded; those between are interpolated.
+    model_bytes, frame_bytes, control_bytes: payload of the packets of each kind; layers are model.
+    model_packets, layer_packets: numbers of packets that say who it is.
     container_bytes: magic, record lengths and byte 0 of each packet; with the three above it makes
         `file_bytes`.
     frame_packets: number of frame packets.
@@ -42,6 +44,7 @@ class CallSummary:
     profile: str
     frames: int
     fps: float
+    coded_fps: float
     duration_s: float
     width: int
     height: int
@@ -50,6 +53,8 @@ class CallSummary:
     control_bytes: int
     container_bytes: int
     file_bytes: int
+    model_packets: int
+    layer_packets: int
     frame_packets: int
     frame_bps: float
     packet_bps: float
@@ -92,17 +97,16 @@ class _Tally:
     def __init__(self) -> None:
         self.call: CallParameters | None = None
         self.payload = {kind: 0 for kind in Kind}
-        self.frame_packets = 0
+        self.packets = {kind: 0 for kind in Kind}
         self.frames: int | None = None
 
     def add(self, data: bytes) -> Packet:
         packet = parse_packet(data)
         self.payload[packet_kind(data)] += len(data) - 1
+        self.packets[packet_kind(data)] += 1
         if isinstance(packet, ModelPacket):
             self.call = self.call or packet.call
-        elif isinstance(packet, FramePacket):
-            self.frame_packets += 1
-        elif packet.kind is ControlKind.END:
+        elif isinstance(packet, ControlPacket) and packet.kind is ControlKind.END:
             self.frames = packet.frame
         return packet
 
@@ -110,7 +114,7 @@ class _Tally:
     def source_frames(self) -> int:
         """Told by the END packet; of a truncated call, from the frame packets that are there."""
         if self.frames is None:
-            return _frames_of(self._known_call(), self.frame_packets)
+            return _frames_of(self._known_call(), self.packets[Kind.FRAME])
         return self.frames
 
     def _known_call(self) -> CallParameters:
@@ -126,17 +130,20 @@ class _Tally:
             profile=call.profile,
             frames=frames,
             fps=call.fps,
+            coded_fps=_coded_fps(call),
             duration_s=frames / call.fps,
             width=call.width,
             height=call.height,
-            model_bytes=self.payload[Kind.MODEL],
+            model_bytes=self.payload[Kind.MODEL] + self.payload[Kind.LAYER],
             frame_bytes=self.payload[Kind.FRAME],
             control_bytes=self.payload[Kind.CONTROL],
             container_bytes=file_bytes - sum(self.payload.values()),
             file_bytes=file_bytes,
-            frame_packets=self.frame_packets,
+            model_packets=self.packets[Kind.MODEL],
+            layer_packets=self.packets[Kind.LAYER],
+            frame_packets=self.packets[Kind.FRAME],
             frame_bps=frame_bits / seconds,
-            packet_bps=(frame_bits + 8 * self.frame_packets) / seconds,
+            packet_bps=(frame_bits + 8 * self.packets[Kind.FRAME]) / seconds,
             complete=complete,
             packet_size=accounts.packet_size,
             model_parts=accounts.model_parts,
@@ -149,7 +156,11 @@ def _frames_of(call: CallParameters, frame_packets: int) -> int:
     """Source frames of a truncated call, from the packets that are there."""
     if call.profile == "thesis":
         return round(frame_packets / THESIS_RATE_HZ * call.fps)
-    return frame_packets * call.frames_per_packet
+    return frame_packets * call.frames_per_packet * call.frame_step
+
+
+def _coded_fps(call: CallParameters) -> float:
+    return THESIS_RATE_HZ if call.profile == "thesis" else call.fps / call.frame_step
 
 
 def due_s(profile: str, frames: int, fps: Fraction) -> float:

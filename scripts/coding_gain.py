@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.cadence import FRAMES_PER_PACKET
 from encoder.capture import open_source
 from encoder.combine import combine, harm_matrix, project
 from encoder.crop import crop_face
-from encoder.default_call import FRAMES_PER_PACKET
 from encoder.detect import BlazeFaceDetector
 from encoder.landmarks import LandmarkTracker
 from encoder.model import BUDGETS

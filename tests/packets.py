@@ -8,6 +8,7 @@ from protocol.messages import (
     ControlKind,
     ControlPacket,
     FramePacket,
+    LayerPacket,
     ModelPacket,
     Packet,
 )
@@ -37,6 +38,9 @@ GOLDEN: dict[str, Packet] = {
         layer=2,
         layers=5,
     ),
+    "model_step": replace(MODEL, call=replace(CALL, profile="default", frame_step=3)),
+    "model_layered": replace(MODEL, layered=True),
+    "layer": LayerPacket(2, 300, b"a piece"),
     "frame_thesis": FramePacket(63, bytes(range(123, 133))),
     "frame_empty": FramePacket(1, b""),
     "control_end": ControlPacket(7, ControlKind.END, 382),

@@ -11,7 +11,15 @@ from encoder.rate import Spending, code_call
 from loopback.information import summary_table
 from protocol.accounting import DAMAGED, GROUPS, OVERHEAD, Accounts, component_bits, group_shares
 from protocol.components import GEOMETRY, UNIT_ZERO, Components, serialise_components
-from protocol.messages import ControlKind, ControlPacket, FramePacket, ProtocolError, serialise
+from protocol.layers import item
+from protocol.messages import (
+    ControlKind,
+    ControlPacket,
+    FramePacket,
+    LayerPacket,
+    ProtocolError,
+    serialise,
+)
 from protocol.predict import KINDS, FramePredictor
 from protocol.recording import CallWriter
 from protocol.summary import summarise
@@ -115,6 +123,28 @@ def test_parts_of_the_model_add_up() -> None:
     parts = accounts([]).model_parts
     assert sum(parts.values()) == len(serialise(packet)) - 1
     assert (parts["background"], parts["modes"]) == (len(MODEL.background), len(b"mode"))
+
+
+def test_layers_are_counted_for_what_they_are_of() -> None:
+    packet = replace(MODEL, call=DEFAULT, extension=serialise_components(components()))
+    found = Accounts()
+    found.add(replace(packet, layered=True))
+    before = found.model_parts
+    stream = item(b"texture") + item(b"still") + item(b"mode one")
+    layers = [LayerPacket(0, 0, stream[:10]), LayerPacket(0, 1, stream[10:])]
+    for layer in layers:
+        found.add(layer)
+    parts = {name: count - before[name] for name, count in found.model_parts.items()}
+    assert (parts["texture"], parts["background"], parts["modes"]) == (7, 5, 8)
+    assert sum(parts.values()) == sum(len(serialise(layer)) - 1 for layer in layers)
+
+
+def test_layers_alone_are_counted_and_damaged_ones_refused() -> None:
+    found = Accounts()
+    found.add(LayerPacket(0, 0, b"\x05ab"))
+    assert found.model_parts == {"shape": 2, "texture": 2}
+    with pytest.raises(ProtocolError):
+        found.add(LayerPacket(1, 0, b"\xff\xff\xff\xff"))
 
 
 def test_sizes_of_packets_are_stated() -> None:

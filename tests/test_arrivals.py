@@ -5,7 +5,7 @@ from dataclasses import replace
 from packets import MODEL
 
 from protocol.arrivals import MAX_HELD_FRAMES, QUEUE_COST_BYTES, Arrivals
-from protocol.messages import FramePacket, serialise
+from protocol.messages import FramePacket, LayerPacket, serialise
 
 MODEL_BYTES = serialise(MODEL)
 
@@ -44,6 +44,13 @@ def test_the_same_model_is_handed_out_once() -> None:
     for packet in (MODEL_BYTES, MODEL_BYTES, other, MODEL_BYTES):
         arrivals.put(packet)
     assert taken(arrivals) == [MODEL_BYTES, other]
+
+
+def test_layers_neither_wait_for_the_model_nor_stand_for_it() -> None:
+    arrivals, layer = Arrivals(), serialise(LayerPacket(0, 3, b"piece"))
+    for packet in (frame(0), layer, MODEL_BYTES, layer):
+        arrivals.put(packet)
+    assert taken(arrivals) == [layer, MODEL_BYTES, frame(0), layer]
 
 
 def test_the_queue_does_not_grow_beyond_its_limit() -> None:

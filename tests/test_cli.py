@@ -99,6 +99,8 @@ def test_help_loads_no_library() -> None:
         ["encode", "a.mp4", "-o", "a.rzo", "--max-frames", "0"],
         ["encode", "a.mp4", "-o", "a.rzo", "--max-frames", "many"],
         ["encode", "a.mp4", "-o", "a.rzo", "--wait", "-1"],
+        ["encode", "a.mp4", "-o", "a.rzo", "--profile", "default", "--fps", "0"],
+        ["encode", "a.mp4", "-o", "a.rzo", "--profile", "default", "--fps", "nan"],
         ["encode", "a.mp4", "-o", "a.rzo", "--detector", "guess"],
         ["decode"],
         ["decode", "a.rzo", "--listen", "tcp/127.0.0.1:1"],
@@ -461,7 +463,9 @@ def test_nothing_is_written_over_what_is_read(
     assert recording.read_bytes() == b"the only one"
 
 
-@pytest.mark.parametrize("option", ["--bitrate", "--max-frames", "--wait", "--model-bytes"])
+@pytest.mark.parametrize(
+    "option", ["--bitrate", "--startup-bitrate", "--fps", "--max-frames", "--wait", "--model-bytes"]
+)
 def test_what_is_no_number_is_said(option: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["encode", "me.mp4", "-o", "x.rzo", option, "many"]) == 2
     assert "many is not a" in one_line(capsys.readouterr().err)
@@ -501,6 +505,25 @@ def copy_frames(source: Path, target: Path, count: int) -> None:
             sink.write(frame)
 
 
-def test_live_without_its_profile_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["encode", "clip.mp4", "-o", "call.rzo", "--live"]) == 2
-    assert "--profile default" in capsys.readouterr().err
+def test_a_paced_start_needs_its_profile_and_room_beside_the_frames(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    line = ["encode", "clip.mp4", "-o", "call.rzo", "--startup-bitrate"]
+    assert main([*line, "8000"]) == 2
+    assert "--profile default" in one_line(capsys.readouterr().err)
+    assert main([*line, "800", "--profile", "default"]) == 2
+    assert "leaves nothing for the model" in one_line(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("option", ["--live", "--fps 10"])
+@pytest.mark.parametrize("command", ["encode clip.mp4 -o call.rzo", "bench clip.mp4"])
+def test_what_is_of_the_default_profile_is_refused_without_it(
+    command: str, option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*command.split(), *option.split()]) == 2
+    assert "--profile default" in one_line(capsys.readouterr().err)
+
+
+def test_a_sweep_does_not_pass_over_an_option(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "clip.mp4", "--sweep", "800", "--fps", "10"]) == 2
+    assert "leave out --fps" in one_line(capsys.readouterr().err)

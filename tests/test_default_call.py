@@ -19,14 +19,22 @@ from conftest import PROGRAM, ROOT
 from numpy.typing import NDArray
 
 from decoder.samples import Sample, sample_decoder
-from encoder.default_call import FRAMES_PER_PACKET, held_numbers
+from encoder.cadence import FRAMES_PER_PACKET
+from encoder.default_call import held_numbers
 from encoder.pipeline import EncodeOptions
 from encoder.pipeline import encode as encode_clip
 from encoder.two_pass import TRAINING_FRAMES, Sampler, smoothed, spread_frames
 from loopback.animate import AnimateOptions, animate
 from loopback.cli import main
 from loopback.quality import face_area_finder, measure
-from protocol.messages import ControlKind, ControlPacket, FramePacket, ModelPacket, parse_packet
+from protocol.messages import (
+    ControlKind,
+    ControlPacket,
+    FramePacket,
+    ModelPacket,
+    Packet,
+    parse_packet,
+)
 from protocol.recording import CallReader
 from protocol.summary import summarise
 from shared_model.geometry import euler_deg
@@ -100,7 +108,7 @@ def call(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def packets(path: Path) -> list[ModelPacket | FramePacket | ControlPacket]:
+def packets(path: Path) -> list[Packet]:
     with CallReader(path) as reader:
         return [parse_packet(data) for data in reader]
 

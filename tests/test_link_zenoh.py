@@ -18,7 +18,7 @@ from packets import MODEL
 
 from protocol.arrivals import MAX_HELD_FRAMES
 from protocol.link_zenoh import ZENOH_OVERHEAD_BYTES, LinkOptions, ZenohSink, ZenohSource
-from protocol.messages import ControlKind, ControlPacket, FramePacket, serialise
+from protocol.messages import ControlKind, ControlPacket, FramePacket, LayerPacket, serialise
 from shared_model.errors import UserError
 
 END = serialise(ControlPacket(0, ControlKind.END, 100))
@@ -164,6 +164,20 @@ def test_who_joins_late_gets_the_model_first(stack: ExitStack, endpoint: str) ->
     received = [source.receive(WAIT_S) for _ in range(3)]
     assert received[0] in layers
     assert sorted(received, key=str) == sorted([*layers, frame(2)], key=str)
+
+
+def test_who_joins_late_gets_all_layers_sent_so_far(stack: ExitStack, endpoint: str) -> None:
+    sink = stack.enter_context(ZenohSink(listening(endpoint)))
+    layers = [serialise(LayerPacket(0, number, b"piece")) for number in range(6)]
+    first = serialise(replace(MODEL, layered=True))
+    for packet in [first, *layers[:4], frame(0)]:
+        sink.send(packet)
+    source = stack.enter_context(ZenohSource(connecting(endpoint)))
+    sink.wait_for_peer(WAIT_S)
+    for packet in [*layers[4:], frame(1)]:
+        sink.send(packet)
+    received = [source.receive(WAIT_S) for _ in range(8)]
+    assert sorted(received, key=str) == sorted([first, *layers, frame(1)], key=str)
 
 
 def test_frames_before_the_model_are_held_and_bounded(stack: ExitStack, endpoint: str) -> None:

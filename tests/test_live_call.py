@@ -7,7 +7,8 @@ import pytest
 
 from decoder.pipeline import DecodeOptions, decode
 from decoder.playout import PlayedFrame, Playout
-from encoder.live_call import AHEAD, IMAGINED_FRAMES, LEARN_AFTER_S, imagined
+from encoder.imagine import IMAGINED_FRAMES, imagined
+from encoder.live_call import AHEAD, LEARN_AFTER_S
 from encoder.pipeline import EncodeOptions, encode
 from loopback.animate import AnimateOptions, animate
 from protocol.components import GEOMETRY, parse_components

@@ -12,12 +12,14 @@ from packets import CALL, GOLDEN, MODEL, VECTORS
 from protocol.messages import (
     MAX_FRAME_PAYLOAD_BYTES,
     MAX_IMAGE_BYTES,
+    MAX_LAYER_BYTES,
     MAX_MODEL_PACKET_BYTES,
     CallParameters,
     ControlKind,
     ControlPacket,
     FramePacket,
     Kind,
+    LayerPacket,
     ModelPacket,
     Packet,
     ProtocolError,
@@ -66,7 +68,7 @@ def test_every_bit_flip_is_a_packet_or_a_protocol_error(packet: Packet) -> None:
 @pytest.mark.parametrize("packet", GOLDEN.values(), ids=GOLDEN)
 def test_an_added_byte_never_goes_unnoticed(packet: Packet) -> None:
     data = serialise(packet) + b"\0"
-    if packet_kind(data) is Kind.FRAME:
+    if packet_kind(data) in (Kind.FRAME, Kind.LAYER):
         assert parse_packet(data) != packet
     else:
         with pytest.raises(ProtocolError):
@@ -89,9 +91,9 @@ def test_fuzz_of_random_and_mutated_packets() -> None:
         parses_or_protocol_error(rng.randbytes(rng.randint(0, 40)))
 
 
-def model_of_fields(**changes: object) -> bytes:
+def model_of_fields(changes: dict[str, object], model: Packet = MODEL) -> bytes:
     """A model packet with fields of the map replaced or added."""
-    data = serialise(MODEL)
+    data = serialise(model)
     fields = msgpack.unpackb(data[2:], use_list=False) | changes
     packed: bytes = msgpack.packb(fields, use_single_float=True)
     return data[:2] + packed
@@ -137,14 +139,43 @@ def model_of_fields(**changes: object) -> bytes:
 )
 def test_model_fields_out_of_bounds_are_named(changes: dict[str, object], message: str) -> None:
     with pytest.raises(ProtocolError, match=message):
-        parse_packet(model_of_fields(**changes))
+        parse_packet(model_of_fields(changes))
+
+
+@pytest.mark.parametrize(
+    ("step", "message"),
+    [(0, "frame step"), (256, "frame step"), (True, "frame step"), (1, "one encoding")],
+)
+def test_a_step_out_of_bounds_is_named(step: int, message: str) -> None:
+    with pytest.raises(ProtocolError, match=message):
+        parse_packet(model_of_fields({"k": step}, GOLDEN["model_step"]))
+
+
+def test_layered_is_yes_or_no() -> None:
+    with pytest.raises(ProtocolError, match="layered"):
+        parse_packet(model_of_fields({"y": 1}, GOLDEN["model_step"]))
+    # What the older version can say is said in it.
+    with pytest.raises(ProtocolError, match="one encoding"):
+        parse_packet(model_of_fields({"y": False}, GOLDEN["model_layered"]))
+
+
+def test_a_version_has_its_own_fields_only() -> None:
+    for model, version in ((MODEL, 2), (GOLDEN["model_step"], 1)):
+        data = bytearray(serialise(model))
+        data[1] = version
+        with pytest.raises(ProtocolError, match=r"no map|exceeds"):
+            parse_packet(bytes(data))
 
 
 @pytest.mark.parametrize(
     ("data", "message"),
     [
         (b"", "empty"),
-        (b"\xc0", "reserved"),
+        (b"\xc0", "bad number"),
+        (b"\xc0\x05", "layer is empty"),
+        (b"\xc0\x80\x20x", "number of a layer packet"),
+        (b"\xc0\x00" + bytes(MAX_LAYER_BYTES + 1), "limit"),
+        (bytes([0xC0]) + bytes(MAX_LAYER_BYTES + 6), "too long"),
         (bytes(2 + MAX_FRAME_PAYLOAD_BYTES), "too long"),
         (b"\x40", "version is missing"),
         (b"\x40\x07", "version is 7"),
@@ -167,7 +198,7 @@ def test_bad_bytes_are_named(data: bytes, message: str) -> None:
 
 def test_messages_stay_short_however_large_the_field() -> None:
     with pytest.raises(ProtocolError) as caught:
-        parse_packet(model_of_fields(p=bytes(100_000)))
+        parse_packet(model_of_fields({"p": bytes(100_000)}))
     assert len(str(caught.value)) <= 200
 
 
@@ -219,6 +250,7 @@ images = st.binary(max_size=40)
             st.floats(1, 1e5),
             st.integers(1, 64),
             st.integers(0, 2**32 - 1),
+            st.integers(1, 255),
         ),
         aau=st.tuples(*[codes] * len(AAUS)),
         reference_rotation=st.just((0.6, 0.0, 0.8, 0.0)),
@@ -233,8 +265,12 @@ images = st.binary(max_size=40)
         layers=st.just(64),
         layer=st.integers(0, 63),
         sequence=st.integers(0, 63),
+        layered=st.booleans(),
     )
     | st.builds(FramePacket, st.integers(0, 63), st.binary(max_size=64))
+    | st.builds(
+        LayerPacket, st.integers(0, 63), st.integers(0, 4095), st.binary(min_size=1, max_size=64)
+    )
     | st.builds(
         ControlPacket,
         st.integers(0, 63),

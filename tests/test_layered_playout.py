@@ -1,0 +1,92 @@
+"""Layers come between frames, before their model, or damaged: frames are decoded all the same."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_layers import FIRST, ITEMS, STREAM, expected, pieces
+
+from decoder.playout import PlayedFrame, Playout
+from encoder.quantiser import code_packet
+from protocol.components import parse_components
+from protocol.messages import FramePacket, LayerPacket, ModelPacket, ProtocolError, serialise
+from protocol.predict import FramePredictor
+
+PACKED = FIRST.call.frames_per_packet
+LAYERS = pieces(STREAM, [6, 31, 90])
+BASE = replace(FIRST, call=replace(FIRST.call, start_frame=0), sequence=0)
+
+
+def frames(count: int, first: int = 0) -> list[bytes]:
+    """Frame packets of a face that moves evenly, numbered from `first`."""
+    predictor = FramePredictor(parse_components(FIRST.extension).spreads)
+    packets, start = [], 0
+    for number in range(count):
+        places = np.arange(start, start + (PACKED if number else 1))
+        start = int(places[-1]) + 1
+        values = places[:, None] * np.array([0.5, -0.3])
+        packet = code_packet(predictor, number, PACKED, values, 0, fresh=number == 0)
+        predictor.anchor = packet.frames[-1]
+        packets.append(serialise(FramePacket((first + number) % 64, packet.payload)))
+    return packets
+
+
+def play(playout: Playout, packets: list[bytes]) -> list[tuple[PlayedFrame, ModelPacket]]:
+    found = []
+    for data in packets:
+        for frame in playout.receive(data):
+            assert playout.model is not None
+            found.append((frame, playout.model))
+    return found
+
+
+def test_frames_flow_on_through_layers() -> None:
+    sent, layers = frames(6), list(map(serialise, LAYERS))
+    mixed = [serialise(BASE), *sent[:2], *layers[:2], *sent[2:4], *layers[2:], *sent[4:]]
+    played, plain = play(Playout(), mixed), play(Playout(), [serialise(BASE), *sent])
+    for (one, _), (other, _) in zip(played, plain, strict=True):
+        assert one.index == other.index
+        np.testing.assert_array_equal(one.face.eau, other.face.eau)
+        np.testing.assert_array_equal(one.face.modes, other.face.modes)
+    models = [model for _, model in played]
+    assert models[0] == BASE and models[-1].texture == ITEMS[0]
+    assert parse_components(models[-1].extension).modes == ITEMS[2:]
+    # Every layer counts from the next frame on.
+    assert len({model.extension for model in models}) > 1
+
+
+def test_layers_that_come_before_their_model_are_kept() -> None:
+    playout = Playout()
+    assert play(playout, [*map(serialise, LAYERS), serialise(FIRST)]) == []
+    assert playout.model == expected(len(ITEMS))
+
+
+def test_layers_of_an_update_wait_for_it() -> None:
+    older = replace(BASE, layer=2, layers=3, texture=b"older")
+    update = replace(BASE, sequence=3, call=replace(BASE.call, start_frame=1 + 2 * PACKED))
+    playout = Playout()
+    sent = [serialise(older), *frames(2), *map(serialise, LAYERS), serialise(update)]
+    sent += [frames(3)[2], *frames(2, first=3)]
+    textures = [model.texture for _, model in play(playout, sent)]
+    assert textures == [b"older"] * (1 + 2 * PACKED) + [ITEMS[0]] * (1 + PACKED)
+    # What comes late for a model that is no more changes nothing.
+    assert play(playout, [serialise(LayerPacket(2, 0, b"\xff\xff\xff\xff"))]) == []
+
+
+def test_a_damaged_layer_harms_nothing() -> None:
+    playout, sent = Playout(), frames(3)
+    play(playout, [serialise(BASE), *sent[:2]])
+    with pytest.raises(ProtocolError, match="bad number"):
+        play(playout, [serialise(LayerPacket(BASE.layer, 0, b"\xff\xff\xff\xff"))])
+    assert [frame.index for frame, _ in play(playout, sent[2:])] == list(
+        range(1 + PACKED, 1 + 2 * PACKED)
+    )
+    assert playout.model == BASE
+
+
+def test_a_model_is_drawn_even_if_its_early_layers_were_damaged() -> None:
+    playout = Playout()
+    play(playout, [serialise(LayerPacket(BASE.layer, 0, b"\xff\xff\xff\xff"))])
+    with pytest.raises(ProtocolError):
+        play(playout, [serialise(BASE)])
+    assert len(play(playout, frames(2))) == 1 + PACKED

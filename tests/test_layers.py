@@ -1,0 +1,196 @@
+"""Layers of a model: every prefix of them is a model, whatever comes in whatever order."""
+
+import random
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from packets import CALL, MODEL
+
+from protocol.components import GEOMETRY, Components, parse_components, serialise_components
+from protocol.layers import Layers, is_refined, item
+from protocol.messages import (
+    MAX_IMAGE_BYTES,
+    LayerPacket,
+    ModelPacket,
+    ProtocolError,
+    parse_packet,
+    serialise,
+)
+from protocol.predict import KINDS
+from protocol.varint import encode_varint
+
+ITEMS = (b"whole texture", b"whole background", b"first mode" * 20, b"second", b"third")
+MODES = len(ITEMS) - 2
+
+
+def components(modes: tuple[bytes, ...]) -> bytes:
+    d = GEOMETRY + len(modes)
+    tables = Components(
+        modes,
+        np.full(d, 128, np.uint8),
+        np.zeros(d, np.int64),
+        np.ones((2, d), np.int8),
+        np.zeros(2, np.int8),
+        np.full((2, KINDS), 9, np.uint8),
+    )
+    return serialise_components(tables)
+
+
+FIRST = replace(
+    MODEL,
+    call=replace(CALL, profile="default", frames_per_packet=8),
+    layer=3,
+    layers=4,
+    layered=True,
+    texture=b"rough",
+    background=b"rough, too",
+    extension=components((b"",) * MODES),
+)
+STREAM = b"".join(map(item, ITEMS))
+
+
+def pieces(stream: bytes, cuts: list[int]) -> list[LayerPacket]:
+    places = sorted({0, *(cut % len(stream) for cut in cuts), len(stream)})
+    parts = [stream[a:b] for a, b in pairwise(places)]
+    return [LayerPacket(3, number, data) for number, data in enumerate(parts)]
+
+
+def expected(count: int) -> ModelPacket:
+    """The model with the first `count` items."""
+    found = [*ITEMS[:count], *[b""] * (len(ITEMS) - count)]
+    return replace(
+        FIRST,
+        texture=found[0] or FIRST.texture,
+        background=found[1] or FIRST.background,
+        extension=components(tuple(found[2:])),
+    )
+
+
+def received(packets: list[LayerPacket], model: ModelPacket = FIRST) -> ModelPacket:
+    layers = Layers()
+    for packet in packets:
+        layers.add(packet)
+    return layers.refine(model)
+
+
+@given(st.lists(st.integers(0, 1000), max_size=12))
+def test_every_prefix_is_a_model_with_what_came_whole(cuts: list[int]) -> None:
+    packets, ends = pieces(STREAM, cuts), np.cumsum([len(item(data)) for data in ITEMS])
+    for count in range(len(packets) + 1):
+        length = sum(len(packet.data) for packet in packets[:count])
+        assert received(packets[:count]) == expected(int((ends <= length).sum()))
+
+
+@given(st.lists(st.integers(0, 1000), max_size=12), st.randoms())
+def test_order_and_repetition_change_nothing(cuts: list[int], rng: random.Random) -> None:
+    packets = [*pieces(STREAM, cuts), *pieces(STREAM, cuts)]
+    rng.shuffle(packets)
+    layers, model, sizes = Layers(), FIRST, []
+    for packet in packets:
+        layers.add(packet)
+        model = layers.refine(model)
+        sizes.append(len(serialise(model)))
+    assert model == expected(len(ITEMS)) and sizes == sorted(sizes)
+    assert layers.refine(model) is model
+
+
+def test_a_gap_waits_for_its_piece() -> None:
+    packets = pieces(STREAM, [5, 40, 150])
+    assert received([packets[0], *packets[2:]]) is FIRST
+
+
+def test_an_empty_picture_leaves_the_rough_one() -> None:
+    stream = b"".join(map(item, (b"", b"", *ITEMS[2:])))
+    model = received(pieces(stream, []))
+    assert (model.texture, model.background) == (FIRST.texture, FIRST.background)
+    assert parse_components(model.extension).modes == ITEMS[2:]
+
+
+def test_layers_of_another_model_are_none_of_this_one() -> None:
+    assert received([LayerPacket(2, 0, STREAM)]) is FIRST
+
+
+def test_parts_add_up_to_what_came() -> None:
+    layers = Layers()
+    assert layers.parts(3) == {}
+    for packet in pieces(STREAM, [50]):
+        layers.add(packet)
+        parts = layers.parts(3)
+    assert parts == {
+        "texture": len(ITEMS[0]),
+        "background": len(ITEMS[1]),
+        "modes": sum(map(len, ITEMS[2:])),
+    }
+
+
+@pytest.mark.parametrize(
+    ("stream", "message"),
+    [
+        (STREAM + item(b"fourth"), "4 modes"),
+        (b"".join(map(item, (*ITEMS[:2], b""))), "modes"),
+        (encode_varint(MAX_IMAGE_BYTES + 1), "item 0"),
+        (item(b"x") + b"\xff\xff\xff\xff", "item 1"),
+        (item(b"x") + b"\x80\x00\x00", "bad number"),
+    ],
+)
+def test_a_stream_that_is_none_is_named(stream: bytes, message: str) -> None:
+    with pytest.raises(ProtocolError, match=message):
+        received([LayerPacket(3, 0, stream)])
+
+
+def test_a_length_that_is_cut_off_waits() -> None:
+    assert received([LayerPacket(3, 0, item(ITEMS[0]) + b"\x80")]) == expected(1)
+
+
+def test_a_model_that_is_whole_takes_no_layers() -> None:
+    with pytest.raises(ProtocolError, match="no layers"):
+        received([LayerPacket(3, 0, STREAM)], replace(FIRST, layered=False))
+
+
+def test_what_is_kept_is_bounded_and_what_is_forgotten_makes_room() -> None:
+    layers = Layers(limit_bytes=1000)
+    layers.add(LayerPacket(1, 0, bytes(400)))
+    layers.add(LayerPacket(2, 7, bytes(400)))
+    with pytest.raises(ProtocolError, match="more than 1000"):
+        layers.add(LayerPacket(3, 0, STREAM))
+    layers.forget_before(2)
+    layers.add(LayerPacket(3, 0, STREAM))
+    assert layers.refine(FIRST) == expected(len(ITEMS))
+
+
+def test_small_packets_count_for_more_than_their_bytes() -> None:
+    layers = Layers(limit_bytes=1000)
+    with pytest.raises(ProtocolError):
+        for number in range(1000 // Layers.COST_BYTES + 1):
+            layers.add(LayerPacket(1, number, b"x"))
+
+
+def test_the_same_model_is_known_by_all_but_its_layers() -> None:
+    whole = expected(len(ITEMS))
+    assert is_refined(FIRST, whole) and is_refined(whole, FIRST)
+    assert not is_refined(FIRST, replace(whole, layer=2))
+    assert is_refined(MODEL, replace(MODEL)) and not is_refined(MODEL, replace(MODEL, texture=b""))
+
+
+def test_fuzz_of_mutated_layers() -> None:
+    seed = 20062
+    print(f"seed {seed}")
+    rng = random.Random(seed)
+    for _ in range(5_000):
+        stream = bytearray(STREAM)
+        for _ in range(rng.randint(1, 4)):
+            place = rng.randrange(len(stream))
+            stream[place : place + rng.randint(0, 2)] = rng.randbytes(rng.randint(0, 2))
+        layers, model = Layers(), FIRST
+        for packet in pieces(bytes(stream), [rng.randrange(1000) for _ in range(3)]):
+            try:
+                layers.add(packet)
+                model = layers.refine(model)
+            except ProtocolError:
+                continue
+        again = parse_packet(serialise(model))
+        assert again == model and len(parse_components(model.extension).modes) == MODES

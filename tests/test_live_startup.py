@@ -1,0 +1,144 @@
+"""A live call on a thin link: its models come in layers, and frames flow from the start."""
+
+from pathlib import Path
+
+import pytest
+
+from decoder.pipeline import DecodeOptions, decode
+from decoder.playout import Playout
+from encoder.live_call import AHEAD, ENOUGH_ITEMS
+from encoder.pipeline import EncodeOptions, EncodeReport, encode
+from encoder.startup import FIRST_LAYER_BYTES, UPDATE_LAYER_BYTES
+from loopback.animate import AnimateOptions, animate
+from protocol.components import parse_components
+from protocol.layers import Layers
+from protocol.messages import FramePacket, LayerPacket, ModelPacket, parse_packet
+from protocol.recording import CallReader, record
+
+FRAMES, FPS, PACKED = 90, 25, 8
+BITRATE, STARTUP, MODEL_BYTES = 1000.0, 60_000.0, 6000
+SCRIPT = """
+width = 160
+height = 120
+fps = 25
+seconds = 3.6
+distance_mm = 420
+noise = 1
+[[key]]
+time = 0
+pose = { yaw = -6 }
+[[key]]
+time = 0.5
+eau = { jaw_drop = 0.6 }
+[[key]]
+time = 1.2
+pose = { yaw = 6 }
+eau = { jaw_drop = 0.05 }
+[[key]]
+time = 3.6
+pose = { yaw = -4 }
+eau = { jaw_drop = 0.6 }
+"""
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> Path:
+    folder = tmp_path_factory.mktemp("live")
+    (folder / "script.toml").write_text(SCRIPT)
+    options = AnimateOptions(folder / "script.toml", folder / "clip.mkv")
+    animate(options, lambda done, total: None, lambda: False)
+    return folder / "clip.mkv"
+
+
+def encoded(clip: Path, output: Path, startup: float, frames: int | None = None) -> EncodeReport:
+    options = EncodeOptions(
+        str(clip),
+        output,
+        profile="default",
+        live=True,
+        bitrate=BITRATE,
+        startup_bitrate=startup,
+        model_bytes=MODEL_BYTES,
+        max_frames=frames,
+    )
+    return encode(options, lambda done, total: None, lambda: False)
+
+
+@pytest.fixture(scope="module")
+def call(clip: Path) -> Path:
+    path = clip.with_name("call.rzo")
+    encoded(clip, path, STARTUP)
+    return path
+
+
+def raw_packets(path: Path) -> list[bytes]:
+    with CallReader(path) as reader:
+        return list(reader)
+
+
+def test_an_updates_first_layers_go_before_its_model_the_other_modes_after(call: Path) -> None:
+    packets = [parse_packet(data) for data in raw_packets(call)]
+    models = {p.layer: i for i, p in enumerate(packets) if isinstance(p, ModelPacket)}
+    assert list(models) == [0, 1] and models[0] == 0
+    first, update = (packets[place] for place in models.values())
+    assert isinstance(first, ModelPacket) and isinstance(update, ModelPacket)
+    assert first.layered and update.layered
+    assert len(raw_packets(call)[0]) <= FIRST_LAYER_BYTES
+    assert len(raw_packets(call)[models[1]]) <= UPDATE_LAYER_BYTES
+    layers, early = Layers(), 0
+    for place, packet in enumerate(packets):
+        if isinstance(packet, LayerPacket):
+            assert packet.model > 0
+            layers.add(packet)
+            early += packet.model == 1 and place < models[1]
+    modes = parse_components(layers.refine(update).extension).modes
+    assert modes and all(modes)
+    assert early >= min(ENOUGH_ITEMS, 2 + len(modes))
+    before = sum(isinstance(packet, FramePacket) for packet in packets[: models[1]])
+    assert update.sequence >= before + AHEAD
+    assert update.call.start_frame == 1 + (update.sequence - 1) * PACKED
+
+
+def test_an_update_takes_effect_with_its_pictures_and_modes(call: Path) -> None:
+    playout, shown = Playout(), []
+    for data in raw_packets(call):
+        for frame in playout.receive(data):
+            assert playout.model is not None
+            shown.append((frame.index, playout.model))
+    assert [index for index, _ in shown] == list(range(FRAMES))
+    rough = next(model for _, model in shown if model.layer == 0)
+    updated = [model for _, model in shown if model.layer == 1]
+    for model in (updated[0], updated[-1]):
+        assert len(model.texture) > len(rough.texture)
+        assert len(model.background) > len(rough.background)
+        assert all(parse_components(model.extension).modes[: ENOUGH_ITEMS - 2])
+
+
+def test_layers_and_frames_keep_to_the_rate(call: Path) -> None:
+    frames, bits, slots = 0, 0, list[int]()
+    for data in raw_packets(call)[1:]:
+        packet = parse_packet(data)
+        if isinstance(packet, FramePacket):
+            slots.append(bits)
+            frames, bits = frames + 1, 0
+        if not isinstance(packet, ModelPacket):
+            bits += 8 * len(record(data))
+    # The least piece may be larger than what a slot earns of a slow rate; this one is not.
+    assert max(slots[2:]) <= STARTUP * PACKED / FPS + 8 * 64
+
+
+def test_a_live_call_in_layers_is_drawn(call: Path, tmp_path: Path) -> None:
+    report = decode(
+        DecodeOptions(call, output=tmp_path / "out.mkv"), lambda done, total: None, lambda: False
+    )
+    assert report.frames == FRAMES and not report.warnings
+
+
+def test_a_call_that_ends_early_says_what_is_missing(clip: Path, tmp_path: Path) -> None:
+    report = encoded(clip, tmp_path / "short.rzo", 3000, frames=20)
+    assert any("no more of its model" in warning for warning in report.warnings)
+
+
+def test_the_same_source_gives_the_same_bytes(call: Path, clip: Path, tmp_path: Path) -> None:
+    encoded(clip, tmp_path / "again.rzo", STARTUP)
+    assert (tmp_path / "again.rzo").read_bytes() == call.read_bytes()
