@@ -169,6 +169,7 @@ def _add_bench(added: "Commands") -> None:
         "Encoder and decoder run as two processes that talk over Zenoh on this host.\n"
         "With --sweep each clip is learned once and coded at several rates into call files.",
         "  risorius bench me.mp4 you.mp4 --out out/bench\n"
+        "  risorius bench --timings --no-pace me.mp4\n"
         "  risorius bench --sweep 200,350,500,800,1200,2000 me.mp4 --out out/sweep\n",
     )
     parser.add_argument("source", nargs="+", metavar="SOURCE", help="video file or image pattern")
@@ -185,6 +186,11 @@ def _add_bench(added: "Commands") -> None:
         type=_bitrates,
         metavar="BPS,...",
         help="draw the default profile's PSNR over these rates; goes on where it was stopped",
+    )
+    parser.add_argument(
+        "--timings",
+        action="store_true",
+        help="also print where the time of both ends goes: ms a frame of each stage",
     )
     parser.add_argument(
         "--pace",

@@ -113,6 +113,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
     if arguments.sweep:
         return run_sweep(arguments)
     from loopback.bench import BenchSettings, bench, bench_page, bench_table
+    from loopback.timings import timings_tables
 
     settings = BenchSettings(
         profile=arguments.profile,
@@ -127,11 +128,15 @@ def run_bench(arguments: argparse.Namespace) -> int:
     write_json(arguments.out / "report.json", report)
     write_report(arguments.out / "report.html", bench_page(report["clips"]).encode())
     print(bench_table(report["clips"]))
+    if arguments.timings:
+        print(f"\n{timings_tables(report['clips'])}")
     return 0
 
 
 def run_sweep(arguments: argparse.Namespace) -> int:
     """`risorius bench --sweep`."""
+    if arguments.timings:
+        raise UserError("--timings is about calls between two processes; leave out --sweep")
     from loopback.sweep import SweepSettings, sweep, sweep_table
 
     settings = SweepSettings(arguments.sweep, arguments.max_frames)
