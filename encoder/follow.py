@@ -21,6 +21,7 @@ from encoder.fit import (
 from encoder.haar import HaarDetector
 from encoder.landmarks import LandmarkTracker
 from encoder.networks import NetworkFilesMissing, find_network_folder
+from encoder.photometric import NORMALISATIONS
 from encoder.sighting import HaarSighter, NetworkSighter, Sighter, warn_of_several
 from encoder.track import PARTS, TrackingFollower
 from shared_model import geometry
@@ -61,11 +62,13 @@ class FollowOptions:
     detector: what finds it, one of `DETECTORS`.
     tracker: "single" measures every frame by itself, "full" is `TrackingFollower`.
     without: parts of the full tracker to leave out, some of `track.PARTS`.
+    normalise: what the full tracker fits of a picture, one of `photometric.NORMALISATIONS`.
     """
 
     detector: str = "network"
     tracker: str = "full"
     without: frozenset[str] = frozenset()
+    normalise: str = "none"
 
 
 def open_follower(
@@ -84,6 +87,7 @@ def open_follower(
     _check("detector", [options.detector], DETECTORS)
     _check("tracker", [options.tracker], TRACKERS)
     _check("part", options.without, PARTS)
+    _check("normalisation", [options.normalise], tuple(NORMALISATIONS))
     landmarks = _landmark_tracker(warn) if options.detector == "network" else None
     if options.tracker == "full":
         sighter: Sighter
@@ -91,7 +95,8 @@ def open_follower(
             sighter = HaarSighter(head, size, HaarDetector(), warn)
         else:
             sighter = NetworkSighter(head, size, active, landmarks, warn)
-        return TrackingFollower(head, active, elapsed_s, sighter, options.without)
+        grey = NORMALISATIONS[options.normalise]
+        return TrackingFollower(head, active, elapsed_s, sighter, options.without, grey)
     if landmarks is None:
         return HaarFollower(head, size, HaarDetector(), warn)
     return NetworkFollower(head, size, active, landmarks, warn)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from encoder.crop import Crop, crop_face
 from encoder.learn import face_mask
+from encoder.photometric import Grey
 from encoder.refine import Refiner, Template, luma
 from encoder.shape_free import ShapeFree
 from encoder.texture import fitting_size, sample, texel_pixels
@@ -48,7 +49,7 @@ class OwnTexture:
     """Texture of one caller, fitted to pictures with gain, offset and a slope of light.
 
     face: the caller's shape.  frame, start: the picture (h, w, 3) BGR that shows the texture.
-    largest_atlas: texels a side, at most.
+    largest_atlas: texels a side, at most.  grey: what of a picture is fitted.
     """
 
     def __init__(
@@ -59,16 +60,17 @@ class OwnTexture:
         frame: Picture,
         start: FaceParameters,
         largest_atlas: int,
+        grey: Grey = luma,
     ) -> None:
         rest = face.animate(start.eau)
         size = fitting_size(atlas_of(head, 64), camera, start.pose, rest, largest_atlas)
         atlas = atlas_of(head, size)
-        self._face, self._camera = face, camera
+        self._face, self._camera, self._grey = face, camera, grey
         self._outline = np.flatnonzero(head.opacity > 0.5)
         self._ratio = texel_pixels(atlas, camera, start.pose, rest)
         blank = np.zeros(len(atlas.rows), np.float32)
         empty = Template(blank, np.zeros((0, len(blank)), np.float32), blank)
-        self._refiner = Refiner(head, face, ShapeFree(face, atlas, camera), empty)
+        self._refiner = Refiner(head, face, ShapeFree(face, atlas, camera), empty, grey)
         thin = self._refiner.shape.atlas
         self._worth = face_mask(head, thin) * _part_weight(head.parts[thin.corners[:, 0]])
         across = 2 * thin.columns.astype(np.float32) / size - 1
@@ -139,7 +141,7 @@ class OwnTexture:
 
     def _sampled(self, crop: Crop, face: FaceParameters) -> Single:
         at = crop.from_frame(self._refiner.shape.positions(face))
-        return np.asarray(sample(luma(crop.picture), at)[:, 0], np.float32)
+        return np.asarray(sample(self._grey(crop.picture), at)[:, 0], np.float32)
 
     def _crop(self, frame: Picture, face: FaceParameters) -> Crop:
         vertices = self._face.animate(face.eau)[self._outline]

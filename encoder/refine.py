@@ -6,7 +6,7 @@ derivative of the residual is the picture's own gradient carried along the texel
 holds at any pose.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -23,6 +23,7 @@ from shared_model.parameters import EAUS, FaceParameters
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
+Picture = NDArray[np.uint8]
 
 # Grey levels beyond which a texel counts less (a hand, a highlight); an actuator's usual motion.
 ROBUST_GREY = 25.0
@@ -59,7 +60,7 @@ class Explained:
     shown: Single
 
 
-def luma(picture: NDArray[np.uint8]) -> Single:
+def luma(picture: Picture) -> Single:
     """(h, w) float32 luma of a BGR picture, as PSNR sees it."""
     return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.float32)
 
@@ -67,11 +68,19 @@ def luma(picture: NDArray[np.uint8]) -> Single:
 class Refiner:
     """Fits one caller's textured model to pictures, at about `TEXELS` of its texels.
 
-    shape: all texels.  template: what they should look like.
+    shape: all texels.  template: what they should look like.  grey: what of a BGR picture they
+    show.
     """
 
-    def __init__(self, head: Head, face: Face, shape: ShapeFree, template: Template) -> None:
-        self._head, self._face = head, face
+    def __init__(
+        self,
+        head: Head,
+        face: Face,
+        shape: ShapeFree,
+        template: Template,
+        grey: Callable[[Picture], Single] = luma,
+    ) -> None:
+        self._head, self._face, self._grey = head, face, grey
         stride = max(1, round(np.sqrt(len(shape) / TEXELS)))
         atlas = shape.atlas
         kept = (atlas.rows % stride == 0) & (atlas.columns % stride == 0)
@@ -129,7 +138,7 @@ class Refiner:
         return Explained(found, best.grey, view.shown)
 
     def _view(self, crop: Crop, start: FaceParameters) -> "_View":
-        grey = luma(crop.picture)
+        grey = self._grey(crop.picture)
         shown = self.template.weight * self.seen(start)
         precision = CORRELATED_TEXELS * float(shown.mean()) * (NOISE_GREY / EAU_SIGMA) ** 2
         return _View(crop, np.dstack([grey, *_gradients(grey)]), shown, start, precision)

@@ -92,6 +92,13 @@ def _add_encode(added: "Commands") -> None:
         help="leave parts out of the full tracker, to measure: some of network,klt,ekf,abs",
     )
     parser.add_argument(
+        "--normalise",
+        choices=("none", "retinex"),
+        default="none",
+        help="what the full tracker fits its texture to: the luma, or retinex and histogram"
+        " equalisation of it (default: %(default)s)",
+    )
+    parser.add_argument(
         "--pace",
         action=argparse.BooleanOptionalAction,
         help="send at the source's own rate (default: over a link yes, into a file no)",

@@ -48,7 +48,9 @@ def run_encode(arguments: argparse.Namespace) -> int:
         lossless=arguments.lossless,
         profile=arguments.profile,
         bitrate=arguments.bitrate,
-        follow=FollowOptions(arguments.detector, arguments.tracker, arguments.without),
+        follow=FollowOptions(
+            arguments.detector, arguments.tracker, arguments.without, arguments.normalise
+        ),
         pace=over_link if arguments.pace is None else arguments.pace,
         max_frames=arguments.max_frames,
         wait_for_peer_s=arguments.wait,
