@@ -1,6 +1,6 @@
 """One face parameter set per frame: a picture in, pose and actuators out, lightly filtered."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -21,7 +21,10 @@ from encoder.fit import (
 from encoder.haar import HaarDetector
 from encoder.landmarks import LandmarkTracker
 from encoder.networks import NetworkFilesMissing, find_network_folder
+from encoder.own_texture import Synthesis
 from encoder.photometric import NORMALISATIONS
+from encoder.prediction import MatrixRefiner
+from encoder.refine import Refiner
 from encoder.sighting import HaarSighter, NetworkSighter, Sighter, warn_of_several
 from encoder.track import PARTS, TrackingFollower
 from shared_model import geometry
@@ -38,6 +41,8 @@ Warn = Callable[[str], None]
 
 DETECTORS = ("network", "haar")
 TRACKERS = ("single", "full")
+# Steps of the analysis by synthesis: by each picture's own gradient, or the thesis'.
+STEPS: Mapping[str, type[Refiner]] = {"gauss-newton": Refiner, "matrix": MatrixRefiner}
 # What the thesis profile sends, and the lids, lest blinks pass for the brows' motion.
 FOLLOWED = tuple(EAU_INDEX[name] for name in (*THESIS_EAUS, "lid_left", "lid_right"))
 # Share of a new measurement in the filtered value: little lag, and half of the jitter's power gone.
@@ -63,12 +68,14 @@ class FollowOptions:
     tracker: "single" measures every frame by itself, "full" is `TrackingFollower`.
     without: parts of the full tracker to leave out, some of `track.PARTS`.
     normalise: what the full tracker fits of a picture, one of `photometric.NORMALISATIONS`.
+    step: how its fit of the texture goes about it, one of `STEPS`.
     """
 
     detector: str = "network"
     tracker: str = "full"
     without: frozenset[str] = frozenset()
     normalise: str = "none"
+    step: str = "gauss-newton"
 
 
 def open_follower(
@@ -88,6 +95,7 @@ def open_follower(
     _check("tracker", [options.tracker], TRACKERS)
     _check("part", options.without, PARTS)
     _check("normalisation", [options.normalise], tuple(NORMALISATIONS))
+    _check("step", [options.step], tuple(STEPS))
     landmarks = _landmark_tracker(warn) if options.detector == "network" else None
     if options.tracker == "full":
         sighter: Sighter
@@ -95,8 +103,8 @@ def open_follower(
             sighter = HaarSighter(head, size, HaarDetector(), warn)
         else:
             sighter = NetworkSighter(head, size, active, landmarks, warn)
-        grey = NORMALISATIONS[options.normalise]
-        return TrackingFollower(head, active, elapsed_s, sighter, options.without, grey)
+        synthesis = Synthesis(NORMALISATIONS[options.normalise], STEPS[options.step])
+        return TrackingFollower(head, active, elapsed_s, sighter, options.without, synthesis)
     if landmarks is None:
         return HaarFollower(head, size, HaarDetector(), warn)
     return NetworkFollower(head, size, active, landmarks, warn)

@@ -34,6 +34,17 @@ GOOD_CORRELATION = 0.8
 
 
 @dataclass(frozen=True, slots=True)
+class Synthesis:
+    """How the textured model is fitted: to what of a picture, and by which steps."""
+
+    grey: Grey = luma
+    refiner: type[Refiner] = Refiner
+
+
+USUAL = Synthesis()
+
+
+@dataclass(frozen=True, slots=True)
 class Refined:
     """A fit of the textured model.
 
@@ -49,7 +60,7 @@ class OwnTexture:
     """Texture of one caller, fitted to pictures with gain, offset and a slope of light.
 
     face: the caller's shape.  frame, start: the picture (h, w, 3) BGR that shows the texture.
-    largest_atlas: texels a side, at most.  grey: what of a picture is fitted.
+    largest_atlas: texels a side, at most.
     """
 
     def __init__(
@@ -60,17 +71,18 @@ class OwnTexture:
         frame: Picture,
         start: FaceParameters,
         largest_atlas: int,
-        grey: Grey = luma,
+        synthesis: Synthesis = USUAL,
     ) -> None:
         rest = face.animate(start.eau)
         size = fitting_size(atlas_of(head, 64), camera, start.pose, rest, largest_atlas)
         atlas = atlas_of(head, size)
-        self._face, self._camera, self._grey = face, camera, grey
+        self._face, self._camera, self._grey = face, camera, synthesis.grey
         self._outline = np.flatnonzero(head.opacity > 0.5)
         self._ratio = texel_pixels(atlas, camera, start.pose, rest)
         blank = np.zeros(len(atlas.rows), np.float32)
         empty = Template(blank, np.zeros((0, len(blank)), np.float32), blank)
-        self._refiner = Refiner(head, face, ShapeFree(face, atlas, camera), empty, grey)
+        shape = ShapeFree(face, atlas, camera)
+        self._refiner = synthesis.refiner(head, face, shape, empty, synthesis.grey)
         thin = self._refiner.shape.atlas
         self._worth = face_mask(head, thin) * _part_weight(head.parts[thin.corners[:, 0]])
         across = 2 * thin.columns.astype(np.float32) / size - 1
@@ -78,9 +90,11 @@ class OwnTexture:
         self._light = np.stack([np.ones_like(across), across, along])
         self._lit = np.zeros(4)
         self._learned = 0
-        self._mean = self._sampled(self._crop(frame, start), start)
+        crop = self._crop(frame, start)
+        self._mean = self._sampled(crop, start)
         self._known = self._refiner.seen(start) & (self._worth > 0)
         self._rebuild()
+        self._refiner.learn(crop, replace(start, modes=self._lit))
 
     @property
     def texels_known(self) -> int:
@@ -101,8 +115,10 @@ class OwnTexture:
         self._lit = refined.face.modes
         self._learned += 1
         if refined.correlation > GOOD_CORRELATION and self._learned % LEARN_EVERY == 0:
-            texels = self._sampled(self._crop(frame, refined.face), refined.face)
+            crop = self._crop(frame, refined.face)
+            texels = self._sampled(crop, refined.face)
             self._fill(texels, self._refiner.seen(refined.face), refined.face.modes)
+            self._refiner.learn(crop, refined.face)
 
     def _fill(self, texels: Single, seen: NDArray[np.bool_], coefficients: Array) -> None:
         """Take from a frame what the first one did not show, as the first one's light had it."""

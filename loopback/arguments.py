@@ -99,6 +99,13 @@ def _add_encode(added: "Commands") -> None:
         " equalisation of it (default: %(default)s)",
     )
     parser.add_argument(
+        "--abs",
+        choices=("gauss-newton", "matrix"),
+        default="gauss-newton",
+        help="how that fit steps: by each picture's gradient, or by the thesis' prediction matrix"
+        " (default: %(default)s)",
+    )
+    parser.add_argument(
         "--pace",
         action=argparse.BooleanOptionalAction,
         help="send at the source's own rate (default: over a link yes, into a file no)",

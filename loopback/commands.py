@@ -49,7 +49,11 @@ def run_encode(arguments: argparse.Namespace) -> int:
         profile=arguments.profile,
         bitrate=arguments.bitrate,
         follow=FollowOptions(
-            arguments.detector, arguments.tracker, arguments.without, arguments.normalise
+            arguments.detector,
+            arguments.tracker,
+            arguments.without,
+            arguments.normalise,
+            arguments.abs,
         ),
         pace=over_link if arguments.pace is None else arguments.pace,
         max_frames=arguments.max_frames,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from decoder.render import Renderer
-from encoder.own_texture import LEARN_EVERY, OwnTexture
+from encoder.own_texture import LEARN_EVERY, OwnTexture, Synthesis
 from encoder.photometric import retinex
 from loopback.skin import painted_colours
 from shared_model.animate import Face, Identity
@@ -72,7 +72,7 @@ def test_a_shadow_over_half_the_face_misleads_the_luma_alone(studio: Studio, sid
     gain = 0.35 + 0.65 / (1 + np.exp(-np.clip(away_px / 8, -30, 30)))
     picture = np.asarray(np.rint(studio.draw(truth) * gain[None, :, None]), np.uint8)
     by_luma = own_texture(studio)
-    by_retinex = OwnTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96, retinex)
+    by_retinex = OwnTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96, Synthesis(retinex))
     off = [
         off_deg(texture.refine(picture, REST, [JAW], 12).face, truth)
         for texture in (by_luma, by_retinex)
