@@ -20,6 +20,7 @@ from encoder.fit import (
 )
 from encoder.haar import HaarDetector
 from encoder.landmarks import LandmarkTracker
+from encoder.mirror import MirroredRefiner
 from encoder.networks import NetworkFilesMissing, find_network_folder
 from encoder.own_texture import Synthesis
 from encoder.photometric import NORMALISATIONS
@@ -41,8 +42,13 @@ Warn = Callable[[str], None]
 
 DETECTORS = ("network", "haar")
 TRACKERS = ("single", "full")
-# Steps of the analysis by synthesis: by each picture's own gradient, or the thesis'.
-STEPS: Mapping[str, type[Refiner]] = {"gauss-newton": Refiner, "matrix": MatrixRefiner}
+# Steps of the analysis by synthesis: by each picture's own gradient, also with the far half of a
+# turned face taken from the near one, or the thesis' own.
+STEPS: Mapping[str, type[Refiner]] = {
+    "gauss-newton": Refiner,
+    "mirrored": MirroredRefiner,
+    "matrix": MatrixRefiner,
+}
 # What the thesis profile sends, and the lids, lest blinks pass for the brows' motion.
 FOLLOWED = tuple(EAU_INDEX[name] for name in (*THESIS_EAUS, "lid_left", "lid_right"))
 # Share of a new measurement in the filtered value: little lag, and half of the jitter's power gone.

@@ -100,10 +100,10 @@ def _add_encode(added: "Commands") -> None:
     )
     parser.add_argument(
         "--abs",
-        choices=("gauss-newton", "matrix"),
+        choices=("gauss-newton", "mirrored", "matrix"),
         default="gauss-newton",
-        help="how that fit steps: by each picture's gradient, or by the thesis' prediction matrix"
-        " (default: %(default)s)",
+        help="how that fit steps: by each picture's gradient, the same with the visible half of a"
+        " turned face mirrored, or by the thesis' prediction matrix (default: %(default)s)",
     )
     parser.add_argument(
         "--pace",
