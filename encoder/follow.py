@@ -1,6 +1,6 @@
 """One face parameter set per frame: a picture in, pose and actuators out, lightly filtered."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -20,7 +20,12 @@ from encoder.fit import (
 )
 from encoder.haar import HaarDetector
 from encoder.landmarks import LandmarkTracker
+from encoder.mirror import MirroredRefiner
 from encoder.networks import NetworkFilesMissing, find_network_folder
+from encoder.own_texture import Synthesis
+from encoder.photometric import NORMALISATIONS
+from encoder.prediction import MatrixRefiner
+from encoder.refine import Refiner
 from encoder.sighting import HaarSighter, NetworkSighter, Sighter, warn_of_several
 from encoder.track import PARTS, TrackingFollower
 from shared_model import geometry
@@ -37,6 +42,13 @@ Warn = Callable[[str], None]
 
 DETECTORS = ("network", "haar")
 TRACKERS = ("single", "full")
+# Steps of the analysis by synthesis: by each picture's own gradient, also with the far half of a
+# turned face taken from the near one, or the thesis' own.
+STEPS: Mapping[str, type[Refiner]] = {
+    "gauss-newton": Refiner,
+    "mirrored": MirroredRefiner,
+    "matrix": MatrixRefiner,
+}
 # What the thesis profile sends, and the lids, lest blinks pass for the brows' motion.
 FOLLOWED = tuple(EAU_INDEX[name] for name in (*THESIS_EAUS, "lid_left", "lid_right"))
 # Share of a new measurement in the filtered value: little lag, and half of the jitter's power gone.
@@ -61,11 +73,15 @@ class FollowOptions:
     detector: what finds it, one of `DETECTORS`.
     tracker: "single" measures every frame by itself, "full" is `TrackingFollower`.
     without: parts of the full tracker to leave out, some of `track.PARTS`.
+    normalise: what the full tracker fits of a picture, one of `photometric.NORMALISATIONS`.
+    step: how its fit of the texture goes about it, one of `STEPS`.
     """
 
     detector: str = "network"
     tracker: str = "full"
     without: frozenset[str] = frozenset()
+    normalise: str = "none"
+    step: str = "gauss-newton"
 
 
 def open_follower(
@@ -84,6 +100,8 @@ def open_follower(
     _check("detector", [options.detector], DETECTORS)
     _check("tracker", [options.tracker], TRACKERS)
     _check("part", options.without, PARTS)
+    _check("normalisation", [options.normalise], tuple(NORMALISATIONS))
+    _check("step", [options.step], tuple(STEPS))
     landmarks = _landmark_tracker(warn) if options.detector == "network" else None
     if options.tracker == "full":
         sighter: Sighter
@@ -91,7 +109,8 @@ def open_follower(
             sighter = HaarSighter(head, size, HaarDetector(), warn)
         else:
             sighter = NetworkSighter(head, size, active, landmarks, warn)
-        return TrackingFollower(head, active, elapsed_s, sighter, options.without)
+        synthesis = Synthesis(NORMALISATIONS[options.normalise], STEPS[options.step])
+        return TrackingFollower(head, active, elapsed_s, sighter, options.without, synthesis)
     if landmarks is None:
         return HaarFollower(head, size, HaarDetector(), warn)
     return NetworkFollower(head, size, active, landmarks, warn)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from encoder.crop import Crop, crop_face
 from encoder.learn import face_mask
+from encoder.photometric import Grey
 from encoder.refine import Refiner, Template, luma
 from encoder.shape_free import ShapeFree
 from encoder.texture import fitting_size, sample, texel_pixels
@@ -30,6 +31,17 @@ FILL_GAIN = 0.2
 LEARN_EVERY = 4
 # Frames that explain the texture this well may fill what it lacks.
 GOOD_CORRELATION = 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class Synthesis:
+    """How the textured model is fitted: to what of a picture, and by which steps."""
+
+    grey: Grey = luma
+    refiner: type[Refiner] = Refiner
+
+
+USUAL = Synthesis()
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,16 +71,18 @@ class OwnTexture:
         frame: Picture,
         start: FaceParameters,
         largest_atlas: int,
+        synthesis: Synthesis = USUAL,
     ) -> None:
         rest = face.animate(start.eau)
         size = fitting_size(atlas_of(head, 64), camera, start.pose, rest, largest_atlas)
         atlas = atlas_of(head, size)
-        self._face, self._camera = face, camera
+        self._face, self._camera, self._grey = face, camera, synthesis.grey
         self._outline = np.flatnonzero(head.opacity > 0.5)
         self._ratio = texel_pixels(atlas, camera, start.pose, rest)
         blank = np.zeros(len(atlas.rows), np.float32)
         empty = Template(blank, np.zeros((0, len(blank)), np.float32), blank)
-        self._refiner = Refiner(head, face, ShapeFree(face, atlas, camera), empty)
+        shape = ShapeFree(face, atlas, camera)
+        self._refiner = synthesis.refiner(head, face, shape, empty, synthesis.grey)
         thin = self._refiner.shape.atlas
         self._worth = face_mask(head, thin) * _part_weight(head.parts[thin.corners[:, 0]])
         across = 2 * thin.columns.astype(np.float32) / size - 1
@@ -76,9 +90,11 @@ class OwnTexture:
         self._light = np.stack([np.ones_like(across), across, along])
         self._lit = np.zeros(4)
         self._learned = 0
-        self._mean = self._sampled(self._crop(frame, start), start)
+        crop = self._crop(frame, start)
+        self._mean = self._sampled(crop, start)
         self._known = self._refiner.seen(start) & (self._worth > 0)
         self._rebuild()
+        self._refiner.learn(crop, replace(start, modes=self._lit))
 
     @property
     def texels_known(self) -> int:
@@ -99,8 +115,10 @@ class OwnTexture:
         self._lit = refined.face.modes
         self._learned += 1
         if refined.correlation > GOOD_CORRELATION and self._learned % LEARN_EVERY == 0:
-            texels = self._sampled(self._crop(frame, refined.face), refined.face)
+            crop = self._crop(frame, refined.face)
+            texels = self._sampled(crop, refined.face)
             self._fill(texels, self._refiner.seen(refined.face), refined.face.modes)
+            self._refiner.learn(crop, refined.face)
 
     def _fill(self, texels: Single, seen: NDArray[np.bool_], coefficients: Array) -> None:
         """Take from a frame what the first one did not show, as the first one's light had it."""
@@ -139,7 +157,7 @@ class OwnTexture:
 
     def _sampled(self, crop: Crop, face: FaceParameters) -> Single:
         at = crop.from_frame(self._refiner.shape.positions(face))
-        return np.asarray(sample(luma(crop.picture), at)[:, 0], np.float32)
+        return np.asarray(sample(self._grey(crop.picture), at)[:, 0], np.float32)
 
     def _crop(self, frame: Picture, face: FaceParameters) -> Crop:
         vertices = self._face.animate(face.eau)[self._outline]

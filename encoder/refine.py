@@ -6,7 +6,7 @@ derivative of the residual is the picture's own gradient carried along the texel
 holds at any pose.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -23,6 +23,7 @@ from shared_model.parameters import EAUS, FaceParameters
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
+Picture = NDArray[np.uint8]
 
 # Grey levels beyond which a texel counts less (a hand, a highlight); an actuator's usual motion.
 ROBUST_GREY = 25.0
@@ -59,7 +60,7 @@ class Explained:
     shown: Single
 
 
-def luma(picture: NDArray[np.uint8]) -> Single:
+def luma(picture: Picture) -> Single:
     """(h, w) float32 luma of a BGR picture, as PSNR sees it."""
     return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.float32)
 
@@ -68,7 +69,7 @@ class Refiner:
     """Fits one caller's textured model to pictures, at about `TEXELS` of its texels.
 
     shape: all texels.  template: what they should look like.
-    cell_mm: see `visible_texels`, for all texels.
+    grey: what of a BGR picture they show.  cell_mm: see `visible_texels`, for all texels.
     """
 
     def __init__(
@@ -77,9 +78,10 @@ class Refiner:
         face: Face,
         shape: ShapeFree,
         template: Template,
+        grey: Callable[[Picture], Single] = luma,
         cell_mm: float = DEPTH_CELL_MM,
     ) -> None:
-        self._head, self._face = head, face
+        self._head, self._face, self._grey = head, face, grey
         stride = max(1, round(np.sqrt(len(shape) / TEXELS)))
         atlas = shape.atlas
         kept = (atlas.rows % stride == 0) & (atlas.columns % stride == 0)
@@ -136,14 +138,21 @@ class Refiner:
                 damping = max(10 * damping, FIRST_DAMPING)
             if settled:
                 break
-        found = replace(best.face, modes=self._coefficients(best.grey, view.shown))
+        found = replace(best.face, modes=self.coefficients(best.grey, view.shown))
         return Explained(found, best.grey, view.shown)
 
+    def learn(self, crop: Crop, face: FaceParameters) -> None:
+        """Take notice of a picture whose face is known; derivatives of each picture need none."""
+
+    def precision(self, shown: Single) -> float:
+        """What an actuator one unit off its first guess costs, `shown` (k,) being the weights."""
+        return CORRELATED_TEXELS * float(shown.mean()) * (NOISE_GREY / EAU_SIGMA) ** 2
+
     def _view(self, crop: Crop, start: FaceParameters) -> "_View":
-        grey = luma(crop.picture)
+        grey = self._grey(crop.picture)
         shown = self.template.weight * self.seen(start)
-        precision = CORRELATED_TEXELS * float(shown.mean()) * (NOISE_GREY / EAU_SIGMA) ** 2
-        return _View(crop, np.dstack([grey, *_gradients(grey)]), shown, start, precision)
+        stack = np.dstack([grey, *_gradients(grey)])
+        return _View(crop, stack, shown, start, self.precision(shown))
 
     def _linearise(self, view: "_View", face: FaceParameters, free: NDArray[np.intp]) -> "_Linear":
         """The normal equations of eq. 2.27 at `face` and its coefficients."""
@@ -155,16 +164,16 @@ class Refiner:
         rows = np.concatenate([change, -template.modes.T], axis=1)
         residual = seen[:, 0] - template.mean
         left = residual - face.modes.astype(np.float32) @ template.modes
-        weighted = rows * (view.shown * _robust(left))[:, None]
+        weighted = rows * (view.shown * robust(left))[:, None]
         normal = (rows.T @ weighted).astype(np.float64)
         gradient = -(weighted.T @ residual).astype(np.float64)
         away, eau = (view.start.eau - face.eau)[free], np.arange(6, 6 + len(free))
         normal[eau, eau] += view.precision
         gradient[eau] += view.precision * away
-        cost = float(view.shown @ _robust_cost(left)) + view.precision * float(away @ away)
+        cost = float(view.shown @ robust_cost(left)) + view.precision * float(away @ away)
         return _Linear(face, normal, gradient, cost, seen[:, 0])
 
-    def _coefficients(self, grey: Single, weight: Single) -> Array:
+    def coefficients(self, grey: Single, weight: Single) -> Array:
         """(m,) least-squares coefficients of the template's modes; grey, weight: (k,)."""
         modes = self.template.modes
         if not len(modes):
@@ -218,12 +227,12 @@ def _gradients(grey: Single) -> tuple[Single, Single]:
     return np.asarray(u, np.float32), np.asarray(v, np.float32)
 
 
-def _robust_cost(residual: Single) -> Single:
-    """Squared grey levels (k,), of outliers only their logarithm: what `_robust` minimises."""
+def robust_cost(residual: Single) -> Single:
+    """Squared grey levels (k,), of outliers only their logarithm: what `robust` minimises."""
     square = np.float32(ROBUST_GREY**2)
     return np.asarray(square * np.log1p(residual**2 / square))
 
 
-def _robust(residual: Single) -> Single:
+def robust(residual: Single) -> Single:
     """Cauchy weights (k,)."""
     return np.asarray(1 / (1 + (residual / np.float32(ROBUST_GREY)) ** 2))

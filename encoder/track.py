@@ -14,7 +14,14 @@ from encoder.ekf import Doubt, Estimate, FaceFilter, Motion
 from encoder.fit import Fitted
 from encoder.klt import EYE_DISTANCE_MM, KltTracker, Tracks
 from encoder.lost import FOUND_CORRELATION, LEAST_CORRELATION, is_bad, is_plausible
-from encoder.own_texture import GOOD_CORRELATION, LARGEST_ATLASES, OwnTexture, Refined
+from encoder.own_texture import (
+    GOOD_CORRELATION,
+    LARGEST_ATLASES,
+    USUAL,
+    OwnTexture,
+    Refined,
+    Synthesis,
+)
 from encoder.sighting import Sight, Sighter
 from shared_model.animate import Face
 from shared_model.geometry import matrix_from_quaternion, pixel_from_head
@@ -64,7 +71,8 @@ class TrackingFollower:
 
     active: actuators that may move after the first frame.  elapsed_s: from frame to frame.
     sighter: finds the face at the start and when it was lost; also measures every frame unless
-    "network" is left out.  without: which of `PARTS` are left out.
+    "network" is left out.  without: which of `PARTS` are left out.  synthesis: how the
+    textured model is fitted.
     """
 
     def __init__(
@@ -74,11 +82,13 @@ class TrackingFollower:
         elapsed_s: float,
         sighter: Sighter,
         without: frozenset[str] = frozenset(),
+        synthesis: Synthesis = USUAL,
     ) -> None:
         if not without <= set(PARTS):
             raise ValueError(f"without is {sorted(without)}, expected some of {', '.join(PARTS)}")
         self._head, self._active = head, list(active)
         self._elapsed_s, self._sighter, self._without = elapsed_s, sighter, without
+        self._synthesis = synthesis
         brow = [EAUS[index].name.startswith("eyebrow") for index in active]
         self._fit_variance = np.where(brow, BROW_EAU_SIGMA, ABS_EAU_SIGMA) ** 2
         self._caller: Caller | None = None
@@ -111,7 +121,8 @@ class TrackingFollower:
             return None
         face, start, camera = Face(self._head, fitted.identity), fitted.frames[0], fitted.camera
         textures = tuple(
-            OwnTexture(self._head, face, camera, frame, start, size) for size in LARGEST_ATLASES
+            OwnTexture(self._head, face, camera, frame, start, size, self._synthesis)
+            for size in LARGEST_ATLASES
         )
         klt = KltTracker(face, frame, camera, start)
         spread = np.linspace(0, len(klt.index) - 1, min(ANCHORS, len(klt.index)))

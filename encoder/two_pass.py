@@ -187,7 +187,7 @@ def tracked(
         stack = _stack(head, shape, face, crops, faces, cell_mm)
         mean = mean_colours(shape, stack, unseen)
         template = template_of(stack, mean, luma_modes(stack, mean, min(modes, len(crops) // 3)))
-        refiner = Refiner(head, face, shape, template, cell_mm)
+        refiner = Refiner(head, face, shape, template, cell_mm=cell_mm)
         faces = refined(refiner, crops, faces)
     return faces
 

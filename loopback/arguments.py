@@ -99,6 +99,20 @@ def _add_encode(added: "Commands") -> None:
         help="leave parts out of the full tracker, to measure: some of network,klt,ekf,abs",
     )
     parser.add_argument(
+        "--normalise",
+        choices=("none", "retinex"),
+        default="none",
+        help="what the full tracker fits its texture to: the luma, or retinex and histogram"
+        " equalisation of it (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--abs",
+        choices=("gauss-newton", "mirrored", "matrix"),
+        default="gauss-newton",
+        help="how that fit steps: by each picture's gradient, the same with the visible half of a"
+        " turned face mirrored, or by the thesis' prediction matrix (default: %(default)s)",
+    )
+    parser.add_argument(
         "--pace",
         action=argparse.BooleanOptionalAction,
         help="send at the source's own rate (default: over a link yes, into a file no)",
@@ -176,6 +190,7 @@ def _add_bench(added: "Commands") -> None:
         "Encoder and decoder run as two processes that talk over Zenoh on this host.\n"
         "With --sweep each clip is learned once and coded at several rates into call files.",
         "  risorius bench me.mp4 you.mp4 --out out/bench\n"
+        "  risorius bench --timings --no-pace me.mp4\n"
         "  risorius bench --sweep 200,350,500,800,1200,2000 me.mp4 --out out/sweep\n",
     )
     parser.add_argument("source", nargs="+", metavar="SOURCE", help="video file or image pattern")
@@ -192,6 +207,11 @@ def _add_bench(added: "Commands") -> None:
         type=_bitrates,
         metavar="BPS,...",
         help="draw the default profile's PSNR over these rates; goes on where it was stopped",
+    )
+    parser.add_argument(
+        "--timings",
+        action="store_true",
+        help="also print where the time of both ends goes: ms a frame of each stage",
     )
     parser.add_argument(
         "--pace",

@@ -50,7 +50,13 @@ def run_encode(arguments: argparse.Namespace) -> int:
         bitrate=arguments.bitrate,
         startup_bitrate=arguments.startup_bitrate,
         fps=arguments.fps,
-        follow=FollowOptions(arguments.detector, arguments.tracker, arguments.without),
+        follow=FollowOptions(
+            arguments.detector,
+            arguments.tracker,
+            arguments.without,
+            arguments.normalise,
+            arguments.abs,
+        ),
         pace=over_link if arguments.pace is None else arguments.pace,
         max_frames=arguments.max_frames,
         wait_for_peer_s=arguments.wait,
@@ -115,6 +121,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
     if arguments.sweep:
         return run_sweep(arguments)
     from loopback.bench import BenchSettings, bench, bench_page, bench_table
+    from loopback.timings import timings_tables
 
     _refuse_other_profile(arguments)
     settings = BenchSettings(
@@ -131,11 +138,15 @@ def run_bench(arguments: argparse.Namespace) -> int:
     write_json(arguments.out / "report.json", report)
     write_report(arguments.out / "report.html", bench_page(report["clips"]).encode())
     print(bench_table(report["clips"]))
+    if arguments.timings:
+        print(f"\n{timings_tables(report['clips'])}")
     return 0
 
 
 def run_sweep(arguments: argparse.Namespace) -> int:
     """`risorius bench --sweep`."""
+    if arguments.timings:
+        raise UserError("--timings is about calls between two processes; leave out --sweep")
     from loopback.sweep import SweepSettings, sweep, sweep_table
 
     if arguments.fps is not None:

@@ -1,8 +1,9 @@
 """Milliseconds a frame and jitter of each tracker: python -m scripts.measure_tracking CLIP...
 
 For every configuration of the synthetic experiment: median milliseconds a frame, the root mean
-square second difference of pitch, yaw and roll (degrees), and frames lost; then the median
-milliseconds of each part of the whole tracker.
+square second difference of pitch, yaw and roll (degrees), and frames lost; then the mean
+milliseconds of each part of every tracker.  Of one processor's time: what else the machine does
+hardly counts.
 """
 
 import argparse
@@ -41,22 +42,22 @@ def main(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("source", nargs="+")
     parser.add_argument("--frames", type=int, default=100)
+    parser.add_argument("--only", nargs="+", default=list(CONFIGURATIONS), metavar="CONFIGURATION")
     options = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     spent_ms = watch(PARTS)
     print("| clip | tracker | ms | jitter pitch yaw roll | lost |\n|---|---|---|---|---|")
-    parts: dict[str, dict[str, float]] = {}
+    parts: list[str] = []
     for source in options.source:
-        for name, follow in CONFIGURATIONS.items():
+        for name in options.only:
             spent_ms.clear()
-            print(f"| {Path(source).name} | {name} | {row(source, follow, options.frames)} |")
-            if follow == FollowOptions():
-                # Some parts run more than once in a frame.
-                parts[source] = {k: sum(v) / options.frames for k, v in spent_ms.items()}
-    print("\n| clip | " + " | ".join(PARTS) + " |\n" + "|---" * (len(PARTS) + 1) + "|")
-    for source, ms in parts.items():
-        cells = " | ".join(f"{ms.get(name, 0):.1f}" for name in PARTS)
-        print(f"| {Path(source).name} | {cells} |")
+            label = f"| {Path(source).name} | {name} |"
+            print(f"{label} {row(source, CONFIGURATIONS[name], options.frames)} |", flush=True)
+            # Some parts run more than once in a frame.
+            ms = (sum(spent_ms[part]) / options.frames for part in PARTS)
+            parts.append(f"{label} {' | '.join(f'{value:.1f}' for value in ms)} |")
+    print("\n| clip | tracker | " + " | ".join(PARTS) + " |\n" + "|---" * (len(PARTS) + 2) + "|")
+    print("\n".join(parts))
     return 0
 
 
@@ -67,9 +68,9 @@ def row(source: str, follow: FollowOptions, count: int) -> str:
         size, elapsed_s = (capture.width, capture.height), float(1 / capture.fps)
         follower = open_follower(follow, generic_head(), size, FOLLOWED, elapsed_s, _warn)
         for _, frame in islice(capture, count):
-            start = time.perf_counter()
+            start = time.process_time()
             face = follower.update(frame)
-            spent.append(1000 * (time.perf_counter() - start))
+            spent.append(1000 * (time.process_time() - start))
             angles.append((np.nan,) * 3 if face is None else euler_deg(face.pose))
     shown = " ".join(f"{value:.2f}" for value in jitter(np.array(angles)))
     return f"{np.median(spent):.1f} | {shown} | {int(np.isnan(angles).any(1).sum())}"
@@ -94,11 +95,11 @@ def _timed(
 ) -> Callable[..., Any]:
     @functools.wraps(call)
     def timed(*arguments: Any) -> Any:
-        start = time.perf_counter()
+        start = time.process_time()
         try:
             return call(*arguments)
         finally:
-            spent[name].append(1000 * (time.perf_counter() - start))
+            spent[name].append(1000 * (time.process_time() - start))
 
     return timed
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from encoder.capture import open_source
 from encoder.follow import FOLLOWED, FollowOptions, open_follower
+from encoder.photometric import NORMALISATIONS
 from shared_model.geometry import Camera, euler_deg, pixel_from_head
 from shared_model.mesh import generic_head
 from shared_model.parameters import EAU_INDEX, THESIS_EAUS, FaceParameters
@@ -37,7 +38,8 @@ COLUMNS = (
 class Stage:
     """The undisturbed clip: its frames, and where the face was in each, pixels."""
 
-    def __init__(self, source: str, count: int) -> None:
+    def __init__(self, source: str, count: int, options: FollowOptions) -> None:
+        self._options = options
         with open_source(source) as capture:
             self.frames = [frame for _, frame in islice(capture, count)]
             self.size, self.elapsed_s = (capture.width, capture.height), float(1 / capture.fps)
@@ -53,7 +55,7 @@ class Stage:
     def follow(self, frames: Sequence[Picture]) -> tuple[list[FaceParameters | None], Camera]:
         """Faces of the frames, and the camera."""
         head = generic_head()
-        follower = open_follower(FollowOptions(), head, self.size, FOLLOWED, self.elapsed_s, _warn)
+        follower = open_follower(self._options, head, self.size, FOLLOWED, self.elapsed_s, _warn)
         faces = [follower.update(frame) for frame in frames]
         return faces, follower.fitted.camera
 
@@ -82,11 +84,12 @@ def main(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("source", nargs="+")
     parser.add_argument("--frames", type=int, default=100)
+    parser.add_argument("--normalise", choices=tuple(NORMALISATIONS), default="none")
     options = parser.parse_args(arguments)
     print(f"| {' | '.join(COLUMNS)} |")
     print("|---" * len(COLUMNS) + "|")
     for source in options.source:
-        stage = Stage(source, options.frames)
+        stage = Stage(source, options.frames, FollowOptions(normalise=options.normalise))
         for name, disturbed in disturbances(stage).items():
             print(f"| {source.rsplit('/', 1)[-1]} | {name} | {row(stage, disturbed)} |", flush=True)
     return 0

@@ -48,6 +48,9 @@ CONFIGURATIONS: Mapping[str, FollowOptions] = {
     "without KLT": FollowOptions(tracker="full", without=frozenset({"klt"})),
     "without network after frame 1": FollowOptions(tracker="full", without=frozenset({"network"})),
     "no network at all (Viola-Jones)": FollowOptions("haar", "full"),
+    "retinex": FollowOptions(normalise="retinex"),
+    "visible half mirrored": FollowOptions(step="mirrored"),
+    "prediction matrix": FollowOptions(step="matrix"),
     "network alone, each frame": FollowOptions(tracker="single"),
 }
 

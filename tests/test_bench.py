@@ -19,6 +19,7 @@ from loopback.bench import (
 from loopback.cli import main
 from loopback.quality import face_area_finder
 from loopback.report import figure, rounded, table
+from loopback.timings import timings_tables
 from loopback.two_processes import free_port, run_call
 from shared_model.errors import UserError
 
@@ -61,6 +62,32 @@ def test_a_figure_is_found_by_its_dotted_name() -> None:
     assert rounded(float("nan")) is None
 
 
+def test_timings_add_up_to_the_whole_of_each_end() -> None:
+    clip = {
+        "source": "a.mp4",
+        "encoder_ms": {"capture": 2.0, "follow": 6.0},
+        "decoder_ms": {"render": 4.0},
+        "encoder_fps": 125.0,
+        "decoder_fps": 250.0,
+    }
+    cells = [line.split() for line in timings_tables([clip]).splitlines()[2:]]
+    assert cells == [
+        ["encoder,", "capture", "2.00", "25.00", "-"],
+        ["encoder,", "follow", "6.00", "75.00", "-"],
+        ["encoder,", "whole", "8.00", "100.00", "125.00"],
+        ["decoder,", "render", "4.00", "100.00", "-"],
+        ["decoder,", "whole", "4.00", "100.00", "250.00"],
+    ]
+
+
+def test_an_end_that_took_no_time_has_no_shares() -> None:
+    idle = {"encoder_ms": {"capture": 0.0}, "encoder_fps": None, "decoder_ms": {}}
+    text = timings_tables([{"source": name, **idle, "decoder_fps": None} for name in ("a", "b")])
+    first, second = text.split("\n\n")
+    assert first.startswith("a ") and second.startswith("b ")
+    assert first.splitlines()[2].split() == ["encoder,", "capture", "0.00", "-", "-"]
+
+
 @pytest.mark.parametrize("source", ["0", "rtsp://192.0.2.1/a"])
 def test_a_live_source_cannot_be_compared(source: str, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="only a recorded video"):
@@ -89,7 +116,8 @@ def test_bench_reports_every_figure(
     carphone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "bench"
-    assert main(["bench", str(carphone), "--max-frames", "30", "--out", str(out)]) == 0
+    arguments = ["--max-frames", "30", "--timings", "--out", str(out)]
+    assert main(["bench", str(carphone), *arguments]) == 0
     assert "<td>" in (out / "report.html").read_text()
     report = json.loads((out / "report.json").read_text())
     (clip,) = report["clips"]
@@ -103,7 +131,9 @@ def test_bench_reports_every_figure(
     assert {"capture", "follow", "send"} <= set(clip["encoder_ms"])
     assert {"animate", "render"} <= set(clip["decoder_ms"])
     assert report["mean"]["frame_bps"] == 800
-    assert bench_table(report["clips"]) in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert bench_table(report["clips"]) in printed
+    assert timings_tables(report["clips"]) in printed
     assert (out / f"{carphone.stem}.mkv").exists()
 
 

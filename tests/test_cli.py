@@ -115,6 +115,13 @@ def test_bad_usage_is_one_line_that_points_to_the_help(
     assert "--help" in complaint(capsys)
 
 
+def test_timings_of_a_sweep_are_refused(tmp_path: Path, capsys: Capture) -> None:
+    out = tmp_path / "out"
+    assert main(["bench", "a.mp4", "--sweep", "800", "--timings", "--out", str(out)]) == 2
+    assert "leave out --sweep" in complaint(capsys)
+    assert not out.exists()
+
+
 @pytest.mark.parametrize("endpoint", ["nonsense", "tcp/127.0.0.1"])
 def test_an_endpoint_that_is_none_is_named(endpoint: str, call: Path, capsys: Capture) -> None:
     assert main(["decode", "--listen", endpoint, "-q"]) == 2

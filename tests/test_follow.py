@@ -54,6 +54,8 @@ def test_viola_jones_steps_in_where_the_networks_are_missing(
     [
         (FollowOptions(detector="guess"), "detector guess is unknown"),
         (FollowOptions(tracker="guess"), "tracker guess is unknown"),
+        (FollowOptions(step="guess"), "step guess is unknown; choose one of gauss-newton"),
+        (FollowOptions(normalise="guess"), "normalisation guess is unknown; choose one of none"),
         (FollowOptions(without=frozenset({"guess"})), "part guess is unknown; choose one of net"),
     ],
 )

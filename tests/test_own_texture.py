@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from decoder.render import Renderer
-from encoder.own_texture import LEARN_EVERY, OwnTexture
+from encoder.own_texture import LEARN_EVERY, OwnTexture, Synthesis
+from encoder.photometric import retinex
 from loopback.skin import painted_colours
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, euler_deg, pose_from_euler
@@ -62,6 +63,21 @@ def test_a_known_motion_is_recovered_under_any_light(studio: Studio, light: floa
     assert found.correlation > 0.9
     assert off_deg(found.face, truth) < 0.7
     assert found.face.eau[JAW] == pytest.approx(0.3, abs=0.06)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_shadow_over_half_the_face_misleads_the_luma_alone(studio: Studio, side: int) -> None:
+    truth = moved_face()
+    away_px = side * (np.arange(CAMERA.width) - CAMERA.width / 2)
+    gain = 0.35 + 0.65 / (1 + np.exp(-np.clip(away_px / 8, -30, 30)))
+    picture = np.asarray(np.rint(studio.draw(truth) * gain[None, :, None]), np.uint8)
+    by_luma = own_texture(studio)
+    by_retinex = OwnTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96, Synthesis(retinex))
+    off = [
+        off_deg(texture.refine(picture, REST, [JAW], 12).face, truth)
+        for texture in (by_luma, by_retinex)
+    ]
+    assert off[1] < 2 and off[1] < 0.4 * off[0]
 
 
 def test_actuators_that_are_not_followed_stay_where_they_were(studio: Studio) -> None:

@@ -9,6 +9,8 @@ import pytest
 
 from decoder.render import Renderer
 from encoder.fit import Fitted
+from encoder.own_texture import USUAL, Synthesis
+from encoder.prediction import MatrixRefiner
 from encoder.sighting import Sight
 from encoder.track import BAD_FRAMES, PARTS, TrackingFollower
 from loopback.skin import painted_colours
@@ -85,9 +87,12 @@ class Eyewitness:
 
 
 def follow(
-    film: list[Picture], witness: Eyewitness, without: frozenset[str] = frozenset()
+    film: list[Picture],
+    witness: Eyewitness,
+    without: frozenset[str] = frozenset(),
+    synthesis: Synthesis = USUAL,
 ) -> list[FaceParameters | None]:
-    follower = TrackingFollower(HEAD, ACTIVE, STEP_S, witness, without)
+    follower = TrackingFollower(HEAD, ACTIVE, STEP_S, witness, without, synthesis)
     found = []
     for step, frame in enumerate(film):
         witness.step = step
@@ -119,6 +124,13 @@ def test_any_part_can_be_left_out(film: list[Picture], part: str) -> None:
     found = follow(film, Eyewitness(), frozenset({part}))
     assert None not in found
     assert degrees_off(found) < 2.0
+
+
+def test_the_thesis_prediction_matrix_follows_pose_and_mouth(film: list[Picture]) -> None:
+    found = follow(film, Eyewitness(), frozenset({"network"}), Synthesis(refiner=MatrixRefiner))
+    assert None not in found
+    assert degrees_off(found) < 2.0
+    assert actuators_off(found) < 0.1
 
 
 def test_the_fit_of_the_texture_mends_what_the_landmarks_get_wrong(film: list[Picture]) -> None:

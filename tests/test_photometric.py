@@ -1,0 +1,47 @@
+"""Photometric normalisation: a face looks the same under another light."""
+
+import numpy as np
+import pytest
+from shots import Shots
+
+from encoder.photometric import NORMALISATIONS, equalised, retinex
+from encoder.refine import luma
+
+RANDOM = np.random.default_rng(6)
+
+
+def correlation(one: np.ndarray, other: np.ndarray) -> float:
+    return float(np.corrcoef(one.ravel(), other.ravel())[0, 1])
+
+
+def test_every_level_is_as_frequent_after_equalisation() -> None:
+    skewed = RANDOM.gamma(2, 10, (80, 90)).astype(np.float32)
+    flat = equalised(skewed)
+    share, _ = np.histogram(flat, 8, (0, 255))
+    assert share == pytest.approx(np.full(8, flat.size / 8), rel=0.1)
+
+
+def test_equalisation_keeps_the_order_of_levels() -> None:
+    values = RANDOM.normal(size=(40, 50)).astype(np.float32)
+    order = np.argsort(values, axis=None)
+    assert (np.diff(equalised(values).ravel()[order]) >= 0).all()
+
+
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_an_even_picture_stays_finite(level: int) -> None:
+    shown = retinex(np.full((30, 20, 3), level, np.uint8))
+    assert shown.shape == (30, 20) and np.isfinite(shown).all()
+
+
+def test_a_light_from_the_side_hardly_changes_the_retinex(shots: Shots) -> None:
+    picture = shots.pictures[0][60:180, 100:220]  # skin: what is even has no order to keep
+    across = np.linspace(0.3, 1.0, picture.shape[1])[:, None]
+    shadowed = np.asarray(np.rint(picture * across), np.uint8)
+    before, after = retinex(picture), retinex(shadowed)
+    assert correlation(before, after) > 0.95
+    assert correlation(before, after) > correlation(luma(picture), luma(shadowed)) + 0.02
+
+
+def test_nothing_is_normalised_unless_it_is_asked_for(shots: Shots) -> None:
+    picture = shots.pictures[0]
+    assert np.array_equal(NORMALISATIONS["none"](picture), luma(picture))
