@@ -18,7 +18,7 @@ from encoder.shape_free import ShapeFree, moved
 from encoder.texture import DEPTH_CELL_MM, sample, visible_texels
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
-from shared_model.mesh import PARTS, Head
+from shared_model.mesh import Head
 from shared_model.parameters import EAUS, FaceParameters
 
 Array = NDArray[np.float64]
@@ -97,9 +97,6 @@ class Refiner:
         self.template = Template(
             template.mean[kept], template.modes[:, kept], template.weight[kept]
         )
-        # What is seen beside the face tells of its colours only, not of how it moves.
-        beside = head.parts[thin.corners[:, 0]] == PARTS.index("surround")
-        self._moving = (~beside).astype(np.float32)[:, None]
 
     def seen(self, face: FaceParameters) -> NDArray[np.bool_]:
         """(k,) which texels the camera sees."""
@@ -159,8 +156,7 @@ class Refiner:
         template, shape = self.template, self.shape
         placed = shape.placed(face)
         seen = sample(view.stack, view.crop.from_frame(placed.pixels))
-        slope = seen[:, 1:] * view.crop.scale.astype(np.float32) * self._moving
-        change = shape.change(placed, slope, free)
+        change = shape.change(placed, seen[:, 1:] * view.crop.scale.astype(np.float32), free)
         rows = np.concatenate([change, -template.modes.T], axis=1)
         residual = seen[:, 0] - template.mean
         left = residual - face.modes.astype(np.float32) @ template.modes

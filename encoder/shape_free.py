@@ -13,6 +13,7 @@ from shared_model import geometry
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
 from shared_model.geometry import Camera
+from shared_model.mesh import PARTS
 from shared_model.parameters import EAUS, FaceParameters, Pose, clip_eau
 
 Array = NDArray[np.float64]
@@ -34,6 +35,8 @@ class ShapeFree:
             return np.asarray(np.einsum("kc,...kcd->...kd", weights, gathered))
 
         self._neutral = at(face.neutral)
+        beside = face.head.parts[corners[:, 0]] == PARTS.index("surround")
+        self._on_face = (~beside).astype(np.float32)
         fields = np.concatenate([at(face.head.eau_up), at(-face.head.eau_down)])
         self._fields = np.ascontiguousarray(fields.reshape(len(fields), -1))
 
@@ -59,8 +62,9 @@ class ShapeFree:
         """(k, 6 + a) how the picture under each texel changes, per radian, mm and unit.
 
         slope: (k, 2) the picture's gradient there, per pixel.  active: (a,) actuators that move.
+        Texels beside the face count as still: what they show moves in its own way.
         """
-        u, v = (slope * placed.per_mm).T
+        u, v = (slope * placed.per_mm).T * self._on_face
         x, y, z = placed.seen.T
         along = np.stack([u, v, -(u * x + v * y) / z], axis=1)
         place = active + np.where(placed.face.eau[active] >= 0, 0, len(EAUS))
