@@ -56,7 +56,7 @@ class EncodeOptions:
     listen: tuple[str, ...] = ()
     call: str = "call"
     lossless: bool = False
-    profile: str = "thesis"
+    profile: str = "default"
     bitrate: float = 800.0
     startup_bitrate: float | None = None
     fps: float | None = None

@@ -96,7 +96,8 @@ def _add_encode(added: "Commands") -> None:
         type=_parts,
         default=frozenset(),
         metavar="PARTS",
-        help="leave parts out of the full tracker, to measure: some of network,klt,ekf,abs",
+        help="thesis profile: leave parts out of the full tracker, to measure: some of"
+        " network,klt,ekf,abs",
     )
     parser.add_argument(
         "--normalise",
@@ -359,10 +360,10 @@ def _add_link(parser: Parser, where: argparse._MutuallyExclusiveGroup) -> None:
 def _add_coding(parser: Parser) -> None:
     parser.add_argument(
         "--profile",
-        choices=("thesis", "default"),
-        default="thesis",
-        help="thesis: ten values of 8 bits, ten times a second; default: every frame, with the"
-        " caller's own appearance, entropy-coded (default: %(default)s)",
+        choices=("default", "thesis"),
+        help="default: every frame, with the caller's own appearance, entropy-coded; thesis: ten"
+        " values of 8 bits, ten times a second (default: default, unless an option of the thesis"
+        " profile is given or the landmark networks are missing)",
     )
     parser.add_argument(
         "--bitrate",
@@ -394,7 +395,7 @@ def _add_coding(parser: Parser) -> None:
         "--detector",
         choices=("network", "haar"),
         default="network",
-        help="landmark network (default), or the thesis' Viola-Jones",
+        help="thesis profile: landmark network (default), or the thesis' Viola-Jones",
     )
     parser.add_argument(
         "--max-frames", type=_count, metavar="N", help="stop after N frames of the source"

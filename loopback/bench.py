@@ -45,7 +45,7 @@ MEANS = (
 class BenchSettings:
     """How clips are encoded; pace: at their own rate, as latency needs it."""
 
-    profile: str = "thesis"
+    profile: str = "default"
     bitrate: float = 800.0
     fps: float | None = None
     detector: str = "network"

@@ -82,9 +82,10 @@ def noise(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def call(carphone: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The first 30 frames of the demo clip as a call file."""
+    """The first 30 frames of the demo clip as a call file of the thesis profile."""
     path = tmp_path_factory.mktemp("call") / "call.rzo"
-    assert main(["encode", str(carphone), "-o", str(path), "--max-frames", "30", "-q"]) == 0
+    options = ["--profile", "thesis", "--max-frames", "30", "-q"]
+    assert main(["encode", str(carphone), "-o", str(path), *options]) == 0
     return path
 
 

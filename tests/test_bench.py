@@ -116,7 +116,7 @@ def test_bench_reports_every_figure(
     carphone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "bench"
-    arguments = ["--max-frames", "30", "--timings", "--out", str(out)]
+    arguments = ["--profile", "thesis", "--max-frames", "30", "--timings", "--out", str(out)]
     assert main(["bench", str(carphone), *arguments]) == 0
     assert "<td>" in (out / "report.html").read_text()
     report = json.loads((out / "report.json").read_text())
@@ -140,8 +140,9 @@ def test_bench_reports_every_figure(
 def test_bench_and_file_decode_to_the_same_pictures(carphone: Path, tmp_path: Path) -> None:
     """The link carries the same bytes as the call file."""
     call, over_file, over_link = tmp_path / "call.rzo", tmp_path / "file.mkv", tmp_path / "link.mkv"
-    settings = BenchSettings(max_frames=12, pace=False)
-    assert main(["encode", str(carphone), "-o", str(call), "--max-frames", "12", "-q"]) == 0
+    settings = BenchSettings(profile="thesis", max_frames=12, pace=False)
+    options = ["--profile", "thesis", "--max-frames", "12", "-q"]
+    assert main(["encode", str(carphone), "-o", str(call), *options]) == 0
     assert main(["decode", str(call), "-o", str(over_file), "-q"]) == 0
     bench_clip(str(carphone), settings, over_link, face_area_finder(pytest.fail))
     with open_source(str(over_file)) as file, open_source(str(over_link)) as link:

@@ -160,7 +160,7 @@ def test_a_video_without_a_face_has_its_own_exit_code(
 def test_encode_writes_its_figures(carphone: Path, tmp_path: Path, capsys: Capture) -> None:
     call, report = tmp_path / "call.rzo", tmp_path / "report.json"
     arguments = ["encode", str(carphone), "-o", str(call), "--max-frames", "12"]
-    assert main([*arguments, "--report", str(report)]) == 0
+    assert main([*arguments, "--profile", "thesis", "--report", str(report)]) == 0
     figures = json.loads(report.read_text())
     summary = summarise(call)
     assert figures["frames"] == len(figures["capture_ns"]) == summary.frames == 12
@@ -301,7 +301,7 @@ def test_a_stopped_encoder_leaves_a_whole_call(
 ) -> None:
     call = tmp_path / "call.rzo"
     part = tmp_path / "call.rzo.part"
-    process = start("encode", carphone, "-o", call, "--pace", "-q")
+    process = start("encode", carphone, "-o", call, "--profile", "thesis", "--pace", "-q")
     wait_until(lambda: part.exists() and count_packets(part) > 2, process)
     process.send_signal(number)
     code, stderr = finish(process)
@@ -316,7 +316,7 @@ def test_a_stopped_decoder_leaves_a_video_that_plays(
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     video = tmp_path / "out.mkv"
     decoder = start("decode", "--listen", endpoint, "-o", video, "-q")
-    encoder = start("encode", carphone, "--connect", endpoint, "-q")
+    encoder = start("encode", carphone, "--connect", endpoint, "--profile", "thesis", "-q")
     part = tmp_path / "out.part.mkv"
     wait_until(lambda: part.exists() and part.stat().st_size > 100_000, decoder)
     decoder.send_signal(signal.SIGINT)
@@ -516,7 +516,7 @@ def test_a_paced_start_needs_its_profile_and_room_beside_the_frames(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     line = ["encode", "clip.mp4", "-o", "call.rzo", "--startup-bitrate"]
-    assert main([*line, "8000"]) == 2
+    assert main([*line, "8000", "--profile", "thesis"]) == 2
     assert "--profile default" in one_line(capsys.readouterr().err)
     assert main([*line, "800", "--profile", "default"]) == 2
     assert "leaves nothing for the model" in one_line(capsys.readouterr().err)
@@ -527,8 +527,30 @@ def test_a_paced_start_needs_its_profile_and_room_beside_the_frames(
 def test_what_is_of_the_default_profile_is_refused_without_it(
     command: str, option: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main([*command.split(), *option.split()]) == 2
+    assert main([*command.split(), *option.split(), "--profile", "thesis"]) == 2
     assert "--profile default" in one_line(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("option", ["--detector haar", "--tracker single", "--abs matrix"])
+def test_what_is_of_the_thesis_profile_is_refused_in_the_other(
+    option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = ["encode", "clip.mp4", "-o", "call.rzo", "--profile", "default"]
+    assert main([*line, *option.split()]) == 2
+    assert "--profile thesis" in one_line(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize(
+    ("option", "profile"),
+    [("-q", "default"), ("--tracker single", "thesis"), ("--fps 15", "default")],
+)
+def test_the_profile_follows_from_the_options(
+    option: str, profile: str, carphone: Path, networks: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "call.rzo"
+    line = ["encode", str(carphone), "-o", str(path), "--max-frames", "8"]
+    assert main([*line, *option.split()]) == 0
+    assert summarise(path).profile == profile
 
 
 def test_a_sweep_does_not_pass_over_an_option(capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,10 +10,12 @@ from hypothesis import strategies as st
 from packets import CALL, GOLDEN, MODEL, VECTORS
 
 from protocol.messages import (
+    FORMAT_VERSION,
     MAX_FRAME_PAYLOAD_BYTES,
     MAX_IMAGE_BYTES,
     MAX_LAYER_BYTES,
     MAX_MODEL_PACKET_BYTES,
+    PLAIN_VERSION,
     CallParameters,
     ControlKind,
     ControlPacket,
@@ -160,7 +162,7 @@ def test_layered_is_yes_or_no() -> None:
 
 
 def test_a_version_has_its_own_fields_only() -> None:
-    for model, version in ((MODEL, 2), (GOLDEN["model_step"], 1)):
+    for model, version in ((MODEL, FORMAT_VERSION), (GOLDEN["model_step"], PLAIN_VERSION)):
         data = bytearray(serialise(model))
         data[1] = version
         with pytest.raises(ProtocolError, match=r"no map|exceeds"):
@@ -179,8 +181,8 @@ def test_a_version_has_its_own_fields_only() -> None:
         (bytes(2 + MAX_FRAME_PAYLOAD_BYTES), "too long"),
         (b"\x40", "version is missing"),
         (b"\x40\x07", "version is 7"),
-        (b"\x40\x01\x90", "no map"),
-        (b"\x40\x01\x80", "no map"),
+        (b"\x40\x02\x90", "no map"),
+        (b"\x40\x02\x80", "no map"),
         (b"\x40" + bytes(MAX_MODEL_PACKET_BYTES), "too long"),
         (b"\x80", "kind of control missing"),
         (b"\x80\x09\x00", "9 is not a valid"),
