@@ -10,7 +10,7 @@ that have not come yet add nothing.
 from collections.abc import Iterator
 from dataclasses import replace
 
-from protocol.components import parse_components, serialise_components
+from protocol.components import MAX_MODES, parse_components, serialise_components
 from protocol.messages import (
     MAX_IMAGE_BYTES,
     MAX_MODEL_PACKET_BYTES,
@@ -21,6 +21,7 @@ from protocol.messages import (
 from protocol.varint import decode_varint, encode_varint
 
 PICTURES = ("texture", "background")
+MAX_ITEMS = len(PICTURES) + MAX_MODES
 # A length is at most this long; longer ones are out of bounds.
 LENGTH_BYTES = 3
 
@@ -98,6 +99,8 @@ class Layers:
         """What each item is of, what has come of it, and whether that is all."""
         stream, place, count = self._stream(model), 0, 0
         while place < len(stream):
+            if count == MAX_ITEMS:
+                raise ProtocolError(f"more than {MAX_ITEMS} items in layers")
             try:
                 length, used = decode_varint(stream[place : place + LENGTH_BYTES])
             except ValueError as error:

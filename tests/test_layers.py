@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from packets import CALL, MODEL
 
 from protocol.components import GEOMETRY, Components, parse_components, serialise_components
-from protocol.layers import Layers, is_refined, item
+from protocol.layers import MAX_ITEMS, Layers, is_refined, item
 from protocol.messages import (
     MAX_IMAGE_BYTES,
     LayerPacket,
@@ -135,6 +135,7 @@ def test_parts_add_up_to_what_came() -> None:
         (encode_varint(MAX_IMAGE_BYTES + 1), "item 0"),
         (item(b"x") + b"\xff\xff\xff\xff", "item 1"),
         (item(b"x") + b"\x80\x00\x00", "bad number"),
+        (bytes(MAX_ITEMS + 1), f"more than {MAX_ITEMS} items"),
     ],
 )
 def test_a_stream_that_is_none_is_named(stream: bytes, message: str) -> None:
