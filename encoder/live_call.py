@@ -60,8 +60,9 @@ Picture = NDArray[np.uint8]
 LEARN_AFTER_S = {1.0: 0.6, 3.0: 1.0, 6.0: 1.0, 10.0: 1.0, 16.0: 1.0, 25.0: 1.0, 40.0: 1.0}
 # Frames to learn from, and up to twice as many: learning goes on beside the call.
 TRAINING_FRAMES = 24
-# Packets by which an update is announced ahead of its first frame packet.
-AHEAD = 4
+# Packets by which an update is announced ahead of its first frame packet, at least and at most:
+# any farther, its sequence number would pass for one before.
+AHEAD, MOST_AHEAD = 4, SEQUENCE_MODULUS // 2 - 1
 # Layers that make an update better than the model before: texture, background and four modes.
 ENOUGH_ITEMS = 6
 # What of the budget the first model takes: its still, and a mean that is soon replaced.
@@ -319,8 +320,8 @@ class LiveCall:
             return
         cadence = self._cadence
         packet_s = cadence.frames_per_packet * cadence.frame_step / self._fps
-        under_way = ceil(pacer.carried_s(UPDATE_LAYER_BYTES) / packet_s)
-        number, start = self._ahead(AHEAD + under_way)
+        carried_s = pacer.carried_s(UPDATE_LAYER_BYTES)
+        number, start = self._ahead(packets_ahead(carried_s, packet_s))
         call = replace(coming.model.call, start_frame=start)
         model = replace(coming.model, call=call, sequence=number % SEQUENCE_MODULUS)
         self._next, self._coming = replace(coming, model=model, number=number, start=start), None
@@ -364,3 +365,8 @@ class LiveCall:
     def _call_parameters(self, focal_px: float, start: int) -> CallParameters:
         packing = self._cadence.frames_per_packet, self._cadence.frame_step
         return call_parameters(self._capture, "default", focal_px, start, *packing)
+
+
+def packets_ahead(carried_s: float, packet_s: float) -> int:
+    """How many packets of `packet_s` ahead to announce what takes the link `carried_s`."""
+    return min(AHEAD + ceil(carried_s / packet_s), MOST_AHEAD)

@@ -6,13 +6,19 @@ import pytest
 
 from decoder.pipeline import DecodeOptions, decode
 from decoder.playout import Playout
-from encoder.live_call import AHEAD, ENOUGH_ITEMS
+from encoder.live_call import AHEAD, ENOUGH_ITEMS, packets_ahead
 from encoder.pipeline import EncodeOptions, EncodeReport, encode
 from encoder.startup import FIRST_LAYER_BYTES, UPDATE_LAYER_BYTES
 from loopback.animate import AnimateOptions, animate
 from protocol.components import parse_components
 from protocol.layers import Layers
-from protocol.messages import FramePacket, LayerPacket, ModelPacket, parse_packet
+from protocol.messages import (
+    SEQUENCE_MODULUS,
+    FramePacket,
+    LayerPacket,
+    ModelPacket,
+    parse_packet,
+)
 from protocol.recording import CallReader, record
 
 FRAMES, FPS, PACKED = 90, 25, 8
@@ -97,6 +103,16 @@ def test_an_updates_first_layers_go_before_its_model_the_other_modes_after(call:
     before = sum(isinstance(packet, FramePacket) for packet in packets[: models[1]])
     assert update.sequence >= before + AHEAD
     assert update.call.start_frame == 1 + (update.sequence - 1) * PACKED
+
+
+@pytest.mark.parametrize(
+    ("carried_s", "packets"),
+    [(0.1, AHEAD + 1), (1.2, AHEAD + 4), (24.0, SEQUENCE_MODULUS // 2 - 1)],
+)
+def test_an_update_is_announced_no_farther_than_its_number_tells(
+    carried_s: float, packets: int
+) -> None:
+    assert packets_ahead(carried_s, PACKED / FPS) == packets
 
 
 def test_an_update_takes_effect_with_its_pictures_and_modes(call: Path) -> None:
