@@ -60,9 +60,7 @@ class Accounts:
         """Bytes of each part of model and layer packets; they add up to these without byte 0."""
         found = dict(self._model_parts)
         for model in self._layered:
-            for name, count in self._layers.parts(model).items():
-                found[name] = found.get(name, 0) + count
-                found["shape"] = found.get("shape", 0) - count
+            _tell_apart(found, self._layers.parts(model))
         return found
 
     @property
@@ -99,6 +97,7 @@ class Accounts:
                 self._waiting = _Reading(components, packet.sequence)
         if self._model is None or packet.layer > self._model.layer:
             self._model = packet
+            self._settle(packet.layer)
         parts = {
             "background": len(packet.background),
             "texture": len(packet.texture),
@@ -115,6 +114,13 @@ class Accounts:
         self._layers.add(packet)
         self._layers.parts(packet.model)
         self._layered.add(packet.model)
+
+    def _settle(self, model: int) -> None:
+        """Let go of the layers of older models: all that came of them has come."""
+        for older in {number for number in self._layered if number < model}:
+            _tell_apart(self._model_parts, self._layers.parts(older))
+            self._layered.remove(older)
+        self._layers.forget_before(model)
 
     def _add_frame(self, packet: FramePacket) -> None:
         size = len(packet.payload)
@@ -145,6 +151,13 @@ class Accounts:
         whole = max(8.0 * len(packet.payload), float(groups.sum()))
         shares = dict(zip(GROUPS, (groups / whole).tolist(), strict=True))
         return shares | {OVERHEAD: 1 - sum(shares.values())}
+
+
+def _tell_apart(found: dict[str, int], parts: dict[str, int]) -> None:
+    """Enter what counted as shape as the parts it is of."""
+    for name, count in parts.items():
+        found[name] = found.get(name, 0) + count
+        found["shape"] = found.get("shape", 0) - count
 
 
 class _Reading:

@@ -13,10 +13,13 @@ from protocol.accounting import DAMAGED, GROUPS, OVERHEAD, Accounts, component_b
 from protocol.components import GEOMETRY, UNIT_ZERO, Components, serialise_components
 from protocol.layers import item
 from protocol.messages import (
+    MAX_IMAGE_BYTES,
+    MAX_LAYER_BYTES,
     ControlKind,
     ControlPacket,
     FramePacket,
     LayerPacket,
+    Packet,
     ProtocolError,
     serialise,
 )
@@ -145,6 +148,23 @@ def test_layers_alone_are_counted_and_damaged_ones_refused() -> None:
     assert found.model_parts == {"shape": 2, "texture": 2}
     with pytest.raises(ProtocolError):
         found.add(LayerPacket(1, 0, b"\xff\xff\xff\xff"))
+
+
+def test_layers_of_any_number_of_updates_are_counted() -> None:
+    packet = replace(MODEL, call=DEFAULT, extension=serialise_components(components()))
+    found, sizes = Accounts(), 0
+    stream = item(bytes(MAX_IMAGE_BYTES)) + item(bytes(7)) + item(b"mode one")
+    pieces = [stream[i : i + MAX_LAYER_BYTES] for i in range(0, len(stream), MAX_LAYER_BYTES)]
+    for model in range(5):
+        packets: list[Packet] = [LayerPacket(model, i, data) for i, data in enumerate(pieces)]
+        packets.insert(3, replace(packet, layer=model, layers=model + 1, layered=True))
+        for one in packets:
+            found.add(one)
+            sizes += len(serialise(one)) - 1
+    parts = found.model_parts
+    assert parts["texture"] == 5 * (len(MODEL.texture) + MAX_IMAGE_BYTES)
+    assert parts["modes"] == 5 * (len(b"mode") + len(b"mode one"))
+    assert sum(parts.values()) == sizes
 
 
 def test_sizes_of_packets_are_stated() -> None:
