@@ -65,14 +65,21 @@ class Scene:
     def refine(self, model: ModelPacket) -> None:
         """Take in what more layers of the same model bring.
 
-        Raises `ProtocolError` if they are damaged; what was there is drawn on.
+        Raises `ProtocolError` if one of them is damaged; what does not build on it is drawn.
         """
         before, self.model = self.model, model
-        self._wardrobe.refine(model)
-        self._renderer.set_texture(self._wardrobe.texture(np.zeros(0)))
-        if model.background != before.background:
-            still = decode_image("background", model.background)
-            self._renderer.set_backdrop(still, self._backdrop.grid_px)
+        try:
+            if model.background != before.background:
+                still = decode_image("background", model.background)
+                self._renderer.set_backdrop(still, self._backdrop.grid_px)
+        finally:
+            self._refine_texture(model)
+
+    def _refine_texture(self, model: ModelPacket) -> None:
+        try:
+            self._wardrobe.refine(model)
+        finally:
+            self._renderer.set_texture(self._wardrobe.texture(np.zeros(0)))
 
     def reshape(self, aau: Array) -> None:
         """From now on draw the caller with `aau` (len(AAUS),) added to their own AAUs."""

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from packets import MODEL
+from test_decoder_pipeline import read
 
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
 from decoder.recast import read_model
@@ -268,7 +269,7 @@ def test_who_draws_layer_by_layer_draws_the_same(at_once: Path, whole: Path) -> 
 def test_a_damaged_layer_leaves_what_was_drawn_before(at_once: Path, tmp_path: Path) -> None:
     given = raw_packets(at_once)
     places = [i for i, data in enumerate(given) if isinstance(parse_packet(data), LayerPacket)]
-    last = parse_packet(given[places[-1]])
+    last, other = parse_packet(given[places[-1]]), tmp_path / "without.mkv"
     assert isinstance(last, LayerPacket)
     # A mode's first byte is its step, and no step is so large.
     damaged = LayerPacket(last.model, last.number, last.data[:1] + b"\xff" + last.data[2:])
@@ -277,6 +278,10 @@ def test_a_damaged_layer_leaves_what_was_drawn_before(at_once: Path, tmp_path: P
     assert report.frames == FRAMES
     (warning,) = report.warnings
     assert warning.startswith("1 damaged packets") and "no step" in warning
+    # All else is drawn, the whole still too, though it came with the damaged mode.
+    decoded(write(tmp_path / "without.rzo", given[: places[-1]] + given[places[-1] + 1 :]), other)
+    for one, same in zip(read(tmp_path / "damaged.mkv"), read(other), strict=True):
+        np.testing.assert_array_equal(one, same)
 
 
 def test_modes_before_a_damaged_one_are_worn_and_not_decoded_again(whole: Path) -> None:
