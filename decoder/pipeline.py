@@ -166,7 +166,7 @@ def _packets(source: PacketSource, tally: _Tally, stop: Callable[[], bool]) -> I
 def _count(data: bytes, tally: _Tally) -> None:
     with suppress(ProtocolError):
         kind = packet_kind(data)
-        if kind is Kind.LAYER or (kind is Kind.MODEL and not tally.model_bytes):
+        if kind in (Kind.MODEL, Kind.LAYER):
             tally.model_bytes += len(data) - 1
         elif kind is Kind.FRAME:
             tally.frame_bytes += len(data) - 1

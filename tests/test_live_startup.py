@@ -20,6 +20,7 @@ from protocol.messages import (
     parse_packet,
 )
 from protocol.recording import CallReader, record
+from protocol.summary import summarise
 
 FRAMES, FPS, PACKED = 90, 25, 8
 BITRATE, STARTUP, MODEL_BYTES = 1000.0, 60_000.0, 6000
@@ -148,6 +149,7 @@ def test_a_live_call_in_layers_is_drawn(call: Path, tmp_path: Path) -> None:
         DecodeOptions(call, output=tmp_path / "out.mkv"), lambda done, total: None, lambda: False
     )
     assert report.frames == FRAMES and not report.warnings
+    assert report.model_bytes == summarise(call).model_bytes
 
 
 def test_a_call_that_ends_early_says_what_is_missing(clip: Path, tmp_path: Path) -> None:
