@@ -34,10 +34,12 @@ def read_model(path: Path) -> ModelPacket:
                 if packet_kind(data) not in (Kind.MODEL, Kind.LAYER):
                     continue
                 packet = parse_packet(data)
-                if isinstance(packet, LayerPacket):
+                if isinstance(packet, ModelPacket):
+                    model = model or packet
+                elif isinstance(packet, LayerPacket) and (
+                    model is None or packet.model == model.layer
+                ):
                     layers.add(packet)
-                elif isinstance(packet, ModelPacket) and model is None:
-                    model = packet
                 if model is not None and not model.layered:
                     return model
         if model is not None:

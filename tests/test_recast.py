@@ -9,13 +9,23 @@ from numpy.typing import NDArray
 from packets import MODEL
 from test_animate import call_file
 from test_decoder_pipeline import read
+from test_layers import FIRST, ITEMS, STREAM, expected, pieces
 
 from decoder.playout import PlayedFrame
-from decoder.recast import recast
+from decoder.recast import read_model, recast
 from loopback.cli import main
-from protocol.messages import Kind, ModelPacket, packet_kind, parse_packet
+from protocol.messages import (
+    MAX_LAYER_BYTES,
+    Kind,
+    LayerPacket,
+    ModelPacket,
+    Packet,
+    packet_kind,
+    parse_packet,
+    serialise,
+)
 from protocol.quantise import motion_from_pose
-from protocol.recording import CallReader
+from protocol.recording import MAGIC, CallReader, record
 from protocol.summary import summarise
 from shared_model.geometry import FRONTAL, pose_from_euler
 from shared_model.parameters import EAUS, FaceParameters
@@ -73,6 +83,14 @@ def test_another_face_is_not_measured_against_the_source(
 ) -> None:
     assert main(["decode", str(call), "--face", "a.rzo", "--source", "b.mp4"]) == 2
     assert "not allowed with" in capsys.readouterr().err
+
+
+def test_the_layers_of_updates_are_none_of_the_first_model(tmp_path: Path) -> None:
+    path, more = tmp_path / "call.rzo", bytes(MAX_LAYER_BYTES)
+    packets: list[Packet] = [FIRST, *pieces(STREAM, [20])]
+    packets[1:1] = [LayerPacket(FIRST.layer + 1, number, more) for number in range(40)]
+    path.write_bytes(MAGIC + b"".join(record(serialise(packet)) for packet in packets))
+    assert read_model(path) == expected(len(ITEMS))
 
 
 def test_the_calls_own_file_as_its_face_changes_nothing(call: Path, tmp_path: Path) -> None:
