@@ -31,7 +31,7 @@ def cadence_for(source_fps: Fraction, wanted_fps: float | None) -> Cadence:
     """
     if wanted_fps is None or wanted_fps >= source_fps:
         return Cadence()
-    fewer = floor(float(source_fps) / wanted_fps)
+    fewer = floor(min(float(source_fps) / wanted_fps, MAX_FRAME_STEP))
     step = min((fewer, fewer + 1), key=lambda k: abs(float(source_fps) / k - wanted_fps))
     step = min(step, MAX_FRAME_STEP)
     return Cadence(step, max(1, round(FRAMES_PER_PACKET / step)))

@@ -62,6 +62,10 @@ def test_no_other_step_comes_nearer_to_the_rate_asked_for(source: Fraction, want
             assert abs(source / step - Fraction(wanted)) >= error * Fraction(1 - 1e-9)
 
 
+def test_the_least_rate_there_is_has_the_longest_step() -> None:
+    assert cadence_for(Fraction(30), 5e-324).frame_step == MAX_FRAME_STEP
+
+
 @pytest.mark.parametrize(
     ("wanted", "step", "coded"), [(None, 1, 8), (30, 1, 8), (15, 2, 4), (10, 3, 3), (2, 15, 1)]
 )
