@@ -67,7 +67,7 @@ class Layers:
     def refine(self, model: ModelPacket) -> ModelPacket:
         """`model` with all that has come without a gap; itself if that is nothing new.
 
-        Raises `ProtocolError` if the stream is none, or `model` is not in layers.
+        Raises `ProtocolError` if the stream is none or too large, or `model` is not in layers.
         """
         found = [data for _, data, whole in self._items(model.layer) if whole]
         if not found:
@@ -80,12 +80,16 @@ class Layers:
             raise ProtocolError(f"{len(modes)} modes in layers, expected {len(components.modes)}")
         texture, background = [*found, b""][: len(PICTURES)]
         missing = (b"",) * (len(components.modes) - len(modes))
-        refined = replace(
-            model,
-            texture=texture or model.texture,
-            background=background or model.background,
-            extension=serialise_components(replace(components, modes=modes + missing)),
-        )
+        extension = serialise_components(replace(components, modes=modes + missing))
+        try:
+            refined = replace(
+                model,
+                texture=texture or model.texture,
+                background=background or model.background,
+                extension=extension,
+            )
+        except ValueError as error:
+            raise ProtocolError(f"layers of model {model.layer}: {error}") from error
         return model if refined == model else refined
 
     def parts(self, model: int) -> dict[str, int]:

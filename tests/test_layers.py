@@ -13,7 +13,9 @@ from packets import CALL, MODEL
 from protocol.components import GEOMETRY, Components, parse_components, serialise_components
 from protocol.layers import MAX_ITEMS, Layers, is_refined, item
 from protocol.messages import (
+    MAX_EXTENSION_BYTES,
     MAX_IMAGE_BYTES,
+    MAX_LAYER_BYTES,
     LayerPacket,
     ModelPacket,
     ProtocolError,
@@ -141,6 +143,12 @@ def test_parts_add_up_to_what_came() -> None:
 def test_a_stream_that_is_none_is_named(stream: bytes, message: str) -> None:
     with pytest.raises(ProtocolError, match=message):
         received([LayerPacket(3, 0, stream)])
+
+
+def test_modes_that_no_model_has_room_for_are_refused() -> None:
+    stream = b"".join(map(item, (b"", b"", *[bytes(MAX_EXTENSION_BYTES // 2)] * 2)))
+    with pytest.raises(ProtocolError, match="extension has"):
+        received(pieces(stream, list(range(0, len(stream), MAX_LAYER_BYTES))))
 
 
 def test_a_length_that_is_cut_off_waits() -> None:
