@@ -6,7 +6,7 @@ the encoder has lost the face its last one is held.  A live call is thus one sam
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import ceil
 
@@ -124,10 +124,7 @@ class Playout:
             self.late += 1
             return
         if self._update is not None and number >= self._update[2]:
-            update, self._decoder, self._first = self._update
-            self._update, self.model = None, update
-            self._layers.forget_before(update.layer)
-            self.model = self._layers.refine(update)
+            self._enter(*self._update)
         assert self.model is not None and self._decoder is not None
         call = self.model.call
         samples = self._decoder.decode(number - self._first, packet.payload)
@@ -138,6 +135,16 @@ class Playout:
             held = self._face_lost and self._sample is not None
             face = self._sample.face if held and self._sample else sample.face
             self._sample = Sample(sample.place, face)
+
+    def _enter(self, update: ModelPacket, decoder: SampleDecoder, first: int) -> None:
+        """Frame packets from now on are of `update`."""
+        self._update, self.model, self._decoder, self._first = None, update, decoder, first
+        if self._sample is not None:
+            # Its coefficients are of modes that are no more.
+            bare = replace(self._sample.face, modes=np.zeros(0))
+            self._sample = replace(self._sample, face=bare)
+        self._layers.forget_before(update.layer)
+        self.model = self._layers.refine(update)
 
     def _unwrap(self, sequence: int) -> int | None:
         """The sample's number in the call; None if it is late or a repetition."""
@@ -226,7 +233,7 @@ def interpolate(first: FaceParameters, second: FaceParameters, share: float) -> 
             _mix(first.pose.translation_mm, second.pose.translation_mm, share),
         ),
         _mix(first.eau, second.eau, share),
-        # After an update coefficients are of other modes.
+        # After an update there are none yet.
         _mix(first.modes, second.modes, share)
         if first.modes.shape == second.modes.shape
         else second.modes,

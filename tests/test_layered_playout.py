@@ -9,7 +9,15 @@ from test_layers import FIRST, ITEMS, STREAM, expected, pieces
 from decoder.playout import PlayedFrame, Playout
 from encoder.quantiser import code_packet
 from protocol.components import parse_components
-from protocol.messages import FramePacket, LayerPacket, ModelPacket, ProtocolError, serialise
+from protocol.messages import (
+    ControlKind,
+    ControlPacket,
+    FramePacket,
+    LayerPacket,
+    ModelPacket,
+    ProtocolError,
+    serialise,
+)
 from protocol.predict import FramePredictor
 
 PACKED = FIRST.call.frames_per_packet
@@ -71,6 +79,26 @@ def test_layers_of_an_update_wait_for_it() -> None:
     assert textures == [b"older"] * (1 + 2 * PACKED) + [ITEMS[0]] * (1 + PACKED)
     # What comes late for a model that is no more changes nothing.
     assert play(playout, [serialise(LayerPacket(2, 0, b"\xff\xff\xff\xff"))]) == []
+
+
+def test_under_an_update_nobody_has_coefficients_of_the_modes_before() -> None:
+    """Neither a face held while it is lost, nor one between the last sample and the next."""
+    update = replace(
+        BASE,
+        sequence=2,
+        layer=BASE.layer + 1,
+        layers=BASE.layers + 1,
+        call=replace(BASE.call, start_frame=1 + PACKED),
+    )
+    lost = serialise(ControlPacket(0, ControlKind.LOST, 1 + PACKED))
+    for control in ([lost], []):
+        sent = [serialise(BASE), *frames(2), *control, serialise(update), *frames(3, first=2)]
+        held = [frame for frame, model in play(Playout(), sent) if model.layer == update.layer]
+        own = [frame for frame, _ in play(Playout(), [serialise(update), *frames(3, first=2)])]
+        assert len(held) == 1 + 2 * PACKED
+        for frame, alone in zip(held, own[-len(held) :], strict=True):
+            modes = np.zeros(0) if control else alone.face.modes
+            np.testing.assert_array_equal(frame.face.modes, modes)
 
 
 def test_a_damaged_layer_harms_nothing() -> None:
