@@ -1,9 +1,9 @@
 """A call over Zenoh: the only file that imports it.
 
-Keys: risorius/CALL/model (published, and queryable for who joins late), risorius/CALL/frame and
-risorius/CALL/control.  Each end keeps a liveliness token, so that the other knows when it comes and
-goes.  Nothing is found by multicast: one end listens where the other connects, or both connect to a
-router.
+Keys: risorius/CALL/model (published, and queryable with the layers for who joins late),
+risorius/CALL/layer, risorius/CALL/frame and risorius/CALL/control.  Each end keeps a liveliness
+token, so that the other knows when it comes and goes.  Nothing is found by multicast: one end
+listens where the other connects, or both connect to a router.
 """
 
 import json
@@ -20,6 +20,7 @@ from zenoh import CongestionControl, ConsolidationMode, Reliability, SampleKind
 from zenoh.handlers import Callback
 
 from protocol.arrivals import Arrivals
+from protocol.kept import Kept
 from protocol.messages import (
     MAX_MODEL_PACKET_BYTES,
     Kind,
@@ -94,7 +95,7 @@ class ZenohSink(_Session):
     """
 
     def __init__(self, options: LinkOptions) -> None:
-        self._models: list[bytes] = []
+        self._kept = Kept()
         self._peers = 0
         self._changed = threading.Condition()
         super().__init__(options)
@@ -125,11 +126,9 @@ class ZenohSink(_Session):
                 raise UserError(f"no decoder came within {timeout_s:g} s", LINK_FAILED)
 
     def send(self, packet: bytes) -> None:
-        """Publish one packet; model and layer packets are kept for who joins later."""
-        kind = packet_kind(packet)
-        if kind in (Kind.MODEL, Kind.LAYER):
-            self._models.append(packet)
-        self._put(kind, packet)
+        """Publish one packet; models in use and their layers are kept for who joins later."""
+        self._kept.note(packet)
+        self._put(packet_kind(packet), packet)
 
     def _publisher(self, key: str, lossless: bool, kind: Kind) -> zenoh.Publisher:
         sure = lossless or kind is not Kind.FRAME
@@ -150,7 +149,7 @@ class ZenohSink(_Session):
 
     def _answer(self, query: zenoh.Query) -> None:
         with query:
-            for packet in tuple(self._models):
+            for packet in self._kept.packets:
                 query.reply(query.key_expr, packet)
 
     def _decoder_changed(self, sample: zenoh.Sample) -> None:

@@ -1,0 +1,64 @@
+"""What is kept for who joins late is of the models in use and to come."""
+
+from dataclasses import replace
+
+from packets import MODEL
+
+from decoder.playout import Playout
+from protocol.arrivals import Arrivals
+from protocol.kept import Kept
+from protocol.messages import (
+    ControlKind,
+    ControlPacket,
+    FramePacket,
+    LayerPacket,
+    serialise,
+)
+from protocol.quantise import THESIS_PAYLOAD_BYTES
+
+
+def model(layer: int, sequence: int) -> bytes:
+    return serialise(replace(MODEL, layer=layer, layers=layer + 1, sequence=sequence))
+
+
+def layer(of: int, number: int) -> bytes:
+    return serialise(LayerPacket(of, number, b"piece"))
+
+
+def frame(number: int) -> bytes:
+    return serialise(FramePacket(number % 64, bytes([123] * THESIS_PAYLOAD_BYTES)))
+
+
+def kept(packets: list[bytes]) -> tuple[bytes, ...]:
+    found = Kept()
+    for packet in packets:
+        found.note(packet)
+    return found.packets
+
+
+def test_the_first_model_is_kept_with_its_layers() -> None:
+    control = serialise(ControlPacket(0, ControlKind.LOST, 3))
+    sent = [model(0, 0), frame(0), layer(0, 0), control, frame(1), layer(0, 1)]
+    assert kept([*sent, *map(frame, range(2, 70))]) == (sent[0], sent[2], sent[5])
+
+
+def test_an_update_is_kept_beside_the_model_in_use_until_it_is_in_use() -> None:
+    first, early, update, late = model(0, 0), layer(1, 0), model(1, 4), layer(1, 1)
+    sent = [first, frame(0), early, update, frame(1), late, frame(2), frame(3)]
+    assert kept(sent) == (first, early, update, late)
+    assert kept([*sent, frame(4)]) == (early, update, late)
+    assert kept([*sent, *map(frame, range(4, 140))]) == (early, update, late)
+
+
+def test_who_joins_after_updates_draws_every_frame_by_the_newest() -> None:
+    sent = [model(0, 0), *map(frame, range(8)), model(1, 10), *map(frame, range(8, 72))]
+    sent += [model(2, 75 % 64), *map(frame, range(72, 100))]
+    arrivals, playout, shown = Arrivals(), Playout(), set[int]()
+    # Frames come while the reply with the models is under way.
+    for packet in (frame(100), frame(101), *kept(sent), frame(102)):
+        arrivals.put(packet)
+    while (data := arrivals.take(0)) is not None:
+        for _ in playout.receive(data):
+            assert playout.model is not None
+            shown.add(playout.model.layer)
+    assert shown == {2}
