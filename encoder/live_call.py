@@ -304,9 +304,12 @@ class LiveCall:
 
     def _ahead(self, packets: int) -> tuple[int, int]:
         """Number and first source frame of the frame packet that comes after so many."""
-        cadence = self._cadence
-        frames = packets * cadence.frames_per_packet * cadence.frame_step
-        return self._number + packets, self._coded + frames
+        epoch, cadence = self._epoch, self._cadence
+        frames = packets * cadence.frames_per_packet
+        if epoch is not None and self._number == epoch.number:
+            # Its first packet, which is yet to be sent, holds one frame.
+            frames -= cadence.frames_per_packet - 1
+        return self._number + packets, self._coded + frames * cadence.frame_step
 
     @property
     def _sending_layers(self) -> bool:

@@ -1,5 +1,6 @@
 """A live call: frames go out as they come, and the model is learned again on the way."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -84,6 +85,25 @@ def test_an_update_is_announced_ahead_of_its_first_packet(call: Path) -> None:
     learned = min(LEARN_AFTER_S) * FPS
     assert update.call.start_frame > learned
     assert isinstance(packets[-1], ControlPacket) and packets[-1].kind is ControlKind.END
+
+
+def test_an_update_announced_as_the_one_before_takes_effect_counts_its_single_frame(
+    networks: Path, tmp_path: Path
+) -> None:
+    """At so few frames a second the next is due before the one before holds."""
+    script = SCRIPT.replace("fps = 25", "fps = 6").replace("2.96", "7")
+    (tmp_path / "script.toml").write_text(script)
+    options = AnimateOptions(tmp_path / "script.toml", tmp_path / "slow.mkv")
+    animate(options, lambda done, total: None, lambda: False)
+    encode_live(tmp_path / "slow.mkv", tmp_path / "slow.rzo")
+    packets = [parse_packet(data) for data in raw_packets(tmp_path / "slow.rzo")]
+    models = [packet for packet in packets if isinstance(packet, ModelPacket)]
+    assert len(models) == 3
+    for before, after in pairwise(models):
+        # The first packet of a model holds one frame.
+        number = after.sequence - before.sequence
+        frames = 1 + (number - 1) * before.call.frames_per_packet
+        assert after.call.start_frame == before.call.start_frame + frames
 
 
 def test_every_frame_has_one_face_across_the_update(call: Path, clip: Path) -> None:
