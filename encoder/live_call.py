@@ -73,7 +73,7 @@ FIRST_SHARE = 0.3
 class Epoch:
     """A model packet, and what is needed to send frames under it.
 
-    number: of its first frame packet in the call.  start: the source frame of that packet.
+    number: of its first frame packet in the call.
     """
 
     model: ModelPacket
@@ -82,7 +82,6 @@ class Epoch:
     components: Components
     harm: Array
     number: int
-    start: int
 
 
 class LiveCall:
@@ -327,7 +326,7 @@ class LiveCall:
         number, start = self._ahead(packets_ahead(carried_s, packet_s))
         call = replace(coming.model.call, start_frame=start)
         model = replace(coming.model, call=call, sequence=number % SEQUENCE_MODULUS)
-        self._next, self._coming = replace(coming, model=model, number=number, start=start), None
+        self._next, self._coming = replace(coming, model=model, number=number), None
         self._send_model(self._next)
 
     def _send_model(self, epoch: Epoch) -> None:
@@ -363,7 +362,7 @@ class LiveCall:
         landmarks = personalise(
             landmark_model(self._head), caller.fitted.identity.aau, caller.fitted.control_mm
         )
-        return Epoch(model, learned, landmarks, components, harm, number, start)
+        return Epoch(model, learned, landmarks, components, harm, number)
 
     def _call_parameters(self, focal_px: float, start: int) -> CallParameters:
         packing = self._cadence.frames_per_packet, self._cadence.frame_step
