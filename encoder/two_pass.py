@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.code_appearance import Appearance, code_appearance
 from encoder.combine import combine, harm_matrix, project
 from encoder.crop import Crop, crop_face
 from encoder.fit import (
@@ -23,9 +24,7 @@ from encoder.fit import (
     start_parameters,
 )
 from encoder.learn import (
-    Appearance,
     Stack,
-    code_appearance,
     face_mask,
     luma_modes,
     mean_colours,

@@ -5,11 +5,10 @@ import pytest
 from numpy.typing import NDArray
 from shots import Shots, whole
 
+from encoder.code_appearance import MODE_OVERHEAD, Appearance, code_appearance
 from encoder.learn import (
     OUTSIDE,
-    Appearance,
     Stack,
-    code_appearance,
     face_mask,
     luma_modes,
     mean_colours,
@@ -143,6 +142,17 @@ def test_an_appearance_stays_within_its_bytes(shape: ShapeFree) -> None:
         assert len(found.texture) + sum(map(len, found.modes)) <= limit
         assert len(found.mode_images) == len(found.modes)
     assert len(coded(shape, stack, 20_000, most=3).modes) <= 3
+
+
+def test_what_is_left_over_goes_into_a_coarser_last_mode(shape: ShapeFree) -> None:
+    stack, _ = changing_stack(shape, noise=6.0)
+    whole = coded(shape, stack, 20_000, most=2)
+    first, second = whole.modes
+    limit = len(whole.texture) + len(first) + len(second) // 2 + 2 * MODE_OVERHEAD
+    found = coded(shape, stack, limit)
+    assert len(found.texture) + sum(map(len, found.modes)) <= limit
+    steps = [mode[0] for mode in found.modes]
+    assert len(steps) > 1 and max(steps) > steps[0]
 
 
 def test_each_mode_explains_more_of_the_face(shape: ShapeFree) -> None:
