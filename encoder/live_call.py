@@ -114,6 +114,8 @@ class LiveCall:
         self._faces_seen = 0
         self._due = list(LEARN_AFTER_S.items())
         self._pool: Executor | None = None if wait else ThreadPoolExecutor(1)
+        # More would take the cores from the frames.
+        self._workers = None if wait else 1
         self._learning: Future[Learned] | None = None
         self._epoch: Epoch | None = None
         self._next: Epoch | None = None
@@ -345,7 +347,7 @@ class LiveCall:
         fitted, faces = follow_all(self._head, size, points)
         call = self._call_parameters(fitted.camera.focal_px, 0)
         frames = list(enumerate(pictures))
-        return learn_caller(self._head, fitted, faces, frames, points, call, budget)
+        return learn_caller(self._head, fitted, faces, frames, points, call, budget, self._workers)
 
     def _epoch_of(self, learned: Learned, layer: int, number: int, start: int) -> Epoch:
         caller = learned.caller
