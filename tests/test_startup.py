@@ -91,6 +91,23 @@ def test_a_first_layer_is_a_debt_that_is_paid_before_anything_else() -> None:
     assert max(due) <= 0.25 * 8000 / 8
 
 
+def test_a_rate_that_leaves_nothing_for_layers_is_refused(tmp_path: Path, noise: Path) -> None:
+    for live in (False, True):
+        options = EncodeOptions(
+            str(noise), tmp_path / "call.rzo", bitrate=800, startup_bitrate=800, live=live
+        )
+        with pytest.raises(ValueError, match="startup bitrate is 800"):
+            encode(options, lambda done, total: None, lambda: False)
+
+
+def test_time_counts_even_if_nobody_looks_at_what_is_due() -> None:
+    pacer = LayerPacer(8000)
+    pacer.begin(LayeredModel(MODEL, (bytes(500),)))
+    pacer.spent(1000)
+    pacer.due(1)
+    assert pacer.due(1)
+
+
 def test_a_new_model_takes_the_place_of_what_was_waiting() -> None:
     pacer = LayerPacer(8000)
     pacer.begin(LayeredModel(MODEL, (bytes(500), bytes(500))))
