@@ -6,7 +6,7 @@ import pytest
 
 from decoder.pipeline import DecodeOptions, decode
 from decoder.playout import Playout
-from encoder.live_call import AHEAD, ENOUGH_ITEMS, packets_ahead
+from encoder.announce import AHEAD, ENOUGH_ITEMS, packets_ahead
 from encoder.pipeline import EncodeOptions, EncodeReport, encode
 from encoder.startup import FIRST_LAYER_BYTES, UPDATE_LAYER_BYTES
 from loopback.animate import AnimateOptions, animate
