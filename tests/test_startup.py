@@ -301,6 +301,17 @@ def test_a_damaged_layer_leaves_what_was_drawn_before(at_once: Path, tmp_path: P
         np.testing.assert_array_equal(one, same)
 
 
+def test_a_damaged_texture_is_told_once_and_the_one_before_worn(whole: Path) -> None:
+    model = packets(whole)[0]
+    assert isinstance(model, ModelPacket)
+    wardrobe, damaged = Wardrobe(model), replace(model, texture=b"RIFF no picture")
+    before = wardrobe.texture(np.zeros(0)).copy()
+    with pytest.raises(ProtocolError, match="texture"):
+        wardrobe.refine(damaged)
+    wardrobe.refine(damaged)
+    np.testing.assert_array_equal(wardrobe.texture(np.zeros(0)), before)
+
+
 def test_modes_before_a_damaged_one_are_worn_and_not_decoded_again(whole: Path) -> None:
     model = packets(whole)[0]
     assert isinstance(model, ModelPacket)
@@ -313,9 +324,9 @@ def test_modes_before_a_damaged_one_are_worn_and_not_decoded_again(whole: Path) 
         return replace(model, extension=extension, layered=True)
 
     wardrobe = Wardrobe(with_modes())
-    for _ in range(2):
-        with pytest.raises(ProtocolError, match="mode 2 has no step"):
-            wardrobe.refine(with_modes(*components.modes[:2], b"\xff"))
+    with pytest.raises(ProtocolError, match="mode 2 has no step"):
+        wardrobe.refine(with_modes(*components.modes[:2], b"\xff"))
+    wardrobe.refine(with_modes(*components.modes[:2], b"\xff", *components.modes[3:]))
     coefficients = np.linspace(-3, 3, len(components.modes))
     expected = Wardrobe(with_modes(*components.modes[:2]))
     np.testing.assert_array_equal(wardrobe.texture(coefficients), expected.texture(coefficients))
