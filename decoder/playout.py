@@ -110,6 +110,7 @@ class Playout:
             check_update(newest.call, packet.call)
             ahead = (packet.sequence - self._number) % SEQUENCE_MODULUS
             self._update = packet, sample_decoder(packet), self._number + ahead
+            self._refine_update()
 
     def _receive_layer(self, packet: LayerPacket) -> None:
         """Layers may come before the model that they refine, to who joins late."""
@@ -117,6 +118,14 @@ class Playout:
             self._layers.add(packet)
         if self.model is not None and packet.model == self.model.layer:
             self.model = self._layers.refine(self.model)
+        elif self._update is not None and packet.model == self._update[0].layer:
+            self._refine_update()
+
+    def _refine_update(self) -> None:
+        """Before the update holds: its first frame packet must not suffer from damaged layers."""
+        assert self._update is not None
+        model, decoder, first = self._update
+        self._update = self._layers.refine(model), decoder, first
 
     def _receive_frame(self, packet: FramePacket) -> Iterator[PlayedFrame]:
         number = self._unwrap(packet.sequence)
@@ -144,7 +153,6 @@ class Playout:
             bare = replace(self._sample.face, modes=np.zeros(0))
             self._sample = replace(self._sample, face=bare)
         self._layers.forget_before(update.layer)
-        self.model = self._layers.refine(update)
 
     def _unwrap(self, sequence: int) -> int | None:
         """The sample's number in the call; None if it is late or a repetition."""

@@ -23,11 +23,11 @@ from shared_model.parameters import FaceParameters
 
 
 def read_model(path: Path) -> ModelPacket:
-    """The first model of a call file, with all of its layers.
+    """The newest model of a call file, with what came of its layers.
 
     Raises `UserError` if there is none.
     """
-    model, layers = None, Layers()
+    models, pieces, layers = list[ModelPacket](), list[LayerPacket](), Layers()
     try:
         with CallReader(path) as reader, suppress(TruncatedCall):
             for data in reader:
@@ -35,15 +35,15 @@ def read_model(path: Path) -> ModelPacket:
                     continue
                 packet = parse_packet(data)
                 if isinstance(packet, ModelPacket):
-                    model = model or packet
-                elif isinstance(packet, LayerPacket) and (
-                    model is None or packet.model == model.layer
-                ):
-                    layers.add(packet)
-                if model is not None and not model.layered:
-                    return model
-        if model is not None:
-            return layers.refine(model)
+                    models.append(packet)
+                elif isinstance(packet, LayerPacket):
+                    pieces.append(packet)
+        if models:
+            newest = max(models, key=lambda model: model.layer)
+            for piece in pieces:
+                if piece.model == newest.layer:
+                    layers.add(piece)
+            return layers.refine(newest)
     except ProtocolError as error:
         raise UserError(f"{path}: {error}") from error
     raise UserError(f"{path} has no model packet: nobody to draw")

@@ -27,6 +27,8 @@ class Wardrobe:
 
     def __init__(self, model: ModelPacket) -> None:
         self._modes: NDArray[np.float32]
+        # The picture that could not be decoded; all after it build on it.
+        self._damaged: bytes | None = None
         self._put_on(model)
         self.refine(model)
 
@@ -36,8 +38,13 @@ class Wardrobe:
         return bool(len(self._modes))
 
     def refine(self, model: ModelPacket) -> None:
-        """Take in what more layers of the same model bring.  Raises as the constructor does."""
+        """Take in what more layers of the same model bring.
+
+        Raises as the constructor does, for each damaged picture once.
+        """
         if model.texture != self._texture:
+            if model.texture == self._damaged:
+                return
             self._put_on(model)
         coded = parse_components(model.extension).modes if model.extension else ()
         if model.layered:
@@ -51,17 +58,23 @@ class Wardrobe:
         rows = [self._modes]
         try:
             for number, data in enumerate(coded[known:], known):
+                if data == self._damaged:
+                    break
+                self._damaged = data
                 image = self._series.decode(f"mode {number}", data)
+                self._damaged = None
                 rows.append(image.astype(np.float32).reshape(1, -1))
         finally:
             # The series cannot go back: what it has decoded counts.
             self._modes = np.concatenate(rows)
 
     def _put_on(self, model: ModelPacket) -> None:
+        self._damaged = model.texture
         mean = decode_image("texture", model.texture, MAX_ATLAS_SIDE_PX)
         _check_square("texture", mean)
-        self._texture, self._mean = model.texture, mean
-        self._series = ModeSeries(len(mean), _relief(model.texture))
+        series = ModeSeries(len(mean), _relief(model.texture))
+        self._texture, self._mean, self._series = model.texture, mean, series
+        self._damaged = None
         self._modes = np.zeros((0, mean.size), np.float32)
 
     def texture(self, coefficients: NDArray[np.float64]) -> NDArray[np.uint8]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from encoder.crop import Crop
 from encoder.fit import OUTLINE
-from encoder.parallel import on_all_cores
+from encoder.parallel import on_cores
 from encoder.refine import Template
 from encoder.shape_free import ShapeFree
 from encoder.texture import DEPTH_CELL_MM, fill, sample, visible_texels
@@ -83,10 +83,12 @@ def shape_free_stack(
     faces: Sequence[FaceParameters],
     vertices: Sequence[Array],
     cell_mm: float = DEPTH_CELL_MM,
+    workers: int | None = None,
 ) -> Stack:
     """Sample the texels of `shape` in every crop.
 
     vertices: (n, 3) of each frame, head frame.  cell_mm: see `visible_texels`.
+    workers: see `on_cores`.
     """
 
     def look(view: tuple[Crop, FaceParameters, Array]) -> tuple[Single, NDArray[np.bool_], Single]:
@@ -96,7 +98,7 @@ def shape_free_stack(
         seen = visible_texels(head, shape.atlas, face.pose, mesh, cell_mm)
         return colours, seen, texel_areas(shape, positions) * seen
 
-    views = on_all_cores(look, zip(crops, faces, vertices, strict=True))
+    views = on_cores(look, zip(crops, faces, vertices, strict=True), workers)
     colours, seen, areas = (np.array(parts) for parts in zip(*views, strict=True))
     return Stack(colours, seen, areas.mean(0).astype(np.float32))
 

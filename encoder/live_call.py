@@ -4,50 +4,34 @@ The first face makes the first model packet: shape, mean texture, no modes.  As 
 what the caller looks like, the model is learned again and goes out as an update, announced some
 packets before the first frame packet that needs it; the stream flows on meanwhile.
 
-On a thin link the first model is a first layer only.  Of an update the first layers go ahead, its
-model packet once they make it better than what there is, then the other modes.
+On a thin link the first model is a first layer only, and updates come in layers, too.
 """
 
 from collections.abc import Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
-from math import ceil
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.announce import Announcer, Place, Update
 from encoder.cadence import Cadence
 from encoder.capture import Capture
-from encoder.combine import combine, harm_matrix, project
+from encoder.combine import project
 from encoder.crop import crop_face
-from encoder.default_call import send_layers, send_model, warn_of_missing
 from encoder.detect import BlazeFaceDetector
-from encoder.fit import (
-    LandmarkModel,
-    fit_frame,
-    landmark_model,
-    personalise,
-    start_parameters,
-)
-from encoder.imagine import imagined
+from encoder.epoch import Epoch, Learner
+from encoder.fit import fit_frame, start_parameters
 from encoder.landmarks import LandmarkTracker
-from encoder.model import Budget, call_parameters
+from encoder.model import Budget
 from encoder.networks import find_network_folder
 from encoder.rate import LivePurse, Spending
-from encoder.startup import UPDATE_LAYER_BYTES, LayerPacer, layered
+from encoder.startup import UPDATE_LAYER_BYTES, LayerPacer
 from encoder.tally import Tally
-from encoder.texture import code_background
-from encoder.two_pass import Learned, Sampler, default_model, follow_all, learn_caller
-from protocol.components import Components, vector_from_face
+from encoder.two_pass import Sampler
+from protocol.components import vector_from_face
 from protocol.link import PacketSink
-from protocol.messages import (
-    SEQUENCE_MODULUS,
-    CallParameters,
-    ControlKind,
-    ControlPacket,
-    FramePacket,
-    ModelPacket,
-)
+from protocol.messages import SEQUENCE_MODULUS, ControlKind, ControlPacket, FramePacket
 from protocol.predict import FramePredictor
 from shared_model.parameters import FaceParameters
 from shared_model.surround import surrounded_head
@@ -60,28 +44,8 @@ Picture = NDArray[np.uint8]
 LEARN_AFTER_S = {1.0: 0.6, 3.0: 1.0, 6.0: 1.0, 10.0: 1.0, 16.0: 1.0, 25.0: 1.0, 40.0: 1.0}
 # Frames to learn from, and up to twice as many: learning goes on beside the call.
 TRAINING_FRAMES = 24
-# Packets by which an update is announced ahead of its first frame packet, at least and at most:
-# any farther, its sequence number would pass for one before.
-AHEAD, MOST_AHEAD = 4, SEQUENCE_MODULUS // 2 - 1
-# Layers that make an update better than the model before: texture, background and four modes.
-ENOUGH_ITEMS = 6
 # What of the budget the first model takes: its still, and a mean that is soon replaced.
 FIRST_SHARE = 0.3
-
-
-@dataclass(frozen=True, slots=True)
-class Epoch:
-    """A model packet, and what is needed to send frames under it.
-
-    number: of its first frame packet in the call.
-    """
-
-    model: ModelPacket
-    learned: Learned
-    landmarks: LandmarkModel
-    components: Components
-    harm: Array
-    number: int
 
 
 class LiveCall:
@@ -114,12 +78,12 @@ class LiveCall:
         self._faces_seen = 0
         self._due = list(LEARN_AFTER_S.items())
         self._pool: Executor | None = None if wait else ThreadPoolExecutor(1)
-        self._learning: Future[Learned] | None = None
+        # More would take the cores from the frames.
+        self._workers = None if wait else 1
+        self._learning: Future[Update] | None = None
+        self._learner: Learner | None = None
         self._epoch: Epoch | None = None
         self._next: Epoch | None = None
-        self._pacer = pacer
-        self._coming: Epoch | None = None  # whose layers are on their way
-        self._background = b""
         self._face: FaceParameters | None = None  # as it was last seen
         self._missed = 0  # frames without the face since one was last coded
         self._held = 0  # frames waiting that repeat an older face
@@ -129,7 +93,7 @@ class LiveCall:
         self._waiting: list[Array] = []
         self._predictor = FramePredictor(np.zeros((1, 5), np.uint8))
         self._cadence, self._fps = cadence, float(capture.fps)
-        self._still: Picture = np.zeros((0, 0, 3), np.uint8)
+        self._announcer = Announcer(sink, tally, cadence, self._fps, pacer)
         fps = float(cadence.coded_fps(capture.fps))
         spending = Spending(bitrate, fps, cadence.frames_per_packet)
         self._purse = LivePurse(spending)
@@ -169,10 +133,7 @@ class LiveCall:
             self._pool.shutdown(cancel_futures=True)
         if self._epoch is not None:
             self._flush()
-            if self._pacer is not None:
-                warn_of_missing(self._pacer, self._tally)
-                if self._epoch.model.layer == 0:
-                    self._tally.warn("the call ended with no more of its model than a first layer")
+            self._announcer.end(self._epoch)
             self._tally.send(self._sink, ControlPacket(0, ControlKind.END, frames))
 
     def _miss(self, index: int) -> None:
@@ -236,9 +197,8 @@ class LiveCall:
         if self._next is not None and self._number == self._next.number:
             self._enter(self._next)
             self._next = None
-        if self._pacer is not None:
-            seconds = frames * self._cadence.frame_step / self._fps
-            self._send_layers(self._pacer, 1 + len(packet.payload), seconds)
+        size = 1 + len(packet.payload)
+        self._next = self._announcer.packet_sent(size, frames, self._place) or self._next
 
     def _enter(self, epoch: Epoch) -> None:
         """Frames from here on are sent under `epoch`."""
@@ -254,121 +214,65 @@ class LiveCall:
         share = replace(
             self._budget, face_bytes=int(self._budget.face_bytes * FIRST_SHARE), most_modes=0
         )
-        self._still = self._sampler.frames[0][1]
-        self._background = code_background(self._still, self._budget.background_bytes)
-        learned = self._learn(share, *self._sample())
+        still, background_bytes = self._sampler.frames[0][1], self._budget.background_bytes
+        self._learner = learner = Learner(
+            self._head, self._capture, self._cadence, still, background_bytes, self._workers
+        )
         self._coded = index
-        epoch = self._epoch_of(learned, layer=0, number=0, start=index)
-        if self._pacer is not None:
+        epoch = learner.learn(share, *self._sample(), layer=0).at(0, index)
+        if self._announcer.in_layers:
             # What else the first frame could teach, the update does better and is as large.
-            parts = layered(epoch.model, learned.caller.appearance.mean, self._still)
-            epoch = replace(epoch, model=parts.first)
-        self._send_model(epoch)
-        self._enter(epoch)
+            epoch, _ = learner.in_layers(epoch)
+        self._enter(self._announcer.send(epoch))
 
     def _learn_on(self, index: int) -> None:
         """Learn again when it is time; announce what was learned."""
         if self._learning is not None:
             if self._learning.done():
-                learned, self._learning = self._learning.result(), None
-                self._announce(learned)
-        elif self._due and self._next is None and not self._sending_layers:
+                update, self._learning = self._learning.result(), None
+                self._announce(update)
+        elif self._due and self._next is None and not self._announcer.busy:
             after_s, share = self._due[0]
             if self._faces_seen < after_s * self._capture.fps:
                 return
+            epoch = self._epoch
+            assert epoch is not None
+            layer = epoch.model.layer + 1
             self._due.pop(0)
             # While layers were sent more than one may have become due.
-            while self._pacer and self._due and self._faces_seen >= self._due[0][0] * self._fps:
+            while (
+                self._announcer.in_layers
+                and self._due
+                and self._faces_seen >= self._due[0][0] * self._fps
+            ):
                 share = self._due.pop(0)[1]
             budget = replace(self._budget, face_bytes=int(share * self._budget.face_bytes))
             if self._pool is None:
                 with self._tally.stage("learn"):
-                    self._announce(self._learn(budget, *self._sample()))
+                    update = self._update(budget, *self._sample(), layer)
+                self._announce(update)
             else:
-                self._learning = self._pool.submit(self._learn, budget, *self._sample())
+                self._learning = self._pool.submit(self._update, budget, *self._sample(), layer)
 
-    def _announce(self, learned: Learned) -> None:
-        epoch = self._epoch
-        assert epoch is not None
-        layer = epoch.model.layer + 1
-        if self._pacer is None:
-            self._next = self._epoch_of(learned, layer, *self._ahead(AHEAD))
-            self._send_model(self._next)
-            return
-        draft = self._epoch_of(learned, layer, 0, 0)
-        mean = learned.caller.appearance.mean
-        parts = layered(draft.model, mean, self._still, UPDATE_LAYER_BYTES)
-        self._pacer.begin(parts)
-        self._coming = replace(draft, model=parts.first)
+    def _update(
+        self, budget: Budget, pictures: Sequence[Picture], points: Sequence[Array], layer: int
+    ) -> Update:
+        """Model number `layer`, coded and ready to send: beside the frames all of it."""
+        assert self._learner is not None
+        epoch = self._learner.learn(budget, pictures, points, layer)
+        if not self._announcer.in_layers:
+            return Update(epoch, None)
+        return Update(*self._learner.in_layers(epoch, UPDATE_LAYER_BYTES))
 
-    def _ahead(self, packets: int) -> tuple[int, int]:
-        """Number and first source frame of the frame packet that comes after so many."""
-        epoch, cadence = self._epoch, self._cadence
-        frames = packets * cadence.frames_per_packet
-        if epoch is not None and self._number == epoch.number:
-            # Its first packet, which is yet to be sent, holds one frame.
-            frames -= cadence.frames_per_packet - 1
-        return self._number + packets, self._coded + frames * cadence.frame_step
+    def _announce(self, update: Update) -> None:
+        self._next = self._announcer.announce(update, self._place)
 
     @property
-    def _sending_layers(self) -> bool:
-        return self._coming is not None or (self._pacer is not None and self._pacer.busy)
-
-    def _send_layers(self, pacer: LayerPacer, frame_bytes: int, seconds: float) -> None:
-        """Send the layers that are due; once there are enough of an update, its model packet."""
-        send_layers(pacer, frame_bytes, seconds, self._sink, self._tally)
-        coming = self._coming
-        if coming is None or (pacer.items_sent < ENOUGH_ITEMS and pacer.items_waiting):
-            return
-        cadence = self._cadence
-        packet_s = cadence.frames_per_packet * cadence.frame_step / self._fps
-        carried_s = pacer.carried_s(UPDATE_LAYER_BYTES)
-        number, start = self._ahead(packets_ahead(carried_s, packet_s))
-        call = replace(coming.model.call, start_frame=start)
-        model = replace(coming.model, call=call, sequence=number % SEQUENCE_MODULUS)
-        self._next, self._coming = replace(coming, model=model, number=number), None
-        self._send_model(self._next)
-
-    def _send_model(self, epoch: Epoch) -> None:
-        send_model(epoch.model, self._sink, self._tally, self._pacer)
+    def _place(self) -> Place:
+        single = self._epoch is not None and self._number == self._epoch.number
+        return Place(self._number, self._coded, single)
 
     def _sample(self) -> tuple[list[Picture], list[Array]]:
         """Some of the frames so far, and their landmarks."""
         self._points = {number: self._points[number] for number, _ in self._sampler.frames}
         return [frame for _, frame in self._sampler.frames], list(self._points.values())
-
-    def _learn(
-        self, budget: Budget, pictures: Sequence[Picture], points: Sequence[Array]
-    ) -> Learned:
-        """Identity and appearance from some frames and their landmarks."""
-        size = (self._capture.width, self._capture.height)
-        fitted, faces = follow_all(self._head, size, points)
-        call = self._call_parameters(fitted.camera.focal_px, 0)
-        frames = list(enumerate(pictures))
-        return learn_caller(self._head, fitted, faces, frames, points, call, budget)
-
-    def _epoch_of(self, learned: Learned, layer: int, number: int, start: int) -> Epoch:
-        caller = learned.caller
-        pose = caller.reference.pose
-        every = max(1, len(learned.crops) // 12)
-        harm = harm_matrix(caller.tracker, learned.crops[::every], learned.faces[::every], pose)
-        vectors = np.array([vector_from_face(face, pose) for face in learned.faces])
-        cadence, modes = self._cadence, caller.appearance.modes
-        motion = imagined(vectors, cadence.frame_step)
-        components = combine(motion, harm, modes, cadence.frames_per_packet)
-        call = self._call_parameters(caller.fitted.camera.focal_px, start)
-        packet = default_model(caller, components, call, self._background)
-        model = replace(packet, layer=layer, layers=layer + 1, sequence=number % SEQUENCE_MODULUS)
-        landmarks = personalise(
-            landmark_model(self._head), caller.fitted.identity.aau, caller.fitted.control_mm
-        )
-        return Epoch(model, learned, landmarks, components, harm, number)
-
-    def _call_parameters(self, focal_px: float, start: int) -> CallParameters:
-        packing = self._cadence.frames_per_packet, self._cadence.frame_step
-        return call_parameters(self._capture, "default", focal_px, start, *packing)
-
-
-def packets_ahead(carried_s: float, packet_s: float) -> int:
-    """How many packets of `packet_s` ahead to announce what takes the link `carried_s`."""
-    return min(AHEAD + ceil(carried_s / packet_s), MOST_AHEAD)

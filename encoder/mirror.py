@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.crop import Crop
-from encoder.refine import Explained, Picture, Refiner, Single, Template, luma
+from encoder.refine import Explained, Picture, Refiner, Single, Target, Template, luma
 from encoder.shape_free import ShapeFree
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
@@ -43,15 +43,10 @@ class MirroredRefiner(Refiner):
         if abs(euler_deg(start.pose)[1]) <= MIRROR_DEG:
             return super().explain(crop, start, iterations, active)
         left_is_near = matrix_from_quaternion(start.pose.rotation)[2, 0] < 0
-        shape, template = self.shape, self.template
-        half = self._halves[bool(left_is_near)]
-        self.shape, self.template = half.shape, half.template_of(template)
-        try:
-            found = super().explain(
-                crop, _padded(start, len(self.template.modes)), iterations, active
-            )
-        finally:
-            self.shape, self.template = shape, template
+        half, template = self._halves[bool(left_is_near)], self.template
+        target = Target(half.shape, half.template_of(template))
+        padded = _padded(start, len(target.template.modes))
+        found = self._explain(target, crop, padded, iterations, active)
         return replace(found, face=_padded(found.face, len(template.modes)))
 
     def _half(self, every: Atlas, left: bool) -> "_Half":

@@ -41,7 +41,7 @@ class EncodeOptions:
     profile: "thesis" or "default".
     bitrate: bits per second that frame packets take (default profile).
     startup_bitrate: bits per second of all packets together while the model is sent in layers
-        (default profile); None: it is sent whole, at once.
+        (default profile), above `bitrate`; None: it is sent whole, at once.
     fps: code about this many frames a second (default profile), see `cadence_for`; None: all.
     live: look at nothing before it is sent, as if the source were a camera (default profile).
     pace: send at the source's own rate, as a camera would, instead of as fast as possible.
@@ -97,7 +97,8 @@ def encode(options: EncodeOptions, progress: Progress, stop: Callable[[], bool])
     """Encode one source to its end, or until `stop`; what was sent by then is a whole call.
 
     progress: called with the number of frames so far and of the whole source, if that is known.
-    Raises `UserError` if the source cannot be read, shows no face, or the call cannot be sent.
+    Raises `UserError` if the source cannot be read, shows no face, or the call cannot be sent,
+    `ValueError` if `startup_bitrate` leaves nothing for the model beside the frames.
     """
     tally = Tally()
     with ExitStack() as stack:
@@ -142,11 +143,12 @@ def send_default(
     if options.live or capture.is_live:
         send_live(options, capture, sink, tally, progress, stop)
         return
+    pacer = _pacer(options)
     survey = survey_source(options, capture, tally, progress, stop)
-    call, pacer = survey.code(options.bitrate), None
-    if options.startup_bitrate is not None:
+    call = survey.code(options.bitrate)
+    if pacer is not None:
         model = survey.in_layers(call)
-        call, pacer = replace(call, model=model.first), LayerPacer(options.startup_bitrate)
+        call = replace(call, model=model.first)
         pacer.begin(model)
     if options.pace:
         send_call(call, sink, tally, float(capture.fps), stop, pacer)
@@ -177,7 +179,7 @@ def send_live(
         tally,
         wait,
         cadence,
-        LayerPacer(options.startup_bitrate) if options.startup_bitrate else None,
+        _pacer(options),
     )
     for index, frame in paced(capture, options, tally, stop):
         call.frame(index, frame)
@@ -260,6 +262,12 @@ def open_sink(options: EncodeOptions, stack: ExitStack) -> PacketSink:
     if options.wait_for_peer_s:
         sink.wait_for_peer(options.wait_for_peer_s)
     return sink
+
+
+def _pacer(options: EncodeOptions) -> LayerPacer | None:
+    if options.startup_bitrate is None:
+        return None
+    return LayerPacer(options.startup_bitrate, options.bitrate)
 
 
 def _report(options: EncodeOptions, capture: Capture, tally: Tally) -> EncodeReport:

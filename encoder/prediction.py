@@ -6,14 +6,15 @@ residual alone (eq. 2.26).  The thesis trains on many people, once for all poses
 are the caller's own, with a matrix for each direction in which they have looked.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from encoder.crop import Crop
-from encoder.refine import EAU_SIGMA, SETTLED, Explained, Refiner, robust, robust_cost
+from encoder.refine import EAU_SIGMA, SETTLED, Explained, Refiner, coefficients, robust, robust_cost
 from encoder.shape_free import moved
 from encoder.texture import sample
 from shared_model.geometry import matrix_from_quaternion
@@ -39,9 +40,9 @@ GROWN = 1.1
 TINY, LEAST_GAIN = 1e-6, 0.2
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Training:
-    """How the residual changes about a known face, and the matrices made of it.
+    """How the residual changes about a known face; equal to itself alone.
 
     change: (k, 6 + EAUs) grey levels of the first frame's light per radian, mm and unit.
     weight: (k,) of the texels that took part.  rotation: (3, 3) camera from head.
@@ -53,13 +54,17 @@ class Training:
     rotation: Array
     depth_mm: float
     texels: float
-    matrices: dict[tuple[int, ...], tuple[Single, Array]]
 
 
 class MatrixRefiner(Refiner):
     """A `Refiner` whose steps are predicted by matrices made beforehand."""
 
     _trained: tuple[Training, ...] = ()
+    # By training and active actuators.  Each is of the template as it was when first needed, and
+    # kept until the training is outdated.
+    _matrices: Mapping[tuple[Training, tuple[int, ...]], tuple[Single, Array]] = MappingProxyType(
+        {}
+    )
 
     def learn(self, crop: Crop, face: FaceParameters) -> None:
         """Train on a picture whose face is known, unless its direction has been trained."""
@@ -73,9 +78,9 @@ class MatrixRefiner(Refiner):
             matrix_from_quaternion(face.pose.rotation),
             float(face.pose.translation_mm[2]),
             texels,
-            {},
         )
         self._trained = (*(known for known in self._trained if known not in near), made)
+        self._matrices = {k: found for k, found in self._matrices.items() if k[0] not in near}
 
     def explain(
         self, crop: Crop, start: FaceParameters, iterations: int, active: Sequence[int]
@@ -100,7 +105,7 @@ class MatrixRefiner(Refiner):
                     break
             if before.cost - best.cost <= SETTLED * before.cost:
                 break
-        found = replace(best.face, modes=self.coefficients(best.grey, shown))
+        found = replace(best.face, modes=coefficients(self.template, best.grey, shown))
         return Explained(found, best.grey, shown)
 
     def _displaced(self, crop: Crop, face: FaceParameters) -> Single:
@@ -132,7 +137,7 @@ class MatrixRefiner(Refiner):
         template = self.template
         grey = sample(view.grey, view.crop.from_frame(self.shape.positions(face)))[:, 0]
         left = grey - template.mean - face.modes.astype(np.float32) @ template.modes
-        modes = self.coefficients(grey, view.shown * robust(left))
+        modes = coefficients(template, grey, view.shown * robust(left))
         left = grey - template.mean - modes.astype(np.float32) @ template.modes
         away = view.start.eau - face.eau
         cost = float(view.shown @ robust_cost(left)) + view.precision * float(away @ away)
@@ -156,8 +161,8 @@ class MatrixRefiner(Refiner):
 
     def _matrix(self, known: Training, free: NDArray[np.intp]) -> tuple[Single, Array]:
         """Psi of eq. 2.27, (6 + a, k), light aside; what a unit off the first guess pulls back."""
-        key = tuple(free.tolist())
-        if key not in known.matrices:
+        key = known, tuple(free.tolist())
+        if key not in self._matrices:
             moves = known.change[:, np.r_[0:6, 6 + free]]
             rows = np.concatenate([moves, -self.template.modes.T], axis=1)
             weighted = rows * known.weight[:, None]
@@ -168,8 +173,8 @@ class MatrixRefiner(Refiner):
             normal[np.diag_indices(len(normal))] += TINY
             inverse = np.asarray(np.linalg.inv(normal), np.float64)[: 6 + len(free)]
             psi = np.asarray(inverse @ weighted.T, np.float32)
-            known.matrices[key] = psi, precision * inverse[:, eau]
-        return known.matrices[key]
+            self._matrices = {**self._matrices, key: (psi, precision * inverse[:, eau])}
+        return self._matrices[key]
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,6 +52,14 @@ class Template:
 
 
 @dataclass(frozen=True, slots=True)
+class Target:
+    """What to fit: the texels' places, and what they should look like."""
+
+    shape: ShapeFree
+    template: Template
+
+
+@dataclass(frozen=True, slots=True)
 class Explained:
     """A fit: the face with its coefficients; luma (k,) and weight (k,) of the texels seen."""
 
@@ -100,8 +108,11 @@ class Refiner:
 
     def seen(self, face: FaceParameters) -> NDArray[np.bool_]:
         """(k,) which texels the camera sees."""
+        return self._seen(self.shape.atlas, face)
+
+    def _seen(self, atlas: Atlas, face: FaceParameters) -> NDArray[np.bool_]:
         vertices = self._face.animate(face.eau)
-        return visible_texels(self._head, self.shape.atlas, face.pose, vertices, self._cell_mm)
+        return visible_texels(self._head, atlas, face.pose, vertices, self._cell_mm)
 
     def refine(
         self,
@@ -118,11 +129,21 @@ class Refiner:
 
     def explain(
         self, crop: Crop, start: FaceParameters, iterations: int, active: Sequence[int]
-    ) -> "Explained":
+    ) -> Explained:
         """See `refine`; coefficients are sought from `start.modes` on, if it has as many."""
+        return self._explain(Target(self.shape, self.template), crop, start, iterations, active)
+
+    def _explain(
+        self,
+        target: Target,
+        crop: Crop,
+        start: FaceParameters,
+        iterations: int,
+        active: Sequence[int],
+    ) -> Explained:
         free = np.asarray(active, np.intp)
-        view = self._view(crop, start)
-        modes = len(self.template.modes)
+        view = self._view(target, crop, start)
+        modes = len(target.template.modes)
         light = start.modes if len(start.modes) == modes else np.zeros(modes)
         trial = best = self._linearise(view, replace(start, modes=light), free)
         damping = 0.0
@@ -135,7 +156,8 @@ class Refiner:
                 damping = max(10 * damping, FIRST_DAMPING)
             if settled:
                 break
-        found = replace(best.face, modes=self.coefficients(best.grey, view.shown))
+        modes_found = coefficients(target.template, best.grey, view.shown)
+        found = replace(best.face, modes=modes_found)
         return Explained(found, best.grey, view.shown)
 
     def learn(self, crop: Crop, face: FaceParameters) -> None:
@@ -145,15 +167,15 @@ class Refiner:
         """What an actuator one unit off its first guess costs, `shown` (k,) being the weights."""
         return CORRELATED_TEXELS * float(shown.mean()) * (NOISE_GREY / EAU_SIGMA) ** 2
 
-    def _view(self, crop: Crop, start: FaceParameters) -> "_View":
+    def _view(self, target: Target, crop: Crop, start: FaceParameters) -> "_View":
         grey = self._grey(crop.picture)
-        shown = self.template.weight * self.seen(start)
+        shown = target.template.weight * self._seen(target.shape.atlas, start)
         stack = np.dstack([grey, *_gradients(grey)])
-        return _View(crop, stack, shown, start, self.precision(shown))
+        return _View(target, crop, stack, shown, start, self.precision(shown))
 
     def _linearise(self, view: "_View", face: FaceParameters, free: NDArray[np.intp]) -> "_Linear":
         """The normal equations of eq. 2.27 at `face` and its coefficients."""
-        template, shape = self.template, self.shape
+        template, shape = view.target.template, view.target.shape
         placed = shape.placed(face)
         seen = sample(view.stack, view.crop.from_frame(placed.pixels))
         change = shape.change(placed, seen[:, 1:] * view.crop.scale.astype(np.float32), free)
@@ -169,22 +191,12 @@ class Refiner:
         cost = float(view.shown @ robust_cost(left)) + view.precision * float(away @ away)
         return _Linear(face, normal, gradient, cost, seen[:, 0])
 
-    def coefficients(self, grey: Single, weight: Single) -> Array:
-        """(m,) least-squares coefficients of the template's modes; grey, weight: (k,)."""
-        modes = self.template.modes
-        if not len(modes):
-            return np.zeros(0)
-        weighted = (modes * weight).astype(np.float64)
-        normal = weighted @ modes.T
-        normal[np.diag_indices(len(normal))] *= 1 + 1e-4
-        normal[np.diag_indices(len(normal))] += TINY
-        return np.asarray(np.linalg.solve(normal, weighted @ (grey - self.template.mean)))
-
 
 @dataclass(frozen=True, slots=True)
 class _View:
     """A picture to explain: its luma and gradients, the texels' weights, the first guess."""
 
+    target: Target
     crop: Crop
     stack: Single
     shown: Single
@@ -214,6 +226,18 @@ def _stepped(at: _Linear, free: NDArray[np.intp], damping: float) -> FaceParamet
     step = np.zeros(6 + len(EAUS))
     step[np.r_[0:6, 6 + free]] = np.clip(found[:size], -longest, longest)
     return replace(moved(at.face, step), modes=found[size:])
+
+
+def coefficients(template: Template, grey: Single, weight: Single) -> Array:
+    """(m,) least-squares coefficients of the template's modes; grey, weight: (k,)."""
+    modes = template.modes
+    if not len(modes):
+        return np.zeros(0)
+    weighted = (modes * weight).astype(np.float64)
+    normal = weighted @ modes.T
+    normal[np.diag_indices(len(normal))] *= 1 + 1e-4
+    normal[np.diag_indices(len(normal))] += TINY
+    return np.asarray(np.linalg.solve(normal, weighted @ (grey - template.mean)))
 
 
 def _gradients(grey: Single) -> tuple[Single, Single]:

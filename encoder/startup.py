@@ -1,6 +1,5 @@
 """A paced start on a thin link: the model in layers, between frame packets that flow at once."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -69,9 +68,15 @@ class LayerPacer:
 
     bitrate: bits per second.  What has to go at once, as a first layer, is a debt; what is not
     spent lapses, so that no second makes up for another.
+    frames_bitrate: bits per second of the frames alone.
+    Raises `ValueError` if they leave nothing for the layers.
     """
 
-    def __init__(self, bitrate: float) -> None:
+    def __init__(self, bitrate: float, frames_bitrate: float = 0.0) -> None:
+        if not bitrate > frames_bitrate:
+            raise ValueError(
+                f"startup bitrate is {bitrate:g}, expected more than the frames' {frames_bitrate:g}"
+            )
         self._bitrate, self._credit = bitrate, 0.0
         self._model, self._number, self._items = 0, 0, 0
         self._waiting: list[bytes] = []
@@ -104,20 +109,21 @@ class LayerPacer:
         """A packet of this size has been sent."""
         self._credit -= 8 * (packet_bytes + OVERHEAD_BYTES - 1)
 
-    def due(self, seconds: float) -> Iterator[LayerPacket]:
+    def due(self, seconds: float) -> list[LayerPacket]:
         """The packets to send now.  seconds: since this was last asked."""
         earned = self._bitrate * seconds
         kept = max(earned, 8 * (LEAST_PIECE_BYTES + LAYER_OVERHEAD_BYTES))
         self._credit = min(self._credit + earned, kept)
+        packets = list[LayerPacket]()
         while self._waiting:
             room = int(self._credit / 8) - LAYER_OVERHEAD_BYTES
             data = self._waiting[0][: min(max(room, 0), MAX_LAYER_BYTES)]
             if len(data) < min(LEAST_PIECE_BYTES, len(self._waiting[0])):
-                return
-            packet = LayerPacket(self._model, self._number, data)
+                break
+            packets.append(LayerPacket(self._model, self._number, data))
             self._number += 1
             self._credit -= 8 * (len(data) + LAYER_OVERHEAD_BYTES)
             self._waiting[0] = self._waiting[0][len(data) :]
             if not self._waiting[0]:
                 self._waiting.pop(0)
-            yield packet
+        return packets

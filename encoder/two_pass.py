@@ -33,7 +33,7 @@ from encoder.learn import (
     within_outline,
 )
 from encoder.model import Budget, identity_of, shape_packet
-from encoder.parallel import on_all_cores
+from encoder.parallel import on_cores
 from encoder.refine import TEXELS, Refiner, Template
 from encoder.shape_free import ShapeFree
 from encoder.sharpen import sharpened
@@ -139,8 +139,12 @@ def learn_caller(
     points: Sequence[Array],
     call: CallParameters,
     budget: Budget,
+    workers: int | None = None,
 ) -> Learned:
-    """The caller's appearance from a sample of frames (number, picture)."""
+    """The caller's appearance from a sample of frames (number, picture).
+
+    workers: see `on_cores`; one where frames of a live call are coded meanwhile.
+    """
     reference = faces[0]
     packet = shape_packet(fitted, reference, call)
     camera = call.camera
@@ -152,17 +156,17 @@ def learn_caller(
     ratio = texel_pixels(atlas, camera, reference.pose, rest)
     crops = [crop_face(frame, points[number], ratio) for number, frame in sample_frames]
     found = [faces[number] for number, _ in sample_frames]
-    found = tracked(head, face, camera, size, crops, found)
-    stack = _stack(head, shape, face, crops, found)
+    found = tracked(head, face, camera, size, crops, found, workers)
+    stack = _stack(head, shape, face, crops, found, workers)
     shown = within_outline(shape, crops, found, [points[number] for number, _ in sample_frames])
     mask = np.maximum(face_mask(head, atlas), shown)
     beside = head.parts[atlas.corners[:, 0]] == PARTS.index("surround")
     stack = replace(stack, weight=stack.weight * np.where(beside, mask, 1).astype(np.float32))
-    sharp = sharpened_stack(shape, stack, crops, found)
+    sharp = sharpened_stack(shape, stack, crops, found, workers)
     mean = mean_colours(shape, sharp, unseen_colours(head, atlas))
     appearance = code_appearance(shape, sharp, mean, mask, budget.face_bytes, budget.most_modes)
     refiner = Refiner(head, face, shape, sampled_template(shape, stack, sharp, appearance))
-    found = refined(refiner, crops, found)
+    found = refined(refiner, crops, found, workers)
     return Learned(Caller(fitted, reference, refiner, appearance, ratio), crops, found)
 
 
@@ -173,30 +177,38 @@ def tracked(
     size: int,
     crops: Sequence[Crop],
     found: Sequence[FaceParameters],
+    workers: int | None = None,
 ) -> list[FaceParameters]:
     """The faces `found` in crops, refined against their own mean and ever more modes.
 
     size: of the texture that the crops are for, a side; a coarser one serves here.
+    workers: see `on_cores`.
     """
     coarser = max(1, round(float(np.sqrt(len(atlas_of(head, size).rows) / TEXELS))))
     shape = ShapeFree(face, atlas_of(head, size // coarser), camera)
     cell_mm = coarser * DEPTH_CELL_MM
     unseen, faces = unseen_colours(head, shape.atlas), list(found)
     for modes in TRACKING_MODES:
-        stack = _stack(head, shape, face, crops, faces, cell_mm)
+        stack = _stack(head, shape, face, crops, faces, workers, cell_mm)
         mean = mean_colours(shape, stack, unseen)
         template = template_of(stack, mean, luma_modes(stack, mean, min(modes, len(crops) // 3)))
         refiner = Refiner(head, face, shape, template, cell_mm=cell_mm)
-        faces = refined(refiner, crops, faces)
+        faces = refined(refiner, crops, faces, workers)
     return faces
 
 
 def refined(
-    refiner: Refiner, crops: Sequence[Crop], faces: Sequence[FaceParameters]
+    refiner: Refiner,
+    crops: Sequence[Crop],
+    faces: Sequence[FaceParameters],
+    workers: int | None = None,
 ) -> list[FaceParameters]:
-    """The faces in crops, two steps nearer to what the template says."""
+    """The faces in crops, two steps nearer to what the template says.
+
+    workers: see `on_cores`.
+    """
     pairs = zip(crops, faces, strict=True)
-    return on_all_cores(lambda pair: refiner.refine(pair[0], pair[1], 2), pairs)
+    return on_cores(lambda pair: refiner.refine(pair[0], pair[1], 2), pairs, workers)
 
 
 def decoded_template(shape: ShapeFree, stack: Stack, appearance: Appearance) -> Template:
@@ -230,16 +242,20 @@ def sampled_template(
 
 
 def sharpened_stack(
-    shape: ShapeFree, stack: Stack, crops: Sequence[Crop], faces: Sequence[FaceParameters]
+    shape: ShapeFree,
+    stack: Stack,
+    crops: Sequence[Crop],
+    faces: Sequence[FaceParameters],
+    workers: int | None = None,
 ) -> Stack:
-    """The stack with colours that draw right, see `sharpened`."""
+    """The stack with colours that draw right, see `sharpened`.  workers: see `on_cores`."""
 
     def sharpen(view: tuple[Crop, FaceParameters, Single, NDArray[np.bool_]]) -> Single:
         crop, face, colours, seen = view
         return sharpened(shape, crop, crop.from_frame(shape.positions(face)), colours, seen)
 
     views = zip(crops, faces, stack.colours, stack.seen, strict=True)
-    return replace(stack, colours=np.array(on_all_cores(sharpen, views)))
+    return replace(stack, colours=np.array(on_cores(sharpen, views, workers)))
 
 
 def combine_call(
@@ -273,7 +289,8 @@ def _stack(
     face: Face,
     crops: Sequence[Crop],
     found: Sequence[FaceParameters],
+    workers: int | None,
     cell_mm: float = DEPTH_CELL_MM,
 ) -> Stack:
     vertices = [face.animate(f.eau) for f in found]
-    return shape_free_stack(head, shape, crops, found, vertices, cell_mm)
+    return shape_free_stack(head, shape, crops, found, vertices, cell_mm, workers)

@@ -6,6 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from loopback import commands
+from loopback.argument_types import bitrates, port, seconds
+from loopback.options import (
+    add_coding,
+    add_following,
+    add_likeness,
+    add_link,
+    add_reporting,
+    add_sending,
+)
 from shared_model.errors import UserError
 
 if TYPE_CHECKING:
@@ -75,69 +84,11 @@ def _add_encode(added: "Commands") -> None:
     parser.add_argument("source", metavar="SOURCE", help=SOURCE_HELP)
     where = parser.add_mutually_exclusive_group(required=True)
     where.add_argument("-o", "--output", type=Path, metavar="CALL", help="write a call file (.rzo)")
-    _add_link(parser, where)
-    _add_coding(parser)
-    parser.add_argument(
-        "--startup-bitrate",
-        type=_bitrate,
-        metavar="BPS",
-        help="default profile: send the model in layers, a first one of 2 kB and the others between"
-        " the frames, so that all packets together keep to BPS (default: whole, at once)",
-    )
-    parser.add_argument(
-        "--tracker",
-        choices=("single", "full"),
-        default="full",
-        help="thesis profile: landmarks of each frame by itself, or KLT, filter and the fit of the"
-        " caller's own texture as well (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--without",
-        type=_parts,
-        default=frozenset(),
-        metavar="PARTS",
-        help="thesis profile: leave parts out of the full tracker, to measure: some of"
-        " network,klt,ekf,abs",
-    )
-    parser.add_argument(
-        "--normalise",
-        choices=("none", "retinex"),
-        default="none",
-        help="what the full tracker fits its texture to: the luma, or retinex and histogram"
-        " equalisation of it (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--abs",
-        choices=("gauss-newton", "mirrored", "matrix"),
-        default="gauss-newton",
-        help="how that fit steps: by each picture's gradient, the same with the visible half of a"
-        " turned face mirrored, or by the thesis' prediction matrix (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--pace",
-        action=argparse.BooleanOptionalAction,
-        help="send at the source's own rate (default: over a link yes, into a file no)",
-    )
-    parser.add_argument(
-        "--lossless",
-        action="store_true",
-        help="over a link, drop no packet, however late it comes: to measure, not to talk",
-    )
-    parser.add_argument(
-        "--wait",
-        type=_seconds,
-        default=30.0,
-        metavar="S",
-        help="over a link, wait this long for a decoder; 0: start at once (default: %(default)g)",
-    )
-    parser.add_argument(
-        "--look-for-face",
-        type=_seconds,
-        default=10.0,
-        metavar="S",
-        help="say so when there is no face in the first S seconds (default: %(default)g)",
-    )
-    _add_reporting(parser)
+    add_link(parser, where)
+    add_coding(parser)
+    add_following(parser)
+    add_sending(parser)
+    add_reporting(parser)
     parser.set_defaults(run=commands.run_encode)
 
 
@@ -154,7 +105,7 @@ def _add_decode(added: "Commands") -> None:
     )
     where = parser.add_mutually_exclusive_group(required=True)
     where.add_argument("call_file", nargs="?", type=Path, metavar="CALL", help="call file (.rzo)")
-    _add_link(parser, where)
+    add_link(parser, where)
     parser.add_argument(
         "-o",
         "--output",
@@ -162,24 +113,15 @@ def _add_decode(added: "Commands") -> None:
         metavar="VIDEO",
         help=".mkv .avi .mp4 .mov, or frame%%04d.png; without it the call is only checked",
     )
-    likeness = parser.add_mutually_exclusive_group()
-    likeness.add_argument(
-        "--face",
-        type=Path,
-        metavar="OTHER",
-        help="draw the caller of this call file instead, moved by the call's stream",
-    )
-    likeness.add_argument(
-        "--source", metavar="VIDEO", help="the original: report PSNR against it (thesis eq. 6.1)"
-    )
+    add_likeness(parser)
     parser.add_argument(
         "--timeout",
-        type=_seconds,
+        type=seconds,
         default=0.0,
         metavar="S",
         help="over a link, give up after S seconds without a picture; 0: wait (default: 0)",
     )
-    _add_reporting(parser)
+    add_reporting(parser)
     parser.set_defaults(run=commands.run_decode)
 
 
@@ -202,10 +144,10 @@ def _add_bench(added: "Commands") -> None:
         metavar="DIR",
         help="decoded videos, report.json and report.html go here (default: %(default)s)",
     )
-    _add_coding(parser)
+    add_coding(parser)
     parser.add_argument(
         "--sweep",
-        type=_bitrates,
+        type=bitrates,
         metavar="BPS,...",
         help="draw the default profile's PSNR over these rates; goes on where it was stopped",
     )
@@ -313,7 +255,7 @@ def _add_view(added: "Commands") -> None:
         "--call", type=Path, metavar="CALL", help="show the caller of this call file"
     )
     parser.add_argument(
-        "--port", type=_port, default=0, metavar="N", help="TCP port; 0: any free one (default: 0)"
+        "--port", type=port, default=0, metavar="N", help="TCP port; 0: any free one (default: 0)"
     )
     parser.set_defaults(run=commands.run_view)
 
@@ -345,130 +287,6 @@ def _add_command(added: "Commands", name: str, summary: str, details: str, examp
         epilog=f"examples:\n{examples}\n{EXIT_CODES}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-
-
-def _add_link(parser: Parser, where: argparse._MutuallyExclusiveGroup) -> None:
-    for option, example in (("--connect", "tcp/HOST:7447"), ("--listen", "tcp/0.0.0.0:7447")):
-        where.add_argument(
-            option, action="append", metavar="ENDPOINT", help=f"Zenoh endpoint, as {example}"
-        )
-    parser.add_argument(
-        "--call", default="call", metavar="NAME", help="name on the link (default: %(default)s)"
-    )
-
-
-def _add_coding(parser: Parser) -> None:
-    parser.add_argument(
-        "--profile",
-        choices=("default", "thesis"),
-        help="default: every frame, with the caller's own appearance, entropy-coded; thesis: ten"
-        " values of 8 bits, ten times a second (default: default, unless an option of the thesis"
-        " profile is given or the landmark networks are missing)",
-    )
-    parser.add_argument(
-        "--bitrate",
-        type=_bitrate,
-        default=800.0,
-        metavar="BPS",
-        help="bits a second of frame packets, default profile (default: %(default)g)",
-    )
-    parser.add_argument(
-        "--fps",
-        type=_frame_rate,
-        metavar="N",
-        help="default profile: code about N frames a second, the nearest that is every k-th of the"
-        " source's; the decoder interpolates those between (default: every frame)",
-    )
-    parser.add_argument(
-        "--live",
-        action="store_true",
-        help="default profile: send each frame of a file as if it came from a camera, rather than"
-        " look at the whole file first",
-    )
-    parser.add_argument(
-        "--model-bytes",
-        type=_model_bytes,
-        metavar="N",
-        help="about as large the model packet shall be (default: 16000 thesis, 10000 default)",
-    )
-    parser.add_argument(
-        "--detector",
-        choices=("network", "haar"),
-        default="network",
-        help="thesis profile: landmark network (default), or the thesis' Viola-Jones",
-    )
-    parser.add_argument(
-        "--max-frames", type=_count, metavar="N", help="stop after N frames of the source"
-    )
-
-
-def _add_reporting(parser: Parser) -> None:
-    parser.add_argument("--report", type=Path, metavar="FILE", help="write the figures as JSON")
-    parser.add_argument("-q", "--quiet", action="store_true", help="no progress, no summary")
-
-
-def _parts(text: str) -> frozenset[str]:
-    return frozenset(text.split(","))
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text} is not a number") from error
-
-
-def _integer(text: str) -> int:
-    try:
-        return int(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number") from error
-
-
-def _seconds(text: str) -> float:
-    value = _number(text)
-    if not 0 <= value < 1e9:
-        raise argparse.ArgumentTypeError(f"{text} is not a number of seconds")
-    return value
-
-
-def _bitrate(text: str) -> float:
-    value = _number(text)
-    if not 0 < value < 1e9:
-        raise argparse.ArgumentTypeError(f"{text} is not a number of bits a second")
-    return value
-
-
-def _frame_rate(text: str) -> float:
-    value = _number(text)
-    if not 0 < value < 1e9:
-        raise argparse.ArgumentTypeError(f"{text} is not a number of frames a second")
-    return value
-
-
-def _model_bytes(text: str) -> int:
-    value = _integer(text)
-    if not 2000 <= value <= 100_000:
-        raise argparse.ArgumentTypeError(f"{text} is not 2000 to 100000 bytes")
-    return value
-
-
-def _port(text: str) -> int:
-    value = _integer(text)
-    if not 0 <= value < 65536:
-        raise argparse.ArgumentTypeError(f"{text} is not a TCP port, 0 to 65535")
-    return value
-
-
-def _bitrates(text: str) -> tuple[float, ...]:
-    return tuple(sorted({_bitrate(part) for part in text.split(",")}))
-
-
-def _count(text: str) -> int:
-    value = _integer(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not a number of frames above 0")
-    return value
 
 
 def _version() -> str:

@@ -7,13 +7,14 @@ import argparse
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack, suppress
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from loopback.profiles import chosen_profile
 from loopback.progress import ProgressLine
 from loopback.report import json_text, write_json, write_report
 from loopback.signals import StopOnSignal
@@ -26,16 +27,6 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int | None], None]
 
-# What only one of the profiles has a use for, with its usual value.
-THESIS_OPTIONS: Mapping[str, object] = {
-    "detector": "network",
-    "tracker": "full",
-    "without": frozenset(),
-    "normalise": "none",
-    "abs": "gauss-newton",
-}
-DEFAULT_OPTIONS: Mapping[str, object] = {"live": False, "fps": None, "startup_bitrate": None}
-
 LINK_FAILED = 4
 INTERRUPTED = 130
 
@@ -46,7 +37,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
     from encoder.pipeline import EncodeOptions, encode
 
     _refuse_overwriting([arguments.source], [arguments.output, arguments.report])
-    profile = _profile(arguments)
+    profile = chosen_profile(arguments)
     _check_startup(arguments)
     over_link = arguments.output is None
     options = EncodeOptions(
@@ -134,7 +125,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
     from loopback.timings import timings_tables
 
     settings = BenchSettings(
-        profile=_profile(arguments),
+        profile=chosen_profile(arguments),
         bitrate=arguments.bitrate,
         fps=arguments.fps,
         detector=arguments.detector,
@@ -298,39 +289,6 @@ def _reason(
 def _warn(warnings: Iterable[str]) -> None:
     for warning in warnings:
         say(f"risorius: warning: {warning}")
-
-
-def _profile(arguments: argparse.Namespace) -> str:
-    """The profile asked for, or the one that what is asked for needs, or has here.
-
-    Raises `UserError` where an option would be ignored in silence.
-    """
-    of_thesis = _given(arguments, THESIS_OPTIONS)
-    of_default = _given(arguments, DEFAULT_OPTIONS)
-    profile: str | None = arguments.profile
-    if profile is None:
-        profile = "thesis" if of_thesis or not (of_default or _has_networks()) else "default"
-    for option in of_default if profile == "thesis" else of_thesis:
-        other = "default" if profile == "thesis" else "thesis"
-        raise UserError(f"{option} is about the {other} profile; add --profile {other}")
-    return profile
-
-
-def _given(arguments: argparse.Namespace, options: Mapping[str, object]) -> list[str]:
-    """Those of the options, by their usual values, that the command has and that differ."""
-    found = {name: getattr(arguments, name, usual) for name, usual in options.items()}
-    given = [name for name, value in found.items() if value != options[name]]
-    return [f"--{name.replace('_', '-')}" for name in given]
-
-
-def _has_networks() -> bool:
-    from encoder.networks import NetworkFilesMissing, find_network_folder
-
-    try:
-        find_network_folder()
-    except NetworkFilesMissing:
-        return False
-    return True
 
 
 def _check_startup(arguments: argparse.Namespace) -> None:

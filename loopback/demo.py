@@ -15,6 +15,7 @@ from encoder.capture import open_source
 from encoder.pipeline import EncodeOptions, encode
 from loopback.bench import make_folder
 from loopback.clips import CARPHONE, clip_path
+from loopback.profiles import profile_at_hand
 from loopback.quality import Quality, face_area_finder, measure
 from loopback.report import Cell, table
 from protocol.summary import CallSummary, summarise
@@ -37,7 +38,9 @@ def demo(folder: Path, say: Callable[[str], None], stop: Callable[[], bool]) -> 
     make_folder(folder)
     call, decoded = folder / "call.rzo", folder / "decoded.mkv"
     say("demo: encode")
-    encode(EncodeOptions(source=source, output=call), _ignore, stop)
+    report = encode(EncodeOptions(source, call, profile=profile_at_hand()), _ignore, stop)
+    for warning in report.warnings:
+        say(f"risorius: warning: {warning}")
     say("demo: decode")
     decode(DecodeOptions(call_file=call, output=decoded), _ignore, stop)
     say("demo: compare")
@@ -102,4 +105,4 @@ def _demo_table(summary: CallSummary, quality: Quality) -> str:
 
 
 def _ignore(done: int, total: int | None) -> None:
-    """No progress: it is over in seconds."""
+    """No progress: `say` tells which step it is at."""

@@ -88,8 +88,7 @@ def arrivals_s(call: LayeredCall, bitrate: float) -> list[float]:
             return found
         slots, before = slots + 1, pacer.items_waiting
         pacer.spent(len(data))
-        for _ in pacer.due(slot_s):
-            pass
+        pacer.due(slot_s)
         found += [slots * slot_s] * (before - pacer.items_waiting)
     raise UserError("the call has no frame packets")
 

@@ -2,12 +2,13 @@
 
 import io
 import json
+import re
 import signal
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from itertools import islice
 from pathlib import Path
 
@@ -16,6 +17,8 @@ from conftest import PROGRAM, ROOT, Start
 
 from decoder.sink import open_sink
 from encoder.capture import open_source
+from encoder.follow import DETECTORS, STEPS, TRACKERS
+from encoder.photometric import NORMALISATIONS
 from loopback.arguments import build_parser
 from loopback.cli import main
 from loopback.commands import Patience
@@ -551,6 +554,23 @@ def test_the_profile_follows_from_the_options(
     line = ["encode", str(carphone), "-o", str(path), "--max-frames", "8"]
     assert main([*line, *option.split()]) == 0
     assert summarise(path).profile == profile
+
+
+@pytest.mark.parametrize(
+    ("option", "known"),
+    [
+        ("--detector", DETECTORS),
+        ("--tracker", TRACKERS),
+        ("--normalise", NORMALISATIONS),
+        ("--abs", STEPS),
+    ],
+)
+def test_the_choices_of_an_option_are_those_that_the_encoder_has(
+    option: str, known: Iterable[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["encode", "clip.mp4", "-o", "call.rzo", option, "?"]) == 2
+    named = one_line(capsys.readouterr().err).partition("choose from ")[2].partition(")")[0]
+    assert re.findall(r"[\w-]+", named) == list(known)
 
 
 def test_a_sweep_does_not_pass_over_an_option(capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,6 +8,7 @@ import pytest
 from encoder.capture import open_source
 from loopback.cli import main
 from loopback.clips import clip_path
+from loopback.demo import demo
 from protocol.summary import summarise
 from shared_model.errors import UserError
 
@@ -29,6 +30,19 @@ def test_the_demo_leaves_a_call_videos_and_a_contact_sheet(
     assert sheet.shape[0] * 6 * 176 == sheet.shape[1] * 2 * 144
     assert sheet.shape[0] >= 480
     assert all(str(path) in printed for path in folder.iterdir())
+
+
+def test_without_the_landmark_networks_the_demo_is_of_the_thesis_profile(
+    carphone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def missing(name: str) -> None:
+        """No package of networks."""
+
+    monkeypatch.setattr("encoder.networks.find_spec", missing)
+    said = list[str]()
+    demo(tmp_path, said.append, lambda: False)
+    assert summarise(tmp_path / "call.rzo").profile == "thesis"
+    assert any("Viola-Jones" in line for line in said)
 
 
 def test_a_clip_of_a_package_that_is_missing_says_how_to_get_it() -> None:

@@ -112,6 +112,26 @@ def test_a_damaged_layer_harms_nothing() -> None:
     assert playout.model == BASE
 
 
+@pytest.mark.parametrize("late", [False, True])
+def test_an_update_holds_even_if_layers_ahead_of_it_were_damaged(late: bool) -> None:
+    update = replace(
+        BASE,
+        sequence=2,
+        layer=BASE.layer + 1,
+        layers=BASE.layers + 1,
+        call=replace(BASE.call, start_frame=1 + PACKED),
+    )
+    layer = serialise(LayerPacket(update.layer, 0, b"\xff\xff\xff\xff"))
+    playout = Playout()
+    play(playout, [serialise(BASE), *frames(2)])
+    first, second = (serialise(update), layer) if late else (layer, serialise(update))
+    play(playout, [first])
+    with pytest.raises(ProtocolError, match="bad number"):
+        play(playout, [second])
+    shown = play(playout, frames(3, first=2))
+    assert [model for _, model in shown] == [update] * (1 + 2 * PACKED)
+
+
 def test_a_model_is_drawn_even_if_its_early_layers_were_damaged() -> None:
     playout = Playout()
     play(playout, [serialise(LayerPacket(BASE.layer, 0, b"\xff\xff\xff\xff"))])

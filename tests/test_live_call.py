@@ -8,8 +8,9 @@ import pytest
 
 from decoder.pipeline import DecodeOptions, decode
 from decoder.playout import PlayedFrame, Playout
+from encoder.announce import AHEAD
 from encoder.imagine import IMAGINED_FRAMES, imagined
-from encoder.live_call import AHEAD, LEARN_AFTER_S
+from encoder.live_call import LEARN_AFTER_S
 from encoder.pipeline import EncodeOptions, encode
 from loopback.animate import AnimateOptions, animate
 from protocol.components import GEOMETRY, parse_components

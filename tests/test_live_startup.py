@@ -1,12 +1,13 @@
 """A live call on a thin link: its models come in layers, and frames flow from the start."""
 
+from itertools import combinations
 from pathlib import Path
 
 import pytest
 
 from decoder.pipeline import DecodeOptions, decode
 from decoder.playout import Playout
-from encoder.live_call import AHEAD, ENOUGH_ITEMS, packets_ahead
+from encoder.announce import AHEAD, ENOUGH_ITEMS, packets_ahead
 from encoder.pipeline import EncodeOptions, EncodeReport, encode
 from encoder.startup import FIRST_LAYER_BYTES, UPDATE_LAYER_BYTES
 from loopback.animate import AnimateOptions, animate
@@ -131,17 +132,20 @@ def test_an_update_takes_effect_with_its_pictures_and_modes(call: Path) -> None:
         assert all(parse_components(model.extension).modes[: ENOUGH_ITEMS - 2])
 
 
-def test_layers_and_frames_keep_to_the_rate(call: Path) -> None:
-    frames, bits, slots = 0, 0, list[int]()
+def test_frames_layers_and_models_keep_to_the_rate(call: Path) -> None:
+    bits, slots = 0, list[int]()
     for data in raw_packets(call)[1:]:
         packet = parse_packet(data)
         if isinstance(packet, FramePacket):
             slots.append(bits)
-            frames, bits = frames + 1, 0
-        if not isinstance(packet, ModelPacket):
-            bits += 8 * len(record(data))
-    # The least piece may be larger than what a slot earns of a slow rate; this one is not.
-    assert max(slots[2:]) <= STARTUP * PACKED / FPS + 8 * 64
+            bits = 0
+        bits += 8 * len(record(data))
+    slot_bits = STARTUP * PACKED / FPS
+    # An update's model packet goes at once, as a debt that the slots after it pay.
+    debt = 8 * UPDATE_LAYER_BYTES
+    for first, end in combinations(range(2, len(slots) + 1), 2):
+        assert sum(slots[first:end]) <= (end - first) * slot_bits + debt + 8 * 64
+    assert max(slots[2:]) > slot_bits / 2
 
 
 def test_a_live_call_in_layers_is_drawn(call: Path, tmp_path: Path) -> None:

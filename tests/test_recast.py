@@ -93,6 +93,19 @@ def test_the_layers_of_updates_are_none_of_the_first_model(tmp_path: Path) -> No
     assert read_model(path) == expected(len(ITEMS))
 
 
+@pytest.mark.parametrize("layered", [False, True])
+def test_of_a_call_with_updates_the_newest_model_is_worn_with_its_layers(
+    layered: bool, tmp_path: Path
+) -> None:
+    path = tmp_path / "call.rzo"
+    rough = replace(FIRST, layer=FIRST.layer - 1, texture=b"rougher")
+    update = FIRST if layered else replace(FIRST, layered=False)
+    layers = pieces(STREAM, [20]) if layered else []
+    packets: list[Packet] = [rough, LayerPacket(rough.layer, 0, bytes(9)), *layers, update, rough]
+    path.write_bytes(MAGIC + b"".join(record(serialise(packet)) for packet in packets))
+    assert read_model(path) == (expected(len(ITEMS)) if layered else update)
+
+
 def test_the_calls_own_file_as_its_face_changes_nothing(call: Path, tmp_path: Path) -> None:
     with CallReader(call) as reader:
         packets = [parse_packet(data) for data in reader if packet_kind(data) is Kind.MODEL]

@@ -91,6 +91,23 @@ def test_a_first_layer_is_a_debt_that_is_paid_before_anything_else() -> None:
     assert max(due) <= 0.25 * 8000 / 8
 
 
+def test_a_rate_that_leaves_nothing_for_layers_is_refused(tmp_path: Path, noise: Path) -> None:
+    for live in (False, True):
+        options = EncodeOptions(
+            str(noise), tmp_path / "call.rzo", bitrate=800, startup_bitrate=800, live=live
+        )
+        with pytest.raises(ValueError, match="startup bitrate is 800"):
+            encode(options, lambda done, total: None, lambda: False)
+
+
+def test_time_counts_even_if_nobody_looks_at_what_is_due() -> None:
+    pacer = LayerPacer(8000)
+    pacer.begin(LayeredModel(MODEL, (bytes(500),)))
+    pacer.spent(1000)
+    pacer.due(1)
+    assert pacer.due(1)
+
+
 def test_a_new_model_takes_the_place_of_what_was_waiting() -> None:
     pacer = LayerPacer(8000)
     pacer.begin(LayeredModel(MODEL, (bytes(500), bytes(500))))
@@ -284,6 +301,17 @@ def test_a_damaged_layer_leaves_what_was_drawn_before(at_once: Path, tmp_path: P
         np.testing.assert_array_equal(one, same)
 
 
+def test_a_damaged_texture_is_told_once_and_the_one_before_worn(whole: Path) -> None:
+    model = packets(whole)[0]
+    assert isinstance(model, ModelPacket)
+    wardrobe, damaged = Wardrobe(model), replace(model, texture=b"RIFF no picture")
+    before = wardrobe.texture(np.zeros(0)).copy()
+    with pytest.raises(ProtocolError, match="texture"):
+        wardrobe.refine(damaged)
+    wardrobe.refine(damaged)
+    np.testing.assert_array_equal(wardrobe.texture(np.zeros(0)), before)
+
+
 def test_modes_before_a_damaged_one_are_worn_and_not_decoded_again(whole: Path) -> None:
     model = packets(whole)[0]
     assert isinstance(model, ModelPacket)
@@ -296,9 +324,9 @@ def test_modes_before_a_damaged_one_are_worn_and_not_decoded_again(whole: Path) 
         return replace(model, extension=extension, layered=True)
 
     wardrobe = Wardrobe(with_modes())
-    for _ in range(2):
-        with pytest.raises(ProtocolError, match="mode 2 has no step"):
-            wardrobe.refine(with_modes(*components.modes[:2], b"\xff"))
+    with pytest.raises(ProtocolError, match="mode 2 has no step"):
+        wardrobe.refine(with_modes(*components.modes[:2], b"\xff"))
+    wardrobe.refine(with_modes(*components.modes[:2], b"\xff", *components.modes[3:]))
     coefficients = np.linspace(-3, 3, len(components.modes))
     expected = Wardrobe(with_modes(*components.modes[:2]))
     np.testing.assert_array_equal(wardrobe.texture(coefficients), expected.texture(coefficients))

@@ -1,0 +1,53 @@
+"""Which profile a call is coded in, where the user leaves it open."""
+
+import argparse
+from collections.abc import Mapping
+
+from shared_model.errors import UserError
+
+# What only one of the profiles has a use for, with its usual value.
+THESIS_OPTIONS: Mapping[str, object] = {
+    "detector": "network",
+    "tracker": "full",
+    "without": frozenset(),
+    "normalise": "none",
+    "abs": "gauss-newton",
+}
+DEFAULT_OPTIONS: Mapping[str, object] = {"live": False, "fps": None, "startup_bitrate": None}
+
+
+def chosen_profile(arguments: argparse.Namespace) -> str:
+    """The profile asked for, or the one that what is asked for needs, or has here.
+
+    Raises `UserError` where an option would be ignored in silence.
+    """
+    of_thesis = _given(arguments, THESIS_OPTIONS)
+    of_default = _given(arguments, DEFAULT_OPTIONS)
+    profile: str | None = arguments.profile
+    if profile is None and (of_thesis or of_default):
+        profile = "thesis" if of_thesis else "default"
+    elif profile is None:
+        profile = profile_at_hand()
+    wrong = of_default if profile == "thesis" else of_thesis
+    if wrong:
+        other = "default" if profile == "thesis" else "thesis"
+        raise UserError(f"{wrong[0]} is about the {other} profile; add --profile {other}")
+    return profile
+
+
+def profile_at_hand() -> str:
+    """The default profile, or that of the thesis where the landmark networks are missing."""
+    from encoder.networks import NetworkFilesMissing, find_network_folder
+
+    try:
+        find_network_folder()
+    except NetworkFilesMissing:
+        return "thesis"
+    return "default"
+
+
+def _given(arguments: argparse.Namespace, options: Mapping[str, object]) -> list[str]:
+    """Those of the options, by their usual values, that the command has and that differ."""
+    found = {name: getattr(arguments, name, usual) for name, usual in options.items()}
+    given = [name for name, value in found.items() if value != options[name]]
+    return [f"--{name.replace('_', '-')}" for name in given]
