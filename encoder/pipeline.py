@@ -125,7 +125,7 @@ def send_thesis(
     call = ThesisCall(capture, follower, sink, budget, options.look_for_face_s, tally)
     for index, frame in paced(capture, options, tally, stop):
         call.frame(index, frame)
-        progress(index + 1, capture.frame_count)
+        progress(index + 1, expected_frames(capture, options))
     if not call.started:
         raise no_face(options.source, len(tally.capture_ns))
     call.end(len(tally.capture_ns))
@@ -183,7 +183,7 @@ def send_live(
     )
     for index, frame in paced(capture, options, tally, stop):
         call.frame(index, frame)
-        progress(index + 1, capture.frame_count)
+        progress(index + 1, expected_frames(capture, options))
     if not call.started:
         raise no_face(options.source, len(tally.capture_ns))
     call.end(len(tally.capture_ns))
@@ -204,7 +204,7 @@ def survey_source(
     survey = Survey(capture, tally, cadence_for(capture.fps, options.fps))
     for index, frame in paced(capture, replace(options, pace=False), tally, stop):
         survey.frame(index, frame)
-        progress((index + 1) // 2, capture.frame_count)
+        progress((index + 1) // 2, expected_frames(capture, options))
     if not survey.faces_seen:
         raise no_face(options.source, len(tally.capture_ns))
     frames = len(tally.capture_ns)
@@ -216,10 +216,16 @@ def survey_source(
             if index >= frames or stop():
                 break
             survey.refine(index, frame)
-            progress((frames + index + 1) // 2, capture.frame_count)
+            progress((frames + index + 1) // 2, expected_frames(capture, options))
     if not survey.faces_refined:
         raise KeyboardInterrupt
     return survey
+
+
+def expected_frames(capture: Capture, options: EncodeOptions) -> int | None:
+    """How many frames there will be to encode; None: nobody knows."""
+    counts = [n for n in (capture.frame_count, options.max_frames) if n is not None]
+    return min(counts, default=None)
 
 
 def no_face(source: str, frames: int) -> UserError:

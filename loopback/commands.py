@@ -14,6 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from loopback.outputs import check_outputs
 from loopback.profiles import chosen_profile
 from loopback.progress import ProgressLine
 from loopback.report import json_text, write_json, write_report
@@ -36,7 +37,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
     from encoder.follow import FollowOptions
     from encoder.pipeline import EncodeOptions, encode
 
-    _refuse_overwriting([arguments.source], [arguments.output, arguments.report])
+    check_outputs([arguments.source], [arguments.output], [arguments.report])
     profile = chosen_profile(arguments)
     _check_startup(arguments)
     over_link = arguments.output is None
@@ -82,10 +83,8 @@ def run_decode(arguments: argparse.Namespace) -> int:
     """`risorius decode`."""
     from decoder.pipeline import DecodeOptions, decode
 
-    _refuse_overwriting(
-        [arguments.call_file, arguments.source, arguments.face],
-        [arguments.output, arguments.report],
-    )
+    read = [arguments.call_file, arguments.source, arguments.face]
+    check_outputs(read, [arguments.output], [arguments.report])
     with ExitStack() as stack:
         output: Path | None = arguments.output
         if output is None and arguments.source:
@@ -151,6 +150,8 @@ def run_sweep(arguments: argparse.Namespace) -> int:
 
     if arguments.fps is not None:
         raise UserError("--sweep codes every frame; leave out --fps")
+    if arguments.profile == "thesis":
+        raise UserError("--sweep is about the default profile; leave out --profile thesis")
     settings = SweepSettings(arguments.sweep, arguments.max_frames)
 
     def progress(label: str) -> ProgressLine:
@@ -165,6 +166,7 @@ def run_replay(arguments: argparse.Namespace) -> int:
     """`risorius replay`."""
     from loopback.replay import junit_xml, read_suite, replay, replay_table
 
+    check_outputs([arguments.suite], [], [arguments.junit])
     suite = read_suite(arguments.suite)
     results = replay(suite, arguments.out, say)
     write_json(arguments.out / "report.json", {"clips": [result.figures for result in results]})
@@ -206,7 +208,7 @@ def run_animate(arguments: argparse.Namespace) -> int:
     """`risorius animate`."""
     from loopback.animate import AnimateOptions, animate
 
-    _refuse_overwriting([arguments.script, arguments.call], [arguments.output, arguments.truth])
+    check_outputs([arguments.script, arguments.call], [arguments.output], [arguments.truth])
     options = AnimateOptions(
         arguments.script, arguments.output, call_file=arguments.call, truth=arguments.truth
     )
@@ -298,23 +300,6 @@ def _check_startup(arguments: argparse.Namespace) -> None:
             f"--startup-bitrate {startup:g} leaves nothing for the model"
             f" beside frames of --bitrate {arguments.bitrate:g}"
         )
-
-
-def _refuse_overwriting(
-    inputs: Iterable[str | Path | None], outputs: Iterable[Path | None]
-) -> None:
-    """A slip of the hand must not cost the user's only recording."""
-    read = [Path(given) for given in inputs if given is not None]
-    for output in outputs:
-        if output is not None and any(_same_file(output, given) for given in read):
-            raise UserError(f"{output} is what is to be read; give the output another name")
-
-
-def _same_file(one: Path, other: Path) -> bool:
-    try:
-        return one.samefile(other)
-    except OSError:
-        return False
 
 
 def _quality(arguments: argparse.Namespace, decoded: Path, frames: int) -> "Quality":

@@ -13,7 +13,12 @@ THESIS_OPTIONS: Mapping[str, object] = {
     "normalise": "none",
     "abs": "gauss-newton",
 }
-DEFAULT_OPTIONS: Mapping[str, object] = {"live": False, "fps": None, "startup_bitrate": None}
+DEFAULT_OPTIONS: Mapping[str, object] = {
+    "bitrate": 800.0,
+    "live": False,
+    "fps": None,
+    "startup_bitrate": None,
+}
 
 
 def chosen_profile(arguments: argparse.Namespace) -> str:

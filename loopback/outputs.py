@@ -1,0 +1,39 @@
+"""What a command may write to, looked at before hours of work are done."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from shared_model.errors import UserError
+
+
+def check_outputs(
+    inputs: Iterable[str | Path | None],
+    outputs: Iterable[Path | None],
+    reports: Iterable[Path | None],
+) -> None:
+    """Raise `UserError` where an output would cost the user something, or could not be written.
+
+    inputs: what is read.  outputs, reports: what is written; for reports a folder must be there.
+    A slip of the hand must not cost the only recording, nor put a file in a device's place.
+    """
+    read = [Path(given) for given in inputs if given is not None]
+    reported = [path for path in reports if path is not None]
+    written = [*(path for path in outputs if path is not None), *reported]
+    for number, path in enumerate(written):
+        if any(_same_file(path, given) for given in read):
+            raise UserError(f"{path} is what is to be read; give the output another name")
+        if any(path.absolute() == other.absolute() for other in written[:number]):
+            raise UserError(f"{path} is named for two outputs; give one of them another name")
+        if path.exists() and not path.is_file():
+            kind = "a folder" if path.is_dir() else "no regular file"
+            raise UserError(f"{path} is {kind}; give the name of a file")
+    for path in reported:
+        if not path.parent.is_dir():
+            raise UserError(f"{path}: there is no folder {path.parent}")
+
+
+def _same_file(one: Path, other: Path) -> bool:
+    try:
+        return one.samefile(other)
+    except OSError:
+        return False
