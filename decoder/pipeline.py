@@ -117,6 +117,8 @@ def decode(options: DecodeOptions, progress: Progress, stop: Callable[[], bool])
                 with clock.stage("write"):
                     sink.write(picture)
             progress(len(tally.shown_ns), total)
+    if stop() and not playout.ended:
+        tally.warnings.append("stopped before the end of the call: decoded up to there")
     return _report(playout, worn, tally, clock, _name(options))
 
 
