@@ -34,11 +34,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         return complain(_missing(error), BAD_USAGE)
     except BrokenPipeError:
-        # Python would flush stdout once more at exit and complain about it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return BROKEN_PIPE
+    except OSError as error:
+        # A full disk, a folder that went away: what no part of the program can do anything about.
+        _drop_output()
+        return complain(str(error), BAD_USAGE)
     except KeyboardInterrupt:
         return complain("interrupted", INTERRUPTED)
+
+
+def _drop_output() -> None:
+    """Python would flush stdout once more at exit and complain if nobody can take it."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def complain(message: str, code: int) -> int:

@@ -274,6 +274,21 @@ def test_nobody_to_read_the_output_is_no_traceback(call: Path) -> None:
     assert process.wait(LIMIT_S) == 141
 
 
+@pytest.mark.skipif(not Path("/dev/full").is_char_device(), reason="needs /dev/full")
+def test_a_full_disk_is_one_line(call: Path) -> None:
+    with open("/dev/full", "w") as full:
+        process = subprocess.run(
+            [*PROGRAM, "info", str(call)],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=ROOT,
+            check=False,
+        )
+    assert process.returncode == 2
+    assert "No space left" in one_line(process.stderr)
+
+
 def test_a_port_in_use_is_a_failed_link(start: Start) -> None:
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
