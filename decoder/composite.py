@@ -98,7 +98,7 @@ def make_backdrop(camera: Camera, reference: Pose, head: Head, vertices: Array) 
     """
     solid = head.parts != PARTS.index("surround")
     outline_px = pixel_from_head(camera, reference, vertices[solid])
-    face_width_px = float(np.ptp(outline_px[head.opacity[solid] > 0, 0]))
+    face_width_px = drawn_width_px(camera, reference, head, vertices)
     grid_px = _grid(camera, face_width_px)
     nearest_px2 = _squared_distances(grid_px.reshape(-1, 2), outline_px).min(axis=1)
     nearest_px = np.sqrt(nearest_px2).reshape(grid_px.shape[:2])
@@ -112,6 +112,12 @@ def make_backdrop(camera: Camera, reference: Pose, head: Head, vertices: Array) 
         turning=_turning(camera, reference, grid_px, vertices[solid], face_width_px),
         skin=_skin(camera, reference, head, vertices, grid_px, SKIN_SIGMA * face_width_px),
     )
+
+
+def drawn_width_px(camera: Camera, pose: Pose, head: Head, vertices: Array) -> float:
+    """Width of the face in the picture, without the sheet beside it.  vertices: (n, 3) float64."""
+    drawn = (head.opacity > 0) & (head.parts != PARTS.index("surround"))
+    return float(np.ptp(pixel_from_head(camera, pose, vertices[drawn])[:, 0]))
 
 
 def warp(backdrop: Backdrop, pose: Pose, vertices: Array) -> Array:

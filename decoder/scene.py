@@ -10,7 +10,7 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.composite import Backdrop, make_backdrop, mouth_light, warp
+from decoder.composite import Backdrop, drawn_width_px, make_backdrop, mouth_light, warp
 from decoder.playout import PlayedFrame
 from decoder.render import NEAR_MM, Renderer
 from decoder.texture import Wardrobe, decode_image
@@ -18,8 +18,8 @@ from protocol.messages import ModelPacket, ProtocolError
 from protocol.quantise import AAU_STEP, EAU_STEP, RESIDUAL_STEP_MM, values_from_codes
 from shared_model.animate import Face, identity_from_controls
 from shared_model.anthropometry import residual_basis
-from shared_model.geometry import Camera, camera_from_head, pixel_from_head
-from shared_model.mesh import PARTS, Head, generic_head
+from shared_model.geometry import Camera, camera_from_head
+from shared_model.mesh import Head, generic_head
 from shared_model.parameters import Pose
 from shared_model.surround import surrounded_head
 
@@ -169,8 +169,7 @@ def check_reference(camera: Camera, pose: Pose, head: Head, vertices: Array) -> 
     nearest_mm = float(camera_from_head(pose, vertices)[:, 2].min())
     if nearest_mm < NEAR_MM:
         raise ProtocolError(f"reference pose puts the head {nearest_mm:.0f} mm before the camera")
-    drawn = (head.opacity > 0) & (head.parts != PARTS.index("surround"))
-    width_px = float(np.ptp(pixel_from_head(camera, pose, vertices[drawn])[:, 0]))
+    width_px = drawn_width_px(camera, pose, head, vertices)
     if width_px < LEAST_FACE_PX:
         raise ProtocolError(f"reference pose makes the face {width_px:.1g} px wide")
 

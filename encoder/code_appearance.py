@@ -54,12 +54,13 @@ def code_appearance(
     shape: ShapeFree, stack: Stack, mean: Single, mask: Single, face_bytes: int, most_modes: int
 ) -> Appearance:
     """Code mean and modes within `face_bytes` together, by the quantiser that explains most."""
+    picture = _picture(shape, mean)
     if not most_modes:
-        texture, decoded = finest_still(_picture(shape, mean), face_bytes)
+        texture, decoded = finest_still(picture, face_bytes)
         size = shape.atlas.size
         return Appearance(texture, (), decoded, np.zeros((0, size, size, 3), np.float32))
     relief = encode_relief(fineness(shape.atlas, stack.weight))
-    bench = _Bench(shape, stack, mean, mask, relief, face_bytes, most_modes)
+    bench = _Bench(shape, stack, picture, mask, relief, face_bytes, most_modes)
     best = bench.code(FIRST_STEP)
     for stride in STEP_STRIDES:
         for turn in (stride, -stride):
@@ -96,11 +97,11 @@ class _Coded:
 
 @dataclass(frozen=True, slots=True)
 class _Bench:
-    """A stack to be coded in several ways."""
+    """A stack, and the whole atlas of its mean, to be coded in several ways."""
 
     shape: ShapeFree
     stack: Stack
-    mean: Single
+    picture: Single
     mask: Single
     relief: bytes
     face_bytes: int
@@ -109,7 +110,7 @@ class _Bench:
     def code(self, step: int) -> _Coded:
         """The mean, and as many modes as fit, each found in what the coded ones leave over."""
         size, at = self.shape.atlas.size, (self.shape.atlas.rows, self.shape.atlas.columns)
-        texture, mean = encode_still(_picture(self.shape, self.mean), step, self.relief)
+        texture, mean = encode_still(self.picture, step, self.relief)
         root = np.sqrt(np.maximum(self.stack.weight * self.mask, 1e-6))[:, None]
         support = np.where(self.mask > 2 * OUTSIDE, self.mask, 0)[:, None]
         planes = to_planes(self.stack.colours - mean[at]) * self.stack.seen[..., None]

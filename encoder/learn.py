@@ -48,9 +48,7 @@ def face_mask(head: Head, atlas: Atlas) -> Single:
     places = np.einsum(
         "mc,mcd->md", head.network_weights[points], head.texture_coordinates[corners]
     )
-    polygon = cv2.convexHull(np.rint(places * atlas.size - 0.5).astype(np.int32))
-    mask = np.zeros((atlas.size, atlas.size), np.float32)
-    cv2.fillConvexPoly(mask, polygon, 1.0)
+    mask = _hull_mask(places * atlas.size - 0.5, (atlas.size, atlas.size))
     soft = cv2.GaussianBlur(mask, (0, 0), max(0.5, SOFT_EDGE * atlas.size))
     found = np.clip(2 * soft[atlas.rows, atlas.columns], OUTSIDE, 1)
     inside = head.parts[atlas.corners[:, 0]] == PARTS.index("mouth")
@@ -70,10 +68,17 @@ def within_outline(
     count = np.zeros(len(shape), np.float32)
     for crop, face, places in zip(crops, faces, points, strict=True):
         corners = crop.from_frame(places[list(OUTLINE), :2].astype(np.float32))
-        mask = np.zeros(crop.picture.shape[:2], np.float32)
-        cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(corners).astype(np.int32)), 1.0)
+        height, width = crop.picture.shape[:2]
+        mask = _hull_mask(corners, (height, width))
         count += sample(mask, crop.from_frame(shape.positions(face)))[:, 0].clip(0, 1)
     return count / np.float32(max(len(crops), 1))
+
+
+def _hull_mask(points: NDArray[np.floating], shape: tuple[int, int]) -> Single:
+    """(h, w) 1 within the convex hull of points (n, 2), pixels, else 0."""
+    mask = np.zeros(shape, np.float32)
+    cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(points).astype(np.int32)), 1.0)
+    return mask
 
 
 def shape_free_stack(

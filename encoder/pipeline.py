@@ -123,12 +123,7 @@ def send_thesis(
     follower = open_follower(options.follow, generic_head(), size, FOLLOWED, elapsed_s, tally.warn)
     budget = budget_for("thesis", options.model_bytes)
     call = ThesisCall(capture, follower, sink, budget, options.look_for_face_s, tally)
-    for index, frame in paced(capture, options, tally, stop):
-        call.frame(index, frame)
-        progress(index + 1, expected_frames(capture, options))
-    if not call.started:
-        raise no_face(options.source, len(tally.capture_ns))
-    call.end(len(tally.capture_ns))
+    send_frames(call, options, capture, tally, progress, stop)
 
 
 def send_default(
@@ -181,6 +176,18 @@ def send_live(
         cadence,
         _pacer(options),
     )
+    send_frames(call, options, capture, tally, progress, stop)
+
+
+def send_frames(
+    call: ThesisCall | LiveCall,
+    options: EncodeOptions,
+    capture: Capture,
+    tally: Tally,
+    progress: Progress,
+    stop: Callable[[], bool],
+) -> None:
+    """Send every frame of a source as it comes.  Raises `UserError` if no face was in any."""
     for index, frame in paced(capture, options, tally, stop):
         call.frame(index, frame)
         progress(index + 1, expected_frames(capture, options))

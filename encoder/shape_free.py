@@ -24,6 +24,7 @@ class ShapeFree:
     """One caller's texels as points on the moving head.
 
     atlas: its texels, all of them or a subset; k of them.
+    on_face: (k,) bool, False on the sheet beside the face.
     """
 
     def __init__(self, face: Face, atlas: Atlas, camera: Camera) -> None:
@@ -35,8 +36,7 @@ class ShapeFree:
             return np.asarray(np.einsum("kc,...kcd->...kd", weights, gathered))
 
         self._neutral = at(face.neutral)
-        beside = face.head.parts[corners[:, 0]] == PARTS.index("surround")
-        self._on_face = (~beside).astype(np.float32)
+        self.on_face = face.head.parts[corners[:, 0]] != PARTS.index("surround")
         fields = np.concatenate([at(face.head.eau_up), at(-face.head.eau_down)])
         self._fields = np.ascontiguousarray(fields.reshape(len(fields), -1))
 
@@ -64,7 +64,7 @@ class ShapeFree:
         slope: (k, 2) the picture's gradient there, per pixel.  active: (a,) actuators that move.
         Texels beside the face count as still: what they show moves in its own way.
         """
-        u, v = (slope * placed.per_mm).T * self._on_face
+        u, v = (slope * placed.per_mm).T * self.on_face
         x, y, z = placed.seen.T
         along = np.stack([u, v, -(u * x + v * y) / z], axis=1)
         place = active + np.where(placed.face.eau[active] >= 0, 0, len(EAUS))

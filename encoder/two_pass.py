@@ -44,7 +44,7 @@ from protocol.pictures import to_luma
 from shared_model.animate import Face
 from shared_model.appearance import atlas_of
 from shared_model.geometry import Camera
-from shared_model.mesh import PARTS, Head
+from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
@@ -160,8 +160,7 @@ def learn_caller(
     stack = _stack(head, shape, face, crops, found, workers)
     shown = within_outline(shape, crops, found, [points[number] for number, _ in sample_frames])
     mask = np.maximum(face_mask(head, atlas), shown)
-    beside = head.parts[atlas.corners[:, 0]] == PARTS.index("surround")
-    stack = replace(stack, weight=stack.weight * np.where(beside, mask, 1).astype(np.float32))
+    stack = replace(stack, weight=stack.weight * np.where(shape.on_face, np.float32(1), mask))
     sharp = sharpened_stack(shape, stack, crops, found, workers)
     mean = mean_colours(shape, sharp, unseen_colours(head, atlas))
     appearance = code_appearance(shape, sharp, mean, mask, budget.face_bytes, budget.most_modes)

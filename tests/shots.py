@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.crop import Crop
-from loopback.animate import AnimateOptions, animate
+from loopback.animate import AnimateOptions, AnimateReport, animate
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera
 from shared_model.mesh import generic_head
@@ -48,11 +48,42 @@ class Shots:
     points: list[NDArray[np.float64]]
 
 
+def talking(seconds: float, fps: int = 25) -> str:
+    """The script of a small face that turns and speaks."""
+    return f"""
+width = 160
+height = 120
+fps = {fps}
+seconds = {seconds}
+distance_mm = 420
+noise = 1
+[[key]]
+time = 0
+pose = {{ yaw = -6 }}
+[[key]]
+time = 0.5
+eau = {{ jaw_drop = 0.6 }}
+[[key]]
+time = 1.2
+pose = {{ yaw = 6 }}
+eau = {{ jaw_drop = 0.05 }}
+[[key]]
+time = {seconds}
+pose = {{ yaw = -4 }}
+eau = {{ jaw_drop = 0.6 }}
+"""
+
+
+def draw(output: Path, script: str) -> AnimateReport:
+    """Draw a script into a video, or a pattern of images, and leave it beside them."""
+    path = output.with_name("script.toml")
+    path.write_text(script)
+    return animate(AnimateOptions(path, output), lambda done, total: None, lambda: False)
+
+
 def draw_shots(folder: Path, script: str = SCRIPT) -> Shots:
     """Draw a script into `folder` and read it back."""
-    (folder / "script.toml").write_text(script)
-    options = AnimateOptions(folder / "script.toml", folder / "shot%03d.png")
-    report = animate(options, lambda done, total: None, lambda: False)
+    report = draw(folder / "shot%03d.png", script)
     truth = json.loads(report.truth.read_text())
     pictures = [cv2.imread(str(folder / f"shot{i:03d}.png")) for i in range(report.frames)]
     frames = truth["frames"]

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from shots import draw
 
 from decoder.pipeline import DecodeOptions, decode
 from decoder.playout import PlayedFrame, Playout
 from encoder.cadence import FRAMES_PER_PACKET, Cadence, cadence_for
 from encoder.pipeline import EncodeOptions, EncodeReport, encode
-from loopback.animate import AnimateOptions, animate
 from loopback.quality import face_area_finder, measure
 from protocol.messages import (
     MAX_FRAME_STEP,
@@ -81,9 +81,7 @@ def test_packets_last_as_long_with_fewer_frames(
 def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> str:
     """Its face comes after the first picture and is gone for a while."""
     folder = tmp_path_factory.mktemp("clip")
-    (folder / "script.toml").write_text(SCRIPT)
-    options = AnimateOptions(folder / "script.toml", folder / "frame%03d.png")
-    animate(options, lambda done, total: None, lambda: False)
+    draw(folder / "frame%03d.png", SCRIPT)
     for index in (*range(START), *LOST):
         blank = np.full((120, 160, 3), 90, np.uint8)
         cv2.imwrite(str(folder / f"frame{index:03d}.png"), blank)

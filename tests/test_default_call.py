@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from conftest import PROGRAM, ROOT
 from numpy.typing import NDArray
+from shots import draw
 
 from decoder.samples import Sample, sample_decoder
 from encoder.cadence import FRAMES_PER_PACKET
@@ -24,7 +25,6 @@ from encoder.default_call import held_numbers
 from encoder.pipeline import EncodeOptions
 from encoder.pipeline import encode as encode_clip
 from encoder.two_pass import TRAINING_FRAMES, Sampler, smoothed, spread_frames
-from loopback.animate import AnimateOptions, animate
 from loopback.cli import main
 from loopback.quality import face_area_finder, measure
 from protocol.messages import (
@@ -84,9 +84,7 @@ class Clip:
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> Clip:
     folder = tmp_path_factory.mktemp("clip")
-    (folder / "script.toml").write_text(SCRIPT)
-    options = AnimateOptions(folder / "script.toml", folder / "frame%03d.png")
-    report = animate(options, lambda done, total: None, lambda: False)
+    report = draw(folder / "frame%03d.png", SCRIPT)
     for index in (*range(START), *LOST):
         path = str(folder / f"frame{index:03d}.png")
         cv2.imwrite(path, np.full((121, 161, 3), 90, np.uint8))

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shots import draw, talking
 
 from decoder.pipeline import DecodeOptions, decode
 from decoder.playout import PlayedFrame, Playout
@@ -12,43 +13,18 @@ from encoder.announce import AHEAD
 from encoder.imagine import IMAGINED_FRAMES, imagined
 from encoder.live_call import LEARN_AFTER_S
 from encoder.pipeline import EncodeOptions, encode
-from loopback.animate import AnimateOptions, animate
 from protocol.components import GEOMETRY, parse_components
 from protocol.messages import ControlKind, ControlPacket, FramePacket, ModelPacket, parse_packet
 from protocol.recording import CallReader
 from shared_model.parameters import EAU_INDEX
 
 FRAMES, FPS = 74, 25
-SCRIPT = """
-width = 160
-height = 120
-fps = 25
-seconds = 2.96
-distance_mm = 420
-noise = 1
-[[key]]
-time = 0
-pose = { yaw = -6 }
-[[key]]
-time = 0.5
-eau = { jaw_drop = 0.6 }
-[[key]]
-time = 1.2
-pose = { yaw = 6 }
-eau = { jaw_drop = 0.05 }
-[[key]]
-time = 2.96
-pose = { yaw = -4 }
-eau = { jaw_drop = 0.6 }
-"""
 
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> Path:
     folder = tmp_path_factory.mktemp("live")
-    (folder / "script.toml").write_text(SCRIPT)
-    options = AnimateOptions(folder / "script.toml", folder / "clip.mkv")
-    animate(options, lambda done, total: None, lambda: False)
+    draw(folder / "clip.mkv", talking(2.96))
     return folder / "clip.mkv"
 
 
@@ -92,10 +68,7 @@ def test_an_update_announced_as_the_one_before_takes_effect_counts_its_single_fr
     networks: Path, tmp_path: Path
 ) -> None:
     """At so few frames a second the next is due before the one before holds."""
-    script = SCRIPT.replace("fps = 25", "fps = 6").replace("2.96", "7")
-    (tmp_path / "script.toml").write_text(script)
-    options = AnimateOptions(tmp_path / "script.toml", tmp_path / "slow.mkv")
-    animate(options, lambda done, total: None, lambda: False)
+    draw(tmp_path / "slow.mkv", talking(7, fps=6))
     encode_live(tmp_path / "slow.mkv", tmp_path / "slow.rzo")
     packets = [parse_packet(data) for data in raw_packets(tmp_path / "slow.rzo")]
     models = [packet for packet in packets if isinstance(packet, ModelPacket)]

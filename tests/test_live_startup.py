@@ -4,13 +4,13 @@ from itertools import combinations
 from pathlib import Path
 
 import pytest
+from shots import draw, talking
 
 from decoder.pipeline import DecodeOptions, decode
 from decoder.playout import Playout
 from encoder.announce import AHEAD, ENOUGH_ITEMS, packets_ahead
 from encoder.pipeline import EncodeOptions, EncodeReport, encode
 from encoder.startup import FIRST_LAYER_BYTES, UPDATE_LAYER_BYTES
-from loopback.animate import AnimateOptions, animate
 from protocol.components import parse_components
 from protocol.layers import Layers
 from protocol.messages import (
@@ -25,36 +25,12 @@ from protocol.summary import summarise
 
 FRAMES, FPS, PACKED = 90, 25, 8
 BITRATE, STARTUP, MODEL_BYTES = 1000.0, 60_000.0, 6000
-SCRIPT = """
-width = 160
-height = 120
-fps = 25
-seconds = 3.6
-distance_mm = 420
-noise = 1
-[[key]]
-time = 0
-pose = { yaw = -6 }
-[[key]]
-time = 0.5
-eau = { jaw_drop = 0.6 }
-[[key]]
-time = 1.2
-pose = { yaw = 6 }
-eau = { jaw_drop = 0.05 }
-[[key]]
-time = 3.6
-pose = { yaw = -4 }
-eau = { jaw_drop = 0.6 }
-"""
 
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> Path:
     folder = tmp_path_factory.mktemp("live")
-    (folder / "script.toml").write_text(SCRIPT)
-    options = AnimateOptions(folder / "script.toml", folder / "clip.mkv")
-    animate(options, lambda done, total: None, lambda: False)
+    draw(folder / "clip.mkv", talking(3.6))
     return folder / "clip.mkv"
 
 

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from packets import MODEL
+from shots import draw
 from test_decoder_pipeline import read
 
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
@@ -16,7 +17,6 @@ from decoder.recast import read_model
 from decoder.texture import Wardrobe
 from encoder.pipeline import EncodeOptions, EncodeReport, encode
 from encoder.startup import FIRST_LAYER_BYTES, LayeredModel, LayerPacer
-from loopback.animate import AnimateOptions, animate
 from loopback.quality import face_area_finder, measure
 from protocol.components import parse_components, serialise_components
 from protocol.layers import Layers, item
@@ -119,9 +119,7 @@ def test_a_new_model_takes_the_place_of_what_was_waiting() -> None:
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> str:
     folder = tmp_path_factory.mktemp("startup")
-    (folder / "script.toml").write_text(SCRIPT)
-    options = AnimateOptions(folder / "script.toml", folder / "clip.mkv")
-    animate(options, lambda done, total: None, lambda: False)
+    draw(folder / "clip.mkv", SCRIPT)
     return str(folder / "clip.mkv")
 
 
