@@ -147,6 +147,8 @@ class Playout:
 
     def _enter(self, update: ModelPacket, decoder: SampleDecoder, first: int) -> None:
         """Frame packets from now on are of `update`."""
+        if self.model is not None and not update.background:
+            update = replace(update, background=self.model.background)
         self._update, self.model, self._decoder, self._first = None, update, decoder, first
         if self._sample is not None:
             # Its coefficients are of modes that are no more.

@@ -40,6 +40,9 @@ def read_model(path: Path) -> ModelPacket:
                     pieces.append(packet)
         if models:
             newest = max(models, key=lambda model: model.layer)
+            # An update without a background leaves the one before.
+            backgrounds = [model.background for model in models if model.background]
+            newest = replace(newest, background=[b"", *backgrounds][-1])
             for piece in pieces:
                 if piece.model == newest.layer:
                     layers.add(piece)

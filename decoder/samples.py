@@ -64,7 +64,7 @@ class DefaultSamples:
     def __init__(self, model: ModelPacket) -> None:
         self._model = model
         self._components = parse_components(model.extension)
-        self._predictor = FramePredictor(self._components.spreads)
+        self._predictor = FramePredictor(self._components.spreads, self._components.spare)
 
     def decode(self, number: int, payload: bytes) -> list[Sample]:
         """See `SampleDecoder`."""

@@ -46,8 +46,9 @@ class Wardrobe:
             if model.texture == self._damaged:
                 return
             self._put_on(model)
-        coded = parse_components(model.extension).modes if model.extension else ()
-        if model.layered:
+        components = parse_components(model.extension) if model.extension else None
+        coded = components.modes if components else ()
+        if model.layered or (components and components.spare):
             coded = tuple(takewhile(bool, coded))
         size = len(self._mean)
         if len(coded) * size * size > MAX_MODE_TEXELS:

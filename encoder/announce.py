@@ -12,8 +12,9 @@ from encoder.default_call import send_layers, send_model, warn_of_missing
 from encoder.epoch import Epoch
 from encoder.startup import UPDATE_LAYER_BYTES, LayeredModel, LayerPacer
 from encoder.tally import Tally
+from protocol.layers import PICTURES, item
 from protocol.link import PacketSink
-from protocol.messages import SEQUENCE_MODULUS
+from protocol.messages import SEQUENCE_MODULUS, LayerPacket, serialise
 
 # Packets by which an update is announced ahead of its first frame packet, at least and at most:
 # any farther, its sequence number would pass for one before.
@@ -81,6 +82,9 @@ class Announcer:
     def send(self, epoch: Epoch) -> Epoch:
         """Send the model packet of an epoch that has its place."""
         send_model(epoch.model, self._sink, self._tally, self._pacer)
+        if self._pacer is not None and not epoch.model.layer:
+            # Nothing replaces the first layer's pictures but an update.
+            self._pacer.begin(LayeredModel(epoch.model, (b"",) * len(PICTURES)))
         return epoch
 
     def announce(self, update: Update, place: Place) -> Epoch | None:
@@ -90,6 +94,18 @@ class Announcer:
         self._pacer.begin(update.parts)
         self._coming = update.epoch
         return None
+
+    def grow(self, epoch: Epoch, mode: bytes) -> None:
+        """Send the newest mode of the model in use."""
+        if self._pacer is not None:
+            self._pacer.add(mode)
+            return
+        number = epoch.components.spare - 1
+        # All else came with the model packet.
+        before = b"" if number else item(b"") * len(PICTURES)
+        layer = LayerPacket(epoch.model.layer, number, before + item(mode))
+        self._tally.model_bytes += len(serialise(layer)) - 1
+        self._tally.send(self._sink, layer)
 
     def packet_sent(self, packet_bytes: int, frames: int, place: Place) -> Epoch | None:
         """Send the layers that are due after a frame packet of so many coded frames.
@@ -113,7 +129,7 @@ class Announcer:
         if self._pacer is None:
             return
         warn_of_missing(self._pacer, self._tally)
-        if epoch.model.layer == 0:
+        if epoch.model.layer == 0 and not epoch.components.spare:
             self._tally.warn("the call ended with no more of its model than a first layer")
 
 

@@ -5,6 +5,7 @@ wrong is left in the residual that the next mode is found in (closed loop), so c
 matter are corrected by later modes.
 """
 
+from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 
@@ -55,11 +56,11 @@ def code_appearance(
 ) -> Appearance:
     """Code mean and modes within `face_bytes` together, by the quantiser that explains most."""
     picture = _picture(shape, mean)
+    relief = encode_relief(fineness(shape.atlas, stack.weight))
     if not most_modes:
-        texture, decoded = finest_still(picture, face_bytes)
+        texture, decoded = finest_still(picture, face_bytes, relief)
         size = shape.atlas.size
         return Appearance(texture, (), decoded, np.zeros((0, size, size, 3), np.float32))
-    relief = encode_relief(fineness(shape.atlas, stack.weight))
     bench = _Bench(shape, stack, picture, mask, relief, face_bytes, most_modes)
     best = bench.code(FIRST_STEP)
     for stride in STEP_STRIDES:
@@ -115,7 +116,7 @@ class _Bench:
         support = np.where(self.mask > 2 * OUTSIDE, self.mask, 0)[:, None]
         planes = to_planes(self.stack.colours - mean[at]) * self.stack.seen[..., None]
         frames = (planes * root).reshape(len(planes), -1)
-        remainder = _Remainder(frames)
+        remainder = Remainder(frames)
         series, left = ModeSeries(size, self.relief), self.face_bytes - len(texture)
         coded: list[bytes] = []
         images: list[Single] = []
@@ -150,20 +151,27 @@ def _fitting(
     return None
 
 
-class _Remainder:
-    """What coded modes leave of frames (t, d), by least squares; kept as inner products."""
+class Remainder:
+    """What coded modes (m, d) leave of frames (t, d), by least squares; kept as inner products."""
 
-    def __init__(self, frames: Single) -> None:
+    def __init__(self, frames: Single, modes: Sequence[Single] = ()) -> None:
         self._frames = frames
         self._gram = (frames @ frames.T).astype(np.float64)
         self._rows = np.zeros((0, frames.shape[1]), np.float32)
         self._shares: Array = np.zeros((len(frames), 0))
         self._left: Array = self._gram
+        if len(modes):
+            self._explain(np.array(modes))
 
     @property
     def error(self) -> float:
         """Mean log2 of the frames' energy that is left."""
         return float(np.log2(np.maximum(np.diag(self._left), 1e-6)).mean())
+
+    @property
+    def energy(self) -> float:
+        """What is left of the frames' energy."""
+        return float(np.trace(self._left))
 
     def strongest(self) -> Single:
         """(d,) the strongest direction left, as long as frames usually go along it."""
@@ -175,7 +183,10 @@ class _Remainder:
 
     def explain(self, row: Single) -> None:
         """Take a coded mode (d,) out of the frames."""
-        self._rows = np.concatenate([self._rows, row[None]])
+        self._explain(row[None])
+
+    def _explain(self, rows: Single) -> None:
+        self._rows = np.concatenate([self._rows, rows])
         inner = (self._rows @ self._rows.T).astype(np.float64)
         inner[np.diag_indices(len(inner))] *= 1 + 1e-9
         along = (self._frames @ self._rows.T).astype(np.float64)

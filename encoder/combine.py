@@ -7,7 +7,7 @@ values are uncorrelated.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,7 @@ _PROBE = np.array([0.2, 0.2, 0.2, 0.4, 0.4, 0.002, *[0.03] * (GEOMETRY - 6)])
 # Frames over which motion is measured, and how much plain variance counts beside it.
 MOTION_FRAMES = 4
 VARIANCE_SHARE = 0.3
-# Components that never leave this many units, grey levels of error, about their mean are not sent.
+# Of what is known beforehand, see `combine`; units are grey levels of error.
 LEAST_SPREAD = 0.35
 # Steps of a basis row to the usual size of its component, and the least that a row has.
 BASIS_STEPS, LEAST_REACH = 6.0, 15.0
@@ -45,31 +45,61 @@ BASIS_STEPS, LEAST_REACH = 6.0, 15.0
 EAU_HARM = 4.0
 
 
-def harm_matrix(
-    refiner: Refiner,
-    crops: Sequence[Crop],
-    faces: Sequence[FaceParameters],
-    reference: Pose,
-) -> Array:
-    """(d, d) mean squared grey error per squared unit of y, see `vector_from_face`."""
-    modes = refiner.template.modes
-    total = np.zeros((GEOMETRY + len(modes),) * 2)
+@dataclass(frozen=True, slots=True)
+class Sensitivity:
+    """What an error of y does to a caller's picture, whatever the modes.
+
+    weight: (k,) of each texel, adding up to 1, mean of some frames.
+    slope: (k, GEOMETRY) mean of weight times grey levels per unit of each geometric value.
+    geometry: (GEOMETRY, GEOMETRY) mean squared grey error per squared unit.
+    """
+
+    weight: Array
+    slope: Array
+    geometry: Array
+
+    def harm(self, modes: NDArray[np.float32]) -> Array:
+        """(d, d) mean squared grey error per squared unit of y; modes (m, k), luma."""
+        cross = -self.slope.T @ modes.T
+        among = (modes * self.weight) @ modes.T
+        harm = np.block([[self.geometry, cross], [cross.T, among]])
+        harm[np.arange(6, GEOMETRY), np.arange(6, GEOMETRY)] += EAU_HARM
+        harm[np.diag_indices(len(harm))] *= 1 + 1e-5
+        return np.asarray(harm, np.float64)
+
+
+def sensitivity(
+    refiner: Refiner, crops: Sequence[Crop], faces: Sequence[FaceParameters], reference: Pose
+) -> Sensitivity:
+    """Measured at some frames.  reference: see `vector_from_face`."""
+    count = len(refiner.shape)
+    total = Sensitivity(
+        np.zeros(count), np.zeros((count, GEOMETRY)), np.zeros((GEOMETRY, GEOMETRY))
+    )
     for crop, face in zip(crops, faces, strict=True):
-        rows = np.concatenate([_luma_motion(refiner.shape, crop, face, reference), -modes.T], 1)
+        rows = _luma_motion(refiner.shape, crop, face, reference).astype(np.float64)
         weight = refiner.template.weight * refiner.seen(face)
-        total += (rows * (weight / weight.sum())[:, None]).T.astype(np.float64) @ rows
-    harm = total / len(crops)
-    harm[np.arange(6, GEOMETRY), np.arange(6, GEOMETRY)] += EAU_HARM
-    harm[np.diag_indices(len(harm))] *= 1 + 1e-5
-    return harm
+        share = weight.astype(np.float64) / weight.sum() / len(crops)
+        slope = rows * share[:, None]
+        total.weight[:] += share
+        total.slope[:] += slope
+        total.geometry[:] += slope.T @ rows
+    return total
 
 
 def combine(
-    vectors: Array, harm: Array, modes: tuple[bytes, ...], frames_per_packet: int
+    vectors: Array,
+    harm: Array,
+    modes: tuple[bytes, ...],
+    frames_per_packet: int,
+    least_spread: float = LEAST_SPREAD,
+    measuring_units: float = 0.0,
 ) -> Components:
     """The components of one caller.
 
-    vectors: (t, d) y of the frames.  harm: (d, d), see `harm_matrix`.
+    vectors: (t, d) y of the frames.  harm: (d, d), see `Sensitivity.harm`.
+    least_spread: components that never leave this many units about their mean are not sent.
+    measuring_units: white noise to expect beside them in every component.
     """
     units = codes_of_units(1 / np.sqrt(np.diag(harm)))
     unit = unit_of(units)
@@ -82,7 +112,7 @@ def combine(
     motion = moves.T @ moves / max(len(moves), 1) + VARIANCE_SHARE * (white.T @ white) / len(white)
     _, axes = np.linalg.eigh(motion)
     axes = axes[:, ::-1]
-    kept = np.abs(white @ axes).std(0) + np.abs((white @ axes).mean(0)) > LEAST_SPREAD
+    kept = np.abs(white @ axes).std(0) + np.abs((white @ axes).mean(0)) > least_spread
     kept[0] = True
     rows = np.linalg.solve(root.T, axes[:, kept]).T / unit
     # What a row's rounding leaks into its neighbours grows with how far the component goes.
@@ -91,7 +121,9 @@ def combine(
     basis = np.rint(np.ldexp(rows, -exponents.astype(int)[:, None]) * MAX_BASIS).astype(np.int8)
     flat = np.full((len(basis), KINDS), MAX_SPREAD, dtype=np.uint8)
     draft = Components(modes, units, centres, basis, exponents, flat)
-    spreads = measure_spreads(project(draft, vectors, harm), frames_per_packet)
+    values = project(draft, vectors, harm)
+    values += measuring_units * np.random.default_rng(2).normal(size=values.shape)
+    spreads = measure_spreads(values, frames_per_packet)
     return replace(draft, spreads=spreads)
 
 

@@ -8,25 +8,52 @@ from numpy.typing import NDArray
 
 from encoder.cadence import Cadence
 from encoder.capture import Capture
-from encoder.combine import combine, harm_matrix
-from encoder.fit import LandmarkModel, landmark_model, personalise
-from encoder.imagine import imagined
-from encoder.model import Budget, call_parameters
+from encoder.combine import Sensitivity, combine
+from encoder.crop import crop_face
+from encoder.fit import (
+    LandmarkModel,
+    fit_frame,
+    landmark_model,
+    personalise,
+    start_parameters,
+)
+from encoder.grow import Grown, Look
+from encoder.imagine import MEASURING_UNITS, imagined
+from encoder.model import BUDGETS, Budget, call_parameters
 from encoder.startup import FIRST_LAYER_BYTES, LayeredModel, layered
 from encoder.texture import code_background
-from encoder.two_pass import Learned, default_model, follow_all, learn_caller
-from protocol.components import Components, vector_from_face
+from encoder.two_pass import (
+    Learned,
+    default_model,
+    follow_all,
+    learn_caller,
+    sensitivity_of,
+)
+from protocol.components import (
+    MAX_MODES,
+    Components,
+    serialise_components,
+    vector_from_face,
+    with_spare,
+)
 from protocol.messages import SEQUENCE_MODULUS, CallParameters, ModelPacket
+from protocol.pictures import decode_still
 from shared_model.mesh import Head
+from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
+
+# Modes that may be learned between one model packet and the next.
+SPARE_MODES = MAX_MODES - BUDGETS["default"].most_modes
 
 
 @dataclass(frozen=True, slots=True)
 class Epoch:
     """A model packet, and what is needed to send frames under it.
 
+    components: those in use, spare ones once their modes are learned.
+    harm: of these, see `Sensitivity.harm`.
     number: of its first frame packet in the call.
     """
 
@@ -34,14 +61,48 @@ class Epoch:
     learned: Learned
     landmarks: LandmarkModel
     components: Components
+    sensitivity: Sensitivity
     harm: Array
     number: int = 0
+
+    @property
+    def room(self) -> int:
+        """How many modes may yet be learned."""
+        return SPARE_MODES - self.components.spare
+
+    @property
+    def all_components(self) -> Components:
+        """Components as the model packet has them, all spare ones too."""
+        return with_spare(self.components, self.room)
 
     def at(self, number: int, start: int) -> "Epoch":
         """The same from frame packet `number` on, whose first source frame is `start`."""
         call = replace(self.model.call, start_frame=start)
         model = replace(self.model, call=call, sequence=number % SEQUENCE_MODULUS)
         return replace(self, model=model, number=number)
+
+    def look(self, frame: Picture, points: Array) -> Look:
+        """A frame and its landmarks (468, 3), pixels, as the face is found in."""
+        return Look(crop_face(frame, points, self.learned.caller.pixels_per_texel), points)
+
+    def find(self, look: Look, near: FaceParameters | None = None) -> FaceParameters:
+        """The caller in a look, by landmarks, then by the learned appearance.
+
+        near: the face before, if known.
+        """
+        camera = self.model.call.camera
+        start = near or start_parameters(self.landmarks, camera, look.points)
+        start = fit_frame(self.landmarks, camera, look.points, start)
+        return self.learned.caller.tracker.refine(look.crop, start, 3)
+
+    def grown(self, mode: Grown) -> "Epoch":
+        """The same with a mode more; teaches it the caller's tracker."""
+        tracker = self.learned.caller.tracker
+        tracker.teach(mode.luma)
+        components = with_spare(self.components, 1)
+        return replace(
+            self, components=components, harm=self.sensitivity.harm(tracker.template.modes)
+        )
 
 
 class Learner:
@@ -66,23 +127,29 @@ class Learner:
     def learn(
         self, budget: Budget, pictures: Sequence[Picture], points: Sequence[Array], layer: int
     ) -> Epoch:
-        """Model number `layer` from some frames and their landmarks (468, 3), yet to be placed."""
+        """Model number `layer` from some frames and their landmarks (468, 3), yet to be placed.
+
+        With a budget of no bytes for the background it has none: that before stays.
+        """
         learned = self._learned(budget, pictures, points)
         caller = learned.caller
         pose = caller.reference.pose
-        every = max(1, len(learned.crops) // 12)
-        harm = harm_matrix(caller.tracker, learned.crops[::every], learned.faces[::every], pose)
+        sensitivity = sensitivity_of(learned)
+        harm = sensitivity.harm(caller.tracker.template.modes)
         vectors = np.array([vector_from_face(face, pose) for face in learned.faces])
         cadence, modes = self._cadence, caller.appearance.modes
         motion = imagined(vectors, cadence.frame_step)
-        components = combine(motion, harm, modes, cadence.frames_per_packet)
+        # Whatever has hardly moved yet may still move.
+        components = combine(motion, harm, modes, cadence.frames_per_packet, 0.0, MEASURING_UNITS)
         call = self._call_parameters(caller.fitted.camera.focal_px)
-        packet = default_model(caller, components, call, self._background)
-        model = replace(packet, layer=layer, layers=layer + 1)
+        background = self._background if budget.background_bytes else b""
+        packet = default_model(caller, components, call, background)
+        roomy = serialise_components(with_spare(components, SPARE_MODES))
+        model = replace(packet, layer=layer, layers=layer + 1, extension=roomy)
         landmarks = personalise(
             landmark_model(self._head), caller.fitted.identity.aau, caller.fitted.control_mm
         )
-        return Epoch(model, learned, landmarks, components, harm)
+        return Epoch(model, learned, landmarks, components, sensitivity, harm)
 
     def in_layers(
         self, epoch: Epoch, first_bytes: int = FIRST_LAYER_BYTES
@@ -95,6 +162,15 @@ class Learner:
         parts = layered(epoch.model, mean, self._still, first_bytes)
         return replace(epoch, model=parts.first), parts
 
+    def rough(self, epoch: Epoch) -> Epoch:
+        """The epoch with only the first layer of its model, and nothing to follow."""
+        epoch, parts = self.in_layers(epoch)
+        learned, texture = epoch.learned, parts.first.texture
+        mean = decode_still("texture", texture)
+        appearance = replace(learned.caller.appearance, texture=texture, mean=mean)
+        caller = replace(learned.caller, appearance=appearance)
+        return replace(epoch, learned=replace(learned, caller=caller))
+
     def _learned(
         self, budget: Budget, pictures: Sequence[Picture], points: Sequence[Array]
     ) -> Learned:
@@ -102,7 +178,9 @@ class Learner:
         fitted, faces = follow_all(self._head, size, points)
         call = self._call_parameters(fitted.camera.focal_px)
         frames = list(enumerate(pictures))
-        return learn_caller(self._head, fitted, faces, frames, points, call, budget, self._workers)
+        return learn_caller(
+            self._head, fitted, faces, frames, points, call, budget, self._workers, True
+        )
 
     def _call_parameters(self, focal_px: float) -> CallParameters:
         packing = self._cadence.frames_per_packet, self._cadence.frame_step

@@ -8,13 +8,18 @@ from protocol.components import GEOMETRY
 Array = NDArray[np.float64]
 
 # How far callers move who have not yet moved: degrees, mm, log depth, actuators.
-USUAL_MOTION = np.array([4.0, 4.0, 3.0, 15.0, 15.0, 0.04, *[0.12] * (GEOMETRY - 6)])
-CORRELATION = 0.95
+USUAL_MOTION = np.array([4.0, 4.0, 3.0, 15.0, 15.0, 0.04, *[0.6] * (GEOMETRY - 6)])
+# Motion is smooth: noise through two low-passes, each of which keeps this much from frame to frame;
+# what measuring adds to it, in units of harm.  Both as eight callers' components are predicted.
+KEPT = 0.86
+MEASURING_UNITS = 0.45
 IMAGINED_FRAMES = 400
+# The process has forgotten its start after so many.
+FIRST_FRAMES = 60
 
 
 def imagined(vectors: Array, frame_step: int = 1) -> Array:
-    """(t, d) how y may go on: a Gauss-Markov process with the moments of y (n, d) so far.
+    """(t, d) how y may go on: a smooth Gaussian process with the moments of y (n, d) so far.
 
     What has hardly moved yet moves as callers usually do.  frame_step: source frames between two.
     """
@@ -22,11 +27,16 @@ def imagined(vectors: Array, frame_step: int = 1) -> Array:
     covariance = np.cov(vectors.T).reshape(d, d) if count > 1 else np.zeros((d, d))
     usual = np.zeros(d)
     usual[:GEOMETRY] = USUAL_MOTION**2 / 4
-    correlation = CORRELATION**frame_step
     root = np.linalg.cholesky(covariance + np.diag(usual + 1e-9))
-    noise = np.random.default_rng(1).normal(size=(IMAGINED_FRAMES, d))
-    state, rows = noise[0], []
-    for fresh in noise:
-        state = correlation * state + np.sqrt(1 - correlation**2) * fresh
-        rows.append(vectors.mean(0) + root @ state)
-    return np.array(rows)
+    motion = np.random.default_rng(1).normal(size=(FIRST_FRAMES + IMAGINED_FRAMES, d))
+    kept = KEPT**frame_step
+    for _ in range(2):
+        state = np.zeros(d)
+        for row in motion:
+            state *= kept
+            state += row
+            row[:] = state
+    motion = motion[FIRST_FRAMES:]
+    # The variance of such a process.
+    motion *= np.sqrt((1 - kept**2) ** 3 / (1 + kept**2))
+    return np.asarray(vectors.mean(0) + motion @ root.T)

@@ -1,28 +1,30 @@
 """The default profile of a live source, sending side: every frame is sent as it comes.
 
-The first face makes the first model packet: shape, mean texture, no modes.  As the call teaches
-what the caller looks like, the model is learned again and goes out as an update, announced some
-packets before the first frame packet that needs it; the stream flows on meanwhile.
+The first face makes the first model packet: shape, mean texture, no modes.  What it cannot show of
+the caller goes out as single modes while the stream flows on.  At times the model is learned again
+from all that the call has taught and goes out as an update, announced some packets before the first
+frame packet that needs it.
 
 On a thin link the first model is a first layer only, and updates come in layers, too.
 """
 
 from collections.abc import Sequence
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from encoder.announce import Announcer, Place, Update
+from encoder.beside import threads_beside
 from encoder.cadence import Cadence
 from encoder.capture import Capture
 from encoder.combine import project
-from encoder.crop import crop_face
 from encoder.detect import BlazeFaceDetector
 from encoder.epoch import Epoch, Learner
-from encoder.fit import fit_frame, start_parameters
+from encoder.grow import Look
 from encoder.landmarks import LandmarkTracker
+from encoder.live_modes import LiveModes
 from encoder.model import Budget
 from encoder.networks import find_network_folder
 from encoder.rate import LivePurse, Spending
@@ -41,7 +43,7 @@ Picture = NDArray[np.uint8]
 
 # Seconds of the caller's face after which the model is learned, and what share of the budget for
 # texture and modes it takes: nobody keeps the first ones for long.
-LEARN_AFTER_S = {1.0: 0.6, 3.0: 1.0, 6.0: 1.0, 10.0: 1.0, 16.0: 1.0, 25.0: 1.0, 40.0: 1.0}
+LEARN_AFTER_S = {1.0: 0.6, 5.0: 1.0, 12.0: 1.0, 25.0: 1.0, 45.0: 1.0}
 # Frames to learn from, and up to twice as many: learning goes on beside the call.
 TRAINING_FRAMES = 24
 # What of the budget the first model takes: its still, and a mean that is soon replaced.
@@ -77,7 +79,7 @@ class LiveCall:
         self._sampler, self._points = Sampler(TRAINING_FRAMES), dict[int, Array]()
         self._faces_seen = 0
         self._due = list(LEARN_AFTER_S.items())
-        self._pool: Executor | None = None if wait else ThreadPoolExecutor(1)
+        self._pool: Executor | None = None if wait else threads_beside(2)
         # More would take the cores from the frames.
         self._workers = None if wait else 1
         self._learning: Future[Update] | None = None
@@ -91,6 +93,7 @@ class LiveCall:
         self._number = 0  # of the next frame packet
         self._coded = 0  # source frames coded so far
         self._waiting: list[Array] = []
+        self._modes = LiveModes(self._head, float(capture.fps), self._pool)
         self._predictor = FramePredictor(np.zeros((1, 5), np.uint8))
         self._cadence, self._fps = cadence, float(capture.fps)
         self._announcer = Announcer(sink, tally, cadence, self._fps, pacer)
@@ -124,7 +127,11 @@ class LiveCall:
             if self._missed:
                 self._face = None
             self._missed = 0
-            self._queue(self._refined(epoch, frame, found.points))
+            look = epoch.look(frame, found.points)
+            with self._tally.stage("refine"):
+                self._face = epoch.find(look, self._face)
+            self._queue(self._face)
+            self._grow_on(index, look)
         self._learn_on(index)
 
     def end(self, frames: int) -> None:
@@ -151,23 +158,15 @@ class LiveCall:
     def _is_coded(self, index: int) -> bool:
         return index == self._coded + len(self._waiting) * self._cadence.frame_step
 
-    def _refined(self, epoch: Epoch, frame: Picture, points: Array) -> FaceParameters:
-        """The caller in one frame, by landmarks, then by the learned appearance."""
-        camera, caller = epoch.model.call.camera, epoch.learned.caller
-        with self._tally.stage("fit"):
-            near = self._face or start_parameters(epoch.landmarks, camera, points)
-            start = fit_frame(epoch.landmarks, camera, points, near)
-        with self._tally.stage("refine"):
-            crop = crop_face(frame, points, caller.pixels_per_texel)
-            self._face = caller.tracker.refine(crop, start, 3)
-        return self._face
-
     def _queue(self, face: FaceParameters) -> None:
         """Add a frame to the packet that is being filled, and send it once it is full."""
         epoch = self._epoch
         assert epoch is not None
         vector = vector_from_face(face, epoch.model.reference_pose)
-        self._waiting.append(project(epoch.components, vector[None], epoch.harm)[0])
+        # A face that was found before the newest modes has none of them.
+        vector = np.append(vector, np.zeros(len(epoch.harm) - len(vector)))
+        values = project(epoch.components, vector[None], epoch.harm)[0]
+        self._waiting.append(np.append(values, np.zeros(epoch.room)))
         first = self._number == epoch.number
         if len(self._waiting) == (1 if first else self._cadence.frames_per_packet):
             self._flush()
@@ -203,7 +202,9 @@ class LiveCall:
     def _enter(self, epoch: Epoch) -> None:
         """Frames from here on are sent under `epoch`."""
         self._epoch = epoch
-        self._predictor = FramePredictor(epoch.components.spreads)
+        components = epoch.all_components
+        self._predictor = FramePredictor(components.spreads, components.spare)
+        self._modes.start(epoch)
         if self._face is not None:
             # Coefficients are of other modes now; the mean until the next refinement.
             blank = np.zeros(len(epoch.components.modes))
@@ -222,8 +223,23 @@ class LiveCall:
         epoch = learner.learn(share, *self._sample(), layer=0).at(0, index)
         if self._announcer.in_layers:
             # What else the first frame could teach, the update does better and is as large.
-            epoch, _ = learner.in_layers(epoch)
+            epoch = learner.rough(epoch)
         self._enter(self._announcer.send(epoch))
+
+    def _grow_on(self, index: int, look: Look) -> None:
+        """Learn single modes from what the call shows; use and send those that are learned."""
+        if self._modes.wants(index):
+            self._modes.look(index, look)
+        if self._announcer.busy:
+            return
+        epoch = self._epoch
+        assert epoch is not None
+        with self._tally.stage("grow"):
+            found = self._modes.grown(index, epoch.room)
+        for mode in found:
+            epoch = epoch.grown(mode)
+            self._announcer.grow(epoch, mode.data)
+        self._epoch = epoch
 
     def _learn_on(self, index: int) -> None:
         """Learn again when it is time; announce what was learned."""
@@ -247,6 +263,8 @@ class LiveCall:
             ):
                 share = self._due.pop(0)[1]
             budget = replace(self._budget, face_bytes=int(share * self._budget.face_bytes))
+            if not self._announcer.in_layers:
+                budget = replace(budget, background_bytes=0)
             if self._pool is None:
                 with self._tally.stage("learn"):
                     update = self._update(budget, *self._sample(), layer)

@@ -52,11 +52,19 @@ def code_packet(
 ) -> CodedPacket:
     """Quantise and code the frames `targets` (count, n), in units; does not move the predictor."""
     wanted = np.rint(targets * UNIT).astype(np.int64)
-    head = PacketHead(quality, len(wanted), fresh)
+    head = PacketHead(quality, len(wanted), fresh, _idle(predictor, wanted))
     values, known = _quantise(predictor, sequence, wanted, head)
     payload = encode_packet(predictor, sequence, usual_frames, head, values)
     frames = np.array([known[index] for index in range(1, len(wanted) + 1)])
     return CodedPacket(payload, frames)
+
+
+def _idle(predictor: FramePredictor, wanted: Integers) -> int:
+    """How many of the last components do nothing before, in and after these frames."""
+    used = np.abs(wanted).max(0) + np.abs(predictor.anchor)
+    if not predictor.spare or used[-1]:
+        return 0
+    return min(predictor.spare, int(np.argmax(used[::-1] > 0)) if used.any() else len(used))
 
 
 def _quantise(
@@ -70,7 +78,11 @@ def _quantise(
         error = wanted[place.index - 1] - predictor.predict(place, kinds, known)
         tables = predictor.tables(kinds, head.quality)
         around = parents(place, sizes)
-        differences = _worthwhile(error / steps[kinds], tables, around, surroundings)
+        differences = np.zeros(predictor.components, np.int64)
+        used = len(differences) - head.idle
+        differences[:used] = _worthwhile(
+            (error / steps[kinds])[:used], tables[:used], around, surroundings
+        )
         values.append((place, differences))
         sizes[place.index] = np.abs(differences)
         known[place.index] = reconstruct(predictor, place, kinds, known, head.quality, differences)
@@ -82,7 +94,7 @@ def _worthwhile(
 ) -> Integers:
     """(n,) integers near `error` (n,), in steps, that minimise squared error + WORTH x bits."""
     surroundings.start_frame()
-    sums = [0] * len(tables) if around is None else around.tolist()
+    sums = [0] * len(tables) if around is None else around[: len(tables)].tolist()
     chosen = []
     for size, expected, parent in zip(np.abs(error).tolist(), tables.tolist(), sums, strict=True):
         bits = _BITS[surroundings.table(expected, parent)]

@@ -92,7 +92,7 @@ class Refiner:
         self._head, self._face, self._grey = head, face, grey
         stride = max(1, round(np.sqrt(len(shape) / TEXELS)))
         atlas = shape.atlas
-        kept = (atlas.rows % stride == 0) & (atlas.columns % stride == 0)
+        self._kept = kept = (atlas.rows % stride == 0) & (atlas.columns % stride == 0)
         thin = Atlas(
             atlas.size,
             atlas.rows[kept],
@@ -104,6 +104,13 @@ class Refiner:
         self.shape = ShapeFree(face, thin, shape.camera)
         self.template = Template(
             template.mean[kept], template.modes[:, kept], template.weight[kept]
+        )
+
+    def teach(self, mode: Single) -> None:
+        """Add one more mode, luma (k,) of all texels, to the template."""
+        before = self.template
+        self.template = replace(
+            before, modes=np.concatenate([before.modes, mode[None, self._kept]])
         )
 
     def seen(self, face: FaceParameters) -> NDArray[np.bool_]:

@@ -56,7 +56,8 @@ def layered(
     pictures = ((model.texture, texture), (model.background, background))
     # An empty item leaves what the first layer has.
     whole = [b"" if rough == picture else picture for picture, rough in pictures]
-    return LayeredModel(first, (*whole, *components.modes))
+    sent = components.modes[: len(components.modes) - components.spare]
+    return LayeredModel(first, (*whole, *sent))
 
 
 def _rough(whole: bytes, rough: bytes) -> bytes:
@@ -100,6 +101,11 @@ class LayerPacer:
         """Send this model's layers from now on, instead of any before."""
         self._model, self._number, self._items = model.first.layer, 0, len(model.items)
         self._waiting = [item(data) for data in model.items]
+
+    def add(self, data: bytes) -> None:
+        """Send one more mode of the same model."""
+        self._items += 1
+        self._waiting.append(item(data))
 
     def carried_s(self, packet_bytes: int) -> float:
         """How long a packet of this size takes at the rate."""

@@ -198,16 +198,16 @@ def code_background(frame: Picture, max_bytes: int) -> bytes:
     return finest_still(small.astype(np.float32), max_bytes)[0]
 
 
-def finest_still(colours: Texels, max_bytes: int) -> tuple[bytes, Texels]:
+def finest_still(colours: Texels, max_bytes: int, relief: bytes = b"") -> tuple[bytes, Texels]:
     """The best coding of a picture (h, w, 3) within `max_bytes`, and what it decodes to.
 
-    At the coarsest step even if that is larger.
+    At the coarsest step even if that is larger.  relief: see `encode_still`.
     """
     low, high = 0, MAX_STEP
-    best = encode_still(colours, MAX_STEP)
+    best = encode_still(colours, MAX_STEP, relief)
     while low < high:
         middle = (low + high) // 2
-        found = encode_still(colours, middle)
+        found = encode_still(colours, middle, relief)
         if len(found[0]) <= max_bytes:
             high, best = middle, found
         else:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.code_appearance import Appearance, code_appearance
-from encoder.combine import combine, harm_matrix, project
+from encoder.combine import Sensitivity, combine, project, sensitivity
 from encoder.crop import Crop, crop_face
 from encoder.fit import (
     EYE_CORNERS,
@@ -30,6 +30,7 @@ from encoder.learn import (
     mean_colours,
     shape_free_stack,
     template_of,
+    texel_areas,
     within_outline,
 )
 from encoder.model import Budget, identity_of, shape_packet
@@ -37,7 +38,13 @@ from encoder.parallel import on_cores
 from encoder.refine import TEXELS, Refiner, Template
 from encoder.shape_free import ShapeFree
 from encoder.sharpen import sharpened
-from encoder.texture import DEPTH_CELL_MM, fitting_size, texel_pixels, unseen_colours
+from encoder.texture import (
+    DEPTH_CELL_MM,
+    fitting_size,
+    texel_pixels,
+    unseen_colours,
+    visible_texels,
+)
 from protocol.components import Components, serialise_components, vector_from_face
 from protocol.messages import CallParameters, ModelPacket
 from protocol.pictures import to_luma
@@ -45,7 +52,7 @@ from shared_model.animate import Face
 from shared_model.appearance import atlas_of
 from shared_model.geometry import Camera
 from shared_model.mesh import Head
-from shared_model.parameters import FaceParameters
+from shared_model.parameters import EAU_INDEX, EAUS, FaceParameters
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -54,6 +61,11 @@ Picture = NDArray[np.uint8]
 IDENTITY_FRAMES = 10
 TRAINING_FRAMES = 64
 TRACKING_MODES = (0, 4, 8)
+SENSITIVITY_FRAMES = 12
+# A face that shows all it has, and what share of the texels' pixels then counts of those that have
+# not been seen.
+OPEN = {"jaw_drop": 0.6, "upper_lip_raise": 0.5, "lower_lip_lower": 0.5}
+OPEN_SHARE = 0.5
 # Landmarks are smoothed over time with this kernel before the first fit.
 SMOOTHING = np.array([0.06, 0.24, 0.4, 0.24, 0.06])
 
@@ -63,6 +75,8 @@ class Caller:
     """Everything about the caller that does not change from frame to frame.
 
     tracker: what frames are refined with, at a part of the texels.
+    shape: all texels.  weight: (k,) pixels that each covers, less beside the face.
+    mask: (k,) 1 on the face, see `face_mask`.
     """
 
     fitted: Fitted
@@ -70,6 +84,9 @@ class Caller:
     tracker: Refiner
     appearance: Appearance
     pixels_per_texel: float
+    shape: ShapeFree
+    weight: Single
+    mask: Single
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,10 +157,12 @@ def learn_caller(
     call: CallParameters,
     budget: Budget,
     workers: int | None = None,
+    more_to_come: bool = False,
 ) -> Learned:
     """The caller's appearance from a sample of frames (number, picture).
 
     workers: see `on_cores`; one where frames of a live call are coded meanwhile.
+    more_to_come: what these frames hide in the mouth and behind the lids may yet be seen.
     """
     reference = faces[0]
     packet = shape_packet(fitted, reference, call)
@@ -157,16 +176,32 @@ def learn_caller(
     crops = [crop_face(frame, points[number], ratio) for number, frame in sample_frames]
     found = [faces[number] for number, _ in sample_frames]
     found = tracked(head, face, camera, size, crops, found, workers)
-    stack = _stack(head, shape, face, crops, found, workers)
+    stack = shape_free_views(head, shape, face, crops, found, workers)
     shown = within_outline(shape, crops, found, [points[number] for number, _ in sample_frames])
     mask = np.maximum(face_mask(head, atlas), shown)
+    if more_to_come:
+        stack = replace(stack, weight=np.maximum(stack.weight, opened(head, shape, face, found)))
     stack = replace(stack, weight=stack.weight * np.where(shape.on_face, np.float32(1), mask))
     sharp = sharpened_stack(shape, stack, crops, found, workers)
     mean = mean_colours(shape, sharp, unseen_colours(head, atlas))
     appearance = code_appearance(shape, sharp, mean, mask, budget.face_bytes, budget.most_modes)
     refiner = Refiner(head, face, shape, sampled_template(shape, stack, sharp, appearance))
     found = refined(refiner, crops, found, workers)
-    return Learned(Caller(fitted, reference, refiner, appearance, ratio), crops, found)
+    caller = Caller(fitted, reference, refiner, appearance, ratio, shape, stack.weight * mask, mask)
+    return Learned(caller, crops, found)
+
+
+def opened(head: Head, shape: ShapeFree, face: Face, faces: Sequence[FaceParameters]) -> Single:
+    """(k,) part of the pixels that each texel would cover with mouth and eyes wide open.
+
+    faces: of the caller; the pose is the first one's.
+    """
+    eau = np.zeros(len(EAUS))
+    for name, value in OPEN.items():
+        eau[EAU_INDEX[name]] = value
+    wide = FaceParameters(faces[0].pose, eau)
+    seen = visible_texels(head, shape.atlas, wide.pose, face.animate(eau))
+    return np.asarray(OPEN_SHARE * texel_areas(shape, shape.positions(wide)) * seen, np.float32)
 
 
 def tracked(
@@ -188,7 +223,7 @@ def tracked(
     cell_mm = coarser * DEPTH_CELL_MM
     unseen, faces = unseen_colours(head, shape.atlas), list(found)
     for modes in TRACKING_MODES:
-        stack = _stack(head, shape, face, crops, faces, workers, cell_mm)
+        stack = shape_free_views(head, shape, face, crops, faces, workers, cell_mm)
         mean = mean_colours(shape, stack, unseen)
         template = template_of(stack, mean, luma_modes(stack, mean, min(modes, len(crops) // 3)))
         refiner = Refiner(head, face, shape, template, cell_mm=cell_mm)
@@ -263,11 +298,18 @@ def combine_call(
     """The call's components, and their values (t, n) in every frame."""
     caller = learned.caller
     pose = caller.reference.pose
-    every = max(1, len(learned.crops) // 12)
-    harm = harm_matrix(caller.tracker, learned.crops[::every], learned.faces[::every], pose)
+    harm = sensitivity_of(learned).harm(caller.tracker.template.modes)
     vectors = np.array([vector_from_face(face, pose) for face in faces])
     components = combine(vectors, harm, caller.appearance.modes, frames_per_packet)
     return components, project(components, vectors, harm)
+
+
+def sensitivity_of(learned: Learned) -> Sensitivity:
+    """What errors do to this caller's picture, by a few of the frames it was learned from."""
+    caller = learned.caller
+    every = slice(None, None, max(1, len(learned.crops) // SENSITIVITY_FRAMES))
+    pose = caller.reference.pose
+    return sensitivity(caller.tracker, learned.crops[every], learned.faces[every], pose)
 
 
 def default_model(
@@ -282,7 +324,7 @@ def default_model(
     )
 
 
-def _stack(
+def shape_free_views(
     head: Head,
     shape: ShapeFree,
     face: Face,
@@ -291,5 +333,6 @@ def _stack(
     workers: int | None,
     cell_mm: float = DEPTH_CELL_MM,
 ) -> Stack:
+    """What the texels of `shape` show in crops, see `shape_free_stack`.  face: the caller's."""
     vertices = [face.animate(f.eau) for f in found]
     return shape_free_stack(head, shape, crops, found, vertices, cell_mm, workers)

@@ -164,7 +164,10 @@ class _Reading:
     """How frame packets are read from the one numbered `first` on."""
 
     def __init__(self, components: Components, first: int) -> None:
-        self.components, self.predictor = components, FramePredictor(components.spreads)
+        self.components, self.predictor = (
+            components,
+            FramePredictor(components.spreads, components.spare),
+        )
         self._first = first
 
     def number(self, packet: FramePacket) -> int:

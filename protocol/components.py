@@ -5,7 +5,8 @@ what is sent are its combined components (thesis eq. 2.18-2.19), scaled so that 
 them does equal harm to the picture.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import takewhile
 from typing import Any
 
 import msgpack  # type: ignore[import-untyped]
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.adaptive import AdaptiveIntegers
+from protocol.bounds import check_int
 from protocol.entropy import RangeDecoder, RangeEncoder
 from protocol.messages import MAX_IMAGE_BYTES, ProtocolError
 from protocol.predict import KINDS, MAX_SPREAD, UNIT, Integers
@@ -26,11 +28,17 @@ GEOMETRY = 6 + len(EAUS)
 MAX_MODES = 64
 MAX_COMPONENTS = GEOMETRY + MAX_MODES
 _KEYS = ("m", "t")
+_SPARE_KEY = "s"
 # Steps of a unit to the octave, the code of 1, and steps of the centre to a unit.
 UNIT_STEPS, UNIT_ZERO = 8, 128
 CENTRE_STEPS = 4
 MAX_CENTRE = (2 << AdaptiveIntegers.LONGEST) - 2
 MAX_BASIS = 127
+# Coefficient 1 of a spare mode changes the picture by about this much, grey levels; the code of the
+# unit that goes with it; the usual sizes of what predictions leave, see `Components.spreads`.
+SPARE_HARM_GREY = 2.0
+SPARE_UNIT = UNIT_ZERO - UNIT_STEPS
+SPARE_SPREADS = (22, 22, 18, 15, 12)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,13 +46,15 @@ class Components:
     """How frames of the default profile become faces; d = 6 + EAUs + modes values, n components.
 
     modes: coded appearance modes, see `pictures.ModeSeries`; each is added to the texture times its
-        coefficient (eq. 2.17).
+        coefficient (eq. 2.17).  One that has not come yet is empty and adds nothing.
     units: (d,) uint8, the `unit` of each value in eighths of an octave above 2 ** -16.
     centres: (d,) int, the mean of y in quarters of `unit`: motion against the reference pose as in
         the thesis profile (rotation deg, shift mm, log depth), EAUs, mode coefficients.
     basis: (n, d) int8, in 1 / `MAX_BASIS` of `unit`, times 2 ** exponent by row.
     exponents: (n,) int8.
     spreads: (n, KINDS) uint8 0..MAX_SPREAD, see `predict.FramePredictor`.
+    spare: so many of the last modes are learned while the call goes on and come in layers; each has
+        a component of its own, the last ones.
     """
 
     modes: tuple[bytes, ...]
@@ -53,11 +63,14 @@ class Components:
     basis: NDArray[np.int8]
     exponents: NDArray[np.int8]
     spreads: NDArray[np.uint8]
+    spare: int = 0
 
     def __post_init__(self) -> None:
         d, n = GEOMETRY + len(self.modes), len(self.basis)
         if len(self.modes) > MAX_MODES or not 1 <= n <= MAX_COMPONENTS:
             raise ValueError(f"{len(self.modes)} modes and {n} components, limit {MAX_MODES}")
+        if not 0 <= self.spare <= min(len(self.modes), n - 1):
+            raise ValueError(f"{self.spare} spare modes of {len(self.modes)}, {n} components")
         shapes = (self.units.shape, self.centres.shape, self.basis.shape)
         if shapes != ((d,), (d,), (n, d)) or self.exponents.shape != (n,):
             raise ValueError(
@@ -93,6 +106,40 @@ class Components:
         return np.asarray(rows * self.unit)
 
 
+def with_spare(components: Components, spare: int) -> Components:
+    """The same with room for so many more modes.  Raises `ValueError` if there are too many."""
+    basis = components.basis
+    n, d = basis.shape
+    wide = np.zeros((n + spare, d + spare), np.int8)
+    wide[:n, :d] = basis
+    wide[range(n, n + spare), range(d, d + spare)] = MAX_BASIS
+    return Components(
+        modes=components.modes + (b"",) * spare,
+        units=np.append(components.units, np.full(spare, SPARE_UNIT, np.uint8)),
+        centres=np.append(components.centres, np.zeros(spare, np.int64)),
+        basis=wide,
+        exponents=np.append(components.exponents, np.zeros(spare, np.int8)),
+        spreads=np.concatenate(
+            [components.spreads, np.tile(np.array(SPARE_SPREADS, np.uint8), (spare, 1))]
+        ),
+        spare=components.spare + spare,
+    )
+
+
+def without_spare(components: Components, kept: int = 0) -> Components:
+    """The same with only the first `kept` of the spare modes, as if they were none."""
+    gone = components.spare - kept
+    n, d = (side - gone for side in components.basis.shape)
+    return Components(
+        modes=components.modes[: len(components.modes) - gone],
+        units=components.units[:d],
+        centres=components.centres[:d],
+        basis=components.basis[:n, :d],
+        exponents=components.exponents[:n],
+        spreads=components.spreads[:n],
+    )
+
+
 def face_from_components(
     components: Components, coded: Integers, reference: Pose
 ) -> FaceParameters:
@@ -124,11 +171,15 @@ def codes_of_units(unit: Array) -> NDArray[np.uint8]:
 
 
 def serialise_components(components: Components) -> bytes:
-    """The bytes of the model packet's extension."""
-    coder = RangeEncoder()
-    _code_tables(coder, components)
-    tables = bytes([len(components.basis)]) + coder.finish()
-    data: bytes = msgpack.packb(dict(zip(_KEYS, (components.modes, tables), strict=True)))
+    """The bytes of the model packet's extension.  Spare modes that have not come take none."""
+    base, coder = without_spare(components), RangeEncoder()
+    _code_tables(coder, base)
+    tables = bytes([len(base.basis)]) + coder.finish()
+    grown = tuple(takewhile(bool, components.modes[len(base.modes) :]))
+    fields: dict[str, Any] = dict(zip(_KEYS, (base.modes + grown, tables), strict=True))
+    if components.spare:
+        fields[_SPARE_KEY] = (len(grown), components.spare)
+    data: bytes = msgpack.packb(fields)
     return data
 
 
@@ -141,7 +192,7 @@ def parse_components(data: bytes) -> Components:
             max_str_len=1,
             max_bin_len=MAX_IMAGE_BYTES,
             max_array_len=MAX_MODES,
-            max_map_len=len(_KEYS),
+            max_map_len=len(_KEYS) + 1,
             max_ext_len=0,
         )
         return _components(fields)
@@ -155,9 +206,11 @@ def _components(fields: Any) -> Components:
         raise ValueError("modes are not byte strings")
     if not isinstance(tables, bytes) or not tables or not 1 <= tables[0] <= MAX_COMPONENTS:
         raise ValueError("no tables")
-    d, n = GEOMETRY + len(modes), tables[0]
+    grown, spare = _grown(fields, modes)
+    known = modes[: len(modes) - grown]
+    d, n = GEOMETRY + len(known), tables[0]
     empty = Components(
-        modes,
+        known,
         units=np.zeros(d, np.uint8),
         centres=np.zeros(d, np.int64),
         basis=np.zeros((n, d), np.int8),
@@ -168,7 +221,16 @@ def _components(fields: Any) -> Components:
     found = _code_tables(coder, empty)
     if coder.surplus:
         raise ValueError(f"{coder.surplus} bytes too many")
-    return found
+    roomy = with_spare(found, spare)
+    return replace(roomy, modes=modes + roomy.modes[len(modes) :])
+
+
+def _grown(fields: Any, modes: tuple[bytes, ...]) -> tuple[int, int]:
+    """How many of the modes are spare ones that have come, and how many spare ones there are."""
+    grown, spare = fields.get(_SPARE_KEY, (0, 0))
+    check_int("spare modes", spare, 0, MAX_MODES)
+    check_int("spare modes that have come", grown, 0, min(spare, len(modes)))
+    return grown, spare
 
 
 def _code_tables(coder: BitCoder, components: Components) -> Components:

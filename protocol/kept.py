@@ -1,6 +1,15 @@
 """What an encoder keeps for decoders that join late: the models in use and to come."""
 
-from protocol.messages import SEQUENCE_MODULUS, Kind, ModelPacket, packet_kind, parse_packet
+from dataclasses import replace
+
+from protocol.messages import (
+    SEQUENCE_MODULUS,
+    Kind,
+    ModelPacket,
+    packet_kind,
+    parse_packet,
+    serialise,
+)
 
 
 class Kept:
@@ -15,6 +24,7 @@ class Kept:
         # With the number of the model; replaced, never changed, so that any thread may read it.
         self._packets: tuple[tuple[int, bytes], ...] = ()
         self._update: ModelPacket | None = None
+        self._background = b""
 
     @property
     def packets(self) -> tuple[bytes, ...]:
@@ -29,8 +39,27 @@ class Kept:
         elif kind is Kind.MODEL:
             model = parse_packet(packet)
             assert isinstance(model, ModelPacket)
-            self._update = model if self._packets else None
+            if not self._packets:
+                self._background = model.background
+            else:
+                self._update = model
             self._packets += ((model.layer, packet),)
         elif kind is Kind.FRAME and self._update and number == self._update.sequence:
-            oldest, self._update = self._update.layer, None
-            self._packets = tuple(kept for kept in self._packets if kept[0] >= oldest)
+            self._enter(self._update)
+
+    def _enter(self, update: ModelPacket) -> None:
+        """Frame packets are of `update` now."""
+        self._update = None
+        if not update.background:
+            # The one before stays; who joins now has never seen it.
+            update = replace(update, background=self._background)
+        self._background = update.background
+        whole = serialise(update)
+        self._packets = tuple(
+            (
+                number,
+                whole if packet_kind(packet) is Kind.MODEL and number == update.layer else packet,
+            )
+            for number, packet in self._packets
+            if number >= update.layer
+        )

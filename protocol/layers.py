@@ -5,6 +5,9 @@ appearance mode in order, every item after its length.  Layer packets are consec
 cut anywhere.  Whatever part of the stream has come, in whatever order, makes a model that can be
 drawn: a whole picture replaces the rough one of the first layer, an empty one leaves it, and modes
 that have not come yet add nothing.
+
+A live call goes on with spare modes, as it learns them; of a model that was sent whole the stream
+has two empty pictures and nothing but these.
 """
 
 from collections.abc import Iterator
@@ -72,15 +75,17 @@ class Layers:
         found = [data for _, data, whole in self._items(model.layer) if whole]
         if not found:
             return model
-        if not model.layered:
+        components = parse_components(model.extension) if model.extension else None
+        if components is None or not (model.layered or components.spare):
             raise ProtocolError(f"layer packets for model {model.layer}, which has no layers")
-        components = parse_components(model.extension)
-        modes = tuple(found[len(PICTURES) :])
-        if len(modes) > len(components.modes) or not all(modes):
-            raise ProtocolError(f"{len(modes)} modes in layers, expected {len(components.modes)}")
+        # What came whole, in the model packet.
+        known = () if model.layered else components.modes[: -components.spare]
+        modes, room = tuple(found[len(PICTURES) :]), len(components.modes) - len(known)
+        if len(modes) > room or not all(modes):
+            raise ProtocolError(f"{len(modes)} modes in layers, expected {room}")
         texture, background = [*found, b""][: len(PICTURES)]
-        missing = (b"",) * (len(components.modes) - len(modes))
-        extension = serialise_components(replace(components, modes=modes + missing))
+        missing = (b"",) * (room - len(modes))
+        extension = serialise_components(replace(components, modes=known + modes + missing))
         try:
             refined = replace(
                 model,
@@ -128,8 +133,7 @@ class Layers:
 
 def is_refined(model: ModelPacket, other: ModelPacket) -> bool:
     """Whether both are the same model, perhaps with more or fewer of its layers."""
-    if not model.layered:
-        return model == other
-    return other == replace(
-        model, texture=other.texture, background=other.background, extension=other.extension
-    )
+    refined = replace(model, extension=other.extension)
+    if model.layered:
+        refined = replace(refined, texture=other.texture, background=other.background)
+    return other == refined

@@ -79,11 +79,12 @@ class FramePredictor:
 
     spreads: (n, KINDS) integers 0..MAX_SPREAD: log2 of the usual size of each component's values,
         by kind of prediction, in quarter octaves above 1/16 unit; for anchors, of what they differ.
+    spare: so many of the last components are not yet in use at first: packets say how many are.
     """
 
-    def __init__(self, spreads: NDArray[Any]) -> None:
+    def __init__(self, spreads: NDArray[Any], spare: int = 0) -> None:
         self.spreads = np.array(spreads, dtype=np.int64)
-        self.components = len(self.spreads)
+        self.components, self.spare = len(self.spreads), spare
         relative = self.spreads[:, ANCHOR] - self.spreads[:, ABSOLUTE]
         row = np.clip(relative + 7, 0, len(_DAMPING) - 1)
         self._damping = np.array(_DAMPING)[row]
@@ -120,11 +121,13 @@ class PacketHead:
     """How a packet is coded: quality 0 (finest) to 31, number of frames.
 
     fresh: nothing in it is predicted from packets before.
+    idle: so many of the last components are not in it: they stay as they were.
     """
 
     quality: int
     frames: int
     fresh: bool = False
+    idle: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,12 +166,12 @@ def encoding(
     values: Sequence[tuple[Place, Integers]],
 ) -> Iterator[int | None]:
     """Code a packet step by step, see `encode_packet`: its head (None), then each component."""
-    _code_head(coder, head, usual_frames)
+    _code_head(coder, head, usual_frames, predictor.spare)
     yield None
     surroundings, sizes = Surroundings(), dict[int, Integers]()
     for place, differences in values:
         kinds = predictor.kinds(place, sequence, head.fresh)
-        tables = predictor.tables(kinds, head.quality)
+        tables = predictor.tables(kinds, head.quality)[: len(kinds) - head.idle]
         around = parents(place, sizes)
         coded = _coded_values(coder, surroundings, tables, around, differences)
         yield from (component for component, _ in enumerate(coded))
@@ -193,7 +196,7 @@ def read_packet(
     """What is in a payload, see `decode_packet`; does not move the predictor."""
     coder = RangeDecoder(payload)
     try:
-        head = _code_head(coder, PacketHead(0, usual_frames), usual_frames)
+        head = _code_head(coder, PacketHead(0, usual_frames), usual_frames, predictor.spare)
         values, known = _decode_frames(coder, predictor, sequence, head)
     except ValueError as error:
         raise ProtocolError(f"frame packet: {error}") from error
@@ -232,7 +235,7 @@ _QUALITY_BITS = 5
 _COUNT_BITS = 6
 
 
-def _code_head(coder: BitCoder, head: PacketHead, usual_frames: int) -> PacketHead:
+def _code_head(coder: BitCoder, head: PacketHead, usual_frames: int, spare: int) -> PacketHead:
     quality = code_bits(coder, head.quality, _QUALITY_BITS)
     fresh = coder.code_bit(int(head.fresh), _USUAL)
     frames = usual_frames
@@ -240,7 +243,10 @@ def _code_head(coder: BitCoder, head: PacketHead, usual_frames: int) -> PacketHe
         frames = code_bits(coder, head.frames - 1, _COUNT_BITS) + 1
     if frames > usual_frames:
         raise ValueError(f"{frames} frames, limit {usual_frames}")
-    return PacketHead(quality, frames, bool(fresh))
+    idle = code_bits(coder, head.idle, spare.bit_length())
+    if idle > spare:
+        raise ValueError(f"{idle} components idle, limit {spare}")
+    return PacketHead(quality, frames, bool(fresh), idle)
 
 
 def _coded_values(
@@ -252,7 +258,8 @@ def _coded_values(
 ) -> Iterator[int]:
     surroundings.start_frame()
     around = [0] * len(tables) if sizes is None else sizes.tolist()
-    for value, expected, parent in zip(differences.tolist(), tables.tolist(), around, strict=True):
+    # Tables are of the components in use, which come first.
+    for value, expected, parent in zip(differences.tolist(), tables.tolist(), around, strict=False):
         value = code_value(coder, value, surroundings.table(expected, parent))
         surroundings.saw(expected, abs(value))
         yield value
@@ -265,10 +272,10 @@ def _decode_frames(
     surroundings, nothing = Surroundings(), np.zeros(predictor.components, dtype=np.int64)
     for place in coding_order(head.frames):
         kinds = predictor.kinds(place, sequence, head.fresh)
-        tables = predictor.tables(kinds, head.quality)
+        tables = predictor.tables(kinds, head.quality)[: len(kinds) - head.idle]
         around = parents(place, sizes)
-        found = _coded_values(coder, surroundings, tables, around, nothing)
-        coded = np.fromiter(found, np.int64, predictor.components)
+        coded = nothing.copy()
+        coded[: len(tables)] = list(_coded_values(coder, surroundings, tables, around, nothing))
         values.append((place, coded))
         sizes[place.index] = np.abs(coded)
         known[place.index] = reconstruct(predictor, place, kinds, known, head.quality, coded)

@@ -3,7 +3,8 @@
     python scripts/coding_gain.py CLIP... [--harm 4]
 
 Prints a table in Markdown.  Harm is the squared error of luma, mean over the visible texels of the
-shape-free face, that quantisation adds by the Gauss-Newton model of the picture (`harm_matrix`).
+shape-free face, that quantisation adds by the Gauss-Newton model of the picture
+(`Sensitivity.harm`).
 All rows code the same values: pose, actuators and coefficients of every frame, as the two-pass
 encoder finds them.  From the static code on, rows are ideal code lengths; the last is what is sent.
 """
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from encoder.cadence import FRAMES_PER_PACKET
 from encoder.capture import open_source
-from encoder.combine import combine, harm_matrix, project
+from encoder.combine import combine, project, sensitivity
 from encoder.crop import crop_face
 from encoder.detect import BlazeFaceDetector
 from encoder.landmarks import LandmarkTracker
@@ -112,7 +113,8 @@ def read_material(source: str) -> Material:
                 crop = crop_face(frame, points[number], caller.pixels_per_texel)
                 refined.append(caller.tracker.refine(crop, faces[number], 3))
     pose = caller.reference.pose
-    harm = harm_matrix(caller.tracker, learned.crops[::8], learned.faces[::8], pose)
+    measured = sensitivity(caller.tracker, learned.crops[::8], learned.faces[::8], pose)
+    harm = measured.harm(caller.tracker.template.modes)
     vectors = np.array([vector_from_face(face, pose) for face in refined])
     components = combine(vectors, harm, caller.appearance.modes, FRAMES_PER_PACKET)
     values = project(components, vectors, harm)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from shots import Shots, whole
 
-from encoder.combine import LEAST_SPREAD, combine, harm_matrix, measure_spreads, project
+from encoder.combine import LEAST_SPREAD, combine, measure_spreads, project, sensitivity
 from encoder.refine import Refiner, Template, luma
 from encoder.shape_free import ShapeFree
 from encoder.texture import sample
@@ -111,7 +111,8 @@ def refiner(shots: Shots) -> Refiner:
 
 def test_harm_foretells_what_an_error_does_to_the_picture(shots: Shots, refiner: Refiner) -> None:
     face, reference = shots.faces[2], shots.faces[0].pose
-    h = harm_matrix(refiner, [whole(shots.pictures[2])], [face], reference)
+    sensed = sensitivity(refiner, [whole(shots.pictures[2])], [face], reference)
+    h = sensed.harm(refiner.template.modes)
     assert np.allclose(h, h.T) and (np.linalg.eigvalsh(h) > 0).all()
     grey, shape = luma(shots.pictures[2]), refiner.shape
     weight = refiner.seen(face).astype(float)

@@ -1,0 +1,156 @@
+"""Appearance modes learned while a live call goes on, one by one.
+
+What a caller's model cannot show of the last few seconds is left over; its strongest direction is
+the next mode.  It is coded as the modes of the model packet are, and goes out at once.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.code_appearance import FIRST_STEP, Remainder
+from encoder.crop import Crop
+from encoder.learn import OUTSIDE
+from encoder.model import identity_of
+from encoder.two_pass import Caller, shape_free_views, sharpened_stack
+from protocol.components import SPARE_HARM_GREY
+from protocol.messages import ModelPacket
+from protocol.pictures import (
+    MAX_STEP,
+    STEPS_PER_OCTAVE,
+    ModeSeries,
+    still_head,
+    to_luma,
+    to_planes,
+)
+from shared_model.animate import Face
+from shared_model.mesh import Head
+from shared_model.parameters import FaceParameters
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+# How long a look counts at all, after what time half as much, and how often to look.
+WINDOW_S = 3.0
+HALF_LIFE_S = 1.0
+LOOKS_PER_S = 8.0
+# Modes may take this much, and save up for one second.
+BYTES_PER_S = 1200.0
+# A mode must explain this share of what is left over.
+LEAST_GAIN = 0.02
+# A mode of more bytes is coded by so many steps more coarsely, and the next one a turn finer than
+# that: soon is better than fine.
+MOST_BYTES = 300
+COARSER = 4
+# Fewer looks teach nothing that the next one would not undo.
+LEAST_LOOKS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Grown:
+    """A new mode: coded, and the luma (k,) that it adds to each texel per coefficient."""
+
+    data: bytes
+    luma: Single
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """A picture of the caller, and the landmarks (468, 3) in its frame, pixels."""
+
+    crop: Crop
+    points: Array
+
+
+class Finder(Protocol):
+    """Finds the face in a look."""
+
+    def __call__(self, look: Look) -> FaceParameters: ...
+
+
+class Grower:
+    """Finds modes that one model of a caller lacks.
+
+    model: as sent.  find: how the face is in a look, by that model.
+    """
+
+    def __init__(self, head: Head, model: ModelPacket, caller: Caller, find: Finder) -> None:
+        self._head, self._caller, self._find = head, caller, find
+        self._face = Face(head, identity_of(head, model))
+        appearance, shape = caller.appearance, caller.shape
+        self._at = (shape.atlas.rows, shape.atlas.columns)
+        self._mean = appearance.mean[self._at]
+        self._root = np.sqrt(np.maximum(caller.weight, 1e-6))[:, None]
+        self._support = np.where(caller.mask > 2 * OUTSIDE, caller.mask, 0)[:, None]
+        relief = still_head("texture", appearance.texture).relief
+        self._series = ModeSeries(shape.atlas.size, relief)
+        self._rows = [self._weighted(image[self._at]) for image in appearance.mode_images]
+        for number, data in enumerate(appearance.modes):
+            self._series.decode(f"mode {number}", data)
+        self._coarser = 0
+        self._seen: deque[Single] = deque(maxlen=round(WINDOW_S * LOOKS_PER_S))
+
+    def grow(self, looks: Sequence[Look], room_bytes: float, most: int) -> list[Grown]:
+        """New modes, after some more looks: until they take `room_bytes`, at most `most`."""
+        for look in looks:
+            self._seen.append(self._left_over(look))
+        found: list[Grown] = []
+        while len(self._seen) >= LEAST_LOOKS and room_bytes > 0 and len(found) < most:
+            mode = self._next()
+            if mode is None:
+                break
+            found.append(mode)
+            room_bytes -= len(mode.data)
+        return found
+
+    def _left_over(self, look: Look) -> Single:
+        """(3 k,) weighted planes of what the mean leaves of a look; nothing where it is unseen."""
+        crops, faces = [look.crop], [self._find(look)]
+        stack = shape_free_views(self._head, self._caller.shape, self._face, crops, faces, 1)
+        sharp = sharpened_stack(self._caller.shape, stack, crops, faces, 1)
+        colours = (sharp.colours[0] - self._mean) * sharp.seen[0][:, None]
+        return self._weighted(np.asarray(colours, np.float32))
+
+    def _weighted(self, colours: Single) -> Single:
+        return np.asarray((to_planes(colours) * self._root).ravel(), np.float32)
+
+    def _next(self) -> Grown | None:
+        """The strongest mode, if it is worth its bytes."""
+        age = np.arange(len(self._seen), dtype=np.float32)[::-1]
+        share = np.exp2(-age / np.float32(2 * HALF_LIFE_S * LOOKS_PER_S))
+        remainder = Remainder(np.array(self._seen) * share[:, None], self._rows)
+        before = remainder.energy
+        direction = remainder.strongest().reshape(-1, 3) / self._root * self._support
+        size = len(self._caller.appearance.mean)
+        # Scaled so that its component's unit is what spare components have.
+        rms = np.sqrt(((direction * self._root) ** 2).sum() / (self._root**2).sum())
+        scale = SPARE_HARM_GREY / max(float(rms), 1e-3)
+        step = round(FIRST_STEP + STEPS_PER_OCTAVE * np.log2(scale))
+        planes = np.zeros((size, size, 3), np.float32)
+        planes[self._at] = direction * np.float32(scale)
+        series, data, image = self._coded(planes, step)
+        row = self._weighted(image[self._at])
+        if not row.any():
+            return None
+        remainder.explain(row)
+        if before - remainder.energy < LEAST_GAIN * before:
+            return None
+        self._series = series
+        self._rows.append(row)
+        return Grown(data, to_luma(image[self._at]))
+
+    def _coded(self, planes: Single, step: int) -> tuple[ModeSeries, bytes, Single]:
+        """A mode as it is coded from `step` on, and the series that it then belongs to."""
+        self._coarser = max(0, self._coarser - COARSER)
+        while True:
+            series = deepcopy(self._series)
+            found = min(max(step + self._coarser, 0), MAX_STEP)
+            data, image = series.encode(planes, found)
+            if len(data) <= MOST_BYTES or found == MAX_STEP:
+                return series, data, image
+            self._coarser += COARSER

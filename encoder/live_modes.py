@@ -1,0 +1,68 @@
+"""When a live call learns single modes between its models, and from what."""
+
+from collections import deque
+from concurrent.futures import Executor, Future
+from functools import partial
+
+from encoder.epoch import Epoch
+from encoder.grow import BYTES_PER_S, LOOKS_PER_S, WINDOW_S, Grower, Grown, Look
+from shared_model.mesh import Head
+
+# New modes come together at most this often: each costs the tracker a new template.
+EVERY_S = 0.25
+
+
+class LiveModes:
+    """Keeps what the call has shown lately, and learns from it beside the frames.
+
+    fps: of the source.  pool: where to learn; None: at once, before the next frame.
+    """
+
+    def __init__(self, head: Head, fps: float, pool: Executor | None) -> None:
+        self._head, self._fps, self._pool = head, fps, pool
+        self._recent: deque[Look] = deque(maxlen=round(WINDOW_S * LOOKS_PER_S))
+        self._fresh: list[Look] = []
+        self._grower: Grower | None = None
+        self._learning: Future[list[Grown]] | None = None
+        self._looked_at = self._grown_at = float("-inf")
+        self._room_bytes = 0.0
+
+    def start(self, epoch: Epoch) -> None:
+        """From now on learn what this model lacks; what is being learned is of the one before."""
+        self._grower = Grower(self._head, epoch.model, epoch.learned.caller, epoch.find)
+        self._fresh = list(self._recent)
+        self._learning = None
+
+    def wants(self, index: int) -> bool:
+        """Whether source frame `index` should be looked at."""
+        return index - self._looked_at >= self._fps / LOOKS_PER_S
+
+    def look(self, index: int, look: Look) -> None:
+        """Source frame `index`."""
+        self._looked_at = index
+        self._recent.append(look)
+        self._fresh.append(look)
+
+    def grown(self, index: int, most: int) -> list[Grown]:
+        """Modes that have been learned by source frame `index`; goes on with at most `most`."""
+        if self._learning is not None:
+            if not self._learning.done():
+                return []
+            found, self._learning = self._learning.result(), None
+            return self._spent(found)
+        if index - self._grown_at < EVERY_S * self._fps or not self._fresh or not most:
+            return []
+        earned = BYTES_PER_S * min(1.0, (index - self._grown_at) / self._fps)
+        self._room_bytes = min(self._room_bytes + earned, BYTES_PER_S)
+        self._grown_at = index
+        assert self._grower is not None
+        looks, self._fresh = self._fresh, []
+        job = partial(self._grower.grow, looks, self._room_bytes, most)
+        if self._pool is None:
+            return self._spent(job())
+        self._learning = self._pool.submit(job)
+        return []
+
+    def _spent(self, found: list[Grown]) -> list[Grown]:
+        self._room_bytes -= sum(len(mode.data) for mode in found)
+        return found
