@@ -6,10 +6,10 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
+from encoder.parallel import SWITCH_S
+
 # How much the frames go before, as the system counts niceness.
 NICE = 5
-# A thread that wants to go on waits no longer than this for one that computes.
-SWITCH_S = 0.0002
 
 
 def threads_beside(count: int) -> ThreadPoolExecutor:

@@ -173,6 +173,11 @@ class Remainder:
         """What is left of the frames' energy."""
         return float(np.trace(self._left))
 
+    @property
+    def strongest_share(self) -> float:
+        """What share of that one more mode could explain."""
+        return float(np.linalg.eigvalsh(self._left)[-1] / max(self.energy, 1e-9))
+
     def strongest(self) -> Single:
         """(d,) the strongest direction left, as long as frames usually go along it."""
         _, vectors = np.linalg.eigh(self._left)

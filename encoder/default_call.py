@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from encoder.cadence import Cadence
 from encoder.capture import Capture
-from encoder.crop import crop_face
+from encoder.crop import Crop, crop_face
 from encoder.detect import BlazeFaceDetector
 from encoder.landmarks import LandmarkTracker
 from encoder.model import Budget, call_parameters
 from encoder.networks import NetworkFilesMissing, find_network_folder
+from encoder.parallel import on_cores
 from encoder.rate import Spending, code_call, packet_spans
 from encoder.startup import LayeredModel, LayerPacer, layered
 from encoder.tally import Tally
@@ -45,6 +46,10 @@ Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 
+# Frames of the second pass that are refined side by side.
+REFINED_TOGETHER = 32
+
+
 @dataclass(frozen=True, slots=True)
 class CodedCall:
     """A whole call: model packet, frame payloads, number of source frames; where no face was."""
@@ -58,7 +63,8 @@ class CodedCall:
 class Survey:
     """Goes over a source twice and ends with a coded call.
 
-    Call `frame` with every frame, `learn`, `refine` with every frame again, then `code`.
+    Call `frame` with every frame, `learn`, `refine` with every frame again, `refine_rest`, then
+    `code`.
     """
 
     def __init__(self, capture: Capture, tally: Tally, cadence: Cadence) -> None:
@@ -77,6 +83,7 @@ class Survey:
         self._start: list[FaceParameters] = []
         self._coded: list[int] = []  # whose face each coded frame has, by place
         self._needed: frozenset[int] = frozenset()
+        self._crops: dict[int, Crop] = {}
         self._faces: dict[int, FaceParameters] = {}
 
     @property
@@ -135,9 +142,24 @@ class Survey:
         if number is None or self._learned is None or number not in self._needed:
             return
         caller = self._learned.caller
-        with self._tally.stage("refine"):
+        with self._tally.stage("crop"):
             crop = crop_face(frame, self._points[number], caller.pixels_per_texel)
-            self._faces[number] = caller.tracker.refine(crop, self._start[number], 3)
+        self._crops[number] = crop
+        if len(self._crops) == REFINED_TOGETHER:
+            self.refine_rest()
+
+    def refine_rest(self) -> None:
+        """End of the second pass, or of a part of it: frames are refined several at a time."""
+        assert self._learned is not None
+        tracker = self._learned.caller.tracker
+
+        def refine(number: int) -> FaceParameters:
+            return tracker.refine(self._crops[number], self._start[number], 3)
+
+        with self._tally.stage("refine"):
+            found = on_cores(refine, self._crops, None)
+        self._faces.update(zip(self._crops, found, strict=True))
+        self._crops.clear()
 
     def code(self, bitrate: float) -> CodedCall:
         """The call at `bitrate` bits per second, all frame packets counted."""

@@ -61,10 +61,14 @@ class Grown:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """A picture of the caller, and the landmarks (468, 3) in its frame, pixels."""
+    """A picture of the caller, and the landmarks (468, 3) in its frame, pixels.
+
+    face: as it was found there; None: by another model, or not yet.
+    """
 
     crop: Crop
     points: Array
+    face: FaceParameters | None = None
 
 
 class Finder(Protocol):
@@ -110,7 +114,7 @@ class Grower:
 
     def _left_over(self, look: Look) -> Single:
         """(3 k,) weighted planes of what the mean leaves of a look; nothing where it is unseen."""
-        crops, faces = [look.crop], [self._find(look)]
+        crops, faces = [look.crop], [look.face or self._find(look)]
         stack = shape_free_views(self._head, self._caller.shape, self._face, crops, faces, 1)
         sharp = sharpened_stack(self._caller.shape, stack, crops, faces, 1)
         colours = (sharp.colours[0] - self._mean) * sharp.seen[0][:, None]
@@ -125,6 +129,8 @@ class Grower:
         share = np.exp2(-age / np.float32(2 * HALF_LIFE_S * LOOKS_PER_S))
         remainder = Remainder(np.array(self._seen) * share[:, None], self._rows)
         before = remainder.energy
+        if remainder.strongest_share < LEAST_GAIN:
+            return None
         direction = remainder.strongest().reshape(-1, 3) / self._root * self._support
         size = len(self._caller.appearance.mean)
         # Scaled so that its component's unit is what spare components have.

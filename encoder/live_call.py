@@ -131,7 +131,9 @@ class LiveCall:
             with self._tally.stage("refine"):
                 self._face = epoch.find(look, self._face)
             self._queue(self._face)
-            self._grow_on(index, look)
+            # Not if the packet was the last before an update.
+            known = self._face if self._epoch is epoch else None
+            self._grow_on(index, replace(look, face=known))
         self._learn_on(index)
 
     def end(self, frames: int) -> None:

@@ -2,6 +2,7 @@
 
 from collections import deque
 from concurrent.futures import Executor, Future
+from dataclasses import replace
 from functools import partial
 
 from encoder.epoch import Epoch
@@ -30,7 +31,7 @@ class LiveModes:
     def start(self, epoch: Epoch) -> None:
         """From now on learn what this model lacks; what is being learned is of the one before."""
         self._grower = Grower(self._head, epoch.model, epoch.learned.caller, epoch.find)
-        self._fresh = list(self._recent)
+        self._fresh = [replace(look, face=None) for look in self._recent]
         self._learning = None
 
     def wants(self, index: int) -> bool:

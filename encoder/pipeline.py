@@ -224,6 +224,7 @@ def survey_source(
                 break
             survey.refine(index, frame)
             progress((frames + index + 1) // 2, expected_frames(capture, options))
+    survey.refine_rest()
     if not survey.faces_refined:
         raise KeyboardInterrupt
     return survey
