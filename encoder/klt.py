@@ -27,6 +27,8 @@ _SPACING = 0.16
 _WINDOW = 0.26
 _RETURN = 0.008
 _SIGMA = 0.008
+# Points whose visibility is worked out together.
+_LOOKED_AT = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,21 +106,24 @@ def choose_points(
     head = face.head
     candidates = np.flatnonzero((head.parts == 0) & (head.opacity > 0.5)).astype(np.int32)
     pixels = pixel_from_head(camera, start.pose, face.animate(start.eau)[candidates])
-    visible = Visibility(face.neutral, head.triangles, candidates).seen(start.pose)
-    visible &= _inside(pixels, grey.shape)
-    candidates, pixels = candidates[visible], pixels[visible]
+    inside = _inside(pixels, grey.shape)
+    candidates, pixels = candidates[inside], pixels[inside]
     eyes_px = _eye_distance_px(camera, start.pose)
     moved = np.maximum(
         *(np.linalg.norm(f, axis=2).max(axis=0) for f in (head.eau_up, head.eau_down))
     )
     worth = _texturedness(grey, pixels, eyes_px) * np.exp(-((moved[candidates] / _STILL_MM) ** 2))
+    order = np.argsort(-worth)
     chosen: list[int] = []
-    for k in np.argsort(-worth):
-        apart = np.linalg.norm(pixels[chosen] - pixels[k], axis=1) if chosen else np.array([np.inf])
-        if apart.min() > _SPACING * eyes_px:
-            chosen.append(int(k))
-        if len(chosen) == count:
-            break
+    # Whether a point is hidden takes long to tell; most are never asked for.
+    for block in np.array_split(order, max(1, len(order) // _LOOKED_AT)):
+        visible = Visibility(face.neutral, head.triangles, candidates[block]).seen(start.pose)
+        for k in block[visible]:
+            near = np.linalg.norm(pixels[chosen] - pixels[k], axis=1) if chosen else [np.inf]
+            if min(near) > _SPACING * eyes_px:
+                chosen.append(int(k))
+            if len(chosen) == count:
+                return candidates[chosen]
     return candidates[chosen]
 
 

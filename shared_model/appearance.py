@@ -9,6 +9,10 @@ from numpy.typing import NDArray
 from shared_model.mesh import Head
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+# Texels that are tried against triangles at once.
+TEXELS_AT_ONCE = 1 << 19
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +44,22 @@ def atlas_of(head: Head, size: int) -> Atlas:
     weights = np.zeros((size, size, 3))
     at = head.texture_coordinates * size - 0.5
     # Triangles that are never shown may lie anywhere in the chart.
-    for index in np.flatnonzero(head.opacity[head.triangles].max(1) > 0).tolist():
-        _fill(owner, weights, index, at[head.triangles[index]])
+    shown = np.flatnonzero(head.opacity[head.triangles].max(1) > 0)
+    corners = at[head.triangles[shown]]
+    low = np.maximum(np.ceil(corners.min(1)), 0).astype(int)
+    high = np.minimum(np.floor(corners.max(1)), size - 1).astype(int)
+    side = (high - low).max(1) + 1
+    # Triangles of about the same size together, as many as make small arrays.
+    found = []
+    for least in (2**power for power in range(size.bit_length())):
+        group = np.flatnonzero((side > least // 2) & (side <= least))
+        for part in np.array_split(group, 1 + len(group) * least**2 // TEXELS_AT_ONCE):
+            found.append(_inside(part, corners[part], low[part], high[part], least))
+    triangle, x, y, shares = (np.concatenate(values) for values in zip(*found, strict=True))
+    # Where triangles meet the last one has the texel.
+    turn = np.argsort(triangle, kind="stable")
+    owner[y[turn], x[turn]] = shown[triangle[turn]]
+    weights[y[turn], x[turn]] = shares[turn]
     rows, columns = np.nonzero(owner >= 0)
     return Atlas(
         size,
@@ -52,23 +70,26 @@ def atlas_of(head: Head, size: int) -> Atlas:
     )
 
 
-def _fill(owner: NDArray[np.int32], weights: Array, index: int, corners: Array) -> None:
-    size = owner.shape[0]
-    low = np.maximum(np.ceil(corners.min(0)), 0).astype(int)
-    high = np.minimum(np.floor(corners.max(0)), size - 1).astype(int)
-    if (high < low).any():
-        return
-    x, y = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
-    (ax, ay), (bx, by), (cx, cy) = corners
+def _inside(
+    index: Indices, corners: Array, low: Indices, high: Indices, side: int
+) -> tuple[Indices, Indices, Indices, Array]:
+    """The texels in each of some triangles: its index, column, row, barycentric weights.
+
+    corners: (n, 3, 2).  low, high: (n, 2) first and last texel, less than `side` apart.
+    """
+    reach = np.arange(side)
+    x, y = (low[:, i, None, None] + (reach[:, None] if i else reach) for i in (0, 1))
+    x, y = np.broadcast_arrays(x, y)
+    (ax, ay), (bx, by), (cx, cy) = corners.transpose(1, 2, 0)[..., None, None]
     area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-    if abs(area) < 1e-12:
-        return
+    flat = np.abs(area) < 1e-12
+    area = np.where(flat, 1.0, area)
     wb = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
     wc = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
-    inside = (wb >= -1e-9) & (wc >= -1e-9) & (wb + wc <= 1 + 1e-9)
-    window = (slice(low[1], high[1] + 1), slice(low[0], high[0] + 1))
-    owner[window][inside] = index
-    weights[window][inside] = np.stack([1 - wb - wc, wb, wc], axis=-1)[inside]
+    inside = (wb >= -1e-9) & (wc >= -1e-9) & (wb + wc <= 1 + 1e-9) & ~flat
+    inside &= (x <= high[:, 0, None, None]) & (y <= high[:, 1, None, None])
+    shares = np.stack([1 - wb - wc, wb, wc], axis=-1)[inside]
+    return index[np.nonzero(inside)[0]], x[inside], y[inside], shares
 
 
 def resized(image: NDArray[np.float32], size: int) -> NDArray[np.float32]:
