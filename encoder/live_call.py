@@ -123,6 +123,7 @@ class LiveCall:
             self._begin(index)
         epoch = self._epoch
         assert epoch is not None
+        look = None
         if self._is_coded(index):
             if self._missed:
                 self._face = None
@@ -131,8 +132,10 @@ class LiveCall:
             with self._tally.stage("refine"):
                 self._face = epoch.find(look, self._face)
             self._queue(self._face)
-            self._grow_on(index, look)
+        # An update goes before single modes, which would keep the link busy.
         self._learn_on(index)
+        if look is not None:
+            self._grow_on(index, look)
 
     def end(self, frames: int) -> None:
         """Close a call of `frames` source frames."""
@@ -230,7 +233,8 @@ class LiveCall:
         """Learn single modes from what the call shows; use and send those that are learned."""
         if self._modes.wants(index):
             self._modes.look(index, look)
-        if self._announcer.busy:
+        if self._announcer.busy or (self._next is not None and self._announcer.in_layers):
+            # What is sent is of the model to come.
             return
         epoch = self._epoch
         assert epoch is not None
@@ -244,7 +248,7 @@ class LiveCall:
     def _learn_on(self, index: int) -> None:
         """Learn again when it is time; announce what was learned."""
         if self._learning is not None:
-            if self._learning.done():
+            if self._learning.done() and not self._announcer.busy:
                 update, self._learning = self._learning.result(), None
                 self._announce(update)
         elif self._due and self._next is None and not self._announcer.busy:
