@@ -39,10 +39,11 @@ def read_model(path: Path) -> ModelPacket:
                 elif isinstance(packet, LayerPacket):
                     pieces.append(packet)
         if models:
-            newest = max(models, key=lambda model: model.layer)
+            # Any may be repeated for who joins late.
+            models.sort(key=lambda model: model.layer)
             # An update without a background leaves the one before.
             backgrounds = [model.background for model in models if model.background]
-            newest = replace(newest, background=[b"", *backgrounds][-1])
+            newest = replace(models[-1], background=[b"", *backgrounds][-1])
             for piece in pieces:
                 if piece.model == newest.layer:
                     layers.add(piece)

@@ -123,6 +123,7 @@ class LiveCall:
             self._begin(index)
         epoch = self._epoch
         assert epoch is not None
+        look: Look | None = None
         if self._is_coded(index):
             if self._missed:
                 self._face = None
@@ -131,9 +132,11 @@ class LiveCall:
             with self._tally.stage("refine"):
                 self._face = epoch.find(look, self._face)
             self._queue(self._face)
-            # Not if the packet was the last before an update.
-            known = self._face if self._epoch is epoch else None
-            self._grow_on(index, replace(look, face=known))
+            if self._epoch is epoch:
+                look = replace(look, face=self._face)
+        # On a thin link single modes go before an update: sooner is better than all at once.
+        if look is not None:
+            self._grow_on(index, look)
         self._learn_on(index)
 
     def end(self, frames: int) -> None:
@@ -232,7 +235,8 @@ class LiveCall:
         """Learn single modes from what the call shows; use and send those that are learned."""
         if self._modes.wants(index):
             self._modes.look(index, look)
-        if self._announcer.busy:
+        if self._announcer.busy or (self._next is not None and self._announcer.in_layers):
+            # What is sent is of the model to come.
             return
         epoch = self._epoch
         assert epoch is not None
@@ -246,7 +250,7 @@ class LiveCall:
     def _learn_on(self, index: int) -> None:
         """Learn again when it is time; announce what was learned."""
         if self._learning is not None:
-            if self._learning.done():
+            if self._learning.done() and not self._announcer.busy:
                 update, self._learning = self._learning.result(), None
                 self._announce(update)
         elif self._due and self._next is None and not self._announcer.busy:

@@ -12,11 +12,16 @@ from protocol.components import (
     MAX_BASIS,
     MAX_CENTRE,
     MAX_MODES,
+    SPARE_SPREADS,
+    SPARE_UNIT,
     Components,
     face_from_components,
     parse_components,
     serialise_components,
+    unit_of,
     vector_from_face,
+    with_spare,
+    without_spare,
 )
 from protocol.messages import ProtocolError
 from protocol.predict import KINDS, MAX_SPREAD, MAX_VALUE, UNIT
@@ -40,6 +45,12 @@ def sample(components: int = 5) -> Components:
     )
 
 
+def grown(spare: int, modes: tuple[bytes, ...], components: int = 5) -> Components:
+    """The sample with room for `spare` modes more, the first of which have come."""
+    roomy = with_spare(sample(components), spare)
+    return replace(roomy, modes=sample().modes + modes + (b"",) * (spare - len(modes)))
+
+
 def same(a: Components, b: Components) -> bool:
     return serialise_components(a) == serialise_components(b)
 
@@ -51,6 +62,41 @@ def test_components_survive_the_wire(count: int) -> None:
     assert same(parsed, components)
     assert np.array_equal(parsed.matrix, components.matrix)
     assert np.array_equal(parsed.spreads, components.spreads)
+
+
+@pytest.mark.parametrize("modes", [(), (b"third",), (b"third", b"fourth", b"fifth")])
+def test_spare_modes_survive_the_wire(modes: tuple[bytes, ...]) -> None:
+    components = grown(3, modes)
+    parsed = parse_components(serialise_components(components))
+    assert (parsed.modes, parsed.spare) == (components.modes, 3)
+    assert np.array_equal(parsed.matrix, components.matrix)
+    assert np.array_equal(parsed.centre, components.centre)
+    assert np.array_equal(parsed.spreads, components.spreads)
+
+
+def test_spare_modes_take_no_bytes_until_they_come() -> None:
+    few, many = (len(serialise_components(with_spare(sample(), count))) for count in (1, 40))
+    assert few == many <= len(serialise_components(sample())) + 5
+
+
+def test_components_are_as_before_without_the_spare_ones() -> None:
+    components = grown(3, (b"third", b"fourth"))
+    assert same(without_spare(components), sample())
+    kept = without_spare(components, 2)
+    assert (kept.modes, kept.spare) == (components.modes[:-1], 0)
+    assert np.array_equal(kept.matrix, components.matrix[:-1, :-1])
+    assert kept.spreads[-2:].tolist() == [list(SPARE_SPREADS)] * 2
+
+
+def test_the_component_of_a_spare_mode_moves_nothing_but_it() -> None:
+    coded = np.zeros(5 + 3, np.int64)
+    before = face_from_components(grown(3, ()), coded, REFERENCE)
+    coded[6] = 2 * UNIT
+    after = face_from_components(grown(3, ()), coded, REFERENCE)
+    change = vector_from_face(after, REFERENCE) - vector_from_face(before, REFERENCE)
+    expected = np.zeros(D + 3)
+    expected[D + 1] = 2 * unit_of(np.array([SPARE_UNIT]))[0]
+    assert change == pytest.approx(expected)
 
 
 def test_a_face_is_the_centre_and_its_components() -> None:
@@ -90,6 +136,9 @@ def is_finite(face: FaceParameters) -> bool:
         ({"spreads": np.zeros((5, KINDS - 1), np.uint8)}, "spreads"),
         ({"basis": np.zeros((0, D), np.int8)}, "0 components"),
         ({"modes": (b"",) * (MAX_MODES + 1)}, "modes"),
+        ({"spare": -1}, "-1 spare modes"),
+        ({"spare": MODES + 1}, "3 spare modes of 2"),
+        ({"spare": 1, "basis": np.zeros((1, D), np.int8)}, "1 components"),
     ],
 )
 def test_components_out_of_bounds_are_refused(changes: dict[str, object], message: str) -> None:
@@ -112,8 +161,25 @@ def test_modes_must_be_byte_strings(modes: object) -> None:
         parse_components(msgpack.packb(fields | {"m": modes}))
 
 
-def test_every_truncation_and_bit_flip_is_components_or_a_protocol_error() -> None:
-    data = serialise_components(sample(2))
+@pytest.mark.parametrize(
+    "counts",
+    [
+        *((-1, 3), (0, -1), (0, MAX_MODES + 1), (2, 1), (MODES + 1, MODES + 1)),
+        *((0, MAX_MODES - MODES + 1), (0.0, 2), (0, 2.0), (False, 2), (0, None)),
+        *((), (0,), (0, 1, 2), 5, None),
+    ],
+)
+def test_counts_of_spare_modes_that_cannot_be_are_refused(counts: object) -> None:
+    fields = msgpack.unpackb(serialise_components(sample()), use_list=False)
+    with pytest.raises(ProtocolError):
+        parse_components(msgpack.packb(fields | {"s": counts}))
+
+
+@pytest.mark.parametrize("components", [sample(2), grown(3, (b"third",), 2)])
+def test_every_truncation_and_bit_flip_is_components_or_a_protocol_error(
+    components: Components,
+) -> None:
+    data = serialise_components(components)
     for length in range(len(data)):
         with pytest.raises(ProtocolError):
             parse_components(data[:length])
@@ -127,9 +193,9 @@ def test_fuzz_of_mutated_components() -> None:
     seed = 511
     print(f"seed {seed}")
     rng = random.Random(seed)
-    base = serialise_components(sample(3))
+    bases = [serialise_components(base) for base in (sample(3), grown(2, (b"third",), 3))]
     for _ in range(1500):
-        data = bytearray(base)
+        data = bytearray(rng.choice(bases))
         for _ in range(rng.randint(1, 3)):
             place = rng.randrange(len(data))
             data[place : place + rng.randint(0, 2)] = rng.randbytes(rng.randint(0, 2))

@@ -17,8 +17,9 @@ from protocol.messages import (
 from protocol.quantise import THESIS_PAYLOAD_BYTES
 
 
-def model(layer: int, sequence: int) -> bytes:
-    return serialise(replace(MODEL, layer=layer, layers=layer + 1, sequence=sequence))
+def model(layer: int, sequence: int, background: bytes = MODEL.background) -> bytes:
+    numbered = replace(MODEL, layer=layer, layers=layer + 1, sequence=sequence)
+    return serialise(replace(numbered, background=background))
 
 
 def layer(of: int, number: int) -> bytes:
@@ -48,6 +49,18 @@ def test_an_update_is_kept_beside_the_model_in_use_until_it_is_in_use() -> None:
     assert kept(sent) == (first, early, update, late)
     assert kept([*sent, frame(4)]) == (early, update, late)
     assert kept([*sent, *map(frame, range(4, 140))]) == (early, update, late)
+
+
+def test_an_update_without_a_background_gets_the_one_before_once_it_is_in_use() -> None:
+    bare, grown = model(1, 2, b""), layer(1, 0)
+    sent = [model(0, 0, b"still"), frame(0), bare, grown, frame(1)]
+    assert bare in kept(sent)
+    sent += [frame(2), model(2, 4, b"")]
+    assert kept(sent) == (model(1, 2, b"still"), grown, model(2, 4, b""))
+    assert kept([*sent, frame(3), frame(4)]) == (model(2, 4, b"still"),)
+    newer = [*sent, frame(3), frame(4), model(3, 6, b"newer"), *map(frame, (5, 6))]
+    assert kept(newer) == (model(3, 6, b"newer"),)
+    assert kept([*newer, model(4, 8, b""), frame(7), frame(8)]) == (model(4, 8, b"newer"),)
 
 
 def test_who_joins_after_updates_draws_every_frame_by_the_newest() -> None:

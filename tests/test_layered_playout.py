@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_layers import FIRST, ITEMS, STREAM, expected, pieces
+from test_layers import FIRST, GROWN, ITEMS, KNOWN, STREAM, WHOLE, expected, grown, pieces
 
 from decoder.playout import PlayedFrame, Playout
 from encoder.quantiser import code_packet
@@ -25,14 +25,17 @@ LAYERS = pieces(STREAM, [6, 31, 90])
 BASE = replace(FIRST, call=replace(FIRST.call, start_frame=0), sequence=0)
 
 
-def frames(count: int, first: int = 0) -> list[bytes]:
+def frames(count: int, first: int = 0, model: ModelPacket = FIRST) -> list[bytes]:
     """Frame packets of a face that moves evenly, numbered from `first`."""
-    predictor = FramePredictor(parse_components(FIRST.extension).spreads)
+    components = parse_components(model.extension)
+    predictor = FramePredictor(components.spreads, components.spare)
+    speed = np.zeros(len(components.basis))
+    speed[:2] = 0.5, -0.3
     packets, start = [], 0
     for number in range(count):
         places = np.arange(start, start + (PACKED if number else 1))
         start = int(places[-1]) + 1
-        values = places[:, None] * np.array([0.5, -0.3])
+        values = places[:, None] * speed
         packet = code_packet(predictor, number, PACKED, values, 0, fresh=number == 0)
         predictor.anchor = packet.frames[-1]
         packets.append(serialise(FramePacket((first + number) % 64, packet.payload)))
@@ -99,6 +102,29 @@ def test_under_an_update_nobody_has_coefficients_of_the_modes_before() -> None:
         for frame, alone in zip(held, own[-len(held) :], strict=True):
             modes = np.zeros(0) if control else alone.face.modes
             np.testing.assert_array_equal(frame.face.modes, modes)
+
+
+def test_an_update_without_a_background_keeps_the_one_before_it() -> None:
+    start = replace(BASE.call, start_frame=1 + PACKED)
+    layer = BASE.layer + 1
+    update = replace(BASE, sequence=2, layer=layer, layers=layer + 1, call=start, background=b"")
+    sent = [serialise(BASE), *frames(2), serialise(update), *frames(2, first=2)]
+    shown = [model for _, model in play(Playout(), sent)]
+    assert shown[-1] == replace(update, background=BASE.background)
+    own = replace(update, background=b"its own")
+    sent[3] = serialise(own)
+    assert [model for _, model in play(Playout(), sent)][-1] == own
+
+
+def test_modes_learned_in_a_call_count_from_the_next_frame_on() -> None:
+    model = replace(WHOLE, call=BASE.call, sequence=0)
+    sent, playout = frames(3, model=model), Playout()
+    first, second = map(serialise, grown(*GROWN))
+    shown = play(playout, [serialise(model), sent[0], first, sent[1], second, sent[2]])
+    modes = [parse_components(model.extension).modes for _, model in shown]
+    assert modes[0] == (*KNOWN, *[b""] * 3) and modes[1] == (*KNOWN, GROWN[0], b"", b"")
+    assert modes[-1] == (*KNOWN, *GROWN, b"")
+    assert all(len(frame.face.modes) == 5 for frame, _ in shown)
 
 
 def test_a_damaged_layer_harms_nothing() -> None:

@@ -10,7 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from packets import CALL, MODEL
 
-from protocol.components import GEOMETRY, Components, parse_components, serialise_components
+from protocol.components import (
+    GEOMETRY,
+    Components,
+    parse_components,
+    serialise_components,
+    with_spare,
+)
 from protocol.layers import MAX_ITEMS, Layers, is_refined, item
 from protocol.messages import (
     MAX_EXTENSION_BYTES,
@@ -29,7 +35,7 @@ ITEMS = (b"whole texture", b"whole background", b"first mode" * 20, b"second", b
 MODES = len(ITEMS) - 2
 
 
-def components(modes: tuple[bytes, ...]) -> bytes:
+def components(modes: tuple[bytes, ...], spare: int = 0) -> bytes:
     d = GEOMETRY + len(modes)
     tables = Components(
         modes,
@@ -39,7 +45,7 @@ def components(modes: tuple[bytes, ...]) -> bytes:
         np.zeros(2, np.int8),
         np.full((2, KINDS), 9, np.uint8),
     )
-    return serialise_components(tables)
+    return serialise_components(with_spare(tables, spare))
 
 
 FIRST = replace(
@@ -53,6 +59,15 @@ FIRST = replace(
     extension=components((b"",) * MODES),
 )
 STREAM = b"".join(map(item, ITEMS))
+# A live call's model that was sent whole, and the modes that it learns later.
+KNOWN, GROWN = (b"known", b"known, too"), (b"learned", b"learned later")
+WHOLE = replace(FIRST, layered=False, extension=components(KNOWN, 3))
+
+
+def grown(*modes: bytes) -> list[LayerPacket]:
+    """What the call sends of them: no picture, and each mode when it is learned."""
+    datas = [item(b"") * 2 + item(modes[0]), *map(item, modes[1:])]
+    return [LayerPacket(3, number, data) for number, data in enumerate(datas)]
 
 
 def pieces(stream: bytes, cuts: list[int]) -> list[LayerPacket]:
@@ -160,6 +175,41 @@ def test_a_model_that_is_whole_takes_no_layers() -> None:
         received([LayerPacket(3, 0, STREAM)], replace(FIRST, layered=False))
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_modes_learned_later_come_after_those_that_came_whole(count: int) -> None:
+    model = received(grown(*GROWN)[:count], WHOLE)
+    assert parse_components(model.extension).modes == (*KNOWN, *GROWN[:count], *[b""] * (3 - count))
+    assert parse_components(model.extension).spare == 3
+    assert replace(model, extension=WHOLE.extension) == WHOLE
+
+
+def test_refining_again_changes_nothing_and_what_comes_later_goes_on() -> None:
+    layers, (first, second) = Layers(), grown(*GROWN)
+    layers.add(first)
+    model = layers.refine(WHOLE)
+    assert layers.refine(model) is model
+    layers.add(second)
+    assert layers.refine(model) == layers.refine(WHOLE) == received([first, second], WHOLE)
+
+
+def test_a_layered_models_spare_modes_come_after_all_others() -> None:
+    blank = replace(FIRST, extension=components((b"",) * len(KNOWN), 3))
+    model = received([LayerPacket(3, 0, b"".join(map(item, (b"", b"", *KNOWN, *GROWN))))], blank)
+    assert parse_components(model.extension).modes == (*KNOWN, *GROWN, b"")
+
+
+@pytest.mark.parametrize("modes", [(*GROWN, b"third", b"fourth"), (*GROWN, b"")])
+def test_modes_that_there_is_no_room_for_are_refused(modes: tuple[bytes, ...]) -> None:
+    with pytest.raises(ProtocolError, match="modes in layers, expected 3"):
+        received(grown(*modes), WHOLE)
+
+
+@pytest.mark.parametrize("extension", [components(KNOWN), b""])
+def test_a_whole_model_without_spare_modes_takes_none(extension: bytes) -> None:
+    with pytest.raises(ProtocolError, match="no layers"):
+        received(grown(*GROWN), replace(WHOLE, extension=extension))
+
+
 def test_what_is_kept_is_bounded_and_what_is_forgotten_makes_room() -> None:
     layers = Layers(limit_bytes=1000)
     layers.add(LayerPacket(1, 0, bytes(400)))
@@ -182,6 +232,9 @@ def test_the_same_model_is_known_by_all_but_its_layers() -> None:
     whole = expected(len(ITEMS))
     assert is_refined(FIRST, whole) and is_refined(whole, FIRST)
     assert not is_refined(FIRST, replace(whole, layer=2))
+    more = received(grown(*GROWN), WHOLE)
+    assert is_refined(WHOLE, more) and is_refined(more, WHOLE)
+    assert not is_refined(WHOLE, replace(more, texture=b"another"))
     assert is_refined(MODEL, replace(MODEL)) and not is_refined(MODEL, replace(MODEL, texture=b""))
 
 

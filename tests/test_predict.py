@@ -30,12 +30,12 @@ from protocol.predict import (
 from protocol.values import MAX_SIZE, code_bits
 
 VECTORS = Path(__file__).parent / "vectors"
-USUAL = 8
+USUAL, SPARE = 8, 6
 SPREADS = np.clip(np.arange(20)[:, None] * -1 + np.array([40, 30, 28, 26, 24]), 0, MAX_SPREAD)
 
 
-def predictor() -> FramePredictor:
-    return FramePredictor(SPREADS)
+def predictor(spare: int = 0) -> FramePredictor:
+    return FramePredictor(SPREADS, spare)
 
 
 def walk(seed: int, count: int) -> Integers:
@@ -50,10 +50,15 @@ def walk(seed: int, count: int) -> Integers:
 
 
 def send(
-    sender: FramePredictor, sequence: int, wanted: Integers, quality: int = 12, fresh: bool = False
+    sender: FramePredictor,
+    sequence: int,
+    wanted: Integers,
+    quality: int = 12,
+    fresh: bool = False,
+    idle: int = 0,
 ) -> tuple[bytes, Integers]:
     """Quantise and code plainly; returns the payload and the frames a receiver gets."""
-    head = PacketHead(quality, len(wanted), fresh)
+    head = PacketHead(quality, len(wanted), fresh, idle)
     known, values = {0: sender.anchor}, []
     for place in coding_order(len(wanted)):
         kinds = sender.kinds(place, sequence, fresh)
@@ -77,9 +82,41 @@ def packets(seed: int, count: int) -> list[tuple[int, bytes, Integers]]:
     return call
 
 
-def test_golden_packets_have_not_changed() -> None:
-    data = [bytes.fromhex(line) for line in (VECTORS / "frames_default.hex").read_text().split()]
-    assert data == [payload for _, payload, _ in packets(1, 5)]
+def growing(seed: int) -> list[tuple[int, bytes, Integers]]:
+    """(sequence, payload, frames) of a call whose spare components come into use two by two."""
+    sender, frames, call = predictor(SPARE), walk(seed, 4 * USUAL), []
+    for sequence, idle in enumerate((6, 4, 2, 0)):
+        part = frames[USUAL * sequence : USUAL * (sequence + 1)]
+        part[:, len(SPREADS) - idle :] = 0
+        call.append((sequence, *send(sender, sequence, part, 2, not sequence, idle)))
+    return call
+
+
+@pytest.mark.parametrize(
+    ("name", "call"), [("frames_default", packets(1, 5)), ("frames_spare", growing(1))]
+)
+def test_golden_packets_have_not_changed(
+    name: str, call: list[tuple[int, bytes, Integers]]
+) -> None:
+    data = [bytes.fromhex(line) for line in (VECTORS / f"{name}.hex").read_text().split()]
+    assert data == [payload for _, payload, _ in call]
+
+
+def test_components_come_into_use_while_the_call_goes_on() -> None:
+    receiver = predictor(SPARE)
+    for sequence, payload, frames in growing(3):
+        assert np.array_equal(decode_packet(receiver, sequence, USUAL, payload), frames)
+        used = len(SPREADS) - SPARE + 2 * sequence
+        assert frames[:, :used].any(0).all() and not frames[:, used:].any()
+
+
+def test_idle_components_take_no_bytes() -> None:
+    wanted = walk(2, USUAL)
+    wanted[:, -SPARE:] = 0
+    resting, awake = (send(predictor(SPARE), 0, wanted, idle=idle)[0] for idle in (SPARE, 0))
+    fewer = send(FramePredictor(SPREADS[:-SPARE]), 0, wanted[:, :-SPARE])[0]
+    # Three bits say how many are idle.
+    assert len(fewer) <= len(resting) <= len(fewer) + 1 < len(awake)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -141,14 +178,17 @@ def test_parents_are_the_frames_within_the_packet() -> None:
     assert first is not None and first.tolist() == [3, 4]
 
 
-def test_every_truncation_and_bit_flip_is_frames_or_a_protocol_error() -> None:
-    for sequence, payload, _ in packets(7, 3):
+@pytest.mark.parametrize(("spare", "call"), [(0, packets(7, 3)), (SPARE, growing(7))])
+def test_every_truncation_and_bit_flip_is_frames_or_a_protocol_error(
+    spare: int, call: list[tuple[int, bytes, Integers]]
+) -> None:
+    for sequence, payload, _ in call:
         for length in range(len(payload)):
-            decodes_or_protocol_error(sequence, payload[:length])
+            decodes_or_protocol_error(sequence, payload[:length], spare)
         for bit in range(8 * len(payload)):
             flipped = bytearray(payload)
             flipped[bit // 8] ^= 1 << bit % 8
-            decodes_or_protocol_error(sequence, bytes(flipped))
+            decodes_or_protocol_error(sequence, bytes(flipped), spare)
 
 
 def test_fuzz_of_random_payloads() -> None:
@@ -156,13 +196,14 @@ def test_fuzz_of_random_payloads() -> None:
     print(f"seed {seed}")
     rng = random.Random(seed)
     for _ in range(1500):
-        decodes_or_protocol_error(rng.randrange(64), rng.randbytes(rng.randint(0, 60)))
+        payload = rng.randbytes(rng.randint(0, 60))
+        decodes_or_protocol_error(rng.randrange(64), payload, rng.choice((0, SPARE)))
     decodes_or_protocol_error(0, b"\xff" * MAX_FRAME_PAYLOAD_BYTES)
 
 
-def decodes_or_protocol_error(sequence: int, payload: bytes) -> None:
+def decodes_or_protocol_error(sequence: int, payload: bytes, spare: int = 0) -> None:
     """Fails by any other exception, and if frames are more or larger than allowed."""
-    receiver = predictor()
+    receiver = predictor(spare)
     before = receiver.anchor
     try:
         frames = decode_packet(receiver, sequence, USUAL, payload)
@@ -181,6 +222,16 @@ def test_too_many_frames_are_refused() -> None:
     code_bits(coder, USUAL, 6)
     with pytest.raises(ProtocolError, match="9 frames, limit 8"):
         decode_packet(predictor(), 0, USUAL, coder.finish())
+
+
+def test_more_idle_components_than_spare_ones_are_refused() -> None:
+    coder = RangeEncoder()
+    code_bits(coder, 0, 5)
+    coder.code_bit(0, 65536 - 512)
+    coder.code_bit(0, 65536 - 512)
+    code_bits(coder, SPARE + 1, 3)
+    with pytest.raises(ProtocolError, match="7 components idle, limit 6"):
+        decode_packet(predictor(SPARE), 0, USUAL, coder.finish())
 
 
 def test_bytes_too_many_are_refused() -> None:

@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from packets import MODEL
 from test_animate import call_file
 from test_decoder_pipeline import read
-from test_layers import FIRST, ITEMS, STREAM, expected, pieces
+from test_layers import FIRST, GROWN, ITEMS, KNOWN, STREAM, WHOLE, expected, grown, pieces
 
 from decoder.playout import PlayedFrame
 from decoder.recast import read_model, recast
 from loopback.cli import main
+from protocol.components import parse_components
 from protocol.messages import (
     MAX_LAYER_BYTES,
     Kind,
@@ -104,6 +105,26 @@ def test_of_a_call_with_updates_the_newest_model_is_worn_with_its_layers(
     packets: list[Packet] = [rough, LayerPacket(rough.layer, 0, bytes(9)), *layers, update, rough]
     path.write_bytes(MAGIC + b"".join(record(serialise(packet)) for packet in packets))
     assert read_model(path) == (expected(len(ITEMS)) if layered else update)
+
+
+def test_a_newest_model_without_a_background_wears_the_newest_before_it(tmp_path: Path) -> None:
+    path = tmp_path / "call.rzo"
+    models = [replace(MODEL, layer=n, layers=4, background=b"still %d" % n) for n in range(3)]
+    bare = replace(MODEL, layer=3, layers=4, background=b"")
+    # The first is repeated for who joins late.
+    for newest, background in ((bare, b"still 2"), (replace(bare, background=b"own"), b"own")):
+        packets = [*models, newest, models[0]]
+        path.write_bytes(MAGIC + b"".join(record(serialise(packet)) for packet in packets))
+        assert read_model(path) == replace(newest, background=background)
+
+
+def test_modes_learned_in_a_call_are_worn(tmp_path: Path) -> None:
+    path, packets = tmp_path / "call.rzo", [WHOLE, *grown(*GROWN)]
+    path.write_bytes(MAGIC + b"".join(record(serialise(packet)) for packet in packets))
+    worn = read_model(path)
+    assert parse_components(worn.extension).modes == (*KNOWN, *GROWN, b"")
+    sent = frame(np.ones(5))
+    assert recast(sent, WHOLE, worn) is sent
 
 
 def test_the_calls_own_file_as_its_face_changes_nothing(call: Path, tmp_path: Path) -> None:
