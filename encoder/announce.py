@@ -10,6 +10,7 @@ from math import ceil
 from encoder.cadence import Cadence
 from encoder.default_call import send_layers, send_model, warn_of_missing
 from encoder.epoch import Epoch
+from encoder.model import Budget
 from encoder.startup import UPDATE_LAYER_BYTES, LayeredModel, LayerPacer
 from encoder.tally import Tally
 from protocol.layers import PICTURES, item
@@ -78,6 +79,12 @@ class Announcer:
     def busy(self) -> bool:
         """Whether there are layers to send, or a debt to pay."""
         return self._coming is not None or (self._pacer is not None and self._pacer.busy)
+
+    def carried_s(self, budget: Budget) -> float:
+        """How long the link takes for the pictures of an update."""
+        if self._pacer is None:
+            return 0.0
+        return self._pacer.carried_s(budget.face_bytes + budget.background_bytes)
 
     def send(self, epoch: Epoch) -> Epoch:
         """Send the model packet of an epoch that has its place."""

@@ -46,6 +46,9 @@ Picture = NDArray[np.uint8]
 LEARN_AFTER_S = {1.0: 0.6, 5.0: 1.0, 12.0: 1.0, 25.0: 1.0, 45.0: 1.0}
 # Frames to learn from, and up to twice as many: learning goes on beside the call.
 TRAINING_FRAMES = 24
+# An update that the link carries within this time goes before single modes; on a thinner link it
+# waits until they pause: a little soon is better than all of it late.
+PATIENCE_S = 3.0
 # What of the budget the first model takes: its still, and a mean that is soon replaced.
 FIRST_SHARE = 0.3
 
@@ -134,10 +137,9 @@ class LiveCall:
             self._queue(self._face)
             if self._epoch is epoch:
                 look = replace(look, face=self._face)
-        # On a thin link single modes go before an update: sooner is better than all at once.
         if look is not None:
             self._grow_on(index, look)
-        self._learn_on(index)
+        self._learn_on()
 
     def end(self, frames: int) -> None:
         """Close a call of `frames` source frames."""
@@ -238,6 +240,8 @@ class LiveCall:
         if self._announcer.busy or (self._next is not None and self._announcer.in_layers):
             # What is sent is of the model to come.
             return
+        if self._is_update_waiting and self._announcer.carried_s(self._budget) < PATIENCE_S:
+            return
         epoch = self._epoch
         assert epoch is not None
         with self._tally.stage("grow"):
@@ -247,27 +251,31 @@ class LiveCall:
             self._announcer.grow(epoch, mode.data)
         self._epoch = epoch
 
-    def _learn_on(self, index: int) -> None:
+    @property
+    def _is_update_waiting(self) -> bool:
+        """Whether an update only waits for the link."""
+        if self._learning is not None:
+            return self._learning.done()
+        return self._announcer.in_layers and self._is_due
+
+    @property
+    def _is_due(self) -> bool:
+        """Whether it is time to learn again."""
+        return bool(self._due) and self._faces_seen >= self._due[0][0] * self._fps
+
+    def _learn_on(self) -> None:
         """Learn again when it is time; announce what was learned."""
         if self._learning is not None:
             if self._learning.done() and not self._announcer.busy:
                 update, self._learning = self._learning.result(), None
                 self._announce(update)
-        elif self._due and self._next is None and not self._announcer.busy:
-            after_s, share = self._due[0]
-            if self._faces_seen < after_s * self._capture.fps:
-                return
+        elif self._is_due and self._next is None and not self._announcer.busy:
             epoch = self._epoch
             assert epoch is not None
-            layer = epoch.model.layer + 1
-            self._due.pop(0)
+            layer, (_, share) = epoch.model.layer + 1, self._due.pop(0)
             # While layers were sent more than one may have become due.
-            while (
-                self._announcer.in_layers
-                and self._due
-                and self._faces_seen >= self._due[0][0] * self._fps
-            ):
-                share = self._due.pop(0)[1]
+            while self._announcer.in_layers and self._is_due:
+                _, share = self._due.pop(0)
             budget = replace(self._budget, face_bytes=int(share * self._budget.face_bytes))
             if not self._announcer.in_layers:
                 budget = replace(budget, background_bytes=0)
