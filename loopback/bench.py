@@ -53,6 +53,7 @@ class BenchSettings:
     pace: bool = True
     model_bytes: int | None = None
     live: bool = False
+    startup_bitrate: float | None = None
 
     def encoder_options(self) -> list[str]:
         """The settings as options of the encoder's command line."""
@@ -61,6 +62,8 @@ class BenchSettings:
         options += ["--pace" if self.pace else "--no-pace"]
         options += ["--live"] if self.live else []
         options += [] if self.fps is None else ["--fps", str(self.fps)]
+        if self.startup_bitrate is not None:
+            options += ["--startup-bitrate", str(self.startup_bitrate)]
         if self.model_bytes is not None:
             options += ["--model-bytes", str(self.model_bytes)]
         return options + ([] if self.max_frames is None else ["--max-frames", str(self.max_frames)])

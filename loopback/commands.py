@@ -123,6 +123,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
     from loopback.bench import BenchSettings, bench, bench_page, bench_table
     from loopback.timings import timings_tables
 
+    _check_startup(arguments)
     settings = BenchSettings(
         profile=chosen_profile(arguments),
         bitrate=arguments.bitrate,
@@ -132,6 +133,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
         pace=arguments.pace,
         model_bytes=arguments.model_bytes,
         live=arguments.live,
+        startup_bitrate=arguments.startup_bitrate,
     )
     report = bench(arguments.source, settings, arguments.out, say)
     write_json(arguments.out / "report.json", report)
@@ -150,6 +152,8 @@ def run_sweep(arguments: argparse.Namespace) -> int:
 
     if arguments.fps is not None:
         raise UserError("--sweep codes every frame; leave out --fps")
+    if arguments.live or arguments.startup_bitrate is not None:
+        raise UserError("--sweep codes what it has seen whole; leave out --live, --startup-bitrate")
     if arguments.profile == "thesis":
         raise UserError("--sweep is about the default profile; leave out --profile thesis")
     settings = SweepSettings(arguments.sweep, arguments.max_frames)

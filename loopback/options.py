@@ -16,6 +16,13 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
         " look at the whole file first",
     )
     parser.add_argument(
+        "--startup-bitrate",
+        type=bitrate,
+        metavar="BPS",
+        help="default profile: send the model in layers, a first one of 2 kB and the others between"
+        " the frames, so that all packets together keep to BPS (default: whole, at once)",
+    )
+    parser.add_argument(
         "--model-bytes",
         type=model_bytes,
         metavar="N",
@@ -67,13 +74,6 @@ def add_following(parser: argparse.ArgumentParser) -> None:
 
 def add_sending(parser: argparse.ArgumentParser) -> None:
     """When and how packets go out."""
-    parser.add_argument(
-        "--startup-bitrate",
-        type=bitrate,
-        metavar="BPS",
-        help="default profile: send the model in layers, a first one of 2 kB and the others between"
-        " the frames, so that all packets together keep to BPS (default: whole, at once)",
-    )
     parser.add_argument(
         "--pace",
         action=argparse.BooleanOptionalAction,

@@ -20,6 +20,7 @@ from encoder.capture import open_source
 from encoder.follow import DETECTORS, STEPS, TRACKERS
 from encoder.photometric import NORMALISATIONS
 from loopback.arguments import build_parser
+from loopback.bench import BenchSettings
 from loopback.cli import main
 from loopback.commands import Patience
 from loopback.progress import ProgressLine
@@ -588,6 +589,26 @@ def test_the_choices_of_an_option_are_those_that_the_encoder_has(
     assert re.findall(r"[\w-]+", named) == list(known)
 
 
-def test_a_sweep_does_not_pass_over_an_option(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bench", "clip.mp4", "--sweep", "800", "--fps", "10"]) == 2
-    assert "leave out --fps" in one_line(capsys.readouterr().err)
+@pytest.mark.parametrize(
+    "option", [("--fps", "10"), ("--live",), ("--startup-bitrate", "9000")], ids=lambda o: o[0]
+)
+def test_a_sweep_does_not_pass_over_an_option(
+    option: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["bench", "clip.mp4", "--sweep", "800", *option]) == 2
+    complaint = one_line(capsys.readouterr().err)
+    assert "leave out" in complaint and option[0] in complaint
+
+
+def test_a_bench_refuses_a_start_that_leaves_nothing_for_the_model(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["bench", "clip.mp4", "--startup-bitrate", "700"]) == 2
+    assert "leaves nothing for the model" in one_line(capsys.readouterr().err)
+
+
+def test_a_bench_hands_all_its_settings_to_the_encoder() -> None:
+    options = BenchSettings(live=True, startup_bitrate=9000.0, fps=10.0).encoder_options()
+    assert "--live" in options
+    assert options[options.index("--startup-bitrate") + 1] == "9000.0"
+    assert options[options.index("--fps") + 1] == "10.0"
