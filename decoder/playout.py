@@ -111,6 +111,9 @@ class Playout:
             ahead = (packet.sequence - self._number) % SEQUENCE_MODULUS
             self._update = packet, sample_decoder(packet), self._number + ahead
             self._refine_update()
+        elif self.model is not None and not self.model.background:
+            # Who joined at an update learns later what that left as it was.
+            self.model = replace(self.model, background=packet.background)
 
     def _receive_layer(self, packet: LayerPacket) -> None:
         """Layers may come before the model that they refine, to who joins late."""

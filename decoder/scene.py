@@ -55,7 +55,7 @@ class Scene:
         rest = self._face.animate(values_from_codes(model.reference_eau, EAU_STEP))
         check_reference(self._camera, model.reference_pose, head, rest)
         self._wardrobe = Wardrobe(model)
-        still = decode_image("background", model.background)
+        still = _still(model)
         self._backdrop: Backdrop = make_backdrop(self._camera, model.reference_pose, head, rest)
         size = model.call.width, model.call.height
         self._renderer = Renderer(*size, head, edge_samples(*size))
@@ -151,6 +151,13 @@ def face_from_model(model: ModelPacket, head: Head) -> Face:
             f"model packet's residual has {len(control_mm)} points, this program's head {expected}"
         )
     return Face(head, identity_from_controls(head, aau, control_mm))
+
+
+def _still(model: ModelPacket) -> Picture:
+    """What stands behind the caller; black until it is known, see `Playout.model`."""
+    if not model.background:
+        return np.zeros((2, 2, 3), np.uint8)
+    return decode_image("background", model.background)
 
 
 def check_size(camera: Camera) -> None:

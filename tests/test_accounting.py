@@ -7,10 +7,17 @@ import numpy as np
 import pytest
 from packets import CALL, MODEL
 
+from encoder.quantiser import code_packet
 from encoder.rate import Spending, code_call
 from loopback.information import summary_table
 from protocol.accounting import DAMAGED, GROUPS, OVERHEAD, Accounts, component_bits, group_shares
-from protocol.components import GEOMETRY, UNIT_ZERO, Components, serialise_components
+from protocol.components import (
+    GEOMETRY,
+    UNIT_ZERO,
+    Components,
+    serialise_components,
+    with_spare,
+)
 from protocol.layers import item
 from protocol.messages import (
     MAX_IMAGE_BYTES,
@@ -19,6 +26,7 @@ from protocol.messages import (
     ControlPacket,
     FramePacket,
     LayerPacket,
+    ModelPacket,
     Packet,
     ProtocolError,
     serialise,
@@ -46,6 +54,19 @@ def components() -> Components:
         np.zeros(len(MOVED), np.int8),
         np.full((len(MOVED), KINDS), 28, np.uint8),
     )
+
+
+def growing() -> tuple[ModelPacket, list[bytes]]:
+    """A model with two spare modes, and frame packets that begin to use the first of them."""
+    roomy = with_spare(components(), 2)
+    predictor, sent = FramePredictor(roomy.spreads, roomy.spare), []
+    values = np.random.default_rng(3).normal(size=(8, 8, len(roomy.basis))) * 4
+    values[:4, :, -2] = values[..., -1] = 0
+    for number, frames in enumerate(values):
+        packet = code_packet(predictor, number, 8, frames, 4)
+        predictor.anchor = packet.frames[-1]
+        sent.append(packet.payload)
+    return replace(MODEL, call=DEFAULT, sequence=0, extension=serialise_components(roomy)), sent
 
 
 def payloads(sizes: tuple[float, ...]) -> list[bytes]:
@@ -140,6 +161,35 @@ def test_layers_are_counted_for_what_they_are_of() -> None:
     parts = {name: count - before[name] for name, count in found.model_parts.items()}
     assert (parts["texture"], parts["background"], parts["modes"]) == (7, 5, 8)
     assert sum(parts.values()) == sum(len(serialise(layer)) - 1 for layer in layers)
+
+
+def test_modes_learned_later_are_counted_as_modes() -> None:
+    model, _ = growing()
+    found = Accounts()
+    found.add(model)
+    before = found.model_parts
+    layers = [LayerPacket(0, 0, item(b"") * 2 + item(b"learned")), LayerPacket(0, 1, item(b"more"))]
+    for layer in layers:
+        found.add(layer)
+    parts = {name: count - before[name] for name, count in found.model_parts.items()}
+    assert (parts["modes"], parts["texture"], parts["background"]) == (11, 0, 0)
+    assert sum(parts.values()) == sum(len(serialise(layer)) - 1 for layer in layers)
+
+
+def test_frames_are_read_whether_or_not_spare_components_are_in_use() -> None:
+    model, sent = growing()
+    halves = []
+    found = Accounts()
+    found.add(model)
+    for number, payload in enumerate(sent):
+        found.add(FramePacket(number, payload))
+        if number % 4 == 3:
+            halves.append(found.groups)
+    assert DAMAGED not in halves[1] and sum(halves[1].values()) == pytest.approx(
+        sum(map(len, sent))
+    )
+    # One mode at first, then two that move as much.
+    assert halves[1]["modes"] > 2.5 * halves[0]["modes"]
 
 
 def test_layers_alone_are_counted_and_damaged_ones_refused() -> None:

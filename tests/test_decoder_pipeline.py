@@ -115,6 +115,17 @@ def test_call_becomes_one_picture_per_source_frame(tmp_path: Path) -> None:
     assert {"animate", "composite", "render", "write"} <= report.stage_ms.keys()
 
 
+def test_before_its_background_is_known_a_call_is_drawn_on_black(tmp_path: Path) -> None:
+    """As to who joined at an update that leaves the background as it was."""
+    update, first = model(background=b"", layer=1, layers=2), model()
+    packets = [update, *samples()[:6], first, *samples()[6:], end()]
+    call, video = write_call(tmp_path / "call.rzo", packets), tmp_path / "out.mkv"
+    assert run(call, video).frames == FRAMES - 1
+    first_shown, *_, last = read(video)
+    assert first_shown[-3, 3].max() < 10 and first_shown[..., 2].max() > 190
+    assert last[-3, 3, 1] > 140
+
+
 def test_the_drawn_face_is_where_the_sent_pose_puts_it(tmp_path: Path, small_head: Head) -> None:
     opaque = small_head.vertices[small_head.opacity > 0.8]
     call = write_call(tmp_path / "call.rzo", [model(), *samples(), end()])

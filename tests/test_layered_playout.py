@@ -116,6 +116,17 @@ def test_an_update_without_a_background_keeps_the_one_before_it() -> None:
     assert [model for _, model in play(Playout(), sent)][-1] == own
 
 
+def test_who_joined_at_an_update_without_a_background_learns_it_from_a_model_that_comes_later() -> (
+    None
+):
+    update = replace(BASE, layer=BASE.layer + 1, layers=BASE.layers + 1, background=b"")
+    for later in (BASE, replace(update, background=BASE.background)):
+        sent = [serialise(update), *frames(2), serialise(later), serialise(BASE)]
+        shown = [model for _, model in play(Playout(), [*sent, *frames(2, first=2)])]
+        assert shown[0] == update
+        assert shown[-1] == replace(update, background=BASE.background)
+
+
 def test_modes_learned_in_a_call_count_from_the_next_frame_on() -> None:
     model = replace(WHOLE, call=BASE.call, sequence=0)
     sent, playout = frames(3, model=model), Playout()

@@ -1,11 +1,13 @@
 """A caller's appearance: learned from what was seen, coded within its bytes, mode by mode."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from shots import Shots, whole
 
-from encoder.code_appearance import MODE_OVERHEAD, Appearance, code_appearance
+from encoder.code_appearance import MODE_OVERHEAD, Appearance, Remainder, code_appearance
 from encoder.learn import (
     OUTSIDE,
     Stack,
@@ -18,10 +20,11 @@ from encoder.learn import (
 )
 from encoder.shape_free import ShapeFree
 from encoder.texture import unseen_colours
+from encoder.two_pass import OPEN_SHARE, opened
 from protocol.pictures import to_luma
 from shared_model.animate import Face, Identity
 from shared_model.appearance import atlas_of
-from shared_model.mesh import Head
+from shared_model.mesh import PARTS, Head
 from shared_model.parameters import AAUS
 from shared_model.surround import surrounded_head
 
@@ -184,3 +187,33 @@ def test_what_was_not_seen_teaches_nothing(shape: ShapeFree) -> None:
         for c in (wild, tame)
     )
     assert one.modes == other.modes and one.texture == other.texture
+
+
+def test_modes_given_at_once_leave_what_they_leave_one_by_one() -> None:
+    rng = np.random.default_rng(4)
+    frames, modes = (np.asarray(rng.normal(size=(n, 90)), np.float32) for n in (12, 5))
+    at_once, one_by_one = Remainder(frames, list(modes)), Remainder(frames)
+    assert one_by_one.energy == pytest.approx(float((frames**2).sum()), rel=1e-5)
+    for mode in modes:
+        one_by_one.explain(mode)
+    left = frames - np.linalg.lstsq(modes.T, frames.T, rcond=None)[0].T @ modes
+    for remainder in (at_once, one_by_one):
+        assert remainder.energy == pytest.approx(float((left**2).sum()), rel=1e-4)
+    assert at_once.error == pytest.approx(one_by_one.error, abs=1e-4)
+    one, other = at_once.strongest(), one_by_one.strongest()
+    assert abs(one @ other) == pytest.approx(float(one @ one), rel=1e-3)
+
+
+def test_the_inside_of_a_closed_mouth_counts_as_if_it_were_open(
+    head: Head, shots: Shots, shape: ShapeFree
+) -> None:
+    closed = [replace(shots.faces[2], eau=np.zeros_like(shots.faces[2].eau))]
+    vertices = [shape_face(head).animate(closed[0].eau)]
+    stack = shape_free_stack(head, shape, [whole(shots.pictures[2])], closed, vertices)
+    weight = opened(head, shape, shape_face(head), closed)
+    part = head.parts[shape.atlas.corners[:, 0]]
+    hidden = (part == PARTS.index("mouth")) & (stack.weight == 0)
+    assert hidden.sum() > 100 and (weight[hidden] > 0).mean() > 0.7
+    # Skin counts for what is seen of it.
+    skin = (part == PARTS.index("skin")) & (stack.weight > 0)
+    assert weight[skin].mean() == pytest.approx(OPEN_SHARE * stack.weight[skin].mean(), rel=0.1)

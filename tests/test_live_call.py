@@ -3,7 +3,6 @@
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
 import pytest
 from shots import draw, talking
 
@@ -11,10 +10,9 @@ from decoder.pipeline import DecodeOptions, decode
 from decoder.playout import PlayedFrame, Playout
 from encoder.announce import AHEAD
 from encoder.epoch import SPARE_MODES
-from encoder.imagine import IMAGINED_FRAMES, imagined
 from encoder.live_call import LEARN_AFTER_S
 from encoder.pipeline import EncodeOptions, encode
-from protocol.components import GEOMETRY, parse_components
+from protocol.components import parse_components
 from protocol.messages import ControlKind, ControlPacket, FramePacket, ModelPacket, parse_packet
 from protocol.recording import CallReader
 from shared_model.parameters import EAU_INDEX
@@ -104,16 +102,3 @@ def test_the_same_source_gives_the_same_bytes(call: Path, clip: Path, tmp_path: 
 def test_learning_beside_the_frames_loses_none_of_them(clip: Path, tmp_path: Path) -> None:
     encode_live(clip, tmp_path / "paced.rzo", pace=True)
     assert [frame.index for frame in played(tmp_path / "paced.rzo")] == list(range(FRAMES))
-
-
-def test_imagined_motion_has_the_moments_of_what_was_seen() -> None:
-    rng = np.random.default_rng(3)
-    mixing = rng.normal(size=(GEOMETRY + 2, GEOMETRY + 2))
-    seen = 40 * rng.normal(size=(60, GEOMETRY + 2)) @ mixing + 7
-    made = imagined(seen)
-    assert made.shape == (IMAGINED_FRAMES, GEOMETRY + 2)
-    ratio = made.std(0) / seen.std(0)
-    assert (ratio > 0.4).all() and (ratio < 2).all()
-    # It moves a little from frame to frame, as faces do.
-    assert (np.abs(np.diff(made, axis=0)).mean(0) < made.std(0)).all()
-    assert np.isfinite(imagined(seen[:1])).all()

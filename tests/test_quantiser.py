@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from encoder.quantiser import WORTH, code_packet
-from protocol.predict import KINDS, UNIT, FramePredictor, decode_packet, step
+from protocol.predict import KINDS, UNIT, FramePredictor, decode_packet, read_packet, step
 
-USUAL, COMPONENTS = 8, 10
+USUAL, COMPONENTS, SPARE = 8, 10, 4
 
 
-def predictor() -> FramePredictor:
-    return FramePredictor(np.tile([40, 34, 30, 28, 26], (COMPONENTS, 1)))
+def predictor(spare: int = 0) -> FramePredictor:
+    return FramePredictor(np.tile([40, 34, 30, 28, 26], (COMPONENTS, 1)), spare)
 
 
 def targets(scale: float, seed: int = 2) -> np.ndarray:
@@ -61,3 +61,29 @@ def test_coding_does_not_move_the_predictor() -> None:
     first = code_packet(sender, 3, USUAL, targets(2), 8)
     assert np.array_equal(sender.anchor, np.arange(COMPONENTS))
     assert code_packet(sender, 3, USUAL, targets(2), 8).payload == first.payload
+
+
+@pytest.mark.parametrize("unused", range(COMPONENTS + 1))
+def test_spare_components_without_a_value_are_left_out(unused: int) -> None:
+    wanted = targets(3)
+    wanted[:, COMPONENTS - unused :] = 0
+    packet = code_packet(predictor(SPARE), 0, USUAL, wanted, 4)
+    found = read_packet(predictor(SPARE), 0, USUAL, packet.payload)
+    assert found.head.idle == min(unused, SPARE)
+    assert np.array_equal(found.frames, packet.frames)
+    assert packet.frames[:, : COMPONENTS - unused].any(0).all()
+    assert not packet.frames[:, COMPONENTS - unused :].any()
+
+
+def test_a_spare_component_that_returns_to_nothing_is_sent_until_it_is_there() -> None:
+    sender, receiver, wanted = predictor(SPARE), predictor(SPARE), np.zeros((USUAL, COMPONENTS))
+    idle = []
+    for sequence, last in enumerate((0.0, 40.0, 0.0, 0.0)):
+        wanted[:, -1] = last
+        packet = code_packet(sender, sequence, USUAL, wanted, 4)
+        idle.append(read_packet(receiver, sequence, USUAL, packet.payload).head.idle)
+        assert np.array_equal(
+            decode_packet(receiver, sequence, USUAL, packet.payload), packet.frames
+        )
+        sender.anchor = packet.frames[-1]
+    assert idle == [SPARE, 0, 0, SPARE]

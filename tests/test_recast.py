@@ -119,7 +119,8 @@ def test_a_newest_model_without_a_background_wears_the_newest_before_it(tmp_path
 
 
 def test_modes_learned_in_a_call_are_worn(tmp_path: Path) -> None:
-    path, packets = tmp_path / "call.rzo", [WHOLE, *grown(*GROWN)]
+    path = tmp_path / "call.rzo"
+    packets: list[Packet] = [WHOLE, *grown(*GROWN)]
     path.write_bytes(MAGIC + b"".join(record(serialise(packet)) for packet in packets))
     worn = read_model(path)
     assert parse_components(worn.extension).modes == (*KNOWN, *GROWN, b"")

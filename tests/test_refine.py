@@ -90,6 +90,24 @@ def test_a_light_is_explained_by_its_coefficient(shots: Shots, shape: ShapeFree)
     assert angle_deg(found.pose, shots.faces[3].pose) < 0.5
 
 
+def test_a_mode_that_is_taught_later_is_found_as_one_known_from_the_start(
+    shots: Shots, shape: ShapeFree
+) -> None:
+    rows = np.asarray(np.random.default_rng(5).normal(size=(2, len(shape))) * 3, np.float32)
+    template = template_of(shots, shape, 3)
+    refiners = [
+        Refiner(shots.face.head, shots.face, shape, replace(template, modes=rows[:known]))
+        for known in (2, 1)
+    ]
+    picture = whole(shots.pictures[3])
+    start = refiners[1].refine(picture, shots.faces[3], 1, MOVED)
+    refiners[1].teach(rows[1])
+    found = [refiner.refine(picture, start, 3, MOVED) for refiner in refiners]
+    assert len(start.modes) == 1 and len(found[1].modes) == 2
+    assert found[1].modes == pytest.approx(found[0].modes)
+    assert found[1].eau == pytest.approx(found[0].eau)
+
+
 def test_a_hand_before_the_face_is_borne(shots: Shots, shape: ShapeFree) -> None:
     picture, truth = shots.pictures[3].copy(), shots.faces[3]
     picture[150:190, 100:150] = (40, 200, 40)
@@ -112,3 +130,6 @@ def test_texels_are_thinned_to_a_few_thousand(shots: Shots) -> None:
     assert len(shape) > 20000
     assert 1000 < len(refiner.shape) < 10000
     assert refiner.template.mean.shape == (len(refiner.shape),)
+    refiner.teach(np.arange(len(shape), dtype=np.float32))
+    assert refiner.template.modes.shape == (1, len(refiner.shape))
+    assert (np.diff(refiner.template.modes[0]) > 0).all()

@@ -109,6 +109,21 @@ def test_time_counts_even_if_nobody_looks_at_what_is_due() -> None:
     assert pacer.due(1)
 
 
+def test_modes_that_are_added_go_on_with_the_same_stream() -> None:
+    pacer, sent = LayerPacer(80_000), list[LayerPacket]()
+    pacer.begin(LayeredModel(MODEL, (b"", b"", bytes(300))))
+    for added in (b"", b"one mode", b"another"):
+        if added:
+            pacer.add(added)
+            assert pacer.busy
+        while pacer.items_waiting:
+            sent += pacer.due(0.1)
+    assert pacer.items_sent == 5
+    assert [layer.number for layer in sent] == list(range(len(sent)))
+    stream = b"".join(layer.data for layer in sent)
+    assert stream == b"".join(map(item, (b"", b"", bytes(300), b"one mode", b"another")))
+
+
 def test_a_new_model_takes_the_place_of_what_was_waiting() -> None:
     pacer = LayerPacer(8000)
     pacer.begin(LayeredModel(MODEL, (bytes(500), bytes(500))))

@@ -1,0 +1,151 @@
+"""A live call learns modes on its way: they reach the decoder, and what it draws is better."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from shots import draw, talking
+
+from decoder.pipeline import DecodeOptions, decode
+from encoder.announce import Announcer
+from encoder.capture import open_source
+from encoder.epoch import Epoch
+from encoder.pipeline import EncodeOptions, encode
+from encoder.rate import LivePurse
+from protocol.components import parse_components
+from protocol.layers import Layers
+from protocol.messages import FramePacket, LayerPacket, ModelPacket, Packet, parse_packet, serialise
+from protocol.predict import FramePredictor, decode_packet
+from protocol.recording import MAGIC, CallReader, record
+
+# Light comes from one side once the update that is learned early is in use.
+FRAMES, LATE = 75, 55
+LIGHT = """
+[[key]]
+time = 1.9
+light = { side = 0 }
+[[key]]
+time = 2.1
+light = { side = 0.8 }
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """What an encoder meant to send: modes by the number of their model, and coded frames."""
+
+    path: Path
+    modes: dict[int, list[bytes]] = field(default_factory=dict)
+    frames: list[NDArray[np.int64]] = field(default_factory=list)
+
+    def packets(self) -> list[Packet]:
+        with CallReader(self.path) as reader:
+            return [parse_packet(data) for data in reader]
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> Path:
+    path = tmp_path_factory.mktemp("growth") / "clip.mkv"
+    draw(path, talking(3) + LIGHT)
+    return path
+
+
+@pytest.fixture(scope="module", params=[None, 200_000.0], ids=["whole", "in layers"])
+def sent(clip: Path, request: pytest.FixtureRequest) -> Sent:
+    found = Sent(clip.with_name("call.rzo"))
+
+    class Notes(Announcer):
+        def grow(self, epoch: Epoch, mode: bytes) -> None:
+            found.modes.setdefault(epoch.model.layer, []).append(mode)
+            super().grow(epoch, mode)
+
+    class Purse(LivePurse):
+        def code(self, *arguments: Any) -> Any:
+            packet = super().code(*arguments)
+            found.frames.append(packet.frames)
+            return packet
+
+    options = EncodeOptions(
+        str(clip), found.path, live=True, startup_bitrate=request.param, model_bytes=6000
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("encoder.live_call.Announcer", Notes)
+        patch.setattr("encoder.live_call.LivePurse", Purse)
+        encode(options, lambda done, total: None, lambda: False)
+    return found
+
+
+def drawn(packets: Sequence[Packet], path: Path) -> list[NDArray[np.uint8]]:
+    path.write_bytes(MAGIC + b"".join(record(serialise(packet)) for packet in packets))
+    video = path.with_suffix(".mkv")
+    report = decode(DecodeOptions(path, output=video), lambda done, total: None, lambda: False)
+    assert report.frames == FRAMES and not report.warnings
+    return pictures(video)
+
+
+def pictures(path: Path) -> list[NDArray[np.uint8]]:
+    with open_source(str(path)) as source:
+        return [np.asarray(frame, np.uint8) for _, frame in source]
+
+
+def late_face_psnr_db(wanted: list[NDArray[np.uint8]], found: list[NDArray[np.uint8]]) -> float:
+    """Of luma in the middle of the later pictures, where the face is."""
+    errors = [
+        cv2.cvtColor(one, cv2.COLOR_BGR2GRAY)[25:95, 50:110].astype(float)
+        - cv2.cvtColor(other, cv2.COLOR_BGR2GRAY)[25:95, 50:110]
+        for one, other in zip(wanted[LATE:], found[LATE:], strict=True)
+    ]
+    return float(np.mean([10 * np.log10(255**2 / (error**2).mean()) for error in errors]))
+
+
+def test_the_decoder_has_the_encoders_modes_of_each_model(sent: Sent) -> None:
+    layers, models = Layers(), list[ModelPacket]()
+    for packet in sent.packets():
+        if isinstance(packet, LayerPacket):
+            layers.add(packet)
+        elif isinstance(packet, ModelPacket):
+            models.append(packet)
+    assert [model.layer for model in models] == [0, 1] and sent.modes[0] and sent.modes[1]
+    for model in models:
+        components = parse_components(layers.refine(model).extension)
+        found = components.modes[len(components.modes) - components.spare :]
+        assert found == (*sent.modes[model.layer], *found[len(sent.modes[model.layer]) :])
+        assert not any(found[len(sent.modes[model.layer]) :])
+
+
+def test_the_decoder_has_the_encoders_frames_while_modes_come_into_use(sent: Sent) -> None:
+    coming: list[ModelPacket] = []
+    number, found, used = 0, [], set[int]()
+    for packet in sent.packets():
+        if isinstance(packet, ModelPacket):
+            coming.append(packet)
+        elif isinstance(packet, FramePacket):
+            if coming and packet.sequence == coming[0].sequence:
+                model = coming.pop(0)
+                components = parse_components(model.extension)
+                predictor, first = FramePredictor(components.spreads, components.spare), number
+            frames = decode_packet(
+                predictor, number - first, model.call.frames_per_packet, packet.payload
+            )
+            found.append(np.array(frames))
+            used.add(int(found[-1][:, -components.spare :].any(0).sum()))
+            number += 1
+    assert len(found) == len(sent.frames) and not coming
+    assert all(map(np.array_equal, found, sent.frames))
+    assert 0 in used and max(used) > 2
+
+
+@pytest.mark.parametrize("sent", [None], ids=["whole"], indirect=True)
+def test_modes_learned_on_the_way_make_the_picture_better(
+    sent: Sent, clip: Path, tmp_path: Path
+) -> None:
+    wanted, packets = pictures(clip), sent.packets()
+    without = [packet for packet in packets if not isinstance(packet, LayerPacket)]
+    with_them = late_face_psnr_db(wanted, drawn(packets, tmp_path / "all.rzo"))
+    assert with_them > late_face_psnr_db(wanted, drawn(without, tmp_path / "bare.rzo")) + 4
+    assert with_them > 32
