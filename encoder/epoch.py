@@ -145,7 +145,7 @@ class Learner:
         background = self._background if budget.background_bytes else b""
         packet = default_model(caller, components, call, background)
         roomy = serialise_components(with_spare(components, SPARE_MODES))
-        model = replace(packet, layer=layer, layers=layer + 1, extension=roomy)
+        model = replace(packet, layer=layer, layers=layer + 1, extension=roomy, growing=True)
         landmarks = personalise(
             landmark_model(self._head), caller.fitted.identity.aau, caller.fitted.control_mm
         )

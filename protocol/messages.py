@@ -22,7 +22,8 @@ from shared_model.geometry import Camera, normalise
 from shared_model.parameters import AAUS, EAUS, Pose
 
 # A model packet is in the oldest version that has fields for what it says.
-PLAIN_VERSION, FORMAT_VERSION = 2, 3
+PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION = 2, 3, 4
+VERSIONS = PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION
 PROFILES = ("thesis", "default")
 
 SEQUENCE_MODULUS = 64
@@ -133,6 +134,7 @@ class ModelPacket:
     layer, layers: this packet is number `layer` of `layers` that replace one another.
     layered: its pictures are rough and modes are missing (empty), see `protocol.layers`; they come
         in layer packets.
+    growing: its extension has room for modes that are learned while the call goes on.
     """
 
     call: CallParameters
@@ -148,6 +150,7 @@ class ModelPacket:
     layers: int = 1
     sequence: int = 0
     layered: bool = False
+    growing: bool = False
 
     def __post_init__(self) -> None:
         check_int("sequence", self.sequence, 0, SEQUENCE_MODULUS - 1)
@@ -162,8 +165,9 @@ class ModelPacket:
         check_bytes("extension", self.extension, MAX_EXTENSION_BYTES)
         check_int("number of layers", self.layers, 1, MAX_LAYERS)
         check_int("layer", self.layer, 0, self.layers - 1)
-        if type(self.layered) is not bool:
-            raise ValueError(f"layered is {self.layered!r}, expected true or false")
+        for name, value in (("layered", self.layered), ("growing", self.growing)):
+            if type(value) is not bool:
+                raise ValueError(f"{name} is {value!r}, expected true or false")
         rotation = singles("reference rotation", self.reference_rotation, 4, 1.001)
         norm = math.hypot(*rotation)
         if abs(norm - 1) > 1e-3:
@@ -313,16 +317,20 @@ def _parse_control(sequence: int, payload: bytes) -> ControlPacket:
 
 # Keys of the model packet's map, short because they are sent.
 _KEYS = ("p", "s", "r", "f", "n", "o", "l", "a", "d", "q", "t", "e", "b", "x", "m")
-_LATER_KEYS = ("k", "y")
+# How many of the later keys each version has.
+_LATER_KEYS = ("k", "y", "g")
+_LATER = {PLAIN_VERSION: 0, LAYERED_VERSION: 2, GROWING_VERSION: 3}
 
 
 def _version(packet: ModelPacket) -> int:
+    if packet.growing:
+        return GROWING_VERSION
     plain = packet.call.frame_step == 1 and not packet.layered
-    return PLAIN_VERSION if plain else FORMAT_VERSION
+    return PLAIN_VERSION if plain else LAYERED_VERSION
 
 
 def _keys(version: int) -> tuple[str, ...]:
-    return _KEYS if version == PLAIN_VERSION else _KEYS + _LATER_KEYS
+    return _KEYS + _LATER_KEYS[: _LATER[version]]
 
 
 def _model_fields(packet: ModelPacket) -> dict[str, Any]:
@@ -345,16 +353,17 @@ def _model_fields(packet: ModelPacket) -> dict[str, Any]:
         packet.extension,
         call.frame_step,
         packet.layered,
+        packet.growing,
     )
     return dict(zip(_keys(_version(packet)), values, strict=False))
 
 
 def _parse_model(sequence: int, payload: bytes) -> ModelPacket:
     version = payload[0] if payload else None
-    if version not in (PLAIN_VERSION, FORMAT_VERSION):
+    if version not in VERSIONS:
         raise ValueError(
             f"format version is {'missing' if version is None else version},"
-            f" this program reads {PLAIN_VERSION} and {FORMAT_VERSION}"
+            f" this program reads {', '.join(map(str, VERSIONS))}"
         )
     fields = msgpack.unpackb(
         payload[1:],
@@ -377,7 +386,8 @@ def _model_from_fields(sequence: int, keys: tuple[str, ...], fields: Any) -> Mod
         raise ValueError(f"no map of the fields {','.join(keys)}")
     profile, size, fps, focal, packing, start, layer, aau, residual, *rest = fields.values()
     rotation, translation, eau, background, texture, extension, *later = rest
-    step, layered = later or (1, False)
+    usual: tuple[Any, ...] = (1, False, False)
+    step, layered, growing = (*later, *usual[len(later) :])
     check_int("profile", profile, 0, len(PROFILES) - 1)
     width, height = _pair("size", size)
     numerator, denominator = _pair("fps", fps)
@@ -398,6 +408,7 @@ def _model_from_fields(sequence: int, keys: tuple[str, ...], fields: Any) -> Mod
         layers=layers,
         sequence=sequence,
         layered=layered,
+        growing=growing,
     )
 
 

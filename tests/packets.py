@@ -40,6 +40,7 @@ GOLDEN: dict[str, Packet] = {
     ),
     "model_step": replace(MODEL, call=replace(CALL, profile="default", frame_step=3)),
     "model_layered": replace(MODEL, layered=True),
+    "model_growing": replace(MODEL, growing=True),
     "layer": LayerPacket(2, 300, b"a piece"),
     "frame_thesis": FramePacket(63, bytes(range(123, 133))),
     "frame_empty": FramePacket(1, b""),

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from packets import CALL, GOLDEN, MODEL, VECTORS
 
 from protocol.messages import (
-    FORMAT_VERSION,
+    GROWING_VERSION,
+    LAYERED_VERSION,
     MAX_FRAME_PAYLOAD_BYTES,
     MAX_IMAGE_BYTES,
     MAX_LAYER_BYTES,
@@ -161,8 +162,21 @@ def test_layered_is_yes_or_no() -> None:
         parse_packet(model_of_fields({"y": False}, GOLDEN["model_layered"]))
 
 
+def test_growing_is_yes_or_no() -> None:
+    with pytest.raises(ProtocolError, match="growing"):
+        parse_packet(model_of_fields({"g": 1}, GOLDEN["model_growing"]))
+    with pytest.raises(ProtocolError, match="one encoding"):
+        parse_packet(model_of_fields({"g": False}, GOLDEN["model_growing"]))
+
+
 def test_a_version_has_its_own_fields_only() -> None:
-    for model, version in ((MODEL, FORMAT_VERSION), (GOLDEN["model_step"], PLAIN_VERSION)):
+    for model, version in (
+        (MODEL, LAYERED_VERSION),
+        (MODEL, GROWING_VERSION),
+        (GOLDEN["model_step"], PLAIN_VERSION),
+        (GOLDEN["model_step"], GROWING_VERSION),
+        (GOLDEN["model_growing"], LAYERED_VERSION),
+    ):
         data = bytearray(serialise(model))
         data[1] = version
         with pytest.raises(ProtocolError, match=r"no map|exceeds"):
