@@ -24,6 +24,9 @@ Single = NDArray[np.float32]
 # What hair and neck count beside the face, and how soft the border is, in atlas sides.
 OUTSIDE = 0.03
 SOFT_EDGE = 0.015
+# Pixels of the frame beyond the landmarks' outline that count as the face: where a face is small
+# the outline is a pixel or two off.
+BORDER_PX = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,13 +64,18 @@ def within_outline(
     faces: Sequence[FaceParameters],
     points: Sequence[Array],
 ) -> Single:
-    """(k,) share of the frames in which each texel lies within the landmarks' outline of the face.
+    """(k,) share of the frames in which each texel lies within the landmarks' outline of the face,
+    or no further outside than `BORDER_PX`.
 
     points: (468, >= 2) pixels, landmarks of each frame.
     """
     count = np.zeros(len(shape), np.float32)
     for crop, face, places in zip(crops, faces, points, strict=True):
-        corners = crop.from_frame(places[list(OUTLINE), :2].astype(np.float32))
+        outline = places[list(OUTLINE), :2]
+        outward = outline - outline.mean(0)
+        lengths = np.linalg.norm(outward, axis=1, keepdims=True)
+        wider = outline + BORDER_PX * outward / np.maximum(lengths, 1.0)
+        corners = crop.from_frame(wider.astype(np.float32))
         height, width = crop.picture.shape[:2]
         mask = _hull_mask(corners, (height, width))
         count += sample(mask, crop.from_frame(shape.positions(face)))[:, 0].clip(0, 1)
