@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.cadence import Cadence
+from encoder.caller import Learned, learn_caller
 from encoder.capture import Capture
 from encoder.crop import Crop, crop_face
 from encoder.detect import BlazeFaceDetector
@@ -21,12 +22,10 @@ from encoder.startup import LayeredModel, LayerPacer, layered
 from encoder.tally import Tally
 from encoder.texture import code_background
 from encoder.two_pass import (
-    Learned,
     Sampler,
     combine_call,
     default_model,
     follow_all,
-    learn_caller,
     smoothed,
 )
 from protocol.link import PacketSink

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.cadence import Cadence
+from encoder.caller import Learned, learn_caller
 from encoder.capture import Capture
 from encoder.combine import Sensitivity, combine
 from encoder.crop import crop_face
@@ -23,10 +24,8 @@ from encoder.model import BUDGETS, Budget, call_parameters
 from encoder.startup import FIRST_LAYER_BYTES, LayeredModel, layered
 from encoder.texture import code_background
 from encoder.two_pass import (
-    Learned,
     default_model,
     follow_all,
-    learn_caller,
     sensitivity_of,
 )
 from protocol.components import (

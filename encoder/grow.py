@@ -13,11 +13,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.caller import Caller, shape_free_views, sharpened_stack
 from encoder.code_appearance import FIRST_STEP, Remainder
 from encoder.crop import Crop
 from encoder.learn import OUTSIDE
 from encoder.model import identity_of
-from encoder.two_pass import Caller, shape_free_views, sharpened_stack
 from protocol.components import SPARE_HARM_GREY
 from protocol.messages import ModelPacket
 from protocol.pictures import (

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.cadence import FRAMES_PER_PACKET
+from encoder.caller import learn_caller
 from encoder.capture import open_source
 from encoder.combine import combine, project, sensitivity
 from encoder.crop import crop_face
@@ -29,7 +30,7 @@ from encoder.model import BUDGETS
 from encoder.networks import find_network_folder
 from encoder.quantiser import code_packet
 from encoder.rate import QUALITIES, packet_spans
-from encoder.two_pass import Sampler, follow_all, learn_caller, smoothed
+from encoder.two_pass import Sampler, follow_all, smoothed
 from protocol.accounting import component_bits
 from protocol.components import Components, vector_from_face
 from protocol.messages import SEQUENCE_MODULUS, CallParameters

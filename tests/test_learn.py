@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from shots import Shots, whole
 
+from encoder.caller import OPEN_SHARE, opened
 from encoder.code_appearance import MODE_OVERHEAD, Appearance, Remainder, code_appearance
 from encoder.learn import (
     OUTSIDE,
@@ -20,7 +21,6 @@ from encoder.learn import (
 )
 from encoder.shape_free import ShapeFree
 from encoder.texture import unseen_colours
-from encoder.two_pass import OPEN_SHARE, opened
 from protocol.pictures import to_luma
 from shared_model.animate import Face, Identity
 from shared_model.appearance import atlas_of
