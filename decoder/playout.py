@@ -111,8 +111,9 @@ class Playout:
             ahead = (packet.sequence - self._number) % SEQUENCE_MODULUS
             self._update = packet, sample_decoder(packet), self._number + ahead
             self._refine_update()
-        elif self.model is not None and not self.model.background:
+        elif self.model is not None and packet.background and not self.model.background:
             # Who joined at an update learns later what that left as it was.
+            check_update(self.model.call, packet.call)
             self.model = replace(self.model, background=packet.background)
 
     def _receive_layer(self, packet: LayerPacket) -> None:

@@ -6,7 +6,7 @@ from math import ceil
 from typing import Protocol
 
 from protocol.components import face_from_components, parse_components
-from protocol.messages import SEQUENCE_MODULUS, CallParameters, ModelPacket
+from protocol.messages import SEQUENCE_MODULUS, CallParameters, ModelPacket, ProtocolError
 from protocol.predict import FramePredictor, decode_packet
 from protocol.quantise import EAU_STEP, THESIS_RATE_HZ, decode_thesis, values_from_codes
 from shared_model.parameters import EAU_INDEX, THESIS_EAUS, FaceParameters
@@ -64,6 +64,8 @@ class DefaultSamples:
     def __init__(self, model: ModelPacket) -> None:
         self._model = model
         self._components = parse_components(model.extension)
+        if bool(self._components.spare) != model.growing:
+            raise ProtocolError(f"{self._components.spare} spare modes, growing: {model.growing}")
         self._predictor = FramePredictor(self._components.spreads, self._components.spare)
 
     def decode(self, number: int, payload: bytes) -> list[Sample]:

@@ -13,11 +13,16 @@ NICE = 5
 
 
 def threads_beside(count: int) -> ThreadPoolExecutor:
-    """Threads that let others go first, where the system tells threads apart."""
+    """Threads that let others go first, where the system tells threads apart.
+
+    From then on all threads of this process take turns quickly.
+    """
     sys.setswitchinterval(SWITCH_S)
     return ThreadPoolExecutor(count, initializer=_step_back)
 
 
 def _step_back() -> None:
-    with suppress(AttributeError, OSError):
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
+    if sys.platform == "linux":
+        nice = os.getpriority(os.PRIO_PROCESS, 0) + NICE
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), nice)

@@ -178,7 +178,15 @@ class Learner:
         call = self._call_parameters(fitted.camera.focal_px)
         frames = list(enumerate(pictures))
         return learn_caller(
-            self._head, fitted, faces, frames, points, call, budget, self._workers, True
+            self._head,
+            fitted,
+            faces,
+            frames,
+            points,
+            call,
+            budget,
+            self._workers,
+            more_to_come=True,
         )
 
     def _call_parameters(self, focal_px: float) -> CallParameters:

@@ -119,8 +119,8 @@ def choose_points(
     for block in np.array_split(order, max(1, len(order) // _LOOKED_AT)):
         visible = Visibility(face.neutral, head.triangles, candidates[block]).seen(start.pose)
         for k in block[visible]:
-            near = np.linalg.norm(pixels[chosen] - pixels[k], axis=1) if chosen else [np.inf]
-            if min(near) > _SPACING * eyes_px:
+            near = np.linalg.norm(pixels[chosen] - pixels[k], axis=1)
+            if near.min(initial=np.inf) > _SPACING * eyes_px:
                 chosen.append(int(k))
             if len(chosen) == count:
                 return candidates[chosen]

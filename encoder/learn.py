@@ -25,8 +25,8 @@ Single = NDArray[np.float32]
 OUTSIDE = 0.03
 SOFT_EDGE = 0.015
 # Pixels of the frame beyond the landmarks' outline that count as the face: where a face is small
-# the outline is a pixel or two off.
-BORDER_PX = 2.0
+# the outline is a pixel off.
+BORDER_PX = 1.0
 
 
 @dataclass(frozen=True, slots=True)

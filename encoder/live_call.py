@@ -126,7 +126,6 @@ class LiveCall:
             self._begin(index)
         epoch = self._epoch
         assert epoch is not None
-        look: Look | None = None
         if self._is_coded(index):
             if self._missed:
                 self._face = None
@@ -135,10 +134,9 @@ class LiveCall:
             with self._tally.stage("refine"):
                 self._face = epoch.find(look, self._face)
             self._queue(self._face)
-            if self._epoch is epoch:
-                look = replace(look, face=self._face)
-        if look is not None:
-            self._grow_on(index, look)
+            # Not if the packet was the last before an update.
+            known = self._face if self._epoch is epoch else None
+            self._grow_on(index, replace(look, face=known))
         self._learn_on()
 
     def end(self, frames: int) -> None:
@@ -153,7 +151,7 @@ class LiveCall:
     def _miss(self, index: int) -> None:
         self._tally.lost_frames += 1
         if self._epoch is None:
-            if index / self._capture.fps >= self._look_for_face_s:
+            if index / self._fps >= self._look_for_face_s:
                 self._tally.warn(f"no face in the first {self._look_for_face_s:g} s; still looking")
             return
         assert self._face is not None

@@ -22,7 +22,7 @@ class LiveModes:
     def __init__(self, head: Head, fps: float, pool: Executor | None) -> None:
         self._head, self._fps, self._pool = head, fps, pool
         self._recent: deque[Look] = deque(maxlen=round(WINDOW_S * LOOKS_PER_S))
-        self._fresh: list[Look] = []
+        self._fresh = deque[Look](maxlen=self._recent.maxlen)
         self._grower: Grower | None = None
         self._learning: Future[list[Grown]] | None = None
         self._looked_at = self._grown_at = float("-inf")
@@ -31,7 +31,8 @@ class LiveModes:
     def start(self, epoch: Epoch) -> None:
         """From now on learn what this model lacks; what is being learned is of the one before."""
         self._grower = Grower(self._head, epoch.model, epoch.learned.caller, epoch.find)
-        self._fresh = [replace(look, face=None) for look in self._recent]
+        self._fresh.clear()
+        self._fresh.extend(replace(look, face=None) for look in self._recent)
         self._learning = None
 
     def wants(self, index: int) -> bool:
@@ -57,7 +58,8 @@ class LiveModes:
         self._room_bytes = min(self._room_bytes + earned, BYTES_PER_S)
         self._grown_at = index
         assert self._grower is not None
-        looks, self._fresh = self._fresh, []
+        looks = list(self._fresh)
+        self._fresh.clear()
         job = partial(self._grower.grow, looks, self._room_bytes, most)
         if self._pool is None:
             return self._spent(job())

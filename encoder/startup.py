@@ -79,13 +79,13 @@ class LayerPacer:
                 f"startup bitrate is {bitrate:g}, expected more than the frames' {frames_bitrate:g}"
             )
         self._bitrate, self._credit = bitrate, 0.0
-        self._model, self._number, self._items = 0, 0, 0
+        self._model, self._number, self._items, self._learned = 0, 0, 0, 0
         self._waiting: list[bytes] = []
 
     @property
     def items_waiting(self) -> int:
-        """Pictures and modes of the model that are not yet sent whole."""
-        return len(self._waiting)
+        """Pictures and modes that the model began with and that are not yet sent whole."""
+        return max(0, len(self._waiting) - self._learned)
 
     @property
     def items_sent(self) -> int:
@@ -99,12 +99,14 @@ class LayerPacer:
 
     def begin(self, model: LayeredModel) -> None:
         """Send this model's layers from now on, instead of any before."""
-        self._model, self._number, self._items = model.first.layer, 0, len(model.items)
+        self._model, self._number = model.first.layer, 0
+        self._items, self._learned = len(model.items), 0
         self._waiting = [item(data) for data in model.items]
 
     def add(self, data: bytes) -> None:
         """Send one more mode of the same model."""
         self._items += 1
+        self._learned += 1
         self._waiting.append(item(data))
 
     def carried_s(self, packet_bytes: int) -> float:

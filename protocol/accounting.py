@@ -97,7 +97,6 @@ class Accounts:
                 self._waiting = _Reading(components, packet.sequence)
         if self._model is None or packet.layer > self._model.layer:
             self._model = packet
-            self._settle(packet.layer)
         parts = {
             "background": len(packet.background),
             "texture": len(packet.texture),
@@ -140,6 +139,7 @@ class Accounts:
             return {name: count / total for name, count in _THESIS_VALUES.items()}
         if self._waiting and self._waiting.number(packet) < SEQUENCE_MODULUS // 2:
             self._reading, self._waiting = self._waiting, None
+            self._settle(self._model.layer)
         reading = self._reading
         if reading is None:
             raise ProtocolError("the model packet has no components")

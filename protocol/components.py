@@ -201,6 +201,8 @@ def parse_components(data: bytes) -> Components:
 
 
 def _components(fields: Any) -> Components:
+    if unknown := set(fields) - {*_KEYS, _SPARE_KEY}:
+        raise ValueError(f"unknown fields {sorted(map(str, unknown))}")
     modes, tables = (fields[key] for key in _KEYS)
     if not isinstance(modes, tuple) or not all(isinstance(mode, bytes) for mode in modes):
         raise ValueError("modes are not byte strings")

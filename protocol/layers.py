@@ -84,6 +84,8 @@ class Layers:
         if len(modes) > room or not all(modes):
             raise ProtocolError(f"{len(modes)} modes in layers, expected {room}")
         texture, background = [*found, b""][: len(PICTURES)]
+        if not model.layered and (texture or background):
+            raise ProtocolError(f"pictures in layers for model {model.layer}, which has its own")
         missing = (b"",) * (room - len(modes))
         extension = serialise_components(replace(components, modes=known + modes + missing))
         try:
@@ -132,8 +134,13 @@ class Layers:
 
 
 def is_refined(model: ModelPacket, other: ModelPacket) -> bool:
-    """Whether both are the same model, perhaps with more or fewer of its layers."""
+    """Whether both are the same model, perhaps with more or fewer of its layers.
+
+    A background may not have come yet to who joined at an update without one.
+    """
     refined = replace(model, extension=other.extension)
+    if model.layered or not (model.background and other.background):
+        refined = replace(refined, background=other.background)
     if model.layered:
-        refined = replace(refined, texture=other.texture, background=other.background)
+        refined = replace(refined, texture=other.texture)
     return other == refined

@@ -121,7 +121,7 @@ class PacketHead:
     """How a packet is coded: quality 0 (finest) to 31, number of frames.
 
     fresh: nothing in it is predicted from packets before.
-    idle: so many of the last components are not in it: they stay as they were.
+    idle: so many of the last components are not in it: nothing is added to their predictions.
     """
 
     quality: int
@@ -173,7 +173,8 @@ def encoding(
         kinds = predictor.kinds(place, sequence, head.fresh)
         tables = predictor.tables(kinds, head.quality)[: len(kinds) - head.idle]
         around = parents(place, sizes)
-        coded = _coded_values(coder, surroundings, tables, around, differences)
+        used = differences[: len(tables)]
+        coded = _coded_values(coder, surroundings, tables, around, used)
         yield from (component for component, _ in enumerate(coded))
         sizes[place.index] = np.abs(differences)
 
@@ -257,9 +258,8 @@ def _coded_values(
     differences: Integers,
 ) -> Iterator[int]:
     surroundings.start_frame()
-    around = [0] * len(tables) if sizes is None else sizes.tolist()
-    # Tables are of the components in use, which come first.
-    for value, expected, parent in zip(differences.tolist(), tables.tolist(), around, strict=False):
+    around = [0] * len(tables) if sizes is None else sizes[: len(tables)].tolist()
+    for value, expected, parent in zip(differences.tolist(), tables.tolist(), around, strict=True):
         value = code_value(coder, value, surroundings.table(expected, parent))
         surroundings.saw(expected, abs(value))
         yield value
@@ -275,7 +275,8 @@ def _decode_frames(
         tables = predictor.tables(kinds, head.quality)[: len(kinds) - head.idle]
         around = parents(place, sizes)
         coded = nothing.copy()
-        coded[: len(tables)] = list(_coded_values(coder, surroundings, tables, around, nothing))
+        used = coded[: len(tables)]
+        used[:] = list(_coded_values(coder, surroundings, tables, around, used))
         values.append((place, coded))
         sizes[place.index] = np.abs(coded)
         known[place.index] = reconstruct(predictor, place, kinds, known, head.quality, coded)

@@ -51,7 +51,7 @@ def atlas_of(head: Head, size: int) -> Atlas:
     side = (high - low).max(1) + 1
     # Triangles of about the same size together, as many as make small arrays.
     found = []
-    for least in (2**power for power in range(size.bit_length())):
+    for least in (2**power for power in range(size.bit_length() + 1)):
         group = np.flatnonzero((side > least // 2) & (side <= least))
         for part in np.array_split(group, 1 + len(group) * least**2 // TEXELS_AT_ONCE):
             found.append(_inside(part, corners[part], low[part], high[part], least))

@@ -116,7 +116,7 @@ def test_modes_that_are_added_go_on_with_the_same_stream() -> None:
         if added:
             pacer.add(added)
             assert pacer.busy
-        while pacer.items_waiting:
+        while pacer.busy:
             sent += pacer.due(0.1)
     assert pacer.items_sent == 5
     assert [layer.number for layer in sent] == list(range(len(sent)))
