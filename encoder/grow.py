@@ -35,7 +35,8 @@ from shared_model.parameters import FaceParameters
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-# How long a look counts at all, after what time half as much, and how often to look.
+# How long a look counts at all, after what time half as much, and how often to look at most: the
+# times are those of a source that can be looked at so often.
 WINDOW_S = 3.0
 HALF_LIFE_S = 1.0
 LOOKS_PER_S = 8.0

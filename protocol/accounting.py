@@ -96,6 +96,8 @@ class Accounts:
             if self._model is None or packet.layer > self._model.layer:
                 self._waiting = _Reading(components, packet.sequence)
         if self._model is None or packet.layer > self._model.layer:
+            # The one before may be in use for a while, those before that are not.
+            self._settle(self._model.layer if self._model else 0)
             self._model = packet
         parts = {
             "background": len(packet.background),

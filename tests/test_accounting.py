@@ -66,7 +66,8 @@ def growing() -> tuple[ModelPacket, list[bytes]]:
         packet = code_packet(predictor, number, 8, frames, 4)
         predictor.anchor = packet.frames[-1]
         sent.append(packet.payload)
-    return replace(MODEL, call=DEFAULT, sequence=0, extension=serialise_components(roomy)), sent
+    extension = serialise_components(roomy)
+    return replace(MODEL, call=DEFAULT, sequence=0, growing=True, extension=extension), sent
 
 
 def payloads(sizes: tuple[float, ...]) -> list[bytes]:

@@ -61,7 +61,20 @@ FIRST = replace(
 STREAM = b"".join(map(item, ITEMS))
 # A live call's model that was sent whole, and the modes that it learns later.
 KNOWN, GROWN = (b"known", b"known, too"), (b"learned", b"learned later")
-WHOLE = replace(FIRST, layered=False, extension=components(KNOWN, 3))
+WHOLE = replace(FIRST, layered=False, growing=True, extension=components(KNOWN, 3))
+
+
+def test_a_growing_model_takes_no_pictures_from_layers() -> None:
+    for pictures in ((b"junk", b""), (b"", b"junk")):
+        stream = b"".join(map(item, (*pictures, GROWN[0])))
+        with pytest.raises(ProtocolError, match="its own"):
+            received([LayerPacket(3, 0, stream)], WHOLE)
+
+
+def test_a_background_that_comes_late_is_of_the_same_model() -> None:
+    bare = replace(WHOLE, background=b"")
+    assert is_refined(bare, WHOLE) and is_refined(WHOLE, bare)
+    assert not is_refined(WHOLE, replace(WHOLE, background=b"another"))
 
 
 def grown(*modes: bytes) -> list[LayerPacket]:
