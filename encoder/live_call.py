@@ -42,7 +42,8 @@ Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 # Seconds of the caller's face after which the model is learned, and what share of the budget for
-# texture and modes it takes: nobody keeps the first ones for long.
+# texture and modes it takes: nobody keeps the first ones for long.  Then again each time that what
+# has been seen has doubled.
 LEARN_AFTER_S = {1.0: 0.6, 5.0: 1.0, 12.0: 1.0, 25.0: 1.0, 45.0: 1.0}
 # Frames to learn from, and up to twice as many: learning goes on beside the call.
 TRAINING_FRAMES = 24
@@ -259,7 +260,14 @@ class LiveCall:
     @property
     def _is_due(self) -> bool:
         """Whether it is time to learn again."""
-        return bool(self._due) and self._faces_seen >= self._due[0][0] * self._fps
+        return self._faces_seen >= self._due[0][0] * self._fps
+
+    def _next_share(self) -> float:
+        """What share of the budget the update that is due takes; another is always to come."""
+        after_s, share = self._due.pop(0)
+        if not self._due:
+            self._due.append((2 * after_s, share))
+        return share
 
     def _learn_on(self) -> None:
         """Learn again when it is time; announce what was learned."""
@@ -270,10 +278,10 @@ class LiveCall:
         elif self._is_due and self._next is None and not self._announcer.busy:
             epoch = self._epoch
             assert epoch is not None
-            layer, (_, share) = epoch.model.layer + 1, self._due.pop(0)
+            layer, share = epoch.model.layer + 1, self._next_share()
             # While layers were sent more than one may have become due.
             while self._announcer.in_layers and self._is_due:
-                _, share = self._due.pop(0)
+                share = self._next_share()
             budget = replace(self._budget, face_bytes=int(share * self._budget.face_bytes))
             if not self._announcer.in_layers:
                 budget = replace(budget, background_bytes=0)
