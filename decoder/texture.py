@@ -46,9 +46,8 @@ class Wardrobe:
             if model.texture == self._damaged:
                 return
             self._put_on(model)
-        components = parse_components(model.extension) if model.extension else None
-        coded = components.modes if components else ()
-        if model.layered or (components and components.spare):
+        coded = parse_components(model.extension).modes if model.extension else ()
+        if model.layered or model.growing:
             coded = tuple(takewhile(bool, coded))
         size = len(self._mean)
         if len(coded) * size * size > MAX_MODE_TEXELS:

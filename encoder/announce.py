@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from math import ceil
 
 from encoder.cadence import Cadence
-from encoder.default_call import send_layers, send_model, warn_of_missing
+from encoder.default_call import send_layers, send_model, send_part, warn_of_missing
 from encoder.epoch import Epoch
 from encoder.model import Budget
 from encoder.startup import UPDATE_LAYER_BYTES, LayeredModel, LayerPacer
 from encoder.tally import Tally
 from protocol.layers import PICTURES, item
 from protocol.link import PacketSink
-from protocol.messages import SEQUENCE_MODULUS, LayerPacket, serialise
+from protocol.messages import SEQUENCE_MODULUS, LayerPacket
 
 # Packets by which an update is announced ahead of its first frame packet, at least and at most:
 # any farther, its sequence number would pass for one before.
@@ -111,8 +111,7 @@ class Announcer:
         # All else came with the model packet.
         before = b"" if number else item(b"") * len(PICTURES)
         layer = LayerPacket(epoch.model.layer, number, before + item(mode))
-        self._tally.model_bytes += len(serialise(layer)) - 1
-        self._tally.send(self._sink, layer)
+        send_part(layer, self._sink, self._tally)
 
     def packet_sent(self, packet_bytes: int, frames: int, place: Place) -> Epoch | None:
         """Send the layers that are due after a frame packet of so many coded frames.

@@ -54,12 +54,14 @@ OPEN_SHARE = 0.5
 class Caller:
     """Everything about the caller that does not change from frame to frame.
 
+    face: with this identity, as the decoder has it.
     tracker: what frames are refined with, at a part of the texels.
     shape: all texels.  weight: (k,) pixels that each covers, less beside the face.
     mask: (k,) 1 on the face, see `face_mask`.
     """
 
     fitted: Fitted
+    face: Face
     reference: FaceParameters
     tracker: Refiner
     appearance: Appearance
@@ -117,7 +119,8 @@ def learn_caller(
     appearance = code_appearance(shape, sharp, mean, mask, budget.face_bytes, budget.most_modes)
     refiner = Refiner(head, face, shape, sampled_template(shape, stack, sharp, appearance))
     found = refined(refiner, crops, found, workers)
-    caller = Caller(fitted, reference, refiner, appearance, ratio, shape, stack.weight * mask, mask)
+    weight = stack.weight * mask
+    caller = Caller(fitted, face, reference, refiner, appearance, ratio, shape, weight, mask)
     return Learned(caller, crops, found)
 
 

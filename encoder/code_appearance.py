@@ -43,12 +43,14 @@ class Appearance:
     texture, modes: the coded pictures.
     mean: (size, size, 3) float32 BGR.
     mode_images: (m, size, size, 3) float32, per unit coefficient.
+    series: what further modes are coded by.
     """
 
     texture: bytes
     modes: tuple[bytes, ...]
     mean: Single
     mode_images: Single
+    series: ModeSeries
 
 
 def code_appearance(
@@ -60,7 +62,8 @@ def code_appearance(
     if not most_modes:
         texture, decoded = finest_still(picture, face_bytes, relief)
         size = shape.atlas.size
-        return Appearance(texture, (), decoded, np.zeros((0, size, size, 3), np.float32))
+        none = np.zeros((0, size, size, 3), np.float32)
+        return Appearance(texture, (), decoded, none, ModeSeries(size, relief))
     bench = _Bench(shape, stack, picture, mask, relief, face_bytes, most_modes)
     best = bench.code(FIRST_STEP)
     for stride in STEP_STRIDES:
@@ -74,6 +77,15 @@ def code_appearance(
             if best.step != first:
                 break
     return best.appearance
+
+
+def weighting(weight: Single, mask: Single) -> tuple[Single, Single]:
+    """(k, 1) roots of what errors count, and where modes paint how much.
+
+    weight: (k,) pixels that each texel covers, less beside the face.  mask: see `face_mask`.
+    """
+    root = np.sqrt(np.maximum(weight, 1e-6))
+    return root[:, None], np.where(mask > 2 * OUTSIDE, mask, 0)[:, None]
 
 
 def fineness(atlas: Atlas, weight: Single) -> Array:
@@ -112,8 +124,7 @@ class _Bench:
         """The mean, and as many modes as fit, each found in what the coded ones leave over."""
         size, at = self.shape.atlas.size, (self.shape.atlas.rows, self.shape.atlas.columns)
         texture, mean = encode_still(self.picture, step, self.relief)
-        root = np.sqrt(np.maximum(self.stack.weight * self.mask, 1e-6))[:, None]
-        support = np.where(self.mask > 2 * OUTSIDE, self.mask, 0)[:, None]
+        root, support = weighting(self.stack.weight * self.mask, self.mask)
         planes = to_planes(self.stack.colours - mean[at]) * self.stack.seen[..., None]
         frames = (planes * root).reshape(len(planes), -1)
         remainder = Remainder(frames)
@@ -126,17 +137,18 @@ class _Bench:
             found = _fitting(series, direction, step, left - MODE_OVERHEAD)
             if found is None:
                 break
-            series, data, image = found
+            taught, data, image = found
             row = (to_planes(image[at]) * root).ravel()
             if float(row @ row) < LEAST_ENERGY:
                 break
+            series = taught
             left -= len(data) + MODE_OVERHEAD
             coded.append(data)
             images.append(image)
             remainder.explain(row)
         shown = np.array(images, np.float32).reshape(-1, size, size, 3)
         error = remainder.error if len(texture) <= self.face_bytes else np.inf
-        return _Coded(Appearance(texture, tuple(coded), mean, shown), step, error)
+        return _Coded(Appearance(texture, tuple(coded), mean, shown, series), step, error)
 
 
 def _fitting(

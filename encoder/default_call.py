@@ -34,6 +34,7 @@ from protocol.messages import (
     ControlKind,
     ControlPacket,
     FramePacket,
+    LayerPacket,
     ModelPacket,
     serialise,
 )
@@ -238,11 +239,17 @@ def send_model(
     model: ModelPacket, sink: PacketSink, tally: Tally, pacer: LayerPacer | None
 ) -> None:
     """Send a model packet, whole or the first layer of one."""
-    size = len(serialise(model))
-    tally.model_bytes += size - 1
-    tally.send(sink, model)
+    size = send_part(model, sink, tally)
     if pacer is not None:
         pacer.spent(size)
+
+
+def send_part(packet: ModelPacket | LayerPacket, sink: PacketSink, tally: Tally) -> int:
+    """Send what counts as model; returns its bytes."""
+    size = len(serialise(packet))
+    tally.model_bytes += size - 1
+    tally.send(sink, packet)
+    return size
 
 
 def send_layers(
@@ -251,8 +258,7 @@ def send_layers(
     """Send the layers that are due after a frame packet of so many bytes and seconds."""
     pacer.spent(frame_bytes)
     for layer in pacer.due(seconds):
-        tally.model_bytes += len(serialise(layer)) - 1
-        tally.send(sink, layer)
+        send_part(layer, sink, tally)
 
 
 def warn_of_missing(pacer: LayerPacer, tally: Tally) -> None:

@@ -36,7 +36,7 @@ from protocol.components import (
     with_spare,
 )
 from protocol.messages import SEQUENCE_MODULUS, CallParameters, ModelPacket
-from protocol.pictures import decode_still
+from protocol.pictures import ModeSeries, decode_still
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters
 
@@ -139,7 +139,14 @@ class Learner:
         cadence, modes = self._cadence, caller.appearance.modes
         motion = imagined(vectors, cadence.frame_step)
         # Whatever has hardly moved yet may still move.
-        components = combine(motion, harm, modes, cadence.frames_per_packet, 0.0, MEASURING_UNITS)
+        components = combine(
+            motion,
+            harm,
+            modes,
+            cadence.frames_per_packet,
+            least_spread=0.0,
+            measuring_units=MEASURING_UNITS,
+        )
         call = self._call_parameters(caller.fitted.camera.focal_px)
         background = self._background if budget.background_bytes else b""
         packet = default_model(caller, components, call, background)
@@ -166,7 +173,9 @@ class Learner:
         epoch, parts = self.in_layers(epoch)
         learned, texture = epoch.learned, parts.first.texture
         mean = decode_still("texture", texture)
-        appearance = replace(learned.caller.appearance, texture=texture, mean=mean)
+        appearance = replace(
+            learned.caller.appearance, texture=texture, mean=mean, series=ModeSeries(len(mean))
+        )
         caller = replace(learned.caller, appearance=appearance)
         return replace(epoch, learned=replace(learned, caller=caller))
 

@@ -5,31 +5,24 @@ the next mode.  It is coded as the modes of the model packet are, and goes out a
 """
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from encoder.caller import Caller, shape_free_views, sharpened_stack
-from encoder.code_appearance import FIRST_STEP, Remainder
+from encoder.code_appearance import FIRST_STEP, Remainder, weighting
 from encoder.crop import Crop
-from encoder.learn import OUTSIDE
-from encoder.model import identity_of
 from protocol.components import SPARE_HARM_GREY
-from protocol.messages import ModelPacket
 from protocol.pictures import (
     MAX_STEP,
     STEPS_PER_OCTAVE,
     ModeSeries,
-    still_head,
     to_luma,
     to_planes,
 )
-from shared_model.animate import Face
-from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
@@ -72,31 +65,20 @@ class Look:
     face: FaceParameters | None = None
 
 
-class Finder(Protocol):
-    """Finds the face in a look."""
-
-    def __call__(self, look: Look) -> FaceParameters: ...
-
-
 class Grower:
     """Finds modes that one model of a caller lacks.
 
-    model: as sent.  find: how the face is in a look, by that model.
+    find: how the face is in a look, by that model.
     """
 
-    def __init__(self, head: Head, model: ModelPacket, caller: Caller, find: Finder) -> None:
-        self._head, self._caller, self._find = head, caller, find
-        self._face = Face(head, identity_of(head, model))
+    def __init__(self, caller: Caller, find: Callable[[Look], FaceParameters]) -> None:
+        self._caller, self._find = caller, find
         appearance, shape = caller.appearance, caller.shape
         self._at = (shape.atlas.rows, shape.atlas.columns)
         self._mean = appearance.mean[self._at]
-        self._root = np.sqrt(np.maximum(caller.weight, 1e-6))[:, None]
-        self._support = np.where(caller.mask > 2 * OUTSIDE, caller.mask, 0)[:, None]
-        relief = still_head("texture", appearance.texture).relief
-        self._series = ModeSeries(shape.atlas.size, relief)
+        self._root, self._support = weighting(caller.weight, caller.mask)
+        self._series = appearance.series
         self._rows = [self._weighted(image[self._at]) for image in appearance.mode_images]
-        for number, data in enumerate(appearance.modes):
-            self._series.decode(f"mode {number}", data)
         self._coarser = 0
         self._seen: deque[Single] = deque(maxlen=round(WINDOW_S * LOOKS_PER_S))
 
@@ -116,8 +98,9 @@ class Grower:
     def _left_over(self, look: Look) -> Single:
         """(3 k,) weighted planes of what the mean leaves of a look; nothing where it is unseen."""
         crops, faces = [look.crop], [look.face or self._find(look)]
-        stack = shape_free_views(self._head, self._caller.shape, self._face, crops, faces, 1)
-        sharp = sharpened_stack(self._caller.shape, stack, crops, faces, 1)
+        shape, face = self._caller.shape, self._caller.face
+        stack = shape_free_views(face.head, shape, face, crops, faces, 1)
+        sharp = sharpened_stack(shape, stack, crops, faces, 1)
         colours = (sharp.colours[0] - self._mean) * sharp.seen[0][:, None]
         return self._weighted(np.asarray(colours, np.float32))
 

@@ -97,7 +97,7 @@ class LiveCall:
         self._number = 0  # of the next frame packet
         self._coded = 0  # source frames coded so far
         self._waiting: list[Array] = []
-        self._modes = LiveModes(self._head, float(capture.fps), self._pool)
+        self._modes = LiveModes(float(capture.fps), self._pool)
         self._predictor = FramePredictor(np.zeros((1, 5), np.uint8))
         self._cadence, self._fps = cadence, float(capture.fps)
         self._announcer = Announcer(sink, tally, cadence, self._fps, pacer)

@@ -7,7 +7,6 @@ from functools import partial
 
 from encoder.epoch import Epoch
 from encoder.grow import BYTES_PER_S, LOOKS_PER_S, WINDOW_S, Grower, Grown, Look
-from shared_model.mesh import Head
 
 # New modes come together at most this often: each costs the tracker a new template.
 EVERY_S = 0.25
@@ -19,8 +18,8 @@ class LiveModes:
     fps: of the source.  pool: where to learn; None: at once, before the next frame.
     """
 
-    def __init__(self, head: Head, fps: float, pool: Executor | None) -> None:
-        self._head, self._fps, self._pool = head, fps, pool
+    def __init__(self, fps: float, pool: Executor | None) -> None:
+        self._fps, self._pool = fps, pool
         self._recent: deque[Look] = deque(maxlen=round(WINDOW_S * LOOKS_PER_S))
         self._fresh = deque[Look](maxlen=self._recent.maxlen)
         self._grower: Grower | None = None
@@ -30,7 +29,7 @@ class LiveModes:
 
     def start(self, epoch: Epoch) -> None:
         """From now on learn what this model lacks; what is being learned is of the one before."""
-        self._grower = Grower(self._head, epoch.model, epoch.learned.caller, epoch.find)
+        self._grower = Grower(epoch.learned.caller, epoch.find)
         self._fresh.clear()
         self._fresh.extend(replace(look, face=None) for look in self._recent)
         self._learning = None

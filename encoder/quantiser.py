@@ -62,9 +62,7 @@ def code_packet(
 def _idle(predictor: FramePredictor, wanted: Integers) -> int:
     """How many of the last components do nothing before, in and after these frames."""
     used = np.abs(wanted).max(0) + np.abs(predictor.anchor)
-    if not predictor.spare or used[-1]:
-        return 0
-    return min(predictor.spare, int(np.argmax(used[::-1] > 0)) if used.any() else len(used))
+    return min(predictor.spare, len(used) - 1 - int(np.flatnonzero(used).max(initial=-1)))
 
 
 def _quantise(

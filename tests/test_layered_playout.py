@@ -84,15 +84,20 @@ def test_layers_of_an_update_wait_for_it() -> None:
     assert play(playout, [serialise(LayerPacket(2, 0, b"\xff\xff\xff\xff"))]) == []
 
 
-def test_under_an_update_nobody_has_coefficients_of_the_modes_before() -> None:
-    """Neither a face held while it is lost, nor one between the last sample and the next."""
-    update = replace(
+def following() -> ModelPacket:
+    """An update in use from the third frame packet on."""
+    return replace(
         BASE,
         sequence=2,
         layer=BASE.layer + 1,
         layers=BASE.layers + 1,
         call=replace(BASE.call, start_frame=1 + PACKED),
     )
+
+
+def test_under_an_update_nobody_has_coefficients_of_the_modes_before() -> None:
+    """Neither a face held while it is lost, nor one between the last sample and the next."""
+    update = following()
     lost = serialise(ControlPacket(0, ControlKind.LOST, 1 + PACKED))
     for control in ([lost], []):
         sent = [serialise(BASE), *frames(2), *control, serialise(update), *frames(3, first=2)]
@@ -151,13 +156,7 @@ def test_a_damaged_layer_harms_nothing() -> None:
 
 @pytest.mark.parametrize("late", [False, True])
 def test_an_update_holds_even_if_layers_ahead_of_it_were_damaged(late: bool) -> None:
-    update = replace(
-        BASE,
-        sequence=2,
-        layer=BASE.layer + 1,
-        layers=BASE.layers + 1,
-        call=replace(BASE.call, start_frame=1 + PACKED),
-    )
+    update = following()
     layer = serialise(LayerPacket(update.layer, 0, b"\xff\xff\xff\xff"))
     playout = Playout()
     play(playout, [serialise(BASE), *frames(2)])
