@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from protocol.components import parse_components
 from protocol.messages import ModelPacket, ProtocolError
-from protocol.pictures import MAGIC, ModeSeries, decode_still, still_head
+from protocol.pictures import ModeSeries, decode_still, is_still, still_head
 
 # An image of a few kilobytes may claim any size; this bounds what decoding it may allocate.
 MAX_IMAGE_SIDE_PX = 4096
@@ -97,7 +97,7 @@ def decode_image(name: str, data: bytes, limit_px: int = MAX_IMAGE_SIDE_PX) -> N
     name: what the picture is, for the message.  limit_px: longest side allowed.
     Raises `ProtocolError` if it is neither, is damaged, or is too large.
     """
-    own = data.startswith(MAGIC)
+    own = is_still(data)
     limit_px = min(limit_px, MAX_CODED_SIDE_PX) if own else limit_px
     width, height = _coded_size(name, data) if own else _webp_size(name, data)
     if not (1 <= width <= limit_px and 1 <= height <= limit_px):
@@ -115,7 +115,7 @@ def decode_image(name: str, data: bytes, limit_px: int = MAX_IMAGE_SIDE_PX) -> N
 
 def _relief(texture: bytes) -> bytes:
     """The relief that a texture's modes share with it; WebP has none."""
-    return still_head("texture", texture).relief if texture.startswith(MAGIC) else b""
+    return still_head("texture", texture).relief if is_still(texture) else b""
 
 
 def _check_square(name: str, image: NDArray[np.uint8]) -> None:

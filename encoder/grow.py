@@ -6,14 +6,14 @@ the next mode.  It is coded as the modes of the model packet are, and goes out a
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from copy import deepcopy
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from encoder.caller import Caller, shape_free_views, sharpened_stack
-from encoder.code_appearance import FIRST_STEP, Remainder, weighting
+from encoder.code_appearance import Remainder, weighting
+from encoder.code_picture import draft_mode
 from encoder.crop import Crop
 from protocol.components import SPARE_HARM_GREY
 from protocol.pictures import (
@@ -37,6 +37,8 @@ LOOKS_PER_S = 8.0
 BYTES_PER_S = 1200.0
 # A mode must explain this share of what is left over.
 LEAST_GAIN = 0.02
+# The quantiser's step for a mode as strong as frames show it, in steps of `pictures.step_size`.
+FIRST_STEP = 28
 # A mode of more bytes is coded by so many steps more coarsely, and the next one a turn finer than
 # that: soon is better than fine.
 MOST_BYTES = 300
@@ -138,9 +140,9 @@ class Grower:
         """A mode as it is coded from `step` on, and the series that it then belongs to."""
         self._coarser = max(0, self._coarser - COARSER)
         while True:
-            series = deepcopy(self._series)
+            series = self._series.copy()
             found = min(max(step + self._coarser, 0), MAX_STEP)
-            data, image = series.encode(planes, found)
-            if len(data) <= MOST_BYTES or found == MAX_STEP:
-                return series, data, image
+            draft = draft_mode(series, planes, found)
+            if draft.size_bytes <= MOST_BYTES or found == MAX_STEP:
+                return series, draft.write(), draft.colours
             self._coarser += COARSER

@@ -40,7 +40,7 @@ class Budget:
 
 BUDGETS = {
     "thesis": Budget(384, 8000, 8000),
-    "default": Budget(256, 7700, 2000, 24),
+    "default": Budget(256, 8000, 2000, 24),
 }
 
 # What a model packet holds beside its images: shape, call parameters, the components' tables.

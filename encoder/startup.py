@@ -11,6 +11,7 @@ from encoder.texture import code_background, finest_still
 from protocol.components import parse_components, serialise_components
 from protocol.layers import item
 from protocol.messages import MAX_LAYER_BYTES, LayerPacket, ModelPacket, serialise
+from protocol.subbands import TEXTURE
 
 # A first layer is no larger, and spends this much of what shape and tables leave on the texture.
 # That of an update comes when all its other layers are there: nobody sees its pictures.
@@ -50,7 +51,7 @@ def layered(
     draft = replace(model, texture=b"", background=b"", extension=extension, layered=True)
     # Byte strings beyond 255 have one more byte of length than empty ones.
     left = max(0, first_bytes - len(serialise(draft)) - 2)
-    texture = _rough(model.texture, finest_still(mean, int(TEXTURE_SHARE * left))[0])
+    texture = _rough(model.texture, finest_still(mean, int(TEXTURE_SHARE * left), kind=TEXTURE)[0])
     background = _rough(model.background, code_background(still, left - len(texture)))
     first = replace(draft, texture=texture, background=background)
     pictures = ((model.texture, texture), (model.background, background))

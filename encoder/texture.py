@@ -6,7 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.pictures import MAX_STEP, encode_still
+from encoder.code_picture import draft_still
+from protocol.pictures import MAX_STEP
+from protocol.subbands import STILL
 from shared_model import geometry
 from shared_model.appearance import Atlas
 from shared_model.geometry import Camera
@@ -198,21 +200,23 @@ def code_background(frame: Picture, max_bytes: int) -> bytes:
     return finest_still(small.astype(np.float32), max_bytes)[0]
 
 
-def finest_still(colours: Texels, max_bytes: int, relief: bytes = b"") -> tuple[bytes, Texels]:
+def finest_still(
+    colours: Texels, max_bytes: int, relief: bytes = b"", kind: int = STILL
+) -> tuple[bytes, Texels]:
     """The best coding of a picture (h, w, 3) within `max_bytes`, and what it decodes to.
 
-    At the coarsest step even if that is larger.  relief: see `encode_still`.
+    At the coarsest step even if that is larger.  relief, kind: see `draft_still`.
     """
     low, high = 0, MAX_STEP
-    best = encode_still(colours, MAX_STEP, relief)
+    best = draft_still(colours, MAX_STEP, relief, kind)
     while low < high:
         middle = (low + high) // 2
-        found = encode_still(colours, middle, relief)
-        if len(found[0]) <= max_bytes:
+        found = draft_still(colours, middle, relief, kind)
+        if found.size_bytes <= max_bytes:
             high, best = middle, found
         else:
             low = middle + 1
-    return best
+    return best.write(), best.colours
 
 
 def _scaled(frame: Picture, ratio: float) -> Picture:

@@ -21,9 +21,10 @@ from protocol.varint import MAX_VARINT, decode_varint, encode_varint
 from shared_model.geometry import Camera, normalise
 from shared_model.parameters import AAUS, EAUS, Pose
 
-# A model packet is in the oldest version that has fields for what it says.
-PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION = 2, 3, 4
-VERSIONS = PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION
+# A model packet is in the oldest version that has all it says: the thesis profile's, the default
+# profile's pictures as they are coded now, fields for layers and coded frames, and for growth.
+THESIS_VERSION, PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION = 2, 5, 6, 7
+VERSIONS = THESIS_VERSION, PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION
 PROFILES = ("thesis", "default")
 
 SEQUENCE_MODULUS = 64
@@ -319,14 +320,15 @@ def _parse_control(sequence: int, payload: bytes) -> ControlPacket:
 _KEYS = ("p", "s", "r", "f", "n", "o", "l", "a", "d", "q", "t", "e", "b", "x", "m")
 # How many of the later keys each version has.
 _LATER_KEYS = ("k", "y", "g")
-_LATER = {PLAIN_VERSION: 0, LAYERED_VERSION: 2, GROWING_VERSION: 3}
+_LATER = {THESIS_VERSION: 0, PLAIN_VERSION: 0, LAYERED_VERSION: 2, GROWING_VERSION: 3}
 
 
 def _version(packet: ModelPacket) -> int:
     if packet.growing:
         return GROWING_VERSION
-    plain = packet.call.frame_step == 1 and not packet.layered
-    return PLAIN_VERSION if plain else LAYERED_VERSION
+    if packet.layered or packet.call.frame_step != 1:
+        return LAYERED_VERSION
+    return THESIS_VERSION if packet.call.profile == "thesis" else PLAIN_VERSION
 
 
 def _keys(version: int) -> tuple[str, ...]:

@@ -1,11 +1,13 @@
 """Colour pictures in a model packet: stills and textures, and appearance modes.
 
-A still is `W`, width and height (varints), its relief behind its length (one byte), a step (one
-byte), then its wavelet coefficients; a mode is a step and its coefficients, as large as the texture
-it belongs to and under the texture's relief.  Luma and two colour differences are coded, these at
-half the size and with less weight.
+A still is a letter, `S`, or `T` if it is a face's texture, its width and height (varints), its
+relief behind its length (one byte), a step (one byte), then its wavelet coefficients; a mode is a
+step and its coefficients, as large as the texture it belongs to and under the texture's relief.
+Luma and two colour differences are coded, these at half the size and with less weight.  Which
+integers the coefficients become is the encoder's choice: `encoder.code_picture`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,32 +15,23 @@ from numpy.typing import NDArray
 
 from protocol.messages import ProtocolError
 from protocol.relief import decode_relief
+from protocol.subbands import MODE, STILL, TEXTURE, Pyramid, Series, read, restored
 from protocol.varint import decode_varint, encode_varint
-from protocol.wavelet import SubbandCoder
 
 Single = NDArray[np.float32]
 Array = NDArray[np.float64]
 
-MAGIC = b"W"
+LETTERS = {b"S": STILL, b"T": TEXTURE}
 # How much an error of each colour difference counts against one of luma: in a still it shows as a
 # blotch, in a mode it comes and goes.
 STILL_CHROMA = 0.5
 CHROMA = 0.3
+# Grey level about which a still's luma is coded.
+GREY = 128.0
 # Of 2 ** (1 / STEPS_PER_OCTAVE) each.
 STEPS_PER_OCTAVE = 8
 MAX_STEP = 80
 _LUMA = (0.114, 0.587, 0.299)
-
-
-@dataclass(frozen=True, slots=True)
-class _Kind:
-    """Grey level about which luma is coded, and weight of colour."""
-
-    offset: float
-    chroma: float
-
-
-_STILL, _MODE = _Kind(128.0, STILL_CHROMA), _Kind(0.0, CHROMA)
 
 
 def to_luma(colours: NDArray[np.floating]) -> Single:
@@ -66,27 +59,74 @@ def step_size(code: int) -> float:
     return float(2 ** (code / STEPS_PER_OCTAVE))
 
 
-def encode_still(colours: Single, step: int, relief: bytes = b"") -> tuple[bytes, Single]:
-    """The bytes of a picture (h, w, 3), BGR 0..255, and what they decode to.
+@dataclass(frozen=True, slots=True)
+class PictureFormat:
+    """How pictures of one kind and size are coded.
 
-    step: 0..MAX_STEP.  relief: see `protocol.relief`; none: equally fine everywhere.
+    kind: see `subbands.Series`.  fineness: (h, w), what planes are multiplied by.
     """
-    height, width = colours.shape[:2]
-    head = MAGIC + encode_varint(width) + encode_varint(height) + bytes([len(relief)]) + relief
-    planes = to_planes(colours, STILL_CHROMA)
-    fineness = decode_relief("still", relief, height, width)
-    data, decoded = _encode(SubbandCoder(), planes, step, _STILL, fineness)
-    return head + data, decoded
+
+    kind: int
+    fineness: Array
+
+    def planes(self, planes: Single) -> list[Array]:
+        """What is coded of a picture (h, w, 3), as `to_planes` makes it: colours at half size."""
+        offset = 0.0 if self.kind == MODE else GREY
+        luma = (planes[..., 0].astype(np.float64) - offset) * self.fineness
+        colour = [_halved(planes[..., i].astype(np.float64) * self.fineness) for i in (1, 2)]
+        return [luma, *colour]
+
+    def colours(self, pyramids: Sequence[Pyramid], step: int) -> Single:
+        """The picture (h, w, 3), BGR, of its coded planes."""
+        planes = [restored(pyramid, step_size(step)) for pyramid in pyramids]
+        height, width = self.fineness.shape
+        colour = [_enlarged(_enlarged(plane, height).T, width).T for plane in planes[1:]]
+        even = [plane / self.fineness for plane in (planes[0], *colour)]
+        even[0] += 0.0 if self.kind == MODE else GREY
+        return from_planes(np.stack(even, -1).astype(np.float32), self.chroma)
+
+    @property
+    def chroma(self) -> float:
+        """Weight of colour."""
+        return CHROMA if self.kind == MODE else STILL_CHROMA
+
+    def read(self, series: Series, name: str, data: bytes) -> Single:
+        """The next picture of a series.  Raises `ProtocolError` if `data` holds none."""
+        if not data or data[0] > MAX_STEP:
+            raise ProtocolError(f"{name} has no step of 0..{MAX_STEP}")
+        height, width = self.fineness.shape
+        half = -(-height // 2), -(-width // 2)
+        pyramids = read(series, data[1:], [(height, width), half, half])
+        return self.colours(pyramids, data[0])
 
 
 @dataclass(frozen=True, slots=True)
 class StillHead:
     """What comes before a still's coefficients, which start at byte `start`."""
 
+    kind: int
     width: int
     height: int
     relief: bytes
     start: int
+
+    def picture_format(self, name: str) -> PictureFormat:
+        """How it is coded.  name: what it is, for the message.
+
+        Raises `ProtocolError` if its relief is damaged.
+        """
+        return PictureFormat(self.kind, decode_relief(name, self.relief, self.height, self.width))
+
+
+def serialise_head(kind: int, width: int, height: int, relief: bytes) -> bytes:
+    """The bytes before a still's coefficients.  kind: `STILL` or `TEXTURE`."""
+    letter = next(letter for letter, each in LETTERS.items() if each == kind)
+    return letter + encode_varint(width) + encode_varint(height) + bytes([len(relief)]) + relief
+
+
+def is_still(data: bytes) -> bool:
+    """Whether `data` begins as a still does."""
+    return data[:1] in LETTERS
 
 
 def still_head(name: str, data: bytes) -> StillHead:
@@ -94,11 +134,11 @@ def still_head(name: str, data: bytes) -> StillHead:
 
     name: what it is, for the message.  Raises `ProtocolError` if `data` does not start with one.
     """
-    if not data.startswith(MAGIC):
+    if not is_still(data):
         raise ProtocolError(f"{name} is no picture this program knows")
     try:
-        width, used = decode_varint(data[len(MAGIC) :])
-        start = len(MAGIC) + used
+        width, used = decode_varint(data[1:])
+        start = 1 + used
         height, used = decode_varint(data[start:])
     except ValueError as error:
         raise ProtocolError(f"{name}: {error}") from error
@@ -109,7 +149,7 @@ def still_head(name: str, data: bytes) -> StillHead:
     relief = data[start + 1 : start + 1 + length]
     if start >= len(data) or len(relief) < length:
         raise ProtocolError(f"{name} ends in its head")
-    return StillHead(width, height, relief, start + 1 + length)
+    return StillHead(LETTERS[data[:1]], width, height, relief, start + 1 + length)
 
 
 def decode_still(name: str, data: bytes) -> Single:
@@ -118,8 +158,7 @@ def decode_still(name: str, data: bytes) -> Single:
     Raises `ProtocolError` if `data` is no still.  Check `still_head` first: any size is decoded.
     """
     head = still_head(name, data)
-    fineness = decode_relief(name, head.relief, head.height, head.width)
-    return _decode(SubbandCoder(), name, data[head.start :], _STILL, fineness)
+    return head.picture_format(name).read(Series(head.kind), name, data[head.start :])
 
 
 class ModeSeries:
@@ -130,42 +169,18 @@ class ModeSeries:
     """
 
     def __init__(self, size: int, relief: bytes = b"") -> None:
-        self._fineness = decode_relief("texture", relief, size, size)
-        self._coder = SubbandCoder()
+        self.format = PictureFormat(MODE, decode_relief("texture", relief, size, size))
+        self.series = Series(MODE)
 
-    def encode(self, planes: Single, step: int) -> tuple[bytes, Single]:
-        """The bytes of a mode (size, size, 3), as `to_planes` makes it, and its decoded BGR."""
-        return _encode(self._coder, planes, step, _MODE, self._fineness)
+    def copy(self) -> "ModeSeries":
+        """What can go on by itself."""
+        copied = ModeSeries.__new__(ModeSeries)
+        copied.format, copied.series = self.format, self.series.copy()
+        return copied
 
     def decode(self, name: str, data: bytes) -> Single:
-        """The mode (size, size, 3), BGR.  Raises `ProtocolError` if `data` holds none."""
-        return _decode(self._coder, name, data, _MODE, self._fineness)
-
-
-def _encode(
-    coder: SubbandCoder, planes: Single, step: int, kind: _Kind, fineness: Array
-) -> tuple[bytes, Single]:
-    luma = (planes[..., 0].astype(np.float64) - kind.offset) * fineness
-    colour = [_halved(planes[..., i].astype(np.float64) * fineness) for i in (1, 2)]
-    data, decoded = coder.encode([luma, *colour], step_size(step))
-    return bytes([step]) + data, _colours(decoded, kind, fineness)
-
-
-def _decode(coder: SubbandCoder, name: str, data: bytes, kind: _Kind, fineness: Array) -> Single:
-    if not data or data[0] > MAX_STEP:
-        raise ProtocolError(f"{name} has no step of 0..{MAX_STEP}")
-    shape = fineness.shape
-    half = -(-shape[0] // 2), -(-shape[1] // 2)
-    planes = coder.decode(data[1:], [shape, half, half], step_size(data[0]))
-    return _colours(planes, kind, fineness)
-
-
-def _colours(planes: list[Array], kind: _Kind, fineness: Array) -> Single:
-    height, width = fineness.shape
-    colour = [_enlarged(_enlarged(plane, height).T, width).T for plane in planes[1:]]
-    even = [plane / fineness for plane in (planes[0], *colour)]
-    even[0] += kind.offset
-    return from_planes(np.stack(even, -1).astype(np.float32), kind.chroma)
+        """The next mode (size, size, 3), BGR.  Raises `ProtocolError` if `data` holds none."""
+        return self.format.read(self.series, name, data)
 
 
 def _halved(plane: Array) -> Array:

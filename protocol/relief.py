@@ -8,8 +8,10 @@ when they are decoded.
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.adaptive import AdaptiveIntegers
+from protocol.entropy import RangeDecoder, RangeEncoder
 from protocol.messages import ProtocolError
-from protocol.wavelet import SubbandCoder
+from protocol.values import BitCoder
 
 Array = NDArray[np.float64]
 
@@ -22,8 +24,9 @@ RANGE_OCTAVES = (-1.0, 1.5)
 def encode_relief(fineness: Array) -> bytes:
     """The bytes of a relief (SIDE, SIDE), each value > 0 and 1 for a usual texel."""
     octaves = np.clip(np.log2(fineness), *RANGE_OCTAVES)
-    data, _ = SubbandCoder().encode([octaves], STEP_OCTAVES)
-    return data
+    coder = RangeEncoder()
+    _code(coder, np.rint(octaves / STEP_OCTAVES).astype(np.int64))
+    return coder.finish()
 
 
 def decode_relief(name: str, data: bytes, height: int, width: int) -> Array:
@@ -33,12 +36,29 @@ def decode_relief(name: str, data: bytes, height: int, width: int) -> Array:
     """
     if not data:
         return np.ones((height, width))
+    coder = RangeDecoder(data)
     try:
-        (octaves,) = SubbandCoder().decode(data, [(SIDE, SIDE)], STEP_OCTAVES)
-    except ProtocolError as error:
+        steps = _code(coder, np.zeros((SIDE, SIDE), np.int64))
+    except ValueError as error:
         raise ProtocolError(f"{name}: relief: {error}") from error
-    cells = np.exp2(np.clip(octaves, *RANGE_OCTAVES))
+    if coder.surplus:
+        raise ProtocolError(f"{name}: relief: {coder.surplus} bytes too many")
+    cells = np.exp2(np.clip(steps * STEP_OCTAVES, *RANGE_OCTAVES))
     return np.asarray(_shares(height) @ cells @ _shares(width).T)
+
+
+def _code(coder: BitCoder, steps: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Code values (SIDE, SIDE), each as what it differs from the one before it or above."""
+    integers = AdaptiveIntegers(3)
+    known = np.zeros((SIDE + 1, SIDE + 1), np.int64)
+    for i in range(SIDE):
+        for j in range(SIDE):
+            above, before = int(known[i, j + 1]), int(known[i + 1, j])
+            context = min(2, abs(above - before))
+            predicted = before if j else above
+            rest = integers.code(coder, context, int(steps[i, j]) - predicted)
+            known[i + 1, j + 1] = predicted + rest
+    return known[1:, 1:]
 
 
 def _shares(count: int) -> Array:

@@ -194,7 +194,7 @@ def test_a_version_has_its_own_fields_only() -> None:
         (bytes([0xC0]) + bytes(MAX_LAYER_BYTES + 6), "too long"),
         (bytes(2 + MAX_FRAME_PAYLOAD_BYTES), "too long"),
         (b"\x40", "version is missing"),
-        (b"\x40\x07", "version is 7"),
+        (b"\x40\x09", "version is 9"),
         (b"\x40\x02\x90", "no map"),
         (b"\x40\x02\x80", "no map"),
         (b"\x40" + bytes(MAX_MODEL_PACKET_BYTES), "too long"),

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from encoder.code_picture import draft_mode, encode_still
 from protocol.messages import ProtocolError
 from protocol.pictures import (
     MAX_STEP,
     ModeSeries,
     decode_still,
-    encode_still,
     from_planes,
     step_size,
     still_head,
@@ -17,6 +17,7 @@ from protocol.pictures import (
     to_planes,
 )
 from protocol.relief import SIDE, encode_relief
+from protocol.subbands import STILL, TEXTURE
 
 Single = NDArray[np.float32]
 
@@ -27,6 +28,14 @@ def painting(height: int, width: int) -> Single:
     picture = np.stack([60 + x, 90 + y, 120 + 0.5 * (x + y)], -1)
     picture[height // 4 : height // 2, width // 4 : width // 2] = (40, 50, 200)
     return np.asarray(np.clip(picture, 0, 255), np.float32)
+
+
+def coded(series: ModeSeries, mode: Single, step: int) -> tuple[bytes, Single]:
+    """A mode as the next of a series: its bytes, and what they decode to."""
+    draft = draft_mode(series, mode, step)
+    data = draft.write()
+    assert len(data) <= draft.size_bytes <= len(data) + 3
+    return data, draft.colours
 
 
 def error(one: Single, other: Single) -> float:
@@ -56,6 +65,13 @@ def test_a_still_decodes_to_what_its_encoder_says(height: int, width: int) -> No
     assert error(decoded, picture) < 4
 
 
+@pytest.mark.parametrize("kind", [STILL, TEXTURE])
+def test_a_texture_is_told_from_another_still(kind: int) -> None:
+    data, stated = encode_still(painting(64, 64), 16, kind=kind)
+    assert still_head("still", data).kind == kind
+    assert np.array_equal(decode_still("still", data), stated)
+
+
 def test_coarser_stills_are_smaller_and_worse() -> None:
     picture = painting(96, 96)
     found = [encode_still(picture, step) for step in (0, 16, 32, 48, MAX_STEP)]
@@ -70,7 +86,7 @@ def test_modes_decode_in_their_order() -> None:
     for number in range(4):
         mode = np.zeros((48, 48, 3), np.float32)
         mode[10:20, 5:40] = rng.normal(size=(10, 35, 3)) * 30
-        data, stated = sender.encode(mode, 24)
+        data, stated = coded(sender, mode, 24)
         assert np.array_equal(receiver.decode(f"mode {number}", data), stated)
 
 
@@ -79,16 +95,16 @@ def test_modes_decode_in_their_order() -> None:
     [
         (b"", "no picture"),
         (b"RIFF", "no picture"),
-        (b"W", "still: "),
-        (b"W\x08", "still: "),
-        (b"W\x00\x08\x10", "0x8"),
-        (b"W\x08\x00\x10", "8x0"),
-        (b"W\x08\x08", "ends in its head"),
-        (b"W\x08\x08\x02\x10", "ends in its head"),
-        (b"W\x08\x08\x00", "no step"),
-        (b"W\x08\x08\x00\x51", "no step"),
-        (b"W\x08\x08\x00\x10" + bytes(40), "too many"),
-        (b"W\x08\x08\xc8" + bytes(300), "relief"),
+        (b"S", "still: "),
+        (b"S\x08", "still: "),
+        (b"S\x00\x08\x10", "0x8"),
+        (b"S\x08\x00\x10", "8x0"),
+        (b"S\x08\x08", "ends in its head"),
+        (b"S\x08\x08\x02\x10", "ends in its head"),
+        (b"S\x08\x08\x00", "no step"),
+        (b"S\x08\x08\x00\x51", "no step"),
+        (b"S\x08\x08\x00\x10" + bytes(40), "too many"),
+        (b"S\x08\x08\xc8" + bytes(300), "relief"),
     ],
 )
 def test_what_is_no_still_is_refused(data: bytes, message: str) -> None:
@@ -111,8 +127,8 @@ def test_a_mode_is_cheaper_after_others_that_are_busy_in_the_same_places() -> No
     for _ in range(3):
         mode = np.zeros((64, 64, 3), np.float32)
         mode[20:34, 8:56] = rng.normal(size=(14, 48, 3)) * 30
-        sizes.append(len(series.encode(mode, 28)[0]))
-        alone.append(len(ModeSeries(64).encode(mode, 28)[0]))
+        sizes.append(len(coded(series, mode, 28)[0]))
+        alone.append(len(coded(ModeSeries(64), mode, 28)[0]))
     assert sizes[0] == alone[0] and sizes[2] < 0.95 * alone[2]
 
 
@@ -120,9 +136,9 @@ def test_a_mode_of_another_series_is_a_mode_or_a_protocol_error() -> None:
     rng = np.random.default_rng(9)
     modes = [rng.normal(size=(24, 24, 3)).astype(np.float32) * 30 for _ in range(4)]
     series = ModeSeries(24)
-    coded = [series.encode(mode, 20)[0] for mode in modes]
+    packets = [coded(series, mode, 20)[0] for mode in modes]
     out_of_order = ModeSeries(24)
-    for data in reversed(coded):
+    for data in reversed(packets):
         try:
             decoded = out_of_order.decode("mode", data)
         except ProtocolError:
@@ -161,7 +177,7 @@ def test_a_relief_makes_the_picture_finer_where_it_is_high() -> None:
 def test_modes_share_the_relief_of_their_texture() -> None:
     mode = np.random.default_rng(3).normal(size=(48, 48, 3)).astype(np.float32) * 40
     relief = encode_relief(hill())
-    data, stated = ModeSeries(48, relief).encode(mode, 24)
+    data, stated = coded(ModeSeries(48, relief), mode, 24)
     assert np.array_equal(ModeSeries(48, relief).decode("mode", data), stated)
     assert not np.allclose(ModeSeries(48).decode("mode", data), stated)
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from decoder.texture import MAX_CODED_SIDE_PX, decode_image
+from encoder.code_picture import encode_still
 from protocol.messages import ProtocolError
-from protocol.pictures import MAGIC, encode_still
 from protocol.varint import encode_varint
 
 
@@ -49,7 +49,7 @@ def test_a_wavelet_still_keeps_its_size_and_its_colours() -> None:
 
 @pytest.mark.parametrize("size", [(MAX_CODED_SIDE_PX + 1, 8), (8, 1 << 28)])
 def test_the_size_of_a_wavelet_still_is_bounded(size: tuple[int, int]) -> None:
-    data = MAGIC + b"".join(encode_varint(side) for side in size) + bytes(21)
+    data = b"S" + b"".join(encode_varint(side) for side in size) + bytes(21)
     with pytest.raises(ProtocolError, match=f"{size[0]}x{size[1]}, limit {MAX_CODED_SIDE_PX}"):
         decode_image("background", data)
 

@@ -1,0 +1,78 @@
+"""Pictures of the model packet, coded: stills, textures and appearance modes.
+
+A draft knows what a picture decodes to and what it costs; its bytes are made when it is sent.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.choose import Tape, choose
+from protocol.pictures import (
+    STILL_CHROMA,
+    ModeSeries,
+    PictureFormat,
+    serialise_head,
+    step_size,
+    to_planes,
+)
+from protocol.relief import decode_relief
+from protocol.subbands import STILL, Series
+from protocol.wavelet import LEVELS, transform
+
+Single = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Draft:
+    """A picture as it would be sent.
+
+    colours: (h, w, 3) float32 BGR, what it decodes to.  size_bytes: no less than it takes.
+    head: what comes before its coefficients, which are on the tape.
+    """
+
+    colours: Single
+    size_bytes: int
+    head: bytes
+    tape: Tape
+
+    def write(self) -> bytes:
+        """Its bytes."""
+        return self.head + self.tape.write()
+
+
+def draft_still(colours: Single, step: int, relief: bytes = b"", kind: int = STILL) -> Draft:
+    """A picture (h, w, 3), BGR 0..255, by itself.
+
+    step: 0..MAX_STEP.  relief: see `protocol.relief`; none: equally fine everywhere.
+    kind: `STILL` or `TEXTURE`.
+    """
+    height, width = colours.shape[:2]
+    head = serialise_head(kind, width, height, relief)
+    ours = PictureFormat(kind, decode_relief("still", relief, height, width))
+    return _draft(Series(kind), ours, to_planes(colours, STILL_CHROMA), step, head)
+
+
+def encode_still(
+    colours: Single, step: int, relief: bytes = b"", kind: int = STILL
+) -> tuple[bytes, Single]:
+    """The bytes of a picture (h, w, 3), and what they decode to; see `draft_still`."""
+    draft = draft_still(colours, step, relief, kind)
+    return draft.write(), draft.colours
+
+
+def draft_mode(modes: ModeSeries, planes: Single, step: int) -> Draft:
+    """A mode (size, size, 3), as `to_planes` makes it, as the next of `modes`; they go on to it."""
+    return _draft(modes.series, modes.format, planes, step)
+
+
+def _draft(
+    series: Series, ours: PictureFormat, planes: Single, step: int, head: bytes = b""
+) -> Draft:
+    size = step_size(step)
+    choice = choose(series, [transform(plane / size, LEVELS) for plane in ours.planes(planes)])
+    head += bytes([step])
+    # Whole bytes, and one bit more by which the end of a range is named.
+    length = len(head) + int(np.ceil((choice.bits + 1) / 8))
+    return Draft(ours.colours(choice.pyramids, step), length, head, choice.tape)

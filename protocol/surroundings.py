@@ -1,0 +1,189 @@
+"""What is known around wavelet coefficients before they are coded: the input of `protocol.foresee`.
+
+The places of a subband are coded in four turns, the corners of every 2 x 2 square one after the
+other, so that all of one turn are foretold together, later ones from all sides.  Before them come
+flags of tiles of `TILE` x `TILE` coefficients, in the same way: is there anything in it at all?
+
+Sizes are summed over a place or over the ring around it, and enter as their logarithms.  Signs are
+coded after the sizes of a turn, by the signed values around.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
+TILE = 4
+# Bands of no more coefficients have no flags of tiles.
+SMALL_BAND = 64
+# Rows and columns from which the places of each turn start; all step by two.
+TURNS = ((0, 0), (1, 1), (0, 1), (1, 0))
+# Places of a picture, by rows and by columns.
+CELLS = 16
+
+# Sizes of other bands that go with a band, at its own density; and those whose signs count too.
+SOURCES = (
+    *("parent", "around parent", "other parents", "band before", "band before that"),
+    *("pictures before", "last picture", "luma", "second colour"),
+)
+SIGNED = slice(6, 9)
+_WITH_RING = range(3, 8)
+
+# Steps in rows and columns to what is around a place, at most `_PAD` away.
+_Steps = Sequence[tuple[int, int]]
+_PAD = 2
+_HERE = [(0, 0)]
+_BESIDE, _ABOVE = [(0, -1), (0, 1)], [(-1, 0), (1, 0)]
+_DIAGONAL = [(i, j) for i in (-1, 1) for j in (-1, 1)]
+_RING = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
+_WIDE = [(i, j) for i in range(-2, 3) for j in range(-2, 3) if max(abs(i), abs(j)) == 2]
+# Sums that foretell sizes: grid 0 is the band itself, then come the sources, then the flags of
+# tiles; whether it is taken on the other side of the face; and which places.
+_OF_SIZES: list[tuple[int, bool, _Steps]] = [
+    *((0, False, steps) for steps in (_BESIDE, _ABOVE, _DIAGONAL, _WIDE)),
+    *((0, True, steps) for steps in (_HERE, _RING)),
+    *((grid, False, _HERE) for grid in range(1, len(SOURCES) + 2)),
+    *((1 + source, False, _RING) for source in _WITH_RING),
+]
+# Values that foretell signs: grid 0 is the band itself, then come the signed sources.
+_OF_SIGNS: list[tuple[int, bool, _Steps]] = [
+    *((0, False, [step]) for step in _BESIDE + _ABOVE + _DIAGONAL),
+    *((0, True, [step]) for step in _HERE + _BESIDE),
+    *((grid, False, _HERE) for grid in (1, 2, 3)),
+]
+SIZE_FEATURES, SIGN_FEATURES = len(_OF_SIZES), len(_OF_SIGNS)
+# Sixteenths of an octave above 1.
+_LOGARITHM = np.rint(16 * np.log2(1 + np.arange(1024)))
+
+
+def logarithm(size: int) -> float:
+    """A size as it enters a network."""
+    return float(_LOGARITHM[min(size, len(_LOGARITHM) - 1)])
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """Places (n,) rows and columns of a grid (h, w) that are coded together."""
+
+    number: int
+    grid: tuple[int, int]
+    rows: Integers
+    columns: Integers
+
+    @property
+    def cells(self) -> tuple[Integers, Integers]:
+        """Where in the picture they are, 0..CELLS - 1 by rows and by columns."""
+        return self.rows * CELLS // self.grid[0], self.columns * CELLS // self.grid[1]
+
+    def of(self, chosen: Bools) -> "Turn":
+        """Only some of the places."""
+        return Turn(self.number, self.grid, self.rows[chosen], self.columns[chosen])
+
+
+class Surroundings:
+    """A grid (h, w) of values that become known turn by turn.
+
+    sources: (len(SOURCES), h, w); those of `SIGNED` may be negative.
+    active: (h, w) the places that are coded.  busy: (h, w) flags of tiles around.
+    """
+
+    def __init__(self, sources: Integers, active: Bools, busy: Integers) -> None:
+        self._active = active
+        height, width = self._shape = active.shape
+        self._across = width + 2 * _PAD
+        inside = slice(_PAD, _PAD + height), slice(_PAD, _PAD + width)
+        wide = height + 2 * _PAD, self._across
+        sizes = np.zeros((len(SOURCES) + 2, *wide), np.int64)
+        sizes[(slice(1, -1), *inside)] = np.abs(sources)
+        sizes[(-1, *inside)] = busy
+        values = np.zeros((1 + SIGNED.stop - SIGNED.start, *wide), np.int64)
+        values[(slice(1, None), *inside)] = sources[SIGNED]
+        self._sizes, self._values = sizes.ravel(), values.ravel()
+        self._of_sizes, self._of_signs = _sums(self._across, wide[0] * wide[1])
+
+    def turns(self) -> Iterator[Turn]:
+        """Each turn's places; call `learn` before the next."""
+        for number, (down, right) in enumerate(TURNS):
+            rows, columns = np.nonzero(self._active[down::2, right::2])
+            if len(rows):
+                yield Turn(number, self._active.shape, 2 * rows + down, 2 * columns + right)
+
+    def learn(self, turn: Turn, values: Integers) -> None:
+        """The values (n,) of a turn's places."""
+        places = (turn.rows + _PAD) * self._across + turn.columns + _PAD
+        self._values[places] = values
+        self._sizes[places] = np.abs(values)
+
+    def around_sizes(self, turn: Turn) -> Array:
+        """(n, SIZE_FEATURES) what is known of a turn's sizes, integers."""
+        sums = np.add.reduceat(
+            self._of_sizes.take(self._sizes, self._places(turn)), self._of_sizes.starts, axis=1
+        )
+        return np.asarray(_LOGARITHM.take(sums, mode="clip"))
+
+    def around_signs(self, turn: Turn) -> Array:
+        """(n, SIGN_FEATURES) what is known of a turn's signs, integers."""
+        values = self._of_signs.take(self._values, self._places(turn))
+        return np.asarray(np.sign(values) * _LOGARITHM.take(np.abs(values), mode="clip"))
+
+    def _places(self, turn: Turn) -> Integers:
+        """(n, 2) each place, and that on the other side of the face."""
+        row = (turn.rows + _PAD) * self._across + _PAD
+        return np.array([row + turn.columns, row + self._shape[1] - 1 - turn.columns]).T
+
+
+class _Sums:
+    """Where to look for what sums consist of, in padded grids of so many places, one by one."""
+
+    def __init__(self, sums: Sequence[tuple[int, bool, _Steps]], across: int, places: int) -> None:
+        offsets = [[grid * places + i * across + j for i, j in steps] for grid, _, steps in sums]
+        self._offsets = np.array([offset for each in offsets for offset in each])
+        self._side = np.array([int(other) for _, other, steps in sums for _ in steps])
+        self.starts = np.cumsum([0, *map(len, offsets[:-1])])
+
+    def take(self, grids: Integers, places: Integers) -> Integers:
+        """(n, terms) what stands there."""
+        return np.asarray(grids.take(places.take(self._side, 1) + self._offsets))
+
+
+@lru_cache(maxsize=256)
+def _sums(across: int, places: int) -> tuple[_Sums, _Sums]:
+    """What foretells sizes and signs."""
+    return _Sums(_OF_SIZES, across, places), _Sums(_OF_SIGNS, across, places)
+
+
+def doubled(sizes: Integers, shape: tuple[int, ...]) -> Integers:
+    """Sizes at twice the density, in `shape`."""
+    return fitted(np.repeat(np.repeat(sizes, 2, 0), 2, 1), shape)
+
+
+def fitted(values: Integers, shape: tuple[int, ...]) -> Integers:
+    """Values in `shape`: cut off, or zeros beyond their end."""
+    if values.shape == shape:
+        return values
+    found = np.zeros(shape, np.int64)
+    height, width = map(min, shape, values.shape)
+    found[:height, :width] = values[:height, :width]
+    return found
+
+
+def box(sizes: Integers) -> Integers:
+    """Sums (h, w) over 3 x 3 places."""
+    height, width = sizes.shape
+    wide = np.zeros((height + 2, width + 2), np.int64)
+    wide[1:-1, 1:-1] = sizes
+    rows = wide[:-2] + wide[1:-1] + wide[2:]
+    return np.asarray(rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:])
+
+
+def by_tile(sizes: Integers) -> Integers:
+    """Sums (..., ceil(h / TILE), ceil(w / TILE)) of sizes (..., h, w)."""
+    height, width = sizes.shape[-2:]
+    rows, columns = range(0, height, TILE), range(0, width, TILE)
+    return np.asarray(np.add.reduceat(np.add.reduceat(sizes, rows, -2), columns, -1))

@@ -1,0 +1,254 @@
+"""Train the networks that foretell wavelet coefficients, on the pictures in call files.
+
+    for clip in CLIPS; do for bytes in 10000 7000; do
+        risorius encode $clip --model-bytes $bytes -o calls/$clip.$bytes.rzo; done; done
+    python scripts/train_foresight.py calls/*.rzo --held-out others/*.rzo
+
+writes protocol/data/foresight.npz and prints how many bits the pictures of either set take under
+it.  Who is in a table of results should be held out.  Adam (Kingma & Ba 2015), one hidden layer.
+"""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.components import parse_components
+from protocol.foresee import (
+    CLASSES,
+    HIDDEN_BITS,
+    LOGIT_BITS,
+    PARTS,
+    STARTS,
+    WEIGHT_BITS,
+    Networks,
+    Site,
+)
+from protocol.messages import ModelPacket, parse_packet
+from protocol.pictures import still_head
+from protocol.recording import CallReader
+from protocol.subbands import MODE, STEP_OUTPUTS, UNARY, Pyramid, Series, read
+from protocol.surroundings import Surroundings, Turn, by_tile, logarithm
+
+Array = NDArray[np.float32]
+Integers = NDArray[np.int64]
+OUTPUT = Path(__file__).parents[1] / "protocol" / "data" / "foresight.npz"
+# Of the networks of tiles, sizes and signs: hidden values, rounds, decay of the weights.
+HIDDEN, ROUNDS, DECAY = (16, 40, 24), (6, 14, 12), (0.0, 0.0, 1e-3)
+BATCH, RATE, SEED = 8192, 6e-3, 1
+# Features are sixteenths of an octave.
+SCALE = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """What is known of places, and what was there.
+
+    features: (n, f) int16.  classes: (n, c) uint8.  sizes: (n,) uint8.
+    """
+
+    features: NDArray[np.int16]
+    classes: NDArray[np.uint8]
+    sizes: NDArray[np.uint8]
+
+    def __len__(self) -> int:
+        return len(self.sizes)
+
+
+def joined(samples: Sequence[Samples]) -> Samples:
+    """All of them."""
+    return Samples(
+        np.concatenate([each.features for each in samples]),
+        np.concatenate([each.classes for each in samples]),
+        np.concatenate([each.sizes for each in samples]),
+    )
+
+
+class Recorder(Series):
+    """A series that keeps what its networks were asked."""
+
+    def __init__(self, kind: int) -> None:
+        super().__init__(kind)
+        self.asked: list[tuple[int, Site, Turn, NDArray[np.float64]]] = []
+
+    def _tiles(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
+        self.asked.append((0, site, turn, around.around_sizes(turn)))
+        return super()._tiles(around, site, turn)
+
+    def _sizes(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
+        self.asked.append((1, site, turn, around.around_sizes(turn)))
+        return super()._sizes(around, site, turn)
+
+    def _signs(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
+        self.asked.append((2, site, turn, around.around_signs(turn)))
+        return super()._signs(around, site, turn)
+
+    def samples(self, pyramids: Sequence[Pyramid]) -> Iterator[tuple[int, Samples]]:
+        """What was asked since, and what the answers were in the picture that was read."""
+        for network, site, turn, features in self.asked:
+            band = pyramids[site.plane].band(site)
+            if network == 0:
+                found = by_tile(np.abs(band))[turn.rows, turn.columns] > 0
+            else:
+                values = band[turn.rows, turn.columns]
+                found = values < 0 if network == 2 else np.abs(values)
+            known = _all_features(features, site, turn), _classes(site, turn)
+            yield network, Samples(*known, np.minimum(found, UNARY).astype(np.uint8))
+        self.asked.clear()
+
+
+def _all_features(features: NDArray[np.float64], site: Site, turn: Turn) -> NDArray[np.int16]:
+    whole = [[logarithm(site.pictures), logarithm(turn.grid[0])]] * len(features)
+    return np.concatenate([features, np.array(whole)], 1).astype(np.int16)
+
+
+def _classes(site: Site, turn: Turn) -> NDArray[np.uint8]:
+    own = [site.kind, site.plane, site.level, site.orientation, turn.number]
+    places = [np.full(len(turn.rows), each) for each in own]
+    return np.asarray(np.column_stack([*places, *turn.cells]) + np.array(STARTS), np.uint8)
+
+
+def read_call(path: Path) -> tuple[list[Samples], ...]:
+    """What the pictures of a call file's model packets hold, for each network."""
+    found: tuple[list[Samples], ...] = ([], [], [])
+
+    def keep(recorder: Recorder, pyramids: Sequence[Pyramid]) -> None:
+        for network, samples in recorder.samples(pyramids):
+            found[network].append(samples)
+
+    reader = CallReader(path)
+    while (data := reader.receive()) is not None:
+        packet = parse_packet(data)
+        if not isinstance(packet, ModelPacket):
+            continue
+        for still in (packet.background, packet.texture):
+            head = still_head("still", still)
+            recorder = Recorder(head.kind)
+            keep(recorder, read(recorder, still[head.start + 1 :], shapes(head.width, head.height)))
+        recorder = Recorder(MODE)
+        for mode in parse_components(packet.extension).modes:
+            keep(recorder, read(recorder, mode[1:], shapes(head.width, head.height)))
+    return found
+
+
+def shapes(width: int, height: int) -> list[tuple[int, int]]:
+    """Of luma and colours."""
+    half = -(-height // 2), -(-width // 2)
+    return [(height, width), half, half]
+
+
+@dataclass(frozen=True, slots=True)
+class Weights:
+    """first: (f + CLASSES, h).  last: (h + 1, outputs)."""
+
+    first: Array
+    last: Array
+
+
+def train(samples: Samples, hidden: int, outputs: int, rounds: int, decay: float) -> Weights:
+    """The weights under which the samples take the fewest bits."""
+    rng = np.random.default_rng(SEED)
+    inputs = samples.features.shape[1] + CLASSES
+    scales = np.where(np.arange(inputs) < inputs - CLASSES, 0.15, 0.05)[:, None]
+    weights = Weights(
+        (scales * rng.normal(size=(inputs, hidden))).astype(np.float32),
+        (0.2 * rng.normal(size=(hidden + 1, outputs))).astype(np.float32),
+    )
+    parts = (weights.first, weights.last)
+    means, squares = ([np.zeros_like(part) for part in parts] for _ in range(2))
+    batches = len(samples) // BATCH
+    for turn in range(rounds):
+        order = rng.permutation(len(samples))
+        for number in range(batches):
+            chosen = order[number * BATCH : (number + 1) * BATCH]
+            slopes = gradient(weights, samples, chosen)
+            step = turn * batches + number + 1
+            rate = RATE * (1 + np.cos(np.pi * step / (rounds * batches))) / 2
+            for part, slope, mean, square in zip(parts, slopes, means, squares, strict=True):
+                mean += 0.1 * (slope - mean)
+                square += 0.003 * (slope**2 - square)
+                usual = np.sqrt(square / (1 - 0.997**step)) + 1e-8
+                part -= rate * (mean / (1 - 0.9**step) / usual + decay * part)
+    return weights
+
+
+def gradient(weights: Weights, samples: Samples, chosen: Integers) -> tuple[Array, Array]:
+    """Slopes of the chosen samples' mean code length."""
+    given, hidden, stops = forward(weights, samples, chosen)
+    stopped, asked = outcomes(samples.sizes[chosen], weights.last.shape[1])
+    error = ((stops * asked - stopped) / len(chosen)).astype(np.float32)
+    back = (error @ weights.last[:-1].T) * (hidden > 0)
+    ahead = np.concatenate([hidden.T @ error, error.sum(0, keepdims=True)])
+    return given.T @ back, ahead
+
+
+def forward(weights: Weights, samples: Samples, chosen: Integers) -> tuple[Array, Array, Array]:
+    """Inputs (n, i), hidden values (n, h) and probabilities (n, outputs) of zeros."""
+    count = samples.features.shape[1]
+    given = np.zeros((len(chosen), count + CLASSES), np.float32)
+    given[:, :count] = samples.features[chosen] / np.float32(SCALE)
+    given[np.arange(len(chosen))[:, None], count + samples.classes[chosen]] = 1
+    hidden = np.maximum(given @ weights.first, 0)
+    logits = hidden @ weights.last[:-1] + weights.last[-1]
+    return given, hidden, 1 / (1 + np.exp(-np.clip(logits, -30, 30)))
+
+
+def outcomes(sizes: NDArray[np.uint8], outputs: int) -> tuple[Array, Array]:
+    """(n, outputs) how often each output's answer was to stop, and how often it was asked."""
+    if outputs == 1:
+        return (sizes == 0)[:, None].astype(np.float32), np.ones((len(sizes), 1), np.float32)
+    steps = np.eye(outputs, dtype=np.float32)[list(STEP_OUTPUTS)]
+    unary = np.minimum(sizes, UNARY - 1)
+    return steps[unary], np.cumsum(steps, axis=0)[unary]
+
+
+def bits(weights: Weights, samples: Samples) -> float:
+    """What the samples take."""
+    total = 0.0
+    for start in range(0, len(samples), 8 * BATCH):
+        chosen = np.arange(start, min(start + 8 * BATCH, len(samples)))
+        stops = np.clip(forward(weights, samples, chosen)[2], 4e-4, 1 - 4e-4)
+        stopped, asked = outcomes(samples.sizes[chosen], weights.last.shape[1])
+        total -= float((stopped * np.log2(stops) + (asked - stopped) * np.log2(1 - stops)).sum())
+    return total
+
+
+def rounded(weights: Weights) -> dict[str, NDArray[np.int32]]:
+    """The weights as `foresee.Network` takes them."""
+    count = len(weights.first) - CLASSES
+    unit, hidden_unit = 2**WEIGHT_BITS, 2**HIDDEN_BITS
+    logit_unit = 2 ** (LOGIT_BITS + WEIGHT_BITS)
+    last = weights.last * logit_unit
+    last[:-1] /= hidden_unit
+    parts = (weights.first[:count] * unit / SCALE, weights.first[count:] * unit, last)
+    return {name: np.rint(part).astype(np.int32) for name, part in zip(PARTS, parts, strict=True)}
+
+
+def main() -> None:
+    """Read calls, train, write, report."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("calls", nargs="+", type=Path, help="call files to learn from")
+    parser.add_argument(
+        "--held-out", nargs="*", type=Path, default=[], help="call files to judge by"
+    )
+    arguments = parser.parse_args()
+    calls, others = ([read_call(p) for p in ps] for ps in (arguments.calls, arguments.held_out))
+    stored: dict[str, NDArray[np.int32]] = {}
+    outputs = (1, len(set(STEP_OUTPUTS)), 1)
+    for index, name in enumerate(Networks.__slots__):
+        ours = joined([samples for call in calls for samples in call[index]])
+        weights = train(ours, HIDDEN[index], outputs[index], ROUNDS[index], DECAY[index])
+        stored |= {f"{name}_{part}": values for part, values in rounded(weights).items()}
+        print(f"{name}: {bits(weights, ours) / len(ours):.4f} bits each of {len(ours)}", end="")
+        if others:
+            rest = joined([samples for call in others for samples in call[index]])
+            print(f", held out {bits(weights, rest) / len(rest):.4f} of {len(rest)}", end="")
+        print(flush=True)
+    np.savez_compressed(OUTPUT, allow_pickle=False, **stored)
+
+
+if __name__ == "__main__":
+    main()
