@@ -90,7 +90,8 @@ class Network:
 
 def _squashed() -> Integers:
     logits = np.arange(-LOGITS, LOGITS + 1) / 2**LOGIT_BITS
-    return np.clip(np.rint(WHOLE / (1 + np.exp(-logits))), _LEAST, WHOLE - _LEAST).astype(np.int64)
+    zeros = np.rint(WHOLE / (1 + np.exp(-logits)))
+    return np.asarray(np.clip(zeros, _LEAST, WHOLE - _LEAST), np.int64)
 
 
 _SQUASHED = _squashed()

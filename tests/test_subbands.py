@@ -7,7 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from encoder.choose import choose
-from protocol.foresee import LOGITS, WHOLE, Network, Site, networks
+from protocol.entropy import WHOLE
+from protocol.foresee import LOGITS, Network, Site, networks
 from protocol.messages import ProtocolError
 from protocol.subbands import MODE, STILL, TEXTURE, Pyramid, Series, blank, read, restored
 from protocol.surroundings import SIZE_FEATURES, SOURCES, Surroundings, Turn
