@@ -1,11 +1,11 @@
 """Which integers a picture's wavelet coefficients become: rate-distortion optimised.
 
-Each coefficient takes the nearest integer, the one below, or zero: what costs least of squared
-error, in steps, and `LAGRANGIAN` times bits, by the very probabilities that will code it.
+A coefficient takes the nearest integer, the one below, or zero: what costs least of squared error,
+in steps, and `LAGRANGIAN` times bits, by the very probabilities that will code it.  Of a still's
+coarsest subband it takes the nearest; a tile without a coefficient worth it is left out.
 """
 
 from collections.abc import Callable, Sequence
-from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
 
@@ -13,19 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.adaptive import AdaptiveIntegers
-from protocol.entropy import WHOLE, RangeEncoder
-from protocol.foresee import Site
-from protocol.subbands import (
+from protocol.coefficients import (
+    MAX_SIZE,
     STEP_OUTPUTS,
-    TOWARDS_ZERO,
     UNARY,
-    Pyramid,
-    Series,
-    blank,
     code_bits_each,
     code_coarse,
     code_sizes,
 )
+from protocol.entropy import WHOLE, RangeEncoder
+from protocol.foresee import Site
+from protocol.subbands import TOWARDS_ZERO, Pyramid, Series
 from protocol.surroundings import Turn, by_tile
 from protocol.values import BitCoder
 
@@ -44,26 +42,17 @@ _STEPS = np.array(STEP_OUTPUTS)
 _GOES_ON = np.cumsum(np.eye(_STEPS.max() + 1)[_STEPS], axis=0) - np.eye(_STEPS.max() + 1)[_STEPS]
 
 
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """A picture's integers, what is to be coded, and about how many bits that takes."""
-
-    pyramids: list[Pyramid]
-    tape: "Tape"
-
-    @property
-    def bits(self) -> float:
-        """About what it costs."""
-        return self.tape.bits
-
-
-def choose(series: Series, coefficients: Sequence[tuple[Array, list[list[Array]]]]) -> Choice:
+def choose(
+    series: Series, coefficients: Sequence[tuple[Array, list[list[Array]]]]
+) -> tuple[list[Pyramid], "Tape"]:
     """The integers of a picture's planes as the next of `series`, which goes on to it.
 
     coefficients: of each plane in steps, as `wavelet.transform` has them.
     """
     tape = Tape()
-    return Choice(series.code([_Bands(tape, *plane) for plane in coefficients]), tape)
+    pyramids = series.code([_Chooser(tape, *plane) for plane in coefficients])
+    series.learn(pyramids)
+    return pyramids, tape
 
 
 class Tape:
@@ -86,63 +75,62 @@ class Tape:
         return coder.finish()
 
 
-class _BitCounter:
-    """A coder that only counts."""
+class _Pairs:
+    """A coder that keeps what it is given: bits, and their probabilities of a zero."""
 
     def __init__(self) -> None:
-        self.bits = 0.0
+        self._kept: list[tuple[int, int]] = []
 
     def code_bit(self, bit: int, zero: int) -> int:
-        """Add what `bit` costs; returns it."""
-        self.bits += float(_ZERO_BITS[WHOLE - zero if bit else zero])
+        """Keep `bit`; returns it."""
+        self._kept.append((bit, zero))
         return bit
+
+    @property
+    def both(self) -> tuple[Integers, Integers]:
+        """(n,) bits, and (n,) probabilities."""
+        bits, zeros = np.array(self._kept, np.int64).reshape(-1, 2).T
+        return bits, zeros
 
 
 @dataclass(frozen=True, slots=True)
-class _Bands:
-    """The bands of one plane: coefficients in steps."""
+class _Chooser:
+    """Decides on a plane; its coefficients in steps, as `wavelet.transform` has them."""
 
     tape: Tape
     rough: Array
     details: list[list[Array]]
 
     @property
-    def pyramid(self) -> Pyramid:
+    def shape(self) -> tuple[int, int]:
         right, down, _ = self.details[-1]
-        return blank((len(right) + len(down), right.shape[1] + down.shape[1]))
+        return len(right) + len(down), right.shape[1] + down.shape[1]
 
-    def coarse(self, integers: AdaptiveIntegers, context: int) -> Integers:
-        values, counter = np.rint(self.rough).astype(np.int64), _BitCounter()
-        code_coarse(counter, deepcopy(integers), context, values)
-        self.tape.add(lambda coder: code_coarse(coder, integers, context, values), counter.bits)
+    def coarse(self, empty: Integers, integers: AdaptiveIntegers, context: int) -> Integers:
+        pairs = _Pairs()
+        values = code_coarse(pairs, integers, context, np.rint(self.rough).astype(np.int64))
+        self._certain(*pairs.both)
         return values
 
-    def band(self, site: Site) -> "_Band":
-        values = self.details[site.level - 1][site.orientation] if site.level else self.rough
-        return _Band(self.tape, values)
-
-
-@dataclass(frozen=True, slots=True)
-class _Band:
-    """One band; values: (h, w) coefficients in steps."""
-
-    tape: Tape
-    values: Array
-
-    def flags(self, zeros: Integers, turn: Turn) -> Integers:
-        worth = by_tile((np.abs(self.values) > WORTH_A_TILE).astype(np.int64))
+    def flags(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
+        worth = by_tile((np.abs(self._band(site)) > WORTH_A_TILE).astype(np.int64))
         return self._certain((worth[turn.rows, turn.columns] > 0).astype(np.int64), zeros)
 
-    def sizes(self, zeros: Integers, turn: Turn) -> Integers:
-        wanted = np.abs(self.values[turn.rows, turn.columns])
+    def sizes(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
+        wanted = np.abs(self._band(site)[turn.rows, turn.columns])
         sizes, bits = np.zeros(len(wanted), np.int64), _ZERO_BITS.take(zeros[:, 0])
         some = np.flatnonzero(wanted > 0.5)
-        sizes[some], bits[some] = _cheapest(wanted[some], zeros[some])
+        shift = TOWARDS_ZERO if site.level else 0.0
+        sizes[some], bits[some] = _cheapest(wanted[some], zeros[some], shift)
         self.tape.add(partial(code_sizes, sizes=sizes, zeros=zeros), float(bits.sum()))
-        return sizes.copy()
+        return sizes
 
-    def signs(self, zeros: Integers, turn: Turn) -> Integers:
-        return self._certain((self.values[turn.rows, turn.columns] < 0).astype(np.int64), zeros)
+    def signs(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
+        negative = self._band(site)[turn.rows, turn.columns] < 0
+        return self._certain(negative.astype(np.int64), zeros)
+
+    def _band(self, site: Site) -> Array:
+        return self.details[site.level - 1][site.orientation] if site.level else self.rough
 
     def _certain(self, bits: Integers, zeros: Integers) -> Integers:
         """Bits that leave no choice."""
@@ -151,9 +139,12 @@ class _Band:
         return bits
 
 
-def _cheapest(wanted: Array, zeros: Integers) -> tuple[Integers, Array]:
-    """(n,) sizes for coefficients of `wanted` > 0.5 steps, and their bits without signs."""
-    nearest = np.floor(wanted + 0.5).astype(np.int64)
+def _cheapest(wanted: Array, zeros: Integers, shift: float) -> tuple[Integers, Array]:
+    """(n,) sizes for coefficients of `wanted` > 0.5 steps, and their bits without signs.
+
+    shift: by how much nearer to zero a size is restored.
+    """
+    nearest = np.minimum(np.floor(wanted + 0.5), MAX_SIZE).astype(np.int64)
     stop, on = _ZERO_BITS.take(zeros), _ZERO_BITS.take(WHOLE - zeros)
     sizes = np.array([nearest, nearest - 1, np.zeros_like(nearest)])
     unary = np.minimum(sizes, UNARY - 1)
@@ -163,6 +154,6 @@ def _cheapest(wanted: Array, zeros: Integers) -> tuple[Integers, Array]:
     beyond = (2 * length + 1) * (sizes >= UNARY)
     last = _STEPS.take(unary)
     bits = steps + np.where(sizes < UNARY, stop[every, last], on[every, last]) + beyond
-    error = (wanted - sizes + TOWARDS_ZERO * (sizes > 0)) ** 2
+    error = (wanted - sizes + shift * (sizes > 0)) ** 2
     best = (error + LAGRANGIAN * (bits + SIGN_BITS * (sizes > 0))).argmin(0)
     return sizes[best, every], bits[best, every]

@@ -15,9 +15,9 @@ from encoder.code_picture import Draft, draft_mode, draft_still
 from encoder.learn import OUTSIDE, Stack
 from encoder.shape_free import ShapeFree
 from encoder.texture import fill, finest_still
+from protocol.foresee import TEXTURE
 from protocol.pictures import MAX_STEP, ModeSeries, to_planes
 from protocol.relief import SIDE, encode_relief
-from protocol.subbands import TEXTURE
 from shared_model.appearance import Atlas
 
 Array = NDArray[np.float64]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.choose import Tape, choose
+from protocol.foresee import STILL
 from protocol.pictures import (
-    STILL_CHROMA,
     ModeSeries,
     PictureFormat,
     serialise_head,
@@ -18,7 +18,7 @@ from protocol.pictures import (
     to_planes,
 )
 from protocol.relief import decode_relief
-from protocol.subbands import STILL, Series
+from protocol.subbands import Series
 from protocol.wavelet import LEVELS, transform
 
 Single = NDArray[np.float32]
@@ -51,7 +51,7 @@ def draft_still(colours: Single, step: int, relief: bytes = b"", kind: int = STI
     height, width = colours.shape[:2]
     head = serialise_head(kind, width, height, relief)
     ours = PictureFormat(kind, decode_relief("still", relief, height, width))
-    return _draft(Series(kind), ours, to_planes(colours, STILL_CHROMA), step, head)
+    return _draft(Series(kind), ours, to_planes(colours, ours.chroma), step, head)
 
 
 def encode_still(
@@ -71,8 +71,9 @@ def _draft(
     series: Series, ours: PictureFormat, planes: Single, step: int, head: bytes = b""
 ) -> Draft:
     size = step_size(step)
-    choice = choose(series, [transform(plane / size, LEVELS) for plane in ours.planes(planes)])
+    coefficients = [transform(plane / size, LEVELS) for plane in ours.planes(planes)]
+    pyramids, tape = choose(series, coefficients)
     head += bytes([step])
-    # Whole bytes, and one bit more by which the end of a range is named.
-    length = len(head) + int(np.ceil((choice.bits + 1) / 8))
-    return Draft(ours.colours(choice.pyramids, step), length, head, choice.tape)
+    # One bit more, for what the coder's integers round.
+    length = len(head) + int(np.ceil((tape.bits + 1) / 8))
+    return Draft(ours.colours(pyramids, step), length, head, tape)

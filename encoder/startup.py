@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from encoder.rate import OVERHEAD_BYTES
 from encoder.texture import code_background, finest_still
 from protocol.components import parse_components, serialise_components
+from protocol.foresee import TEXTURE
 from protocol.layers import item
 from protocol.messages import MAX_LAYER_BYTES, LayerPacket, ModelPacket, serialise
-from protocol.subbands import TEXTURE
 
 # A first layer is no larger, and spends this much of what shape and tables leave on the texture.
 # That of an update comes when all its other layers are there: nobody sees its pictures.

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.code_picture import draft_still
+from protocol.foresee import STILL
 from protocol.pictures import MAX_STEP
-from protocol.subbands import STILL
 from shared_model import geometry
 from shared_model.appearance import Atlas
 from shared_model.geometry import Camera

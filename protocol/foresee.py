@@ -1,8 +1,10 @@
 """How large a wavelet coefficient will be, foretold by a small network from what is around it.
 
-One hidden layer; weights, inputs and outputs are integers and so are all sums, far below 2 ** 53:
-floating point is exact and both ends find the same probabilities.  Trained by
-`scripts/train_foresight.py`.
+One hidden layer; weights and inputs are integers and so are all sums, far below 2 ** 53: floating
+point is exact and both ends find the same probabilities.  The tables of logarithms and of logits
+come out of `log2` and `exp`, none of whose values lies within 3e-4 of where it would round to
+another integer.  The weights are part of the format: others need other version numbers.  Trained
+by `scripts/train_foresight.py`.
 """
 
 from dataclasses import dataclass
@@ -13,27 +15,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.entropy import WHOLE
-from protocol.surroundings import CELLS, Turn, logarithm
+from protocol.surroundings import CELLS, TURNS, Turn, logarithm
+from protocol.wavelet import LEVELS
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-KINDS, PLANES, LEVELS, ORIENTATIONS, TURNS = 3, 3, 6, 4, 4
-STARTS = np.cumsum([0, KINDS, PLANES, LEVELS, ORIENTATIONS, TURNS, CELLS]).tolist()
+# Kinds of pictures, and the orientation of the coarsest subband, which comes after the details'.
+STILL, TEXTURE, MODE = range(3)
+COARSE = 3
+# How many kinds, planes, levels with the coarsest, orientations and turns there are, and where the
+# weights of each start; those of places by rows and by columns come last.
+_COUNTS = (3, 3, 1 + LEVELS, 1 + COARSE, len(TURNS), CELLS)
+STARTS = np.cumsum([0, *_COUNTS]).tolist()
 CLASSES = STARTS[-1] + CELLS
-MOST_KNOWN = 1 << 14
-# Weights are in 1 / 2 ** _WEIGHT_BITS, hidden values in 1 / 2 ** _HIDDEN_BITS of an octave/16.
+# A hidden value is in 1 / 2 ** HIDDEN_BITS of an octave of size, a logit in 1 / 2 ** LOGIT_BITS;
+# weights that make either have WEIGHT_BITS more.
 WEIGHT_BITS, HIDDEN_BITS, LOGIT_BITS = 13, 4, 8
+# Bounds the sums, whatever the weights.
 MOST_HIDDEN = 1 << 14
-LOGITS = 10 << LOGIT_BITS
-_LEAST = 24
+# Nothing is surer than the least probability, in 1 / 65536, which logits beyond these have.
+LOGITS = 8 << LOGIT_BITS
+LEAST = 24
 PARTS = ("features", "classes", "last")
 
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """Where a band belongs: kind of picture, plane, level and orientation, indices.
+    """Where a band belongs.
 
+    kind: `STILL`, `TEXTURE` or `MODE`.  plane: luma, then two colours.  level: 0 is the coarsest
+    subband, 1 the coarsest details.  orientation: of details 0..2, or `COARSE`.
     pictures: how many of the series come before.
     """
 
@@ -43,25 +55,34 @@ class Site:
     orientation: int
     pictures: int = 0
 
+    def classes(self, turn: Turn) -> list[int]:
+        """Rows of a network's weights that hold for all places of a turn."""
+        own = (self.kind, self.plane, self.level, self.orientation, turn.number)
+        return [start + index for start, index in zip(STARTS[: len(own)], own, strict=True)]
+
+    def features(self, turn: Turn) -> list[float]:
+        """What is known of all places of a turn, beside what is around them."""
+        return [logarithm(self.pictures), logarithm(turn.grid[0])]
+
 
 class Network:
     """Probabilities from what is around.
 
-    features: (f + 2, h) weights of features, the last two of the number of pictures before and of
-    the grid's height.  classes: (CLASSES, h) what a place belongs to.  last: (h + 1, outputs).
+    features: (f + 2, h) weights of features, the last two of `Site.features`.
+    classes: (CLASSES, h) weights of what a place belongs to.  last: (h + 1, outputs).
     """
 
     def __init__(self, features: Array, classes: Array, last: Array) -> None:
         self._features, self._of_all, self._classes = features[:-2], features[-2:], classes
         self._last, self._added = last[:-1], last[-1]
         self._rows, self._columns = classes[STARTS[-2] : STARTS[-1]], classes[STARTS[-1] :]
-        self._known: dict[tuple[Site, int, int], Array] = {}
 
     def zeros(self, features: Array, site: Site, turn: Turn) -> Integers:
         """(n, outputs) the probability of a zero, in 1 / 65536, from features (n, f)."""
         rows, columns = turn.cells
         hidden = features @ self._features
-        hidden += self._offset(site, turn.number, turn.grid[0])
+        hidden += self._classes[site.classes(turn)].sum(0)
+        hidden += np.array(site.features(turn)) @ self._of_all
         hidden += self._rows.take(rows, 0)
         hidden += self._columns.take(columns, 0)
         hidden *= 2.0 ** (HIDDEN_BITS - WEIGHT_BITS)
@@ -74,24 +95,11 @@ class Network:
         found = _SQUASHED.take(logits.astype(np.int64) + LOGITS, mode="clip")
         return np.asarray(found, np.int64)
 
-    def _offset(self, site: Site, turn: int, height: int) -> Array:
-        """(h,) what is the same for all places of a turn."""
-        known = self._known.get((site, turn, height))
-        if known is None:
-            own = (site.kind, site.plane, site.level, site.orientation, turn)
-            rows = [start + index for start, index in zip(STARTS[:-2], own, strict=True)]
-            both = np.array([logarithm(site.pictures), logarithm(height)])
-            known = self._classes[rows].sum(0) + both @ self._of_all
-            if len(self._known) >= MOST_KNOWN:
-                self._known.clear()
-            self._known[site, turn, height] = known
-        return known
-
 
 def _squashed() -> Integers:
     logits = np.arange(-LOGITS, LOGITS + 1) / 2**LOGIT_BITS
     zeros = np.rint(WHOLE / (1 + np.exp(-logits)))
-    return np.asarray(np.clip(zeros, _LEAST, WHOLE - _LEAST), np.int64)
+    return np.asarray(np.clip(zeros, LEAST, WHOLE - LEAST), np.int64)
 
 
 _SQUASHED = _squashed()

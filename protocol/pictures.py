@@ -13,15 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.foresee import MODE, STILL, TEXTURE
 from protocol.messages import ProtocolError
 from protocol.relief import decode_relief
-from protocol.subbands import MODE, STILL, TEXTURE, Pyramid, Series, read, restored
+from protocol.subbands import Pyramid, Series, read, restored
 from protocol.varint import decode_varint, encode_varint
 
 Single = NDArray[np.float32]
 Array = NDArray[np.float64]
 
-LETTERS = {b"S": STILL, b"T": TEXTURE}
+LETTERS = {STILL: b"S", TEXTURE: b"T"}
+_KINDS = {letter: kind for kind, letter in LETTERS.items()}
 # How much an error of each colour difference counts against one of luma: in a still it shows as a
 # blotch, in a mode it comes and goes.
 STILL_CHROMA = 0.5
@@ -94,10 +96,14 @@ class PictureFormat:
         """The next picture of a series.  Raises `ProtocolError` if `data` holds none."""
         if not data or data[0] > MAX_STEP:
             raise ProtocolError(f"{name} has no step of 0..{MAX_STEP}")
-        height, width = self.fineness.shape
-        half = -(-height // 2), -(-width // 2)
-        pyramids = read(series, data[1:], [(height, width), half, half])
+        pyramids = read(series, name, data[1:], plane_shapes(*self.fineness.shape))
         return self.colours(pyramids, data[0])
+
+
+def plane_shapes(height: int, width: int) -> list[tuple[int, int]]:
+    """Of luma and colours of a picture."""
+    half = -(-height // 2), -(-width // 2)
+    return [(height, width), half, half]
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,13 +126,14 @@ class StillHead:
 
 def serialise_head(kind: int, width: int, height: int, relief: bytes) -> bytes:
     """The bytes before a still's coefficients.  kind: `STILL` or `TEXTURE`."""
-    letter = next(letter for letter, each in LETTERS.items() if each == kind)
-    return letter + encode_varint(width) + encode_varint(height) + bytes([len(relief)]) + relief
+    return (
+        LETTERS[kind] + encode_varint(width) + encode_varint(height) + bytes([len(relief)]) + relief
+    )
 
 
 def is_still(data: bytes) -> bool:
     """Whether `data` begins as a still does."""
-    return data[:1] in LETTERS
+    return data[:1] in _KINDS
 
 
 def still_head(name: str, data: bytes) -> StillHead:
@@ -149,7 +156,7 @@ def still_head(name: str, data: bytes) -> StillHead:
     relief = data[start + 1 : start + 1 + length]
     if start >= len(data) or len(relief) < length:
         raise ProtocolError(f"{name} ends in its head")
-    return StillHead(LETTERS[data[:1]], width, height, relief, start + 1 + length)
+    return StillHead(_KINDS[data[:1]], width, height, relief, start + 1 + length)
 
 
 def decode_still(name: str, data: bytes) -> Single:

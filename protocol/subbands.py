@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.adaptive import AdaptiveIntegers
-from protocol.entropy import WHOLE, RangeDecoder
-from protocol.foresee import Site, networks
+from protocol.coefficients import code_bits_each, code_coarse, code_sizes
+from protocol.entropy import RangeDecoder
+from protocol.foresee import COARSE, MODE, Site, networks
 from protocol.messages import ProtocolError
 from protocol.surroundings import (
     SMALL_BAND,
-    SOURCES,
     TILE,
+    Source,
     Surroundings,
     Turn,
     box,
@@ -27,20 +28,12 @@ from protocol.surroundings import (
     doubled,
     fitted,
 )
-from protocol.values import BitCoder, code_bits
 from protocol.wavelet import LEVELS, inverse_transform
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Shape = tuple[int, int]
 
-STILL, TEXTURE, MODE = range(3)
-COARSE = 3
-# Sizes are coded step by step up to this one, what is above by Elias' gamma code; and which output
-# of the network foretells each step.
-UNARY = 60
-STEP_OUTPUTS = (0, 1, 2, 3, 3, 4, 4, 4, 4, *[5] * (UNARY - 9))
-MAX_LENGTH = 14
 # Coefficients of a size lie a little nearer to zero than its middle.
 TOWARDS_ZERO = 0.05
 
@@ -57,36 +50,28 @@ class Pyramid:
         return self.details[site.level - 1][site.orientation] if site.level else self.coarse
 
 
-class Band(Protocol):
-    """One band as it is coded: an encoder knows it, a decoder reads it."""
+class PlaneCoder(Protocol):
+    """Codes one plane, in order: an encoder decides what comes, a decoder reads it."""
 
-    def flags(self, zeros: Integers, turn: Turn) -> Integers:
+    @property
+    def shape(self) -> Shape:
+        """Of the plane."""
+        ...
+
+    def coarse(self, empty: Integers, integers: AdaptiveIntegers, context: int) -> Integers:
+        """The coarsest subband of a still, in the shape of `empty`; see `code_coarse`."""
+        ...
+
+    def flags(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
         """(n,) 0 or 1 for tiles, 0 with probability zeros (n,) / 65536."""
         ...
 
-    def sizes(self, zeros: Integers, turn: Turn) -> Integers:
-        """(n,) sizes of coefficients; zeros (n, SIZE_OUTPUTS) see `foresee.Networks`."""
+    def sizes(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
+        """(n,) sizes of coefficients; zeros (n, outputs) see `foresee.Networks`."""
         ...
 
-    def signs(self, zeros: Integers, turn: Turn) -> Integers:
+    def signs(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
         """(n,) 0, or 1 for a negative one, of the coefficients that are not zero."""
-        ...
-
-
-class Bands(Protocol):
-    """The bands of one plane."""
-
-    @property
-    def pyramid(self) -> Pyramid:
-        """Of these shapes."""
-        ...
-
-    def coarse(self, integers: AdaptiveIntegers, context: int) -> Integers:
-        """The coarsest subband, predicted from its neighbours."""
-        ...
-
-    def band(self, site: Site) -> Band:
-        """The next band."""
         ...
 
 
@@ -94,7 +79,7 @@ class Bands(Protocol):
 class Series:
     """Pictures of one kind and size, coded one after the other; each foretells the next.
 
-    kind: STILL, TEXTURE or MODE.
+    kind: see `foresee.Site`.
     """
 
     kind: int
@@ -106,39 +91,50 @@ class Series:
         """What can go on by itself."""
         return replace(self)
 
-    def code(self, planes: Sequence[Bands]) -> list[Pyramid]:
+    def expect(self, shapes: Sequence[Shape]) -> None:
+        """Raise `ValueError` if planes of `shapes` are no further picture of this series."""
+        known = [_details_shape(pyramid) for pyramid in self._last]
+        if self.pictures and known != [_details_shape(blank(shape)) for shape in shapes]:
+            raise ValueError("pictures of one series differ in size")
+
+    def code(self, planes: Sequence[PlaneCoder]) -> list[Pyramid]:
         """Code a picture: luma, then colours at half its size.
 
-        Raises `ValueError` if its size is not that of the pictures before.
+        The series is as it was, see `learn`.  Raises `ValueError` as `expect` and the coders do.
         """
+        self.expect([plane.shape for plane in planes])
         integers = AdaptiveIntegers(2)
         coded: list[Pyramid] = []
-        for plane, bands in enumerate(planes):
-            coded.append(self._plane(plane, bands, coded, integers))
+        for index, plane in enumerate(planes):
+            coded.append(self._plane(index, plane, coded, integers))
+        return coded
+
+    def learn(self, coded: list[Pyramid]) -> None:
+        """Go on to the picture that was coded."""
         sizes = [_map(np.abs, pyramid) for pyramid in coded]
         if self.pictures:
             sizes = [_map(np.add, *pair) for pair in zip(self._totals, sizes, strict=True)]
         self._last, self._totals = coded, sizes
         self.pictures += 1
-        return coded
 
     def _plane(
-        self, plane: int, bands: Bands, before: Sequence[Pyramid], integers: AdaptiveIntegers
+        self, plane: int, coder: PlaneCoder, before: Sequence[Pyramid], integers: AdaptiveIntegers
     ) -> Pyramid:
+        empty = blank(coder.shape)
         site = Site(self.kind, plane, 0, COARSE, self.pictures)
         if self.kind == MODE:
-            sources = self._sources(site, bands.pyramid.coarse.shape, [], [], before)
-            coarse = self._band(bands.band(site), site, sources)
+            sources = self._sources(site, empty.coarse.shape, [], [], before)
+            coarse = self._band(coder, site, sources)
         else:
-            coarse = bands.coarse(integers, int(plane > 0))
+            coarse = coder.coarse(empty.coarse, integers, int(plane > 0))
         details: list[list[Integers]] = []
         parents: list[Integers] = []
-        for level, blanks in enumerate(bands.pyramid.details, 1):
+        for level, blanks in enumerate(empty.details, 1):
             done: list[Integers] = []
-            for orientation, empty in enumerate(blanks):
+            for orientation, band in enumerate(blanks):
                 site = Site(self.kind, plane, level, orientation, self.pictures)
-                sources = self._sources(site, empty.shape, parents, done, before)
-                done.append(self._band(bands.band(site), site, sources))
+                sources = self._sources(site, band.shape, parents, done, before)
+                done.append(self._band(coder, site, sources))
             details.append(done)
             parents = [np.abs(band) for band in done]
         return Pyramid(coarse, details)
@@ -151,68 +147,71 @@ class Series:
         done: list[Integers],
         before: Sequence[Pyramid],
     ) -> Integers:
-        """(SOURCES, h, w) sizes that go with a band."""
-        sources = np.zeros((len(SOURCES), *shape), np.int64)
+        """(len(Source), h, w) what goes with a band."""
+        sources = np.zeros((len(Source), *shape), np.int64)
         if parents:
             own = parents[site.orientation]
             others = sum(
                 fitted(p, own.shape) for i, p in enumerate(parents) if i != site.orientation
             )
-            for index, sizes in enumerate((own, box(own) - own, others)):
-                sources[index] = doubled(np.asarray(sizes), shape)
+            sources[Source.PARENT] = doubled(own, shape)
+            sources[Source.AROUND_PARENT] = doubled(box(own) - own, shape)
+            sources[Source.OTHER_PARENTS] = doubled(np.asarray(others), shape)
         for index, band in enumerate(reversed(done)):
-            sources[3 + index] = fitted(np.abs(band), shape)
+            sources[Source.BAND_BEFORE + index] = fitted(np.abs(band), shape)
         if self.pictures:
-            last = self._last[site.plane].band(site)
-            if last.shape != shape:
-                raise ValueError("pictures of one series differ in size")
-            sources[5], sources[6] = self._totals[site.plane].band(site), last
+            sources[Source.PICTURES_BEFORE] = self._totals[site.plane].band(site)
+            sources[Source.LAST_PICTURE] = self._last[site.plane].band(site)
         if site.plane and site.level > 1:
-            sources[7] = fitted(before[0].band(replace(site, level=site.level - 1)), shape)
+            finer = replace(site, level=site.level - 1)
+            sources[Source.LUMA] = fitted(before[0].band(finer), shape)
         if site.plane > 1:
-            sources[8] = before[1].band(site)
+            sources[Source.FIRST_COLOUR] = before[1].band(site)
         return sources
 
-    def _band(self, band: Band, site: Site, sources: Integers) -> Integers:
+    def _band(self, coder: PlaneCoder, site: Site, sources: Integers) -> Integers:
         shape = sources.shape[1:]
         if not shape[0] * shape[1]:
             return np.zeros(shape, np.int64)
-        flags = self._flags(band, site, by_tile(np.abs(sources)))
+        flags = self._flags(coder, site, by_tile(np.abs(sources)))
         active = np.repeat(np.repeat(flags, TILE, 0), TILE, 1)[: shape[0], : shape[1]]
         busy = np.repeat(np.repeat(box(flags), TILE, 0), TILE, 1)
         result = np.zeros(shape, np.int64)
         around = Surroundings(sources, active > 0, busy[: shape[0], : shape[1]])
         for turn in around.turns():
-            values = band.sizes(self._sizes(around, site, turn), turn)
+            values = coder.sizes(site, self.foretold_sizes(around, site, turn), turn).copy()
             some = values > 0
             if some.any():
                 signed = turn.of(some)
-                negative = band.signs(self._signs(around, site, signed), signed)
-                values[some] *= 1 - 2 * negative
+                zeros = self.foretold_signs(around, site, signed)
+                values[some] *= 1 - 2 * coder.signs(site, zeros, signed)
             around.learn(turn, values)
             result[turn.rows, turn.columns] = values
         return result
 
-    def _flags(self, band: Band, site: Site, sources: Integers) -> Integers:
+    def _flags(self, coder: PlaneCoder, site: Site, sources: Integers) -> Integers:
         """Which tiles of a band hold anything."""
         grid = sources.shape[1:]
         if grid[0] * grid[1] * TILE**2 <= SMALL_BAND:
             return np.ones(grid, np.int64)
         flags = np.zeros(grid, np.int64)
-        around = Surroundings(sources, np.ones(grid, bool), flags)
+        around = Surroundings(sources, np.ones(grid, bool), np.zeros(grid, np.int64))
         for turn in around.turns():
-            found = band.flags(self._tiles(around, site, turn), turn)
+            found = coder.flags(site, self.foretold_tiles(around, site, turn), turn)
             around.learn(turn, found)
             flags[turn.rows, turn.columns] = found
         return flags
 
-    def _tiles(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
+    def foretold_tiles(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
+        """(n,) probabilities that tiles hold nothing."""
         return networks().tiles.zeros(around.around_sizes(turn), site, turn)[:, 0]
 
-    def _sizes(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
+    def foretold_sizes(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
+        """(n, outputs) probabilities of sizes, see `foresee.Networks`."""
         return networks().sizes.zeros(around.around_sizes(turn), site, turn)
 
-    def _signs(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
+    def foretold_signs(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
+        """(n,) probabilities that coefficients are positive."""
         return networks().signs.zeros(around.around_signs(turn), site, turn)[:, 0]
 
 
@@ -228,6 +227,10 @@ def blank(shape: Shape) -> Pyramid:
     return Pyramid(np.zeros((height, width), np.int64), levels[::-1])
 
 
+def _details_shape(pyramid: Pyramid) -> list[Shape]:
+    return [band.shape for band in pyramid.details[-1]]
+
+
 def _map(function: Callable[..., Integers], *pyramids: Pyramid) -> Pyramid:
     """A function of the bands of pyramids, band by band."""
     coarse = function(*(pyramid.coarse for pyramid in pyramids))
@@ -236,97 +239,41 @@ def _map(function: Callable[..., Integers], *pyramids: Pyramid) -> Pyramid:
     return Pyramid(coarse, details)
 
 
-def code_coarse(
-    coder: BitCoder, integers: AdaptiveIntegers, context: int, coarse: Integers
-) -> Integers:
-    """The coarsest subband of a still, each value predicted from the plane through its neighbours.
-
-    A decoder ignores the values of `coarse`.  Returns the values coded.
-    """
-    height, width = coarse.shape
-    known = np.zeros((height + 1, width + 1), dtype=np.int64)
-    for i in range(height):
-        for j in range(width):
-            around = known[i, j + 1], known[i + 1, j], known[i, j]
-            predicted = sum(around[:2]) - around[2] if i and j else sum(around)
-            rest = integers.code(coder, context, int(coarse[i, j] - predicted))
-            known[i + 1, j + 1] = predicted + rest
-    return known[1:, 1:]
-
-
-def code_bits_each(coder: BitCoder, bits: Integers, zeros: Integers) -> Integers:
-    """Bits (n,), each 0 with probability zeros (n,) / 65536; a decoder ignores them.
-
-    Returns the bits coded.
-    """
-    pairs = zip(bits.tolist(), zeros.tolist(), strict=True)
-    return np.array([coder.code_bit(bit, zero) for bit, zero in pairs], np.int64)
-
-
-def code_sizes(coder: BitCoder, sizes: Integers, zeros: Integers) -> Integers:
-    """Sizes (n,) of coefficients; zeros (n, SIZE_OUTPUTS) of them as `foresee.Networks` has them.
-
-    A decoder ignores `sizes`.  Returns the sizes coded.
-    Raises `ValueError` if a decoder reads one that no encoder writes.
-    """
-    pairs = zip(sizes.tolist(), zeros.tolist(), strict=True)
-    return np.array([_code_size(coder, size, zero) for size, zero in pairs], np.int64)
-
-
-def _code_size(coder: BitCoder, size: int, zeros: list[int]) -> int:
-    reached = 0
-    while reached < UNARY and coder.code_bit(int(size > reached), zeros[STEP_OUTPUTS[reached]]):
-        reached += 1
-    return reached if reached < UNARY else UNARY + _code_excess(coder, size - UNARY)
-
-
-def _code_excess(coder: BitCoder, excess: int) -> int:
-    """Elias' gamma code of `excess` >= 0."""
-    size, length = excess + 1, 0
-    while coder.code_bit(int(size >> length > 1), WHOLE // 2):
-        length += 1
-        if length > MAX_LENGTH:
-            raise ValueError("a value is too large")
-    return (1 << length | code_bits(coder, size, length)) - 1
-
-
 @dataclass(frozen=True, slots=True)
-class _Reading:
-    """The bands of one plane as a decoder reads them."""
+class _Reader:
+    """Reads a plane of `shape`."""
 
     coder: RangeDecoder
-    pyramid: Pyramid
+    shape: Shape
 
-    def coarse(self, integers: AdaptiveIntegers, context: int) -> Integers:
-        return code_coarse(self.coder, integers, context, self.pyramid.coarse)
+    def coarse(self, empty: Integers, integers: AdaptiveIntegers, context: int) -> Integers:
+        return code_coarse(self.coder, integers, context, empty)
 
-    def band(self, site: Site) -> "_ReadingBand":
-        return _ReadingBand(self.coder)
+    def flags(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
+        return code_bits_each(self.coder, np.zeros_like(zeros), zeros)
 
-
-@dataclass(frozen=True, slots=True)
-class _ReadingBand:
-    coder: RangeDecoder
-
-    def flags(self, zeros: Integers, turn: Turn) -> Integers:
-        return code_bits_each(self.coder, np.zeros(len(zeros), np.int64), zeros)
-
-    def sizes(self, zeros: Integers, turn: Turn) -> Integers:
+    def sizes(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
         return code_sizes(self.coder, np.zeros(len(zeros), np.int64), zeros)
 
-    def signs(self, zeros: Integers, turn: Turn) -> Integers:
-        return code_bits_each(self.coder, np.zeros(len(zeros), np.int64), zeros)
+    def signs(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
+        return code_bits_each(self.coder, np.zeros_like(zeros), zeros)
 
 
-def read(series: Series, data: bytes, shapes: Sequence[Shape]) -> list[Pyramid]:
-    """The planes of `shapes` that `data` holds.  Raises `ProtocolError` if it holds none."""
+def read(series: Series, name: str, data: bytes, shapes: Sequence[Shape]) -> list[Pyramid]:
+    """The planes of `shapes` that `data` holds, the next picture of `series`.
+
+    name: what it is, for the message.  Raises `ProtocolError` if `data` holds none; then the series
+    is as it was.
+    """
+    series.expect(shapes)
     coder = RangeDecoder(data)
     try:
-        pyramids = series.code([_Reading(coder, blank(shape)) for shape in shapes])
+        pyramids = series.code([_Reader(coder, shape) for shape in shapes])
     except ValueError as error:
-        raise ProtocolError(f"picture: {error}") from error
+        raise ProtocolError(f"{name}: {error}") from error
     if coder.surplus:
-        raise ProtocolError(f"picture: {coder.surplus} bytes too many")
+        raise ProtocolError(f"{name}: {coder.surplus} bytes too many")
+    series.learn(pyramids)
     return pyramids
 
 

@@ -10,6 +10,7 @@ coded after the sizes of a turn, by the signed values around.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import lru_cache
 
 import numpy as np
@@ -27,13 +28,23 @@ TURNS = ((0, 0), (1, 1), (0, 1), (1, 0))
 # Places of a picture, by rows and by columns.
 CELLS = 16
 
-# Sizes of other bands that go with a band, at its own density; and those whose signs count too.
-SOURCES = (
-    *("parent", "around parent", "other parents", "band before", "band before that"),
-    *("pictures before", "last picture", "luma", "second colour"),
-)
-SIGNED = slice(6, 9)
-_WITH_RING = range(3, 8)
+
+class Source(IntEnum):
+    """Other bands that go with a band, at its own density: sizes, from `LAST_PICTURE` on values."""
+
+    PARENT = 0
+    AROUND_PARENT = 1
+    OTHER_PARENTS = 2
+    BAND_BEFORE = 3
+    BAND_BEFORE_THAT = 4
+    PICTURES_BEFORE = 5
+    LAST_PICTURE = 6
+    LUMA = 7
+    FIRST_COLOUR = 8
+
+
+_SIGNED = slice(Source.LAST_PICTURE, None)
+_WITH_RING = range(Source.BAND_BEFORE, Source.LUMA + 1)
 
 # Steps in rows and columns to what is around a place, at most `_PAD` away.
 _Steps = Sequence[tuple[int, int]]
@@ -48,7 +59,7 @@ _WIDE = [(i, j) for i in range(-2, 3) for j in range(-2, 3) if max(abs(i), abs(j
 _OF_SIZES: list[tuple[int, bool, _Steps]] = [
     *((0, False, steps) for steps in (_BESIDE, _ABOVE, _DIAGONAL, _WIDE)),
     *((0, True, steps) for steps in (_HERE, _RING)),
-    *((grid, False, _HERE) for grid in range(1, len(SOURCES) + 2)),
+    *((grid, False, _HERE) for grid in range(1, len(Source) + 2)),
     *((1 + source, False, _RING) for source in _WITH_RING),
 ]
 # Values that foretell signs: grid 0 is the band itself, then come the signed sources.
@@ -89,7 +100,7 @@ class Turn:
 class Surroundings:
     """A grid (h, w) of values that become known turn by turn.
 
-    sources: (len(SOURCES), h, w); those of `SIGNED` may be negative.
+    sources: (len(Source), h, w); from `LAST_PICTURE` on they may be negative.
     active: (h, w) the places that are coded.  busy: (h, w) flags of tiles around.
     """
 
@@ -99,11 +110,11 @@ class Surroundings:
         self._across = width + 2 * _PAD
         inside = slice(_PAD, _PAD + height), slice(_PAD, _PAD + width)
         wide = height + 2 * _PAD, self._across
-        sizes = np.zeros((len(SOURCES) + 2, *wide), np.int64)
+        sizes = np.zeros((len(Source) + 2, *wide), np.int64)
         sizes[(slice(1, -1), *inside)] = np.abs(sources)
         sizes[(-1, *inside)] = busy
-        values = np.zeros((1 + SIGNED.stop - SIGNED.start, *wide), np.int64)
-        values[(slice(1, None), *inside)] = sources[SIGNED]
+        values = np.zeros((1 + len(Source) - Source.LAST_PICTURE, *wide), np.int64)
+        values[(slice(1, None), *inside)] = sources[_SIGNED]
         self._sizes, self._values = sizes.ravel(), values.ravel()
         self._of_sizes, self._of_signs = _sums(self._across, wide[0] * wide[1])
 

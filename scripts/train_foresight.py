@@ -4,8 +4,10 @@
         risorius encode $clip --model-bytes $bytes -o calls/$clip.$bytes.rzo; done; done
     python scripts/train_foresight.py calls/*.rzo --held-out others/*.rzo
 
-writes protocol/data/foresight.npz and prints how many bits the pictures of either set take under
-it.  Who is in a table of results should be held out.  Adam (Kingma & Ba 2015), one hidden layer.
+writes protocol/data/foresight.npz and prints how many bits a decision takes in either set, before
+the weights are rounded.  Who is in a table of results should be held out.  Calls are read by the
+weights in place, and no longer when those are replaced: encode them again, and give the format new
+version numbers.  Adam (Kingma & Ba 2015), one hidden layer.
 """
 
 import argparse
@@ -16,11 +18,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.coefficients import STEP_OUTPUTS, UNARY
 from protocol.components import parse_components
+from protocol.entropy import WHOLE
 from protocol.foresee import (
     CLASSES,
     HIDDEN_BITS,
+    LEAST,
     LOGIT_BITS,
+    MODE,
     PARTS,
     STARTS,
     WEIGHT_BITS,
@@ -28,10 +34,10 @@ from protocol.foresee import (
     Site,
 )
 from protocol.messages import ModelPacket, parse_packet
-from protocol.pictures import still_head
+from protocol.pictures import plane_shapes, still_head
 from protocol.recording import CallReader
-from protocol.subbands import MODE, STEP_OUTPUTS, UNARY, Pyramid, Series, read
-from protocol.surroundings import Surroundings, Turn, by_tile, logarithm
+from protocol.subbands import Pyramid, Series, read
+from protocol.surroundings import Surroundings, Turn, by_tile
 
 Array = NDArray[np.float32]
 Integers = NDArray[np.int64]
@@ -74,17 +80,17 @@ class Recorder(Series):
         super().__init__(kind)
         self.asked: list[tuple[int, Site, Turn, NDArray[np.float64]]] = []
 
-    def _tiles(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
+    def foretold_tiles(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
         self.asked.append((0, site, turn, around.around_sizes(turn)))
-        return super()._tiles(around, site, turn)
+        return super().foretold_tiles(around, site, turn)
 
-    def _sizes(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
+    def foretold_sizes(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
         self.asked.append((1, site, turn, around.around_sizes(turn)))
-        return super()._sizes(around, site, turn)
+        return super().foretold_sizes(around, site, turn)
 
-    def _signs(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
+    def foretold_signs(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
         self.asked.append((2, site, turn, around.around_signs(turn)))
-        return super()._signs(around, site, turn)
+        return super().foretold_signs(around, site, turn)
 
     def samples(self, pyramids: Sequence[Pyramid]) -> Iterator[tuple[int, Samples]]:
         """What was asked since, and what the answers were in the picture that was read."""
@@ -101,14 +107,14 @@ class Recorder(Series):
 
 
 def _all_features(features: NDArray[np.float64], site: Site, turn: Turn) -> NDArray[np.int16]:
-    whole = [[logarithm(site.pictures), logarithm(turn.grid[0])]] * len(features)
-    return np.concatenate([features, np.array(whole)], 1).astype(np.int16)
+    whole = np.array([site.features(turn)] * len(features))
+    return np.concatenate([features, whole], 1).astype(np.int16)
 
 
 def _classes(site: Site, turn: Turn) -> NDArray[np.uint8]:
-    own = [site.kind, site.plane, site.level, site.orientation, turn.number]
-    places = [np.full(len(turn.rows), each) for each in own]
-    return np.asarray(np.column_stack([*places, *turn.cells]) + np.array(STARTS), np.uint8)
+    same = np.array([site.classes(turn)] * len(turn.rows))
+    cells = np.column_stack(turn.cells) + np.array(STARTS[-2:])
+    return np.concatenate([same, cells], 1).astype(np.uint8)
 
 
 def read_call(path: Path) -> tuple[list[Samples], ...]:
@@ -124,25 +130,25 @@ def read_call(path: Path) -> tuple[list[Samples], ...]:
         packet = parse_packet(data)
         if not isinstance(packet, ModelPacket):
             continue
+        if packet.call.profile != "default":
+            raise SystemExit(f"{path} is of the {packet.call.profile} profile, expected default")
         for still in (packet.background, packet.texture):
             head = still_head("still", still)
             recorder = Recorder(head.kind)
-            keep(recorder, read(recorder, still[head.start + 1 :], shapes(head.width, head.height)))
+            shapes = plane_shapes(head.height, head.width)
+            keep(recorder, read(recorder, "still", still[head.start + 1 :], shapes))
         recorder = Recorder(MODE)
         for mode in parse_components(packet.extension).modes:
-            keep(recorder, read(recorder, mode[1:], shapes(head.width, head.height)))
+            keep(recorder, read(recorder, "mode", mode[1:], shapes))
     return found
-
-
-def shapes(width: int, height: int) -> list[tuple[int, int]]:
-    """Of luma and colours."""
-    half = -(-height // 2), -(-width // 2)
-    return [(height, width), half, half]
 
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """first: (f + CLASSES, h).  last: (h + 1, outputs)."""
+    """A network before its weights are rounded.
+
+    first: (f + CLASSES, h).  last: (h + 1, outputs).
+    """
 
     first: Array
     last: Array
@@ -160,6 +166,8 @@ def train(samples: Samples, hidden: int, outputs: int, rounds: int, decay: float
     parts = (weights.first, weights.last)
     means, squares = ([np.zeros_like(part) for part in parts] for _ in range(2))
     batches = len(samples) // BATCH
+    if not batches:
+        raise SystemExit(f"{len(samples)} samples, expected at least {BATCH}: give more calls")
     for turn in range(rounds):
         order = rng.permutation(len(samples))
         for number in range(batches):
@@ -210,7 +218,7 @@ def bits(weights: Weights, samples: Samples) -> float:
     total = 0.0
     for start in range(0, len(samples), 8 * BATCH):
         chosen = np.arange(start, min(start + 8 * BATCH, len(samples)))
-        stops = np.clip(forward(weights, samples, chosen)[2], 4e-4, 1 - 4e-4)
+        stops = np.clip(forward(weights, samples, chosen)[2], LEAST / WHOLE, 1 - LEAST / WHOLE)
         stopped, asked = outcomes(samples.sizes[chosen], weights.last.shape[1])
         total -= float((stopped * np.log2(stops) + (asked - stopped) * np.log2(1 - stops)).sum())
     return total
@@ -247,7 +255,8 @@ def main() -> None:
             rest = joined([samples for call in others for samples in call[index]])
             print(f", held out {bits(weights, rest) / len(rest):.4f} of {len(rest)}", end="")
         print(flush=True)
-    np.savez_compressed(OUTPUT, allow_pickle=False, **stored)
+    # Its type stubs take the arrays for other arguments.
+    np.savez_compressed(OUTPUT, **stored)  # type: ignore[arg-type]
 
 
 if __name__ == "__main__":

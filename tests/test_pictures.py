@@ -5,6 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from encoder.code_picture import draft_mode, encode_still
+from protocol.foresee import STILL, TEXTURE
 from protocol.messages import ProtocolError
 from protocol.pictures import (
     MAX_STEP,
@@ -17,7 +18,6 @@ from protocol.pictures import (
     to_planes,
 )
 from protocol.relief import SIDE, encode_relief
-from protocol.subbands import STILL, TEXTURE
 
 Single = NDArray[np.float32]
 
