@@ -377,6 +377,11 @@ def _parse_model(sequence: int, payload: bytes) -> ModelPacket:
         max_ext_len=0,
     )
     packet = _model_from_fields(sequence, _keys(version), fields)
+    if version == THESIS_VERSION and packet.call.profile != "thesis":
+        raise ValueError(
+            f"format version is {version}, of the default profile this program reads"
+            f" {', '.join(map(str, VERSIONS[1:]))}"
+        )
     # One encoding only: no longer integers, doubles or another order of keys for the same packet.
     if serialise(packet)[1:] != payload:
         raise ValueError("not in the one encoding of its fields")

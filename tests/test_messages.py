@@ -17,6 +17,7 @@ from protocol.messages import (
     MAX_LAYER_BYTES,
     MAX_MODEL_PACKET_BYTES,
     PLAIN_VERSION,
+    THESIS_VERSION,
     CallParameters,
     ControlKind,
     ControlPacket,
@@ -167,6 +168,16 @@ def test_growing_is_yes_or_no() -> None:
         parse_packet(model_of_fields({"g": 1}, GOLDEN["model_growing"]))
     with pytest.raises(ProtocolError, match="one encoding"):
         parse_packet(model_of_fields({"g": False}, GOLDEN["model_growing"]))
+
+
+def test_the_default_profile_of_an_older_program_is_refused_by_its_version() -> None:
+    assert MODEL.call.profile == "thesis"
+    default = replace(MODEL, call=replace(MODEL.call, profile="default"))
+    assert parse_packet(serialise(default)) == default
+    data = bytearray(serialise(default))
+    data[1] = THESIS_VERSION
+    with pytest.raises(ProtocolError, match="version is 2, of the default profile"):
+        parse_packet(bytes(data))
 
 
 def test_a_version_has_its_own_fields_only() -> None:
