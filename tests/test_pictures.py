@@ -17,7 +17,7 @@ from protocol.pictures import (
     to_luma,
     to_planes,
 )
-from protocol.relief import SIDE, encode_relief
+from protocol.relief import RANGE_OCTAVES, SIDE, STEP_OCTAVES, decode_relief, encode_relief
 
 Single = NDArray[np.float32]
 
@@ -190,3 +190,18 @@ def hill() -> NDArray[np.float64]:
 
 def flip(data: bytes, place: int, bit: int) -> bytes:
     return data[:place] + bytes([data[place] ^ 1 << bit]) + data[place + 1 :]
+
+
+@pytest.mark.parametrize(
+    ("data", "message"), [(b"\xff" * 200, "texture: relief: .* too large"), (None, "too many")]
+)
+def test_what_is_no_relief_is_refused(data: bytes | None, message: str) -> None:
+    damaged = encode_relief(hill()) + bytes(20) if data is None else data
+    with pytest.raises(ProtocolError, match=message):
+        decode_relief("texture", damaged, 16, 16)
+
+
+def test_a_relief_comes_back_within_half_a_step() -> None:
+    fineness = np.exp2(np.random.default_rng(5).uniform(*RANGE_OCTAVES, (SIDE, SIDE)))
+    found = np.log2(decode_relief("texture", encode_relief(fineness), SIDE, SIDE))
+    assert np.abs(found - np.log2(fineness)).max() <= STEP_OCTAVES / 2 + 1e-9
