@@ -6,7 +6,7 @@ coarsest subband it takes the nearest; a tile without a coefficient worth it is 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -23,7 +23,7 @@ from protocol.coefficients import (
 )
 from protocol.entropy import WHOLE, RangeEncoder
 from protocol.foresee import Site
-from protocol.subbands import TOWARDS_ZERO, Pyramid, Series
+from protocol.subbands import TOWARDS_ZERO, Pyramid, Series, plane_shape
 from protocol.surroundings import Turn, by_tile
 from protocol.values import BitCoder
 
@@ -100,11 +100,11 @@ class _Chooser:
     tape: Tape
     rough: Array
     details: list[list[Array]]
+    _worth: dict[Site, Integers] = field(default_factory=dict)
 
     @property
     def shape(self) -> tuple[int, int]:
-        right, down, _ = self.details[-1]
-        return len(right) + len(down), right.shape[1] + down.shape[1]
+        return plane_shape(self.details)
 
     def coarse(self, empty: Integers, integers: AdaptiveIntegers, context: int) -> Integers:
         pairs = _Pairs()
@@ -113,8 +113,10 @@ class _Chooser:
         return values
 
     def flags(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
-        worth = by_tile((np.abs(self._band(site)) > WORTH_A_TILE).astype(np.int64))
-        return self._certain((worth[turn.rows, turn.columns] > 0).astype(np.int64), zeros)
+        if site not in self._worth:
+            worth = by_tile((np.abs(self._band(site)) > WORTH_A_TILE).astype(np.int64))
+            self._worth[site] = (worth > 0).astype(np.int64)
+        return self._certain(self._worth[site][turn.rows, turn.columns], zeros)
 
     def sizes(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
         wanted = np.abs(self._band(site)[turn.rows, turn.columns])
@@ -130,7 +132,7 @@ class _Chooser:
         return self._certain(negative.astype(np.int64), zeros)
 
     def _band(self, site: Site) -> Array:
-        return self.details[site.level - 1][site.orientation] if site.level else self.rough
+        return site.of(self.rough, self.details)
 
     def _certain(self, bits: Integers, zeros: Integers) -> Integers:
         """Bits that leave no choice."""

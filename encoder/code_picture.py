@@ -28,14 +28,19 @@ Single = NDArray[np.float32]
 class Draft:
     """A picture as it would be sent.
 
-    colours: (h, w, 3) float32 BGR, what it decodes to.  size_bytes: no less than it takes.
+    colours: (h, w, 3) float32 BGR, what it decodes to.
     head: what comes before its coefficients, which are on the tape.
     """
 
     colours: Single
-    size_bytes: int
     head: bytes
     tape: Tape
+
+    @property
+    def size_bytes(self) -> int:
+        """No less than it takes."""
+        # One bit more, for what the coder's integers round.
+        return len(self.head) + int(np.ceil((self.tape.bits + 1) / 8))
 
     def write(self) -> bytes:
         """Its bytes."""
@@ -54,14 +59,6 @@ def draft_still(colours: Single, step: int, relief: bytes = b"", kind: int = STI
     return _draft(Series(kind), ours, to_planes(colours, ours.chroma), step, head)
 
 
-def encode_still(
-    colours: Single, step: int, relief: bytes = b"", kind: int = STILL
-) -> tuple[bytes, Single]:
-    """The bytes of a picture (h, w, 3), and what they decode to; see `draft_still`."""
-    draft = draft_still(colours, step, relief, kind)
-    return draft.write(), draft.colours
-
-
 def draft_mode(modes: ModeSeries, planes: Single, step: int) -> Draft:
     """A mode (size, size, 3), as `to_planes` makes it, as the next of `modes`; they go on to it."""
     return _draft(modes.series, modes.format, planes, step)
@@ -73,7 +70,4 @@ def _draft(
     size = step_size(step)
     coefficients = [transform(plane / size, LEVELS) for plane in ours.planes(planes)]
     pyramids, tape = choose(series, coefficients)
-    head += bytes([step])
-    # One bit more, for what the coder's integers round.
-    length = len(head) + int(np.ceil((tape.bits + 1) / 8))
-    return Draft(ours.colours(pyramids, step), length, head, tape)
+    return Draft(ours.colours(pyramids, step), head + bytes([step]), tape)

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.adaptive import AdaptiveIntegers
-from protocol.entropy import WHOLE
-from protocol.values import BitCoder, code_bits
+from protocol.values import BitCoder, code_gamma
 
 Integers = NDArray[np.int64]
 
@@ -57,14 +56,4 @@ def _code_size(coder: BitCoder, size: int, zeros: list[int]) -> int:
     reached = 0
     while reached < UNARY and coder.code_bit(int(size > reached), zeros[STEP_OUTPUTS[reached]]):
         reached += 1
-    return reached if reached < UNARY else UNARY + _code_excess(coder, size - UNARY)
-
-
-def _code_excess(coder: BitCoder, excess: int) -> int:
-    """Elias' gamma code of `excess` >= 0."""
-    size, length = excess + 1, 0
-    while coder.code_bit(int(size >> length > 1), WHOLE // 2):
-        length += 1
-        if length > _LONGEST:
-            raise ValueError("a value is too large")
-    return (1 << length | code_bits(coder, size, length)) - 1
+    return reached if reached < UNARY else UNARY + code_gamma(coder, size - UNARY, _LONGEST)

@@ -7,9 +7,11 @@ another integer.  The weights are part of the format: others need other version 
 by `scripts/train_foresight.py`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +22,7 @@ from protocol.wavelet import LEVELS
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Band = TypeVar("Band")
 
 # Kinds of pictures, and the orientation of the coarsest subband, which comes after the details'.
 STILL, TEXTURE, MODE = range(3)
@@ -54,6 +57,10 @@ class Site:
     level: int
     orientation: int
     pictures: int = 0
+
+    def of(self, coarse: Band, details: Sequence[Sequence[Band]]) -> Band:
+        """The band of this level and orientation: a plane's coarsest, or one of its details."""
+        return details[self.level - 1][self.orientation] if self.level else coarse
 
     def classes(self, turn: Turn) -> list[int]:
         """Rows of a network's weights that hold for all places of a turn."""

@@ -8,6 +8,7 @@ integers the coefficients become is the encoder's choice: `encoder.code_picture`
 """
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -181,8 +182,8 @@ class ModeSeries:
 
     def copy(self) -> "ModeSeries":
         """What can go on by itself."""
-        copied = ModeSeries.__new__(ModeSeries)
-        copied.format, copied.series = self.format, self.series.copy()
+        copied = copy(self)
+        copied.series = self.series.copy()
         return copied
 
     def decode(self, name: str, data: bytes) -> Single:

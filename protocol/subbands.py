@@ -7,7 +7,7 @@ mode the coarsest subband is coded as the others are, of stills it is predicted 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from protocol.surroundings import (
     Turn,
     box,
     by_tile,
-    doubled,
+    enlarged,
     fitted,
 )
 from protocol.wavelet import LEVELS, inverse_transform
@@ -47,7 +47,7 @@ class Pyramid:
 
     def band(self, site: Site) -> Integers:
         """The band of this level and orientation."""
-        return self.details[site.level - 1][site.orientation] if site.level else self.coarse
+        return site.of(self.coarse, self.details)
 
 
 class PlaneCoder(Protocol):
@@ -93,8 +93,8 @@ class Series:
 
     def expect(self, shapes: Sequence[Shape]) -> None:
         """Raise `ValueError` if planes of `shapes` are no further picture of this series."""
-        known = [_details_shape(pyramid) for pyramid in self._last]
-        if self.pictures and known != [_details_shape(blank(shape)) for shape in shapes]:
+        known = [plane_shape(pyramid.details) for pyramid in self._last]
+        if self.pictures and known != list(shapes):
             raise ValueError("pictures of one series differ in size")
 
     def code(self, planes: Sequence[PlaneCoder]) -> list[Pyramid]:
@@ -154,9 +154,9 @@ class Series:
             others = sum(
                 fitted(p, own.shape) for i, p in enumerate(parents) if i != site.orientation
             )
-            sources[Source.PARENT] = doubled(own, shape)
-            sources[Source.AROUND_PARENT] = doubled(box(own) - own, shape)
-            sources[Source.OTHER_PARENTS] = doubled(np.asarray(others), shape)
+            sources[Source.PARENT] = enlarged(own, 2, shape)
+            sources[Source.AROUND_PARENT] = enlarged(box(own) - own, 2, shape)
+            sources[Source.OTHER_PARENTS] = enlarged(np.asarray(others), 2, shape)
         for index, band in enumerate(reversed(done)):
             sources[Source.BAND_BEFORE + index] = fitted(np.abs(band), shape)
         if self.pictures:
@@ -174,10 +174,9 @@ class Series:
         if not shape[0] * shape[1]:
             return np.zeros(shape, np.int64)
         flags = self._flags(coder, site, by_tile(np.abs(sources)))
-        active = np.repeat(np.repeat(flags, TILE, 0), TILE, 1)[: shape[0], : shape[1]]
-        busy = np.repeat(np.repeat(box(flags), TILE, 0), TILE, 1)
+        active, busy = (enlarged(each, TILE, shape) for each in (flags, box(flags)))
         result = np.zeros(shape, np.int64)
-        around = Surroundings(sources, active > 0, busy[: shape[0], : shape[1]])
+        around = Surroundings(sources, active > 0, busy)
         for turn in around.turns():
             values = coder.sizes(site, self.foretold_sizes(around, site, turn), turn).copy()
             some = values > 0
@@ -227,8 +226,10 @@ def blank(shape: Shape) -> Pyramid:
     return Pyramid(np.zeros((height, width), np.int64), levels[::-1])
 
 
-def _details_shape(pyramid: Pyramid) -> list[Shape]:
-    return [band.shape for band in pyramid.details[-1]]
+def plane_shape(details: Sequence[Sequence[NDArray[Any]]]) -> Shape:
+    """Of the plane that has these details."""
+    right, down, _ = details[-1]
+    return len(right) + len(down), right.shape[1] + down.shape[1]
 
 
 def _map(function: Callable[..., Integers], *pyramids: Pyramid) -> Pyramid:

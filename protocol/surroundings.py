@@ -169,9 +169,9 @@ def _sums(across: int, places: int) -> tuple[_Sums, _Sums]:
     return _Sums(_OF_SIZES, across, places), _Sums(_OF_SIGNS, across, places)
 
 
-def doubled(sizes: Integers, shape: tuple[int, ...]) -> Integers:
-    """Sizes at twice the density, in `shape`."""
-    return fitted(np.repeat(np.repeat(sizes, 2, 0), 2, 1), shape)
+def enlarged(sizes: Integers, times: int, shape: tuple[int, ...]) -> Integers:
+    """Sizes at so many times the density, in `shape`."""
+    return fitted(np.repeat(np.repeat(sizes, times, 0), times, 1), shape)
 
 
 def fitted(values: Integers, shape: tuple[int, ...]) -> Integers:

@@ -131,15 +131,22 @@ def code_bits(coder: BitCoder, value: int, count: int) -> int:
     return coded
 
 
-def _code_escape(coder: BitCoder, excess: int) -> int:
-    """Elias' gamma code of `excess` >= 0 in units of 2 ** `_ESCAPE_LOW`, then its low bits."""
-    high = (excess >> _ESCAPE_LOW) + 1
-    length = 0
+def code_gamma(coder: BitCoder, value: int, longest: int) -> int:
+    """Elias' gamma code of `value` >= 0, at most 2 ** (`longest` + 1) - 2; returns the value coded.
+
+    A decoder ignores `value`.  Raises `ValueError` if it is larger.
+    """
+    high, length = value + 1, 0
     while coder.code_bit(int(high >> length > 1), WHOLE // 2):
         length += 1
-        if length > _ESCAPE_TOP:
+        if length > longest:
             raise ValueError("a value is too large")
-    above = (1 << length | code_bits(coder, high, length)) - 1
+    return (1 << length | code_bits(coder, high, length)) - 1
+
+
+def _code_escape(coder: BitCoder, excess: int) -> int:
+    """The gamma code of `excess` >= 0 in units of 2 ** `_ESCAPE_LOW`, then its low bits."""
+    above = code_gamma(coder, excess >> _ESCAPE_LOW, _ESCAPE_TOP)
     return above << _ESCAPE_LOW | code_bits(coder, excess, _ESCAPE_LOW)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from encoder.code_picture import draft_mode, encode_still
+from encoder.code_picture import draft_mode, draft_still
 from protocol.foresee import STILL, TEXTURE
 from protocol.messages import ProtocolError
 from protocol.pictures import (
@@ -28,6 +28,14 @@ def painting(height: int, width: int) -> Single:
     picture = np.stack([60 + x, 90 + y, 120 + 0.5 * (x + y)], -1)
     picture[height // 4 : height // 2, width // 4 : width // 2] = (40, 50, 200)
     return np.asarray(np.clip(picture, 0, 255), np.float32)
+
+
+def encode_still(
+    colours: Single, step: int, relief: bytes = b"", kind: int = STILL
+) -> tuple[bytes, Single]:
+    """The bytes of a picture (h, w, 3), and what they decode to."""
+    draft = draft_still(colours, step, relief, kind)
+    return draft.write(), draft.colours
 
 
 def coded(series: ModeSeries, mode: Single, step: int) -> tuple[bytes, Single]:

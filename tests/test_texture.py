@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from decoder.texture import MAX_CODED_SIDE_PX, decode_image
-from encoder.code_picture import encode_still
+from encoder.code_picture import draft_still
 from protocol.messages import ProtocolError
 from protocol.varint import encode_varint
 
@@ -40,7 +40,7 @@ def test_size_is_bounded_before_anything_is_allocated() -> None:
 
 def test_a_wavelet_still_keeps_its_size_and_its_colours() -> None:
     ramp = np.broadcast_to(np.linspace(-9, 270, 61)[None, :, None], (47, 61, 3))
-    picture = decode_image("still", encode_still(ramp.astype(np.float32), 16)[0])
+    picture = decode_image("still", draft_still(ramp.astype(np.float32), 16).write())
     assert picture.shape == (47, 61, 3) and picture.dtype == np.uint8
     # Beyond black and white colours stop, they do not wrap around.
     assert picture[20, -1].min() == 255 and picture[20, 0].max() == 0
@@ -55,7 +55,7 @@ def test_the_size_of_a_wavelet_still_is_bounded(size: tuple[int, int]) -> None:
 
 
 def test_an_atlas_has_its_own_limit() -> None:
-    data, _ = encode_still(np.zeros((40, 40, 3), np.float32), 16)
+    data = draft_still(np.zeros((40, 40, 3), np.float32), 16).write()
     with pytest.raises(ProtocolError, match="40x40, limit 32"):
         decode_image("texture", data, 32)
 
