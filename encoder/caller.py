@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.code_appearance import Appearance, code_appearance
+from encoder.code_appearance import Appearance, code_appearance, whole_atlas
 from encoder.crop import Crop, crop_face
-from encoder.fit import Fitted
+from encoder.drawing import Drawing
+from encoder.fit import OUTLINE, Fitted
 from encoder.learn import (
     Stack,
     face_mask,
@@ -21,7 +22,7 @@ from encoder.learn import (
 )
 from encoder.model import Budget, identity_of, shape_packet
 from encoder.parallel import on_cores
-from encoder.refine import TEXELS, Refiner, Template
+from encoder.refine import TEXELS, Refiner, Template, coefficients
 from encoder.shape_free import ShapeFree
 from encoder.sharpen import sharpened
 from encoder.texture import (
@@ -44,6 +45,7 @@ Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
 TRACKING_MODES = (0, 4, 8)
+DRAWN_MODES = 14
 # A face that shows all it has, and what share of the texels' pixels then counts of those that have
 # not been seen.
 OPEN = {"jaw_drop": 0.6, "upper_lip_raise": 0.5, "lower_lip_lower": 0.5}
@@ -108,8 +110,12 @@ def learn_caller(
     crops = [crop_face(frame, points[number], ratio) for number, frame in sample_frames]
     found = [faces[number] for number, _ in sample_frames]
     found = tracked(head, face, camera, size, crops, found, workers)
+    outlines = [points[number] for number, _ in sample_frames]
+    if not more_to_come:
+        # A live call must have learned by the next update: it goes without.
+        found = drawn_best(head, shape, face, crops, found, outlines, workers)
     stack = shape_free_views(head, shape, face, crops, found, workers)
-    shown = within_outline(shape, crops, found, [points[number] for number, _ in sample_frames])
+    shown = within_outline(shape, crops, found, outlines)
     mask = np.maximum(face_mask(head, atlas), shown)
     if more_to_come:
         stack = replace(stack, weight=np.maximum(stack.weight, opened(head, shape, face, found)))
@@ -162,6 +168,36 @@ def tracked(
         refiner = Refiner(head, face, shape, template, cell_mm=cell_mm)
         faces = refined(refiner, crops, faces, workers)
     return faces
+
+
+def drawn_best(
+    head: Head,
+    shape: ShapeFree,
+    face: Face,
+    crops: Sequence[Crop],
+    found: Sequence[FaceParameters],
+    points: Sequence[Array],
+    workers: int | None = None,
+) -> list[FaceParameters]:
+    """The faces `found` in crops as they draw best, see `Drawing`, with their own mean and modes.
+
+    points: (468, >= 2) pixels, landmarks of each frame.  workers: see `on_cores`.
+    """
+    stack = shape_free_views(head, shape, face, crops, found, workers)
+    sharp = sharpened_stack(shape, stack, crops, found, workers)
+    mean = mean_colours(shape, sharp, unseen_colours(head, shape.atlas))
+    template = template_of(sharp, mean, luma_modes(sharp, mean, min(DRAWN_MODES, len(crops) // 3)))
+    grey = [template.mean, *template.modes]
+    layers = np.array([whole_atlas(shape, layer[:, None])[..., 0] for layer in grey])
+    drawing = Drawing(face, shape.camera, layers[0], layers[1:])
+    weights = stack.weight * stack.seen
+
+    def fit(number: int) -> FaceParameters:
+        luma = to_luma(sharp.colours[number])
+        start = replace(found[number], modes=coefficients(template, luma, weights[number]))
+        return drawing.fit(crops[number], start, points[number][list(OUTLINE), :2])
+
+    return on_cores(fit, range(len(crops)), workers)
 
 
 def refined(

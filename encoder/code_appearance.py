@@ -62,7 +62,7 @@ def code_appearance(
     shape: ShapeFree, stack: Stack, mean: Single, mask: Single, face_bytes: int, most_modes: int
 ) -> Appearance:
     """Code mean and modes within `face_bytes` together, by the quantiser that explains most."""
-    picture = _picture(shape, mean)
+    picture = whole_atlas(shape, mean)
     relief = encode_relief(fineness(shape.atlas, stack.weight))
     if not most_modes:
         texture, decoded = finest_still(picture, face_bytes, relief, TEXTURE)
@@ -236,10 +236,10 @@ class Remainder:
         self._left = np.asarray(self._gram - self._shares @ along.T, np.float64)
 
 
-def _picture(shape: ShapeFree, colours: Single) -> Single:
-    """The whole atlas of texel colours (k, 3), continued smoothly."""
+def whole_atlas(shape: ShapeFree, colours: Single) -> Single:
+    """The whole atlas (size, size, c) of texel colours (k, c), continued smoothly."""
     atlas = shape.atlas
-    image = np.zeros((atlas.size, atlas.size, 3), np.float32)
+    image = np.zeros((atlas.size, atlas.size, colours.shape[1]), np.float32)
     known = np.zeros((atlas.size, atlas.size), bool)
     image[atlas.rows, atlas.columns] = colours
     known[atlas.rows, atlas.columns] = True

@@ -13,6 +13,8 @@ from encoder.caller import Learned, learn_caller
 from encoder.capture import Capture
 from encoder.crop import Crop, crop_face
 from encoder.detect import BlazeFaceDetector
+from encoder.drawing import drawing_of
+from encoder.fit import OUTLINE
 from encoder.landmarks import LandmarkTracker
 from encoder.model import Budget, call_parameters
 from encoder.networks import NetworkFilesMissing, find_network_folder
@@ -151,10 +153,13 @@ class Survey:
     def refine_rest(self) -> None:
         """End of the second pass, or of a part of it: frames are refined several at a time."""
         assert self._learned is not None
-        tracker = self._learned.caller.tracker
+        caller = self._learned.caller
+        drawing = drawing_of(caller.face, self._call.camera, caller.appearance)
 
         def refine(number: int) -> FaceParameters:
-            return tracker.refine(self._crops[number], self._start[number], 3)
+            crop, outline = self._crops[number], self._points[number][list(OUTLINE), :2]
+            found = caller.tracker.refine(crop, self._start[number], 3)
+            return drawing.fit(crop, found, outline)
 
         with self._tally.stage("refine"):
             found = on_cores(refine, self._crops, None)

@@ -51,7 +51,7 @@ def face_mask(head: Head, atlas: Atlas) -> Single:
     places = np.einsum(
         "mc,mcd->md", head.network_weights[points], head.texture_coordinates[corners]
     )
-    mask = _hull_mask(places * atlas.size - 0.5, (atlas.size, atlas.size))
+    mask = hull_mask(places * atlas.size - 0.5, (atlas.size, atlas.size))
     soft = cv2.GaussianBlur(mask, (0, 0), max(0.5, SOFT_EDGE * atlas.size))
     found = np.clip(2 * soft[atlas.rows, atlas.columns], OUTSIDE, 1)
     inside = head.parts[atlas.corners[:, 0]] == PARTS.index("mouth")
@@ -77,12 +77,12 @@ def within_outline(
         wider = outline + BORDER_PX * outward / np.maximum(lengths, 1.0)
         corners = crop.from_frame(wider.astype(np.float32))
         height, width = crop.picture.shape[:2]
-        mask = _hull_mask(corners, (height, width))
+        mask = hull_mask(corners, (height, width))
         count += sample(mask, crop.from_frame(shape.positions(face)))[:, 0].clip(0, 1)
     return count / np.float32(max(len(crops), 1))
 
 
-def _hull_mask(points: NDArray[np.floating], shape: tuple[int, int]) -> Single:
+def hull_mask(points: NDArray[np.floating], shape: tuple[int, int]) -> Single:
     """(h, w) 1 within the convex hull of points (n, 2), pixels, else 0."""
     mask = np.zeros(shape, np.float32)
     cv2.fillConvexPoly(mask, cv2.convexHull(np.rint(points).astype(np.int32)), 1.0)

@@ -8,6 +8,7 @@ holds at any pose.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol, TypeVar
 
 import cv2
 import numpy as np
@@ -24,6 +25,7 @@ from shared_model.parameters import EAUS, FaceParameters
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]
+Indices = NDArray[np.intp]
 
 # Grey levels beyond which a texel counts less (a hand, a highlight); an actuator's usual motion.
 ROBUST_GREY = 25.0
@@ -152,20 +154,15 @@ class Refiner:
         view = self._view(target, crop, start)
         modes = len(target.template.modes)
         light = start.modes if len(start.modes) == modes else np.zeros(modes)
-        trial = best = self._linearise(view, replace(start, modes=light), free)
-        damping = 0.0
-        for _ in range(iterations):
-            trial = self._linearise(view, _stepped(best, free, damping), free)
-            settled = abs(best.cost - trial.cost) < SETTLED * best.cost
-            if trial.cost <= best.cost:
-                best, damping = trial, damping / 10
-            else:
-                damping = max(10 * damping, FIRST_DAMPING)
-            if settled:
-                break
-        modes_found = coefficients(target.template, best.grey, view.shown)
-        found = replace(best.face, modes=modes_found)
-        return Explained(found, best.grey, view.shown)
+        best = descend(
+            lambda face: self._attempt(view, face, free),
+            replace(start, modes=light),
+            free,
+            iterations,
+        )
+        grey = best.seen[:, 0]
+        modes_found = coefficients(target.template, grey, view.shown)
+        return Explained(replace(best.face, modes=modes_found), grey, view.shown)
 
     def learn(self, crop: Crop, face: FaceParameters) -> None:
         """Take notice of a picture whose face is known; derivatives of each picture need none."""
@@ -177,26 +174,30 @@ class Refiner:
     def _view(self, target: Target, crop: Crop, start: FaceParameters) -> "_View":
         grey = self._grey(crop.picture)
         shown = target.template.weight * self._seen(target.shape.atlas, start)
-        stack = np.dstack([grey, *_gradients(grey)])
+        stack = np.dstack([grey, *gradients(grey)])
         return _View(target, crop, stack, shown, start, self.precision(shown))
 
-    def _linearise(self, view: "_View", face: FaceParameters, free: NDArray[np.intp]) -> "_Linear":
-        """The normal equations of eq. 2.27 at `face` and its coefficients."""
+    def _attempt(self, view: "_View", face: FaceParameters, free: Indices) -> "_Tried":
         template, shape = view.target.template, view.target.shape
         placed = shape.placed(face)
         seen = sample(view.stack, view.crop.from_frame(placed.pixels))
-        change = shape.change(placed, seen[:, 1:] * view.crop.scale.astype(np.float32), free)
-        rows = np.concatenate([change, -template.modes.T], axis=1)
         residual = seen[:, 0] - template.mean
         left = residual - face.modes.astype(np.float32) @ template.modes
-        weighted = rows * (view.shown * robust(left))[:, None]
-        normal = (rows.T @ weighted).astype(np.float64)
-        gradient = -(weighted.T @ residual).astype(np.float64)
-        away, eau = (view.start.eau - face.eau)[free], np.arange(6, 6 + len(free))
-        normal[eau, eau] += view.precision
-        gradient[eau] += view.precision * away
+        away = (view.start.eau - face.eau)[free]
         cost = float(view.shown @ robust_cost(left)) + view.precision * float(away @ away)
-        return _Linear(face, normal, gradient, cost, seen[:, 0])
+
+        def equations() -> tuple[Array, Array]:
+            change = shape.change(placed, seen[:, 1:] * view.crop.scale.astype(np.float32), free)
+            rows = np.concatenate([change, -template.modes.T], axis=1)
+            weighted = rows * (view.shown * robust(left))[:, None]
+            normal = (rows.T @ weighted).astype(np.float64)
+            gradient = -(weighted.T @ residual).astype(np.float64)
+            eau = np.arange(6, 6 + len(free))
+            normal[eau, eau] += view.precision
+            gradient[eau] += view.precision * away
+            return normal, gradient
+
+        return _Tried(face, cost, equations, seen)
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,28 +212,74 @@ class _View:
     precision: float
 
 
+class Trial(Protocol):
+    """A face that was tried.
+
+    equations: the normal equations (eq. 2.27) at it, of pose, the actuators that may move, and the
+        coefficients themselves: a matrix, and the right side.
+    """
+
+    @property
+    def face(self) -> FaceParameters: ...
+    @property
+    def cost(self) -> float: ...
+    @property
+    def equations(self) -> Callable[[], tuple[Array, Array]]: ...
+
+
+AnyTrial = TypeVar("AnyTrial", bound=Trial)
+
+
 @dataclass(frozen=True, slots=True)
-class _Linear:
-    """Normal equations at a face with coefficients `face.modes`, its cost, the texels' luma."""
+class _Tried:
+    """A `Trial`, with the texels' luma and its gradient (k, 3)."""
 
     face: FaceParameters
-    normal: Array
-    gradient: Array
     cost: float
-    grey: Single
+    equations: Callable[[], tuple[Array, Array]]
+    seen: Single
 
 
-def _stepped(at: _Linear, free: NDArray[np.intp], damping: float) -> FaceParameters:
+def descend(
+    attempt: Callable[[FaceParameters], AnyTrial], start: FaceParameters, free: Indices, steps: int
+) -> AnyTrial:
+    """The best of the faces that Levenberg-Marquardt steps lead to.
+
+    start: with its coefficients; one of infinite cost leads nowhere.
+    free: (a,) actuators that may move.
+    """
+    trial = best = attempt(start)
+    if not np.isfinite(best.cost):
+        return best
+    equations, damping = best.equations(), 0.0
+    for step in range(steps):
+        trial = attempt(_stepped(best.face, equations, free, damping))
+        settled = abs(best.cost - trial.cost) < SETTLED * best.cost
+        if trial.cost <= best.cost:
+            best, damping = trial, damping / 10
+        else:
+            damping = max(10 * damping, FIRST_DAMPING)
+        if settled or step == steps - 1:
+            break
+        if best is trial:
+            equations = best.equations()
+    return best
+
+
+def _stepped(
+    face: FaceParameters, equations: tuple[Array, Array], free: Indices, damping: float
+) -> FaceParameters:
     """Where the normal equations lead, damped after Marquardt; coefficients are not damped."""
+    normal, gradient = equations
     size = 6 + len(free)
     longest = np.r_[[LONGEST_TURN_RAD] * 3, [LONGEST_WAY_MM] * 3, np.ones(len(free))]
-    more = np.full(len(at.normal), 1e-6)
+    more = np.full(len(normal), 1e-6)
     more[:size] += damping
-    damped = at.normal + np.diag(more * np.diag(at.normal) + TINY)
-    found = np.asarray(np.linalg.solve(damped, at.gradient), np.float64)
+    damped = normal + np.diag(more * np.diag(normal) + TINY)
+    found = np.asarray(np.linalg.solve(damped, gradient), np.float64)
     step = np.zeros(6 + len(EAUS))
     step[np.r_[0:6, 6 + free]] = np.clip(found[:size], -longest, longest)
-    return replace(moved(at.face, step), modes=found[size:])
+    return replace(moved(face, step), modes=found[size:])
 
 
 def coefficients(template: Template, grey: Single, weight: Single) -> Array:
@@ -247,7 +294,7 @@ def coefficients(template: Template, grey: Single, weight: Single) -> Array:
     return np.asarray(np.linalg.solve(normal, weighted @ (grey - template.mean)))
 
 
-def _gradients(grey: Single) -> tuple[Single, Single]:
+def gradients(grey: Single) -> tuple[Single, Single]:
     """d grey / du and d grey / dv, grey levels per pixel."""
     u = cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
     v = cv2.Sobel(grey, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)

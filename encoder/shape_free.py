@@ -64,17 +64,11 @@ class ShapeFree:
         slope: (k, 2) the picture's gradient there, per pixel.  active: (a,) actuators that move.
         Texels beside the face count as still: what they show moves in its own way.
         """
-        u, v = (slope * placed.per_mm).T * self.on_face
-        x, y, z = placed.seen.T
-        along = np.stack([u, v, -(u * x + v * y) / z], axis=1)
+        out = np.empty((len(self), 6 + len(active)), np.float32)
+        still = slope * self.on_face[:, None]
+        out[:, :6], along = rigid_change(placed.turned, placed.seen, placed.per_mm, still)
         place = active + np.where(placed.face.eau[active] >= 0, 0, len(EAUS))
         fields = self._fields[place].reshape(len(active), -1, 3)
-        out = np.empty((len(self), 6 + len(active)), np.float32)
-        tx, ty, tz = placed.turned.T
-        out[:, 0] = ty * along[:, 2] - tz * v
-        out[:, 1] = tz * u - tx * along[:, 2]
-        out[:, 2] = tx * v - ty * u
-        out[:, 3:6] = along
         out[:, 6:] = np.einsum("ekj,kj->ke", fields, along @ placed.rotation)
         return out
 
@@ -90,6 +84,22 @@ class Placed:
     seen: Single
     per_mm: Single
     pixels: Single
+
+
+def rigid_change(
+    turned: Single, seen: Single, per_mm: Single, slope: Single
+) -> tuple[Single, Single]:
+    """How a picture changes under points that move: (k, 6) per radian and mm, (k, 3) per mm.
+
+    turned, seen: (k, 3) points, camera axes, before and after the head's translation.
+    per_mm: (k, 1) pixels.  slope: (k, 2) the picture's gradient, per pixel.
+    """
+    u, v = (slope * per_mm).T
+    x, y, z = seen.T
+    along = np.stack([u, v, -(u * x + v * y) / z], axis=1)
+    tx, ty, tz = turned.T
+    turning = [ty * along[:, 2] - tz * v, tz * u - tx * along[:, 2], tx * v - ty * u]
+    return np.column_stack([*turning, along]), along
 
 
 def moved(face: FaceParameters, step: Array) -> FaceParameters:

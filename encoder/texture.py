@@ -157,9 +157,10 @@ def fill(image: Texels, known: NDArray[np.bool_]) -> Texels:
     size = (image.shape[1], image.shape[0])
     share = cv2.resize(weight, half, interpolation=cv2.INTER_AREA)
     total = cv2.resize(image * weight[..., None], half, interpolation=cv2.INTER_AREA)
-    coarse = total / np.maximum(share, 1e-6)[..., None]
+    # OpenCV drops the axis of a single channel.
+    coarse = total.reshape(*share.shape, -1) / np.maximum(share, 1e-6)[..., None]
     filled = fill(coarse.astype(np.float32), share > 1e-6)
-    around = cv2.resize(filled, size, interpolation=cv2.INTER_LINEAR)
+    around = cv2.resize(filled, size, interpolation=cv2.INTER_LINEAR).reshape(image.shape)
     return np.where(known[..., None], image, around).astype(np.float32)
 
 

@@ -1,0 +1,185 @@
+"""The face that draws best: analysis by synthesis in the picture, the last step of a fit.
+
+`refine` compares texels, which is quick and finds its way from afar.  A receiver sees pixels: where
+a surface is foreshortened many texels share one, along outlines neighbours lie on different
+surfaces, and what is drawn has been interpolated.  Here the pixels of the face are drawn as a
+decoder draws them, and their squared error is made least.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.code_appearance import Appearance
+from encoder.crop import Crop
+from encoder.learn import hull_mask
+from encoder.refine import descend, gradients, luma
+from encoder.shape_free import rigid_change
+from encoder.surface import Surface, front_surface
+from protocol.components import GEOMETRY
+from protocol.pictures import to_luma
+from shared_model.animate import Face
+from shared_model.geometry import Camera, matrix_from_quaternion
+from shared_model.parameters import EAUS, FaceParameters
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+# Pixels of the face that are looked at: of a larger one every second, third, ... of each row and
+# column.
+MOST_PIXELS = 6000
+# What an actuator one unit off its first guess costs, squared grey levels.
+HELD_GREY2 = 6.0
+STEPS = 1
+# Less of the face's own colour than this in a pixel, and it says little about the face.
+LEAST_OPACITY = 0.5
+# A face that shows in less than this share of the pixels has gone astray; none is nearer than this.
+LEAST_SHOWN = 0.5
+NEAREST_MM = 10.0
+EVERY = np.arange(len(EAUS))
+
+
+class Drawing:
+    """Draws one caller's face in luma, and fits it to pictures.
+
+    mean: (size, size) luma of the texture.  modes: (m, size, size), per unit coefficient.
+    """
+
+    def __init__(self, face: Face, camera: Camera, mean: Single, modes: Single) -> None:
+        head, size = face.head, len(mean)
+        self._face, self._camera, self._size = face, camera, size
+        layers = np.concatenate([mean[None], modes]).reshape(1 + len(modes), -1)
+        self._layers = np.ascontiguousarray(layers.T, np.float32)
+        places = head.texture_coordinates * size - 0.5
+        self._worn = np.column_stack([places, head.opacity]).astype(np.float32)
+        self._fields = [
+            np.ascontiguousarray(field.transpose(1, 0, 2), np.float32)
+            for field in (head.eau_up, -head.eau_down)
+        ]
+
+    def fit(
+        self, crop: Crop, start: FaceParameters, outline_px: Array, steps: int = STEPS
+    ) -> FaceParameters:
+        """The face near `start` whose drawn pixels within the outline are nearest to the crop's.
+
+        start: with as many coefficients as there are modes.  One that does not show stays.
+        outline_px: (n, 2) of the face, pixels of the frame.
+        """
+        view = _view(crop, start, outline_px)
+        return descend(lambda face: self._drawn(view, face), start, EVERY, steps).face
+
+    def _drawn(self, view: "_View", face: FaceParameters) -> "_Drawn":
+        rotation = matrix_from_quaternion(face.pose.rotation)
+        turned = self._face.animate(face.eau) @ rotation.T
+        seen = turned + face.pose.translation_mm
+        depth = np.maximum(seen[:, 2:], NEAREST_MM)
+        frame_px = self._camera.centre + seen[:, :2] * (self._camera.focal_px / depth)
+        at_px = view.from_frame(frame_px.astype(np.float32)).astype(np.float64)
+        surface = front_surface(at_px, depth[:, 0], self._face.head.triangles, view.wanted)
+        worn = surface.points(self._worn)
+        opaque = worn[:, 2] > LEAST_OPACITY
+        surface = Surface(surface.pixels[opaque], surface.corners[opaque], surface.weights[opaque])
+        places, opacity = worn[opaque, :2], worn[opaque, 2]
+        values = np.append(1, face.modes).astype(np.float32)
+        drawn = self._textured(places, self._layers @ values)
+        # Where the face is not opaque it is taken to cover what is right.
+        error = opacity * (view.grey[surface.pixels] - drawn)
+        away = view.start.eau - face.eau
+        shown = len(error) > LEAST_SHOWN * view.wanted.sum()
+        cost = float(np.square(error).mean()) if shown else np.inf
+        per_mm = np.float32(self._camera.focal_px)
+
+        def equations() -> tuple[Array, Array]:
+            rows = np.empty((len(error), GEOMETRY + len(face.modes)), np.float32)
+            at = surface.points(turned.astype(np.float32))
+            place = at + face.pose.translation_mm.astype(np.float32)
+            # What a pixel shows changes as if the picture stood still and the point moved back.
+            slope = -view.slopes[surface.pixels]
+            rows[:, :6], along = rigid_change(at, place, per_mm / place[:, 2:], slope)
+            back = along @ rotation.astype(np.float32)
+            rows[:, 6:GEOMETRY] = self._driven(surface, face.eau, back)
+            rows[:, GEOMETRY:] = self._textured(places, self._layers)[:, 1:]
+            rows *= opacity[:, None]
+            normal = (rows.T @ rows).astype(np.float64)
+            gradient = (rows.T @ error).astype(np.float64)
+            # Coefficients are sought themselves, not by how much they change.
+            gradient += normal[:, GEOMETRY:] @ face.modes
+            eau = np.arange(6, GEOMETRY)
+            normal[eau, eau] += HELD_GREY2 * len(error)
+            gradient[eau] += HELD_GREY2 * len(error) * away
+            return normal, gradient
+
+        return _Drawn(face, cost + HELD_GREY2 * float(away @ away), equations)
+
+    def _driven(self, surface: Surface, eau: Array, back: Single) -> Single:
+        """(p, EAUs) what each actuator changes; back: (p, 3) per mm of motion, head frame."""
+        up, down = self._fields
+        fields = np.where((eau >= 0)[:, None], up, down)
+        shares = zip(surface.weights.T, surface.corners.T, strict=True)
+        return np.asarray(
+            sum(w[:, None] * np.matmul(fields[c], back[..., None])[..., 0] for w, c in shares)
+        )
+
+    def _textured(self, places: Single, layers: Single) -> Single:
+        """(p, ...) texels (size * size, ...) at places (p, 2), column and row, bilinear."""
+        at = np.clip(places, 0, self._size - 1.001)
+        low = at.astype(np.intp)
+        share = (at - low).reshape(len(at), 2, *[1] * (layers.ndim - 1))
+        x, y = share[:, 0], share[:, 1]
+        first = low[:, 1] * self._size + low[:, 0]
+        above, below = (
+            layers[row] * (1 - x) + layers[row + 1] * x for row in (first, first + self._size)
+        )
+        return np.asarray(above * (1 - y) + below * y, np.float32)
+
+
+def drawing_of(face: Face, camera: Camera, appearance: Appearance) -> Drawing:
+    """What a decoder draws of a caller's coded appearance."""
+    modes = to_luma(appearance.mode_images)
+    return Drawing(face, camera, to_luma(appearance.mean), modes)
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    """The pixels of a crop that are looked at, as a picture of their own.
+
+    crop: where they are from.  corner: (2,) of the picture in the crop.  step: crop pixels between.
+    wanted: (h, w) which of them are the face's.  grey: (h w,).  slopes: (h w, 2), grey levels per
+    pixel of the frame.  start: the first guess.
+    """
+
+    crop: Crop
+    corner: NDArray[np.intp]
+    step: int
+    wanted: NDArray[np.bool_]
+    grey: Single
+    slopes: Single
+    start: FaceParameters
+
+    def from_frame(self, positions_px: Single) -> Single:
+        """Positions (k, 2) in the frame to positions among these pixels."""
+        return np.asarray((self.crop.from_frame(positions_px) - self.corner) / self.step)
+
+
+@dataclass(frozen=True, slots=True)
+class _Drawn:
+    """See `refine.Trial`."""
+
+    face: FaceParameters
+    cost: float
+    equations: Callable[[], tuple[Array, Array]]
+
+
+def _view(crop: Crop, start: FaceParameters, outline_px: Array) -> _View:
+    grey = luma(crop.picture)
+    outline = crop.from_frame(outline_px.astype(np.float32))
+    low = np.maximum(np.floor(outline.min(0)), 0).astype(np.intp)
+    high = np.minimum(np.ceil(outline.max(0)) + 1, grey.shape[::-1]).astype(np.intp)
+    rows, columns = (slice(low[i], max(low[i], high[i])) for i in (1, 0))
+    inside = hull_mask(outline - low, grey[rows, columns].shape) > 0
+    step = max(1, int(np.ceil(np.sqrt(inside.sum() / MOST_PIXELS))))
+    thin = np.dstack([grey, *gradients(grey)])[rows, columns][::step, ::step].reshape(-1, 3)
+    slopes = thin[:, 1:] * crop.scale.astype(np.float32)
+    return _View(crop, low, step, inside[::step, ::step], thin[:, 0], slopes, start)
