@@ -9,13 +9,14 @@ decoder draws them, and their squared error is made least.
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from encoder.code_appearance import Appearance
 from encoder.crop import Crop
 from encoder.learn import hull_mask
-from encoder.refine import descend, gradients, luma
+from encoder.refine import descend, gradients, luma, robust
 from encoder.shape_free import rigid_change
 from encoder.surface import Surface, front_surface
 from protocol.components import GEOMETRY
@@ -38,6 +39,8 @@ LEAST_OPACITY = 0.5
 # A face that shows in less than this share of the pixels has gone astray; none is nearer than this.
 LEAST_SHOWN = 0.5
 NEAREST_MM = 10.0
+# The side of what is called all around a pixel, in widths of the face.
+WIDE = 0.1
 EVERY = np.arange(len(EAUS))
 
 
@@ -68,9 +71,16 @@ class Drawing:
         outline_px: (n, 2) of the face, pixels of the frame.
         """
         view = _view(crop, start, outline_px)
-        return descend(lambda face: self._drawn(view, face), start, EVERY, steps).face
+        first = self._look(view, start)
+        trust = _trust(view, first)
 
-    def _drawn(self, view: "_View", face: FaceParameters) -> "_Drawn":
+        def attempt(face: FaceParameters) -> _Drawn:
+            look = first if face is start else self._look(view, face)
+            return self._drawn(view, look, trust[look.surface.pixels])
+
+        return descend(attempt, start, EVERY, steps).face
+
+    def _look(self, view: "_View", face: FaceParameters) -> "_Look":
         rotation = matrix_from_quaternion(face.pose.rotation)
         turned = self._face.animate(face.eau) @ rotation.T
         seen = turned + face.pose.translation_mm
@@ -79,36 +89,41 @@ class Drawing:
         at_px = view.from_frame(frame_px.astype(np.float32)).astype(np.float64)
         surface = front_surface(at_px, depth[:, 0], self._face.head.triangles, view.wanted)
         worn = surface.points(self._worn)
-        opaque = worn[:, 2] > LEAST_OPACITY
-        surface = Surface(surface.pixels[opaque], surface.corners[opaque], surface.weights[opaque])
-        places, opacity = worn[opaque, :2], worn[opaque, 2]
+        kept = worn[:, 2] > LEAST_OPACITY
+        surface = Surface(surface.pixels[kept], surface.corners[kept], surface.weights[kept])
+        places, opacity = worn[kept, :2], worn[kept, 2]
         values = np.append(1, face.modes).astype(np.float32)
         drawn = self._textured(places, self._layers @ values)
         # Where the face is not opaque it is taken to cover what is right.
         error = opacity * (view.grey[surface.pixels] - drawn)
+        return _Look(face, rotation, turned, surface, places, opacity, error)
+
+    def _drawn(self, view: "_View", look: "_Look", trust: Single) -> "_Drawn":
+        face, surface, error = look.face, look.surface, look.error
         away = view.start.eau - face.eau
         shown = len(error) > LEAST_SHOWN * view.wanted.sum()
-        cost = float(np.square(error).mean()) if shown else np.inf
-        per_mm = np.float32(self._camera.focal_px)
+        cost = float((trust * error**2).sum() / trust.sum()) if shown else np.inf
 
         def equations() -> tuple[Array, Array]:
             rows = np.empty((len(error), GEOMETRY + len(face.modes)), np.float32)
-            at = surface.points(turned.astype(np.float32))
+            at = surface.points(look.turned.astype(np.float32))
             place = at + face.pose.translation_mm.astype(np.float32)
             # What a pixel shows changes as if the picture stood still and the point moved back.
             slope = -view.slopes[surface.pixels]
-            rows[:, :6], along = rigid_change(at, place, per_mm / place[:, 2:], slope)
-            back = along @ rotation.astype(np.float32)
+            per_mm = np.float32(self._camera.focal_px) / place[:, 2:]
+            rows[:, :6], along = rigid_change(at, place, per_mm, slope)
+            back = along @ look.rotation.astype(np.float32)
             rows[:, 6:GEOMETRY] = self._driven(surface, face.eau, back)
-            rows[:, GEOMETRY:] = self._textured(places, self._layers)[:, 1:]
-            rows *= opacity[:, None]
-            normal = (rows.T @ rows).astype(np.float64)
-            gradient = (rows.T @ error).astype(np.float64)
+            rows[:, GEOMETRY:] = self._textured(look.places, self._layers)[:, 1:]
+            rows *= look.opacity[:, None]
+            weighted = rows * trust[:, None]
+            normal = (rows.T @ weighted).astype(np.float64)
+            gradient = (weighted.T @ error).astype(np.float64)
             # Coefficients are sought themselves, not by how much they change.
             gradient += normal[:, GEOMETRY:] @ face.modes
-            eau = np.arange(6, GEOMETRY)
-            normal[eau, eau] += HELD_GREY2 * len(error)
-            gradient[eau] += HELD_GREY2 * len(error) * away
+            eau, held = np.arange(6, GEOMETRY), HELD_GREY2 * float(trust.sum())
+            normal[eau, eau] += held
+            gradient[eau] += held * away
             return normal, gradient
 
         return _Drawn(face, cost + HELD_GREY2 * float(away @ away), equations)
@@ -164,6 +179,24 @@ class _View:
 
 
 @dataclass(frozen=True, slots=True)
+class _Look:
+    """A face as it would be drawn.
+
+    rotation: of its pose.  turned: (n, 3) vertices, mm, camera axes, before its translation.
+    surface: what the pixels show.  places: (p, 2) where in the texture, column and row.
+    opacity: (p,).  error: (p,) grey levels that the picture is brighter.
+    """
+
+    face: FaceParameters
+    rotation: Array
+    turned: Array
+    surface: Surface
+    places: Single
+    opacity: Single
+    error: Single
+
+
+@dataclass(frozen=True, slots=True)
 class _Drawn:
     """See `refine.Trial`."""
 
@@ -183,3 +216,17 @@ def _view(crop: Crop, start: FaceParameters, outline_px: Array) -> _View:
     thin = np.dstack([grey, *gradients(grey)])[rows, columns][::step, ::step].reshape(-1, 3)
     slopes = thin[:, 1:] * crop.scale.astype(np.float32)
     return _View(crop, low, step, inside[::step, ::step], thin[:, 0], slopes, start)
+
+
+def _trust(view: _View, look: _Look) -> Single:
+    """(h w,) how much each pixel counts: less where all around it is far off, behind a hand.
+
+    An edge that is drawn a pixel off is thin, and counts.
+    """
+    height, width = view.wanted.shape
+    away = np.zeros(height * width, np.float32)
+    away[look.surface.pixels] = np.abs(look.error)
+    side = 2 * round(WIDE * width / 2) + 1
+    around = cv2.blur(away.reshape(height, width), (side, side)) if len(away) else away
+    # Squared: a large area that is far off must not pull at all.
+    return robust(np.asarray(around, np.float32).ravel()) ** 2

@@ -84,6 +84,16 @@ def test_one_step_draws_better_than_none(shots: Shots) -> None:
     assert error(shots, 3, found, picture) < 0.2 * error(shots, 3, start, picture)
 
 
+def test_a_hand_before_the_face_does_not_pull_at_it(shots: Shots) -> None:
+    truth = replace(shots.faces[3], modes=np.zeros(1))
+    picture = picture_of(shots, truth)
+    hidden = picture.copy()
+    low, high = outline_of(shots, 3).min(0).astype(int), outline_of(shots, 3).max(0).astype(int)
+    hidden[(low + high)[1] // 2 :, low[0] : (low + high)[0] // 2] = 230
+    found = drawing_of(shots).fit(whole(hidden), astray(truth), outline_of(shots, 3))
+    assert error(shots, 3, found, picture) < 0.5 * error(shots, 3, astray(truth), picture)
+
+
 def test_a_face_that_does_not_show_stays(shots: Shots) -> None:
     truth = replace(shots.faces[3], modes=np.zeros(1))
     picture = whole(picture_of(shots, truth))
