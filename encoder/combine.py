@@ -38,7 +38,7 @@ _PROBE = np.array([0.2, 0.2, 0.2, 0.4, 0.4, 0.002, *[0.03] * (GEOMETRY - 6)])
 MOTION_FRAMES = 4
 VARIANCE_SHARE = 0.3
 # Of what is known beforehand, see `combine`; units are grey levels of error.
-LEAST_SPREAD = 0.25
+LEAST_SPREAD = 0.35
 # Steps of a basis row to the usual size of its component, and the least that a row has.
 BASIS_STEPS, LEAST_REACH = 6.0, 15.0
 # An actuator's error is seen by people even where it costs little PSNR: harm per unit, grey^2.

@@ -31,8 +31,9 @@ Single = NDArray[np.float32]
 # Pixels of the face that are looked at: of a larger one every second, third, ... of each row and
 # column.
 MOST_PIXELS = 6000
-# What an actuator one unit off its first guess costs, squared grey levels.
-HELD_GREY2 = 6.0
+# What an actuator one unit off its first guess costs, squared grey levels.  Lids stay: what PSNR
+# gains by a lid that is half closed, people lose.
+HELD_GREY2 = np.array([400.0 if eau.name.startswith("lid_") else 6.0 for eau in EAUS])
 STEPS = 1
 # Less of the face's own colour than this in a pixel, and it says little about the face.
 LEAST_OPACITY = 0.5
@@ -126,7 +127,7 @@ class Drawing:
             gradient[eau] += held * away
             return normal, gradient
 
-        return _Drawn(face, cost + HELD_GREY2 * float(away @ away), equations)
+        return _Drawn(face, cost + float(HELD_GREY2 @ away**2), equations)
 
     def _driven(self, surface: Surface, eau: Array, back: Single) -> Single:
         """(p, EAUs) what each actuator changes; back: (p, 3) per mm of motion, head frame."""

@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 # Modes that may be learned between one model packet and the next.
-SPARE_MODES = MAX_MODES - BUDGETS["default"].most_modes
+SPARE_MODES = MAX_MODES - BUDGETS["live"].most_modes
 
 
 @dataclass(frozen=True, slots=True)

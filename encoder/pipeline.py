@@ -161,7 +161,7 @@ def send_live(
     stop: Callable[[], bool],
 ) -> None:
     """Send every frame as it comes, in the default profile."""
-    budget = budget_for("default", options.model_bytes)
+    budget = budget_for("live", options.model_bytes)
     # A source that waits for its reader may wait for the learning, too.
     wait = not (options.pace or capture.is_live)
     cadence = cadence_for(capture.fps, options.fps)
