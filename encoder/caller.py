@@ -91,12 +91,13 @@ def learn_caller(
     call: CallParameters,
     budget: Budget,
     workers: int | None = None,
-    more_to_come: bool = False,
+    live: bool = False,
 ) -> Learned:
     """The caller's appearance from a sample of frames (number, picture).
 
     workers: see `on_cores`; one where frames of a live call are coded meanwhile.
-    more_to_come: what these frames hide in the mouth and behind the lids may yet be seen.
+    live: what these frames hide in the mouth and behind the lids may yet be seen, and it must be
+        learned before the next update: faces are not fitted by their pixels.
     """
     reference = faces[0]
     packet = shape_packet(fitted, reference, call)
@@ -111,13 +112,12 @@ def learn_caller(
     found = [faces[number] for number, _ in sample_frames]
     found = tracked(head, face, camera, size, crops, found, workers)
     outlines = [points[number] for number, _ in sample_frames]
-    if not more_to_come:
-        # A live call must have learned by the next update: it goes without.
+    if not live:
         found = drawn_best(head, shape, face, crops, found, outlines, workers)
     stack = shape_free_views(head, shape, face, crops, found, workers)
     shown = within_outline(shape, crops, found, outlines)
     mask = np.maximum(face_mask(head, atlas), shown)
-    if more_to_come:
+    if live:
         stack = replace(stack, weight=np.maximum(stack.weight, opened(head, shape, face, found)))
     stack = replace(stack, weight=stack.weight * np.where(shape.on_face, np.float32(1), mask))
     sharp = sharpened_stack(shape, stack, crops, found, workers)

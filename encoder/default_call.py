@@ -136,6 +136,8 @@ class Survey:
             self._learned = learn_caller(
                 head, fitted, self._start, self._sampler.frames, self._points, call, budget
             )
+        caller = self._learned.caller
+        self._drawing = drawing_of(caller.face, call.camera, caller.appearance)
         self._call, self._budget = call, budget
 
     def refine(self, index: int, frame: Picture) -> None:
@@ -154,7 +156,7 @@ class Survey:
         """End of the second pass, or of a part of it: frames are refined several at a time."""
         assert self._learned is not None
         caller = self._learned.caller
-        drawing = drawing_of(caller.face, self._call.camera, caller.appearance)
+        drawing = self._drawing
 
         def refine(number: int) -> FaceParameters:
             crop, outline = self._crops[number], self._points[number][list(OUTLINE), :2]

@@ -6,7 +6,6 @@ surfaces, and what is drawn has been interpolated.  Here the pixels of the face 
 decoder draws them, and their squared error is made least.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from encoder.code_appearance import Appearance
 from encoder.crop import Crop
 from encoder.learn import hull_mask
-from encoder.refine import descend, gradients, luma, robust
+from encoder.refine import Trial, descend, gradients, luma, robust
 from encoder.shape_free import rigid_change
 from encoder.surface import Surface, front_surface
 from protocol.components import GEOMETRY
@@ -75,9 +74,9 @@ class Drawing:
         first = self._look(view, start)
         trust = _trust(view, first)
 
-        def attempt(face: FaceParameters) -> _Drawn:
+        def attempt(face: FaceParameters) -> Trial:
             look = first if face is start else self._look(view, face)
-            return self._drawn(view, look, trust[look.surface.pixels])
+            return self._tried(view, look, trust[look.surface.pixels])
 
         return descend(attempt, start, EVERY, steps).face
 
@@ -99,7 +98,7 @@ class Drawing:
         error = opacity * (view.grey[surface.pixels] - drawn)
         return _Look(face, rotation, turned, surface, places, opacity, error)
 
-    def _drawn(self, view: "_View", look: "_Look", trust: Single) -> "_Drawn":
+    def _tried(self, view: "_View", look: "_Look", trust: Single) -> Trial:
         face, surface, error = look.face, look.surface, look.error
         away = view.start.eau - face.eau
         shown = len(error) > LEAST_SHOWN * view.wanted.sum()
@@ -127,7 +126,7 @@ class Drawing:
             gradient[eau] += held * away
             return normal, gradient
 
-        return _Drawn(face, cost + float(HELD_GREY2 @ away**2), equations)
+        return Trial(face, cost + float(HELD_GREY2 @ away**2), equations)
 
     def _driven(self, surface: Surface, eau: Array, back: Single) -> Single:
         """(p, EAUs) what each actuator changes; back: (p, 3) per mm of motion, head frame."""
@@ -195,15 +194,6 @@ class _Look:
     places: Single
     opacity: Single
     error: Single
-
-
-@dataclass(frozen=True, slots=True)
-class _Drawn:
-    """See `refine.Trial`."""
-
-    face: FaceParameters
-    cost: float
-    equations: Callable[[], tuple[Array, Array]]
 
 
 def _view(crop: Crop, start: FaceParameters, outline_px: Array) -> _View:

@@ -195,7 +195,7 @@ class Learner:
             call,
             budget,
             self._workers,
-            more_to_come=True,
+            live=True,
         )
 
     def _call_parameters(self, focal_px: float) -> CallParameters:

@@ -8,7 +8,7 @@ holds at any pose.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -212,31 +212,26 @@ class _View:
     precision: float
 
 
-class Trial(Protocol):
+@dataclass(frozen=True, slots=True)
+class Trial:
     """A face that was tried.
 
     equations: the normal equations (eq. 2.27) at it, of pose, the actuators that may move, and the
         coefficients themselves: a matrix, and the right side.
     """
 
-    @property
-    def face(self) -> FaceParameters: ...
-    @property
-    def cost(self) -> float: ...
-    @property
-    def equations(self) -> Callable[[], tuple[Array, Array]]: ...
+    face: FaceParameters
+    cost: float
+    equations: Callable[[], tuple[Array, Array]]
 
 
 AnyTrial = TypeVar("AnyTrial", bound=Trial)
 
 
 @dataclass(frozen=True, slots=True)
-class _Tried:
-    """A `Trial`, with the texels' luma and its gradient (k, 3)."""
+class _Tried(Trial):
+    """With the texels' luma and its gradient (k, 3)."""
 
-    face: FaceParameters
-    cost: float
-    equations: Callable[[], tuple[Array, Array]]
     seen: Single
 
 
@@ -248,21 +243,20 @@ def descend(
     start: with its coefficients; one of infinite cost leads nowhere.
     free: (a,) actuators that may move.
     """
-    trial = best = attempt(start)
+    best, damping = attempt(start), 0.0
     if not np.isfinite(best.cost):
         return best
-    equations, damping = best.equations(), 0.0
-    for step in range(steps):
+    equations: tuple[Array, Array] | None = None
+    for _ in range(steps):
+        equations = equations or best.equations()
         trial = attempt(_stepped(best.face, equations, free, damping))
         settled = abs(best.cost - trial.cost) < SETTLED * best.cost
         if trial.cost <= best.cost:
-            best, damping = trial, damping / 10
+            best, damping, equations = trial, damping / 10, None
         else:
             damping = max(10 * damping, FIRST_DAMPING)
-        if settled or step == steps - 1:
+        if settled:
             break
-        if best is trial:
-            equations = best.equations()
     return best
 
 
