@@ -26,7 +26,7 @@ from protocol.components import (
     unit_of,
     vector_from_face,
 )
-from protocol.predict import KINDS, MAX_SPREAD, coding_order
+from protocol.predict import ANCHOR, KINDS, MAX_SPREAD, UNIT, coding_order, interpolate
 from protocol.quantise import pose_from_motion
 from shared_model.parameters import FaceParameters, Pose, clip_eau
 
@@ -36,11 +36,11 @@ Array = NDArray[np.float64]
 _PROBE = np.array([0.2, 0.2, 0.2, 0.4, 0.4, 0.002, *[0.03] * (GEOMETRY - 6)])
 # Frames over which motion is measured, and how much plain variance counts beside it.
 MOTION_FRAMES = 4
-VARIANCE_SHARE = 0.3
+VARIANCE_SHARE = 1.0
 # Of what is known beforehand, see `combine`; units are grey levels of error.
-LEAST_SPREAD = 0.35
+LEAST_SPREAD = 0.2
 # Steps of a basis row to the usual size of its component, and the least that a row has.
-BASIS_STEPS, LEAST_REACH = 6.0, 15.0
+BASIS_STEPS, LEAST_REACH = 9.0, 22.0
 # An actuator's error is seen by people even where it costs little PSNR: harm per unit, grey^2.
 EAU_HARM = 4.0
 
@@ -138,14 +138,13 @@ def measure_spreads(values: Array, frames_per_packet: int) -> NDArray[np.uint8]:
     """(n, KINDS) codes of the mean size of what each kind of prediction leaves of (t, n) values."""
     errors: list[list[Array]] = [[] for _ in range(KINDS)]
     errors[0].append(np.abs(values))
-    for start in range(0, len(values) - frames_per_packet, frames_per_packet):
-        known = {0: values[start]}
+    whole = np.rint(values * UNIT).astype(np.int64)
+    for start in range(0, len(whole) - frames_per_packet, frames_per_packet):
+        known = {0: whole[start]}
         for place in coding_order(frames_per_packet):
-            share = (place.index - place.left) / max(place.right - place.left, 1)
-            left, right = known[place.left], known.get(place.right, known[0])
-            predicted = left + share * (right - left)
-            known[place.index] = values[start + place.index]
-            errors[place.kind].append(np.abs(known[place.index] - predicted)[None])
+            predicted = known[0] if place.kind == ANCHOR else interpolate(place, known)
+            known[place.index] = whole[start + place.index]
+            errors[place.kind].append(np.abs(known[place.index] - predicted)[None] / UNIT)
     sizes = np.empty((values.shape[1], KINDS))
     for kind in range(KINDS):
         found = errors[kind] or errors[kind - 1]

@@ -74,7 +74,8 @@ class Survey:
             folder = find_network_folder()
         except NetworkFilesMissing as error:
             raise UserError(f"{error}; without them use --profile thesis") from error
-        self._tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
+        # The caller's own appearance says more of the lids, once it is learned.
+        self._tracker = LandmarkTracker(folder, BlazeFaceDetector(folder), look_at_lids=False)
         self._capture, self._tally, self._cadence = capture, tally, cadence
         self._points: list[Array] = []
         self._number: dict[int, int] = {}  # source frame -> place among those with a face

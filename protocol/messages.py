@@ -23,7 +23,7 @@ from shared_model.parameters import AAUS, EAUS, Pose
 
 # A model packet is in the oldest version that has all it says: the thesis profile's, the default
 # profile's pictures as they are coded now, fields for layers and coded frames, and for growth.
-THESIS_VERSION, PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION = 2, 5, 6, 7
+THESIS_VERSION, PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION = 2, 9, 10, 11
 VERSIONS = THESIS_VERSION, PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION
 PROFILES = ("thesis", "default")
 

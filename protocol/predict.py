@@ -2,7 +2,7 @@
 
 A packet holds the frames after an *anchor*, the last frame of the packet before.  Its own last
 frame, the next anchor, is predicted from that one, damped; then the frame between two known ones
-from their mean, and so on by halves (hierarchical prediction).  In turn, every component of an
+from these, and so on by halves (hierarchical prediction).  In turn, every component of an
 anchor is coded without prediction once in `REFRESH` packets: a lost packet is forgotten without a
 burst.
 
@@ -11,7 +11,7 @@ model packet's table of spreads and what the packet itself has shown so far.  Al
 units of 1 / `UNIT` of a component's own unit; encoder and decoder run the same code.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,6 +74,20 @@ def step(quality: int, kind: int) -> int:
     return _QUARTERS[quarters % 4] << quarters // 4
 
 
+def interpolate(place: Place, known: Mapping[int, Integers]) -> Integers:
+    """(n,) the frame at `place`, no anchor, on a cubic through the `known` frames around it.
+
+    Motion goes straight on beyond the two next to it where nothing is known there.
+    """
+    span = place.right - place.left
+    share = place.index - place.left
+    left, right = known[place.left], known[place.right]
+    before = known.get(place.left - span, 2 * left - right)
+    after = known.get(place.right + span, 2 * right - left)
+    straight = left * (span - share) + right * share
+    return (16 * straight + span * (left + right - before - after)) // (16 * span)
+
+
 class FramePredictor:
     """What both ends know of the past.
 
@@ -105,9 +119,7 @@ class FramePredictor:
         """(n,) prediction of the frame at `place` from the `known` frames of its packet."""
         if place.kind == ANCHOR:
             return np.where(kinds == ABSOLUTE, 0, known[0] * self._damping >> 4)
-        span = place.right - place.left
-        share = place.index - place.left
-        return (known[place.left] * (span - share) + known[place.right] * share) // span
+        return interpolate(place, known)
 
     def tables(self, kinds: Integers, quality: int) -> Integers:
         """(n,) table of each component before its surroundings are known, see `values`."""

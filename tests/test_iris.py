@@ -1,15 +1,17 @@
 """Irises: where real eyes have them, and gaze from known geometry."""
 
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from encoder.capture import open_source
+from encoder.capture import Frame, open_source
 from encoder.detect import BlazeFaceDetector
-from encoder.iris import Eyes, IrisFinder, gaze
-from encoder.landmarks import LandmarkTracker
+from encoder.iris import LIDS, Eyes, IrisFinder, gaze
+from encoder.landmarks import FaceMesh, LandmarkTracker
 from encoder.networks import NetworkFilesMissing, find_network_folder
+from encoder.square import square_from_landmarks
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, pixel_from_head, pose_from_euler
 from shared_model.jaw_and_lids import GAZE_DEG, eye
@@ -41,6 +43,20 @@ def test_an_iris_beyond_the_ball_still_gives_an_angle() -> None:
     assert np.abs(gaze(FACE, CAMERA, pose, eyes)).max() <= 1
 
 
+def networks() -> Path:
+    try:
+        return find_network_folder()
+    except NetworkFilesMissing as missing:
+        pytest.skip(str(missing))
+
+
+def frames(name: str, count: int) -> list[Frame]:
+    if not CLIPS.is_dir():
+        pytest.skip(f"{CLIPS} is not there")
+    with open_source(str(CLIPS / name)) as capture:
+        return [frame for _, frame in islice(capture, count)]
+
+
 @pytest.mark.parametrize(
     ("name", "pupils"),
     [
@@ -50,16 +66,39 @@ def test_an_iris_beyond_the_ball_still_gives_an_angle() -> None:
     ],
 )
 def test_irises_are_where_the_pupils_are(name: str, pupils: list[list[float]]) -> None:
-    try:
-        folder = find_network_folder()
-    except NetworkFilesMissing as missing:
-        pytest.skip(str(missing))
-    if not CLIPS.is_dir():
-        pytest.skip(f"{CLIPS} is not there")
-    with open_source(str(CLIPS / name)) as capture:
-        frame = next(iter(capture))[1]
+    folder, (frame,) = networks(), frames(name, 1)
     found = LandmarkTracker(folder, BlazeFaceDetector(folder)).update(frame)
     assert found is not None
     centres = IrisFinder(folder).find(frame, found.points).irises[:, 0]
     eyes = np.linalg.norm(np.diff(pupils, axis=0))
     assert np.linalg.norm(centres - pupils, axis=1).max() < 0.05 * eyes, centres
+
+
+def test_lids_close_in_a_blink() -> None:
+    folder = networks()
+    tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
+    # The caller blinks in frame 42.
+    opening = [eyes_opening(tracker, frame) for frame in frames("carphone.mp4", 45)]
+    assert min(opening) == opening[42] < 0.4 * np.median(opening)
+
+
+def eyes_opening(tracker: LandmarkTracker, frame: Frame) -> float:
+    found = tracker.update(frame)
+    assert found is not None
+    gaps = found.points[[159, 386], :2] - found.points[[145, 374], :2]
+    eyes = found.points[263, :2] - found.points[33, :2]
+    return float(np.linalg.norm(gaps, axis=1).mean() / np.linalg.norm(eyes))
+
+
+def test_only_the_lids_are_seen_anew() -> None:
+    folder, (frame,) = networks(), frames("smile.mp4", 1)
+    tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
+    found = tracker.update(frame)
+    assert found is not None
+    mesh = FaceMesh(folder).find(frame, square_from_landmarks(found.points))
+    again = IrisFinder(folder).with_lids(frame, mesh.points)
+    moved = np.flatnonzero((again != mesh.points).any(1))
+    assert set(moved) <= set(np.ravel(LIDS))
+    assert len(moved) > 20
+    eyes = np.linalg.norm(mesh.points[263, :2] - mesh.points[33, :2])
+    assert np.linalg.norm(again - mesh.points, axis=1).max() < 0.15 * eyes

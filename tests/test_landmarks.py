@@ -8,15 +8,14 @@ import pytest
 
 from encoder.capture import Frame, open_source
 from encoder.detect import BlazeFaceDetector, Detection
-from encoder.landmarks import (
+from encoder.landmarks import FaceMesh, LandmarkTracker
+from encoder.networks import NetworkFilesMissing, find_network_folder
+from encoder.square import (
     EYE_CORNERS,
-    FaceMesh,
-    LandmarkTracker,
     Square,
     square_from_detection,
     square_from_landmarks,
 )
-from encoder.networks import NetworkFilesMissing, find_network_folder
 
 CLIPS = Path(__file__).resolve().parents[2] / "shared" / "clips"
 
