@@ -8,8 +8,14 @@ from typing import Protocol
 from protocol.components import face_from_components, parse_components
 from protocol.messages import SEQUENCE_MODULUS, CallParameters, ModelPacket, ProtocolError
 from protocol.predict import FramePredictor, decode_packet
-from protocol.quantise import EAU_STEP, THESIS_RATE_HZ, decode_thesis, values_from_codes
-from shared_model.parameters import EAU_INDEX, THESIS_EAUS, FaceParameters
+from protocol.quantise import (
+    EAU_STEP,
+    THESIS_RATE_HZ,
+    decode_thesis,
+    sent_eaus,
+    values_from_codes,
+)
+from shared_model.parameters import EAU_INDEX, FaceParameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,10 +51,11 @@ class ThesisSamples:
 
     def decode(self, number: int, payload: bytes) -> list[Sample]:
         """See `SampleDecoder`."""
-        face = decode_thesis(payload, self._model.reference_pose)
+        lids = self._model.call.lids
+        face = decode_thesis(payload, self._model.reference_pose, lids)
         # What the profile does not send stays as it was in the still.
         eau = values_from_codes(self._model.reference_eau, EAU_STEP)
-        sent = [EAU_INDEX[name] for name in THESIS_EAUS]
+        sent = [EAU_INDEX[name] for name in sent_eaus(lids)]
         eau[sent] = face.eau[sent]
         place = self._model.call.start_frame + number * self._spacing
         return [Sample(place, replace(face, eau=eau))]

@@ -38,6 +38,7 @@ class EncodeOptions:
     output: call file; connect, listen: Zenoh endpoints (tcp/HOST:PORT) and `call` the call's name.
     lossless: over the network no packet is dropped, however slow: for measurements, not live calls.
     follow: how the thesis profile follows the face.
+    lids: the thesis profile sends the lids as well.
     profile: "thesis" or "default".
     bitrate: bits per second that frame packets take (default profile).
     startup_bitrate: bits per second of all packets together while the model is sent in layers
@@ -62,6 +63,7 @@ class EncodeOptions:
     fps: float | None = None
     live: bool = False
     follow: FollowOptions = field(default_factory=FollowOptions)
+    lids: bool = False
     pace: bool = False
     max_frames: int | None = None
     wait_for_peer_s: float = 0.0
@@ -122,7 +124,8 @@ def send_thesis(
     elapsed_s = float(1 / capture.fps)
     follower = open_follower(options.follow, generic_head(), size, FOLLOWED, elapsed_s, tally.warn)
     budget = budget_for("thesis", options.model_bytes)
-    call = ThesisCall(capture, follower, sink, budget, options.look_for_face_s, tally)
+    patience_s = options.look_for_face_s
+    call = ThesisCall(capture, follower, sink, budget, patience_s, tally, options.lids)
     send_frames(call, options, capture, tally, progress, stop)
 
 

@@ -1,5 +1,6 @@
 """The thesis profile, sending side: a first good frame is the model, then ten samples a second."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -44,7 +45,10 @@ class ThesisSender:
         before = self._before or face
         while (place := self._place()) <= index:
             share = 1.0 if place <= index - 1 else float(place - (index - 1))
-            payload = encode_thesis(blend(before, face, share), self._model.reference_pose)
+            model = self._model
+            payload = encode_thesis(
+                blend(before, face, share), model.reference_pose, model.call.lids
+            )
             self._tally.frame_bytes += len(payload)
             packet = FramePacket(self._number % SEQUENCE_MODULUS, payload)
             self._tally.send(self._sink, packet)
@@ -67,6 +71,7 @@ class ThesisCall:
     """The state of one call on the sending side.
 
     look_for_face_s: say so if there is no face after this many seconds of video.
+    lids: send them as well.
     """
 
     def __init__(
@@ -77,10 +82,11 @@ class ThesisCall:
         budget: Budget,
         look_for_face_s: float,
         tally: Tally,
+        lids: bool = False,
     ) -> None:
         self._capture, self._tally, self._budget = capture, tally, budget
         self._follower, self._sink = follower, sink
-        self._look_for_face_s = look_for_face_s
+        self._look_for_face_s, self._lids = look_for_face_s, lids
         self._sender: ThesisSender | None = None
         self._lost = False
 
@@ -123,4 +129,5 @@ class ThesisCall:
     def _model(self, index: int, frame: Picture, face: FaceParameters) -> ModelPacket:
         fitted = self._follower.fitted
         call = call_parameters(self._capture, "thesis", fitted.camera.focal_px, index)
+        call = replace(call, lids=self._lids)
         return build_model(generic_head(), fitted, face, frame, call, self._budget)

@@ -54,6 +54,7 @@ class BenchSettings:
     model_bytes: int | None = None
     live: bool = False
     startup_bitrate: float | None = None
+    lids: bool = False
 
     def encoder_options(self) -> list[str]:
         """The settings as options of the encoder's command line."""
@@ -61,6 +62,7 @@ class BenchSettings:
         options += ["--bitrate", str(self.bitrate)]
         options += ["--pace" if self.pace else "--no-pace"]
         options += ["--live"] if self.live else []
+        options += ["--lids"] if self.lids else []
         options += [] if self.fps is None else ["--fps", str(self.fps)]
         if self.startup_bitrate is not None:
             options += ["--startup-bitrate", str(self.startup_bitrate)]

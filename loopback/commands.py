@@ -59,6 +59,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
             arguments.normalise,
             arguments.abs,
         ),
+        lids=arguments.lids,
         pace=over_link if arguments.pace is None else arguments.pace,
         max_frames=arguments.max_frames,
         wait_for_peer_s=arguments.wait,
@@ -129,6 +130,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
         bitrate=arguments.bitrate,
         fps=arguments.fps,
         detector=arguments.detector,
+        lids=arguments.lids,
         max_frames=arguments.max_frames,
         pace=arguments.pace,
         model_bytes=arguments.model_bytes,
@@ -154,8 +156,8 @@ def run_sweep(arguments: argparse.Namespace) -> int:
         raise UserError("--sweep codes every frame; leave out --fps")
     if arguments.live or arguments.startup_bitrate is not None:
         raise UserError("--sweep codes what it has seen whole; leave out --live, --startup-bitrate")
-    if arguments.profile == "thesis":
-        raise UserError("--sweep is about the default profile; leave out --profile thesis")
+    if arguments.profile == "thesis" or arguments.lids:
+        raise UserError("--sweep is about the default profile; leave out --profile thesis, --lids")
     settings = SweepSettings(arguments.sweep, arguments.max_frames)
 
     def progress(label: str) -> ProgressLine:

@@ -29,6 +29,12 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
         help="about as large the model packet shall be (default: 16000 thesis, 10000 default)",
     )
     parser.add_argument(
+        "--lids",
+        action="store_true",
+        help="thesis profile: also send how far each lid is closed, two values of 8 bits: 960"
+        " bits a second instead of 800",
+    )
+    parser.add_argument(
         "--detector",
         choices=("network", "haar"),
         default="network",

@@ -7,6 +7,7 @@ from shared_model.errors import UserError
 
 # What only one of the profiles has a use for, with its usual value.
 THESIS_OPTIONS: Mapping[str, object] = {
+    "lids": False,
     "detector": "network",
     "tracker": "full",
     "without": frozenset(),

@@ -24,7 +24,7 @@ from protocol.messages import (
     serialise,
 )
 from protocol.predict import FramePredictor, encoding, read_packet
-from shared_model.parameters import EAUS, THESIS_EAUS
+from shared_model.parameters import EAUS, LID_EAUS, THESIS_EAUS
 
 Array = NDArray[np.float64]
 
@@ -137,8 +137,9 @@ class Accounts:
         if self._model is None:
             raise ProtocolError("a frame packet before the model packet")
         if self._model.call.profile == "thesis":
-            total = sum(_THESIS_VALUES.values())
-            return {name: count / total for name, count in _THESIS_VALUES.items()}
+            values = _THESIS_VALUES | ({"lids": len(LID_EAUS)} if self._model.call.lids else {})
+            total = sum(values.values())
+            return {name: count / total for name, count in values.items()}
         if self._waiting and self._waiting.number(packet) < SEQUENCE_MODULUS // 2:
             self._reading, self._waiting = self._waiting, None
             self._settle(self._model.layer)

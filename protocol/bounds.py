@@ -13,6 +13,12 @@ def check_int(name: str, value: Any, low: int, high: int) -> None:
         raise ValueError(f"{name} is {value!r}, expected an integer {low}..{high}")
 
 
+def check_bool(name: str, value: Any) -> None:
+    """`value` is a bool."""
+    if type(value) is not bool:
+        raise ValueError(f"{name} is {value!r}, expected true or false")
+
+
 def check_codes(name: str, codes: tuple[int, ...], count: int, low: int) -> None:
     """`codes` are `count` ints in low..127."""
     if len(codes) != count:

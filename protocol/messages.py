@@ -16,15 +16,16 @@ from typing import Any
 import msgpack  # type: ignore[import-untyped]
 import numpy as np
 
-from protocol.bounds import check_bytes, check_codes, check_int, single, singles
+from protocol.bounds import check_bool, check_bytes, check_codes, check_int, single, singles
 from protocol.varint import MAX_VARINT, decode_varint, encode_varint
 from shared_model.geometry import Camera, normalise
 from shared_model.parameters import AAUS, EAUS, Pose
 
 # A model packet is in the oldest version that has all it says: the thesis profile's, the default
-# profile's pictures as they are coded now, fields for layers and coded frames, and for growth.
-THESIS_VERSION, PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION = 2, 9, 10, 11
-VERSIONS = THESIS_VERSION, PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION
+# profile's pictures as they are coded now, fields for layers and coded frames, for growth, and for
+# the thesis profile's lids.
+THESIS_VERSION, PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION, LIDS_VERSION = 2, 9, 10, 11, 8
+VERSIONS = THESIS_VERSION, PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION, LIDS_VERSION
 PROFILES = ("thesis", "default")
 
 SEQUENCE_MODULUS = 64
@@ -80,6 +81,7 @@ class CallParameters:
     frames_per_packet: coded frames in one frame packet (default profile).
     start_frame: source frame that frame packet 0 belongs to.
     frame_step: source frames from one coded frame to the next (default profile).
+    lids: frame packets of the thesis profile say how far the lids are closed, too.
     """
 
     profile: str
@@ -91,6 +93,7 @@ class CallParameters:
     frames_per_packet: int = 1
     start_frame: int = 0
     frame_step: int = 1
+    lids: bool = False
 
     def __post_init__(self) -> None:
         if self.profile not in PROFILES:
@@ -104,6 +107,9 @@ class CallParameters:
         check_int("frames per packet", self.frames_per_packet, 1, MAX_FRAMES_PER_PACKET)
         check_int("start frame", self.start_frame, 0, MAX_FRAME_INDEX)
         check_int("frame step", self.frame_step, 1, MAX_FRAME_STEP)
+        check_bool("lids", self.lids)
+        if self.lids and self.profile != "thesis":
+            raise ValueError(f"lids are an option of the thesis profile, not of the {self.profile}")
         focal = single("focal length", self.focal_px)
         if not 1 <= focal <= MAX_FOCAL_PX:
             raise ValueError(f"focal length is {focal} px, expected 1..{MAX_FOCAL_PX}")
@@ -166,9 +172,8 @@ class ModelPacket:
         check_bytes("extension", self.extension, MAX_EXTENSION_BYTES)
         check_int("number of layers", self.layers, 1, MAX_LAYERS)
         check_int("layer", self.layer, 0, self.layers - 1)
-        for name, value in (("layered", self.layered), ("growing", self.growing)):
-            if type(value) is not bool:
-                raise ValueError(f"{name} is {value!r}, expected true or false")
+        check_bool("layered", self.layered)
+        check_bool("growing", self.growing)
         rotation = singles("reference rotation", self.reference_rotation, 4, 1.001)
         norm = math.hypot(*rotation)
         if abs(norm - 1) > 1e-3:
@@ -319,11 +324,13 @@ def _parse_control(sequence: int, payload: bytes) -> ControlPacket:
 # Keys of the model packet's map, short because they are sent.
 _KEYS = ("p", "s", "r", "f", "n", "o", "l", "a", "d", "q", "t", "e", "b", "x", "m")
 # How many of the later keys each version has.
-_LATER_KEYS = ("k", "y", "g")
-_LATER = {THESIS_VERSION: 0, PLAIN_VERSION: 0, LAYERED_VERSION: 2, GROWING_VERSION: 3}
+_LATER_KEYS = ("k", "y", "g", "i")
+_LATER = dict(zip(VERSIONS, (0, 0, 2, 3, 4), strict=True))
 
 
 def _version(packet: ModelPacket) -> int:
+    if packet.call.lids:
+        return LIDS_VERSION
     if packet.growing:
         return GROWING_VERSION
     if packet.layered or packet.call.frame_step != 1:
@@ -356,6 +363,7 @@ def _model_fields(packet: ModelPacket) -> dict[str, Any]:
         call.frame_step,
         packet.layered,
         packet.growing,
+        call.lids,
     )
     return dict(zip(_keys(_version(packet)), values, strict=False))
 
@@ -380,7 +388,7 @@ def _parse_model(sequence: int, payload: bytes) -> ModelPacket:
     if version == THESIS_VERSION and packet.call.profile != "thesis":
         raise ValueError(
             f"format version is {version}, of the default profile this program reads"
-            f" {', '.join(map(str, VERSIONS[1:]))}"
+            f" {', '.join(map(str, VERSIONS[1:-1]))}"
         )
     # One encoding only: no longer integers, doubles or another order of keys for the same packet.
     if serialise(packet)[1:] != payload:
@@ -393,15 +401,24 @@ def _model_from_fields(sequence: int, keys: tuple[str, ...], fields: Any) -> Mod
         raise ValueError(f"no map of the fields {','.join(keys)}")
     profile, size, fps, focal, packing, start, layer, aau, residual, *rest = fields.values()
     rotation, translation, eau, background, texture, extension, *later = rest
-    usual: tuple[Any, ...] = (1, False, False)
-    step, layered, growing = (*later, *usual[len(later) :])
+    usual: tuple[Any, ...] = (1, False, False, False)
+    step, layered, growing, lids = (*later, *usual[len(later) :])
     check_int("profile", profile, 0, len(PROFILES) - 1)
     width, height = _pair("size", size)
     numerator, denominator = _pair("fps", fps)
     number, layers = _pair("layer", layer)
     return ModelPacket(
         call=CallParameters(
-            PROFILES[profile], width, height, numerator, denominator, focal, packing, start, step
+            PROFILES[profile],
+            width,
+            height,
+            numerator,
+            denominator,
+            focal,
+            packing,
+            start,
+            step,
+            lids,
         ),
         aau=_codes_from_bytes("aau", aau),
         reference_rotation=rotation,

@@ -1,8 +1,9 @@
 """Real values to integer codes and back: the one table of ranges and steps of the thesis profile.
 
 The thesis profile sends ten values of eight bits ten times a second (thesis 5.1): the head's motion
-against the reference pose, and four EAUs.  Codes -127..127 are companded,
-value = sign(c) (a|c| + b c^2), so that small motions are precise and large ones possible.
+against the reference pose, and four EAUs; if the call says so, two more for the lids.  Codes
+-127..127 are companded, value = sign(c) (a|c| + b c^2), so that small motions are precise and large
+ones possible.
 """
 
 from collections.abc import Sequence
@@ -19,7 +20,7 @@ from shared_model.geometry import (
     quaternion_from_vector,
     vector_from_quaternion,
 )
-from shared_model.parameters import EAU_INDEX, EAUS, THESIS_EAUS, FaceParameters, Pose
+from shared_model.parameters import EAU_INDEX, EAUS, LID_EAUS, THESIS_EAUS, FaceParameters, Pose
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.int64]
@@ -60,7 +61,8 @@ def _linear(name: str) -> Scale:
 
 # Rotation is the axis-angle vector from the reference rotation, camera axes.  Shift is that of the
 # projected head origin, carried back to the reference's depth: it is in mm and needs no camera.
-# Depth is the natural logarithm of the depth over the reference's.
+# Depth is the natural logarithm of the depth over the reference's.  Lids are last: a call without
+# them sends the rows before.
 THESIS_TABLE = (
     Scale("rotation_x", "deg", 0.2, 60.0),
     Scale("rotation_y", "deg", 0.2, 60.0),
@@ -68,39 +70,46 @@ THESIS_TABLE = (
     Scale("shift_right", "mm", 0.3, 300.0),
     Scale("shift_down", "mm", 0.3, 300.0),
     Scale("depth", "log", 0.001, 1.0),
-    *(_linear(name) for name in THESIS_EAUS),
+    *(_linear(name) for name in (*THESIS_EAUS, *LID_EAUS)),
 )
-THESIS_PAYLOAD_BYTES = len(THESIS_TABLE)
 
 _FINEST = np.array([scale.finest for scale in THESIS_TABLE])
 _GROWTH = np.array([scale.growth for scale in THESIS_TABLE])
 _CENTRE = np.array([scale.centre for scale in THESIS_TABLE])
-_EAU_PLACES = [EAU_INDEX[name] for name in THESIS_EAUS]
+_MOTION = 6
 
 
-def encode_thesis(parameters: FaceParameters, reference: Pose) -> bytes:
+def sent_eaus(lids: bool) -> tuple[str, ...]:
+    """The actuators that frame packets of the thesis profile carry, with the lids or without."""
+    return (*THESIS_EAUS, *LID_EAUS) if lids else THESIS_EAUS
+
+
+def encode_thesis(parameters: FaceParameters, reference: Pose, lids: bool = False) -> bytes:
     """Payload of a thesis frame packet: one byte per row of `THESIS_TABLE`, code + 128."""
-    return bytes((codes_from_parameters(parameters, reference) + 128).astype(np.uint8))
+    return bytes((codes_from_parameters(parameters, reference, lids) + 128).astype(np.uint8))
 
 
-def decode_thesis(payload: bytes, reference: Pose) -> FaceParameters:
-    """The face of a thesis frame packet.  Raises `ProtocolError` if it is not ten valid codes."""
-    if len(payload) != THESIS_PAYLOAD_BYTES:
-        raise ProtocolError(
-            f"thesis frame has {len(payload)} bytes, expected {THESIS_PAYLOAD_BYTES}"
-        )
+def decode_thesis(payload: bytes, reference: Pose, lids: bool = False) -> FaceParameters:
+    """The face of a thesis frame packet.
+
+    Raises `ProtocolError` if it is not ten valid codes, with lids twelve.
+    """
+    expected = _MOTION + len(sent_eaus(lids))
+    if len(payload) != expected:
+        raise ProtocolError(f"thesis frame has {len(payload)} bytes, expected {expected}")
     if 0 in payload:
         raise ProtocolError("thesis frame has a code of -128, expected -127..127")
     return parameters_from_codes(np.frombuffer(payload, np.uint8).astype(np.int64) - 128, reference)
 
 
-def codes_from_parameters(parameters: FaceParameters, reference: Pose) -> Codes:
-    """(10,) int64 codes -127..127 of `THESIS_TABLE`; what is out of range is clipped."""
+def codes_from_parameters(parameters: FaceParameters, reference: Pose, lids: bool = False) -> Codes:
+    """(10,) int64 codes -127..127 of `THESIS_TABLE`, with lids (12,); beyond the range clipped."""
     motion = motion_from_pose(parameters.pose, reference)
-    values = np.concatenate([motion, parameters.eau[_EAU_PLACES]]) - _CENTRE
+    sent = np.concatenate([motion, parameters.eau[_places(lids)]])
+    values, finest, growth = sent - _CENTRE[: len(sent)], _FINEST[: len(sent)], _GROWTH[: len(sent)]
     size = np.abs(values)
     # The root of a c + b c^2 = size that suffers no cancellation where b is 0 or tiny.
-    root = 2 * size / (_FINEST + np.sqrt(_FINEST**2 + 4 * _GROWTH * size))
+    root = 2 * size / (finest + np.sqrt(finest**2 + 4 * growth * size))
     below = np.floor(root)
     codes = below + (size - _expand(below) > _expand(below + 1) - size)
     signed = np.sign(values) * np.minimum(codes, MAX_CODE)
@@ -108,11 +117,11 @@ def codes_from_parameters(parameters: FaceParameters, reference: Pose) -> Codes:
 
 
 def parameters_from_codes(codes: Codes, reference: Pose) -> FaceParameters:
-    """The face that (10,) codes stand for; the EAUs that are not sent are 0."""
-    values = np.sign(codes) * _expand(np.abs(codes).astype(np.float64)) + _CENTRE
+    """The face that (10,) codes, or (12,) with lids, stand for; EAUs that are not sent are 0."""
+    values = np.sign(codes) * _expand(np.abs(codes).astype(np.float64)) + _CENTRE[: len(codes)]
     eau = np.zeros(len(EAUS))
-    eau[_EAU_PLACES] = values[6:]
-    return FaceParameters(pose_from_motion(values[:6], reference), eau)
+    eau[_places(len(codes) == len(THESIS_TABLE))] = values[_MOTION:]
+    return FaceParameters(pose_from_motion(values[:_MOTION], reference), eau)
 
 
 def motion_from_pose(pose: Pose, reference: Pose) -> Array:
@@ -152,4 +161,8 @@ def values_from_codes(codes: Sequence[int], step: float) -> Array:
 
 
 def _expand(size: Array) -> Array:
-    return _FINEST * size + _GROWTH * size**2
+    return _FINEST[: len(size)] * size + _GROWTH[: len(size)] * size**2
+
+
+def _places(lids: bool) -> list[int]:
+    return [EAU_INDEX[name] for name in sent_eaus(lids)]

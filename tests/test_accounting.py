@@ -262,3 +262,7 @@ def test_the_thesis_profile_spends_a_byte_on_each_value() -> None:
     thesis.add(MODEL)
     thesis.add(FramePacket(0, bytes(10)))
     assert thesis.groups == {"pose": 6, "expression": 4}
+    with_lids = Accounts()
+    with_lids.add(replace(MODEL, call=replace(CALL, lids=True)))
+    with_lids.add(FramePacket(0, bytes(12)))
+    assert with_lids.groups == pytest.approx({"pose": 6, "expression": 4, "lids": 2})

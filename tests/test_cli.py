@@ -550,7 +550,9 @@ def test_what_is_of_the_default_profile_is_refused_without_it(
     assert "--profile default" in one_line(capsys.readouterr().err)
 
 
-@pytest.mark.parametrize("option", ["--detector haar", "--tracker single", "--abs matrix"])
+@pytest.mark.parametrize(
+    "option", ["--detector haar", "--tracker single", "--abs matrix", "--lids"]
+)
 def test_what_is_of_the_thesis_profile_is_refused_in_the_other(
     option: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -561,7 +563,12 @@ def test_what_is_of_the_thesis_profile_is_refused_in_the_other(
 
 @pytest.mark.parametrize(
     ("option", "profile"),
-    [("-q", "default"), ("--tracker single", "thesis"), ("--fps 15", "default")],
+    [
+        ("-q", "default"),
+        ("--tracker single", "thesis"),
+        ("--lids", "thesis"),
+        ("--fps 15", "default"),
+    ],
 )
 def test_the_profile_follows_from_the_options(
     option: str, profile: str, carphone: Path, networks: Path, tmp_path: Path
@@ -590,7 +597,9 @@ def test_the_choices_of_an_option_are_those_that_the_encoder_has(
 
 
 @pytest.mark.parametrize(
-    "option", [("--fps", "10"), ("--live",), ("--startup-bitrate", "9000")], ids=lambda o: o[0]
+    "option",
+    [("--fps", "10"), ("--live",), ("--startup-bitrate", "9000"), ("--lids",)],
+    ids=lambda o: o[0],
 )
 def test_a_sweep_does_not_pass_over_an_option(
     option: tuple[str, ...], capsys: pytest.CaptureFixture[str]
@@ -612,3 +621,4 @@ def test_a_bench_hands_all_its_settings_to_the_encoder() -> None:
     assert "--live" in options
     assert options[options.index("--startup-bitrate") + 1] == "9000.0"
     assert options[options.index("--fps") + 1] == "10.0"
+    assert "--lids" in BenchSettings(profile="thesis", lids=True).encoder_options()

@@ -12,12 +12,14 @@ from packets import CALL, GOLDEN, MODEL, VECTORS
 from protocol.messages import (
     GROWING_VERSION,
     LAYERED_VERSION,
+    LIDS_VERSION,
     MAX_FRAME_PAYLOAD_BYTES,
     MAX_IMAGE_BYTES,
     MAX_LAYER_BYTES,
     MAX_MODEL_PACKET_BYTES,
     PLAIN_VERSION,
     THESIS_VERSION,
+    VERSIONS,
     CallParameters,
     ControlKind,
     ControlPacket,
@@ -170,6 +172,20 @@ def test_growing_is_yes_or_no() -> None:
         parse_packet(model_of_fields({"g": False}, GOLDEN["model_growing"]))
 
 
+def test_lids_are_yes_or_no_and_of_the_thesis_profile() -> None:
+    with pytest.raises(ProtocolError, match="lids"):
+        parse_packet(model_of_fields({"i": 1}, GOLDEN["model_lids"]))
+    with pytest.raises(ProtocolError, match="one encoding"):
+        parse_packet(model_of_fields({"i": False}, GOLDEN["model_lids"]))
+    with pytest.raises(ProtocolError, match="lids are an option of the thesis profile"):
+        parse_packet(model_of_fields({"p": 1}, GOLDEN["model_lids"]))
+
+
+def test_a_program_that_knows_no_lids_refuses_their_model_by_its_version() -> None:
+    assert serialise(MODEL)[1] == THESIS_VERSION
+    assert serialise(GOLDEN["model_lids"])[1] == LIDS_VERSION == max(VERSIONS)
+
+
 def test_the_default_profile_of_an_older_program_is_refused_by_its_version() -> None:
     assert MODEL.call.profile == "thesis"
     default = replace(MODEL, call=replace(MODEL.call, profile="default"))
@@ -187,6 +203,8 @@ def test_a_version_has_its_own_fields_only() -> None:
         (GOLDEN["model_step"], PLAIN_VERSION),
         (GOLDEN["model_step"], GROWING_VERSION),
         (GOLDEN["model_growing"], LAYERED_VERSION),
+        (MODEL, LIDS_VERSION),
+        (GOLDEN["model_lids"], GROWING_VERSION),
     ):
         data = bytearray(serialise(model))
         data[1] = version
@@ -278,7 +296,8 @@ images = st.binary(max_size=40)
             st.integers(1, 64),
             st.integers(0, 2**32 - 1),
             st.integers(1, 255),
-        ),
+        )
+        | st.builds(replace, st.just(CALL), lids=st.booleans()),
         aau=st.tuples(*[codes] * len(AAUS)),
         reference_rotation=st.just((0.6, 0.0, 0.8, 0.0)),
         reference_translation_mm=st.tuples(floats, floats, st.floats(1, 1e5)),
@@ -293,6 +312,7 @@ images = st.binary(max_size=40)
         layer=st.integers(0, 63),
         sequence=st.integers(0, 63),
         layered=st.booleans(),
+        growing=st.booleans(),
     )
     | st.builds(FramePacket, st.integers(0, 63), st.binary(max_size=64))
     | st.builds(

@@ -26,7 +26,7 @@ from shared_model.geometry import (
     pose_from_euler,
     vector_from_quaternion,
 )
-from shared_model.parameters import EAU_INDEX, EAUS, THESIS_EAUS, FaceParameters, Pose
+from shared_model.parameters import EAU_INDEX, EAUS, LID_EAUS, THESIS_EAUS, FaceParameters, Pose
 
 REFERENCE = pose_from_euler(4.0, -12.0, 3.0, np.array([30.0, -20.0, 650.0]))
 GOLDEN = FaceParameters(
@@ -34,11 +34,14 @@ GOLDEN = FaceParameters(
     np.linspace(-0.5, 1.0, len(EAUS)),
 )
 
-codes = st.lists(st.integers(-127, 127), min_size=10, max_size=10)
+codes = st.sampled_from([10, 12]).flatmap(
+    lambda count: st.lists(st.integers(-127, 127), min_size=count, max_size=count)
+)
 
 
 def test_golden_payload_has_not_changed() -> None:
     assert encode_thesis(GOLDEN, REFERENCE).hex() == "9b3fa264a59d014f5e6c"
+    assert encode_thesis(GOLDEN, REFERENCE, lids=True).hex() == "9b3fa264a59d014f5e6c768a"
 
 
 def test_the_reference_itself_is_all_zero_motion() -> None:
@@ -50,7 +53,8 @@ def test_the_reference_itself_is_all_zero_motion() -> None:
 @given(codes.filter(lambda c: max(abs(x) for x in c[:3]) <= 100))
 def test_codes_survive_the_parameters(values: list[int]) -> None:
     parameters = parameters_from_codes(np.array(values), REFERENCE)
-    assert codes_from_parameters(parameters, REFERENCE).tolist() == values
+    lids = len(values) == 12
+    assert codes_from_parameters(parameters, REFERENCE, lids).tolist() == values
 
 
 @given(
@@ -98,17 +102,26 @@ def test_small_motion_is_precise_and_large_motion_possible() -> None:
 
 def test_actuators_reach_their_ends() -> None:
     for sign in (-127, 127):
-        eau = parameters_from_codes(np.full(10, sign), REFERENCE).eau
-        for name in THESIS_EAUS:
+        eau = parameters_from_codes(np.full(12, sign), REFERENCE).eau
+        for name in (*THESIS_EAUS, *LID_EAUS):
             limits = EAUS[EAU_INDEX[name]]
             expected = limits.low if sign < 0 else limits.high
             assert eau[EAU_INDEX[name]] == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("payload", [b"", bytes([128] * 9), bytes([128] * 11)])
-def test_a_payload_of_another_length_is_refused(payload: bytes) -> None:
-    with pytest.raises(ProtocolError, match="expected 10"):
-        decode_thesis(payload, REFERENCE)
+@pytest.mark.parametrize(("lids", "expected"), [(False, 10), (True, 12)])
+def test_a_payload_of_another_length_is_refused(lids: bool, expected: int) -> None:
+    for length in set(range(14)) - {expected}:
+        with pytest.raises(ProtocolError, match=f"expected {expected}"):
+            decode_thesis(bytes([128] * length), REFERENCE, lids)
+
+
+def test_lids_come_after_what_is_sent_without_them() -> None:
+    with_lids = encode_thesis(GOLDEN, REFERENCE, lids=True)
+    assert with_lids[:10] == encode_thesis(GOLDEN, REFERENCE)
+    face = decode_thesis(with_lids, REFERENCE, lids=True)
+    for name in LID_EAUS:
+        assert abs(face.eau[EAU_INDEX[name]] - GOLDEN.eau[EAU_INDEX[name]]) <= 0.375 / 127 + 1e-9
 
 
 def test_the_unused_code_is_refused() -> None:
