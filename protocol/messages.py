@@ -17,6 +17,7 @@ import msgpack  # type: ignore[import-untyped]
 import numpy as np
 
 from protocol.bounds import check_bool, check_bytes, check_codes, check_int, single, singles
+from protocol.residual import parse_residual, serialise_residual
 from protocol.varint import MAX_VARINT, decode_varint, encode_varint
 from shared_model.geometry import Camera, normalise
 from shared_model.parameters import AAUS, EAUS, Pose
@@ -25,6 +26,7 @@ from shared_model.parameters import AAUS, EAUS, Pose
 # profile's pictures as they are coded now, fields for layers and coded frames, for growth, and for
 # the thesis profile's lids.
 THESIS_VERSION, PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION, LIDS_VERSION = 2, 9, 10, 11, 8
+_THESIS_VERSIONS = THESIS_VERSION, LIDS_VERSION
 VERSIONS = THESIS_VERSION, PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION, LIDS_VERSION
 PROFILES = ("thesis", "default")
 
@@ -40,7 +42,9 @@ MAX_FPS = 1000
 MAX_FRAMES_PER_PACKET = 64
 MAX_FRAME_STEP = 255
 MAX_FOCAL_PX = 1e6
-MAX_RESIDUAL_POINTS = 256
+MAX_RESIDUAL_POINTS = 255
+# More than 255 points take as they are coded.
+MAX_RESIDUAL_BYTES = 4096
 MAX_TRANSLATION_MM = 1e6
 MAX_LAYERS = 64
 MAX_LAYER_PACKETS = 4096
@@ -343,7 +347,7 @@ def _keys(version: int) -> tuple[str, ...]:
 
 
 def _model_fields(packet: ModelPacket) -> dict[str, Any]:
-    call = packet.call
+    call, version = packet.call, _version(packet)
     values = (
         PROFILES.index(call.profile),
         (call.width, call.height),
@@ -353,7 +357,7 @@ def _model_fields(packet: ModelPacket) -> dict[str, Any]:
         call.start_frame,
         (packet.layer, packet.layers),
         _bytes_from_codes(packet.aau),
-        _bytes_from_codes(packet.residual),
+        _bytes_from_residual(version, packet.residual),
         packet.reference_rotation,
         packet.reference_translation_mm,
         _bytes_from_codes(packet.reference_eau),
@@ -365,7 +369,7 @@ def _model_fields(packet: ModelPacket) -> dict[str, Any]:
         packet.growing,
         call.lids,
     )
-    return dict(zip(_keys(_version(packet)), values, strict=False))
+    return dict(zip(_keys(version), values, strict=False))
 
 
 def _parse_model(sequence: int, payload: bytes) -> ModelPacket:
@@ -384,7 +388,7 @@ def _parse_model(sequence: int, payload: bytes) -> ModelPacket:
         max_map_len=len(_keys(version)),
         max_ext_len=0,
     )
-    packet = _model_from_fields(sequence, _keys(version), fields)
+    packet = _model_from_fields(sequence, version, fields)
     if version == THESIS_VERSION and packet.call.profile != "thesis":
         raise ValueError(
             f"format version is {version}, of the default profile this program reads"
@@ -396,7 +400,8 @@ def _parse_model(sequence: int, payload: bytes) -> ModelPacket:
     return packet
 
 
-def _model_from_fields(sequence: int, keys: tuple[str, ...], fields: Any) -> ModelPacket:
+def _model_from_fields(sequence: int, version: int, fields: Any) -> ModelPacket:
+    keys = _keys(version)
     if not isinstance(fields, dict) or tuple(fields) != keys:
         raise ValueError(f"no map of the fields {','.join(keys)}")
     profile, size, fps, focal, packing, start, layer, aau, residual, *rest = fields.values()
@@ -426,7 +431,7 @@ def _model_from_fields(sequence: int, keys: tuple[str, ...], fields: Any) -> Mod
         reference_eau=_codes_from_bytes("reference eau", eau),
         background=background,
         texture=texture,
-        residual=_codes_from_bytes("residual", residual),
+        residual=_residual_from_bytes(version, residual),
         extension=extension,
         layer=number,
         layers=layers,
@@ -440,6 +445,17 @@ def _pair(name: str, value: Any) -> tuple[Any, Any]:
     if not isinstance(value, tuple) or len(value) != 2:
         raise ValueError(f"{name} is {value!r}, expected two numbers")
     return value
+
+
+def _bytes_from_residual(version: int, codes: tuple[int, ...]) -> bytes:
+    return _bytes_from_codes(codes) if version in _THESIS_VERSIONS else serialise_residual(codes)
+
+
+def _residual_from_bytes(version: int, data: Any) -> tuple[int, ...]:
+    if version in _THESIS_VERSIONS:
+        return _codes_from_bytes("residual", data)
+    check_bytes("residual", data, MAX_RESIDUAL_BYTES)
+    return parse_residual(data)
 
 
 def _bytes_from_codes(codes: tuple[int, ...]) -> bytes:

@@ -191,7 +191,7 @@ def test_ctrl_c_keeps_the_pictures_so_far(tmp_path: Path) -> None:
         (MAGIC + record(end()), "no model packet"),
         (MAGIC + record(model()[:-1]), "model packet"),
         (MAGIC + record(model(texture=b"RIFFxxxx")) + record(samples()[0]), "texture is no WebP"),
-        (MAGIC + record(model()[:1] + b"\x09" + model()[2:]), "format version is 9"),
+        (MAGIC + record(model()[:1] + b"\x63" + model()[2:]), "format version is 99"),
     ],
 )
 def test_unusable_call_is_one_line_to_the_user(tmp_path: Path, data: bytes, reason: str) -> None:

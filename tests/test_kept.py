@@ -14,7 +14,7 @@ from protocol.messages import (
     LayerPacket,
     serialise,
 )
-from protocol.quantise import THESIS_PAYLOAD_BYTES
+from protocol.quantise import sent_eaus
 
 
 def model(layer: int, sequence: int, background: bytes = MODEL.background) -> bytes:
@@ -27,7 +27,7 @@ def layer(of: int, number: int) -> bytes:
 
 
 def frame(number: int) -> bytes:
-    return serialise(FramePacket(number % 64, bytes([123] * THESIS_PAYLOAD_BYTES)))
+    return serialise(FramePacket(number % 64, bytes([123] * (6 + len(sent_eaus(lids=False))))))
 
 
 def kept(packets: list[bytes]) -> tuple[bytes, ...]:
