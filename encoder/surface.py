@@ -47,11 +47,11 @@ def front_surface(
     front = np.flatnonzero(ax * by - bx * ay < -LEAST_AREA_PX2)
     triangle, columns, rows, shares = covered(corners_px[front], width, height)
     pixels = rows * width + columns
-    kept = wanted.ravel()[pixels]
-    pixels, corners = pixels[kept], triangles[front[triangle[kept]]]
+    kept = np.flatnonzero(wanted.ravel()[pixels])
+    pixels, triangle = pixels[kept], front[triangle[kept]]
     # Shares in the picture become shares in space.
-    near = shares[kept] / depth[corners]
-    nearness = near.sum(1)
+    near = shares[kept].T / depth[triangles].T.take(triangle, axis=1)
+    nearness = near[0] + near[1] + near[2]
     nearest = np.zeros(wanted.size)
     np.maximum.at(nearest, pixels, nearness)
     first = np.flatnonzero(nearness >= nearest[pixels])
@@ -59,5 +59,5 @@ def front_surface(
     owner[pixels[first]] = first
     shown = np.flatnonzero(owner >= 0)
     owner = owner[shown]
-    weights = (near[owner] / nearness[owner, None]).astype(np.float32)
-    return Surface(shown, corners[owner], weights)
+    weights = (near.take(owner, axis=1) / nearness[owner]).astype(np.float32)
+    return Surface(shown, triangles[triangle[owner]], np.ascontiguousarray(weights.T))
