@@ -105,15 +105,16 @@ class Drawing:
         cost = float((trust * error**2).sum() / trust.sum()) if shown else np.inf
 
         def equations() -> tuple[Array, Array]:
-            rows = np.empty((len(error), GEOMETRY + len(face.modes)), np.float32)
-            at = surface.points(look.turned.astype(np.float32))
-            place = at + face.pose.translation_mm.astype(np.float32)
+            at = surface.points(look.turned.astype(np.float32)).T
+            place = at + face.pose.translation_mm.astype(np.float32)[:, None]
             # What a pixel shows changes as if the picture stood still and the point moved back.
-            slope = -view.slopes[surface.pixels]
-            per_mm = np.float32(self._camera.focal_px) / place[:, 2:]
-            rows[:, :6], along = rigid_change(at, place, per_mm, slope)
-            back = along @ look.rotation.astype(np.float32)
-            rows[:, 6:GEOMETRY] = self._driven(surface, face.eau, back)
+            slope = -view.slopes[:, surface.pixels]
+            per_mm = np.float32(self._camera.focal_px) / place[2]
+            rigid = rigid_change(at, place, per_mm, slope)
+            back = look.rotation.astype(np.float32).T @ rigid[3:]
+            rows = np.empty((len(error), GEOMETRY + len(face.modes)), np.float32)
+            rows[:, :6] = rigid.T
+            rows[:, 6:GEOMETRY] = self._driven(surface, face.eau, np.ascontiguousarray(back.T))
             rows[:, GEOMETRY:] = self._textured(look.places, self._layers)[:, 1:]
             rows *= look.opacity[:, None]
             weighted = rows * trust[:, None]
@@ -161,7 +162,7 @@ class _View:
     """The pixels of a crop that are looked at, as a picture of their own.
 
     crop: where they are from.  corner: (2,) of the picture in the crop.  step: crop pixels between.
-    wanted: (h, w) which of them are the face's.  grey: (h w,).  slopes: (h w, 2), grey levels per
+    wanted: (h, w) which of them are the face's.  grey: (h w,).  slopes: (2, h w), grey levels per
     pixel of the frame.  start: the first guess.
     """
 
@@ -204,9 +205,10 @@ def _view(crop: Crop, start: FaceParameters, outline_px: Array) -> _View:
     rows, columns = (slice(low[i], max(low[i], high[i])) for i in (1, 0))
     inside = hull_mask(outline - low, grey[rows, columns].shape) > 0
     step = max(1, int(np.ceil(np.sqrt(inside.sum() / MOST_PIXELS))))
-    thin = np.dstack([grey, *gradients(grey)])[rows, columns][::step, ::step].reshape(-1, 3)
-    slopes = thin[:, 1:] * crop.scale.astype(np.float32)
-    return _View(crop, low, step, inside[::step, ::step], thin[:, 0], slopes, start)
+    thin = (each[rows, columns][::step, ::step].ravel() for each in (grey, *gradients(grey)))
+    seen, *slopes = thin
+    scaled = np.stack(slopes) * crop.scale.astype(np.float32)[:, None]
+    return _View(crop, low, step, inside[::step, ::step], seen, scaled, start)
 
 
 def _trust(view: _View, look: _Look) -> Single:

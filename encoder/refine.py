@@ -188,10 +188,10 @@ class Refiner:
 
         def equations() -> tuple[Array, Array]:
             change = shape.change(placed, seen[:, 1:] * view.crop.scale.astype(np.float32), free)
-            rows = np.concatenate([change, -template.modes.T], axis=1)
-            weighted = rows * (view.shown * robust(left))[:, None]
-            normal = (rows.T @ weighted).astype(np.float64)
-            gradient = -(weighted.T @ residual).astype(np.float64)
+            rows = np.concatenate([change, -template.modes])
+            weighted = rows * (view.shown * robust(left))
+            normal = (rows @ weighted.T).astype(np.float64)
+            gradient = -(weighted @ residual).astype(np.float64)
             eau = np.arange(6, 6 + len(free))
             normal[eau, eau] += view.precision
             gradient[eau] += view.precision * away

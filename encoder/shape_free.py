@@ -33,50 +33,49 @@ class ShapeFree:
 
         def at(values: Array) -> Single:
             gathered = values.astype(np.float32)[..., corners, :]
-            return np.asarray(np.einsum("kc,...kcd->...kd", weights, gathered))
+            return np.asarray(np.einsum("kc,...kcd->...dk", weights, gathered))
 
-        self._neutral = at(face.neutral)
+        # By coordinates, then texels: what is done to many texels runs along memory.
+        self._neutral = np.ascontiguousarray(at(face.neutral))
         self.on_face = face.head.parts[corners[:, 0]] != PARTS.index("surround")
         fields = np.concatenate([at(face.head.eau_up), at(-face.head.eau_down)])
-        self._fields = np.ascontiguousarray(fields.reshape(len(fields), -1))
+        self._fields = np.ascontiguousarray(fields)
 
     def __len__(self) -> int:
-        return len(self._neutral)
+        return len(self.on_face)
 
     def placed(self, face: FaceParameters) -> "Placed":
         """Where the texels are in this pose and expression."""
         drive = np.concatenate([np.maximum(face.eau, 0), np.minimum(face.eau, 0)])
-        points = self._neutral + (drive.astype(np.float32) @ self._fields).reshape(-1, 3)
+        moved_by = drive.astype(np.float32) @ self._fields.reshape(len(drive), -1)
         rotation = geometry.matrix_from_quaternion(face.pose.rotation).astype(np.float32)
-        turned = points @ rotation.T
-        seen = turned + face.pose.translation_mm.astype(np.float32)
-        per_mm = np.float32(self.camera.focal_px) / seen[:, 2:]
-        pixels = seen[:, :2] * per_mm + self.camera.centre.astype(np.float32)
-        return Placed(face, rotation, turned, seen, per_mm, pixels)
+        turned = rotation @ (self._neutral + moved_by.reshape(self._neutral.shape))
+        seen = turned + face.pose.translation_mm.astype(np.float32)[:, None]
+        per_mm = np.float32(self.camera.focal_px) / seen[2]
+        pixels = seen[:2] * per_mm + self.camera.centre.astype(np.float32)[:, None]
+        return Placed(face, rotation, turned, seen, per_mm, pixels.T)
 
     def positions(self, face: FaceParameters) -> Single:
         """(k, 2) where each texel lies in the picture, pixels."""
         return self.placed(face).pixels
 
     def change(self, placed: "Placed", slope: Single, active: NDArray[np.intp]) -> Single:
-        """(k, 6 + a) how the picture under each texel changes, per radian, mm and unit.
+        """(6 + a, k) how the picture under each texel changes, per radian, mm and unit.
 
         slope: (k, 2) the picture's gradient there, per pixel.  active: (a,) actuators that move.
         Texels beside the face count as still: what they show moves in its own way.
         """
-        out = np.empty((len(self), 6 + len(active)), np.float32)
-        still = slope * self.on_face[:, None]
-        out[:, :6], along = rigid_change(placed.turned, placed.seen, placed.per_mm, still)
+        rigid = rigid_change(placed.turned, placed.seen, placed.per_mm, slope.T * self.on_face)
         place = active + np.where(placed.face.eau[active] >= 0, 0, len(EAUS))
-        fields = self._fields[place].reshape(len(active), -1, 3)
-        out[:, 6:] = np.einsum("ekj,kj->ke", fields, along @ placed.rotation)
-        return out
+        back = placed.rotation.T @ rigid[3:]
+        driven = sum(self._fields[place, axis] * back[axis] for axis in range(3))
+        return np.concatenate([rigid, np.asarray(driven)])
 
 
 @dataclass(frozen=True, slots=True)
 class Placed:
-    """Texels of a face: rotation (3, 3), turned and seen (k, 3) mm, camera axes, before and after
-    the head's translation, per_mm (k, 1) pixels per mm at each, pixels (k, 2)."""
+    """Texels of a face: rotation (3, 3), turned and seen (3, k) mm, camera axes, before and after
+    the head's translation, per_mm (k,) pixels per mm at each, pixels (k, 2)."""
 
     face: FaceParameters
     rotation: Single
@@ -86,20 +85,17 @@ class Placed:
     pixels: Single
 
 
-def rigid_change(
-    turned: Single, seen: Single, per_mm: Single, slope: Single
-) -> tuple[Single, Single]:
-    """How a picture changes under points that move: (k, 6) per radian and mm, (k, 3) per mm.
+def rigid_change(turned: Single, seen: Single, per_mm: Single, slope: Single) -> Single:
+    """(6, k) how a picture changes under points that move, per radian and mm.
 
-    turned, seen: (k, 3) points, camera axes, before and after the head's translation.
-    per_mm: (k, 1) pixels.  slope: (k, 2) the picture's gradient, per pixel.
+    turned, seen: (3, k) points, camera axes, before and after the head's translation.
+    per_mm: (k,) pixels.  slope: (2, k) the picture's gradient, per pixel.
     """
-    u, v = (slope * per_mm).T
-    x, y, z = seen.T
-    along = np.stack([u, v, -(u * x + v * y) / z], axis=1)
-    tx, ty, tz = turned.T
-    turning = [ty * along[:, 2] - tz * v, tz * u - tx * along[:, 2], tx * v - ty * u]
-    return np.column_stack([*turning, along]), along
+    u, v = slope * per_mm
+    x, y, z = seen
+    w = -(u * x + v * y) / z
+    tx, ty, tz = turned
+    return np.stack([ty * w - tz * v, tz * u - tx * w, tx * v - ty * u, u, v, w])
 
 
 def moved(face: FaceParameters, step: Array) -> FaceParameters:

@@ -40,9 +40,9 @@ def sample(frame: NDArray[Any], positions_px: NDArray[Any]) -> Texels:
     """Colours of a picture at (k, 2) pixel positions, bicubic: (k, channels) float32."""
     columns = 1024
     rows = -(-len(positions_px) // columns)
-    grid = np.zeros((rows * columns, 2), dtype=np.float32)
-    grid[: len(positions_px)] = positions_px
-    u, v = np.ascontiguousarray(grid.reshape(rows, columns, 2).transpose(2, 0, 1))
+    grid = np.zeros((2, rows * columns), dtype=np.float32)
+    grid[:, : len(positions_px)] = positions_px.T
+    u, v = grid.reshape(2, rows, columns)
     sampled = cv2.remap(frame, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     channels = 1 if frame.ndim == 2 else frame.shape[2]
     flat = sampled.reshape(rows * columns, channels)[: len(positions_px)]
@@ -57,25 +57,38 @@ def visible_texels(
     vertices: (n, 3) mm, head frame.
     cell_mm: what counts as before it; no less than texels' spacing.
     """
-    seen = geometry.camera_from_head(pose, vertices)
-    corners = seen[atlas.corners]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    points = np.einsum("kc,kcd->kd", atlas.weights, corners)
-    lengths = np.linalg.norm(normal, axis=1) * np.linalg.norm(points, axis=1)
-    facing = -(normal * points).sum(1) / np.maximum(lengths, 1e-12)
-    ahead = points[:, 2] > 1
-    depth = np.where(ahead, points[:, 2], np.inf)
-    cells = np.floor(points[:, :2] / depth[:, None] * pose.translation_mm[2] / cell_mm)
-    cells -= np.floor(pose.translation_mm[:2] / cell_mm)
+    seen = geometry.camera_from_head(pose, vertices).T.copy()
+    a, b, c = (seen.take(corner, axis=1) for corner in atlas.corners.T)
+    normal = _cross(b - a, c - a)
+    wa, wb, wc = atlas.weights.T
+    points = wa * a + wb * b + wc * c
+    lengths = np.sqrt(_dot(normal, normal)) * np.sqrt(_dot(points, points))
+    facing = -_dot(normal, points) / np.maximum(lengths, 1e-12)
+    z = points[2]
+    ahead = z > 1
+    depth = np.where(ahead, z, np.inf)
+    cells = np.floor(points[:2] / depth * pose.translation_mm[2] / cell_mm)
+    cells -= np.floor(pose.translation_mm[:2, None] / cell_mm)
     # A pose gone astray may bring the head into the camera: what is far aside shares a cell.
     cells = np.clip(cells, -CELLS_ASIDE, CELLS_ASIDE - 1).astype(np.intp) + CELLS_ASIDE
-    flat = cells[:, 0] * (2 * CELLS_ASIDE) + cells[:, 1]
+    flat = cells[0] * (2 * CELLS_ASIDE) + cells[1]
     nearest = np.full((2 * CELLS_ASIDE) ** 2, np.inf)
     np.minimum.at(nearest, flat, depth)
     # Depth changes by this much within a cell of a slanting surface.
     slant = cell_mm * np.sqrt(1 - np.minimum(facing**2, 1)) / np.maximum(facing, FACING_COSINE)
-    unhidden = points[:, 2] <= nearest[flat] + DEPTH_TOLERANCE_MM + slant
+    unhidden = z <= nearest[flat] + DEPTH_TOLERANCE_MM + slant
     return np.asarray((facing > FACING_COSINE) & unhidden & ahead)
+
+
+def _cross(p: Array, q: Array) -> Array:
+    """Cross products of vectors (3, k)."""
+    (px, py, pz), (qx, qy, qz) = p, q
+    return np.stack([py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx])
+
+
+def _dot(p: Array, q: Array) -> Array:
+    """Inner products of vectors (3, k)."""
+    return np.asarray(p[0] * q[0] + p[1] * q[1] + p[2] * q[2])
 
 
 def extract_texture(
