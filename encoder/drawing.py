@@ -56,9 +56,9 @@ class Drawing:
         layers = np.concatenate([mean[None], modes]).reshape(1 + len(modes), -1)
         self._layers = np.ascontiguousarray(layers.T, np.float32)
         places = head.texture_coordinates * size - 0.5
-        self._worn = np.column_stack([places, head.opacity]).astype(np.float32)
+        self._worn = np.vstack([places.T, head.opacity]).astype(np.float32)
         self._fields = [
-            np.ascontiguousarray(field.transpose(1, 0, 2), np.float32)
+            np.ascontiguousarray(field.transpose(1, 0, 2), np.float32).reshape(-1, 3 * len(EAUS))
             for field in (head.eau_up, -head.eau_down)
         ]
 
@@ -89,9 +89,9 @@ class Drawing:
         at_px = view.from_frame(frame_px.astype(np.float32)).astype(np.float64)
         surface = front_surface(at_px, depth[:, 0], self._face.head.triangles, view.wanted)
         worn = surface.points(self._worn)
-        kept = worn[:, 2] > LEAST_OPACITY
-        surface = Surface(surface.pixels[kept], surface.corners[kept], surface.weights[kept])
-        places, opacity = worn[kept, :2], worn[kept, 2]
+        kept = worn[2] > LEAST_OPACITY
+        surface = surface.of(kept)
+        places, opacity = worn[:2, kept], worn[2, kept]
         values = np.append(1, face.modes).astype(np.float32)
         drawn = self._textured(places, self._layers @ values)
         # Where the face is not opaque it is taken to cover what is right.
@@ -105,7 +105,7 @@ class Drawing:
         cost = float((trust * error**2).sum() / trust.sum()) if shown else np.inf
 
         def equations() -> tuple[Array, Array]:
-            at = surface.points(look.turned.astype(np.float32)).T
+            at = surface.points(look.turned.T.astype(np.float32))
             place = at + face.pose.translation_mm.astype(np.float32)[:, None]
             # What a pixel shows changes as if the picture stood still and the point moved back.
             slope = -view.slopes[:, surface.pixels]
@@ -114,7 +114,7 @@ class Drawing:
             back = look.rotation.astype(np.float32).T @ rigid[3:]
             rows = np.empty((len(error), GEOMETRY + len(face.modes)), np.float32)
             rows[:, :6] = rigid.T
-            rows[:, 6:GEOMETRY] = self._driven(surface, face.eau, np.ascontiguousarray(back.T))
+            rows[:, 6:GEOMETRY] = self._driven(surface, face.eau, back.T)
             rows[:, GEOMETRY:] = self._textured(look.places, self._layers)[:, 1:]
             rows *= look.opacity[:, None]
             weighted = rows * trust[:, None]
@@ -132,23 +132,24 @@ class Drawing:
     def _driven(self, surface: Surface, eau: Array, back: Single) -> Single:
         """(p, EAUs) what each actuator changes; back: (p, 3) per mm of motion, head frame."""
         up, down = self._fields
-        fields = np.where((eau >= 0)[:, None], up, down)
-        shares = zip(surface.weights.T, surface.corners.T, strict=True)
-        return np.asarray(
-            sum(w[:, None] * np.matmul(fields[c], back[..., None])[..., 0] for w, c in shares)
-        )
+        fields = np.where(np.repeat(eau >= 0, 3), up, down)
+        shares = zip(surface.corners, surface.weights, strict=True)
+        field = np.asarray(sum(fields.take(corner, axis=0) * w[:, None] for corner, w in shares))
+        back = np.ascontiguousarray(back)[..., None]
+        return np.asarray(np.matmul(field.reshape(-1, len(EAUS), 3), back)[..., 0])
 
     def _textured(self, places: Single, layers: Single) -> Single:
-        """(p, ...) texels (size * size, ...) at places (p, 2), column and row, bilinear."""
-        at = np.clip(places, 0, self._size - 1.001)
+        """(p, ...) texels (size * size, ...) at places (2, p), column and row, bilinear."""
+        at = np.clip(places, 0, np.float32(self._size - 1.001))
         low = at.astype(np.intp)
-        share = (at - low).reshape(len(at), 2, *[1] * (layers.ndim - 1))
-        x, y = share[:, 0], share[:, 1]
-        first = low[:, 1] * self._size + low[:, 0]
+        share = (at - low).astype(np.float32)
+        x, y = share.reshape(2, -1, *[1] * (layers.ndim - 1))
+        first = low[1] * self._size + low[0]
         above, below = (
-            layers[row] * (1 - x) + layers[row + 1] * x for row in (first, first + self._size)
+            layers.take(row, axis=0) * (1 - x) + layers.take(row + 1, axis=0) * x
+            for row in (first, first + self._size)
         )
-        return np.asarray(above * (1 - y) + below * y, np.float32)
+        return np.asarray(above * (1 - y) + below * y)
 
 
 def drawing_of(face: Face, camera: Camera, appearance: Appearance) -> Drawing:
@@ -184,7 +185,7 @@ class _Look:
     """A face as it would be drawn.
 
     rotation: of its pose.  turned: (n, 3) vertices, mm, camera axes, before its translation.
-    surface: what the pixels show.  places: (p, 2) where in the texture, column and row.
+    surface: what the pixels show.  places: (2, p) where in the texture, column and row.
     opacity: (p,).  error: (p,) grey levels that the picture is brighter.
     """
 

@@ -19,18 +19,22 @@ class Surface:
     """The pixels that show a surface.
 
     pixels: (p,) numbers in the picture, row by row, ascending.
-    corners: (p, 3) vertices of the triangle that each shows.
-    weights: (p, 3) float32, their shares in the point that it shows.
+    corners: (3, p) vertices of the triangle that each shows.
+    weights: (3, p) float32, their shares in the point that it shows.
     """
 
     pixels: Indices
-    corners: NDArray[np.int32]
+    corners: Indices
     weights: NDArray[np.float32]
 
     def points(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Per-vertex values (n, d) at every pixel: (p, d)."""
-        shares = self.weights.T[..., None]
-        return np.asarray(sum(w * values[c] for w, c in zip(shares, self.corners.T, strict=True)))
+        """Per-vertex values (d, n) at every pixel: (d, p)."""
+        shares = zip(self.corners, self.weights, strict=True)
+        return np.asarray(sum(values.take(corner, axis=1) * w for corner, w in shares))
+
+    def of(self, chosen: NDArray[np.bool_]) -> "Surface":
+        """Only some of the pixels."""
+        return Surface(self.pixels[chosen], self.corners[:, chosen], self.weights[:, chosen])
 
 
 def front_surface(
@@ -60,4 +64,5 @@ def front_surface(
     shown = np.flatnonzero(owner >= 0)
     owner = owner[shown]
     weights = (near.take(owner, axis=1) / nearness[owner]).astype(np.float32)
-    return Surface(shown, triangles[triangle[owner]], np.ascontiguousarray(weights.T))
+    corners = triangles[triangle[owner]].T.astype(np.intp, order="C")
+    return Surface(shown, corners, weights)

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# Grid points that are tried against triangles at once.
-POINTS_AT_ONCE = 1 << 19
+# Grid points that are tried against triangles at once: arrays that fit into a cache.
+POINTS_AT_ONCE = 1 << 14
 
 
 def covered(corners: Array, width: int, height: int) -> tuple[Indices, Indices, Indices, Array]:

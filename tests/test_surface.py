@@ -26,7 +26,7 @@ WHOLE = np.ones((24, 24), bool)
 def shown_points(wanted: NDArray[np.bool_], triangles: NDArray[np.int32]) -> dict[int, Array]:
     """What each pixel shows: a place in space."""
     surface = front_surface(project(POINTS), POINTS[:, 2], triangles, wanted)
-    places = surface.points(POINTS.astype(np.float32)).astype(np.float64)
+    places = surface.points(POINTS.T.astype(np.float32)).T.astype(np.float64)
     return dict(zip(surface.pixels.tolist(), places, strict=True))
 
 
