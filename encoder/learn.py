@@ -11,7 +11,7 @@ from encoder.crop import Crop
 from encoder.fit import OUTLINE
 from encoder.parallel import on_cores
 from encoder.refine import Template
-from encoder.shape_free import ShapeFree
+from encoder.shape_free import ShapeFree, spacing
 from encoder.texture import DEPTH_CELL_MM, fill, sample, visible_texels
 from protocol.pictures import to_luma
 from shared_model.appearance import Atlas
@@ -118,12 +118,8 @@ def shape_free_stack(
 
 def texel_areas(shape: ShapeFree, positions: Single) -> Single:
     """(k,) pixels that each texel covers in the frame."""
-    atlas = shape.atlas
-    grid = np.full((atlas.size, atlas.size, 2), np.nan, np.float32)
-    grid[atlas.rows, atlas.columns] = positions
-    across, down = (np.asarray(np.gradient(grid, axis=axis)) for axis in (1, 0))
-    area = np.abs(across[..., 0] * down[..., 1] - across[..., 1] * down[..., 0])
-    found = area[atlas.rows, atlas.columns]
+    (ax, ay), (bx, by) = spacing(shape.whole(positions))
+    found = np.abs(ax * by - ay * bx).take(shape.place)
     usual = float(np.nanmedian(found))
     return np.asarray(np.minimum(np.nan_to_num(found, nan=usual), 4 * usual), np.float32)
 

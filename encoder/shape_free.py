@@ -24,11 +24,13 @@ class ShapeFree:
     """One caller's texels as points on the moving head.
 
     atlas: its texels, all of them or a subset; k of them.
+    place: (k,) where in the whole atlas each is, row by row.
     on_face: (k,) bool, False on the sheet beside the face.
     """
 
     def __init__(self, face: Face, atlas: Atlas, camera: Camera) -> None:
         self.camera, self.atlas = camera, atlas
+        self.place = atlas.rows.astype(np.intp) * atlas.size + atlas.columns
         corners, weights = atlas.corners, atlas.weights.astype(np.float32)
 
         def at(values: Array) -> Single:
@@ -59,6 +61,13 @@ class ShapeFree:
         """(k, 2) where each texel lies in the picture, pixels."""
         return self.placed(face).pixels
 
+    def whole(self, positions: Single) -> Single:
+        """(2, size, size) positions (k, 2) over the whole atlas, nan where there is no texel."""
+        grid = np.full((2, self.atlas.size**2), np.nan, np.float32)
+        for flat, values in zip(grid, positions.T, strict=True):
+            flat[self.place] = values
+        return grid.reshape(2, self.atlas.size, -1)
+
     def change(self, placed: "Placed", slope: Single, active: NDArray[np.intp]) -> Single:
         """(6 + a, k) how the picture under each texel changes, per radian, mm and unit.
 
@@ -83,6 +92,12 @@ class Placed:
     seen: Single
     per_mm: Single
     pixels: Single
+
+
+def spacing(grid: Single) -> tuple[Single, Single]:
+    """(2, size, size) positions from texel to texel, across and down, of those of `whole`."""
+    across, down = (np.asarray(np.gradient(grid, axis=axis)) for axis in (2, 1))
+    return across, down
 
 
 def rigid_change(turned: Single, seen: Single, per_mm: Single, slope: Single) -> Single:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.crop import Crop
-from encoder.shape_free import ShapeFree
+from encoder.shape_free import ShapeFree, spacing
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -28,22 +28,20 @@ def sharpened(
     """
     height, width = crop.picture.shape[:2]
     pixels, texels = pixel_texels(shape, positions, seen, (height, width))
-    atlas, size = shape.atlas, shape.atlas.size
-    image = np.zeros((size, size, 3), np.float32)
-    image[atlas.rows, atlas.columns] = colours
-    wanted = crop.picture.reshape(-1, 3)[pixels].astype(np.float32)
-    corners, shares = _bilinear(texels, size)
+    size = shape.atlas.size
+    corners, shares = _bilinear(texels.T, size)
     weight = np.bincount(corners.ravel(), shares.ravel(), size * size)
-    flat = image.reshape(-1, 3)
     scale = STEP / np.maximum(weight, 0.3)
-    for _ in range(ROUNDS):
-        drawn = np.einsum("pc,pcd->pd", shares, flat[corners])
-        lack = wanted - drawn
-        for channel in range(3):
-            back = shares * lack[:, None, channel]
-            flat[:, channel] += scale * np.bincount(corners.ravel(), back.ravel(), size * size)
-    result = flat.reshape(size, size, 3)[atlas.rows, atlas.columns]
-    return np.asarray(np.where(seen[:, None], result, colours), np.float32)
+    result = colours.copy()
+    for number, channel in enumerate(crop.picture.reshape(-1, 3).take(pixels, axis=0).T):
+        texture = np.zeros(size * size, np.float32)
+        texture[shape.place] = colours[:, number]
+        for _ in range(ROUNDS):
+            lack = channel - (shares * texture.take(corners)).sum(0)
+            back = np.bincount(corners.ravel(), (shares * lack).ravel(), size * size)
+            texture += scale * back
+        result[:, number] = np.where(seen, texture.take(shape.place), colours[:, number])
+    return result
 
 
 def pixel_texels(
@@ -56,56 +54,55 @@ def pixel_texels(
     """
     height, width = size
     atlas = shape.atlas
-    inside = seen & (positions > 0).all(1) & (positions < np.array([width - 1, height - 1])).all(1)
-    at = positions[inside]
-    places = np.stack([atlas.columns[inside], atlas.rows[inside]], 1).astype(np.float64)
+    u, v = positions.T
+    inside = np.flatnonzero(seen & (u > 0) & (v > 0) & (u < width - 1) & (v < height - 1))
+    at = np.stack([u[inside], v[inside]])
+    column, row = (each[inside].astype(np.float64) for each in (atlas.columns, atlas.rows))
+    square = column**2 + row**2
     low = np.floor(at).astype(np.intp)
     share = at - low
     count = height * width
-    sums = np.zeros((count, 4))
+    sums = np.zeros((4, count))
     for dx in (0, 1):
         for dy in (0, 1):
-            w = np.abs(1 - dx - share[:, 0]) * np.abs(1 - dy - share[:, 1])
-            pixel = (low[:, 1] + dy) * width + low[:, 0] + dx
-            sums[:, 0] += np.bincount(pixel, w, count)
-            for axis in (0, 1):
-                sums[:, 1 + axis] += np.bincount(pixel, w * places[:, axis], count)
-            sums[:, 3] += np.bincount(pixel, w * (places**2).sum(1), count)
-    pixels = np.flatnonzero(sums[:, 0] > 0.5)
-    mean = sums[pixels, 1:3] / sums[pixels, :1]
-    scatter = sums[pixels, 3] / sums[pixels, 0] - (mean**2).sum(1)
-    spacing = np.sqrt(len(at) / max(len(pixels), 1))
-    smooth = scatter < (MOST_SCATTER_TEXELS * max(spacing, 1.0)) ** 2
-    return _newton(shape, positions, pixels[smooth], mean[smooth], width)
+            w = np.abs(1 - dx - share[0]) * np.abs(1 - dy - share[1])
+            pixel = (low[1] + dy) * width + low[0] + dx
+            for total, value in zip(sums, (w, w * column, w * row, w * square), strict=True):
+                total += np.bincount(pixel, value, count)
+    pixels = np.flatnonzero(sums[0] > 0.5)
+    weight, *moments = sums[:, pixels]
+    x, y, squares = (moment / weight for moment in moments)
+    scatter = squares - (x**2 + y**2)
+    texels_each = np.sqrt(len(inside) / max(len(pixels), 1))
+    smooth = np.flatnonzero(scatter < (MOST_SCATTER_TEXELS * max(texels_each, 1.0)) ** 2)
+    return _newton(shape, positions, pixels[smooth], np.stack([x[smooth], y[smooth]]), width)
 
 
 def _newton(
     shape: ShapeFree, positions: Single, pixels: NDArray[np.intp], texels: Array, width: int
 ) -> tuple[NDArray[np.intp], Single]:
-    atlas, size = shape.atlas, shape.atlas.size
-    grid = np.full((size, size, 2), np.nan, np.float32)
-    grid[atlas.rows, atlas.columns] = positions
-    across, down = (np.asarray(np.gradient(grid, axis=axis)) for axis in (1, 0))
-    nearest = np.rint(texels).astype(np.intp)
-    column, row = nearest[:, 0], nearest[:, 1]
-    target = np.stack([pixels % width, pixels // width], 1)
-    here, a, b = grid[row, column], across[row, column], down[row, column]
-    error = target - here
-    area = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    du = (error[:, 0] * b[:, 1] - error[:, 1] * b[:, 0]) / area
-    dv = (a[:, 0] * error[:, 1] - a[:, 1] * error[:, 0]) / area
-    step = np.stack([du, dv], 1)
-    good = np.isfinite(step).all(1) & (np.abs(step) < MOST_SCATTER_TEXELS).all(1)
-    found = np.clip(nearest[good] + step[good], 0, size - 1.001)
-    return pixels[good], found.astype(np.float32)
+    size = shape.atlas.size
+    grid = shape.whole(positions)
+    across, down = spacing(grid)
+    column, row = nearest = np.rint(texels).astype(np.intp)
+    at = row * size + column
+    here, (ax, ay), (bx, by) = (
+        each.reshape(2, -1).take(at, axis=1) for each in (grid, across, down)
+    )
+    ex, ey = np.stack([pixels % width, pixels // width]) - here
+    area = ax * by - ay * bx
+    step = np.stack([ex * by - ey * bx, ax * ey - ay * ex]) / area
+    # What is not finite is not good, either.
+    good = np.flatnonzero((np.abs(step) < MOST_SCATTER_TEXELS).all(0))
+    found = np.clip((nearest + step).take(good, axis=1), 0, size - 1.001)
+    return pixels[good], found.T.astype(np.float32)
 
 
 def _bilinear(texels: Single, size: int) -> tuple[NDArray[np.intp], Single]:
-    """Flat indices (p, 4) and weights (p, 4) of the texels around each place."""
+    """Flat indices (4, p) and weights (4, p) of the texels around each place (2, p)."""
     low = np.floor(texels).astype(np.intp)
-    share = texels - low
-    x, y = share[:, 0], share[:, 1]
-    corner = low[:, 1] * size + low[:, 0]
-    corners = np.stack([corner, corner + 1, corner + size, corner + size + 1], 1)
-    shares = np.stack([(1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y], 1)
+    x, y = texels - low
+    corner = low[1] * size + low[0]
+    corners = np.stack([corner, corner + 1, corner + size, corner + size + 1])
+    shares = np.stack([(1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y])
     return corners, shares.astype(np.float32)
