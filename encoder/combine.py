@@ -21,6 +21,7 @@ from protocol.components import (
     GEOMETRY,
     MAX_BASIS,
     MAX_CENTRE,
+    SPREAD_STEP,
     Components,
     codes_of_units,
     unit_of,
@@ -119,7 +120,7 @@ def combine(
     reach = np.clip(BASIS_STEPS * (white @ axes[:, kept]).std(0), LEAST_REACH, MAX_BASIS)[:, None]
     exponents = np.ceil(np.log2(np.abs(rows).max(1) * MAX_BASIS / reach[:, 0])).astype(np.int8)
     basis = np.rint(np.ldexp(rows, -exponents.astype(int)[:, None]) * MAX_BASIS).astype(np.int8)
-    flat = np.full((len(basis), KINDS), MAX_SPREAD, dtype=np.uint8)
+    flat = np.zeros((len(basis), KINDS), dtype=np.uint8)
     draft = Components(modes, units, centres, basis, exponents, flat)
     values = project(draft, vectors, harm)
     values += measuring_units * np.random.default_rng(2).normal(size=values.shape)
@@ -150,8 +151,9 @@ def measure_spreads(values: Array, frames_per_packet: int) -> NDArray[np.uint8]:
         found = errors[kind] or errors[kind - 1]
         errors[kind] = found
         sizes[:, kind] = np.concatenate(found).mean(0)
-    codes = np.rint(4 * np.log2(np.maximum(sizes, 1e-6) * 16))
-    return np.asarray(np.clip(codes, 0, MAX_SPREAD), np.uint8)
+    octaves = np.log2(np.maximum(sizes, 1e-6) * 16)
+    codes = SPREAD_STEP * np.rint(4 / SPREAD_STEP * octaves)
+    return np.asarray(np.clip(codes, 0, MAX_SPREAD - 1), np.uint8)
 
 
 def _luma_motion(

@@ -34,11 +34,12 @@ UNIT_STEPS, UNIT_ZERO = 8, 128
 CENTRE_STEPS = 4
 MAX_CENTRE = (2 << AdaptiveIntegers.LONGEST) - 2
 MAX_BASIS = 127
+SPREAD_STEP = 2
 # Coefficient 1 of a spare mode changes the picture by about this much, grey levels; the code of the
 # unit that goes with it; the usual sizes of what predictions leave, see `Components.spreads`.
 SPARE_HARM_GREY = 2.0
 SPARE_UNIT = UNIT_ZERO - UNIT_STEPS
-SPARE_SPREADS = (22, 22, 18, 15, 12)
+SPARE_SPREADS = (22, 22, 18, 16, 12)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +53,8 @@ class Components:
         the thesis profile (rotation deg, shift mm, log depth), EAUs, mode coefficients.
     basis: (n, d) int8, in 1 / `MAX_BASIS` of `unit`, times 2 ** exponent by row.
     exponents: (n,) int8.
-    spreads: (n, KINDS) uint8 0..MAX_SPREAD, see `predict.FramePredictor`.
+    spreads: (n, KINDS) uint8 0..MAX_SPREAD, see `predict.FramePredictor`; multiples of
+        `SPREAD_STEP`, finer ones would save no bits of frames.
     spare: so many of the last modes are learned while the call goes on and come in layers; each has
         a component of its own, the last ones.
     """
@@ -80,6 +82,8 @@ class Components:
             raise ValueError(
                 f"spreads {self.spreads.shape}, expected {(n, KINDS)} of 0..{MAX_SPREAD}"
             )
+        if (self.spreads % SPREAD_STEP).any():
+            raise ValueError(f"spreads are no multiples of {SPREAD_STEP}")
         if (np.abs(self.centres) > MAX_CENTRE).any():
             raise ValueError(f"centre beyond {MAX_CENTRE}")
         if (np.abs(self.basis.astype(int)) > MAX_BASIS).any():
@@ -238,17 +242,22 @@ def _grown(fields: Any, modes: tuple[bytes, ...]) -> tuple[int, int]:
 def _code_tables(coder: BitCoder, components: Components) -> Components:
     """Code all but the modes; a decoder takes sizes only from `components`.  Returns them."""
     groups = np.repeat([0, 1, 2], [6, len(EAUS), len(components.modes)])[None]
-    spreads = components.spreads.astype(np.int64)
-    steps = np.diff(spreads, axis=1, prepend=0).astype(np.int64)
+    spreads = components.spreads.astype(np.int64) // SPREAD_STEP
+    # By how much more or less they fall from kind to kind than those of the component before.
+    falls = np.diff(np.diff(spreads, axis=1, prepend=0), axis=0, prepend=0).astype(np.int64)
     rises = np.diff(components.units.astype(np.int64), prepend=0).astype(np.int64)
     units = _code_table(coder, rises[None], 1)
+    centres = _code_table(coder, components.centres[None], 1)[0]
+    basis = _code_table(coder, components.basis.astype(np.int64), 3, groups)
+    exponents = _code_table(coder, components.exponents.astype(np.int64)[None], 1)[0]
+    falls = _code_table(coder, falls, KINDS, np.arange(KINDS)[None])
     return Components(
         components.modes,
         units=_bytes(np.cumsum(units[0])),
-        centres=_code_table(coder, components.centres[None], 1)[0],
-        basis=_signed(_code_table(coder, components.basis.astype(np.int64), 3, groups)),
-        exponents=_signed(_code_table(coder, components.exponents.astype(np.int64)[None], 1)[0]),
-        spreads=_bytes(np.cumsum(_code_table(coder, steps, KINDS, np.arange(KINDS)[None]), 1)),
+        centres=centres,
+        basis=_signed(basis),
+        exponents=_signed(exponents),
+        spreads=_bytes(SPREAD_STEP * falls.cumsum(0).cumsum(1)),
     )
 
 

@@ -41,7 +41,7 @@ def sample(components: int = 5) -> Components:
         centres=rng.integers(-3, 4, D),
         basis=rng.integers(-MAX_BASIS, MAX_BASIS + 1, (components, D), dtype=np.int8),
         exponents=rng.integers(-8, 0, components, dtype=np.int8),
-        spreads=rng.integers(0, MAX_SPREAD + 1, (components, KINDS), dtype=np.uint8),
+        spreads=2 * rng.integers(0, MAX_SPREAD // 2 + 1, (components, KINDS), dtype=np.uint8),
     )
 
 
