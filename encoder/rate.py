@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.quantiser import CodedPacket, code_packet
+from encoder.search import finest_within
 from protocol.messages import SEQUENCE_MODULUS
 from protocol.predict import FramePredictor
 
@@ -17,6 +18,9 @@ WINDOW_S = 5.0
 QUALITIES = 32
 # Packets of a call take turns between two neighbouring qualities: the rate is met more closely.
 TURNS = 8
+# Where the search for a call's level starts, and how many levels coarser it takes half the bits.
+FIRST_LEVEL = 64
+LEVELS_PER_HALVING = 45.0
 # A live call saves up this many seconds of its rate; its packets may be this much finer than the
 # one before.
 CREDIT_S = 2.0
@@ -42,17 +46,16 @@ def code_call(values: Array, spreads: NDArray[Any], spending: Spending) -> list[
     One level serves the whole call, the finest whose packets keep within the rate; packets that
     would take more than the rate within any window of `WINDOW_S` are coded more coarsely.
     """
-    low, high = 0, TURNS * (QUALITIES - 1)
-    best = _code_all(values, spreads, spending, high)
+    coded: dict[int, list[CodedPacket]] = {}
+
+    def bits(level: int) -> int:
+        coded[level] = _code_all(values, spreads, spending, level)
+        return sum(map(packet_bits, coded[level]))
+
+    coarsest = TURNS * (QUALITIES - 1)
     allowed = spending.bitrate * len(values) / spending.fps
-    while low < high:
-        middle = (low + high) // 2
-        packets = _code_all(values, spreads, spending, middle)
-        if sum(map(packet_bits, packets)) <= allowed:
-            high, best = middle, packets
-        else:
-            low = middle + 1
-    return best
+    level = finest_within(bits, allowed, coarsest, FIRST_LEVEL, LEVELS_PER_HALVING)
+    return coded.get(level) or _code_all(values, spreads, spending, level)
 
 
 def packet_bits(packet: CodedPacket) -> int:

@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.code_picture import draft_still
+from encoder.code_picture import Draft, draft_still
+from encoder.search import finest_within
 from protocol.foresee import STILL
 from protocol.pictures import MAX_STEP
 from shared_model import geometry
@@ -34,6 +35,8 @@ CELLS_ASIDE = 192
 TEXELS_PER_PIXEL = 1.8
 QUALITIES = (1, 95)
 BACKGROUND_SIDES_PX = (640, 448, 320, 224)
+# So many steps of the quantiser coarser a still takes about half the bytes.
+STEPS_PER_HALVING = 8
 
 
 def sample(frame: NDArray[Any], positions_px: NDArray[Any]) -> Texels:
@@ -221,15 +224,14 @@ def finest_still(
 
     At the coarsest step even if that is larger.  relief, kind: see `draft_still`.
     """
-    low, high = 0, MAX_STEP
-    best = draft_still(colours, MAX_STEP, relief, kind)
-    while low < high:
-        middle = (low + high) // 2
-        found = draft_still(colours, middle, relief, kind)
-        if found.size_bytes <= max_bytes:
-            high, best = middle, found
-        else:
-            low = middle + 1
+    drafts: dict[int, Draft] = {}
+
+    def size(step: int) -> int:
+        drafts[step] = draft_still(colours, step, relief, kind)
+        return drafts[step].size_bytes
+
+    step = finest_within(size, max_bytes, MAX_STEP, MAX_STEP // 2, STEPS_PER_HALVING)
+    best = drafts.get(step) or draft_still(colours, step, relief, kind)
     return best.write(), best.colours
 
 

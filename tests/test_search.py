@@ -1,0 +1,42 @@
+"""The finest quantiser within a size is found, wherever it is, in few trials."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from encoder.search import finest_within
+
+LAST = 80
+
+
+@given(
+    sizes=st.lists(st.integers(0, 10_000), min_size=LAST + 1, max_size=LAST + 1),
+    most=st.integers(0, 10_000),
+    first=st.integers(-5, LAST + 5),
+    halving=st.floats(1, 50),
+)
+def test_the_finest_that_fits_is_found_whatever_the_sizes(
+    sizes: list[int], most: int, first: int, halving: float
+) -> None:
+    sizes.sort(reverse=True)
+    expected = next((number for number, size in enumerate(sizes) if size <= most), LAST)
+    tried: list[int] = []
+
+    def size(number: int) -> int:
+        tried.append(number)
+        return sizes[number]
+
+    assert finest_within(size, most, LAST, first, halving) == expected
+    assert len(tried) == len(set(tried)) <= 12
+
+
+def test_sizes_that_halve_evenly_take_few_trials() -> None:
+    for most in range(200, 20_000, 700):
+        tried: list[int] = []
+
+        def size(number: int, tried: list[int] = tried) -> float:
+            tried.append(number)
+            return float(40_000 * 2 ** (-number / 9))
+
+        found = finest_within(size, most, LAST, LAST // 2, 8)
+        assert size(found) <= most and (not found or size(found - 1) > most)
+        assert len(tried) - 2 <= 5
