@@ -26,7 +26,7 @@ Single = NDArray[np.float32]
 # The quantiser: where the search for it starts and how far apart it tries, in steps of
 # `pictures.step_size`.  It usually ends where the mean takes about this share of the bytes.
 FIRST_STEP = 22
-STRIDES, MOST_TRIES = (2, 1), 4
+STRIDE = 2
 TEXTURE_SHARE, SHARE_TRIES = 0.36, 2
 STEPS_PER_HALVING = 10
 # A mode costs a length, a centre, a unit and a column of the basis beside its picture; and what it
@@ -34,6 +34,8 @@ STEPS_PER_HALVING = 10
 # frame packet.  Measured on three callers at 800 bit/s.
 MODE_OVERHEAD = 24
 MODE_COST = 0.01
+# What a mean costs that takes more than all bytes: more than any other.
+TOO_LARGE = 1e3
 LEAST_ENERGY = 1e-3
 # A last mode for which there is too little room is coded by so many steps more coarsely; in less
 # than so many bytes none is worth having.
@@ -70,18 +72,32 @@ def code_appearance(
         none = np.zeros((0, size, size, 3), np.float32)
         return Appearance(texture, (), decoded, none, ModeSeries(size, relief))
     bench = _Bench(shape, stack, picture, mask, relief, face_bytes, most_modes)
-    best = bench.code(bench.likely_step())
-    for stride in STRIDES:
-        for turn in (stride, -stride):
-            first = best.step
-            for tries in range(1, MOST_TRIES + 1):
-                found = bench.code(min(max(first + tries * turn, 0), MAX_STEP))
-                if found.cost >= best.cost:
-                    break
-                best = found
-            if best.step != first:
-                break
-    return bench.written(best)
+    return bench.written(_best(bench))
+
+
+def _best(bench: "_Bench") -> "_Coded":
+    """The least cost near the likely step: of three steps, of those further on from the best, and
+    of the one between where a parabola has its vertex."""
+    middle = min(max(bench.likely_step(), STRIDE), MAX_STEP - STRIDE)
+    tried = [bench.code(step) for step in (middle - STRIDE, middle, middle + STRIDE)]
+    best = min(tried, key=_cost)
+    onwards = best.step - middle
+    while onwards and 0 <= best.step + onwards <= MAX_STEP:
+        tried.append(bench.code(best.step + onwards))
+        if tried[-1].cost >= best.cost:
+            break
+        best = tried[-1]
+    more = {coded.step - best.step: coded.cost - best.cost for coded in tried}
+    shift = _vertex(more.get(-STRIDE, TOO_LARGE), more.get(STRIDE, TOO_LARGE))
+    return min(best, bench.code(best.step + shift), key=_cost) if shift else best
+
+
+def _vertex(before: float, after: float) -> int:
+    """Steps from the least of three costs, `STRIDE` apart, to a parabola's vertex.
+
+    before, after: by how much more the others cost; the vertex is between even if one is no use.
+    """
+    return round(STRIDE / 2 * (before - after) / max(before + after, 1e-9))
 
 
 def weighting(weight: Single, mask: Single) -> tuple[Single, Single]:
@@ -117,6 +133,10 @@ class _Coded:
     cost: float
 
 
+def _cost(coded: _Coded) -> float:
+    return coded.cost
+
+
 @dataclass(frozen=True, slots=True)
 class _Bench:
     """A stack, and the whole atlas of its mean, to be coded in several ways."""
@@ -148,7 +168,7 @@ class _Bench:
         remainder = Remainder(frames)
         series, left = ModeSeries(size, self.relief), self.face_bytes - texture.size_bytes
         modes: list[Draft] = []
-        error = remainder.error if left >= 0 else np.inf
+        error = remainder.error if left >= 0 else TOO_LARGE
         while len(modes) < self.most_modes:
             direction = np.zeros((size, size, 3), np.float32)
             direction[at] = remainder.strongest().reshape(-1, 3) / root * support
