@@ -28,6 +28,8 @@ Single = NDArray[np.float32]
 FIRST_STEP = 22
 STRIDE = 2
 TEXTURE_SHARE, SHARE_TRIES = 0.36, 2
+# Where less than this share of the bytes is used a finer step may fit.
+LEAST_USED = 0.96
 STEPS_PER_HALVING = 10
 # A mode costs a length, a centre, a unit and a column of the basis beside its picture; and what it
 # must spare, in mean log2 of the error, for its component takes bits from all others in every
@@ -77,7 +79,8 @@ def code_appearance(
 
 def _best(bench: "_Bench") -> "_Coded":
     """The least cost near the likely step: of three steps, of those further on from the best, and
-    of the one between where a parabola has its vertex."""
+    of one between: the next finer if bytes are left over, else where a parabola has its vertex.
+    """
     middle = min(max(bench.likely_step(), STRIDE), MAX_STEP - STRIDE)
     tried = [bench.code(step) for step in (middle - STRIDE, middle, middle + STRIDE)]
     best = min(tried, key=_cost)
@@ -89,7 +92,11 @@ def _best(bench: "_Bench") -> "_Coded":
         best = tried[-1]
     more = {coded.step - best.step: coded.cost - best.cost for coded in tried}
     shift = _vertex(more.get(-STRIDE, TOO_LARGE), more.get(STRIDE, TOO_LARGE))
-    return min(best, bench.code(best.step + shift), key=_cost) if shift else best
+    if best.size_bytes < LEAST_USED * bench.face_bytes:
+        shift = -1
+    if not shift or best.step + shift < 0:
+        return best
+    return min(best, bench.code(best.step + shift), key=_cost)
 
 
 def _vertex(before: float, after: float) -> int:
@@ -131,6 +138,12 @@ class _Coded:
     series: ModeSeries
     step: int
     cost: float
+
+    @property
+    def size_bytes(self) -> int:
+        """What it takes of the budget."""
+        modes = sum(mode.size_bytes + MODE_OVERHEAD for mode in self.modes)
+        return self.texture.size_bytes + modes
 
 
 def _cost(coded: _Coded) -> float:
