@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.lips import closing_rows
 from shared_model import geometry
 from shared_model.animate import Identity, identity_from_controls
 from shared_model.anthropometry import residual_basis
@@ -25,6 +26,7 @@ LANDMARK_SIGMA = 0.012
 DEPTH_SIGMA = 0.08
 AAU_SIGMA = 0.5
 EAU_SIGMA = 0.4
+AT_REST_SIGMA = 1e-3
 RESIDUAL_SIGMA_MM = 2.0
 RESIDUAL_DEPTH_SIGMA_MM = 1.2
 LOG_FOCAL_SIGMA = 0.15
@@ -133,19 +135,32 @@ def fit_frame(
 
 
 def fit_identity(
-    head: Head, size: tuple[int, int], landmarks: Sequence[Array], iterations: int = 12
+    head: Head,
+    size: tuple[int, int],
+    landmarks: Sequence[Array],
+    iterations: int = 12,
+    active: Sequence[int] | None = None,
 ) -> Fitted:
     """Identity and focal length that explain all frames, with pose and actuators of each.
 
     size: (width, height) of the picture.  landmarks: one (468, 3) array a frame, pixels (z too).
+    active: the only actuators that will ever move.  The others then stay at rest and the lips meet
+        there, so that these alone can close a mouth that is open in the frames.  None: all.
     """
+    eau_sigma = np.full(len(EAUS), EAU_SIGMA if active is None else AT_REST_SIGMA)
+    eau_sigma[list(active or ())] = EAU_SIGMA
     model = landmark_model(head)
     camera = Camera(*size, TYPICAL_FOCAL * max(size))
     frames = [start_parameters(model, camera, points) for points in landmarks]
     aau, control = np.zeros(len(AAUS)), np.zeros((len(model.residual), 3))
     for _ in range(iterations):
         personal = personalise(model, aau, control)
-        step = _joint_step(personal, camera, frames, landmarks, aau, control)
+        lips = None
+        if active is not None:
+            lips = closing_rows(
+                model.index, personal.neutral, model.neutral, model.aau, model.residual
+            )
+        step = _joint_step(personal, camera, frames, landmarks, aau, control, eau_sigma, lips)
         n = len(AAUS)
         focal = camera.focal_px * float(np.exp(np.clip(step[0], -0.2, 0.2)))
         frames = [_refocus(f, focal / camera.focal_px) for f in frames]
@@ -240,8 +255,13 @@ def _joint_step(
     landmarks: Sequence[Array],
     aau: Array,
     control: Array,
+    eau_sigma: Array,
+    lips: tuple[Array, Array] | None,
 ) -> Array:
-    """One Gauss-Newton step over log f, AAUs, residual controls, then w, t, EAUs of each frame."""
+    """One Gauss-Newton step over log f, AAUs, residual controls, then w, t, EAUs of each frame.
+
+    eau_sigma: (EAUs,) of the prior.  lips: more rows and residuals over AAUs and controls.
+    """
     n_aau, n_control = len(aau), control.size
     shared, per_frame = 1 + n_aau + n_control, 6 + len(EAUS)
     size = shared + per_frame * len(frames)
@@ -253,8 +273,12 @@ def _joint_step(
         normal[np.ix_(columns, columns)] += a.T @ a
         gradient[columns] += a.T @ r
         eau = np.arange(at + 6, at + per_frame)
-        normal[eau, eau] += 1 / EAU_SIGMA**2
-        gradient[eau] -= state.eau / EAU_SIGMA**2
+        normal[eau, eau] += 1 / eau_sigma**2
+        gradient[eau] -= state.eau / eau_sigma**2
+    if lips is not None:
+        a, r = lips
+        normal[1:shared, 1:shared] += a.T @ a
+        gradient[1:shared] += a.T @ r
     deviation = np.log(camera.focal_px / (TYPICAL_FOCAL * max(camera.width, camera.height)))
     sigma = np.r_[RESIDUAL_SIGMA_MM, RESIDUAL_SIGMA_MM, RESIDUAL_DEPTH_SIGMA_MM]
     precision = np.concatenate(

@@ -88,7 +88,7 @@ class NetworkSighter:
         points = self._points(frame)
         if points is None:
             return None
-        fitted = fit_identity(self._head, self._size, [points])
+        fitted = fit_identity(self._head, self._size, [points], active=self._active)
         self._model = personalise(self._model, fitted.identity.aau, fitted.control_mm)
         self._camera = fitted.camera
         return fitted

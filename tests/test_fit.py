@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from encoder.fit import (
+    Fitted,
     LandmarkModel,
     fit_frame,
     fit_identity,
@@ -15,6 +16,7 @@ from encoder.fit import (
     projection_jacobian,
     start_parameters,
 )
+from encoder.sighting import points_in
 from shared_model.animate import Face, Identity
 from shared_model.geometry import (
     Camera,
@@ -25,7 +27,7 @@ from shared_model.geometry import (
     pose_from_euler,
 )
 from shared_model.mesh import Head, generic_head
-from shared_model.parameters import AAUS, EAU_INDEX, EAUS, FaceParameters
+from shared_model.parameters import AAUS, EAU_INDEX, EAUS, LID_EAUS, THESIS_EAUS, FaceParameters
 
 Array = NDArray[np.float64]
 
@@ -49,6 +51,9 @@ def a_face(yaw: float, pitch: float, roll: float, **eau: float) -> FaceParameter
     for name, value in eau.items():
         values[EAU_INDEX[name]] = value
     return FaceParameters(pose, values)
+
+
+SENT = tuple(EAU_INDEX[name] for name in (*THESIS_EAUS, *LID_EAUS))
 
 
 def seen_points(
@@ -159,3 +164,24 @@ def test_projection_has_the_stated_derivative() -> None:
         step = np.eye(3)[axis] * 1e-4
         ahead, behind = (pixel_from_camera(CAMERA, points + s * step) for s in (1, -1))
         assert np.allclose(stated[:, :, axis], (ahead - behind) / 2e-4, atol=1e-5)
+
+
+def test_the_actuators_that_are_sent_can_close_a_mouth_first_seen_open(head: Head) -> None:
+    truth = a_face(5, 3, 0, jaw_drop=0.3, upper_lip_raise=0.5, lower_lip_lower=0.3)
+    points = seen_points(head, truth)
+    all_move = fit_identity(head, (640, 480), [points])
+    fitted = fit_identity(head, (640, 480), [points], active=SENT)
+    eau = fitted.frames[0].eau
+    unsent = sorted(set(range(len(EAUS))) - set(SENT))
+    assert np.abs(eau[unsent]).max() < 0.01
+    assert eau[EAU_INDEX["jaw_drop"]] > 0.3
+
+    def apart_mm(found: Fitted) -> float:
+        """Between the lips when all that is sent is at rest."""
+        model = personalise(landmark_model(head), found.identity.aau, found.control_mm)
+        eau = found.frames[0].eau.copy()
+        eau[list(SENT)] = 0
+        lips = points_in(model, eau)[np.searchsorted(model.index, (13, 14))]
+        return float(np.linalg.norm(lips[0] - lips[1]))
+
+    assert apart_mm(fitted) < 1.6 < 5 < apart_mm(all_move)
