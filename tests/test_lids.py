@@ -1,0 +1,77 @@
+"""The lids of the thesis profile, from a drawn film to what the decoder plays."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from shots import draw
+
+from decoder.playout import PlayedFrame, Playout
+from encoder.pipeline import EncodeOptions, encode
+from protocol.messages import LIDS_VERSION, ModelPacket, parse_packet
+from protocol.recording import CallReader
+from protocol.summary import summarise
+from shared_model.parameters import EAU_INDEX, LID_EAUS
+
+BLINK = 15
+SCRIPT = """
+width = 320
+height = 240
+fps = 25
+seconds = 1.24
+distance_mm = 420
+noise = 1
+[[key]]
+time = 0.3
+eau = { lid_left = 0, lid_right = 0 }
+[[key]]
+time = 0.6
+eau = { lid_left = 1, lid_right = 1 }
+[[key]]
+time = 0.9
+eau = { lid_left = 0, lid_right = 0 }
+"""
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> str:
+    """Both eyes close and open again."""
+    folder = tmp_path_factory.mktemp("film")
+    draw(folder / "frame%03d.png", SCRIPT)
+    return str(folder / "frame%03d.png")
+
+
+def called(film: str, path: Path, lids: bool) -> list[PlayedFrame]:
+    options = EncodeOptions(film, path, profile="thesis", lids=lids)
+    encode(options, lambda done, total: None, lambda: False)
+    playout = Playout()
+    with CallReader(path) as reader:
+        return [frame for data in reader for frame in playout.receive(data)]
+
+
+def closed(frame: PlayedFrame) -> float:
+    return float(np.mean([frame.face.eau[EAU_INDEX[name]] for name in LID_EAUS]))
+
+
+def test_a_blink_arrives_with_the_lids_and_only_with_them(film: str, tmp_path: Path) -> None:
+    frames = called(film, tmp_path / "lids.rzo", lids=True)
+    # The networks see less of a drawn blink than of a real one.
+    assert closed(frames[BLINK]) > closed(frames[2]) + 0.15
+    assert closed(frames[-2]) < closed(frames[2]) + 0.1
+    without = called(film, tmp_path / "plain.rzo", lids=False)
+    assert len({closed(frame) for frame in without}) == 1
+
+
+def test_a_call_with_lids_says_so_and_is_accounted_for(film: str, tmp_path: Path) -> None:
+    path = tmp_path / "call.rzo"
+    called(film, path, lids=True)
+    with CallReader(path) as reader:
+        first = next(iter(reader))
+    model = parse_packet(first)
+    assert isinstance(model, ModelPacket) and model.call.lids and first[1] == LIDS_VERSION
+    summary = summarise(path)
+    assert summary.profile == "thesis" and summary.frame_bps == 960
+    packets = summary.frame_packets
+    assert summary.groups == pytest.approx(
+        {"pose": 6 * packets, "expression": 4 * packets, "lids": 2 * packets}
+    )
