@@ -78,14 +78,14 @@ def code_appearance(
 
 
 def _best(bench: "_Bench") -> "_Coded":
-    """The least cost near the likely step: of three steps, of those further on from the best, and
-    of one between: the next finer if bytes are left over, else where a parabola has its vertex.
+    """The least cost: downhill from the likely step, then one step between: the next finer if bytes
+    are left over, else where a parabola has its vertex.
     """
-    middle = min(max(bench.likely_step(), STRIDE), MAX_STEP - STRIDE)
-    tried = [bench.code(step) for step in (middle - STRIDE, middle, middle + STRIDE)]
+    likely = min(max(bench.likely_step(), STRIDE), MAX_STEP - STRIDE)
+    tried = [bench.code(likely), bench.code(likely - STRIDE)]
     best = min(tried, key=_cost)
-    onwards = best.step - middle
-    while onwards and 0 <= best.step + onwards <= MAX_STEP:
+    onwards = STRIDE if best.step == likely else -STRIDE
+    while 0 <= best.step + onwards <= MAX_STEP:
         tried.append(bench.code(best.step + onwards))
         if tried[-1].cost >= best.cost:
             break
