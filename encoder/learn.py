@@ -143,8 +143,12 @@ def luma_modes(stack: Stack, mean: Single, count: int) -> Single:
         return np.zeros((0, len(mean)), np.float32)
     residual = to_luma(stack.colours - mean) * stack.seen
     root = np.sqrt(np.maximum(stack.weight, 1e-6))
-    _, _, rows = np.linalg.svd(residual * root, full_matrices=False)
-    return np.asarray(rows[:count] / root, np.float32)
+    rows = np.asarray(residual * root, np.float32)
+    # Frames are few and texels many: of the frames' inner products rather than by an SVD.
+    _, vectors = np.linalg.eigh((rows @ rows.T).astype(np.float64))
+    modes = vectors[:, : -count - 1 : -1].T.astype(np.float32) @ rows
+    lengths = np.maximum(np.linalg.norm(modes, axis=1, keepdims=True), 1e-6)
+    return np.asarray(modes / lengths / root, np.float32)
 
 
 def template_of(stack: Stack, mean: Single, modes: Single) -> Template:
