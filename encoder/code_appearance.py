@@ -73,7 +73,9 @@ def code_appearance(
         size = shape.atlas.size
         none = np.zeros((0, size, size, 3), np.float32)
         return Appearance(texture, (), decoded, none, ModeSeries(size, relief))
-    bench = _Bench(shape, stack, picture, mask, relief, face_bytes, most_modes)
+    root, _ = weighting(stack.weight * mask, mask)
+    frames = to_planes(stack.colours) * root * stack.seen[..., None]
+    bench = _Bench(shape, stack, frames, picture, mask, relief, face_bytes, most_modes)
     return bench.written(_best(bench))
 
 
@@ -152,10 +154,14 @@ def _cost(coded: _Coded) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Bench:
-    """A stack, and the whole atlas of its mean, to be coded in several ways."""
+    """A stack, and the whole atlas of its mean, to be coded in several ways.
+
+    frames: (t, k, 3) planes of what is seen, by the roots of what errors count.
+    """
 
     shape: ShapeFree
     stack: Stack
+    frames: Single
     picture: Single
     mask: Single
     relief: bytes
@@ -176,9 +182,9 @@ class _Bench:
         size, at = self.shape.atlas.size, (self.shape.atlas.rows, self.shape.atlas.columns)
         texture = draft_still(self.picture, step, self.relief, TEXTURE)
         root, support = weighting(self.stack.weight * self.mask, self.mask)
-        planes = to_planes(self.stack.colours - texture.colours[at]) * self.stack.seen[..., None]
-        frames = (planes * root).reshape(len(planes), -1)
-        remainder = Remainder(frames)
+        mean = to_planes(texture.colours[at]) * root
+        frames = self.frames - mean * self.stack.seen[..., None]
+        remainder = Remainder(frames.reshape(len(frames), -1))
         series, left = ModeSeries(size, self.relief), self.face_bytes - texture.size_bytes
         modes: list[Draft] = []
         error = remainder.error if left >= 0 else TOO_LARGE
@@ -228,6 +234,7 @@ class Remainder:
         self._frames = frames
         self._gram = (frames @ frames.T).astype(np.float64)
         self._rows = np.zeros((0, frames.shape[1]), np.float32)
+        self._along: Array = np.zeros((len(frames), 0))
         self._shares: Array = np.zeros((len(frames), 0))
         self._left: Array = self._gram
         if len(modes):
@@ -264,9 +271,9 @@ class Remainder:
         self._rows = np.concatenate([self._rows, rows])
         inner = (self._rows @ self._rows.T).astype(np.float64)
         inner[np.diag_indices(len(inner))] *= 1 + 1e-9
-        along = (self._frames @ self._rows.T).astype(np.float64)
-        self._shares = np.asarray(np.linalg.solve(inner, along.T).T)
-        self._left = np.asarray(self._gram - self._shares @ along.T, np.float64)
+        self._along = np.concatenate([self._along, self._frames @ rows.T], axis=1)
+        self._shares = np.asarray(np.linalg.solve(inner, self._along.T).T)
+        self._left = np.asarray(self._gram - self._shares @ self._along.T, np.float64)
 
 
 def whole_atlas(shape: ShapeFree, colours: Single) -> Single:
