@@ -29,7 +29,7 @@ from protocol.components import (
 )
 from protocol.predict import ANCHOR, KINDS, MAX_SPREAD, UNIT, coding_order, interpolate
 from protocol.quantise import pose_from_motion
-from shared_model.parameters import FaceParameters, Pose, clip_eau
+from shared_model.parameters import EAUS, LID_EAUS, FaceParameters, Pose, clip_eau
 
 Array = NDArray[np.float64]
 
@@ -42,8 +42,10 @@ VARIANCE_SHARE = 1.0
 LEAST_SPREAD = 0.2
 # Steps of a basis row to the usual size of its component, and the least that a row has.
 BASIS_STEPS, LEAST_REACH = 9.0, 22.0
-# An actuator's error is seen by people even where it costs little PSNR: harm per unit, grey^2.
-EAU_HARM = 4.0
+# An actuator's error is seen by people even where it costs little PSNR: harm per unit, grey^2.  A
+# blink is over after two or three frames, and small.
+EAU_HARM, LID_HARM = 4.0, 40.0
+_HARM = np.array([LID_HARM if eau.name in LID_EAUS else EAU_HARM for eau in EAUS])
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +66,7 @@ class Sensitivity:
         cross = -self.slope.T @ modes.T
         among = (modes * self.weight) @ modes.T
         harm = np.block([[self.geometry, cross], [cross.T, among]])
-        harm[np.arange(6, GEOMETRY), np.arange(6, GEOMETRY)] += EAU_HARM
+        harm[np.arange(6, GEOMETRY), np.arange(6, GEOMETRY)] += _HARM
         harm[np.diag_indices(len(harm))] *= 1 + 1e-5
         return np.asarray(harm, np.float64)
 
