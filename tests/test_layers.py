@@ -43,7 +43,7 @@ def components(modes: tuple[bytes, ...], spare: int = 0) -> bytes:
         np.zeros(d, np.int64),
         np.ones((2, d), np.int8),
         np.zeros(2, np.int8),
-        np.full((2, KINDS), 9, np.uint8),
+        np.full((2, KINDS), 8, np.uint8),
     )
     return serialise_components(with_spare(tables, spare))
 
