@@ -134,6 +134,7 @@ def is_finite(face: FaceParameters) -> bool:
         ({"exponents": np.zeros(4, np.int8)}, "shapes"),
         ({"spreads": np.full((5, KINDS), MAX_SPREAD + 1, np.uint8)}, "spreads"),
         ({"spreads": np.zeros((5, KINDS - 1), np.uint8)}, "spreads"),
+        ({"spreads": np.full((5, KINDS), 7, np.uint8)}, "no multiples"),
         ({"basis": np.zeros((0, D), np.int8)}, "0 components"),
         ({"modes": (b"",) * (MAX_MODES + 1)}, "modes"),
         ({"spare": -1}, "-1 spare modes"),
