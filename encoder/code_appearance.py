@@ -36,7 +36,7 @@ STEPS_PER_HALVING = 10
 # frame packet.  At 800 bit/s .01 gave carphone .1 dB less, turn the same.
 MODE_OVERHEAD = 24
 MODE_COST = 0.006
-# What a mean costs that takes more than all bytes: more than any other.
+# What a mean costs that takes more than all bytes, beside those: more than any other.
 TOO_LARGE = 1e3
 LEAST_ENERGY = 1e-3
 # A last mode for which there is too little room is coded by so many steps more coarsely; in less
@@ -187,7 +187,7 @@ class _Bench:
         remainder = Remainder(frames.reshape(len(frames), -1))
         series, left = ModeSeries(size, self.relief), self.face_bytes - texture.size_bytes
         modes: list[Draft] = []
-        error = remainder.error if left >= 0 else TOO_LARGE
+        error = remainder.error if left >= 0 else TOO_LARGE - left
         while len(modes) < self.most_modes:
             direction = np.zeros((size, size, 3), np.float32)
             direction[at] = remainder.strongest().reshape(-1, 3) / root * support

@@ -28,13 +28,14 @@ from encoder.prediction import MatrixRefiner
 from encoder.refine import Refiner
 from encoder.sighting import HaarSighter, NetworkSighter, Sighter, warn_of_several
 from encoder.track import PARTS, TrackingFollower
+from protocol.quantise import sent_eaus
 from shared_model import geometry
 from shared_model.animate import identity_from_controls
 from shared_model.anthropometry import residual_basis
 from shared_model.errors import UserError
 from shared_model.geometry import Camera
 from shared_model.mesh import Head
-from shared_model.parameters import AAUS, EAU_INDEX, THESIS_EAUS, FaceParameters, Pose
+from shared_model.parameters import AAUS, EAU_INDEX, FaceParameters, Pose
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -49,8 +50,9 @@ STEPS: Mapping[str, type[Refiner]] = {
     "mirrored": MirroredRefiner,
     "matrix": MatrixRefiner,
 }
-# What the thesis profile sends, and the lids, lest blinks pass for the brows' motion.
-FOLLOWED = tuple(EAU_INDEX[name] for name in (*THESIS_EAUS, "lid_left", "lid_right"))
+# What the thesis profile sends, and the lids even if it does not, lest blinks pass for the brows'
+# motion.
+FOLLOWED = tuple(EAU_INDEX[name] for name in sent_eaus(lids=True))
 # Share of a new measurement in the filtered value: little lag, and half of the jitter's power gone.
 GAIN = 0.7
 

@@ -30,7 +30,8 @@ from protocol.values import MAX_SIZE, UNARY, Surroundings, value_bits
 
 Array = NDArray[np.float64]
 
-# Lagrangian, in squared steps per bit.
+# Lagrangian, in squared steps per bit: a value's own step at first, an anchor's when all are chosen
+# again.
 WORTH = 0.25
 # How often all values of a packet are chosen again.
 SWEEPS = 2
@@ -138,7 +139,10 @@ class _Packet:
         return values
 
     def choose_again(self, values: Integers, goal: _Goal) -> None:
-        """Replace each of values (places, n) by what is best while the others stay."""
+        """Replace each of values (places, n) by what is best while the others stay.
+
+        What it costs is counted by the tables that the values before gave.
+        """
         error, used = goal.error(self.frames(values)), self._used
         worth = WORTH * step(self._head.quality, ANCHOR) ** 2
         prices = worth * _BITS[self._tables_around(values)]
@@ -174,7 +178,10 @@ class _Packet:
             sizes[place.index] = np.abs(row)
             surroundings.start_frame()
             for expected, parent, size in zip(
-                tables.tolist(), _sums(around, len(tables)), np.abs(row).tolist(), strict=False
+                tables.tolist(),
+                _sums(around, len(tables)),
+                np.abs(row[: self._used]).tolist(),
+                strict=True,
             ):
                 found.append(surroundings.table(expected, parent))
                 surroundings.saw(expected, size)

@@ -14,7 +14,8 @@ from loopback.report import rounded
 
 Array = NDArray[np.float64]
 
-# Points of the face mesh: outer corners of the eyes, and pairs whose distance is a gesture.
+# Landmarks, those of the lids by the iris network: outer corners of the eyes, and pairs whose
+# distance is a gesture.
 EYE_CORNERS = (33, 263)
 GAPS = {
     "mouth": ((13, 14),),

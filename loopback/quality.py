@@ -55,7 +55,7 @@ class TrackedFaceArea:
 
     def __init__(self) -> None:
         folder = find_network_folder()
-        self._tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
+        self._tracker = LandmarkTracker(folder, BlazeFaceDetector(folder), look_at_lids=False)
 
     def __call__(self, picture: Picture) -> Mask | None:
         """The area inside the outline of the face in `picture`; None if there is no face."""

@@ -1,5 +1,5 @@
-"""Probabilities that learn: what model packets' tables and reliefs and the
-coarsest subbands of stills are coded with.
+"""Probabilities that learn: what model packets' tables, residual shapes and
+reliefs and the coarsest subbands of stills are coded with.
 
 Each context counts what it has seen, so early bits teach much and later ones less.  All is
 integer; encoder and decoder run the same code.

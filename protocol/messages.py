@@ -25,9 +25,10 @@ from shared_model.parameters import AAUS, EAUS, Pose
 # A model packet is in the oldest version that has all it says: the thesis profile's, the default
 # profile's pictures as they are coded now, fields for layers and coded frames, for growth, and for
 # the thesis profile's lids.
-THESIS_VERSION, PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION, LIDS_VERSION = 2, 9, 10, 11, 8
+THESIS_VERSION, LIDS_VERSION, PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION = 2, 8, 9, 10, 11
 _THESIS_VERSIONS = THESIS_VERSION, LIDS_VERSION
-VERSIONS = THESIS_VERSION, PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION, LIDS_VERSION
+_DEFAULT_VERSIONS = PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION
+VERSIONS = _THESIS_VERSIONS + _DEFAULT_VERSIONS
 PROFILES = ("thesis", "default")
 
 SEQUENCE_MODULUS = 64
@@ -43,7 +44,7 @@ MAX_FRAMES_PER_PACKET = 64
 MAX_FRAME_STEP = 255
 MAX_FOCAL_PX = 1e6
 MAX_RESIDUAL_POINTS = 255
-# More than 255 points take as they are coded.
+# More than so many points take as they are coded.
 MAX_RESIDUAL_BYTES = 4096
 MAX_TRANSLATION_MM = 1e6
 MAX_LAYERS = 64
@@ -329,7 +330,13 @@ def _parse_control(sequence: int, payload: bytes) -> ControlPacket:
 _KEYS = ("p", "s", "r", "f", "n", "o", "l", "a", "d", "q", "t", "e", "b", "x", "m")
 # How many of the later keys each version has.
 _LATER_KEYS = ("k", "y", "g", "i")
-_LATER = dict(zip(VERSIONS, (0, 0, 2, 3, 4), strict=True))
+_LATER = {
+    THESIS_VERSION: 0,
+    LIDS_VERSION: 4,
+    PLAIN_VERSION: 0,
+    LAYERED_VERSION: 2,
+    GROWING_VERSION: 3,
+}
 
 
 def _version(packet: ModelPacket) -> int:
@@ -392,7 +399,7 @@ def _parse_model(sequence: int, payload: bytes) -> ModelPacket:
     if version == THESIS_VERSION and packet.call.profile != "thesis":
         raise ValueError(
             f"format version is {version}, of the default profile this program reads"
-            f" {', '.join(map(str, VERSIONS[1:-1]))}"
+            f" {', '.join(map(str, _DEFAULT_VERSIONS))}"
         )
     # One encoding only: no longer integers, doubles or another order of keys for the same packet.
     if serialise(packet)[1:] != payload:

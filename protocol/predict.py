@@ -75,9 +75,10 @@ def step(quality: int, kind: int) -> int:
 
 
 def interpolate(place: Place, known: Mapping[int, Integers]) -> Integers:
-    """(n,) the frame at `place`, no anchor, on a cubic through the `known` frames around it.
+    """(n,) the frame at `place`, no anchor, between the `known` frames around it.
 
-    Motion goes straight on beyond the two next to it where nothing is known there.
+    Half way it lies on a cubic through four of them; elsewhere, in packets of unusual length, the
+    same bend is added.  Motion goes straight on beyond the two next to it where nothing is known.
     """
     span = place.right - place.left
     share = place.index - place.left

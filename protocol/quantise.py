@@ -85,7 +85,7 @@ def sent_eaus(lids: bool) -> tuple[str, ...]:
 
 
 def encode_thesis(parameters: FaceParameters, reference: Pose, lids: bool = False) -> bytes:
-    """Payload of a thesis frame packet: one byte per row of `THESIS_TABLE`, code + 128."""
+    """Payload of a thesis frame packet: one byte per row of `THESIS_TABLE` sent, code + 128."""
     return bytes((codes_from_parameters(parameters, reference, lids) + 128).astype(np.uint8))
 
 

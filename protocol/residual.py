@@ -1,4 +1,4 @@
-"""The residual shape of a caller as the default profile sends it: coordinates of control points."""
+"""The residual shape of a caller, as model packets of the default profile's versions have it."""
 
 from protocol.adaptive import AdaptiveIntegers
 from protocol.entropy import RangeDecoder, RangeEncoder

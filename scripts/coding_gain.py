@@ -93,7 +93,7 @@ class Point:
 def read_material(source: str) -> Material:
     """Learn a clip's caller and follow the face through it, as the two-pass encoder does."""
     folder, sampler = find_network_folder(), Sampler()
-    tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
+    tracker = LandmarkTracker(folder, BlazeFaceDetector(folder), look_at_lids=False)
     with open_source(source) as capture:
         size, fps = (capture.width, capture.height), capture.fps
         points: list[Array] = []
@@ -106,7 +106,7 @@ def read_material(source: str) -> Material:
     call = CallParameters("default", *size, fps.numerator, fps.denominator, fitted.camera.focal_px)
     learned = learn_caller(head, fitted, faces, sampler.frames, points, call, BUDGETS["default"])
     caller, refined = learned.caller, list[FaceParameters]()
-    tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
+    tracker = LandmarkTracker(folder, BlazeFaceDetector(folder), look_at_lids=False)
     with open_source(source) as capture:
         for _, frame in capture:
             if tracker.update(frame) is not None:
