@@ -162,7 +162,8 @@ class ZenohSource(_Session):
     """The decoder's end of a call: a `PacketSource`.
 
     Hands out the model before any frame, whenever it joins.  Ends with the END packet, or when the
-    encoder has been gone for `gone_grace_s` without one.
+    encoder has been gone for `gone_grace_s` without one, and nothing has come for as long: a slow
+    link goes on delivering.
     Raises `UserError` with exit code 4 if the link cannot be made.
     """
 
@@ -170,6 +171,7 @@ class ZenohSource(_Session):
         self._grace_s = gone_grace_s
         self._arrivals = Arrivals()
         self._gone_s: float | None = None
+        self._last_s = monotonic()  # when something arrived
         self._complete = self._ended = False
         self._key = f"risorius/{options.call}"
         super().__init__(options)
@@ -202,8 +204,8 @@ class ZenohSource(_Session):
             if packet is not None:
                 self._complete = self._ended = is_end(packet)
                 return packet
-            now = monotonic()
-            self._ended = self._gone_s is not None and now >= self._gone_s + self._grace_s
+            now, end = monotonic(), self._end_s
+            self._ended = end is not None and now >= end
             if deadline is not None and now >= deadline:
                 break
         return None
@@ -213,11 +215,17 @@ class ZenohSource(_Session):
             yield packet
 
     def _patience_s(self, deadline: float | None) -> float | None:
-        gone_s = self._gone_s
-        ends = [deadline, None if gone_s is None else gone_s + self._grace_s]
+        ends = [deadline, self._end_s]
         return min((max(0.0, end - monotonic()) for end in ends if end is not None), default=None)
 
+    @property
+    def _end_s(self) -> float | None:
+        """When to wait no longer for an encoder that is gone."""
+        gone_s = self._gone_s
+        return None if gone_s is None else max(gone_s, self._last_s) + self._grace_s
+
     def _arrived(self, sample: zenoh.Sample) -> None:
+        self._last_s = monotonic()
         self._arrivals.put(sample.payload.to_bytes())
 
     def _encoder_changed(self, sample: zenoh.Sample) -> None:
