@@ -73,9 +73,11 @@ def code_appearance(
         size = shape.atlas.size
         none = np.zeros((0, size, size, 3), np.float32)
         return Appearance(texture, (), decoded, none, ModeSeries(size, relief))
-    root, _ = weighting(stack.weight * mask, mask)
+    root, support = weighting(stack.weight * mask, mask)
     frames = to_planes(stack.colours) * root * stack.seen[..., None]
-    bench = _Bench(shape, stack, frames, picture, mask, relief, face_bytes, most_modes)
+    bench = _Bench(
+        shape, stack.seen, frames, root, support, picture, relief, face_bytes, most_modes
+    )
     return bench.written(_best(bench))
 
 
@@ -154,16 +156,18 @@ def _cost(coded: _Coded) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Bench:
-    """A stack, and the whole atlas of its mean, to be coded in several ways.
+    """The frames of a stack, and the whole atlas of its mean, to be coded in several ways.
 
-    frames: (t, k, 3) planes of what is seen, by the roots of what errors count.
+    seen: (t, k).  frames: (t, k, 3) planes of what is seen, by the roots of what errors count.
+    root, support: see `weighting`.
     """
 
     shape: ShapeFree
-    stack: Stack
+    seen: NDArray[np.bool_]
     frames: Single
+    root: Single
+    support: Single
     picture: Single
-    mask: Single
     relief: bytes
     face_bytes: int
     most_modes: int
@@ -181,16 +185,16 @@ class _Bench:
         """The mean, and as many modes as fit, each found in what the coded ones leave over."""
         size, at = self.shape.atlas.size, (self.shape.atlas.rows, self.shape.atlas.columns)
         texture = draft_still(self.picture, step, self.relief, TEXTURE)
-        root, support = weighting(self.stack.weight * self.mask, self.mask)
+        root = self.root
         mean = to_planes(texture.colours[at]) * root
-        frames = self.frames - mean * self.stack.seen[..., None]
+        frames = self.frames - mean * self.seen[..., None]
         remainder = Remainder(frames.reshape(len(frames), -1))
         series, left = ModeSeries(size, self.relief), self.face_bytes - texture.size_bytes
         modes: list[Draft] = []
         error = remainder.error if left >= 0 else TOO_LARGE - left
         while len(modes) < self.most_modes:
             direction = np.zeros((size, size, 3), np.float32)
-            direction[at] = remainder.strongest().reshape(-1, 3) / root * support
+            direction[at] = remainder.strongest().reshape(-1, 3) / root * self.support
             found = _fitting(series, direction, step, left - MODE_OVERHEAD)
             if found is None:
                 break

@@ -22,7 +22,7 @@ from protocol.components import GEOMETRY
 from protocol.pictures import to_luma
 from shared_model.animate import Face
 from shared_model.geometry import Camera, matrix_from_quaternion
-from shared_model.parameters import EAUS, FaceParameters
+from shared_model.parameters import EAUS, LID_EAUS, FaceParameters
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -32,7 +32,7 @@ Single = NDArray[np.float32]
 MOST_PIXELS = 6000
 # What an actuator one unit off its first guess costs, squared grey levels.  Lids stay: what PSNR
 # gains by a lid that is half closed, people lose.
-HELD_GREY2 = np.array([400.0 if eau.name.startswith("lid_") else 6.0 for eau in EAUS])
+HELD_GREY2 = np.array([400.0 if eau.name in LID_EAUS else 6.0 for eau in EAUS])
 STEPS = 1
 # Less of the face's own colour than this in a pixel, and it says little about the face.
 LEAST_OPACITY = 0.5

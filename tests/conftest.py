@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -14,7 +15,7 @@ import pytest
 from shots import Shots, draw_shots
 
 from decoder.sink import open_sink
-from encoder.capture import exact_fps
+from encoder.capture import Frame, exact_fps, open_source
 from encoder.networks import NetworkFilesMissing, find_network_folder
 from loopback.cli import main
 from loopback.clips import CARPHONE, clip_path
@@ -32,6 +33,7 @@ hypothesis.settings.register_profile("unhurried", deadline=None)
 hypothesis.settings.load_profile("unhurried")
 
 Start = Callable[..., "subprocess.Popen[str]"]
+ClipFrames = Callable[[str, int], list[Frame]]
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -49,6 +51,17 @@ def clips() -> Path:
     if not folder.is_dir():
         pytest.skip(f"needs the development clips in {folder}")
     return folder
+
+
+@pytest.fixture(scope="session")
+def clip_frames(clips: Path) -> ClipFrames:
+    """The first frames of a development clip, by its name and their number."""
+
+    def read(name: str, count: int) -> list[Frame]:
+        with open_source(str(clips / name)) as capture:
+            return [frame for _, frame in islice(capture, count)]
+
+    return read
 
 
 @pytest.fixture(scope="session")

@@ -1,16 +1,15 @@
 """Irises: where real eyes have them, and gaze from known geometry."""
 
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import ClipFrames
 
-from encoder.capture import Frame, open_source
+from encoder.capture import Frame
 from encoder.detect import BlazeFaceDetector
 from encoder.iris import LIDS, Eyes, IrisFinder, gaze
 from encoder.landmarks import FaceMesh, LandmarkTracker
-from encoder.networks import NetworkFilesMissing, find_network_folder
 from encoder.square import square_from_landmarks
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, pixel_from_head, pose_from_euler
@@ -18,7 +17,6 @@ from shared_model.jaw_and_lids import GAZE_DEG, eye
 from shared_model.mesh import generic_head
 from shared_model.parameters import AAUS
 
-CLIPS = Path(__file__).resolve().parents[2] / "shared" / "clips"
 HEAD, CAMERA = generic_head(), Camera(640, 480, 800.0)
 FACE = Face(HEAD, Identity(np.zeros(len(AAUS)), np.zeros_like(HEAD.vertices)))
 
@@ -43,20 +41,6 @@ def test_an_iris_beyond_the_ball_still_gives_an_angle() -> None:
     assert np.abs(gaze(FACE, CAMERA, pose, eyes)).max() <= 1
 
 
-def networks() -> Path:
-    try:
-        return find_network_folder()
-    except NetworkFilesMissing as missing:
-        pytest.skip(str(missing))
-
-
-def frames(name: str, count: int) -> list[Frame]:
-    if not CLIPS.is_dir():
-        pytest.skip(f"{CLIPS} is not there")
-    with open_source(str(CLIPS / name)) as capture:
-        return [frame for _, frame in islice(capture, count)]
-
-
 @pytest.mark.parametrize(
     ("name", "pupils"),
     [
@@ -65,20 +49,21 @@ def frames(name: str, count: int) -> list[Frame]:
         ("smile.mp4", [[259, 169], [326.5, 166]]),
     ],
 )
-def test_irises_are_where_the_pupils_are(name: str, pupils: list[list[float]]) -> None:
-    folder, (frame,) = networks(), frames(name, 1)
-    found = LandmarkTracker(folder, BlazeFaceDetector(folder)).update(frame)
+def test_irises_are_where_the_pupils_are(
+    name: str, pupils: list[list[float]], networks: Path, clip_frames: ClipFrames
+) -> None:
+    (frame,) = clip_frames(name, 1)
+    found = LandmarkTracker(networks, BlazeFaceDetector(networks)).update(frame)
     assert found is not None
-    centres = IrisFinder(folder).find(frame, found.points).irises[:, 0]
+    centres = IrisFinder(networks).find(frame, found.points).irises[:, 0]
     eyes = np.linalg.norm(np.diff(pupils, axis=0))
     assert np.linalg.norm(centres - pupils, axis=1).max() < 0.05 * eyes, centres
 
 
-def test_lids_close_in_a_blink() -> None:
-    folder = networks()
-    tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
+def test_lids_close_in_a_blink(networks: Path, clip_frames: ClipFrames) -> None:
+    tracker = LandmarkTracker(networks, BlazeFaceDetector(networks))
     # The caller blinks in frame 42.
-    opening = [eyes_opening(tracker, frame) for frame in frames("carphone.mp4", 45)]
+    opening = [eyes_opening(tracker, frame) for frame in clip_frames("carphone.mp4", 45)]
     assert min(opening) == opening[42] < 0.4 * np.median(opening)
 
 
@@ -90,13 +75,13 @@ def eyes_opening(tracker: LandmarkTracker, frame: Frame) -> float:
     return float(np.linalg.norm(gaps, axis=1).mean() / np.linalg.norm(eyes))
 
 
-def test_only_the_lids_are_seen_anew() -> None:
-    folder, (frame,) = networks(), frames("smile.mp4", 1)
-    tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
+def test_only_the_lids_are_seen_anew(networks: Path, clip_frames: ClipFrames) -> None:
+    (frame,) = clip_frames("smile.mp4", 1)
+    tracker = LandmarkTracker(networks, BlazeFaceDetector(networks))
     found = tracker.update(frame)
     assert found is not None
-    mesh = FaceMesh(folder).find(frame, square_from_landmarks(found.points))
-    again = IrisFinder(folder).with_lids(frame, mesh.points)
+    mesh = FaceMesh(networks).find(frame, square_from_landmarks(found.points))
+    again = IrisFinder(networks).with_lids(frame, mesh.points)
     moved = np.flatnonzero((again != mesh.points).any(1))
     assert set(moved) <= set(np.ravel(LIDS))
     assert len(moved) > 20

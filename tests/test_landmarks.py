@@ -5,34 +5,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from conftest import ClipFrames
 
-from encoder.capture import Frame, open_source
+from encoder.capture import Frame
 from encoder.detect import BlazeFaceDetector, Detection
 from encoder.landmarks import FaceMesh, LandmarkTracker
-from encoder.networks import NetworkFilesMissing, find_network_folder
 from encoder.square import (
     EYE_CORNERS,
     Square,
     square_from_detection,
     square_from_landmarks,
 )
-
-CLIPS = Path(__file__).resolve().parents[2] / "shared" / "clips"
-
-
-@pytest.fixture(scope="module")
-def networks() -> Path:
-    try:
-        return find_network_folder()
-    except NetworkFilesMissing as missing:
-        pytest.skip(str(missing))
-
-
-def frames(name: str, count: int) -> list[Frame]:
-    if not CLIPS.is_dir():
-        pytest.skip(f"{CLIPS} is not there")
-    with open_source(str(CLIPS / name)) as capture:
-        return [frame for index, frame in capture if index < count]
 
 
 def test_crop_corners_lie_on_the_square() -> None:
@@ -67,11 +50,11 @@ def test_nothing_is_found_where_no_face_is(networks: Path) -> None:
     assert tracker.faces_seen == 0
 
 
-def test_mirrored_faces_give_mirrored_landmarks(networks: Path) -> None:
+def test_mirrored_faces_give_mirrored_landmarks(networks: Path, clip_frames: ClipFrames) -> None:
     mesh, offsets = FaceMesh(networks), []
     for name in ("carphone.mp4", "akiyo.mp4", "smile.mp4", "still.mpg"):
         tracker = LandmarkTracker(networks, BlazeFaceDetector(networks))
-        for frame in frames(name, 6):
+        for frame in clip_frames(name, 6):
             found = tracker.update(frame)
             assert found is not None
             square, last = square_from_landmarks(found.points), frame.shape[1] - 1
@@ -84,8 +67,8 @@ def test_mirrored_faces_give_mirrored_landmarks(networks: Path) -> None:
     assert abs(np.mean(offsets)) < 0.25, "half a pixel of the crop would show as 0.5"
 
 
-def test_tracking_follows_a_face_moved_and_scaled(networks: Path) -> None:
-    (frame,) = frames("smile.mp4", 1)
+def test_tracking_follows_a_face_moved_and_scaled(networks: Path, clip_frames: ClipFrames) -> None:
+    (frame,) = clip_frames("smile.mp4", 1)
     tracker = LandmarkTracker(networks, BlazeFaceDetector(networks))
     for _ in range(3):
         first = tracker.update(frame)
@@ -100,8 +83,8 @@ def test_tracking_follows_a_face_moved_and_scaled(networks: Path) -> None:
     assert distance.mean() < 0.01 * eyes
 
 
-def test_lost_face_is_found_again(networks: Path) -> None:
-    seen = frames("akiyo.mp4", 2)
+def test_lost_face_is_found_again(networks: Path, clip_frames: ClipFrames) -> None:
+    seen = clip_frames("akiyo.mp4", 2)
     tracker = LandmarkTracker(networks, BlazeFaceDetector(networks))
     assert tracker.update(seen[0]) is not None
     assert tracker.update(np.zeros_like(seen[0])) is None
@@ -110,9 +93,9 @@ def test_lost_face_is_found_again(networks: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["carphone.mp4", "akiyo.mp4", "turn.mp4", "still.mpg"])
-def test_face_is_held_over_a_real_clip(networks: Path, name: str) -> None:
+def test_face_is_held_over_a_real_clip(networks: Path, name: str, clip_frames: ClipFrames) -> None:
     tracker = LandmarkTracker(networks, BlazeFaceDetector(networks))
-    for index, frame in enumerate(frames(name, 60)):
+    for index, frame in enumerate(clip_frames(name, 60)):
         found = tracker.update(frame)
         assert found is not None and found.score > 0.7, f"frame {index}"
 
@@ -140,8 +123,8 @@ def test_the_detector_rests_where_there_is_no_face(networks: Path) -> None:
     assert nobody.asked < 20
 
 
-def test_steered_landmarks_need_no_detector(networks: Path) -> None:
-    (frame,) = frames("akiyo.mp4", 1)
+def test_steered_landmarks_need_no_detector(networks: Path, clip_frames: ClipFrames) -> None:
+    (frame,) = clip_frames("akiyo.mp4", 1)
     first = LandmarkTracker(networks, BlazeFaceDetector(networks)).update(frame)
     assert first is not None
     nobody = Nobody()
