@@ -99,10 +99,13 @@ class Survey:
         """Number of them that `refine` has been over."""
         return len(self._faces)
 
-    def frame(self, index: int, frame: Picture) -> None:
-        """First pass over source frame `index`: where are the landmarks."""
+    def frame(self, index: int, frame: Picture, coming: Picture | None = None) -> None:
+        """First pass over source frame `index`: where are the landmarks.
+
+        coming: see `LandmarkTracker.update`.
+        """
         with self._tally.stage("landmarks"):
-            found = self._tracker.update(frame)
+            found = self._tracker.update(frame, coming)
         self._frames = index + 1
         if self._tracker.faces_seen > 1:
             self._tally.warn(f"{self._tracker.faces_seen} faces in the picture: taking the largest")

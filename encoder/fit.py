@@ -26,7 +26,10 @@ LANDMARK_SIGMA = 0.012
 DEPTH_SIGMA = 0.08
 AAU_SIGMA = 0.5
 EAU_SIGMA = 0.4
+# The same of actuators that never move, and of brows where an identity is for few actuators: one
+# frame's raised brows may as well be high ones.
 AT_REST_SIGMA = 1e-3
+BROWS_SIGMA = 0.05
 RESIDUAL_SIGMA_MM = 2.0
 RESIDUAL_DEPTH_SIGMA_MM = 1.2
 LOG_FOCAL_SIGMA = 0.15
@@ -144,11 +147,11 @@ def fit_identity(
     """Identity and focal length that explain all frames, with pose and actuators of each.
 
     size: (width, height) of the picture.  landmarks: one (468, 3) array a frame, pixels (z too).
-    active: the only actuators that will ever move.  The others then stay at rest and the lips meet
-        there, so that these alone can close a mouth that is open in the frames.  None: all.
+    active: the only actuators that will ever move.  The others then stay at rest, the brows nearly
+        so, and the lips meet there, so that these alone can close a mouth that is open in the
+        frames.  None: all.
     """
-    eau_sigma = np.full(len(EAUS), EAU_SIGMA if active is None else AT_REST_SIGMA)
-    eau_sigma[list(active or ())] = EAU_SIGMA
+    eau_sigma = _expected_eau(active)
     model = landmark_model(head)
     camera = Camera(*size, TYPICAL_FOCAL * max(size))
     frames = [start_parameters(model, camera, points) for points in landmarks]
@@ -171,6 +174,17 @@ def fit_identity(
         per_frame = step[shared:].reshape(len(frames), -1)
         frames = [_moved(f, d) for f, d in zip(frames, per_frame, strict=True)]
     return Fitted(camera, identity_from_controls(head, aau, control), control, tuple(frames))
+
+
+def _expected_eau(active: Sequence[int] | None) -> Array:
+    """(EAUs,) how far actuators are from rest in the frames that show who it is."""
+    if active is None:
+        return np.full(len(EAUS), EAU_SIGMA)
+    sigma = np.full(len(EAUS), AT_REST_SIGMA)
+    for index in active:
+        brow = EAUS[index].name.startswith("eyebrow")
+        sigma[index] = BROWS_SIGMA if brow else EAU_SIGMA
+    return sigma
 
 
 def start_parameters(model: LandmarkModel, camera: Camera, points_px: Array) -> FaceParameters:

@@ -64,8 +64,11 @@ class Follower(Protocol):
     def fitted(self) -> Fitted:
         """The caller's identity.  Raises `ValueError` before the first face."""
 
-    def update(self, frame: Picture) -> FaceParameters | None:
-        """Pose and actuators in the next frame (h, w, 3) BGR; None where there is no face."""
+    def update(self, frame: Picture, coming: Picture | None = None) -> FaceParameters | None:
+        """Pose and actuators in the next frame (h, w, 3) BGR; None where there is no face.
+
+        coming: the frame after it, see `LandmarkTracker.update`; changes nothing but the time.
+        """
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +80,7 @@ class FollowOptions:
     without: parts of the full tracker to leave out, some of `track.PARTS`.
     normalise: what the full tracker fits of a picture, one of `photometric.NORMALISATIONS`.
     step: how its fit of the texture goes about it, one of `STEPS`.
+    lids: whether the lids count, and are seen by a network of their own.
     """
 
     detector: str = "network"
@@ -84,6 +88,7 @@ class FollowOptions:
     without: frozenset[str] = frozenset()
     normalise: str = "none"
     step: str = "gauss-newton"
+    lids: bool = False
 
 
 def open_follower(
@@ -104,7 +109,8 @@ def open_follower(
     _check("part", options.without, PARTS)
     _check("normalisation", [options.normalise], tuple(NORMALISATIONS))
     _check("step", [options.step], tuple(STEPS))
-    landmarks = _landmark_tracker(warn) if options.detector == "network" else None
+    by_network = options.detector == "network"
+    landmarks = _landmark_tracker(warn, options.lids) if by_network else None
     if options.tracker == "full":
         sighter: Sighter
         if landmarks is None:
@@ -124,13 +130,13 @@ def _check(what: str, chosen: Iterable[str], known: Sequence[str]) -> None:
             raise UserError(f"{what} {name} is unknown; choose one of {', '.join(known)}")
 
 
-def _landmark_tracker(warn: Warn) -> LandmarkTracker | None:
+def _landmark_tracker(warn: Warn, lids: bool) -> LandmarkTracker | None:
     try:
         folder = find_network_folder()
     except NetworkFilesMissing as error:
         warn(f"{error}; following by Viola-Jones")
         return None
-    return LandmarkTracker(folder, BlazeFaceDetector(folder))
+    return LandmarkTracker(folder, BlazeFaceDetector(folder), look_at_lids=lids)
 
 
 class NetworkFollower:
@@ -157,9 +163,9 @@ class NetworkFollower:
             raise ValueError("no face has been seen, expected update before fitted")
         return self._fitted
 
-    def update(self, frame: Picture) -> FaceParameters | None:
+    def update(self, frame: Picture, coming: Picture | None = None) -> FaceParameters | None:
         """See `Follower`."""
-        found = self._tracker.update(frame)
+        found = self._tracker.update(frame, coming)
         warn_of_several(self._tracker.faces_seen, self._warn)
         if found is None:
             return None
@@ -194,7 +200,7 @@ class HaarFollower:
         """See `Follower`."""
         return self._fitted
 
-    def update(self, frame: Picture) -> FaceParameters | None:
+    def update(self, frame: Picture, coming: Picture | None = None) -> FaceParameters | None:
         """See `Follower`."""
         faces = self._detector.detect(frame)
         warn_of_several(len(faces), self._warn)

@@ -1,5 +1,6 @@
 """468 face landmarks a frame: MediaPipe's face mesh and iris networks, tracked."""
 
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -73,22 +74,39 @@ class LandmarkTracker:
         self._least_score = least_score
         self._square: Square | None = None
         self._vain = self._rest = 0
+        self._beside = ThreadPoolExecutor(1)
+        self._ahead: _Ahead | None = None
         self.faces_seen = 0
 
-    def update(self, frame: Frame) -> Landmarks | None:
+    def update(self, frame: Frame, coming: Frame | None = None) -> Landmarks | None:
         """Landmarks of the face in `frame` (height, width, 3) uint8 BGR; None where there is none.
 
         After a detection `faces_seen` tells among how many faces the largest was taken.
+        coming: the array that will be the next frame, where it is there already: it is looked at
+            beside what the caller does until then.  The landmarks are the same without.
         """
-        found = self._look(frame, self._square) or self._redetect(frame)
+        found = self._looked_ahead(frame) or self._look(frame, self._square)
+        found = found or self._redetect(frame)
         self._square = square_from_landmarks(found.points) if found else None
-        if found is None or self._eyes is None:
-            return found
-        return replace(found, points=self._eyes.with_lids(frame, found.points))
+        if coming is not None and self._square is not None:
+            job = self._beside.submit(self._look, coming, self._square)
+            self._ahead = _Ahead(coming, job)
+        return found
 
     def steer(self, square: Square | None) -> None:
-        """Look there in the next frame; None: ask the detector."""
-        self._square = square
+        """Look there in the next frame, unless the landmarks lead close to there; None: search."""
+        if square is None or self._square is None or not self._square.is_near(square):
+            self._looked_ahead(None)
+            self._square = square
+
+    def _looked_ahead(self, frame: Frame | None) -> Landmarks | None:
+        """What was seen in `frame` while it was still to come.
+
+        The networks are free from then on.
+        """
+        ahead, self._ahead = self._ahead, None
+        found = ahead.job.result() if ahead else None
+        return found if ahead and ahead.frame is frame else None
 
     def _redetect(self, frame: Frame) -> Landmarks | None:
         if self._rest:
@@ -114,4 +132,16 @@ class LandmarkTracker:
         if square is None:
             return None
         found = self._mesh.find(frame, square)
-        return found if found.score >= self._least_score else None
+        if found.score < self._least_score:
+            return None
+        if self._eyes is None:
+            return found
+        return replace(found, points=self._eyes.with_lids(frame, found.points))
+
+
+@dataclass(frozen=True, slots=True)
+class _Ahead:
+    """A look at a frame before its turn."""
+
+    frame: Frame
+    job: Future[Landmarks | None]

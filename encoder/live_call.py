@@ -110,10 +110,13 @@ class LiveCall:
         """Whether a face has been found yet."""
         return self._epoch is not None
 
-    def frame(self, index: int, frame: Picture) -> None:
-        """Find the face in source frame `index` and send what is due."""
+    def frame(self, index: int, frame: Picture, coming: Picture | None = None) -> None:
+        """Find the face in source frame `index` and send what is due.
+
+        coming: see `LandmarkTracker.update`.
+        """
         with self._tally.stage("landmarks"):
-            found = self._tracker.update(frame)
+            found = self._tracker.update(frame, coming)
         if self._tracker.faces_seen > 1:
             self._tally.warn(f"{self._tracker.faces_seen} faces in the picture: taking the largest")
         if found is None:

@@ -15,6 +15,7 @@ from encoder.default_call import Survey, send_call
 from encoder.follow import FOLLOWED, FollowOptions, open_follower
 from encoder.live_call import LiveCall
 from encoder.model import budget_for
+from encoder.parallel import switching_often
 from encoder.startup import LayerPacer
 from encoder.tally import Tally
 from encoder.thesis_call import ThesisCall
@@ -122,7 +123,8 @@ def send_thesis(
     """Follow the face frame by frame and send as it goes."""
     size = (capture.width, capture.height)
     elapsed_s = float(1 / capture.fps)
-    follower = open_follower(options.follow, generic_head(), size, FOLLOWED, elapsed_s, tally.warn)
+    follow = replace(options.follow, lids=options.lids)
+    follower = open_follower(follow, generic_head(), size, FOLLOWED, elapsed_s, tally.warn)
     budget = budget_for("thesis", options.model_bytes)
     patience_s = options.look_for_face_s
     call = ThesisCall(capture, follower, sink, budget, patience_s, tally, options.lids)
@@ -191,8 +193,8 @@ def send_frames(
     stop: Callable[[], bool],
 ) -> None:
     """Send every frame of a source as it comes.  Raises `UserError` if no face was in any."""
-    for index, frame in paced(capture, options, tally, stop):
-        call.frame(index, frame)
+    for index, frame, coming in with_coming(capture, options, tally, stop):
+        call.frame(index, frame, coming)
         progress(index + 1, expected_frames(capture, options))
     if not call.started:
         raise no_face(options.source, len(tally.capture_ns))
@@ -212,8 +214,8 @@ def survey_source(
     there is anything to code.
     """
     survey = Survey(capture, tally, cadence_for(capture.fps, options.fps))
-    for index, frame in paced(capture, replace(options, pace=False), tally, stop):
-        survey.frame(index, frame)
+    for index, frame, coming in with_coming(capture, replace(options, pace=False), tally, stop):
+        survey.frame(index, frame, coming)
         progress((index + 1) // 2, expected_frames(capture, options))
     if not survey.faces_seen:
         raise no_face(options.source, len(tally.capture_ns))
@@ -246,6 +248,26 @@ def no_face(source: str, frames: int) -> UserError:
         " is one in the picture, upright and at least 20 pixels wide?",
         NO_FACE,
     )
+
+
+def with_coming(
+    capture: Capture, options: EncodeOptions, tally: Tally, stop: Callable[[], bool]
+) -> Iterator[tuple[int, Picture, Picture | None]]:
+    """The frames to encode, each with the next one, which can be looked at beside it.
+
+    None where to wait for it would delay the call, and after the last.
+    """
+    frames = paced(capture, options, tally, stop)
+    if options.pace or capture.is_live:
+        for index, frame in frames:
+            yield index, frame, None
+        return
+    with switching_often():
+        before = next(frames, None)
+        while before is not None:
+            after = next(frames, None)
+            yield *before, None if after is None else after[1]
+            before = after
 
 
 def paced(

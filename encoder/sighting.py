@@ -61,8 +61,13 @@ class Sighter(Protocol):
     def first(self, frame: Picture) -> Fitted | None:
         """Who is in the picture (h, w, 3) BGR; None where nobody is."""
 
-    def sight(self, frame: Picture, near: FaceParameters | None) -> Sight | None:
-        """The same caller; near: about where, None where that is not known."""
+    def sight(
+        self, frame: Picture, near: FaceParameters | None, coming: Picture | None = None
+    ) -> Sight | None:
+        """The same caller; near: about where, None where that is not known.
+
+        coming: the next frame, see `LandmarkTracker.update`.
+        """
 
 
 class NetworkSighter:
@@ -93,11 +98,13 @@ class NetworkSighter:
         self._camera = fitted.camera
         return fitted
 
-    def sight(self, frame: Picture, near: FaceParameters | None) -> Sight | None:
+    def sight(
+        self, frame: Picture, near: FaceParameters | None, coming: Picture | None = None
+    ) -> Sight | None:
         """See `Sighter`."""
         # The tracker knows better than the network's last landmarks where the face is.
         self._tracker.steer(None if near is None else self._square(near))
-        points = self._points(frame)
+        points = self._points(frame, coming)
         if points is None:
             return None
         model, camera = self._model, self._camera
@@ -116,8 +123,8 @@ class NetworkSighter:
         )
         return square_from_landmarks(points)
 
-    def _points(self, frame: Picture) -> Array | None:
-        found = self._tracker.update(frame)
+    def _points(self, frame: Picture, coming: Picture | None = None) -> Array | None:
+        found = self._tracker.update(frame, coming)
         warn_of_several(self._tracker.faces_seen, self._warn)
         return None if found is None else found.points
 
@@ -142,7 +149,9 @@ class HaarSighter:
         identity = identity_from_controls(self._head, np.zeros(len(AAUS)), control)
         return Fitted(self._camera, identity, control, (seen.face,))
 
-    def sight(self, frame: Picture, near: FaceParameters | None) -> Sight | None:
+    def sight(
+        self, frame: Picture, near: FaceParameters | None, coming: Picture | None = None
+    ) -> Sight | None:
         """See `Sighter`."""
         faces = self._detector.detect(frame)
         warn_of_several(len(faces), self._warn)

@@ -15,6 +15,8 @@ Frame = NDArray[np.uint8]
 EYE_CORNERS = (33, 263)
 # The networks were trained on crops this many times the face's box.
 _MARGIN = 1.5
+# Squares so many sides apart, or of so different sides, show the face alike.
+_NEAR = 0.15
 # Samples averaged along a side of a crop's pixel, at most: beyond, time grows and nothing else.
 _MOST_SAMPLES = 2
 
@@ -29,6 +31,11 @@ class Square:
     centre: Array
     side: float
     roll_rad: float
+
+    def is_near(self, other: "Square") -> bool:
+        """Whether the network sees much the same face in both."""
+        apart = np.linalg.norm(self.centre - other.centre) + abs(self.side - other.side)
+        return bool(apart < _NEAR * min(self.side, other.side))
 
     def pixel_from_crop(self, size: int) -> Array:
         """(2, 3) affine map from pixels of the size x size crop to pixels of the picture."""

@@ -95,10 +95,13 @@ class ThesisCall:
         """Whether a face has been found yet."""
         return self._sender is not None
 
-    def frame(self, index: int, frame: Picture) -> None:
-        """Find the face in source frame `index` and send what is due."""
+    def frame(self, index: int, frame: Picture, coming: Picture | None = None) -> None:
+        """Find the face in source frame `index` and send what is due.
+
+        coming: see `Follower.update`.
+        """
         with self._tally.stage("follow"):
-            face = self._follower.update(frame)
+            face = self._follower.update(frame, coming)
         if face is None:
             self._miss(index)
             return

@@ -26,7 +26,7 @@ from encoder.sighting import Sight, Sighter
 from shared_model.animate import Face
 from shared_model.geometry import matrix_from_quaternion, pixel_from_head
 from shared_model.mesh import Head
-from shared_model.parameters import EAUS, FaceParameters, Pose, clip_eau
+from shared_model.parameters import FaceParameters, Pose, clip_eau
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -36,7 +36,6 @@ PARTS = ("network", "klt", "ekf", "abs")
 # Standard deviations of what the parts measure: points in units of the distance between the eyes.
 ABS_SIGMA = 0.012
 ABS_EAU_SIGMA = 0.06
-BROW_EAU_SIGMA = 0.2
 NETWORK_EAU_SIGMA = 0.07
 # The network's errors double at this angle aside of the camera.
 NETWORK_WIDE_DEG = 15.0
@@ -89,8 +88,6 @@ class TrackingFollower:
         self._head, self._active = head, list(active)
         self._elapsed_s, self._sighter, self._without = elapsed_s, sighter, without
         self._synthesis = synthesis
-        brow = [EAUS[index].name.startswith("eyebrow") for index in active]
-        self._fit_variance = np.where(brow, BROW_EAU_SIGMA, ABS_EAU_SIGMA) ** 2
         self._caller: Caller | None = None
         self._filter: FaceFilter | None = None
         self._last: FaceParameters | None = None
@@ -103,14 +100,14 @@ class TrackingFollower:
             raise ValueError("no face has been seen, expected update before fitted")
         return self._caller.fitted
 
-    def update(self, frame: Picture) -> FaceParameters | None:
+    def update(self, frame: Picture, coming: Picture | None = None) -> FaceParameters | None:
         """See `Follower`."""
         self._number += 1
         if self._caller is None:
             return self._begin(frame)
         if self._last is None:
             return self._recover(self._caller, frame)
-        return self._follow(self._caller, self._last, frame)
+        return self._follow(self._caller, self._last, frame, coming)
 
     def _has(self, part: str) -> bool:
         return part not in self._without
@@ -141,11 +138,11 @@ class TrackingFollower:
         self._last, self._bad = face, 0
 
     def _follow(
-        self, caller: Caller, last: FaceParameters, frame: Picture
+        self, caller: Caller, last: FaceParameters, frame: Picture, coming: Picture | None
     ) -> FaceParameters | None:
         predicted = self._predict(last)
         looks = self._measured_by_network()
-        sight = self._sighter.sight(frame, predicted) if looks else None
+        sight = self._sighter.sight(frame, predicted, coming) if looks else None
         if sight is not None and not is_plausible(sight.face, caller.fitted):
             sight = None
         camera = caller.fitted.camera
@@ -266,7 +263,7 @@ class TrackingFollower:
             points[n + m :] = caller.face.animate(refined.eau)[caller.anchors]
             pixels[n + m :] = pixel_from_head(camera, refined.pose, points[n + m :])
             variance[n + m :] = (ABS_SIGMA * eyes_px) ** 2
-            eau, eau_variance = refined.eau[self._active], self._fit_variance
+            eau, eau_variance[:] = refined.eau[self._active], ABS_EAU_SIGMA**2
         return self._filter.update(points, pixels, variance, eau, eau_variance)
 
     def _miss(self, last: FaceParameters) -> FaceParameters | None:

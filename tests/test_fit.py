@@ -185,3 +185,12 @@ def test_the_actuators_that_are_sent_can_close_a_mouth_first_seen_open(head: Hea
         return float(np.linalg.norm(lips[0] - lips[1]))
 
     assert apart_mm(fitted) < 1.6 < 5 < apart_mm(all_move)
+
+
+def test_brows_first_seen_raised_are_taken_for_high_ones(head: Head) -> None:
+    raised = a_face(5, 0, 0, eyebrow_middle=0.5, eyebrow_inner=0.5)
+    points = seen_points(head, raised)
+    brows = [EAU_INDEX[name] for name in ("eyebrow_middle", "eyebrow_inner")]
+    few, all_free = (fit_identity(head, (640, 480), [points], active=a) for a in (SENT, None))
+    assert np.abs(few.frames[0].eau[brows]).max() < 0.1
+    assert all_free.frames[0].eau[brows].max() > 0.15

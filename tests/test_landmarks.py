@@ -100,6 +100,48 @@ def test_face_is_held_over_a_real_clip(networks: Path, name: str, clip_frames: C
         assert found is not None and found.score > 0.7, f"frame {index}"
 
 
+def test_a_frame_looked_at_ahead_gives_the_same_landmarks(
+    networks: Path, clip_frames: ClipFrames
+) -> None:
+    frames = clip_frames("akiyo.mp4", 6)
+    plain, ahead = (LandmarkTracker(networks, BlazeFaceDetector(networks)) for _ in range(2))
+    for frame, coming in zip(frames, [*frames[1:], None], strict=True):
+        expected, found = plain.update(frame), ahead.update(frame, coming)
+        assert expected is not None and found is not None
+        assert (found.points == expected.points).all()
+
+
+def test_what_was_seen_ahead_elsewhere_is_not_believed(
+    networks: Path, clip_frames: ClipFrames
+) -> None:
+    first, second = clip_frames("akiyo.mp4", 2)
+    found = LandmarkTracker(networks, BlazeFaceDetector(networks)).update(first)
+    assert found is not None
+    square, nobody = square_from_landmarks(found.points), Nobody()
+    tracker = LandmarkTracker(networks, nobody)
+    tracker.steer(square)
+    assert tracker.update(first, second) is not None
+    tracker.steer(beside(square, 2.0))
+    assert tracker.update(second) is None and nobody.asked == 1
+
+
+def beside(square: Square, sides: float) -> Square:
+    """The square so many of its sides to the right."""
+    return Square(square.centre + np.array([sides * square.side, 0]), square.side, square.roll_rad)
+
+
+def test_steering_close_by_changes_nothing(networks: Path, clip_frames: ClipFrames) -> None:
+    first, second = clip_frames("akiyo.mp4", 2)
+    plain, steered = (LandmarkTracker(networks, BlazeFaceDetector(networks)) for _ in range(2))
+    found, same = plain.update(first), steered.update(first)
+    assert found is not None and same is not None
+    square = square_from_landmarks(found.points)
+    steered.steer(beside(square, 0.05))
+    expected, after = plain.update(second), steered.update(second)
+    assert expected is not None and after is not None
+    assert (after.points == expected.points).all()
+
+
 class Nobody:
     """A detector that never finds a face, and counts how often it was asked."""
 

@@ -72,7 +72,9 @@ class Eyewitness:
     def first(self, frame: Picture) -> Fitted | None:
         return None if self.step in self._blind else Fitted(CAMERA, IDENTITY, CONTROL, (self.face,))
 
-    def sight(self, frame: Picture, near: FaceParameters | None) -> Sight | None:
+    def sight(
+        self, frame: Picture, near: FaceParameters | None, coming: Picture | None = None
+    ) -> Sight | None:
         if self.step in self._blind:
             return None
         face = self.lies or self.face
