@@ -253,7 +253,8 @@ class TrackingFollower:
             )
         if sight is not None:
             at = slice(n, n + m)
-            wider = (1 + (_aside_deg(like.pose) / NETWORK_WIDE_DEG) ** 2) ** 2
+            # By their own account: who is wrongly taken to look away must be seen to look here.
+            wider = (1 + (_aside_deg(sight.face.pose) / NETWORK_WIDE_DEG) ** 2) ** 2
             points[at], pixels[at] = sight.points_mm, sight.pixels
             variance[at] = wider * sight.variance_px2
             eau, eau_variance[:] = sight.face.eau[self._active], wider * NETWORK_EAU_SIGMA**2

@@ -173,6 +173,18 @@ def test_an_absurd_sight_is_not_believed(film: list[Picture]) -> None:
         assert np.linalg.norm(np.subtract(euler_deg(found.pose), euler_deg(face_at(step).pose))) < 3
 
 
+def test_landmarks_that_would_have_a_face_far_aside_count_little(film: list[Picture]) -> None:
+    witness = Eyewitness()
+    follower = TrackingFollower(HEAD, ACTIVE, STEP_S, witness, frozenset({"abs"}))
+    for step, frame in enumerate(film[:10]):
+        witness.step = step
+        aside = pose_from_euler(0, 60, 0, witness.face.pose.translation_mm)
+        witness.lies = replace(witness.face, pose=aside) if step else None
+        found = follower.update(frame)
+        assert found is not None
+        assert np.linalg.norm(np.subtract(euler_deg(found.pose), euler_deg(face_at(step).pose))) < 6
+
+
 def test_no_face_no_identity(film: list[Picture]) -> None:
     witness = Eyewitness(blind=frozenset({0}))
     follower = TrackingFollower(HEAD, ACTIVE, STEP_S, witness)
