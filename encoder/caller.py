@@ -97,7 +97,7 @@ def learn_caller(
 
     workers: see `on_cores`; one where frames of a live call are coded meanwhile.
     live: what these frames hide in the mouth and behind the lids may yet be seen, and it must be
-        learned before the next update: faces are not fitted by their pixels.
+        learned before the next update: the sample's faces are not fitted by their pixels.
     """
     reference = faces[0]
     packet = shape_packet(fitted, reference, call)

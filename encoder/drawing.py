@@ -6,6 +6,7 @@ surfaces, and what is drawn has been interpolated.  Here the pixels of the face 
 decoder draws them, and their squared error is made least.
 """
 
+from copy import copy
 from dataclasses import dataclass
 
 import cv2
@@ -61,6 +62,12 @@ class Drawing:
             np.ascontiguousarray(field.transpose(1, 0, 2), np.float32).reshape(-1, 3 * len(EAUS))
             for field in (head.eau_up, -head.eau_down)
         ]
+
+    def taught(self, mode: Single) -> "Drawing":
+        """The same with one mode more, (size, size) luma per unit coefficient."""
+        taught = copy(self)
+        taught._layers = np.column_stack([self._layers, mode.ravel()])
+        return taught
 
     def fit(
         self, crop: Crop, start: FaceParameters, outline_px: Array, steps: int = STEPS

@@ -9,9 +9,12 @@ from numpy.typing import NDArray
 from encoder.cadence import Cadence
 from encoder.caller import Learned, learn_caller
 from encoder.capture import Capture
+from encoder.code_appearance import whole_atlas
 from encoder.combine import Sensitivity, combine
 from encoder.crop import crop_face
+from encoder.drawing import Drawing, drawing_of
 from encoder.fit import (
+    OUTLINE,
     LandmarkModel,
     fit_frame,
     landmark_model,
@@ -53,6 +56,7 @@ class Epoch:
 
     components: those in use, spare ones once their modes are learned.
     harm: of these, see `Sensitivity.harm`.
+    drawing: of what has been sent.
     number: of its first frame packet in the call.
     """
 
@@ -62,6 +66,7 @@ class Epoch:
     components: Components
     sensitivity: Sensitivity
     harm: Array
+    drawing: Drawing
     number: int = 0
 
     @property
@@ -85,6 +90,11 @@ class Epoch:
         return Look(crop_face(frame, points, self.learned.caller.pixels_per_texel), points)
 
     def find(self, look: Look, near: FaceParameters | None = None) -> FaceParameters:
+        """The caller in a look as they draw best.  near: see `explain`."""
+        outline = look.points[list(OUTLINE), :2]
+        return self.drawing.fit(look.crop, self.explain(look, near), outline)
+
+    def explain(self, look: Look, near: FaceParameters | None = None) -> FaceParameters:
         """The caller in a look, by landmarks, then by the learned appearance.
 
         near: the face before, if known.
@@ -96,11 +106,13 @@ class Epoch:
 
     def grown(self, mode: Grown) -> "Epoch":
         """The same with a mode more; teaches it the caller's tracker."""
-        tracker = self.learned.caller.tracker
-        tracker.teach(mode.luma)
-        components = with_spare(self.components, 1)
+        caller = self.learned.caller
+        caller.tracker.teach(mode.luma)
         return replace(
-            self, components=components, harm=self.sensitivity.harm(tracker.template.modes)
+            self,
+            components=with_spare(self.components, 1),
+            harm=self.sensitivity.harm(caller.tracker.template.modes),
+            drawing=self.drawing.taught(whole_atlas(caller.shape, mode.luma[:, None])[..., 0]),
         )
 
 
@@ -155,7 +167,8 @@ class Learner:
         landmarks = personalise(
             landmark_model(self._head), caller.fitted.identity.aau, caller.fitted.control_mm
         )
-        return Epoch(model, learned, landmarks, components, sensitivity, harm)
+        drawing = drawing_of(caller.face, call.camera, caller.appearance)
+        return Epoch(model, learned, landmarks, components, sensitivity, harm, drawing)
 
     def in_layers(
         self, epoch: Epoch, first_bytes: int = FIRST_LAYER_BYTES
@@ -177,7 +190,8 @@ class Learner:
             learned.caller.appearance, texture=texture, mean=mean, series=ModeSeries(len(mean))
         )
         caller = replace(learned.caller, appearance=appearance)
-        return replace(epoch, learned=replace(learned, caller=caller))
+        drawing = drawing_of(caller.face, epoch.model.call.camera, appearance)
+        return replace(epoch, learned=replace(learned, caller=caller), drawing=drawing)
 
     def _learned(
         self, budget: Budget, pictures: Sequence[Picture], points: Sequence[Array]

@@ -29,7 +29,7 @@ class LiveModes:
 
     def start(self, epoch: Epoch) -> None:
         """From now on learn what this model lacks; what is being learned is of the one before."""
-        self._grower = Grower(epoch.learned.caller, epoch.find)
+        self._grower = Grower(epoch.learned.caller, epoch.explain)
         self._fresh.clear()
         self._fresh.extend(replace(look, face=None) for look in self._recent)
         self._learning = None

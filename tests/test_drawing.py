@@ -77,6 +77,25 @@ def test_what_was_drawn_is_found_again(shots: Shots, number: int) -> None:
     assert error(shots, number, found, picture) < 0.1 * error(shots, number, start, picture)
 
 
+def test_a_mode_taught_later_is_found_as_the_others_are(shots: Shots) -> None:
+    truth = replace(shots.faces[3], modes=np.array([0.8]))
+    picture, start = picture_of(shots, truth), replace(astray(truth), modes=np.zeros(1))
+    before = drawing_of(shots, 0)
+    found, known = (
+        drawing.fit(whole(picture), start, outline_of(shots, 3), 2)
+        for drawing in (before.taught(MODE), drawing_of(shots))
+    )
+    assert found.modes == pytest.approx(known.modes)
+    assert (
+        len(
+            before.fit(
+                whole(picture), replace(start, modes=np.zeros(0)), outline_of(shots, 3)
+            ).modes
+        )
+        == 0
+    )
+
+
 def test_one_step_draws_better_than_none(shots: Shots) -> None:
     truth = replace(shots.faces[3], modes=np.zeros(0))
     picture, start = picture_of(shots, truth), astray(truth)
