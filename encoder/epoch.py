@@ -48,6 +48,8 @@ Picture = NDArray[np.uint8]
 
 # Modes that may be learned between one model packet and the next.
 SPARE_MODES = MAX_MODES - BUDGETS["live"].most_modes
+# Pixels that a frame is fitted by: more take longer, and gain next to nothing here.
+DRAWN_PIXELS = 3000
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +169,7 @@ class Learner:
         landmarks = personalise(
             landmark_model(self._head), caller.fitted.identity.aau, caller.fitted.control_mm
         )
-        drawing = drawing_of(caller.face, call.camera, caller.appearance)
+        drawing = drawing_of(caller.face, call.camera, caller.appearance, DRAWN_PIXELS)
         return Epoch(model, learned, landmarks, components, sensitivity, harm, drawing)
 
     def in_layers(
@@ -190,7 +192,7 @@ class Learner:
             learned.caller.appearance, texture=texture, mean=mean, series=ModeSeries(len(mean))
         )
         caller = replace(learned.caller, appearance=appearance)
-        drawing = drawing_of(caller.face, epoch.model.call.camera, appearance)
+        drawing = drawing_of(caller.face, epoch.model.call.camera, appearance, DRAWN_PIXELS)
         return replace(epoch, learned=replace(learned, caller=caller), drawing=drawing)
 
     def _learned(

@@ -8,6 +8,7 @@ frame packet that needs it.
 On a thin link the first model is a first layer only, and updates come in layers, too.
 """
 
+import time
 from collections.abc import Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import replace
@@ -23,6 +24,7 @@ from encoder.combine import project
 from encoder.detect import BlazeFaceDetector
 from encoder.epoch import Epoch, Learner
 from encoder.grow import Look
+from encoder.haste import Haste
 from encoder.landmarks import LandmarkTracker
 from encoder.live_modes import LiveModes
 from encoder.model import Budget
@@ -59,7 +61,7 @@ class LiveCall:
 
     look_for_face_s: say so if there is no face after this many seconds of video.
     wait: learn before the next frame, so that the same source gives the same bytes; otherwise
-        beside the frames.
+        beside the frames, and a call that falls behind fits faces by texels only.
     pacer: sends models in layers; None: whole, at once.
     """
 
@@ -100,6 +102,7 @@ class LiveCall:
         self._modes = LiveModes(float(capture.fps), self._pool)
         self._predictor = FramePredictor(np.zeros((1, 5), np.uint8))
         self._cadence, self._fps = cadence, float(capture.fps)
+        self._haste = Haste(1 / self._fps)
         self._announcer = Announcer(sink, tally, cadence, self._fps, pacer)
         fps = float(cadence.coded_fps(capture.fps))
         spending = Spending(bitrate, fps, cadence.frames_per_packet)
@@ -115,6 +118,11 @@ class LiveCall:
 
         coming: see `LandmarkTracker.update`.
         """
+        begin = time.monotonic()
+        self._take(index, frame, coming)
+        self._haste.spent(time.monotonic() - begin)
+
+    def _take(self, index: int, frame: Picture, coming: Picture | None) -> None:
         with self._tally.stage("landmarks"):
             found = self._tracker.update(frame, coming)
         if self._tracker.faces_seen > 1:
@@ -136,7 +144,8 @@ class LiveCall:
             self._missed = 0
             look = epoch.look(frame, found.points)
             with self._tally.stage("refine"):
-                self._face = epoch.find(look, self._face)
+                find = epoch.find if self._pool is None or self._haste.has_time else epoch.explain
+                self._face = find(look, self._face)
             self._queue(self._face)
             # Not if the packet was the last before an update.
             known = self._face if self._epoch is epoch else None
