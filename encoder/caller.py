@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from encoder.code_appearance import Appearance, code_appearance, whole_atlas
 from encoder.crop import Crop, crop_face
 from encoder.drawing import Drawing
-from encoder.fit import OUTLINE, Fitted
+from encoder.fit import Fitted, outline_of
 from encoder.learn import (
     Stack,
     face_mask,
@@ -195,7 +195,7 @@ def drawn_best(
     def fit(number: int) -> FaceParameters:
         luma = to_luma(sharp.colours[number])
         start = replace(found[number], modes=coefficients(template, luma, weights[number]))
-        return drawing.fit(crops[number], start, points[number][list(OUTLINE), :2])
+        return drawing.fit(crops[number], start, outline_of(points[number]))
 
     return on_cores(fit, range(len(crops)), workers)
 

@@ -14,7 +14,7 @@ from encoder.capture import Capture
 from encoder.crop import Crop, crop_face
 from encoder.detect import BlazeFaceDetector
 from encoder.drawing import drawing_of
-from encoder.fit import OUTLINE
+from encoder.fit import outline_of
 from encoder.landmarks import LandmarkTracker
 from encoder.model import Budget, call_parameters
 from encoder.networks import NetworkFilesMissing, find_network_folder
@@ -163,7 +163,7 @@ class Survey:
         drawing = self._drawing
 
         def refine(number: int) -> FaceParameters:
-            crop, outline = self._crops[number], self._points[number][list(OUTLINE), :2]
+            crop, outline = self._crops[number], outline_of(self._points[number])
             found = caller.tracker.refine(crop, self._start[number], 3)
             return drawing.fit(crop, found, outline)
 

@@ -17,7 +17,7 @@ from shared_model.animate import Identity, identity_from_controls
 from shared_model.anthropometry import residual_basis
 from shared_model.geometry import Camera
 from shared_model.mesh import Head
-from shared_model.parameters import AAUS, EAUS, FaceParameters, Pose, clip_eau
+from shared_model.parameters import AAUS, BROW_EAUS, EAUS, FaceParameters, Pose, clip_eau
 
 Array = NDArray[np.float64]
 
@@ -182,9 +182,13 @@ def _expected_eau(active: Sequence[int] | None) -> Array:
         return np.full(len(EAUS), EAU_SIGMA)
     sigma = np.full(len(EAUS), AT_REST_SIGMA)
     for index in active:
-        brow = EAUS[index].name.startswith("eyebrow")
-        sigma[index] = BROWS_SIGMA if brow else EAU_SIGMA
+        sigma[index] = BROWS_SIGMA if EAUS[index].name in BROW_EAUS else EAU_SIGMA
     return sigma
+
+
+def outline_of(points: Array) -> Array:
+    """(n, 2) the face's outline among landmarks (468, >= 2)."""
+    return points[list(OUTLINE), :2]
 
 
 def start_parameters(model: LandmarkModel, camera: Camera, points_px: Array) -> FaceParameters:

@@ -80,7 +80,7 @@ class FollowOptions:
     without: parts of the full tracker to leave out, some of `track.PARTS`.
     normalise: what the full tracker fits of a picture, one of `photometric.NORMALISATIONS`.
     step: how its fit of the texture goes about it, one of `STEPS`.
-    lids: whether the lids count, and are seen by a network of their own.
+    lids: see the lids by a network of their own, and send them.
     """
 
     detector: str = "network"

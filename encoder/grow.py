@@ -49,7 +49,7 @@ LEAST_LOOKS = 2
 
 @dataclass(frozen=True, slots=True)
 class Grown:
-    """A new mode: coded, and the luma (k,) that it adds to each texel per coefficient."""
+    """A new mode: coded, and the luma (size, size) that it adds to the texture per coefficient."""
 
     data: bytes
     luma: Single
@@ -134,7 +134,7 @@ class Grower:
             return None
         self._series = series
         self._rows.append(row)
-        return Grown(data, to_luma(image[self._at]))
+        return Grown(data, to_luma(image))
 
     def _coded(self, planes: Single, step: int) -> tuple[ModeSeries, bytes, Single]:
         """A mode as it is coded from `step` on, and the series that it then belongs to."""

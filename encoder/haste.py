@@ -1,7 +1,10 @@
 """Whether a live call keeps up with its source."""
 
-# A call this far behind leaves out what it can do without, for so long.
+# A call this far behind does without what can be left out until it has caught up, and so much
+# longer.
 BEHIND_S, RESTING_S = 0.1, 5.0
+# No call is farther behind: a camera drops what is not fetched.
+MOST_BEHIND_S = 0.3
 
 
 class Haste:
@@ -21,7 +24,8 @@ class Haste:
 
     def spent(self, seconds: float) -> None:
         """A frame has taken this long."""
-        self._behind_s = max(0.0, self._behind_s + seconds - self._period_s)
+        behind_s = self._behind_s + seconds - self._period_s
+        self._behind_s = min(max(0.0, behind_s), MOST_BEHIND_S)
         self._resting_s -= self._period_s
         if self._behind_s > BEHIND_S:
             self._resting_s = RESTING_S

@@ -1,6 +1,6 @@
 """468 face landmarks a frame: MediaPipe's face mesh and iris networks, tracked."""
 
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -53,6 +53,22 @@ class FaceMesh:
         return Landmarks(np.column_stack([flat, depth]), score)
 
 
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """The landmarks in a frame, and where to look in the next one."""
+
+    landmarks: Landmarks
+    next_square: Square
+
+
+@dataclass(frozen=True, slots=True)
+class _Ahead:
+    """A look at a frame before its turn."""
+
+    frame: Frame
+    job: Future[_Seen | None]
+
+
 class LandmarkTracker:
     """Landmarks from frame to frame: each frame's field of view comes from the frame before.
 
@@ -74,6 +90,7 @@ class LandmarkTracker:
         self._least_score = least_score
         self._square: Square | None = None
         self._vain = self._rest = 0
+        # Ends with the tracker.
         self._beside = ThreadPoolExecutor(1)
         self._ahead: _Ahead | None = None
         self.faces_seen = 0
@@ -85,28 +102,43 @@ class LandmarkTracker:
         coming: the array that will be the next frame, where it is there already: it is looked at
             beside what the caller does until then.  The landmarks are the same without.
         """
-        found = self._looked_ahead(frame) or self._look(frame, self._square)
-        found = found or self._redetect(frame)
-        self._square = square_from_landmarks(found.points) if found else None
-        if coming is not None and self._square is not None:
-            job = self._beside.submit(self._look, coming, self._square)
+        ahead = self._take_ahead(frame)
+        seen = ahead.result() if ahead else self._see(frame, self._square)
+        seen = seen or self._seen(frame, self._redetect(frame))
+        self._square = seen.next_square if seen else None
+        if coming is not None and seen is not None:
+            job = self._beside.submit(self._see, coming, seen.next_square)
             self._ahead = _Ahead(coming, job)
-        return found
+        return seen.landmarks if seen else None
 
     def steer(self, square: Square | None) -> None:
         """Look there in the next frame, unless the landmarks lead close to there; None: search."""
         if square is None or self._square is None or not self._square.is_near(square):
-            self._looked_ahead(None)
+            self._take_ahead(None)
             self._square = square
 
-    def _looked_ahead(self, frame: Frame | None) -> Landmarks | None:
-        """What was seen in `frame` while it was still to come.
+    def _take_ahead(self, frame: Frame | None) -> Future[_Seen | None] | None:
+        """The look at `frame` while it was still to come, if there was one.
 
-        The networks are free from then on.
+        The networks are free once it is done: one at another frame is waited for.
         """
         ahead, self._ahead = self._ahead, None
-        found = ahead.job.result() if ahead else None
-        return found if ahead and ahead.frame is frame else None
+        if ahead is None:
+            return None
+        wait([ahead.job])
+        return ahead.job if ahead.frame is frame else None
+
+    def _see(self, frame: Frame, square: Square | None) -> _Seen | None:
+        return self._seen(frame, self._look(frame, square))
+
+    def _seen(self, frame: Frame, found: Landmarks | None) -> _Seen | None:
+        """What the face mesh has found, with the lids as they are to be seen."""
+        if found is None:
+            return None
+        square = square_from_landmarks(found.points)
+        if self._eyes is not None:
+            found = replace(found, points=self._eyes.with_lids(frame, found.points))
+        return _Seen(found, square)
 
     def _redetect(self, frame: Frame) -> Landmarks | None:
         if self._rest:
@@ -132,16 +164,4 @@ class LandmarkTracker:
         if square is None:
             return None
         found = self._mesh.find(frame, square)
-        if found.score < self._least_score:
-            return None
-        if self._eyes is None:
-            return found
-        return replace(found, points=self._eyes.with_lids(frame, found.points))
-
-
-@dataclass(frozen=True, slots=True)
-class _Ahead:
-    """A look at a frame before its turn."""
-
-    frame: Frame
-    job: Future[Landmarks | None]
+        return found if found.score >= self._least_score else None

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.crop import Crop
-from encoder.fit import OUTLINE
+from encoder.fit import OUTLINE, outline_of
 from encoder.parallel import on_cores
 from encoder.refine import Template
 from encoder.shape_free import ShapeFree, spacing
@@ -71,7 +71,7 @@ def within_outline(
     """
     count = np.zeros(len(shape), np.float32)
     for crop, face, places in zip(crops, faces, points, strict=True):
-        outline = places[list(OUTLINE), :2]
+        outline = outline_of(places)
         outward = outline - outline.mean(0)
         lengths = np.linalg.norm(outward, axis=1, keepdims=True)
         wider = outline + BORDER_PX * outward / np.maximum(lengths, 1.0)

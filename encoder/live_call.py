@@ -9,7 +9,7 @@ On a thin link the first model is a first layer only, and updates come in layers
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 
@@ -63,6 +63,7 @@ class LiveCall:
     wait: learn before the next frame, so that the same source gives the same bytes; otherwise
         beside the frames, and a call that falls behind fits faces by texels only.
     pacer: sends models in layers; None: whole, at once.
+    clock: seconds from anywhere.
     """
 
     def __init__(
@@ -76,6 +77,7 @@ class LiveCall:
         wait: bool,
         cadence: Cadence,
         pacer: LayerPacer | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         folder = find_network_folder()
         self._tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
@@ -102,7 +104,7 @@ class LiveCall:
         self._modes = LiveModes(float(capture.fps), self._pool)
         self._predictor = FramePredictor(np.zeros((1, 5), np.uint8))
         self._cadence, self._fps = cadence, float(capture.fps)
-        self._haste = Haste(1 / self._fps)
+        self._haste, self._clock = None if wait else Haste(1 / self._fps), clock
         self._announcer = Announcer(sink, tally, cadence, self._fps, pacer)
         fps = float(cadence.coded_fps(capture.fps))
         spending = Spending(bitrate, fps, cadence.frames_per_packet)
@@ -118,9 +120,10 @@ class LiveCall:
 
         coming: see `LandmarkTracker.update`.
         """
-        begin = time.monotonic()
+        begin, was_begun = self._clock(), self.started
         self._take(index, frame, coming)
-        self._haste.spent(time.monotonic() - begin)
+        if self._haste is not None and was_begun:
+            self._haste.spent(self._clock() - begin)
 
     def _take(self, index: int, frame: Picture, coming: Picture | None) -> None:
         with self._tally.stage("landmarks"):
@@ -144,7 +147,8 @@ class LiveCall:
             self._missed = 0
             look = epoch.look(frame, found.points)
             with self._tally.stage("refine"):
-                find = epoch.find if self._pool is None or self._haste.has_time else epoch.explain
+                hurries = self._haste is not None and not self._haste.has_time
+                find = epoch.explain if hurries else epoch.find
                 self._face = find(look, self._face)
             self._queue(self._face)
             # Not if the packet was the last before an update.

@@ -29,6 +29,7 @@ class LiveModes:
 
     def start(self, epoch: Epoch) -> None:
         """From now on learn what this model lacks; what is being learned is of the one before."""
+        # Not by the epoch's drawing: when its tracker is taught a mode, that one is not.
         self._grower = Grower(epoch.learned.caller, epoch.explain)
         self._fresh.clear()
         self._fresh.extend(replace(look, face=None) for look in self._recent)

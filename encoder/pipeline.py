@@ -39,7 +39,6 @@ class EncodeOptions:
     output: call file; connect, listen: Zenoh endpoints (tcp/HOST:PORT) and `call` the call's name.
     lossless: over the network no packet is dropped, however slow: for measurements, not live calls.
     follow: how the thesis profile follows the face.
-    lids: the thesis profile sends the lids as well.
     profile: "thesis" or "default".
     bitrate: bits per second that frame packets take (default profile).
     startup_bitrate: bits per second of all packets together while the model is sent in layers
@@ -64,7 +63,6 @@ class EncodeOptions:
     fps: float | None = None
     live: bool = False
     follow: FollowOptions = field(default_factory=FollowOptions)
-    lids: bool = False
     pace: bool = False
     max_frames: int | None = None
     wait_for_peer_s: float = 0.0
@@ -105,6 +103,7 @@ def encode(options: EncodeOptions, progress: Progress, stop: Callable[[], bool])
     """
     tally = Tally()
     with ExitStack() as stack:
+        stack.enter_context(switching_often())
         capture = stack.enter_context(open_source(options.source))
         sink = open_sink(options, stack)
         send = send_thesis if options.profile == "thesis" else send_default
@@ -123,11 +122,10 @@ def send_thesis(
     """Follow the face frame by frame and send as it goes."""
     size = (capture.width, capture.height)
     elapsed_s = float(1 / capture.fps)
-    follow = replace(options.follow, lids=options.lids)
-    follower = open_follower(follow, generic_head(), size, FOLLOWED, elapsed_s, tally.warn)
+    follower = open_follower(options.follow, generic_head(), size, FOLLOWED, elapsed_s, tally.warn)
     budget = budget_for("thesis", options.model_bytes)
     patience_s = options.look_for_face_s
-    call = ThesisCall(capture, follower, sink, budget, patience_s, tally, options.lids)
+    call = ThesisCall(capture, follower, sink, budget, patience_s, tally, options.follow.lids)
     send_frames(call, options, capture, tally, progress, stop)
 
 
@@ -262,12 +260,11 @@ def with_coming(
         for index, frame in frames:
             yield index, frame, None
         return
-    with switching_often():
-        before = next(frames, None)
-        while before is not None:
-            after = next(frames, None)
-            yield *before, None if after is None else after[1]
-            before = after
+    before = next(frames, None)
+    while before is not None:
+        after = next(frames, None)
+        yield *before, after[1] if after else None
+        before = after
 
 
 def paced(

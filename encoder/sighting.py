@@ -102,7 +102,7 @@ class NetworkSighter:
         self, frame: Picture, near: FaceParameters | None, coming: Picture | None = None
     ) -> Sight | None:
         """See `Sighter`."""
-        # The tracker knows better than the network's last landmarks where the face is.
+        # Where the network's last landmarks have strayed the tracker knows better.
         self._tracker.steer(None if near is None else self._square(near))
         points = self._points(frame, coming)
         if points is None:

@@ -15,8 +15,9 @@ Frame = NDArray[np.uint8]
 EYE_CORNERS = (33, 263)
 # The networks were trained on crops this many times the face's box.
 _MARGIN = 1.5
-# Squares so many sides apart, or of so different sides, show the face alike.
-_NEAR = 0.15
+# Squares show the face alike whose centres and sides together differ by less than this share of the
+# smaller side, and which are turned by less against each other.
+_NEAR, _NEAR_RAD = 0.15, 0.25
 # Samples averaged along a side of a crop's pixel, at most: beyond, time grows and nothing else.
 _MOST_SAMPLES = 2
 
@@ -35,7 +36,8 @@ class Square:
     def is_near(self, other: "Square") -> bool:
         """Whether the network sees much the same face in both."""
         apart = np.linalg.norm(self.centre - other.centre) + abs(self.side - other.side)
-        return bool(apart < _NEAR * min(self.side, other.side))
+        turn = abs((self.roll_rad - other.roll_rad + np.pi) % (2 * np.pi) - np.pi)
+        return bool(apart < _NEAR * min(self.side, other.side) and turn < _NEAR_RAD)
 
     def pixel_from_crop(self, size: int) -> Array:
         """(2, 3) affine map from pixels of the size x size crop to pixels of the picture."""

@@ -253,7 +253,7 @@ class TrackingFollower:
             )
         if sight is not None:
             at = slice(n, n + m)
-            # By their own account: who is wrongly taken to look away must be seen to look here.
+            # By the angle they claim: a filter that is wrongly turned aside would doubt them all.
             wider = (1 + (_aside_deg(sight.face.pose) / NETWORK_WIDE_DEG) ** 2) ** 2
             points[at], pixels[at] = sight.points_mm, sight.pixels
             variance[at] = wider * sight.variance_px2

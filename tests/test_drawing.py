@@ -86,14 +86,12 @@ def test_a_mode_taught_later_is_found_as_the_others_are(shots: Shots) -> None:
         for drawing in (before.taught(MODE), drawing_of(shots))
     )
     assert found.modes == pytest.approx(known.modes)
-    assert (
-        len(
-            before.fit(
-                whole(picture), replace(start, modes=np.zeros(0)), outline_of(shots, 3)
-            ).modes
-        )
-        == 0
-    )
+
+
+def test_teaching_leaves_the_drawing_before_as_it_was(shots: Shots) -> None:
+    picture, before = picture_of(shots, shots.faces[3]), drawing_of(shots, 0)
+    before.taught(MODE)
+    assert len(before.fit(whole(picture), shots.faces[3], outline_of(shots, 3)).modes) == 0
 
 
 def test_one_step_draws_better_than_none(shots: Shots) -> None:

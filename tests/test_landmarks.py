@@ -1,5 +1,6 @@
 """Landmarks: geometry of the field of view, and agreement with itself on real faces."""
 
+import threading
 from pathlib import Path
 
 import cv2
@@ -9,7 +10,7 @@ from conftest import ClipFrames
 
 from encoder.capture import Frame
 from encoder.detect import BlazeFaceDetector, Detection
-from encoder.landmarks import FaceMesh, LandmarkTracker
+from encoder.landmarks import FaceMesh, Landmarks, LandmarkTracker
 from encoder.square import (
     EYE_CORNERS,
     Square,
@@ -101,14 +102,24 @@ def test_face_is_held_over_a_real_clip(networks: Path, name: str, clip_frames: C
 
 
 def test_a_frame_looked_at_ahead_gives_the_same_landmarks(
-    networks: Path, clip_frames: ClipFrames
+    networks: Path, clip_frames: ClipFrames, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    looks: list[tuple[int, bool]] = []
+    find = FaceMesh.find
+
+    def noted(mesh: FaceMesh, frame: Frame, square: Square) -> Landmarks:
+        looks.append((id(frame), threading.current_thread() is threading.main_thread()))
+        return find(mesh, frame, square)
+
     frames = clip_frames("akiyo.mp4", 6)
     plain, ahead = (LandmarkTracker(networks, BlazeFaceDetector(networks)) for _ in range(2))
-    for frame, coming in zip(frames, [*frames[1:], None], strict=True):
-        expected, found = plain.update(frame), ahead.update(frame, coming)
-        assert expected is not None and found is not None
-        assert (found.points == expected.points).all()
+    expected = [plain.update(frame) for frame in frames]
+    monkeypatch.setattr(FaceMesh, "find", noted)
+    for frame, coming, known in zip(frames, [*frames[1:], None], expected, strict=True):
+        found = ahead.update(frame, coming)
+        assert known is not None and found is not None
+        assert (found.points == known.points).all()
+    assert looks[-5:] == [(id(frame), False) for frame in frames[1:]]
 
 
 def test_what_was_seen_ahead_elsewhere_is_not_believed(
@@ -130,6 +141,11 @@ def beside(square: Square, sides: float) -> Square:
     return Square(square.centre + np.array([sides * square.side, 0]), square.side, square.roll_rad)
 
 
+def turned(square: Square, rad: float) -> Square:
+    """The square, turned once around and by so much."""
+    return Square(square.centre, square.side, square.roll_rad + 2 * np.pi + rad)
+
+
 def test_steering_close_by_changes_nothing(networks: Path, clip_frames: ClipFrames) -> None:
     first, second = clip_frames("akiyo.mp4", 2)
     plain, steered = (LandmarkTracker(networks, BlazeFaceDetector(networks)) for _ in range(2))
@@ -137,6 +153,7 @@ def test_steering_close_by_changes_nothing(networks: Path, clip_frames: ClipFram
     assert found is not None and same is not None
     square = square_from_landmarks(found.points)
     steered.steer(beside(square, 0.05))
+    assert square.is_near(beside(square, 0.05)) and not square.is_near(turned(square, 0.5))
     expected, after = plain.update(second), steered.update(second)
     assert expected is not None and after is not None
     assert (after.points == expected.points).all()

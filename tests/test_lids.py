@@ -7,6 +7,7 @@ import pytest
 from shots import draw
 
 from decoder.playout import PlayedFrame, Playout
+from encoder.follow import FollowOptions
 from encoder.pipeline import EncodeOptions, encode
 from protocol.messages import LIDS_VERSION, ModelPacket, parse_packet
 from protocol.recording import CallReader
@@ -42,7 +43,7 @@ def film(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> str:
 
 
 def called(film: str, path: Path, lids: bool) -> list[PlayedFrame]:
-    options = EncodeOptions(film, path, profile="thesis", lids=lids)
+    options = EncodeOptions(film, path, profile="thesis", follow=FollowOptions(lids=lids))
     encode(options, lambda done, total: None, lambda: False)
     playout = Playout()
     with CallReader(path) as reader:
