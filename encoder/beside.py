@@ -6,18 +6,12 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
-from encoder.parallel import SWITCH_S
-
 # How much the frames go before, as the system counts niceness.
 NICE = 5
 
 
 def threads_beside(count: int) -> ThreadPoolExecutor:
-    """Threads that let others go first, where the system tells threads apart.
-
-    From then on all threads of this process take turns quickly.
-    """
-    sys.setswitchinterval(SWITCH_S)
+    """Threads that let others go first, where the system tells threads apart."""
     return ThreadPoolExecutor(count, initializer=_step_back)
 
 

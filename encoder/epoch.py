@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.cadence import Cadence
-from encoder.caller import Learned, learn_caller
+from encoder.caller import Caller, Learned, learn_caller
 from encoder.capture import Capture
 from encoder.combine import Sensitivity, combine
 from encoder.crop import crop_face
@@ -170,7 +170,7 @@ class Learner:
         landmarks = personalise(
             landmark_model(self._head), caller.fitted.identity.aau, caller.fitted.control_mm
         )
-        drawing = drawing_of(caller.face, call.camera, caller.appearance, DRAWN_PIXELS)
+        drawing = _drawing(caller)
         return Epoch(model, learned, landmarks, components, sensitivity, harm, drawing)
 
     def in_layers(
@@ -193,8 +193,8 @@ class Learner:
             learned.caller.appearance, texture=texture, mean=mean, series=ModeSeries(len(mean))
         )
         caller = replace(learned.caller, appearance=appearance)
-        drawing = drawing_of(caller.face, epoch.model.call.camera, appearance, DRAWN_PIXELS)
-        return replace(epoch, learned=replace(learned, caller=caller), drawing=drawing)
+        learned = replace(learned, caller=caller)
+        return replace(epoch, learned=learned, drawing=_drawing(caller))
 
     def _learned(
         self, budget: Budget, pictures: Sequence[Picture], points: Sequence[Array]
@@ -218,3 +218,8 @@ class Learner:
     def _call_parameters(self, focal_px: float) -> CallParameters:
         packing = self._cadence.frames_per_packet, self._cadence.frame_step
         return call_parameters(self._capture, "default", focal_px, 0, *packing)
+
+
+def _drawing(caller: Caller) -> Drawing:
+    """What a decoder draws of a live caller, before single modes."""
+    return drawing_of(caller.face, caller.shape.camera, caller.appearance, DRAWN_PIXELS)
