@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 from encoder.crop import Crop, crop_face
 from encoder.learn import face_mask
 from encoder.photometric import Grey
-from encoder.refine import Refiner, Template, luma
+from encoder.refine import (
+    NOISE_GREY,
+    Explained,
+    Refiner,
+    Template,
+    luma,
+    robust_cost,
+)
 from encoder.shape_free import ShapeFree
 from encoder.texture import fitting_size, sample, texel_pixels
 from shared_model.animate import Face
@@ -31,6 +38,10 @@ FILL_GAIN = 0.2
 LEARN_EVERY = 4
 # Frames that explain the texture this well may fill what it lacks.
 GOOD_CORRELATION = 0.8
+# Share of a new fit in what fits are expected to leave.
+NOISE_GAIN = 0.1
+# Standard deviations of Gaussian noise to the median of its size.
+MEDIAN_TO_SIGMA = 1.4826
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +61,14 @@ class Refined:
 
     face: pose and actuators; as modes, gain, offset and slopes of the light.
     correlation: of picture and texture over the texels seen, -1..1, apart from low-order light.
+    left_grey2: mean square of what it leaves, of outliers less, squared grey levels.
+    noise_grey: the same as a standard deviation, outliers apart.
     """
 
     face: FaceParameters
     correlation: float
+    left_grey2: float = np.inf
+    noise_grey: float = NOISE_GREY
 
 
 class OwnTexture:
@@ -90,6 +105,7 @@ class OwnTexture:
         self._light = np.stack([np.ones_like(across), across, along])
         self._lit = np.zeros(4)
         self._learned = 0
+        self._noise_grey = NOISE_GREY
         crop = self._crop(frame, start)
         self._mean = self._sampled(crop, start)
         self._known = self._refiner.seen(start) & (self._worth > 0)
@@ -108,7 +124,23 @@ class OwnTexture:
         crop = self._crop(frame, start)
         lit = replace(start, modes=self._lit)
         found = self._refiner.explain(crop, lit, iterations, active)
-        return Refined(found.face, self._correlation(found.grey, found.shown > 0))
+        seen = found.shown > 0
+        if not seen.any():
+            return Refined(found.face, 0.0)
+        left = self._left(found)[seen]
+        left_grey2 = float(np.average(robust_cost(left), weights=found.shown[seen]))
+        noise_grey = MEDIAN_TO_SIGMA * float(np.median(np.abs(left)))
+        return Refined(found.face, self._correlation(found.grey, seen), left_grey2, noise_grey)
+
+    def expect(self, refined: Refined) -> None:
+        """Expect coming fits to leave about as much as this one."""
+        self._noise_grey += NOISE_GAIN * (refined.noise_grey - self._noise_grey)
+        self._refiner.expect(self._noise_grey)
+
+    def _left(self, found: Explained) -> Single:
+        """(k,) grey levels that a fit leaves unexplained."""
+        template = self._refiner.template
+        return found.grey - template.mean - found.face.modes.astype(np.float32) @ template.modes
 
     def learn(self, frame: Picture, refined: Refined) -> None:
         """Keep the light of a frame, and of one in a few what the first did not show."""

@@ -82,6 +82,9 @@ class MatrixRefiner(Refiner):
         self._trained = (*(known for known in self._trained if known not in near), made)
         self._matrices = {k: found for k, found in self._matrices.items() if k[0] not in near}
 
+    def expect(self, noise_grey: float) -> None:
+        """Nothing: the matrices are made for the usual noise."""
+
     def explain(
         self, crop: Crop, start: FaceParameters, iterations: int, active: Sequence[int]
     ) -> Explained:

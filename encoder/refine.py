@@ -31,6 +31,10 @@ Indices = NDArray[np.intp]
 ROBUST_GREY = 25.0
 EAU_SIGMA = 0.25
 NOISE_GREY = 6.0
+# Where fits leave less, outliers begin at so many standard deviations of it (Cauchy's usual
+# constant); a picture is never taken to be better than this.
+ROBUST_SIGMAS = 2.4
+LEAST_NOISE_GREY = 2.0
 # How much a step is damped after one that led astray.
 FIRST_DAMPING = 0.1
 LONGEST_TURN_RAD, LONGEST_WAY_MM = 0.3, 100.0
@@ -94,6 +98,7 @@ class Refiner:
         self._head, self._face, self._grey = head, face, grey
         stride = max(1, round(np.sqrt(len(shape) / TEXELS)))
         atlas = shape.atlas
+        self._noise_grey, self._robust_grey = NOISE_GREY, ROBUST_GREY
         self._kept = kept = (atlas.rows % stride == 0) & (atlas.columns % stride == 0)
         thin = Atlas(
             atlas.size,
@@ -114,6 +119,12 @@ class Refiner:
         self.template = replace(
             before, modes=np.concatenate([before.modes, mode[None, self._kept]])
         )
+
+    def expect(self, noise_grey: float) -> None:
+        """Fits leave so much, a standard deviation: the less, the sooner a motion is evident."""
+        least = max(noise_grey, LEAST_NOISE_GREY)
+        self._noise_grey = min(least, NOISE_GREY)
+        self._robust_grey = min(ROBUST_SIGMAS * least, ROBUST_GREY)
 
     def seen(self, face: FaceParameters) -> NDArray[np.bool_]:
         """(k,) which texels the camera sees."""
@@ -169,7 +180,7 @@ class Refiner:
 
     def precision(self, shown: Single) -> float:
         """What an actuator one unit off its first guess costs, `shown` (k,) being the weights."""
-        return CORRELATED_TEXELS * float(shown.mean()) * (NOISE_GREY / EAU_SIGMA) ** 2
+        return CORRELATED_TEXELS * float(shown.mean()) * (self._noise_grey / EAU_SIGMA) ** 2
 
     def _view(self, target: Target, crop: Crop, start: FaceParameters) -> "_View":
         grey = self._grey(crop.picture)
@@ -184,12 +195,14 @@ class Refiner:
         residual = seen[:, 0] - template.mean
         left = residual - face.modes.astype(np.float32) @ template.modes
         away = (view.start.eau - face.eau)[free]
-        cost = float(view.shown @ robust_cost(left)) + view.precision * float(away @ away)
+        scale = self._robust_grey
+        cost = float(view.shown @ robust_cost(left, scale))
+        cost += view.precision * float(away @ away)
 
         def equations() -> tuple[Array, Array]:
             change = shape.change(placed, seen[:, 1:] * view.crop.scale.astype(np.float32), free)
             rows = np.concatenate([change, -template.modes])
-            weighted = rows * (view.shown * robust(left))
+            weighted = rows * (view.shown * robust(left, scale))
             normal = (rows @ weighted.T).astype(np.float64)
             gradient = -(weighted @ residual).astype(np.float64)
             eau = np.arange(6, 6 + len(free))
@@ -295,12 +308,12 @@ def gradients(grey: Single) -> tuple[Single, Single]:
     return np.asarray(u, np.float32), np.asarray(v, np.float32)
 
 
-def robust_cost(residual: Single) -> Single:
+def robust_cost(residual: Single, scale_grey: float = ROBUST_GREY) -> Single:
     """Squared grey levels (k,), of outliers only their logarithm: what `robust` minimises."""
-    square = np.float32(ROBUST_GREY**2)
+    square = np.float32(scale_grey**2)
     return np.asarray(square * np.log1p(residual**2 / square))
 
 
-def robust(residual: Single) -> Single:
+def robust(residual: Single, scale_grey: float = ROBUST_GREY) -> Single:
     """Cauchy weights (k,)."""
-    return np.asarray(1 / (1 + (residual / np.float32(ROBUST_GREY)) ** 2))
+    return np.asarray(1 / (1 + (residual / np.float32(scale_grey)) ** 2))

@@ -22,11 +22,12 @@ from encoder.own_texture import (
     Refined,
     Synthesis,
 )
+from encoder.refine import LEAST_NOISE_GREY, NOISE_GREY
 from encoder.sighting import Sight, Sighter
 from shared_model.animate import Face
 from shared_model.geometry import matrix_from_quaternion, pixel_from_head
 from shared_model.mesh import Head
-from shared_model.parameters import FaceParameters, Pose, clip_eau
+from shared_model.parameters import EAU_INDEX, FaceParameters, Pose, clip_eau
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -35,6 +36,7 @@ PARTS = ("network", "klt", "ekf", "abs")
 
 # Standard deviations of what the parts measure: points in units of the distance between the eyes.
 ABS_SIGMA = 0.012
+# Of actuators: the fit's where it leaves as much as is usual, in proportion where it leaves less.
 ABS_EAU_SIGMA = 0.06
 NETWORK_EAU_SIGMA = 0.07
 # The network's errors double at this angle aside of the camera.
@@ -49,6 +51,12 @@ RECOVERY_ITERATIONS = (8, 5)
 CLEARLY_BETTER = 0.01
 # Other starts are tried in one of so many frames, and wherever the fit is poor.
 OTHER_STARTS_EVERY = 4
+
+# Lips are pulled another way up than down: a fit of the mouth's corners may halt at rest.  Then it
+# also starts so far on the other side, and keeps what leaves so much less of the picture.
+CORNERS = EAU_INDEX["mouth_corners"]
+ACROSS, NEAR_REST = 0.4, 0.05
+LEFT_LESS = 0.02
 
 # Frames in a row that must look bad before the face counts as lost.
 BAD_FRAMES = 3
@@ -212,7 +220,20 @@ class TrackingFollower:
                 other = max(rest, key=lambda r: r.correlation, default=best)
                 if other.correlation > best.correlation + CLEARLY_BETTER:
                     best = other
+                if texture is caller.textures[0] and CORNERS in self._active:
+                    best = self._across_rest(texture, frame, best, count)
+            texture.expect(best)
             starts = [best.face]
+        return best
+
+    def _across_rest(
+        self, texture: OwnTexture, frame: Picture, best: Refined, iterations: int
+    ) -> Refined:
+        """The better of a fit and those with the mouth's corners on the other side of rest."""
+        for start in across_rest(best.face):
+            other = texture.refine(frame, start, self._active, iterations)
+            if other.left_grey2 < (1 - LEFT_LESS) * best.left_grey2:
+                best = other
         return best
 
     def _starts(self, start: FaceParameters, sight: Sight | None) -> list[FaceParameters]:
@@ -229,14 +250,14 @@ class TrackingFollower:
             return start
         if self._filter is None or not self._has("ekf"):
             return refined.face
-        return self._face_of(self._measure(caller, None, None, refined.face, start), start)
+        return self._face_of(self._measure(caller, None, None, refined, start), start)
 
     def _measure(
         self,
         caller: Caller,
         tracks: Tracks | None,
         sight: Sight | None,
-        refined: FaceParameters | None,
+        fit: Refined | None,
         like: FaceParameters,
     ) -> Estimate:
         """Update the filter by what there is; the rest has infinite variance."""
@@ -258,13 +279,16 @@ class TrackingFollower:
             points[at], pixels[at] = sight.points_mm, sight.pixels
             variance[at] = wider * sight.variance_px2
             eau, eau_variance[:] = sight.face.eau[self._active], wider * NETWORK_EAU_SIGMA**2
-        if refined is not None:
+        if fit is not None:
+            refined = fit.face
             camera = caller.fitted.camera
             eyes_px = camera.focal_px * EYE_DISTANCE_MM / refined.pose.translation_mm[2]
             points[n + m :] = caller.face.animate(refined.eau)[caller.anchors]
             pixels[n + m :] = pixel_from_head(camera, refined.pose, points[n + m :])
             variance[n + m :] = (ABS_SIGMA * eyes_px) ** 2
-            eau, eau_variance[:] = refined.eau[self._active], ABS_EAU_SIGMA**2
+            eau = refined.eau[self._active]
+            clear = np.clip(fit.noise_grey, LEAST_NOISE_GREY, NOISE_GREY) / NOISE_GREY
+            eau_variance[:] = (clear * ABS_EAU_SIGMA) ** 2
         return self._filter.update(points, pixels, variance, eau, eau_variance)
 
     def _miss(self, last: FaceParameters) -> FaceParameters | None:
@@ -290,6 +314,14 @@ class TrackingFollower:
         caller.klt.put_back(frame, caller.fitted.camera, found)
         self._restart(caller, found)
         return found
+
+
+def across_rest(face: FaceParameters) -> list[FaceParameters]:
+    """The face with the mouth's corners on the other side of rest, on both where they are near."""
+    at = face.eau[CORNERS]
+    sides = [side for side in (-ACROSS, ACROSS) if at * side <= 0 or abs(at) < NEAR_REST]
+    corners = np.arange(len(face.eau)) == CORNERS
+    return [replace(face, eau=np.where(corners, side, face.eau)) for side in sides]
 
 
 def _aside_deg(pose: Pose) -> float:

@@ -8,6 +8,8 @@ import pytest
 from decoder.render import Renderer
 from encoder.own_texture import LEARN_EVERY, OwnTexture, Synthesis
 from encoder.photometric import retinex
+from encoder.refine import NOISE_GREY
+from encoder.track import LEFT_LESS, across_rest
 from loopback.skin import painted_colours
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, euler_deg, pose_from_euler
@@ -19,7 +21,7 @@ FACE = Face(HEAD, Identity(np.zeros(len(AAUS)), np.zeros_like(HEAD.vertices)))
 CAMERA = Camera(256, 224, 360.0)
 PLACE = np.array([5.0, -4.0, 520.0])
 REST = FaceParameters(pose_from_euler(0, 0, 0, PLACE))
-JAW = EAU_INDEX["jaw_drop"]
+JAW, BROW = EAU_INDEX["jaw_drop"], EAU_INDEX["eyebrow_inner"]
 
 
 class Studio:
@@ -85,6 +87,51 @@ def test_actuators_that_are_not_followed_stay_where_they_were(studio: Studio) ->
     start = replace(REST, eau=np.where(np.arange(len(EAUS)) == brow, 0.2, 0.0))
     found = own_texture(studio).refine(studio.draw(moved_face()), start, [JAW], 6)
     assert found.face.eau[brow] == 0.2
+
+
+def test_what_a_fit_leaves_is_the_noise_of_its_picture(studio: Studio) -> None:
+    clear, texture = studio.draw(REST), own_texture(studio)
+    grain = np.random.default_rng(4).normal(0, 25, clear.shape[:2])[..., None]
+    noisy = np.clip(np.rint(clear + grain), 0, 255).astype(np.uint8)
+    found = [texture.refine(picture, REST, [], 2) for picture in (clear, noisy)]
+    assert found[0].noise_grey < 0.7 * NOISE_GREY
+    assert found[1].noise_grey == pytest.approx(25, rel=0.2)
+    assert found[1].left_grey2 > 5 * found[0].left_grey2
+
+
+def test_where_pictures_are_clear_a_first_guess_holds_less(studio: Studio) -> None:
+    """An actuator that the fit is nearly sure of is not held back by where it was."""
+    truth = replace(REST, eau=np.where(np.arange(len(EAUS)) == BROW, 0.5, 0.0))
+    texture, picture = own_texture(studio), studio.draw(truth)
+
+    def off() -> float:
+        return float(abs(texture.refine(picture, REST, [BROW], 12).face.eau[BROW] - 0.5))
+
+    before, fit = off(), texture.refine(picture, truth, [BROW], 2)
+    for _ in range(50):
+        texture.expect(fit)
+    assert off() < before
+
+
+@pytest.mark.parametrize("corners", [-0.5, 0.6])
+def test_corners_held_on_the_wrong_side_of_rest_are_found_from_the_other(
+    studio: Studio, corners: float
+) -> None:
+    index = EAU_INDEX["mouth_corners"]
+    truth = replace(REST, eau=np.where(np.arange(len(EAUS)) == index, corners, 0.0))
+    held = replace(REST, eau=-0.1 * truth.eau)
+    texture, picture = own_texture(studio), studio.draw(truth)
+    # An actuator that may not move is what a fit that halts is.
+    halted = texture.refine(picture, held, [], 6)
+    (other,) = across_rest(held)
+    freed = texture.refine(picture, other, [index], 6)
+    assert freed.left_grey2 < (1 - LEFT_LESS) * halted.left_grey2
+    assert freed.face.eau[index] == pytest.approx(corners, abs=0.06)
+
+
+def test_a_mouth_at_rest_is_looked_for_on_both_sides() -> None:
+    sides = [face.eau[EAU_INDEX["mouth_corners"]] for face in across_rest(REST)]
+    assert min(sides) < 0 < max(sides)
 
 
 def test_a_wall_does_not_look_like_the_caller(studio: Studio) -> None:
