@@ -52,11 +52,12 @@ CLEARLY_BETTER = 0.01
 # Other starts are tried in one of so many frames, and wherever the fit is poor.
 OTHER_STARTS_EVERY = 4
 
-# Lips are pulled another way up than down: a fit of the mouth's corners may halt at rest.  Then it
-# also starts so far on the other side, and keeps what leaves so much less of the picture.
+# Lips are pulled another way up than down: a fit of the mouth's corners may halt near rest.  There,
+# in one of so many frames, it also starts so far on the other side, and keeps what leaves so much
+# less of the picture.
 CORNERS = EAU_INDEX["mouth_corners"]
-ACROSS, NEAR_REST = 0.4, 0.05
-LEFT_LESS = 0.02
+ACROSS, NEAR_REST = 0.4, 0.2
+ACROSS_EVERY, LEFT_LESS = 6, 0.02
 
 # Frames in a row that must look bad before the face counts as lost.
 BAD_FRAMES = 3
@@ -220,8 +221,8 @@ class TrackingFollower:
                 other = max(rest, key=lambda r: r.correlation, default=best)
                 if other.correlation > best.correlation + CLEARLY_BETTER:
                     best = other
-                if texture is caller.textures[0] and CORNERS in self._active:
-                    best = self._across_rest(texture, frame, best, count)
+            if texture is caller.textures[0] and self._number % ACROSS_EVERY == 0:
+                best = self._across_rest(texture, frame, best, count)
             texture.expect(best)
             starts = [best.face]
         return best
@@ -229,12 +230,11 @@ class TrackingFollower:
     def _across_rest(
         self, texture: OwnTexture, frame: Picture, best: Refined, iterations: int
     ) -> Refined:
-        """The better of a fit and those with the mouth's corners on the other side of rest."""
-        for start in across_rest(best.face):
-            other = texture.refine(frame, start, self._active, iterations)
-            if other.left_grey2 < (1 - LEFT_LESS) * best.left_grey2:
-                best = other
-        return best
+        """The better of a fit and, where that halts near rest, one from the other side."""
+        if CORNERS not in self._active or abs(best.face.eau[CORNERS]) > NEAR_REST:
+            return best
+        other = texture.refine(frame, across_rest(best.face), self._active, iterations)
+        return other if other.left_grey2 < (1 - LEFT_LESS) * best.left_grey2 else best
 
     def _starts(self, start: FaceParameters, sight: Sight | None) -> list[FaceParameters]:
         """Where the fit may start: an expression lost sight of is found by its landmarks."""
@@ -316,12 +316,11 @@ class TrackingFollower:
         return found
 
 
-def across_rest(face: FaceParameters) -> list[FaceParameters]:
-    """The face with the mouth's corners on the other side of rest, on both where they are near."""
-    at = face.eau[CORNERS]
-    sides = [side for side in (-ACROSS, ACROSS) if at * side <= 0 or abs(at) < NEAR_REST]
+def across_rest(face: FaceParameters) -> FaceParameters:
+    """The face with the mouth's corners on the other side of rest."""
     corners = np.arange(len(face.eau)) == CORNERS
-    return [replace(face, eau=np.where(corners, side, face.eau)) for side in sides]
+    side = -ACROSS if face.eau[CORNERS] >= 0 else ACROSS
+    return replace(face, eau=np.where(corners, side, face.eau))
 
 
 def _aside_deg(pose: Pose) -> float:
