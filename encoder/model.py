@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture import Capture
-from encoder.fit import Fitted
+from encoder.identity import Fitted
 from encoder.texture import compress, compress_background, extract_texture, fitting_size
 from protocol.messages import CallParameters, ModelPacket
 from protocol.quantise import (
