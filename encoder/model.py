@@ -84,6 +84,7 @@ def call_parameters(
         frames_per_packet=frames_per_packet,
         start_frame=start_frame,
         frame_step=frame_step,
+        matrix=capture.matrix,
     )
 
 
