@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.shape_free import moved
+from encoder.square import EYE_CORNERS
 from shared_model import geometry
 from shared_model.anthropometry import residual_basis
 from shared_model.geometry import Camera
@@ -27,7 +28,6 @@ OUTLINE = (
     *(152, 148, 176, 149, 150, 136, 172, 58, 132, 93, 234, 127, 162, 21, 54, 103, 67, 109),
 )
 OUTLINE_WEIGHT = 1.0
-EYE_CORNERS = (33, 263)
 RIGID = (33, 133, 362, 263, 168, 6, 197, 195, 5, 4, 1, 2, 98, 327, 129, 358, 9, 151, 234, 454, 152)
 
 

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from encoder.caller import Caller, Learned
 from encoder.combine import Sensitivity, combine, project, sensitivity
-from encoder.fit import EYE_CORNERS, fit_frame, landmark_model, personalise, start_parameters
+from encoder.fit import fit_frame, landmark_model, personalise, start_parameters
 from encoder.identity import Fitted, fit_identity
 from encoder.model import shape_packet
+from encoder.square import EYE_CORNERS
 from protocol.components import Components, serialise_components, vector_from_face
 from protocol.messages import CallParameters, ModelPacket
 from shared_model.mesh import Head
