@@ -10,7 +10,7 @@ from pathlib import Path
 from decoder.playout import PlayedFrame, Playout
 from decoder.recast import read_model, recast
 from decoder.scene import Scene, StageClock, head_of
-from decoder.sink import Background, PictureSink, open_sink, padding_px
+from decoder.sink import Background, PictureSink, open_sink
 from protocol.layers import is_refined
 from protocol.link import PacketSource
 from protocol.messages import Kind, ModelPacket, ProtocolError, packet_kind
@@ -106,7 +106,7 @@ def decode(options: DecodeOptions, progress: Progress, stop: Callable[[], bool])
             assert sender is not None
             shown = worn or sender
             if scene is None:
-                sink = _open_sink(sender, shown, options, tally, stack)
+                sink = _open_sink(sender, shown, options, stack)
             if scene is None or scene.model is not shown:
                 with clock.stage("model"):
                     scene = _change_scene(scene, shown, options, tally, stack)
@@ -201,19 +201,13 @@ def _open_sink(
     sender: ModelPacket,
     shown: ModelPacket,
     options: DecodeOptions,
-    tally: _Tally,
     stack: ExitStack,
 ) -> PictureSink | None:
     call = shown.call
     if options.output is None:
         return None
-    if any(padding_px(options.output, call.width, call.height)):
-        tally.warnings.append(
-            f"{call.width}x{call.height} is odd: the video repeats its last row or column; "
-            "write images (frame%04d.png) to keep the size"
-        )
     fps = Fraction(sender.call.fps_numerator, sender.call.fps_denominator)
-    sink = open_sink(options.output, call.width, call.height, fps)
+    sink = open_sink(options.output, call.width, call.height, fps, call.matrix)
     return stack.enter_context(Background(sink))
 
 

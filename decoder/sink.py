@@ -1,13 +1,25 @@
 """Where decoded pictures go: a video file or a sequence of image files."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from queue import Queue
 from threading import Thread
-from typing import Protocol, Self
+from typing import Literal, Protocol, Self
 
+import av
 import cv2
 import numpy as np
+from av.video.reformatter import (
+    ColorPrimaries,
+    ColorRange,
+    Colorspace,
+    ColorTrc,
+    VideoReformatter,
+)
+from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
 from shared_model.errors import UserError
@@ -15,12 +27,29 @@ from shared_model.errors import UserError
 Picture = NDArray[np.uint8]
 
 # Container -> codec.  FFV1 is lossless.
-CODECS = {".mkv": "FFV1", ".avi": "FFV1", ".mp4": "mp4v", ".mov": "mp4v"}
-# Matroska's DefaultDuration element with a four-byte value, ns a frame.
-MKV_DEFAULT_DURATION = b"\x23\xe3\x83\x84"
-MKV_HEADER_BYTES = 4096
+CODECS: dict[str, Literal["ffv1", "mpeg4"]] = {
+    ".mkv": "ffv1",
+    ".avi": "ffv1",
+    ".mp4": "mpeg4",
+    ".mov": "mpeg4",
+}
+# Of the codecs, as FFmpeg calls them; the quantiser of MPEG-4 goes from 1, the finest, to 31.
+OPTIONS = {"ffv1": {}, "mpeg4": {"qmin": "3", "qmax": "3"}}
+# MPEG-4 counts time in no smaller parts of a second.
+MPEG4_PARTS = 65535
 # Pictures that may wait for a `Background` sink.
 QUEUED_PICTURES = 4
+
+
+@dataclass(frozen=True, slots=True)
+class _Colours:
+    """FFmpeg's name of a file's pixels; the matrix its Y'CbCr is made by and tagged with.
+
+    matrix: None: RGB, or Y'CbCr by BT.601 without a tag.
+    """
+
+    pixel_format: str
+    matrix: Colorspace | None
 
 
 class PictureSink(Protocol):
@@ -39,9 +68,14 @@ class PictureSink(Protocol):
         """Close."""
 
 
-def open_sink(path: Path, width: int, height: int, fps: Fraction) -> PictureSink:
-    """The sink that `path` asks for: .mkv (lossless), .avi, .mp4, or images such as out/%04d.png.
+def open_sink(
+    path: Path, width: int, height: int, fps: Fraction, matrix: str = "bt601"
+) -> PictureSink:
+    """The sink that `path` asks for: .mkv, .avi, .mp4, .mov, or images such as out/%04d.png.
 
+    matrix: of the source, see `CallParameters`.  The pictures of bt601 stand in .mkv losslessly, as
+    RGB; those of another as that matrix' Y'CbCr in 8 bits, tagged with it, so that a comparison of
+    planes, or a reader that knows no tags, treats the file as it does the source.
     Raises `UserError` if there is no such kind or it cannot be written.
     """
     if not path.parent.is_dir():
@@ -51,62 +85,82 @@ def open_sink(path: Path, width: int, height: int, fps: Fraction) -> PictureSink
     if path.suffix.lower() not in CODECS:
         known = " ".join(sorted(CODECS))
         raise UserError(f"cannot write {path}: name it {known} or, for images, like frame%04d.png")
-    return VideoFile(path, width, height, fps)
-
-
-def padding_px(path: Path, width: int, height: int) -> tuple[int, int]:
-    """Rows and columns that a sink at `path` adds below and to the right of a picture."""
-    return (0, 0) if "%" in path.name else (height % 2, width % 2)
+    return VideoFile(path, width, height, fps, matrix)
 
 
 class VideoFile:
     """Writes a video file; it stands under a temporary name until it is finished.
 
-    OpenCV writes even sizes only: the edge of an odd picture is repeated once (see `padding_px`).
     Leaving the `with` block by an exception finishes it too, so that a stopped recording plays.
     Nothing is left behind if nothing was written.
     """
 
-    def __init__(self, path: Path, width: int, height: int, fps: Fraction) -> None:
-        self._path, self._fps, self._shape = path, fps, (height, width, 3)
-        bottom, right = padding_px(path, width, height)
-        self._border = (0, bottom, 0, right, cv2.BORDER_REPLICATE) if bottom or right else None
+    def __init__(self, path: Path, width: int, height: int, fps: Fraction, matrix: str) -> None:
+        self._path, self._shape = path, (height, width, 3)
         self._part = path.with_name(f"{path.stem}.part{path.suffix}")
-        self._written = 0
-        code = cv2.VideoWriter_fourcc(*CODECS[path.suffix.lower()])  # type: ignore[attr-defined]
-        self._writer = cv2.VideoWriter(
-            str(self._part), cv2.CAP_FFMPEG, code, float(fps), (width + right, height + bottom)
-        )
-        if not self._writer.isOpened():
+        self._reformatter, self._colours = VideoReformatter(), _colours(path, matrix)
+        self._written, self._is_open = 0, True
+        try:
+            with _as_user_error(path):
+                self._container = av.open(str(self._part), "w")
+                self._stream = self._add_stream(width, height, fps)
+                self._container.start_encoding()
+        except UserError:
             self._part.unlink(missing_ok=True)
-            raise UserError(f"cannot write {path}: no place, no permission or no such codec")
+            raise
 
     def write(self, picture: Picture) -> None:
-        """Add one picture.  Raises `ValueError` if it is of another size."""
+        """Add one picture.
+
+        Raises `ValueError` if it is of another size, `UserError` if the disk refuses.
+        """
         if picture.shape != self._shape:
             raise ValueError(f"picture has shape {picture.shape}, expected {self._shape}")
-        if self._border is not None:
-            picture = np.asarray(cv2.copyMakeBorder(picture, *self._border), dtype=np.uint8)
-        self._writer.write(picture)
+        frame = self._reformatter.reformat(
+            av.VideoFrame.from_ndarray(picture, format="bgr24"),
+            format=self._colours.pixel_format,
+            dst_colorspace=self._colours.matrix,
+            dst_color_range=ColorRange.MPEG if self._colours.matrix else None,
+        )
+        frame.pts = self._written
+        with _as_user_error(self._path):
+            self._container.mux(self._stream.encode(frame))
         self._written += 1
 
     def close(self) -> None:
-        """Finish the file and put it in its place; closing twice does nothing more."""
-        if not self._writer.isOpened():
+        """Finish the file and put it in its place; closing twice does nothing more.
+
+        Raises `UserError` if the disk refuses; what it took is put in its place nevertheless.
+        """
+        if not self._is_open:
             return
-        self._writer.release()
-        if not self._written:
-            self._part.unlink(missing_ok=True)
-            return
-        if self._path.suffix.lower() == ".mkv":
-            _state_exact_rate(self._part, self._fps)
-        self._part.replace(self._path)
+        self._is_open = False
+        try:
+            with _as_user_error(self._path), self._container:
+                self._container.mux(self._stream.encode(None))
+        finally:
+            if self._written:
+                self._part.replace(self._path)
+            else:
+                self._part.unlink(missing_ok=True)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+    def _add_stream(self, width: int, height: int, fps: Fraction) -> VideoStream:
+        codec = CODECS[self._path.suffix.lower()]
+        rate = fps if codec == "ffv1" else _mpeg4_rate(fps)
+        stream = self._container.add_stream(codec, rate=rate, options=OPTIONS[codec])
+        stream.width, stream.height = width, height
+        stream.pix_fmt = self._colours.pixel_format
+        if self._colours.matrix is not None:
+            context = stream.codec_context
+            context.colorspace, context.color_range = self._colours.matrix, ColorRange.MPEG
+            context.color_primaries, context.color_trc = ColorPrimaries.BT709, ColorTrc.BT709
+        return stream
 
 
 class Background:
@@ -187,10 +241,27 @@ class ImageSequence:
         self.close()
 
 
-def _state_exact_rate(path: Path, fps: Fraction) -> None:
-    """Correct the frame duration in a Matroska header: OpenCV writes 2997/100 for 30000/1001."""
-    with path.open("r+b") as file:
-        place = file.read(MKV_HEADER_BYTES).find(MKV_DEFAULT_DURATION)
-        if place >= 0:
-            file.seek(place + len(MKV_DEFAULT_DURATION))
-            file.write(round(1_000_000_000 / fps).to_bytes(4, "big"))
+def _colours(path: Path, matrix: str) -> _Colours:
+    """How pictures of a call with this matrix stand in a file such as `path`."""
+    tag = Colorspace.ITU709 if matrix == "bt709" else None
+    if CODECS[path.suffix.lower()] != "ffv1":
+        return _Colours("yuv420p", tag)
+    # AVI has no place for a tag.
+    if tag is None or path.suffix.lower() == ".avi":
+        return _Colours("bgr0", None)
+    return _Colours("yuv444p", tag)
+
+
+def _mpeg4_rate(fps: Fraction) -> Fraction:
+    """The rate nearest to `fps`, mostly `fps` itself, that MPEG-4 can state."""
+    if fps.numerator <= MPEG4_PARTS:
+        return fps
+    return fps.limit_denominator(max(1, int(MPEG4_PARTS / fps)))
+
+
+@contextmanager
+def _as_user_error(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except av.FFmpegError as error:
+        raise UserError(f"cannot write {path}: {error.strerror}") from error

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from encoder.code_appearance import Appearance, code_appearance, whole_atlas
 from encoder.crop import Crop, crop_face
 from encoder.drawing import Drawing
-from encoder.fit import Fitted, outline_of
+from encoder.fit import outline_of
+from encoder.identity import Fitted
 from encoder.learn import (
     Stack,
     face_mask,
@@ -160,9 +161,10 @@ def tracked(
     coarser = max(1, round(float(np.sqrt(len(atlas_of(head, size).rows) / TEXELS))))
     shape = ShapeFree(face, atlas_of(head, size // coarser), camera)
     cell_mm = coarser * DEPTH_CELL_MM
-    unseen, faces = unseen_colours(head, shape.atlas), list(found)
+    grey, faces = [crop.grey for crop in crops], list(found)
+    unseen = to_luma(unseen_colours(head, shape.atlas))[:, None]
     for modes in TRACKING_MODES:
-        stack = shape_free_views(head, shape, face, crops, faces, workers, cell_mm)
+        stack = shape_free_views(head, shape, face, grey, faces, workers, cell_mm)
         mean = mean_colours(shape, stack, unseen)
         template = template_of(stack, mean, luma_modes(stack, mean, min(modes, len(crops) // 3)))
         refiner = Refiner(head, face, shape, template, cell_mm=cell_mm)
@@ -183,17 +185,18 @@ def drawn_best(
 
     points: (468, >= 2) pixels, landmarks of each frame.  workers: see `on_cores`.
     """
-    stack = shape_free_views(head, shape, face, crops, found, workers)
-    sharp = sharpened_stack(shape, stack, crops, found, workers)
-    mean = mean_colours(shape, sharp, unseen_colours(head, shape.atlas))
+    grey = [crop.grey for crop in crops]
+    stack = shape_free_views(head, shape, face, grey, found, workers)
+    sharp = sharpened_stack(shape, stack, grey, found, workers)
+    mean = mean_colours(shape, sharp, to_luma(unseen_colours(head, shape.atlas))[:, None])
     template = template_of(sharp, mean, luma_modes(sharp, mean, min(DRAWN_MODES, len(crops) // 3)))
-    grey = [template.mean, *template.modes]
-    layers = np.array([whole_atlas(shape, layer[:, None])[..., 0] for layer in grey])
+    painted = [template.mean, *template.modes]
+    layers = np.array([whole_atlas(shape, layer[:, None])[..., 0] for layer in painted])
     drawing = Drawing(face, shape.camera, layers[0], layers[1:])
     weights = stack.weight * stack.seen
 
     def fit(number: int) -> FaceParameters:
-        luma = to_luma(sharp.colours[number])
+        luma = sharp.colours[number][:, 0]
         start = replace(found[number], modes=coefficients(template, luma, weights[number]))
         return drawing.fit(crops[number], start, outline_of(points[number]))
 

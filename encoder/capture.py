@@ -9,6 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
+import av
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ Frame = NDArray[np.uint8]
 
 DEFAULT_FPS = Fraction(25)
 _OPEN_TIMEOUT_MS = 10_000
+# FFmpeg's number of BT.709 among the colour matrices, as in ITU-T H.273.
+_BT709 = 1
 _NUMBER_FIELD = re.compile(r"%0?\d*d")
 
 
@@ -37,12 +40,20 @@ class Capture:
     fps: exact frame rate, frames per second.
     frame_count: frames the container promises; None where nobody knows before the end.
     is_live: whether frames come in real time and have no end of their own.
+    matrix: by which a file's Y'CbCr was made, see `protocol.messages.CallParameters`.
     """
 
     def __init__(
-        self, name: str, reader: _Reader, fps: Fraction, frame_count: int | None, is_live: bool
+        self,
+        name: str,
+        reader: _Reader,
+        fps: Fraction,
+        frame_count: int | None,
+        is_live: bool,
+        matrix: str = "bt601",
     ) -> None:
         self.name, self.fps, self.frame_count, self.is_live = name, fps, frame_count, is_live
+        self.matrix = matrix
         self._reader = reader
         self._first = reader.read()
         if self._first is None:
@@ -133,7 +144,8 @@ def open_source(source: str) -> Capture:
         raise UserError(f"{path} is a folder; give a pattern such as {path}/frame_%04d.png")
     if not os.access(path, os.R_OK):
         raise UserError(f"{path}: no permission to read it")
-    return _open_video(str(path), cv2.VideoCapture(str(path)), "{} is not a video OpenCV can read")
+    video = cv2.VideoCapture(str(path))
+    return _open_video(str(path), video, "{} is not a video OpenCV can read", colour_matrix(path))
 
 
 def exact_fps(fps: float) -> Fraction:
@@ -145,6 +157,24 @@ def exact_fps(fps: float) -> Fraction:
         if abs(numerator / denominator - fps) < 0.004:
             return Fraction(numerator, denominator)
     return Fraction(fps).limit_denominator(1001)
+
+
+def colour_matrix(path: Path) -> str:
+    """The matrix of `protocol.messages.MATRICES` that a video file says its Y'CbCr was made by.
+
+    bt601 for a file that says nothing of it or of another matrix, and for what is not a plain file.
+    OpenCV turns what is tagged BT.2020, with its wider gamut, into BT.709's RGB by itself.
+    """
+    # A pipe or device can be read but once.
+    if not path.is_file():
+        return "bt601"
+    try:
+        with av.open(str(path), metadata_errors="ignore") as container:
+            streams = container.streams.video
+            context = streams[0].codec_context if streams else None
+            return "bt709" if context and context.colorspace == _BT709 else "bt601"
+    except av.FFmpegError:
+        return "bt601"
 
 
 def _silence_opencv() -> None:
@@ -160,7 +190,9 @@ def _open_stream(url: str) -> Capture:
     return _open_video(url, video, "{} does not answer or is not a video stream")
 
 
-def _open_video(name: str, video: cv2.VideoCapture, complaint: str) -> Capture:
+def _open_video(
+    name: str, video: cv2.VideoCapture, complaint: str, matrix: str = "bt601"
+) -> Capture:
     if not video.isOpened():
         raise UserError(complaint.format(name))
     is_remote = name.isdecimal() or "://" in name
@@ -170,7 +202,8 @@ def _open_video(name: str, video: cv2.VideoCapture, complaint: str) -> Capture:
     count = video.get(cv2.CAP_PROP_FRAME_COUNT)
     frame_count = int(count) if math.isfinite(count) and 0 < count < 2**31 else None
     fps = exact_fps(video.get(cv2.CAP_PROP_FPS))
-    return Capture(name, _VideoReader(video), fps, frame_count, is_remote and frame_count is None)
+    is_live = is_remote and frame_count is None
+    return Capture(name, _VideoReader(video), fps, frame_count, is_live, matrix)
 
 
 def _open_sequence(pattern: Path) -> Capture:

@@ -5,7 +5,6 @@ wrong is left in the residual that the next mode is found in (closed loop), so c
 matter are corrected by later modes.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from encoder.code_picture import Draft, draft_mode, draft_still
 from encoder.learn import OUTSIDE, Stack
+from encoder.remainder import Remainder
 from encoder.shape_free import ShapeFree
 from encoder.texture import fill, finest_still
 from protocol.foresee import TEXTURE
@@ -194,7 +194,8 @@ class _Bench:
         error = remainder.error if left >= 0 else TOO_LARGE - left
         while len(modes) < self.most_modes:
             direction = np.zeros((size, size, 3), np.float32)
-            direction[at] = remainder.strongest().reshape(-1, 3) / root * self.support
+            strongest, _ = remainder.strongest()
+            direction[at] = strongest.reshape(-1, 3) / root * self.support
             found = _fitting(series, direction, step, left - MODE_OVERHEAD)
             if found is None:
                 break
@@ -229,55 +230,6 @@ def _fitting(
         if mode.size_bytes <= most_bytes:
             return ours, mode
     return None
-
-
-class Remainder:
-    """What coded modes (m, d) leave of frames (t, d), by least squares; kept as inner products."""
-
-    def __init__(self, frames: Single, modes: Sequence[Single] = ()) -> None:
-        self._frames = frames
-        self._gram = (frames @ frames.T).astype(np.float64)
-        self._rows = np.zeros((0, frames.shape[1]), np.float32)
-        self._along: Array = np.zeros((len(frames), 0))
-        self._shares: Array = np.zeros((len(frames), 0))
-        self._left: Array = self._gram
-        if len(modes):
-            self._explain(np.array(modes))
-
-    @property
-    def error(self) -> float:
-        """Mean log2 of the frames' energy that is left."""
-        return float(np.log2(np.maximum(np.diag(self._left), 1e-6)).mean())
-
-    @property
-    def energy(self) -> float:
-        """What is left of the frames' energy."""
-        return float(np.trace(self._left))
-
-    @property
-    def strongest_share(self) -> float:
-        """What share of that one more mode could explain."""
-        return float(np.linalg.eigvalsh(self._left)[-1] / max(self.energy, 1e-9))
-
-    def strongest(self) -> Single:
-        """(d,) the strongest direction left, as long as frames usually go along it."""
-        _, vectors = np.linalg.eigh(self._left)
-        vector = vectors[:, -1]
-        known = (vector @ self._shares).astype(np.float32) @ self._rows
-        found = vector.astype(np.float32) @ self._frames - known
-        return np.asarray(found / np.sqrt(np.float32(len(self._frames))), np.float32)
-
-    def explain(self, row: Single) -> None:
-        """Take a coded mode (d,) out of the frames."""
-        self._explain(row[None])
-
-    def _explain(self, rows: Single) -> None:
-        self._rows = np.concatenate([self._rows, rows])
-        inner = (self._rows @ self._rows.T).astype(np.float64)
-        inner[np.diag_indices(len(inner))] *= 1 + 1e-9
-        self._along = np.concatenate([self._along, self._frames @ rows.T], axis=1)
-        self._shares = np.asarray(np.linalg.solve(inner, self._along.T).T)
-        self._left = np.asarray(self._gram - self._shares @ self._along.T, np.float64)
 
 
 def whole_atlas(shape: ShapeFree, colours: Single) -> Single:

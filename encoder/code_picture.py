@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.choose import Tape, choose
+from encoder.choose import WORTH_A_TILE, Tape, choose
 from protocol.foresee import STILL
 from protocol.pictures import (
     ModeSeries,
@@ -62,6 +62,19 @@ def draft_still(colours: Single, step: int, relief: bytes = b"", kind: int = STI
 def draft_mode(modes: ModeSeries, planes: Single, step: int) -> Draft:
     """A mode (size, size, 3), as `to_planes` makes it, as the next of `modes`; they go on to it."""
     return _draft(modes.series, modes.format, planes, step)
+
+
+def held_share(modes: ModeSeries, planes: Single, step: int) -> float:
+    """About what share of a mode's energy its coded picture would hold, see `draft_mode`."""
+    size = step_size(step)
+    whole = held = 0.0
+    for plane in modes.format.planes(planes):
+        rough, details = transform(plane / size, LEVELS)
+        for band in (rough, *(band for level in details for band in level)):
+            squares = band**2
+            whole += float(squares.sum())
+            held += float(squares[squares > WORTH_A_TILE**2].sum())
+    return held / max(whole, 1e-9)
 
 
 def _draft(

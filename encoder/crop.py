@@ -1,10 +1,13 @@
 """The part of a picture around the face, no larger than the texture can use."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from protocol.pictures import to_luma
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -17,14 +20,20 @@ MARGIN = 0.3
 class Crop:
     """A window on a frame, shrunk.
 
-    picture: (h, w, 3) uint8 BGR.  left, top: its corner in the frame, pixels.
+    picture: (h, w, 3) uint8 BGR, or (h, w) float32 luma.
+    left, top: its corner in the frame, pixels.
     scale: its pixels per pixel of the frame, (2,).
     """
 
-    picture: Picture
+    picture: NDArray[Any]
     left: int
     top: int
     scale: Array
+
+    @property
+    def grey(self) -> "Crop":
+        """The same in luma."""
+        return replace(self, picture=to_luma(self.picture))
 
     def from_frame(self, positions_px: Single) -> Single:
         """Positions (k, 2) in the frame to positions in the crop, pixels."""

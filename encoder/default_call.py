@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import takewhile
 
@@ -18,7 +19,7 @@ from encoder.fit import outline_of
 from encoder.landmarks import LandmarkTracker
 from encoder.model import Budget, call_parameters
 from encoder.networks import NetworkFilesMissing, find_network_folder
-from encoder.parallel import on_cores
+from encoder.parallel import usable_cores
 from encoder.rate import Spending, code_call, packet_spans
 from encoder.startup import LayeredModel, LayerPacer, layered
 from encoder.tally import Tally
@@ -48,7 +49,7 @@ Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 
-# Frames of the second pass that are refined side by side.
+# Frames of the second pass that may wait to be refined while others are read.
 REFINED_TOGETHER = 32
 
 
@@ -86,7 +87,9 @@ class Survey:
         self._start: list[FaceParameters] = []
         self._coded: list[int] = []  # whose face each coded frame has, by place
         self._needed: frozenset[int] = frozenset()
-        self._crops: dict[int, Crop] = {}
+        # Ends with the survey.
+        self._pool = ThreadPoolExecutor(usable_cores())
+        self._refining: dict[int, Future[FaceParameters]] = {}
         self._faces: dict[int, FaceParameters] = {}
 
     @property
@@ -152,25 +155,26 @@ class Survey:
         caller = self._learned.caller
         with self._tally.stage("crop"):
             crop = crop_face(frame, self._points[number], caller.pixels_per_texel)
-        self._crops[number] = crop
-        if len(self._crops) == REFINED_TOGETHER:
-            self.refine_rest()
+        with self._tally.stage("refine"):
+            if len(self._refining) == REFINED_TOGETHER:
+                self._take_refined()
+            self._refining[number] = self._pool.submit(self._refined, number, crop)
 
     def refine_rest(self) -> None:
-        """End of the second pass, or of a part of it: frames are refined several at a time."""
-        assert self._learned is not None
-        caller = self._learned.caller
-        drawing = self._drawing
-
-        def refine(number: int) -> FaceParameters:
-            crop, outline = self._crops[number], outline_of(self._points[number])
-            found = caller.tracker.refine(crop, self._start[number], 3)
-            return drawing.fit(crop, found, outline)
-
+        """End of the second pass."""
         with self._tally.stage("refine"):
-            found = on_cores(refine, self._crops, None)
-        self._faces.update(zip(self._crops, found, strict=True))
-        self._crops.clear()
+            while self._refining:
+                self._take_refined()
+
+    def _take_refined(self) -> None:
+        """Wait for the frame that was read first."""
+        number = next(iter(self._refining))
+        self._faces[number] = self._refining.pop(number).result()
+
+    def _refined(self, number: int, crop: Crop) -> FaceParameters:
+        assert self._learned is not None
+        found = self._learned.caller.tracker.refine(crop, self._start[number], 3)
+        return self._drawing.fit(crop, found, outline_of(self._points[number]))
 
     def code(self, bitrate: float) -> CodedCall:
         """The call at `bitrate` bits per second, all frame packets counted."""

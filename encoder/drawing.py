@@ -132,10 +132,10 @@ class Drawing:
             rows[:, :6] = rigid.T
             rows[:, 6:GEOMETRY] = self._driven(surface, face.eau, back.T)
             rows[:, GEOMETRY:] = self._textured(look.places, self._layers)[:, 1:]
-            rows *= look.opacity[:, None]
-            weighted = rows * trust[:, None]
-            normal = (rows.T @ weighted).astype(np.float64)
-            gradient = (weighted.T @ error).astype(np.float64)
+            root = np.sqrt(trust)
+            rows *= (look.opacity * root)[:, None]
+            normal = (rows.T @ rows).astype(np.float64)
+            gradient = (rows.T @ (root * error)).astype(np.float64)
             # Coefficients are sought themselves, not by how much they change.
             gradient += normal[:, GEOMETRY:] @ face.modes
             eau, held = np.arange(6, GEOMETRY), HELD_GREY2 * float(trust.sum())

@@ -10,7 +10,6 @@ into the quaternion (4.17-4.19) and is zero again, so that the Jacobian of Table
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from filterpy.kalman import ExtendedKalmanFilter
 from numpy.typing import NDArray
 
 from encoder.projection import Projection, perspective
@@ -109,6 +108,9 @@ class FaceFilter:
         self._points, self._eaus = point_count, len(eau)
         self._motion, self._projection, self._gate = motion or Motion(), projection, gate
         rigid = _RIGID + (6 if self._motion.velocities else 0)
+        # Takes most of a second to import, which calls of the default profile need not wait for.
+        from filterpy.kalman import ExtendedKalmanFilter
+
         self._filter = ExtendedKalmanFilter(rigid + self._eaus, rigid + self._eaus)
         self._rotation, position = projection.state_from_pose(pose, camera.focal_px)
         self._filter.x = np.concatenate([position, np.zeros(3), [camera.focal_px]])

@@ -9,16 +9,9 @@ from numpy.typing import NDArray
 
 from encoder.align import pose_from_three_points
 from encoder.detect import BlazeFaceDetector
-from encoder.fit import (
-    TYPICAL_FOCAL,
-    Fitted,
-    LandmarkModel,
-    fit_frame,
-    fit_identity,
-    landmark_model,
-    personalise,
-)
+from encoder.fit import LandmarkModel, fit_frame, landmark_model, personalise
 from encoder.haar import HaarDetector
+from encoder.identity import TYPICAL_FOCAL, Fitted, fit_identity
 from encoder.landmarks import LandmarkTracker
 from encoder.mirror import MirroredRefiner
 from encoder.networks import NetworkFilesMissing, find_network_folder

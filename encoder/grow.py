@@ -4,7 +4,6 @@ What a caller's model cannot show of the last few seconds is left over; its stro
 the next mode.  It is coded as the modes of the model packet are, and goes out at once.
 """
 
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -12,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.caller import Caller, shape_free_views, sharpened_stack
-from encoder.code_appearance import Remainder, weighting
-from encoder.code_picture import draft_mode
+from encoder.code_appearance import weighting
+from encoder.code_picture import draft_mode, held_share
 from encoder.crop import Crop
+from encoder.remainder import Remainder
 from protocol.components import SPARE_HARM_GREY
 from protocol.pictures import (
     MAX_STEP,
@@ -35,8 +35,10 @@ HALF_LIFE_S = 1.0
 LOOKS_PER_S = 8.0
 # Modes may take this much, and save up for one second.
 BYTES_PER_S = 1200.0
-# A mode must explain this share of what is left over.
-LEAST_GAIN = 0.02
+MOST_LOOKS = round(WINDOW_S * LOOKS_PER_S)
+# A mode must explain this share of what is left over; one that is expected to explain less than
+# this part of that is not coded to find out.
+LEAST_GAIN, HOPELESS = 0.02, 0.5
 # The quantiser's step for a mode as strong as frames show it, in steps of `pictures.step_size`.
 FIRST_STEP = 28
 # A mode of more bytes is coded by so many steps more coarsely, and the next one a turn finer than
@@ -80,16 +82,19 @@ class Grower:
         self._mean = appearance.mean[self._at]
         self._root, self._support = weighting(caller.weight, caller.mask)
         self._series = appearance.series
-        self._rows = [self._weighted(image[self._at]) for image in appearance.mode_images]
         self._coarser = 0
-        self._seen: deque[Single] = deque(maxlen=round(WINDOW_S * LOOKS_PER_S))
+        self._remainder = Remainder(np.zeros((0, 3 * len(shape)), np.float32))
+        for image in appearance.mode_images:
+            self._remainder.explain(self._weighted(image[self._at]))
 
     def grow(self, looks: Sequence[Look], room_bytes: float, most: int) -> list[Grown]:
         """New modes, after some more looks: until they take `room_bytes`, at most `most`."""
         for look in looks:
-            self._seen.append(self._left_over(look))
+            self._remainder.add(self._left_over(look))
+            if len(self._remainder) > MOST_LOOKS:
+                self._remainder.forget()
         found: list[Grown] = []
-        while len(self._seen) >= LEAST_LOOKS and room_bytes > 0 and len(found) < most:
+        while len(self._remainder) >= LEAST_LOOKS and room_bytes > 0 and len(found) < most:
             mode = self._next()
             if mode is None:
                 break
@@ -111,13 +116,10 @@ class Grower:
 
     def _next(self) -> Grown | None:
         """The strongest mode, if it is worth its bytes."""
-        age = np.arange(len(self._seen), dtype=np.float32)[::-1]
-        share = np.exp2(-age / np.float32(2 * HALF_LIFE_S * LOOKS_PER_S))
-        remainder = Remainder(np.array(self._seen) * share[:, None], self._rows)
-        before = remainder.energy
-        if remainder.strongest_share < LEAST_GAIN:
-            return None
-        direction = remainder.strongest().reshape(-1, 3) / self._root * self._support
+        age = np.arange(len(self._remainder))[::-1]
+        recency = np.exp2(-age / (2 * HALF_LIFE_S * LOOKS_PER_S))
+        strongest, share = self._remainder.strongest(recency)
+        direction = strongest.reshape(-1, 3) / self._root * self._support
         size = len(self._caller.appearance.mean)
         # Scaled so that its component's unit is what spare components have.
         rms = np.sqrt(((direction * self._root) ** 2).sum() / (self._root**2).sum())
@@ -125,24 +127,31 @@ class Grower:
         step = round(FIRST_STEP + STEPS_PER_OCTAVE * np.log2(scale))
         planes = np.zeros((size, size, 3), np.float32)
         planes[self._at] = direction * np.float32(scale)
+        self._coarser = max(0, self._coarser - COARSER)
+        if share * held_share(self._series, planes, self._step(step)) < HOPELESS * LEAST_GAIN:
+            return None
         series, data, image = self._coded(planes, step)
         row = self._weighted(image[self._at])
         if not row.any():
             return None
-        remainder.explain(row)
-        if before - remainder.energy < LEAST_GAIN * before:
+        before = self._remainder.energy(recency)
+        self._remainder.explain(row)
+        if before - self._remainder.energy(recency) < LEAST_GAIN * before:
+            self._remainder.withdraw()
             return None
         self._series = series
-        self._rows.append(row)
         return Grown(data, to_luma(image))
 
     def _coded(self, planes: Single, step: int) -> tuple[ModeSeries, bytes, Single]:
         """A mode as it is coded from `step` on, and the series that it then belongs to."""
-        self._coarser = max(0, self._coarser - COARSER)
         while True:
             series = self._series.copy()
-            found = min(max(step + self._coarser, 0), MAX_STEP)
+            found = self._step(step)
             draft = draft_mode(series, planes, found)
             if draft.size_bytes <= MOST_BYTES or found == MAX_STEP:
                 return series, draft.write(), draft.colours
             self._coarser += COARSER
+
+    def _step(self, step: int) -> int:
+        """The step at which a mode is coded that should be at `step`."""
+        return min(max(step + self._coarser, 0), MAX_STEP)

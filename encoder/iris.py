@@ -1,4 +1,4 @@
-"""Irises and lids by MediaPipe's iris network under `cv2.dnn`, and the direction the eyes look.
+"""Irises and lids by MediaPipe's iris network under `cv2.dnn`.
 
 The network takes longer for two eyes than the face mesh for the whole face, but the mesh's lids
 close about half as far as the caller's.
@@ -12,10 +12,6 @@ from numpy.typing import NDArray
 
 from encoder.networks import IRIS, Network
 from encoder.square import Square, cut_out
-from shared_model.animate import Face
-from shared_model.geometry import Camera, matrix_from_quaternion
-from shared_model.jaw_and_lids import GAZE_DEG, eye
-from shared_model.parameters import Pose
 
 Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
@@ -23,7 +19,7 @@ Frame = NDArray[np.uint8]
 INPUT_PX = 64
 CONTOUR, IRIS_POINTS = 71, 5
 # Landmarks at the corners of the subject's right and left eye: outer, inner.
-EYE_CORNERS = ((33, 133), (263, 362))
+CORNERS = ((33, 133), (263, 362))
 # Landmarks on the margins of the subject's right and left lids, the lower ones first, as they stand
 # at the beginning of a contour; the corners, at 0 and 8 there, the mesh knows as well.
 LIDS = (
@@ -79,35 +75,8 @@ class IrisFinder:
         return better
 
 
-def gaze(face: Face, camera: Camera, pose: Pose, eyes: Eyes) -> Array:
-    """(2,) the actuators gaze_horizontal and gaze_vertical of these eyes in a head of this pose.
-
-    Where the ray through an iris' centre meets the eyeball, is where that eye looks; eyes agree.
-    """
-    angles = []
-    for side, iris in zip("rl", eyes.irises, strict=True):
-        ball = eye(face.neutral, face.head.parts, side)
-        look = _meet(camera, pose, ball.centre, ball.radius, iris[0])
-        angles.append([np.arctan2(look[0], look[2]), np.arcsin(np.clip(look[1], -1, 1))])
-    return np.asarray(np.clip(np.degrees(np.mean(angles, axis=0)) / GAZE_DEG, -1.0, 1.0))
-
-
-def _meet(camera: Camera, pose: Pose, centre_mm: Array, radius_mm: float, pixel: Array) -> Array:
-    """(3,) unit vector, head frame, from an eyeball's centre to where a pixel's ray meets it."""
-    rotation = matrix_from_quaternion(pose.rotation)
-    ray = np.append((pixel - camera.centre) / camera.focal_px, 1.0)
-    ray = rotation.T @ (ray / np.linalg.norm(ray))
-    eye_from_camera = rotation.T @ pose.translation_mm + centre_mm
-    along = float(ray @ eye_from_camera)
-    nearest = along * ray - eye_from_camera
-    # A ray that misses the ball altogether means its rim.
-    inside = np.sqrt(max(radius_mm**2 - float(nearest @ nearest), 0.0))
-    look = nearest - inside * ray
-    return np.asarray(look / np.linalg.norm(look))
-
-
 def _eye_square(points: Array, side: int) -> Square:
-    outer, inner = points[list(EYE_CORNERS[side]), :2]
+    outer, inner = points[list(CORNERS[side]), :2]
     along = (inner - outer) * (1 if side == 0 else -1)
     reach = float(np.max(np.abs(along)))
     return Square((outer + inner) / 2, _MARGIN * reach, float(np.arctan2(along[1], along[0])))

@@ -13,7 +13,6 @@ from encoder.parallel import on_cores
 from encoder.refine import Template
 from encoder.shape_free import ShapeFree, spacing
 from encoder.texture import DEPTH_CELL_MM, fill, sample, visible_texels
-from protocol.pictures import to_luma
 from shared_model.appearance import Atlas
 from shared_model.mesh import PARTS, Head
 from shared_model.parameters import FaceParameters
@@ -33,7 +32,7 @@ BORDER_PX = 1.0
 class Stack:
     """Shape-free pictures of some frames.
 
-    colours: (t, k, 3) float32 BGR.  seen: (t, k).  weight: (k,) float32.
+    colours: (t, k, 3) float32 BGR, or (t, k, 1) luma.  seen: (t, k).  weight: (k,) float32.
     """
 
     colours: Single
@@ -125,12 +124,12 @@ def texel_areas(shape: ShapeFree, positions: Single) -> Single:
 
 
 def mean_colours(shape: ShapeFree, stack: Stack, unseen: Single) -> Single:
-    """(k, 3) mean of what was seen of each texel, else `unseen` (k, 3), or what is around it."""
+    """(k, c) mean of what was seen of each texel, else `unseen` (k, c), or what is around it."""
     count = stack.seen.sum(0)[:, None]
     total = (stack.colours * stack.seen[..., None]).sum(0)
     mean = np.where(count > 0, total / np.maximum(count, 1), unseen).astype(np.float32)
     at = (shape.atlas.rows, shape.atlas.columns)
-    image = np.zeros((shape.atlas.size, shape.atlas.size, 3), np.float32)
+    image = np.zeros((shape.atlas.size, shape.atlas.size, mean.shape[1]), np.float32)
     known = np.zeros(image.shape[:2], bool)
     known[at] = np.isfinite(mean[:, 0])
     image[at] = np.nan_to_num(mean)
@@ -138,10 +137,10 @@ def mean_colours(shape: ShapeFree, stack: Stack, unseen: Single) -> Single:
 
 
 def luma_modes(stack: Stack, mean: Single, count: int) -> Single:
-    """(count, k) leading luma modes of the stack about `mean` (k, 3), for tracking."""
+    """(count, k) leading modes of a stack of luma about `mean` (k, 1), for tracking."""
     if not count:
         return np.zeros((0, len(mean)), np.float32)
-    residual = to_luma(stack.colours - mean) * stack.seen
+    residual = (stack.colours - mean)[..., 0] * stack.seen
     root = np.sqrt(np.maximum(stack.weight, 1e-6))
     rows = np.asarray(residual * root, np.float32)
     # Frames are few and texels many: of the frames' inner products rather than by an SVD.
@@ -152,5 +151,5 @@ def luma_modes(stack: Stack, mean: Single, count: int) -> Single:
 
 
 def template_of(stack: Stack, mean: Single, modes: Single) -> Template:
-    """The tracking template of a mean (k, 3) and luma modes (m, k)."""
-    return Template(to_luma(mean), modes, stack.weight)
+    """The tracking template of a mean (k, 1) and modes (m, k), luma."""
+    return Template(mean[:, 0], modes, stack.weight)

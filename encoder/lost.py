@@ -1,6 +1,6 @@
 """When a tracked face counts as lost, and what cannot be one (thesis 5.2)."""
 
-from encoder.fit import Fitted
+from encoder.identity import Fitted
 from encoder.klt import Tracks
 from encoder.own_texture import Refined
 from shared_model.parameters import FaceParameters

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture import Capture
-from encoder.fit import Fitted
+from encoder.identity import Fitted
 from encoder.texture import compress, compress_background, extract_texture, fitting_size
 from protocol.messages import CallParameters, ModelPacket
 from protocol.quantise import (
@@ -84,6 +84,7 @@ def call_parameters(
         frames_per_packet=frames_per_packet,
         start_frame=start_frame,
         frame_step=frame_step,
+        matrix=capture.matrix,
     )
 
 

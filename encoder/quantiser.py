@@ -26,7 +26,7 @@ from protocol.predict import (
     reconstruct,
     step,
 )
-from protocol.values import MAX_SIZE, UNARY, Surroundings, value_bits
+from protocol.values import MAX_SIZE, UNARY, Surroundings, tables_around, value_bits
 
 Array = NDArray[np.float64]
 
@@ -172,20 +172,21 @@ class _Packet:
 
     def _tables_around(self, values: Integers) -> Integers:
         """(places, used) the table of each value, if these are all of them."""
-        sizes, surroundings, found = dict[int, Integers](), Surroundings(), []
-        for place, tables, row in zip(self.order, self._tables, values, strict=True):
-            around = parents(place, sizes)
-            sizes[place.index] = np.abs(row)
-            surroundings.start_frame()
-            for expected, parent, size in zip(
-                tables.tolist(),
-                _sums(around, len(tables)),
-                np.abs(row[: self._used]).tolist(),
-                strict=True,
-            ):
-                found.append(surroundings.table(expected, parent))
-                surroundings.saw(expected, size)
-        return np.array(found, np.intp).reshape(len(values), self._used)
+        sizes = np.abs(values[:, : self._used])
+        return tables_around(np.array(self._tables), _descent(self._head.frames) @ sizes, sizes)
+
+
+@lru_cache
+def _descent(count: int) -> Integers:
+    """(places, places) 1 where a place of a packet is predicted from another one, see `parents`."""
+    found, sizes = np.zeros((count, count), np.int64), dict[int, Integers]()
+    for place, row, itself in zip(
+        coding_order(count), found, np.eye(count, dtype=np.int64), strict=True
+    ):
+        around = parents(place, sizes)
+        row[:] = 0 if around is None else around
+        sizes[place.index] = itself
+    return found
 
 
 def _goal(wanted: Integers, quality: int, coming: Integers | None) -> _Goal:
@@ -237,12 +238,13 @@ def _cheapest(best: Array, stiffness: Array, price: Array) -> Integers:
 
     price: (k, UNARY + 1).
     """
-    low = np.clip(np.floor(best), -MAX_SIZE, MAX_SIZE - 1)
-    choices = np.stack([low, low + 1, np.zeros_like(low)])
+    every = np.arange(len(best))
+    choices = np.zeros((3, len(best)))
+    choices[0] = np.minimum(np.maximum(np.floor(best), -MAX_SIZE), MAX_SIZE - 1)
+    choices[1] = choices[0] + 1
     sizes = np.minimum(np.abs(choices), UNARY).astype(np.intp)
-    cost = stiffness * (choices - best) ** 2 + price[np.arange(len(best)), sizes]
-    found = np.take_along_axis(choices, cost.argmin(0)[None], 0)[0]
-    return np.asarray(found, np.int64)
+    cost = stiffness * (choices - best) ** 2 + price[every, sizes]
+    return np.asarray(choices[cost.argmin(0), every], np.int64)
 
 
 def _worthwhile(
@@ -254,12 +256,13 @@ def _worthwhile(
     for size, expected, parent in zip(
         np.abs(error).tolist(), tables.tolist(), _sums(around, len(tables)), strict=True
     ):
-        bits = _BITS_BY_TABLE[surroundings.table(expected, parent)]
-        nearest = min(round(size), MAX_SIZE)
-        best = min(
-            (nearest, max(nearest - 1, 0), 0),
-            key=lambda choice: (size - choice) ** 2 + WORTH * bits[min(choice, UNARY)],
-        )
+        best = min(round(size), MAX_SIZE)
+        if best:
+            bits = _BITS_BY_TABLE[surroundings.table(expected, parent)]
+            best = min(
+                (best, best - 1, 0),
+                key=lambda choice: (size - choice) ** 2 + WORTH * bits[min(choice, UNARY)],
+            )
         surroundings.saw(expected, best)
         chosen.append(best)
     return np.asarray(np.sign(error) * chosen, dtype=np.int64)

@@ -46,16 +46,16 @@ def code_call(values: Array, spreads: NDArray[Any], spending: Spending) -> list[
     One level serves the whole call, the finest whose packets keep within the rate; packets that
     would take more than the rate within any window of `WINDOW_S` are coded more coarsely.
     """
-    coded: dict[int, list[CodedPacket]] = {}
 
-    def bits(level: int) -> int:
-        coded[level] = _code_all(values, spreads, spending, level)
-        return sum(map(packet_bits, coded[level]))
+    def code(level: int) -> list[CodedPacket]:
+        return _code_all(values, spreads, spending, level)
 
-    coarsest = TURNS * (QUALITIES - 1)
+    def bits(packets: list[CodedPacket]) -> int:
+        return sum(map(packet_bits, packets))
+
+    levels = range(TURNS * (QUALITIES - 1) + 1)
     allowed = spending.bitrate * len(values) / spending.fps
-    level = finest_within(bits, allowed, coarsest, FIRST_LEVEL, LEVELS_PER_HALVING)
-    return coded.get(level) or _code_all(values, spreads, spending, level)
+    return finest_within(code, bits, allowed, levels, FIRST_LEVEL, LEVELS_PER_HALVING)[1]
 
 
 def packet_bits(packet: CodedPacket) -> int:
@@ -88,7 +88,8 @@ def _code_all(
                 coming=rest[0] if rest else None,
             )
 
-        packet = purse.buy(attempt, packet_quality(level, number), end - start)
+        quality = packet_quality(level, number)
+        packet = purse.buy(attempt, quality, end - start)
         predictor.anchor = packet.frames[-1]
         packets.append(packet)
     return packets
@@ -121,14 +122,12 @@ class LivePurse:
             sequence, usual = number % SEQUENCE_MODULUS, spending.frames_per_packet
             return code_packet(predictor, sequence, usual, targets, quality, fresh=number == 0)
 
-        quality = max(0, self._quality - FINER)
-        packet = attempt(quality)
         # Half of the credit may go at once.  The first frame comes whole; debts are paid back.
         limit = max(self._credit / 2, REPAYING * earned) if number else spending.bitrate
-        while packet_bits(packet) > limit and quality < QUALITIES - 1:
-            quality += 1
-            packet = attempt(quality)
-        packet, self._quality = self._purse.buy(attempt, quality, len(targets)), quality
+        limit = min(limit, self._purse.money(len(targets)))
+        finest = max(0, self._quality - FINER)
+        self._quality, packet = _within(attempt, limit, finest, self._quality)
+        self._purse.pay(packet, len(targets))
         self._credit -= packet_bits(packet)
         return packet
 
@@ -152,10 +151,22 @@ class Purse:
 
     def buy(self, attempt: Callable[[int], CodedPacket], quality: int, frames: int) -> CodedPacket:
         """The packet of `frames` frames at `quality`, or the finest one there is money for."""
-        money = self.money(frames)
-        packet = attempt(quality)
-        while packet_bits(packet) > money and quality < QUALITIES - 1:
-            quality += 1
-            packet = attempt(quality)
-        self._spent.append((frames / self._spending.fps, packet_bits(packet)))
+        _, packet = _within(attempt, self.money(frames), quality, quality)
+        self.pay(packet, frames)
         return packet
+
+    def pay(self, packet: CodedPacket, frames: int) -> None:
+        """A packet of `frames` frames is sent."""
+        self._spent.append((frames / self._spending.fps, packet_bits(packet)))
+
+
+def _within(
+    attempt: Callable[[int], CodedPacket], money: float, finest: int, first: int
+) -> tuple[int, CodedPacket]:
+    """The finest packet, no finer than `finest`, that there is money for, and its quality.
+
+    first: tried first.
+    """
+    qualities = range(finest, QUALITIES)
+    halving = LEVELS_PER_HALVING / TURNS
+    return finest_within(attempt, packet_bits, money, qualities, first, halving)

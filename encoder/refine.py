@@ -201,10 +201,10 @@ class Refiner:
 
         def equations() -> tuple[Array, Array]:
             change = shape.change(placed, seen[:, 1:] * view.crop.scale.astype(np.float32), free)
-            rows = np.concatenate([change, -template.modes])
-            weighted = rows * (view.shown * robust(left, scale))
-            normal = (rows @ weighted.T).astype(np.float64)
-            gradient = -(weighted @ residual).astype(np.float64)
+            root = np.sqrt(view.shown * robust(left, scale))
+            rows = np.concatenate([change, -template.modes]) * root
+            normal = (rows @ rows.T).astype(np.float64)
+            gradient = -(rows @ (root * residual)).astype(np.float64)
             eau = np.arange(6, 6 + len(free))
             normal[eau, eau] += view.precision
             gradient[eau] += view.precision * away

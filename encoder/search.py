@@ -1,8 +1,11 @@
 """The finest quantiser that keeps within a size, found in few trials."""
 
 from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
+
+Item = TypeVar("Item")
 
 # A trial that lands where the sizes known so far point is worth several that halve what is left;
 # where they mislead, halving goes on.
@@ -10,23 +13,31 @@ GUESSES = 4
 
 
 def finest_within(
-    size: Callable[[int], float], most: float, last: int, first: int, steps_per_halving: float
-) -> int:
-    """The least number in 0..last whose size is at most `most`; `last` if none is.
+    make: Callable[[int], Item],
+    size: Callable[[Item], float],
+    most: float,
+    numbers: range,
+    first: int,
+    steps_per_halving: float,
+) -> tuple[int, Item]:
+    """The least of consecutive `numbers` whose item's size is at most `most`, the last if none is.
 
+    Returns the number and its item; each is made once.
     size: falls as numbers grow, and halves about every `steps_per_halving`.  first: tried first.
     """
-    low, high, middle = 0, last, first
+    low, high, middle = numbers[0], numbers[-1], first
+    made = dict[int, Item]()
     known: list[tuple[int, float]] = []
     while low < high:
         tried = min(max(middle, low), high - 1)
-        found = size(tried)
+        made[tried] = make(tried)
+        found = size(made[tried])
         known.append((tried, float(np.log2(max(found, 1) / max(most, 1)))))
         low, high = (low, tried) if found <= most else (tried + 1, high)
         middle = (low + high) // 2
         if len(known) <= GUESSES:
             middle = _pointed_at(known, steps_per_halving)
-    return low
+    return low, made[low] if low in made else make(low)
 
 
 def _pointed_at(known: list[tuple[int, float]], steps_per_halving: float) -> int:

@@ -77,8 +77,8 @@ class ShapeFree:
         rigid = rigid_change(placed.turned, placed.seen, placed.per_mm, slope.T * self.on_face)
         place = active + np.where(placed.face.eau[active] >= 0, 0, len(EAUS))
         back = placed.rotation.T @ rigid[3:]
-        driven = sum(self._fields[place, axis] * back[axis] for axis in range(3))
-        return np.concatenate([rigid, np.asarray(driven)])
+        driven = np.einsum("ack,ck->ak", self._fields[place], back)
+        return np.concatenate([rigid, driven])
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ MOST_SCATTER_TEXELS = 2.5
 def sharpened(
     shape: ShapeFree, crop: Crop, positions: Single, colours: Single, seen: NDArray[np.bool_]
 ) -> Single:
-    """Colours (k, 3) from which drawing gives the crop's pixels, near the sampled `colours` (k, 3).
+    """Colours (k, c) from which drawing gives the crop's pixels, near the sampled `colours` (k, c).
 
     positions: (k, 2) of the texels in the crop, pixels.  seen: (k,).
     """
@@ -33,7 +33,8 @@ def sharpened(
     weight = np.bincount(corners.ravel(), shares.ravel(), size * size)
     scale = STEP / np.maximum(weight, 0.3)
     result = colours.copy()
-    for number, channel in enumerate(crop.picture.reshape(-1, 3).take(pixels, axis=0).T):
+    channels = crop.picture.reshape(height * width, -1).take(pixels, axis=0).T
+    for number, channel in enumerate(channels):
         texture = np.zeros(size * size, np.float32)
         texture[shape.place] = colours[:, number]
         for _ in range(ROUNDS):

@@ -9,19 +9,16 @@ from numpy.typing import NDArray
 
 from encoder.align import pose_from_three_points
 from encoder.fit import (
-    EYE_CORNERS,
-    TYPICAL_FOCAL,
-    Fitted,
     LandmarkModel,
     fit_frame,
-    fit_identity,
     landmark_model,
     personalise,
     start_parameters,
 )
 from encoder.haar import HaarDetector
+from encoder.identity import TYPICAL_FOCAL, Fitted, fit_identity
 from encoder.landmarks import COUNT, LandmarkTracker
-from encoder.square import Square, square_from_landmarks
+from encoder.square import EYE_CORNERS, Square, square_from_landmarks
 from shared_model.animate import identity_from_controls
 from shared_model.anthropometry import residual_basis
 from shared_model.geometry import Camera, pixel_from_head

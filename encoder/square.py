@@ -11,7 +11,7 @@ from encoder.detect import Detection
 Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
 
-# Outer corners of the subject's right and left eye among the landmarks: the roll of the square.
+# Outer corners of the subject's right and left eye among the landmarks.
 EYE_CORNERS = (33, 263)
 # The networks were trained on crops this many times the face's box.
 _MARGIN = 1.5

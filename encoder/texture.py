@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.code_picture import Draft, draft_still
+from encoder.code_picture import draft_still
 from encoder.search import finest_within
 from protocol.foresee import STILL
 from protocol.pictures import MAX_STEP
@@ -224,14 +224,14 @@ def finest_still(
 
     At the coarsest step even if that is larger.  relief, kind: see `draft_still`.
     """
-    drafts: dict[int, Draft] = {}
-
-    def size(step: int) -> int:
-        drafts[step] = draft_still(colours, step, relief, kind)
-        return drafts[step].size_bytes
-
-    step = finest_within(size, max_bytes, MAX_STEP, MAX_STEP // 2, STEPS_PER_HALVING)
-    best = drafts.get(step) or draft_still(colours, step, relief, kind)
+    best = finest_within(
+        lambda step: draft_still(colours, step, relief, kind),
+        lambda draft: draft.size_bytes,
+        max_bytes,
+        range(MAX_STEP + 1),
+        MAX_STEP // 2,
+        STEPS_PER_HALVING,
+    )[1]
     return best.write(), best.colours
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from encoder.align import pose_from_points
 from encoder.ekf import Doubt, Estimate, FaceFilter, Motion
-from encoder.fit import Fitted
+from encoder.identity import Fitted
 from encoder.klt import EYE_DISTANCE_MM, KltTracker, Tracks
 from encoder.lost import FOUND_CORRELATION, LEAST_CORRELATION, is_bad, is_plausible
 from encoder.own_texture import (

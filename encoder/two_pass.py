@@ -13,16 +13,10 @@ from numpy.typing import NDArray
 
 from encoder.caller import Caller, Learned
 from encoder.combine import Sensitivity, combine, project, sensitivity
-from encoder.fit import (
-    EYE_CORNERS,
-    Fitted,
-    fit_frame,
-    fit_identity,
-    landmark_model,
-    personalise,
-    start_parameters,
-)
+from encoder.fit import fit_frame, landmark_model, personalise, start_parameters
+from encoder.identity import Fitted, fit_identity
 from encoder.model import shape_packet
+from encoder.square import EYE_CORNERS
 from protocol.components import Components, serialise_components, vector_from_face
 from protocol.messages import CallParameters, ModelPacket
 from shared_model.mesh import Head
@@ -34,6 +28,8 @@ Picture = NDArray[np.uint8]
 IDENTITY_FRAMES = 10
 TRAINING_FRAMES = 64
 SENSITIVITY_FRAMES = 12
+# Steps of the landmarks' fit from the face before, which is near.
+FURTHER_STEPS = 2
 # Landmarks are smoothed over time with this kernel before the first fit.
 SMOOTHING = np.array([0.06, 0.24, 0.4, 0.24, 0.06])
 
@@ -62,11 +58,10 @@ def follow_all(
     chosen = spread_frames(np.array(points))
     fitted = fit_identity(head, size, [points[i] for i in chosen])
     model = personalise(landmark_model(head), fitted.identity.aau, fitted.control_mm)
-    current = start_parameters(model, fitted.camera, points[0])
-    faces = []
-    for place in points:
-        current = fit_frame(model, fitted.camera, place, current)
-        faces.append(current)
+    first = start_parameters(model, fitted.camera, points[0])
+    faces = [fit_frame(model, fitted.camera, points[0], first)]
+    for place in points[1:]:
+        faces.append(fit_frame(model, fitted.camera, place, faces[-1], iterations=FURTHER_STEPS))
     return fitted, faces
 
 

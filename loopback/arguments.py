@@ -98,7 +98,8 @@ def _add_decode(added: "Commands") -> None:
         "decode",
         "draw the face of a call",
         "The call comes from a file or over Zenoh (--listen or --connect).  The video has one\n"
-        "frame per source frame, in the source's size and rate; .mkv is lossless (FFV1).",
+        "frame per source frame, in the source's size and rate; .mkv is lossless (FFV1), but for\n"
+        "the rounding of Y'CbCr where the source is tagged BT.709: then the video is, too.",
         "  risorius decode call.rzo -o out.mkv --source me.mp4\n"
         "  risorius decode call.rzo --face anna.rzo -o anna.mkv\n"
         "  risorius decode --listen tcp/0.0.0.0:7447 --call anna -o out.mkv\n",

@@ -57,9 +57,9 @@ def write_side_by_side(source: str, decoded: Path, output: Path) -> None:
         originals = stack.enter_context(open_source(source))
         copies = stack.enter_context(open_source(str(decoded)))
         size = (originals.width + copies.width, originals.height)
-        sink = stack.enter_context(open_sink(output, *size, originals.fps))
+        sink = stack.enter_context(open_sink(output, *size, originals.fps, originals.matrix))
         for (_, original), (_, copy) in zip(originals, copies, strict=True):
-            sink.write(np.hstack([original, copy[: originals.height]]))
+            sink.write(np.hstack([original, copy]))
 
 
 def write_contact_sheet(source: str, decoded: Path, output: Path, frames: int) -> None:

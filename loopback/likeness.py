@@ -10,13 +10,12 @@ from encoder.capture import open_source
 from encoder.detect import BlazeFaceDetector
 from encoder.landmarks import COUNT, LandmarkTracker
 from encoder.networks import NetworkFilesMissing, find_network_folder
+from encoder.square import EYE_CORNERS
 from loopback.report import rounded
 
 Array = NDArray[np.float64]
 
-# Landmarks, those of the lids by the iris network: outer corners of the eyes, and pairs whose
-# distance is a gesture.
-EYE_CORNERS = (33, 263)
+# Pairs of landmarks whose distance is a gesture, those of the lids by the iris network.
 GAPS = {
     "mouth": ((13, 14),),
     "brow": ((105, 159), (334, 386)),

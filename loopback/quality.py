@@ -72,8 +72,8 @@ def measure(
 ) -> Quality:
     """Compare a decoded video with its source, frame by frame.
 
-    source, decoded: anything `open_source` opens; of an odd size, `decoded` may have one more row
-    or column, which is left out.  max_frames: the part of the source that was encoded.
+    source, decoded: anything `open_source` opens.  max_frames: the part of the source that was
+    encoded.
     Raises `UserError` if they have different sizes or numbers of frames.
     """
     face: list[float] = []
@@ -97,8 +97,7 @@ def measure(
 
 
 def squared_error(original: Picture, copy: Picture) -> NDArray[np.float64]:
-    """Squared difference of luma, (height, width); `copy` may be larger at its far edges."""
-    copy = copy[: original.shape[0], : original.shape[1]]
+    """Squared difference of luma, (height, width)."""
     first, second = (
         cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).astype(np.float64) for picture in (original, copy)
     )
@@ -120,9 +119,7 @@ def oval_area(points_px: NDArray[np.floating], height: int, width: int) -> Mask:
 
 def _check_size(originals: Capture, copies: Capture) -> None:
     size, copy = (originals.width, originals.height), (copies.width, copies.height)
-    # A video file of an odd picture repeats its last row or column.
-    padded = (size[0] + size[0] % 2, size[1] + size[1] % 2)
-    if copy not in (size, padded):
+    if copy != size:
         raise UserError(
             f"{copies.name} is {copy[0]}x{copy[1]} but {originals.name} is {size[0]}x{size[1]}:"
             " is it another call's?"

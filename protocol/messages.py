@@ -30,6 +30,7 @@ _THESIS_VERSIONS = THESIS_VERSION, LIDS_VERSION
 _DEFAULT_VERSIONS = PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION
 VERSIONS = _THESIS_VERSIONS + _DEFAULT_VERSIONS
 PROFILES = ("thesis", "default")
+MATRICES = ("bt601", "bt709")
 
 SEQUENCE_MODULUS = 64
 MAX_MODEL_PACKET_BYTES = 256 * 1024
@@ -87,6 +88,8 @@ class CallParameters:
     start_frame: source frame that frame packet 0 belongs to.
     frame_step: source frames from one coded frame to the next (default profile).
     lids: frame packets of the thesis profile say how far the lids are closed, too.
+    matrix: one of `MATRICES`, by which the source's Y'CbCr was made; bt601 also where the source
+        does not say or is RGB.  The first calls had none, so it shares a field with the profile.
     """
 
     profile: str
@@ -99,10 +102,13 @@ class CallParameters:
     start_frame: int = 0
     frame_step: int = 1
     lids: bool = False
+    matrix: str = "bt601"
 
     def __post_init__(self) -> None:
         if self.profile not in PROFILES:
             raise ValueError(f"profile is {self.profile!r}, expected one of {PROFILES}")
+        if self.matrix not in MATRICES:
+            raise ValueError(f"matrix is {self.matrix!r}, expected one of {MATRICES}")
         check_int("width", self.width, 1, MAX_SIDE_PX)
         check_int("height", self.height, 1, MAX_SIDE_PX)
         check_int("fps numerator", self.fps_numerator, 1, MAX_FPS_TERM)
@@ -356,7 +362,7 @@ def _keys(version: int) -> tuple[str, ...]:
 def _model_fields(packet: ModelPacket) -> dict[str, Any]:
     call, version = packet.call, _version(packet)
     values = (
-        PROFILES.index(call.profile),
+        PROFILES.index(call.profile) + len(PROFILES) * MATRICES.index(call.matrix),
         (call.width, call.height),
         (call.fps_numerator, call.fps_denominator),
         call.focal_px,
@@ -415,7 +421,8 @@ def _model_from_fields(sequence: int, version: int, fields: Any) -> ModelPacket:
     rotation, translation, eau, background, texture, extension, *later = rest
     usual: tuple[Any, ...] = (1, False, False, False)
     step, layered, growing, lids = (*later, *usual[len(later) :])
-    check_int("profile", profile, 0, len(PROFILES) - 1)
+    check_int("profile", profile, 0, len(PROFILES) * len(MATRICES) - 1)
+    matrix, profile = divmod(profile, len(PROFILES))
     width, height = _pair("size", size)
     numerator, denominator = _pair("fps", fps)
     number, layers = _pair("layer", layer)
@@ -431,6 +438,7 @@ def _model_from_fields(sequence: int, version: int, fields: Any) -> ModelPacket:
             start,
             step,
             lids,
+            MATRICES[matrix],
         ),
         aau=_codes_from_bytes("aau", aau),
         reference_rotation=rotation,

@@ -27,6 +27,7 @@ class CallSummary:
 
     frames, duration_s, fps, width, height: of the source.
     coded_fps: frames a second that were coded; those between are interpolated.
+    matrix: of the source's Y'CbCr, see `CallParameters`.
     model_bytes, frame_bytes, control_bytes: payload of the packets of each kind; layers are model.
     model_packets, layer_packets: numbers of packets that say who it is.
     container_bytes: magic, record lengths and byte 0 of each packet; with the three above it makes
@@ -48,6 +49,7 @@ class CallSummary:
     duration_s: float
     width: int
     height: int
+    matrix: str
     model_bytes: int
     frame_bytes: int
     control_bytes: int
@@ -134,6 +136,7 @@ class _Tally:
             duration_s=frames / call.fps,
             width=call.width,
             height=call.height,
+            matrix=call.matrix,
             model_bytes=self.payload[Kind.MODEL] + self.payload[Kind.LAYER],
             frame_bytes=self.payload[Kind.FRAME],
             control_bytes=self.payload[Kind.CONTROL],

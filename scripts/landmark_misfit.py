@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from encoder.capture import open_source
 from encoder.detect import BlazeFaceDetector
-from encoder.fit import Fitted, LandmarkModel, fit_frame, fit_identity, landmark_model, personalise
+from encoder.fit import LandmarkModel, fit_frame, landmark_model, personalise
+from encoder.identity import Fitted, fit_identity
 from encoder.landmarks import LandmarkTracker
 from encoder.networks import find_network_folder
 from shared_model.geometry import pixel_from_head

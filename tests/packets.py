@@ -42,6 +42,7 @@ GOLDEN: dict[str, Packet] = {
     "model_layered": replace(MODEL, layered=True),
     "model_growing": replace(MODEL, growing=True),
     "model_lids": replace(MODEL, call=replace(CALL, lids=True)),
+    "model_bt709": replace(MODEL, call=replace(CALL, profile="default", matrix="bt709")),
     "layer": LayerPacket(2, 300, b"a piece"),
     "frame_thesis": FramePacket(63, bytes(range(123, 133))),
     "frame_lids": FramePacket(0, bytes(range(120, 132))),

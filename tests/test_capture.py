@@ -1,13 +1,16 @@
 """Capture: every kind of source, exact rates, one-line errors."""
 
+import os
 from fractions import Fraction
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
+from av.video.reformatter import ColorPrimaries, Colorspace
 
-from encoder.capture import exact_fps, open_source
+from encoder.capture import colour_matrix, exact_fps, open_source
 from shared_model.errors import UserError
 
 CLIPS = Path(__file__).resolve().parents[2] / "shared" / "clips"
@@ -24,6 +27,18 @@ def write_images(folder: Path, numbers: list[int], size: tuple[int, int] = (40, 
     for number in numbers:
         image = np.full((size[1], size[0], 3), number, np.uint8)
         cv2.imwrite(str(folder / f"frame_{number:04d}.png"), image)
+
+
+def write_tagged(path: Path, matrix: int, primaries: int = ColorPrimaries.UNSPECIFIED) -> None:
+    """A grey picture as a video whose Y'CbCr is said to be made by this matrix."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("ffv1", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        stream.codec_context.colorspace = matrix
+        stream.codec_context.color_primaries = primaries
+        grey = np.full((72, 64), 128, np.uint8)
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(grey, format="yuv420p")))
+        container.mux(stream.encode(None))
 
 
 @pytest.mark.parametrize(
@@ -55,6 +70,44 @@ def test_video_file_gives_every_frame_in_order(tmp_path: Path) -> None:
     assert not capture.is_live
     assert [index for index, _ in frames] == list(range(5))
     assert [round(frame.mean() / 20) for _, frame in frames] == list(range(5))
+
+
+@pytest.mark.parametrize(
+    ("tag", "primaries", "matrix"),
+    [
+        (Colorspace.ITU709, ColorPrimaries.BT709, "bt709"),
+        (Colorspace.ITU709, ColorPrimaries.UNSPECIFIED, "bt709"),
+        (Colorspace.ITU601, ColorPrimaries.SMPTE170M, "bt601"),
+        (Colorspace.BT2020, ColorPrimaries.BT2020, "bt601"),
+    ],
+)
+def test_a_file_says_by_which_matrix_it_was_made(
+    tmp_path: Path, tag: int, primaries: int, matrix: str
+) -> None:
+    write_tagged(tmp_path / "v.mkv", tag, primaries)
+    with open_source(str(tmp_path / "v.mkv")) as capture:
+        assert capture.matrix == matrix
+
+
+def test_what_says_nothing_of_its_matrix_is_bt601(tmp_path: Path) -> None:
+    write_video(tmp_path / "v.mkv", [(64, 48)])
+    write_images(tmp_path, [1])
+    for name in ("v.mkv", "frame_%04d.png"):
+        with open_source(str(tmp_path / name)) as capture:
+            assert capture.matrix == "bt601"
+
+
+def test_a_file_that_cannot_be_asked_for_its_matrix_is_bt601_in_silence(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    write_tagged(tmp_path / "whole.mkv", Colorspace.ITU709)
+    (tmp_path / "cut.mkv").write_bytes((tmp_path / "whole.mkv").read_bytes()[:300])
+    (tmp_path / "text.mp4").write_text("not a video\n" * 100)
+    # Asking it would take from the pipe what is to be read, or wait for it.
+    os.mkfifo(tmp_path / "pipe.mkv")
+    for name in ("cut.mkv", "text.mp4", "pipe.mkv"):
+        assert colour_matrix(tmp_path / name) == "bt601"
+    assert capfd.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize("first", [0, 1, 117])

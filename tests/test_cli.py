@@ -228,6 +228,19 @@ def test_an_output_that_cannot_be_written_is_one_line(
     assert "cannot write" in complaint(capsys)
 
 
+@pytest.mark.parametrize("matrix", ["bt601", "bt709"])
+def test_a_decoded_video_has_the_colour_matrix_of_its_source(
+    matrix: str, carphone: Path, tmp_path: Path
+) -> None:
+    source, call, decoded = (tmp_path / name for name in ("in.mkv", "call.rzo", "out.mkv"))
+    copy_frames(carphone, source, 5, matrix)
+    assert main(["encode", str(source), "-o", str(call), "--profile", "thesis", "-q"]) == 0
+    assert summarise(call).matrix == matrix
+    assert main(["decode", str(call), "-o", str(decoded), "-q"]) == 0
+    with open_source(str(decoded)) as capture:
+        assert capture.matrix == matrix
+
+
 def test_decode_measures_against_the_source(
     call: Path, carphone: Path, tmp_path: Path, capsys: Capture
 ) -> None:
@@ -521,11 +534,11 @@ def count_packets(path: Path) -> int:
     return count
 
 
-def copy_frames(source: Path, target: Path, count: int) -> None:
+def copy_frames(source: Path, target: Path, count: int, matrix: str = "bt601") -> None:
     """The first frames of a video as a video of its own."""
     with (
         open_source(str(source)) as capture,
-        open_sink(target, capture.width, capture.height, capture.fps) as sink,
+        open_sink(target, capture.width, capture.height, capture.fps, matrix) as sink,
     ):
         for _, frame in islice(capture, count):
             sink.write(frame)

@@ -13,11 +13,13 @@ from protocol.messages import (
     GROWING_VERSION,
     LAYERED_VERSION,
     LIDS_VERSION,
+    MATRICES,
     MAX_FRAME_PAYLOAD_BYTES,
     MAX_IMAGE_BYTES,
     MAX_LAYER_BYTES,
     MAX_MODEL_PACKET_BYTES,
     PLAIN_VERSION,
+    PROFILES,
     THESIS_VERSION,
     CallParameters,
     ControlKind,
@@ -107,7 +109,7 @@ def model_of_fields(changes: dict[str, object], model: Packet = MODEL) -> bytes:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"p": 2}, "profile"),
+        ({"p": 4}, "profile"),
         ({"p": "thesis"}, "limit|exceeds|profile"),
         ({"s": (0, 480)}, "width"),
         ({"s": (640, 8193)}, "height"),
@@ -193,6 +195,18 @@ def test_the_default_profile_of_an_older_program_is_refused_by_its_version() -> 
         parse_packet(model_of_fields({"p": 1}))
 
 
+def test_a_program_that_knows_no_matrix_refuses_all_but_bt601_by_its_profile() -> None:
+    for profile in PROFILES:
+        call = replace(CALL, profile=profile)
+        assert profile_field(call) < len(PROFILES)
+        assert profile_field(replace(call, matrix="bt709")) >= len(PROFILES)
+
+
+def profile_field(call: CallParameters) -> int:
+    fields = msgpack.unpackb(serialise(replace(MODEL, call=call))[2:], use_list=False)
+    return int(fields["p"])
+
+
 def test_a_version_has_its_own_fields_only() -> None:
     for model, version in (
         (MODEL, LAYERED_VERSION),
@@ -249,6 +263,8 @@ def test_misuse_is_a_value_error_that_names_the_field() -> None:
         FramePacket(64, b"")
     with pytest.raises(ValueError, match="profile is 'x'"):
         replace(CALL, profile="x")
+    with pytest.raises(ValueError, match="matrix is 'x'"):
+        replace(CALL, matrix="x")
     with pytest.raises(ValueError, match="bytearray, expected bytes"):
         FramePacket(0, bytearray(1))  # type: ignore[arg-type]
 
@@ -293,6 +309,7 @@ images = st.binary(max_size=40)
             st.integers(1, 64),
             st.integers(0, 2**32 - 1),
             st.integers(1, 255),
+            matrix=st.sampled_from(MATRICES),
         )
         | st.builds(replace, st.just(CALL), lids=st.booleans()),
         aau=st.tuples(*[codes] * len(AAUS)),

@@ -84,7 +84,7 @@ def test_without_a_face_only_the_picture_is_measured(tmp_path: Path) -> None:
     assert quality.full_psnr_db == pytest.approx(48.13, abs=0.01)
 
 
-def test_the_padding_of_an_odd_picture_is_left_out(tmp_path: Path) -> None:
+def test_odd_pictures_are_compared_to_their_edges(tmp_path: Path) -> None:
     source = write(tmp_path / "%d.png", [flat(100, 63, 47)] * 2)
     decoded = write(tmp_path / "b.mkv", [flat(105, 63, 47)] * 2)
     quality = measure(source, decoded, left_half, ignore)

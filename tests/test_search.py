@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from encoder.search import finest_within
 
-LAST = 80
+LEAST, LAST = 3, 80
 
 
 @given(
@@ -18,14 +18,16 @@ def test_the_finest_that_fits_is_found_whatever_the_sizes(
     sizes: list[int], most: int, first: int, halving: float
 ) -> None:
     sizes.sort(reverse=True)
-    expected = next((number for number, size in enumerate(sizes) if size <= most), LAST)
+    expected = next((n for n in range(LEAST, LAST) if sizes[n] <= most), LAST)
     tried: list[int] = []
 
-    def size(number: int) -> int:
+    def make(number: int) -> tuple[int, int]:
         tried.append(number)
-        return sizes[number]
+        return number, sizes[number]
 
-    assert finest_within(size, most, LAST, first, halving) == expected
+    numbers = range(LEAST, LAST + 1)
+    found = finest_within(make, lambda item: item[1], most, numbers, first, halving)
+    assert found == (expected, (expected, sizes[expected]))
     assert len(tried) == len(set(tried)) <= 12
 
 
@@ -33,10 +35,11 @@ def test_sizes_that_halve_evenly_take_few_trials() -> None:
     for most in range(200, 20_000, 700):
         tried: list[int] = []
 
-        def size(number: int, tried: list[int] = tried) -> float:
+        def make(number: int, tried: list[int] = tried) -> float:
             tried.append(number)
             return float(40_000 * 2 ** (-number / 9))
 
-        found = finest_within(size, most, LAST, LAST // 2, 8)
-        assert size(found) <= most and (not found or size(found - 1) > most)
-        assert len(tried) - 2 <= 5
+        numbers = range(LAST + 1)
+        found, size = finest_within(make, float, most, numbers, LAST // 2, 8)
+        assert len(tried) <= 5
+        assert size == make(found) <= most and (not found or make(found - 1) > most)

@@ -8,6 +8,7 @@ from shots import Shots, whole
 from encoder.shape_free import ShapeFree
 from encoder.sharpen import pixel_texels, sharpened
 from encoder.texture import sample, visible_texels
+from protocol.pictures import to_luma
 from shared_model.appearance import atlas_of
 
 Picture = NDArray[np.uint8]
@@ -80,3 +81,14 @@ def test_an_even_picture_stays_even(shots: Shots, shape: ShapeFree) -> None:
     result = sharpened(shape, whole(picture), positions, colours, np.ones(len(shape), bool))
     # Texels beside the atlas' islands are drawn into pixels of the face as well.
     assert np.median(np.abs(result - 120)) < 0.01 and np.isfinite(result).all()
+
+
+def test_luma_is_sharpened_as_the_colours_are(
+    shots: Shots, shape: ShapeFree, detailed: Picture
+) -> None:
+    positions, seen = shape.positions(shots.faces[2]), np.ones(len(shape), bool)
+    crop = whole(detailed)
+    colours = sharpened(shape, crop, positions, sample(detailed, positions), seen)
+    luma = sharpened(shape, crop.grey, positions, sample(crop.grey.picture, positions), seen)
+    assert luma.shape == (len(shape), 1)
+    assert np.median(np.abs(luma[:, 0] - to_luma(colours))) < 0.5

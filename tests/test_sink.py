@@ -3,6 +3,7 @@
 from fractions import Fraction
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -27,6 +28,26 @@ def read(path: Path) -> tuple[list[Picture], float]:
     return pictures, capture.get(cv2.CAP_PROP_FPS)
 
 
+def tags(path: Path) -> tuple[int, int, int, int]:
+    """Matrix, range, primaries and transfer of a file, by their numbers in ITU-T H.273."""
+    with av.open(str(path)) as container:
+        context = container.streams.video[0].codec_context
+        return (
+            context.colorspace,
+            context.color_range,
+            context.color_primaries,
+            context.color_trc,
+        )
+
+
+def bt709(picture: Picture) -> NDArray[np.float64]:
+    """Y'CbCr, (3, height, width), 8 bits and limited range, by the equations of ITU-R BT.709."""
+    blue, green, red = np.moveaxis(picture / 255, -1, 0)
+    luma = 0.2126 * red + 0.7152 * green + 0.0722 * blue
+    chroma = [(blue - luma) / 1.8556, (red - luma) / 1.5748]
+    return np.stack([16 + 219 * luma, *(128 + 224 * value for value in chroma)])
+
+
 @pytest.mark.parametrize("suffix", [".mkv", ".avi"])
 def test_ffv1_gives_every_picture_back_bit_for_bit(tmp_path: Path, suffix: str) -> None:
     path, pictures = tmp_path / f"out{suffix}", noise(31)
@@ -39,9 +60,51 @@ def test_ffv1_gives_every_picture_back_bit_for_bit(tmp_path: Path, suffix: str) 
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
 
 
+def test_bt709_is_tagged_and_its_planes_are_those_of_the_pictures(tmp_path: Path) -> None:
+    path, pictures = tmp_path / "out.mkv", noise(3, 63, 47)
+    with open_sink(path, 63, 47, Fraction(25), "bt709") as sink:
+        for picture in pictures:
+            sink.write(picture)
+    assert tags(path) == (1, 1, 1, 1)
+    with av.open(str(path)) as container:
+        frames = list(container.decode(video=0))
+    for frame, picture in zip(frames, pictures, strict=True):
+        assert frame.format.name == "yuv444p"
+        assert np.abs(frame.to_ndarray() - bt709(picture)).max() < 1
+
+
+def test_bt709_is_read_back_to_the_pictures(tmp_path: Path) -> None:
+    path, pictures = tmp_path / "out.mkv", noise(3)
+    with open_sink(path, 64, 48, Fraction(25), "bt709") as sink:
+        for picture in pictures:
+            sink.write(picture)
+    for back, picture in zip(read(path)[0], pictures, strict=True):
+        assert np.abs(back.astype(int) - picture).max() <= 2
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".mov"])
+@pytest.mark.parametrize("matrix", ["bt601", "bt709"])
+def test_mpeg4_has_the_colours_of_either_matrix(tmp_path: Path, matrix: str, suffix: str) -> None:
+    path, red = tmp_path / f"out{suffix}", np.full((48, 64, 3), (40, 40, 200), np.uint8)
+    with open_sink(path, 64, 48, Fraction(25), matrix) as sink:
+        sink.write(red)
+    assert (tags(path)[0] == 1) == (matrix == "bt709")
+    assert np.abs(read(path)[0][0].astype(int) - red).max() <= 4
+
+
+def test_what_needs_no_tag_or_has_no_place_for_it_stays_rgb(tmp_path: Path) -> None:
+    for name, matrix in (("a.mkv", "bt601"), ("b.avi", "bt601"), ("c.avi", "bt709")):
+        (picture,) = noise(1)
+        with open_sink(tmp_path / name, 64, 48, Fraction(25), matrix) as sink:
+            sink.write(picture)
+        assert tags(tmp_path / name)[0] != 1
+        assert np.array_equal(read(tmp_path / name)[0][0], picture)
+
+
+@pytest.mark.parametrize("suffix", [".mkv", ".avi", ".mp4", ".mov"])
 @pytest.mark.parametrize("fps", ["25", "30000/1001", "24000/1001", "15", "25/2", "60"])
-def test_matroska_states_the_exact_frame_rate(tmp_path: Path, fps: str) -> None:
-    path = tmp_path / "out.mkv"
+def test_a_video_states_the_exact_frame_rate(tmp_path: Path, fps: str, suffix: str) -> None:
+    path = tmp_path / f"out{suffix}"
     with open_sink(path, 64, 48, Fraction(fps)) as sink:
         for picture in noise(5):
             sink.write(picture)
@@ -68,14 +131,32 @@ def test_image_sequence_is_numbered_like_the_source_and_exact(tmp_path: Path) ->
     assert all(np.array_equal(a, b) for a, b in zip(pictures, back, strict=True))
 
 
-def test_odd_video_repeats_its_edge_and_keeps_the_rest(tmp_path: Path) -> None:
-    path, pictures = tmp_path / "out.mkv", noise(2, 63, 47)
+@pytest.mark.parametrize("fps", ["120000/1001", "1000", "1/1000"])
+def test_mpeg4_states_a_rate_as_nearly_as_it_can(tmp_path: Path, fps: str) -> None:
+    path = tmp_path / "out.mp4"
+    with open_sink(path, 64, 48, Fraction(fps)) as sink:
+        for picture in noise(5):
+            sink.write(picture)
+    back, rate = read(path)
+    assert len(back) == 5 and rate == pytest.approx(float(Fraction(fps)), rel=1e-5)
+
+
+@pytest.mark.parametrize("suffix", [".mkv", ".avi", ".mp4", ".mov"])
+def test_odd_pictures_keep_their_size(tmp_path: Path, suffix: str) -> None:
+    path, pictures = tmp_path / f"out{suffix}", noise(2, 63, 47)
     with open_sink(path, 63, 47, Fraction(25)) as sink:
         for picture in pictures:
             sink.write(picture)
     back, _ = read(path)
-    assert back[0].shape == (48, 64, 3)
-    assert np.array_equal(back[1][:47, :63], pictures[1])
+    assert [picture.shape for picture in back] == [(47, 63, 3)] * 2
+    assert suffix in (".mp4", ".mov") or np.array_equal(back[1], pictures[1])
+
+
+def test_a_picture_need_not_lie_in_one_piece(tmp_path: Path) -> None:
+    path, (picture,) = tmp_path / "out.mkv", noise(1)
+    with open_sink(path, 64, 48, Fraction(25)) as sink:
+        sink.write(picture[::-1, :, ::-1])
+    assert np.array_equal(read(path)[0][0], picture[::-1, :, ::-1])
 
 
 def test_interrupted_recording_is_finished_and_plays(tmp_path: Path) -> None:
@@ -98,6 +179,23 @@ def test_nothing_is_left_behind_when_nothing_was_written(tmp_path: Path) -> None
 def test_an_impossible_output_is_the_users_error(tmp_path: Path, name: str) -> None:
     with pytest.raises(UserError, match="cannot write"):
         open_sink(tmp_path / name, 64, 48, Fraction(25))
+
+
+@pytest.mark.parametrize("name", ["out.mkv", "out.mp4"])
+def test_a_disk_that_fills_up_is_said_in_one_line(tmp_path: Path, name: str) -> None:
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, hard))
+    try:
+        with (
+            pytest.raises(UserError, match=r"cannot write .*File too large"),
+            open_sink(tmp_path / name, 64, 48, Fraction(25)) as sink,
+        ):
+            for picture in noise(40):
+                sink.write(picture)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert [file.name for file in tmp_path.iterdir()] == [name]
 
 
 def test_a_picture_of_another_size_is_refused(tmp_path: Path) -> None:

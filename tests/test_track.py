@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from decoder.render import Renderer
-from encoder.fit import Fitted
+from encoder.identity import Fitted
 from encoder.own_texture import USUAL, Synthesis
 from encoder.prediction import MatrixRefiner
 from encoder.sighting import Sight

@@ -16,6 +16,7 @@ from protocol.values import (
     Surroundings,
     code_bits,
     code_value,
+    tables_around,
     value_bits,
 )
 
@@ -105,3 +106,21 @@ def test_tables_stay_within_bounds() -> None:
     for _ in range(50):
         surroundings.saw(0, MAX_SIZE)
     assert surroundings.table(TABLES - 1, MAX_SIZE) == TABLES - 1
+
+
+@given(st.integers(1, 8), st.integers(1, 12), st.integers(0, 2**32 - 1))
+def test_tables_are_the_same_all_at_once(frames: int, count: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    expected = rng.integers(0, TABLES, (frames, count))
+    parents = rng.integers(0, 4, (frames, count))
+    sizes = rng.integers(0, 30, (frames, count)) * rng.integers(0, 2, (frames, count))
+    surroundings, tables = Surroundings(), []
+    for frame in range(frames):
+        surroundings.start_frame()
+        for usual, parent, size in zip(
+            expected[frame].tolist(), parents[frame].tolist(), sizes[frame].tolist(), strict=True
+        ):
+            tables.append(surroundings.table(usual, parent))
+            surroundings.saw(usual, size)
+    found = tables_around(expected, parents, sizes)
+    assert found.tolist() == np.reshape(tables, (frames, count)).tolist()
