@@ -1,7 +1,7 @@
 """Where decoded pictures go: a video file or a sequence of image files."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -37,6 +37,8 @@ CODECS: dict[str, Literal["ffv1", "mpeg4"]] = {
 OPTIONS = {"ffv1": {}, "mpeg4": {"qmin": "3", "qmax": "3"}}
 # MPEG-4 counts time in no smaller parts of a second.
 MPEG4_PARTS = 65535
+# What files of a call with this matrix are tagged with.
+TAGS: dict[str, Colorspace | None] = {"bt601": None, "bt709": Colorspace.ITU709}
 # Pictures that may wait for a `Background` sink.
 QUEUED_PICTURES = 4
 
@@ -75,8 +77,10 @@ def open_sink(
 
     matrix: of the source, see `CallParameters`.  The pictures of bt601 stand in .mkv losslessly, as
     RGB; those of another as that matrix' Y'CbCr in 8 bits, tagged with it, so that a comparison of
-    planes, or a reader that knows no tags, treats the file as it does the source.
-    Raises `UserError` if there is no such kind or it cannot be written.
+    planes, or a reader that knows no tags, treats the file as it does the source.  .avi, which has
+    no place for a tag, is always RGB.
+    Raises `UserError` if there is no such kind or it cannot be written, `ValueError` for another
+    matrix.
     """
     if not path.parent.is_dir():
         raise UserError(f"cannot write {path}: there is no folder {path.parent}")
@@ -100,14 +104,12 @@ class VideoFile:
         self._part = path.with_name(f"{path.stem}.part{path.suffix}")
         self._reformatter, self._colours = VideoReformatter(), _colours(path, matrix)
         self._written, self._is_open = 0, True
-        try:
-            with _as_user_error(path):
-                self._container = av.open(str(self._part), "w")
-                self._stream = self._add_stream(width, height, fps)
-                self._container.start_encoding()
-        except UserError:
-            self._part.unlink(missing_ok=True)
-            raise
+        with ExitStack() as undo, _as_user_error(path):
+            undo.callback(self._part.unlink, missing_ok=True)
+            self._container = undo.enter_context(av.open(str(self._part), "w"))
+            self._stream = self._add_stream(width, height, fps)
+            self._container.start_encoding()
+            undo.pop_all()
 
     def write(self, picture: Picture) -> None:
         """Add one picture.
@@ -243,7 +245,9 @@ class ImageSequence:
 
 def _colours(path: Path, matrix: str) -> _Colours:
     """How pictures of a call with this matrix stand in a file such as `path`."""
-    tag = Colorspace.ITU709 if matrix == "bt709" else None
+    if matrix not in TAGS:
+        raise ValueError(f"matrix is {matrix!r}, expected one of {', '.join(TAGS)}")
+    tag = TAGS[matrix]
     if CODECS[path.suffix.lower()] != "ffv1":
         return _Colours("yuv420p", tag)
     # AVI has no place for a tag.

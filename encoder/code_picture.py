@@ -21,6 +21,7 @@ from protocol.relief import decode_relief
 from protocol.subbands import Series
 from protocol.wavelet import LEVELS, transform
 
+Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 
@@ -65,11 +66,9 @@ def draft_mode(modes: ModeSeries, planes: Single, step: int) -> Draft:
 
 
 def held_share(modes: ModeSeries, planes: Single, step: int) -> float:
-    """About what share of a mode's energy its coded picture would hold, see `draft_mode`."""
-    size = step_size(step)
+    """About what share of a mode's energy its coded picture would hold at most, see `draft_mode`."""
     whole = held = 0.0
-    for plane in modes.format.planes(planes):
-        rough, details = transform(plane / size, LEVELS)
+    for rough, details in _coefficients(modes.format, planes, step):
         for band in (rough, *(band for level in details for band in level)):
             squares = band**2
             whole += float(squares.sum())
@@ -80,7 +79,13 @@ def held_share(modes: ModeSeries, planes: Single, step: int) -> float:
 def _draft(
     series: Series, ours: PictureFormat, planes: Single, step: int, head: bytes = b""
 ) -> Draft:
-    size = step_size(step)
-    coefficients = [transform(plane / size, LEVELS) for plane in ours.planes(planes)]
-    pyramids, tape = choose(series, coefficients)
+    pyramids, tape = choose(series, _coefficients(ours, planes, step))
     return Draft(ours.colours(pyramids, step), head + bytes([step]), tape)
+
+
+def _coefficients(
+    ours: PictureFormat, planes: Single, step: int
+) -> list[tuple[Array, list[list[Array]]]]:
+    """Of each plane in steps, as `wavelet.transform` has them."""
+    size = step_size(step)
+    return [transform(plane / size, LEVELS) for plane in ours.planes(planes)]

@@ -33,6 +33,8 @@ class Crop:
     @property
     def grey(self) -> "Crop":
         """The same in luma."""
+        if self.picture.ndim == 2:
+            return self
         return replace(self, picture=to_luma(self.picture))
 
     def from_frame(self, positions_px: Single) -> Single:

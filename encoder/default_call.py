@@ -1,8 +1,9 @@
 """The default profile of a recorded source, sending side: survey, learn, refine, code, send."""
 
 import time
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections import deque
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future
 from dataclasses import dataclass
 from itertools import takewhile
 
@@ -14,13 +15,14 @@ from encoder.caller import Learned, learn_caller
 from encoder.capture import Capture
 from encoder.crop import Crop, crop_face
 from encoder.detect import BlazeFaceDetector
-from encoder.drawing import drawing_of
+from encoder.drawing import Drawing, drawing_of
 from encoder.fit import outline_of
 from encoder.landmarks import LandmarkTracker
 from encoder.model import Budget, call_parameters
 from encoder.networks import NetworkFilesMissing, find_network_folder
-from encoder.parallel import usable_cores
+from encoder.parallel import in_processes
 from encoder.rate import Spending, code_call, packet_spans
+from encoder.refine import Refiner
 from encoder.startup import LayeredModel, LayerPacer, layered
 from encoder.tally import Tally
 from encoder.texture import code_background
@@ -49,8 +51,10 @@ Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 
-# Frames of the second pass that may wait to be refined while others are read.
-REFINED_TOGETHER = 32
+# Frames of the second pass that are read ahead of the one whose face is taken next.
+MOST_WAITING = 32
+# Of the tracker, in every frame.
+STEPS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,11 +67,22 @@ class CodedCall:
     lost: frozenset[int]
 
 
+@dataclass(frozen=True, slots=True)
+class FaceFinder:
+    """What finds a known caller in frames: texel by texel first, then as they are drawn."""
+
+    tracker: Refiner
+    drawing: Drawing
+
+    def find(self, crop: Crop, start: FaceParameters, outline_px: Array) -> FaceParameters:
+        """The face near `start`.  outline_px: see `Drawing.fit`."""
+        return self.drawing.fit(crop, self.tracker.refine(crop, start, STEPS), outline_px)
+
+
 class Survey:
     """Goes over a source twice and ends with a coded call.
 
-    Call `frame` with every frame, `learn`, `refine` with every frame again, `refine_rest`, then
-    `code`.
+    Call `frame` with every frame, `learn`, `refine` with every frame again, then `code`.
     """
 
     def __init__(self, capture: Capture, tally: Tally, cadence: Cadence) -> None:
@@ -87,9 +102,6 @@ class Survey:
         self._start: list[FaceParameters] = []
         self._coded: list[int] = []  # whose face each coded frame has, by place
         self._needed: frozenset[int] = frozenset()
-        # Ends with the survey.
-        self._pool = ThreadPoolExecutor(usable_cores())
-        self._refining: dict[int, Future[FaceParameters]] = {}
         self._faces: dict[int, FaceParameters] = {}
 
     @property
@@ -99,7 +111,7 @@ class Survey:
 
     @property
     def faces_refined(self) -> int:
-        """Number of them that `refine` has been over."""
+        """Number of them that `refine` has found."""
         return len(self._faces)
 
     def frame(self, index: int, frame: Picture, coming: Picture | None = None) -> None:
@@ -144,37 +156,35 @@ class Survey:
                 head, fitted, self._start, self._sampler.frames, self._points, call, budget
             )
         caller = self._learned.caller
-        self._drawing = drawing_of(caller.face, call.camera, caller.appearance)
+        drawing = drawing_of(caller.face, call.camera, caller.appearance)
+        self._finder = FaceFinder(caller.tracker, drawing)
         self._call, self._budget = call, budget
 
-    def refine(self, index: int, frame: Picture) -> None:
-        """Second pass over source frame `index`: analysis by synthesis, if it is to be coded."""
-        number = self._number.get(index)
-        if number is None or self._learned is None or number not in self._needed:
-            return
-        caller = self._learned.caller
-        with self._tally.stage("crop"):
-            crop = crop_face(frame, self._points[number], caller.pixels_per_texel)
-        with self._tally.stage("refine"):
-            if len(self._refining) == REFINED_TOGETHER:
-                self._take_refined()
-            self._refining[number] = self._pool.submit(self._refined, number, crop)
+    def refine(self, frames: Iterable[tuple[int, Picture]]) -> None:
+        """Second pass, over source frames (index, picture): find the face in all to be coded.
 
-    def refine_rest(self) -> None:
-        """End of the second pass."""
-        with self._tally.stage("refine"):
-            while self._refining:
-                self._take_refined()
-
-    def _take_refined(self) -> None:
-        """Wait for the frame that was read first."""
-        number = next(iter(self._refining))
-        self._faces[number] = self._refining.pop(number).result()
-
-    def _refined(self, number: int, crop: Crop) -> FaceParameters:
+        Frames are read while those before them are refined.
+        """
         assert self._learned is not None
-        found = self._learned.caller.tracker.refine(crop, self._start[number], 3)
-        return self._drawing.fit(crop, found, outline_of(self._points[number]))
+        finder, pixels_per_texel = self._finder, self._learned.caller.pixels_per_texel
+        waiting = deque[tuple[int, Future[FaceParameters]]]()
+        with in_processes(finder.find) as find:
+            for index, frame in frames:
+                number = self._number.get(index)
+                if number is None or number not in self._needed:
+                    continue
+                if len(waiting) == MOST_WAITING:
+                    self._take(*waiting.popleft())
+                points = self._points[number]
+                with self._tally.stage("crop"):
+                    crop = crop_face(frame, points, pixels_per_texel)
+                waiting.append((number, find(crop, self._start[number], outline_of(points))))
+            for each in waiting:
+                self._take(*each)
+
+    def _take(self, number: int, found: Future[FaceParameters]) -> None:
+        with self._tally.stage("refine"):
+            self._faces[number] = found.result()
 
     def code(self, bitrate: float) -> CodedCall:
         """The call at `bitrate` bits per second, all frame packets counted."""

@@ -33,9 +33,9 @@ Single = NDArray[np.float32]
 WINDOW_S = 3.0
 HALF_LIFE_S = 1.0
 LOOKS_PER_S = 8.0
+MOST_LOOKS = round(WINDOW_S * LOOKS_PER_S)
 # Modes may take this much, and save up for one second.
 BYTES_PER_S = 1200.0
-MOST_LOOKS = round(WINDOW_S * LOOKS_PER_S)
 # A mode must explain this share of what is left over; one that is expected to explain less than
 # this part of that is not coded to find out.
 LEAST_GAIN, HOPELESS = 0.02, 0.5
@@ -119,6 +119,9 @@ class Grower:
         age = np.arange(len(self._remainder))[::-1]
         recency = np.exp2(-age / (2 * HALF_LIFE_S * LOOKS_PER_S))
         strongest, share = self._remainder.strongest(recency)
+        # No mode explains more than the strongest direction holds.
+        if share < LEAST_GAIN:
+            return None
         direction = strongest.reshape(-1, 3) / self._root * self._support
         size = len(self._caller.appearance.mean)
         # Scaled so that its component's unit is what spare components have.
@@ -127,9 +130,11 @@ class Grower:
         step = round(FIRST_STEP + STEPS_PER_OCTAVE * np.log2(scale))
         planes = np.zeros((size, size, 3), np.float32)
         planes[self._at] = direction * np.float32(scale)
-        self._coarser = max(0, self._coarser - COARSER)
-        if share * held_share(self._series, planes, self._step(step)) < HOPELESS * LEAST_GAIN:
+        coarser = max(0, self._coarser - COARSER)
+        held = held_share(self._series, planes, min(max(step + coarser, 0), MAX_STEP))
+        if share * held < HOPELESS * LEAST_GAIN:
             return None
+        self._coarser = coarser
         series, data, image = self._coded(planes, step)
         row = self._weighted(image[self._at])
         if not row.any():
@@ -146,12 +151,8 @@ class Grower:
         """A mode as it is coded from `step` on, and the series that it then belongs to."""
         while True:
             series = self._series.copy()
-            found = self._step(step)
+            found = min(max(step + self._coarser, 0), MAX_STEP)
             draft = draft_mode(series, planes, found)
             if draft.size_bytes <= MOST_BYTES or found == MAX_STEP:
                 return series, draft.write(), draft.colours
             self._coarser += COARSER
-
-    def _step(self, step: int) -> int:
-        """The step at which a mode is coded that should be at `step`."""
-        return min(max(step + self._coarser, 0), MAX_STEP)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 
 from encoder.epoch import Epoch
-from encoder.grow import BYTES_PER_S, LOOKS_PER_S, WINDOW_S, Grower, Grown, Look
+from encoder.grow import BYTES_PER_S, LOOKS_PER_S, MOST_LOOKS, Grower, Grown, Look
 
 # New modes come together at most this often: each costs the tracker a new template.
 EVERY_S = 0.25
@@ -20,7 +20,7 @@ class LiveModes:
 
     def __init__(self, fps: float, pool: Executor | None) -> None:
         self._fps, self._pool = fps, pool
-        self._recent: deque[Look] = deque(maxlen=round(WINDOW_S * LOOKS_PER_S))
+        self._recent: deque[Look] = deque(maxlen=MOST_LOOKS)
         self._fresh = deque[Look](maxlen=self._recent.maxlen)
         self._grower: Grower | None = None
         self._learning: Future[list[Grown]] | None = None

@@ -222,15 +222,24 @@ def survey_source(
         raise KeyboardInterrupt
     survey.learn(budget_for("default", options.model_bytes))
     with open_source(options.source) as again:
-        for index, frame in again:
-            if index >= frames or stop():
-                break
-            survey.refine(index, frame)
-            progress((frames + index + 1) // 2, expected_frames(capture, options))
-    survey.refine_rest()
+        survey.refine(frames_again(again, frames, tally, progress, stop))
     if not survey.faces_refined:
         raise KeyboardInterrupt
     return survey
+
+
+def frames_again(
+    capture: Capture, count: int, tally: Tally, progress: Progress, stop: Callable[[], bool]
+) -> Iterator[tuple[int, Picture]]:
+    """The first `count` frames of a source that was looked at before."""
+    frames = iter(capture)
+    for number in range(count):
+        with tally.stage("capture"):
+            item = next(frames, None)
+        if item is None or stop():
+            return
+        yield item
+        progress((count + number + 1) // 2, count)
 
 
 def expected_frames(capture: Capture, options: EncodeOptions) -> int | None:

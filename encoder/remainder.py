@@ -41,13 +41,21 @@ class Remainder:
         """The strongest direction (d,) left, as long as frames usually go along it; and what share
         of the energy left it holds.
 
-        weights: (t,) what frames are multiplied by.
+        weights: (t,) what frames are multiplied by.  Raises `ValueError` if there are no frames.
         """
-        count = np.broadcast_to(weights, len(self))
-        values, vectors = np.linalg.eigh(self._left * np.outer(count, count))
-        of_frames = vectors[:, -1] * count / np.sqrt(len(self))
-        found = _sum(of_frames, self._frames) - _sum(of_frames @ self._shares, self._modes)
-        return np.asarray(found, np.float32), float(values[-1] / max(values.sum(), 1e-9))
+        if not len(self):
+            raise ValueError("there are no frames, expected one or more")
+        each = np.broadcast_to(weights, len(self))
+        values, vectors = np.linalg.eigh(self._left * np.outer(each, each))
+        of_frames = vectors[:, -1] * each / np.sqrt(len(self))
+        found = np.zeros_like(self._frames[0])
+        for factors, rows in (
+            (of_frames, self._frames),
+            (-of_frames @ self._shares, self._modes),
+        ):
+            for factor, row in zip(factors, rows, strict=True):
+                found += np.float32(factor) * row
+        return found, float(values[-1] / max(values.sum(), 1e-9))
 
     def add(self, frame: Single) -> None:
         """One more frame (d,)."""
@@ -63,7 +71,9 @@ class Remainder:
         self._solve()
 
     def explain(self, mode: Single) -> None:
-        """One more mode (d,)."""
+        """One more mode (d,).  Raises `ValueError` if it is nothing but zeros."""
+        if not mode.any():
+            raise ValueError("a mode is zero everywhere, expected one that explains something")
         self._modes.append(mode)
         self._inner = _bordered(self._inner, _products(self._modes, mode))
         self._along = np.column_stack([self._along, _products(self._frames, mode)])
@@ -93,9 +103,3 @@ def _bordered(square: Array, products: Array) -> Array:
     found[:n, :n] = square
     found[n], found[:, n] = products, products
     return found
-
-
-def _sum(factors: Array, rows: list[Single]) -> Single | float:
-    return sum(
-        (np.float32(factor) * row for factor, row in zip(factors, rows, strict=True)), start=0.0
-    )

@@ -23,8 +23,12 @@ def finest_within(
     """The least of consecutive `numbers` whose item's size is at most `most`, the last if none is.
 
     Returns the number and its item; each is made once.
-    size: falls as numbers grow, and halves about every `steps_per_halving`.  first: tried first.
+    size: falls as numbers grow, and halves about every `steps_per_halving`.
+    first: tried first, unless it is the last.
+    Raises `ValueError` if `numbers` is empty or not consecutive.
     """
+    if not numbers or numbers.step != 1:
+        raise ValueError(f"numbers is {numbers}, expected one or more, by steps of 1")
     low, high, middle = numbers[0], numbers[-1], first
     made = dict[int, Item]()
     known: list[tuple[int, float]] = []

@@ -28,8 +28,6 @@ Picture = NDArray[np.uint8]
 IDENTITY_FRAMES = 10
 TRAINING_FRAMES = 64
 SENSITIVITY_FRAMES = 12
-# Steps of the landmarks' fit from the face before, which is near.
-FURTHER_STEPS = 2
 # Landmarks are smoothed over time with this kernel before the first fit.
 SMOOTHING = np.array([0.06, 0.24, 0.4, 0.24, 0.06])
 
@@ -58,10 +56,11 @@ def follow_all(
     chosen = spread_frames(np.array(points))
     fitted = fit_identity(head, size, [points[i] for i in chosen])
     model = personalise(landmark_model(head), fitted.identity.aau, fitted.control_mm)
-    first = start_parameters(model, fitted.camera, points[0])
-    faces = [fit_frame(model, fitted.camera, points[0], first)]
-    for place in points[1:]:
-        faces.append(fit_frame(model, fitted.camera, place, faces[-1], iterations=FURTHER_STEPS))
+    current = start_parameters(model, fitted.camera, points[0])
+    faces = []
+    for place in points:
+        current = fit_frame(model, fitted.camera, place, current)
+        faces.append(current)
     return fitted, faces
 
 

@@ -24,7 +24,8 @@ from shared_model.parameters import AAUS, EAUS, Pose
 
 # A model packet is in the oldest version that has all it says: the thesis profile's, the default
 # profile's pictures as they are coded now, fields for layers and coded frames, for growth, and for
-# the thesis profile's lids.
+# the thesis profile's lids.  Another matrix than bt601 makes no version: older programs refuse its
+# number where they expect a profile's.
 THESIS_VERSION, LIDS_VERSION, PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION = 2, 8, 9, 10, 11
 _THESIS_VERSIONS = THESIS_VERSION, LIDS_VERSION
 _DEFAULT_VERSIONS = PLAIN_VERSION, LAYERED_VERSION, GROWING_VERSION
@@ -421,7 +422,7 @@ def _model_from_fields(sequence: int, version: int, fields: Any) -> ModelPacket:
     rotation, translation, eau, background, texture, extension, *later = rest
     usual: tuple[Any, ...] = (1, False, False, False)
     step, layered, growing, lids = (*later, *usual[len(later) :])
-    check_int("profile", profile, 0, len(PROFILES) * len(MATRICES) - 1)
+    check_int("profile and matrix", profile, 0, len(PROFILES) * len(MATRICES) - 1)
     matrix, profile = divmod(profile, len(PROFILES))
     width, height = _pair("size", size)
     numerator, denominator = _pair("fps", fps)

@@ -1,5 +1,6 @@
 """The window on the face: where it is, how large, and that positions in it are right."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -48,3 +49,11 @@ def test_a_face_at_or_beyond_the_border_still_has_a_window(shift: tuple[int, int
     assert min(height, width) >= 2
     assert crop.left >= 0 and crop.top >= 0
     assert crop.left + width <= 221 and crop.top + height <= 161
+
+
+def test_a_crop_in_luma_shows_the_same_window() -> None:
+    crop = crop_face(ramp(), POINTS, 2.0)
+    grey = crop.grey
+    assert grey.picture.shape == crop.picture.shape[:2] and grey.grey is grey
+    assert (grey.left, grey.top) == (crop.left, crop.top)
+    assert np.abs(grey.picture - cv2.cvtColor(crop.picture, cv2.COLOR_BGR2GRAY)).max() < 1

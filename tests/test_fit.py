@@ -13,20 +13,33 @@ from encoder.fit import (
     personalise,
     pixel_change,
     start_parameters,
+    turned_points,
 )
 from encoder.identity import Fitted, fit_identity
 from encoder.sighting import points_in
 from shared_model.animate import Face, Identity
 from shared_model.geometry import (
     Camera,
+    conjugate,
     euler_deg,
     matrix_from_quaternion,
+    multiply,
     pixel_from_camera,
     pixel_from_head,
     pose_from_euler,
+    quaternion_from_vector,
+    vector_from_quaternion,
 )
 from shared_model.mesh import Head, generic_head
-from shared_model.parameters import AAUS, EAU_INDEX, EAUS, LID_EAUS, THESIS_EAUS, FaceParameters
+from shared_model.parameters import (
+    AAUS,
+    EAU_INDEX,
+    EAUS,
+    LID_EAUS,
+    THESIS_EAUS,
+    FaceParameters,
+    clip_eau,
+)
 
 Array = NDArray[np.float64]
 
@@ -193,3 +206,29 @@ def test_brows_first_seen_raised_are_taken_for_high_ones(head: Head) -> None:
     few, all_free = (fit_identity(head, (640, 480), [points], active=a) for a in (SENT, None))
     assert np.abs(few.frames[0].eau[brows]).max() < 0.1
     assert all_free.frames[0].eau[brows].max() > 0.15
+
+
+def test_points_move_as_stated(model: LandmarkModel) -> None:
+    rng = np.random.default_rng(3)
+    eau = rng.uniform(0.2, 0.8, len(EAUS)) * rng.choice([-1, 1], len(EAUS))
+    eau = np.where(clip_eau(eau) == eau, eau, -eau)
+    rotation = matrix_from_quaternion(quaternion_from_vector(np.array([0.2, -0.3, 0.1])))
+    _, moves = turned_points(model, rotation, eau)
+    for number, stated in enumerate(moves):
+        ends = []
+        for step in (1e-5, -1e-5):
+            parameter = np.zeros(len(moves))
+            parameter[number] = step
+            turn = matrix_from_quaternion(quaternion_from_vector(parameter[:3]))
+            points, _ = turned_points(model, turn @ rotation, eau + parameter[6:])
+            ends.append(points + parameter[3:6])
+        assert np.allclose(stated.T, (ends[0] - ends[1]) / 2e-5, atol=1e-3)
+
+
+def test_a_face_far_from_the_one_before_is_found_as_well(head: Head, model: LandmarkModel) -> None:
+    truth = a_face(-30, 10, 5, jaw_drop=0.6)
+    found = fit_frame(model, CAMERA, seen_points(head, truth), a_face(35, -5, 0))
+    near = fit_frame(model, CAMERA, seen_points(head, truth), truth)
+    turn = multiply(found.pose.rotation, conjugate(near.pose.rotation))
+    assert np.degrees(np.linalg.norm(vector_from_quaternion(turn))) < 1
+    assert np.abs(found.eau - near.eau).max() < 0.1

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from encoder.code_picture import draft_mode, draft_still
+from encoder.code_picture import draft_mode, draft_still, held_share
 from protocol.foresee import STILL, TEXTURE
 from protocol.messages import ProtocolError
 from protocol.pictures import (
@@ -213,3 +213,18 @@ def test_a_relief_comes_back_within_half_a_step() -> None:
     fineness = np.exp2(np.random.default_rng(5).uniform(*RANGE_OCTAVES, (SIDE, SIDE)))
     found = np.log2(decode_relief("texture", encode_relief(fineness), SIDE, SIDE))
     assert np.abs(found - np.log2(fineness)).max() <= STEP_OCTAVES / 2 + 1e-9
+
+
+def test_what_share_of_a_mode_its_picture_would_hold_is_known_before() -> None:
+    rng = np.random.default_rng(7)
+    y, x = np.mgrid[:64, :64] / 64
+    smooth = 12 * np.sin(7 * x) * np.cos(5 * y) + rng.normal(0, 1.5, (64, 64))
+    planes = np.stack([smooth, 0.3 * smooth, -0.2 * smooth], -1).astype(np.float32)
+    series, shares = ModeSeries(64), []
+    for step in (8, 20, 32, 44, MAX_STEP):
+        shares.append(held_share(series, planes, step))
+        found = to_planes(draft_mode(series.copy(), planes, step).colours)
+        left = float(np.square(planes - found).sum() / np.square(planes).sum())
+        # Coefficients that are too unlikely for their size are left out as well.
+        assert 1 - left < shares[-1] + 0.05
+    assert shares == sorted(shares, reverse=True) and shares[0] > 0.95 and shares[-1] < 0.05

@@ -64,3 +64,11 @@ def test_the_strongest_direction_holds_the_share_it_says(
     assert remainder.energy(weights) == pytest.approx(float((left**2).sum()), rel=1e-4)
     others = np.linalg.svd(left)[1] ** 2
     assert share == pytest.approx(others[0] / others.sum(), rel=1e-3)
+
+
+def test_what_explains_nothing_and_nothing_to_explain_are_refused() -> None:
+    remainder = Remainder(some(2, 0))
+    with pytest.raises(ValueError, match="no frames"):
+        remainder.strongest()
+    with pytest.raises(ValueError, match="zero everywhere"):
+        remainder.explain(np.zeros(90, np.float32))

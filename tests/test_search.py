@@ -1,5 +1,6 @@
 """The finest quantiser within a size is found, wherever it is, in few trials."""
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -43,3 +44,9 @@ def test_sizes_that_halve_evenly_take_few_trials() -> None:
         found, size = finest_within(make, float, most, numbers, LAST // 2, 8)
         assert len(tried) <= 5
         assert size == make(found) <= most and (not found or make(found - 1) > most)
+
+
+@pytest.mark.parametrize("numbers", [range(0), range(0, 10, 2), range(5, 0, -1)])
+def test_numbers_that_are_not_consecutive_are_refused(numbers: range) -> None:
+    with pytest.raises(ValueError, match="steps of 1"):
+        finest_within(float, float, 1.0, numbers, 0, 8)

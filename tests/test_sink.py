@@ -234,3 +234,9 @@ def test_background_sink_passes_errors_on_and_still_closes(tmp_path: Path) -> No
         sink.close()
     sink.close()
     assert len(read(tmp_path / "out.mkv")[0]) == 1
+
+
+def test_a_matrix_that_nobody_knows_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="matrix is 'bt2020'"):
+        open_sink(tmp_path / "a.mkv", 16, 16, Fraction(25), "bt2020")
+    assert not list(tmp_path.iterdir())
