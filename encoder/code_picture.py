@@ -66,7 +66,7 @@ def draft_mode(modes: ModeSeries, planes: Single, step: int) -> Draft:
 
 
 def held_share(modes: ModeSeries, planes: Single, step: int) -> float:
-    """About what share of a mode's energy its coded picture would hold at most, see `draft_mode`."""
+    """About what share of a mode's energy its coded picture would hold at most."""
     whole = held = 0.0
     for rough, details in _coefficients(modes.format, planes, step):
         for band in (rough, *(band for level in details for band in level)):

@@ -20,7 +20,7 @@ from encoder.fit import outline_of
 from encoder.landmarks import LandmarkTracker
 from encoder.model import Budget, call_parameters
 from encoder.networks import NetworkFilesMissing, find_network_folder
-from encoder.parallel import in_processes
+from encoder.parallel import workers_beside
 from encoder.rate import Spending, code_call, packet_spans
 from encoder.refine import Refiner
 from encoder.startup import LayeredModel, LayerPacer, layered
@@ -168,7 +168,7 @@ class Survey:
         assert self._learned is not None
         finder, pixels_per_texel = self._finder, self._learned.caller.pixels_per_texel
         waiting = deque[tuple[int, Future[FaceParameters]]]()
-        with in_processes(finder.find) as find:
+        with workers_beside() as pool:
             for index, frame in frames:
                 number = self._number.get(index)
                 if number is None or number not in self._needed:
@@ -178,7 +178,8 @@ class Survey:
                 points = self._points[number]
                 with self._tally.stage("crop"):
                     crop = crop_face(frame, points, pixels_per_texel)
-                waiting.append((number, find(crop, self._start[number], outline_of(points))))
+                start, outline_px = self._start[number], outline_of(points)
+                waiting.append((number, pool.submit(finder.find, crop, start, outline_px)))
             for each in waiting:
                 self._take(*each)
 

@@ -1,19 +1,11 @@
-"""The same work on many frames, on several cores.
+"""The same work on many frames, on several cores: NumPy and OpenCV let other threads run."""
 
-NumPy and OpenCV let other threads run, which helps where steps are large.  Many small ones keep
-threads waiting for the interpreter: that is work for processes of their own.
-"""
-
-import multiprocessing
 import os
-import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import Any, TypeVar
-
-import cv2
+from typing import TypeVar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -38,36 +30,16 @@ def on_cores(
 
 
 @contextmanager
-def in_processes(work: Callable[..., Result]) -> Iterator[Callable[..., Future[Result]]]:
-    """Calls `work` in as many processes as there are cores for this one; ends them with the block.
-
-    Yields what takes the arguments of one call and returns its future.  `work` is copied to each
-    process once, with all that it holds; arguments and results are with every call.
+def workers_beside() -> Iterator[ThreadPoolExecutor]:
+    """Workers on all cores, beside what the block does; what they have not begun when it is left
+    they never do.
     """
-    # Not forked: OpenCV's and Zenoh's threads would be missing, perhaps with a lock in their hands.
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(usable_cores(), context, _begin, (work,))
+    pool = ThreadPoolExecutor(usable_cores())
     try:
-        yield lambda *arguments: pool.submit(_call, *arguments)
+        with switching_often():
+            yield pool
     finally:
         pool.shutdown(cancel_futures=True)
-
-
-# What a process of `in_processes` is for.
-_work: Callable[..., Any] | None = None
-
-
-def _begin(work: Callable[..., Any]) -> None:
-    global _work
-    # An interrupt is for the process that waits for the results; cores are shared out already.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    cv2.setNumThreads(1)
-    _work = work
-
-
-def _call(*arguments: Any) -> Any:
-    assert _work is not None
-    return _work(*arguments)
 
 
 @contextmanager
