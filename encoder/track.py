@@ -27,7 +27,7 @@ from encoder.sighting import Sight, Sighter
 from shared_model.animate import Face
 from shared_model.geometry import matrix_from_quaternion, pixel_from_head
 from shared_model.mesh import Head
-from shared_model.parameters import EAU_INDEX, FaceParameters, Pose, clip_eau
+from shared_model.parameters import EAU_INDEX, LID_EAUS, FaceParameters, Pose, clip_eau
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -58,6 +58,7 @@ OTHER_STARTS_EVERY = 4
 CORNERS = EAU_INDEX["mouth_corners"]
 ACROSS, NEAR_REST = 0.4, 0.2
 ACROSS_EVERY, LEFT_LESS = 6, 0.02
+LIDS = tuple(EAU_INDEX[name] for name in LID_EAUS)
 
 # Frames in a row that must look bad before the face counts as lost.
 BAD_FRAMES = 3
@@ -288,7 +289,9 @@ class TrackingFollower:
             variance[n + m :] = (ABS_SIGMA * eyes_px) ** 2
             eau = refined.eau[self._active]
             clear = np.clip(fit.noise_grey, LEAST_NOISE_GREY, NOISE_GREY) / NOISE_GREY
-            eau_variance[:] = (clear * ABS_EAU_SIGMA) ** 2
+            # The texture knows nothing of closed lids: the network sees them at least as well.
+            sharper = np.where(np.isin(self._active, LIDS), 1.0, clear)
+            eau_variance[:] = (sharper * ABS_EAU_SIGMA) ** 2
         return self._filter.update(points, pixels, variance, eau, eau_variance)
 
     def _miss(self, last: FaceParameters) -> FaceParameters | None:
