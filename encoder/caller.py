@@ -162,14 +162,19 @@ def tracked(
     shape = ShapeFree(face, atlas_of(head, size // coarser), camera)
     cell_mm = coarser * DEPTH_CELL_MM
     grey, faces = [crop.grey for crop in crops], list(found)
-    unseen = to_luma(unseen_colours(head, shape.atlas))[:, None]
     for modes in TRACKING_MODES:
         stack = shape_free_views(head, shape, face, grey, faces, workers, cell_mm)
-        mean = mean_colours(shape, stack, unseen)
-        template = template_of(stack, mean, luma_modes(stack, mean, min(modes, len(crops) // 3)))
+        template = luma_template(head, shape, stack, modes)
         refiner = Refiner(head, face, shape, template, cell_mm=cell_mm)
         faces = refined(refiner, crops, faces, workers)
     return faces
+
+
+def luma_template(head: Head, shape: ShapeFree, stack: Stack, most_modes: int) -> Template:
+    """Mean and leading modes of a stack of luma, no more than one mode to three frames."""
+    mean = mean_colours(shape, stack, to_luma(unseen_colours(head, shape.atlas))[:, None])
+    count = min(most_modes, len(stack.colours) // 3)
+    return template_of(stack, mean, luma_modes(stack, mean, count))
 
 
 def drawn_best(
@@ -188,8 +193,7 @@ def drawn_best(
     grey = [crop.grey for crop in crops]
     stack = shape_free_views(head, shape, face, grey, found, workers)
     sharp = sharpened_stack(shape, stack, grey, found, workers)
-    mean = mean_colours(shape, sharp, to_luma(unseen_colours(head, shape.atlas))[:, None])
-    template = template_of(sharp, mean, luma_modes(sharp, mean, min(DRAWN_MODES, len(crops) // 3)))
+    template = luma_template(head, shape, sharp, DRAWN_MODES)
     painted = [template.mean, *template.modes]
     layers = np.array([whole_atlas(shape, layer[:, None])[..., 0] for layer in painted])
     drawing = Drawing(face, shape.camera, layers[0], layers[1:])

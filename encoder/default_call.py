@@ -15,14 +15,13 @@ from encoder.caller import Learned, learn_caller
 from encoder.capture import Capture
 from encoder.crop import Crop, crop_face
 from encoder.detect import BlazeFaceDetector
-from encoder.drawing import Drawing, drawing_of
+from encoder.drawing import drawing_of
 from encoder.fit import outline_of
 from encoder.landmarks import LandmarkTracker
 from encoder.model import Budget, call_parameters
 from encoder.networks import NetworkFilesMissing, find_network_folder
 from encoder.parallel import workers_beside
 from encoder.rate import Spending, code_call, packet_spans
-from encoder.refine import Refiner
 from encoder.startup import LayeredModel, LayerPacer, layered
 from encoder.tally import Tally
 from encoder.texture import code_background
@@ -53,8 +52,6 @@ Picture = NDArray[np.uint8]
 
 # Frames of the second pass that are read ahead of the one whose face is taken next.
 MOST_WAITING = 32
-# Of the tracker, in every frame.
-STEPS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,18 +62,6 @@ class CodedCall:
     payloads: tuple[bytes, ...]
     frames: int
     lost: frozenset[int]
-
-
-@dataclass(frozen=True, slots=True)
-class FaceFinder:
-    """What finds a known caller in frames: texel by texel first, then as they are drawn."""
-
-    tracker: Refiner
-    drawing: Drawing
-
-    def find(self, crop: Crop, start: FaceParameters, outline_px: Array) -> FaceParameters:
-        """The face near `start`.  outline_px: see `Drawing.fit`."""
-        return self.drawing.fit(crop, self.tracker.refine(crop, start, STEPS), outline_px)
 
 
 class Survey:
@@ -156,8 +141,7 @@ class Survey:
                 head, fitted, self._start, self._sampler.frames, self._points, call, budget
             )
         caller = self._learned.caller
-        drawing = drawing_of(caller.face, call.camera, caller.appearance)
-        self._finder = FaceFinder(caller.tracker, drawing)
+        self._drawing = drawing_of(caller.face, call.camera, caller.appearance)
         self._call, self._budget = call, budget
 
     def refine(self, frames: Iterable[tuple[int, Picture]]) -> None:
@@ -166,7 +150,12 @@ class Survey:
         Frames are read while those before them are refined.
         """
         assert self._learned is not None
-        finder, pixels_per_texel = self._finder, self._learned.caller.pixels_per_texel
+        caller, drawing = self._learned.caller, self._drawing
+
+        def find(number: int, crop: Crop) -> FaceParameters:
+            found = caller.tracker.refine(crop, self._start[number], 3)
+            return drawing.fit(crop, found, outline_of(self._points[number]))
+
         waiting = deque[tuple[int, Future[FaceParameters]]]()
         with workers_beside() as pool:
             for index, frame in frames:
@@ -175,11 +164,9 @@ class Survey:
                     continue
                 if len(waiting) == MOST_WAITING:
                     self._take(*waiting.popleft())
-                points = self._points[number]
                 with self._tally.stage("crop"):
-                    crop = crop_face(frame, points, pixels_per_texel)
-                start, outline_px = self._start[number], outline_of(points)
-                waiting.append((number, pool.submit(finder.find, crop, start, outline_px)))
+                    crop = crop_face(frame, self._points[number], caller.pixels_per_texel)
+                waiting.append((number, pool.submit(find, number, crop)))
             for each in waiting:
                 self._take(*each)
 

@@ -25,16 +25,17 @@ def on_cores(
     """
     if workers == 1:
         return [work(item) for item in items]
-    with switching_often(), ThreadPoolExecutor(workers or usable_cores()) as pool:
+    with workers_beside(workers) as pool:
         return list(pool.map(work, items))
 
 
 @contextmanager
-def workers_beside() -> Iterator[ThreadPoolExecutor]:
-    """Workers on all cores, beside what the block does; what they have not begun when it is left
-    they never do.
+def workers_beside(workers: int | None = None) -> Iterator[ThreadPoolExecutor]:
+    """Workers beside what the block does; what they have not begun when it is left they never do.
+
+    workers: see `on_cores`.
     """
-    pool = ThreadPoolExecutor(usable_cores())
+    pool = ThreadPoolExecutor(workers or usable_cores())
     try:
         with switching_often():
             yield pool

@@ -39,6 +39,7 @@ ABS_SIGMA = 0.012
 # Of actuators: the fit's where it leaves as much as is usual, in proportion where it leaves less.
 ABS_EAU_SIGMA = 0.06
 NETWORK_EAU_SIGMA = 0.07
+LIDS = tuple(EAU_INDEX[name] for name in LID_EAUS)
 # The network's errors double at this angle aside of the camera.
 NETWORK_WIDE_DEG = 15.0
 # The fit of the textured model moves the whole face; it tells the filter by so many points.
@@ -58,7 +59,6 @@ OTHER_STARTS_EVERY = 4
 CORNERS = EAU_INDEX["mouth_corners"]
 ACROSS, NEAR_REST = 0.4, 0.2
 ACROSS_EVERY, LEFT_LESS = 6, 0.02
-LIDS = tuple(EAU_INDEX[name] for name in LID_EAUS)
 
 # Frames in a row that must look bad before the face counts as lost.
 BAD_FRAMES = 3
