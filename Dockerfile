@@ -17,7 +17,7 @@ COPY decoder ./decoder
 COPY loopback ./loopback
 RUN pip install --no-cache-dir --no-deps --no-build-isolation .
 
-# A new volume on /out belongs to whom the folder belongs to here.
-RUN useradd --create-home risorius && install -d -o risorius /out
+# A new volume belongs to whom its folder belongs to here.
+RUN useradd --create-home risorius && install -d -o risorius /out /home/risorius/.cache
 USER risorius
 ENTRYPOINT ["risorius"]

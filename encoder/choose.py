@@ -12,6 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.compiled import compiled
 from protocol.adaptive import AdaptiveIntegers
 from protocol.coefficients import (
     MAX_SIZE,
@@ -37,9 +38,6 @@ WORTH_A_TILE = 0.85
 SIGN_BITS = 0.9
 # What a zero costs by its probability in 1 / 65536.
 _ZERO_BITS = -np.log2(np.maximum(np.arange(WHOLE), 0.5) / WHOLE)
-_STEPS = np.array(STEP_OUTPUTS)
-# (UNARY, outputs) how often each output of the network has said that a size goes on.
-_GOES_ON = np.cumsum(np.eye(_STEPS.max() + 1)[_STEPS], axis=0) - np.eye(_STEPS.max() + 1)[_STEPS]
 
 
 def choose(
@@ -120,11 +118,9 @@ class _Chooser:
 
     def sizes(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
         wanted = np.abs(self._band(site)[turn.rows, turn.columns])
-        sizes, bits = np.zeros(len(wanted), np.int64), _ZERO_BITS.take(zeros[:, 0])
-        some = np.flatnonzero(wanted > 0.5)
         shift = TOWARDS_ZERO if site.level else 0.0
-        sizes[some], bits[some] = _cheapest(wanted[some], zeros[some], shift)
-        self.tape.add(partial(code_sizes, sizes=sizes, zeros=zeros), float(bits.sum()))
+        sizes, bits = _cheapest(wanted, zeros, shift, _ZERO_BITS)
+        self.tape.add(partial(code_sizes, sizes=sizes, zeros=zeros), bits)
         return sizes
 
     def signs(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
@@ -141,21 +137,38 @@ class _Chooser:
         return bits
 
 
-def _cheapest(wanted: Array, zeros: Integers, shift: float) -> tuple[Integers, Array]:
-    """(n,) sizes for coefficients of `wanted` > 0.5 steps, and their bits without signs.
+@compiled
+def _cheapest(
+    wanted: Array, zeros: Integers, shift: float, zero_bits: Array
+) -> tuple[Integers, float]:
+    """(n,) sizes for coefficients of `wanted` (n,) >= 0 steps, and the bits of all without signs.
 
-    shift: by how much nearer to zero a size is restored.
+    zeros: (n, outputs), see `foresee.Networks`.  shift: by how much nearer to zero a size is
+    restored.  zero_bits: see `_ZERO_BITS`.
     """
-    nearest = np.minimum(np.floor(wanted + 0.5), MAX_SIZE).astype(np.int64)
-    stop, on = _ZERO_BITS.take(zeros), _ZERO_BITS.take(WHOLE - zeros)
-    sizes = np.array([nearest, nearest - 1, np.zeros_like(nearest)])
-    unary = np.minimum(sizes, UNARY - 1)
-    every = np.arange(len(wanted))
-    steps = np.einsum("no,cno->cn", on, _GOES_ON.take(unary, 0))
-    length = np.floor(np.log2(np.maximum(sizes - UNARY, 0) + 1))
-    beyond = (2 * length + 1) * (sizes >= UNARY)
-    last = _STEPS.take(unary)
-    bits = steps + np.where(sizes < UNARY, stop[every, last], on[every, last]) + beyond
-    error = (wanted - sizes + shift * (sizes > 0)) ** 2
-    best = (error + LAGRANGIAN * (bits + SIGN_BITS * (sizes > 0))).argmin(0)
-    return sizes[best, every], bits[best, every]
+    found = np.zeros(len(wanted), np.int64)
+    total = 0.0
+    for place in range(len(wanted)):
+        nearest = min(int(wanted[place] + 0.5), MAX_SIZE) if wanted[place] > 0.5 else 0
+        bits = zero_bits[zeros[place, 0]]
+        least = wanted[place] ** 2 + LAGRANGIAN * bits
+        for size in range(max(nearest - 1, 1), nearest + 1):
+            cost = _size_bits(size, zeros[place], zero_bits)
+            away = wanted[place] - size + shift
+            all_in_all = away * away + LAGRANGIAN * (cost + SIGN_BITS)
+            if all_in_all < least:
+                found[place], least, bits = size, all_in_all, cost
+        total += bits
+    return found, total
+
+
+@compiled
+def _size_bits(size: int, zeros: Integers, zero_bits: Array) -> float:
+    """Bits of one size without its sign; zeros: (outputs,)."""
+    bits = 0.0
+    for step in range(min(size, UNARY)):
+        bits += zero_bits[WHOLE - zeros[STEP_OUTPUTS[step]]]
+    if size < UNARY:
+        return float(bits + zero_bits[zeros[STEP_OUTPUTS[size]]])
+    length = int(np.log2(size - UNARY + 1))
+    return float(bits + 2 * length + 1)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.code_appearance import Appearance
+from encoder.compiled import compiled
 from encoder.crop import Crop
 from encoder.learn import hull_mask
 from encoder.refine import Trial, descend, gradients, luma, robust
@@ -109,7 +110,7 @@ class Drawing:
         surface = surface.of(kept)
         places, opacity = worn[:2, kept], worn[2, kept]
         values = np.append(1, face.modes).astype(np.float32)
-        drawn = self._textured(places, self._layers @ values)
+        drawn = _shaded(places, self._layers, values, self._size)
         # Where the face is not opaque it is taken to cover what is right.
         error = opacity * (view.grey[surface.pixels] - drawn)
         return _Look(face, rotation, turned, surface, places, opacity, error)
@@ -131,7 +132,7 @@ class Drawing:
             rows = np.empty((len(error), GEOMETRY + len(face.modes)), np.float32)
             rows[:, :6] = rigid.T
             rows[:, 6:GEOMETRY] = self._driven(surface, face.eau, back.T)
-            rows[:, GEOMETRY:] = self._textured(look.places, self._layers)[:, 1:]
+            rows[:, GEOMETRY:] = _textured(look.places, self._layers, self._size)[:, 1:]
             root = np.sqrt(trust)
             rows *= (look.opacity * root)[:, None]
             normal = (rows.T @ rows).astype(np.float64)
@@ -149,23 +150,72 @@ class Drawing:
         """(p, EAUs) what each actuator changes; back: (p, 3) per mm of motion, head frame."""
         up, down = self._fields
         fields = np.where(np.repeat(eau >= 0, 3), up, down)
-        shares = zip(surface.corners, surface.weights, strict=True)
-        field = np.asarray(sum(fields.take(corner, axis=0) * w[:, None] for corner, w in shares))
-        back = np.ascontiguousarray(back)[..., None]
-        return np.asarray(np.matmul(field.reshape(-1, len(EAUS), 3), back)[..., 0])
+        return _driven(fields, surface.corners, surface.weights, back)
 
-    def _textured(self, places: Single, layers: Single) -> Single:
-        """(p, ...) texels (size * size, ...) at places (2, p), column and row, bilinear."""
-        at = np.clip(places, 0, np.float32(self._size - 1.001))
-        low = at.astype(np.intp)
-        share = (at - low).astype(np.float32)
-        x, y = share.reshape(2, -1, *[1] * (layers.ndim - 1))
-        first = low[1] * self._size + low[0]
-        above, below = (
-            layers.take(row, axis=0) * (1 - x) + layers.take(row + 1, axis=0) * x
-            for row in (first, first + self._size)
-        )
-        return np.asarray(above * (1 - y) + below * y)
+
+@compiled
+def _textured(places: Single, layers: Single, size: int) -> Single:
+    """(p, m) texels (size * size, m) at places (2, p), column and row, bilinear."""
+    found = np.empty((places.shape[1], layers.shape[1]), np.float32)
+    for pixel in range(len(found)):
+        first, a, b, c, d = _corners(places[0, pixel], places[1, pixel], size)
+        for layer in range(layers.shape[1]):
+            found[pixel, layer] = (
+                a * layers[first, layer]
+                + b * layers[first + 1, layer]
+                + c * layers[first + size, layer]
+                + d * layers[first + size + 1, layer]
+            )
+    return found
+
+
+@compiled
+def _shaded(places: Single, layers: Single, values: Single, size: int) -> Single:
+    """(p,) the sum of what `_textured` gives, `values` (m,) being how much of each."""
+    found = np.empty(places.shape[1], np.float32)
+    for pixel in range(len(found)):
+        first, a, b, c, d = _corners(places[0, pixel], places[1, pixel], size)
+        total = np.float32(0)
+        for layer in range(layers.shape[1]):
+            total += values[layer] * (
+                a * layers[first, layer]
+                + b * layers[first + 1, layer]
+                + c * layers[first + size, layer]
+                + d * layers[first + size + 1, layer]
+            )
+        found[pixel] = total
+    return found
+
+
+@compiled
+def _corners(
+    u: np.float32, v: np.float32, size: int
+) -> tuple[int, np.float32, np.float32, np.float32, np.float32]:
+    """The texel up and left of a place, row by row, and the shares in the place of it, of those to
+    its right, below, and both."""
+    most, least, one = np.float32(size - 1.001), np.float32(0), np.float32(1)
+    u, v = np.float32(min(max(u, least), most)), np.float32(min(max(v, least), most))
+    column, row = int(u), int(v)
+    x, y = u - np.float32(column), v - np.float32(row)
+    return row * size + column, (one - x) * (one - y), x * (one - y), (one - x) * y, x * y
+
+
+@compiled
+def _driven(fields: Single, corners: NDArray[np.integer], weights: Single, back: Single) -> Single:
+    count = fields.shape[1] // 3
+    found = np.empty((corners.shape[1], count), np.float32)
+    for pixel in range(len(found)):
+        i, j, k = corners[0, pixel], corners[1, pixel], corners[2, pixel]
+        a, b, c = weights[0, pixel], weights[1, pixel], weights[2, pixel]
+        x, y, z = back[pixel]
+        for number in range(count):
+            at = 3 * number
+            found[pixel, number] = (
+                (a * fields[i, at] + b * fields[j, at] + c * fields[k, at]) * x
+                + (a * fields[i, at + 1] + b * fields[j, at + 1] + c * fields[k, at + 1]) * y
+                + (a * fields[i, at + 2] + b * fields[j, at + 2] + c * fields[k, at + 2]) * z
+            )
+    return found
 
 
 def drawing_of(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.compiled import compiled
 from encoder.shape_free import moved
 from encoder.square import EYE_CORNERS
 from shared_model import geometry
@@ -153,12 +154,6 @@ def measured(model: LandmarkModel, points_px: Array) -> tuple[Array, float]:
     return points_px[model.index], float(LANDMARK_SIGMA * np.linalg.norm(left - right))
 
 
-def _shape(model: LandmarkModel, eau: Array) -> tuple[Array, Array]:
-    """Points (m, 3), head frame, and the field each actuator moves along at its present sign."""
-    fields = np.where((eau >= 0)[:, None, None], model.up, -model.down)
-    return model.neutral + np.tensordot(eau, fields, 1), fields
-
-
 def _observe(model: LandmarkModel, camera: Camera, state: FaceParameters) -> tuple[Array, Array]:
     """Projected points (m, 2), and how they change (6 + EAUs, 2, m) by w, t, actuators."""
     rotation = geometry.matrix_from_quaternion(state.pose.rotation)
@@ -169,13 +164,41 @@ def _observe(model: LandmarkModel, camera: Camera, state: FaceParameters) -> tup
 
 def turned_points(model: LandmarkModel, rotation: Array, eau: Array) -> tuple[Array, Array]:
     """Points (m, 3), camera axes, and how they move (6 + EAUs, 3, m) by w, t, actuators."""
-    points, fields = _shape(model, eau)
-    turned = points @ rotation.T
+    return _turned(model.neutral, model.up, model.down, rotation, eau)
+
+
+@compiled
+def _turned(
+    neutral: Array, up: Array, down: Array, rotation: Array, eau: Array
+) -> tuple[Array, Array]:
+    count = len(neutral)
+    points, turned = neutral.copy(), np.empty_like(neutral)
     # By parameter, coordinate, point: what is done to many points runs along memory.
-    moves = np.zeros((6 + len(fields), 3, len(points)))
-    moves[:3] = _cross_columns(turned).transpose(2, 1, 0)
-    moves[range(3, 6), range(3)] = 1
-    moves[6:] = in_axes(fields, rotation)
+    moves = np.zeros((6 + len(eau), 3, count))
+    for number in range(len(eau)):
+        for k in range(count):
+            if eau[number] >= 0:
+                x, y, z = up[number, k]
+            else:
+                x, y, z = down[number, k]
+                x, y, z = -x, -y, -z
+            points[k, 0] += eau[number] * x
+            points[k, 1] += eau[number] * y
+            points[k, 2] += eau[number] * z
+            for axis in range(3):
+                moves[6 + number, axis, k] = (
+                    rotation[axis, 0] * x + rotation[axis, 1] * y + rotation[axis, 2] * z
+                )
+    for k in range(count):
+        x, y, z = points[k]
+        for axis in range(3):
+            turned[k, axis] = rotation[axis, 0] * x + rotation[axis, 1] * y + rotation[axis, 2] * z
+            moves[3 + axis, axis, k] = 1
+        # d (w x p) / d w, Table 4.1.
+        x, y, z = turned[k]
+        moves[0, 1, k], moves[0, 2, k] = -z, y
+        moves[1, 0, k], moves[1, 2, k] = z, -x
+        moves[2, 0, k], moves[2, 1, k] = -y, x
     return turned, moves
 
 
@@ -186,14 +209,17 @@ def in_axes(fields: Array, rotation: Array) -> Array:
 
 def pixel_change(camera: Camera, seen: Array, moves: Array) -> Array:
     """(n, 2, m) how pixels change as points (m, 3), camera frame, move (n, 3, m), eq. 4.12-4.15."""
+    return _pixel_change(camera.focal_px, seen, moves)
+
+
+@compiled
+def _pixel_change(focal_px: float, seen: Array, moves: Array) -> Array:
     x, y, z = seen.T
-    change = (moves[:, :2] - np.stack([x, y]) / z * moves[:, 2:]) * (camera.focal_px / z)
-    return np.asarray(change, np.float64)
-
-
-def _cross_columns(turned: Array) -> Array:
-    """d (w x p) / d w: (m, 3, 3), Table 4.1."""
-    x, y, z = turned.T
-    zero = np.zeros_like(x)
-    rows = [np.stack([zero, z, -y], -1), np.stack([-z, zero, x], -1), np.stack([y, -x, zero], -1)]
-    return np.stack(rows, 1)
+    per_mm, x, y = focal_px / z, x / z, y / z
+    change = np.empty((len(moves), 2, len(seen)))
+    for number in range(len(moves)):
+        for k in range(len(seen)):
+            ahead = moves[number, 2, k]
+            change[number, 0, k] = (moves[number, 0, k] - x[k] * ahead) * per_mm[k]
+            change[number, 1, k] = (moves[number, 1, k] - y[k] * ahead) * per_mm[k]
+    return change

@@ -117,8 +117,8 @@ def shape_free_stack(
 
 def texel_areas(shape: ShapeFree, positions: Single) -> Single:
     """(k,) pixels that each texel covers in the frame."""
-    (ax, ay), (bx, by) = spacing(shape.whole(positions))
-    found = np.abs(ax * by - ay * bx).take(shape.place)
+    ax, ay, bx, by = spacing(shape.whole(positions), shape.place)
+    found = np.abs(ax * by - ay * bx)
     usual = float(np.nanmedian(found))
     return np.asarray(np.minimum(np.nan_to_num(found, nan=usual), 4 * usual), np.float32)
 

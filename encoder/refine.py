@@ -200,9 +200,9 @@ class Refiner:
         cost += view.precision * float(away @ away)
 
         def equations() -> tuple[Array, Array]:
-            change = shape.change(placed, seen[:, 1:] * view.crop.scale.astype(np.float32), free)
             root = np.sqrt(view.shown * robust(left, scale))
-            rows = np.concatenate([change, -template.modes]) * root
+            slope = seen[:, 1:] * view.crop.scale.astype(np.float32) * root[:, None]
+            rows = np.concatenate([shape.change(placed, slope, free), template.modes * -root])
             normal = (rows @ rows.T).astype(np.float64)
             gradient = -(rows @ (root * residual)).astype(np.float64)
             eau = np.arange(6, 6 + len(free))
@@ -294,11 +294,12 @@ def coefficients(template: Template, grey: Single, weight: Single) -> Array:
     modes = template.modes
     if not len(modes):
         return np.zeros(0)
-    weighted = (modes * weight).astype(np.float64)
-    normal = weighted @ modes.T
+    weighted = modes * weight
+    normal = (weighted @ modes.T).astype(np.float64)
     normal[np.diag_indices(len(normal))] *= 1 + 1e-4
     normal[np.diag_indices(len(normal))] += TINY
-    return np.asarray(np.linalg.solve(normal, weighted @ (grey - template.mean)))
+    right = weighted @ (grey - template.mean)
+    return np.asarray(np.linalg.solve(normal, right.astype(np.float64)))
 
 
 def gradients(grey: Single) -> tuple[Single, Single]:

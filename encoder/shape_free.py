@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.compiled import compiled
 from shared_model import geometry
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
@@ -42,6 +43,7 @@ class ShapeFree:
         self.on_face = face.head.parts[corners[:, 0]] != PARTS.index("surround")
         fields = np.concatenate([at(face.head.eau_up), at(-face.head.eau_down)])
         self._fields = np.ascontiguousarray(fields)
+        self._spans = spans(np.abs(fields).max(1) > 0)
 
     def __len__(self) -> int:
         return len(self.on_face)
@@ -49,11 +51,12 @@ class ShapeFree:
     def placed(self, face: FaceParameters) -> "Placed":
         """Where the texels are in this pose and expression."""
         drive = np.concatenate([np.maximum(face.eau, 0), np.minimum(face.eau, 0)])
-        moved_by = drive.astype(np.float32) @ self._fields.reshape(len(drive), -1)
         rotation = geometry.matrix_from_quaternion(face.pose.rotation).astype(np.float32)
-        turned = rotation @ (self._neutral + moved_by.reshape(self._neutral.shape))
-        seen = turned + face.pose.translation_mm.astype(np.float32)[:, None]
-        per_mm = np.float32(self.camera.focal_px) / seen[2]
+        at_mm = face.pose.translation_mm.astype(np.float32)
+        turned, seen, per_mm = _turned(
+            self._neutral, self._fields, self._spans, drive.astype(np.float32), rotation, at_mm
+        )
+        per_mm *= np.float32(self.camera.focal_px)
         pixels = seen[:2] * per_mm + self.camera.centre.astype(np.float32)[:, None]
         return Placed(face, rotation, turned, seen, per_mm, pixels.T)
 
@@ -77,8 +80,56 @@ class ShapeFree:
         rigid = rigid_change(placed.turned, placed.seen, placed.per_mm, slope.T * self.on_face)
         place = active + np.where(placed.face.eau[active] >= 0, 0, len(EAUS))
         back = placed.rotation.T @ rigid[3:]
-        driven = np.einsum("ack,ck->ak", self._fields[place], back)
-        return np.concatenate([rigid, driven])
+        return np.concatenate([rigid, _driven(self._fields, self._spans, place, back)])
+
+
+@compiled
+def _turned(
+    neutral: Single,
+    fields: Single,
+    spans: NDArray[np.intp],
+    drive: Single,
+    rotation: Single,
+    at_mm: Single,
+) -> tuple[Single, Single, Single]:
+    """See `Placed`; the last is one over the depth."""
+    moved_to = neutral.copy()
+    for number in range(len(drive)):
+        share, first, end = drive[number], spans[number, 0], spans[number, 1]
+        if share:
+            for axis in range(3):
+                for k in range(first, end):
+                    moved_to[axis, k] += share * fields[number, axis, k]
+    turned, seen = np.empty_like(neutral), np.empty_like(neutral)
+    x, y, z = moved_to
+    for axis in range(3):
+        turned[axis] = rotation[axis, 0] * x + rotation[axis, 1] * y + rotation[axis, 2] * z
+        seen[axis] = turned[axis] + at_mm[axis]
+    return turned, seen, np.float32(1) / seen[2]
+
+
+@compiled
+def _driven(
+    fields: Single, spans: NDArray[np.intp], chosen: NDArray[np.intp], back: Single
+) -> Single:
+    """(a, k) inner products of the `chosen` fields with `back` (3, k)."""
+    found = np.zeros((len(chosen), back.shape[1]), np.float32)
+    for row in range(len(chosen)):
+        number = chosen[row]
+        for k in range(spans[number, 0], spans[number, 1]):
+            found[row, k] = (
+                fields[number, 0, k] * back[0, k]
+                + fields[number, 1, k] * back[1, k]
+                + fields[number, 2, k] * back[2, k]
+            )
+    return found
+
+
+def spans(used: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """(n, 2) first and end of what each row (n, k) uses."""
+    first = used.argmax(1)
+    end = used.shape[1] - used[:, ::-1].argmax(1)
+    return np.stack([first, np.where(used.any(1), end, first)], 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,23 +145,42 @@ class Placed:
     pixels: Single
 
 
-def spacing(grid: Single) -> tuple[Single, Single]:
-    """(2, size, size) positions from texel to texel, across and down, of those of `whole`."""
-    across, down = (np.asarray(np.gradient(grid, axis=axis)) for axis in (2, 1))
-    return across, down
+@compiled
+def spacing(grid: Single, places: NDArray[np.intp]) -> Single:
+    """(4, n) across x and y, down x and y: how positions change from texel to texel.
+
+    grid: (2, size, size) positions, see `whole`.  places: (n,) of texels, row by row.
+    """
+    size = grid.shape[1]
+    found = np.empty((4, len(places)), np.float32)
+    for number in range(len(places)):
+        row, column = divmod(places[number], size)
+        left, right = max(column - 1, 0), min(column + 1, size - 1)
+        above, below = max(row - 1, 0), min(row + 1, size - 1)
+        for axis in range(2):
+            across = grid[axis, row, right] - grid[axis, row, left]
+            down = grid[axis, below, column] - grid[axis, above, column]
+            found[axis, number] = across / np.float32(right - left)
+            found[2 + axis, number] = down / np.float32(below - above)
+    return found
 
 
+@compiled
 def rigid_change(turned: Single, seen: Single, per_mm: Single, slope: Single) -> Single:
     """(6, k) how a picture changes under points that move, per radian and mm.
 
     turned, seen: (3, k) points, camera axes, before and after the head's translation.
     per_mm: (k,) pixels.  slope: (2, k) the picture's gradient, per pixel.
     """
-    u, v = slope * per_mm
-    x, y, z = seen
-    w = -(u * x + v * y) / z
-    tx, ty, tz = turned
-    return np.stack([ty * w - tz * v, tz * u - tx * w, tx * v - ty * u, u, v, w])
+    found = np.empty((6, len(per_mm)), np.float32)
+    for k in range(len(per_mm)):
+        u, v = slope[0, k] * per_mm[k], slope[1, k] * per_mm[k]
+        w = -(u * seen[0, k] + v * seen[1, k]) / seen[2, k]
+        found[0, k] = turned[1, k] * w - turned[2, k] * v
+        found[1, k] = turned[2, k] * u - turned[0, k] * w
+        found[2, k] = turned[0, k] * v - turned[1, k] * u
+        found[3, k], found[4, k], found[5, k] = u, v, w
+    return found
 
 
 def moved(face: FaceParameters, step: Array) -> FaceParameters:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.code_picture import draft_still
+from encoder.compiled import compiled
 from encoder.search import finest_within
 from protocol.foresee import STILL
 from protocol.pictures import MAX_STEP
@@ -60,38 +61,51 @@ def visible_texels(
     vertices: (n, 3) mm, head frame.
     cell_mm: what counts as before it; no less than texels' spacing.
     """
-    seen = geometry.camera_from_head(pose, vertices).T.copy()
-    a, b, c = (seen.take(corner, axis=1) for corner in atlas.corners.T)
-    normal = _cross(b - a, c - a)
-    wa, wb, wc = atlas.weights.T
-    points = wa * a + wb * b + wc * c
-    lengths = np.sqrt(_dot(normal, normal)) * np.sqrt(_dot(points, points))
-    facing = -_dot(normal, points) / np.maximum(lengths, 1e-12)
-    z = points[2]
-    ahead = z > 1
-    depth = np.where(ahead, z, np.inf)
-    cells = np.floor(points[:2] / depth * pose.translation_mm[2] / cell_mm)
-    cells -= np.floor(pose.translation_mm[:2, None] / cell_mm)
-    # A pose gone astray may bring the head into the camera: what is far aside shares a cell.
-    cells = np.clip(cells, -CELLS_ASIDE, CELLS_ASIDE - 1).astype(np.intp) + CELLS_ASIDE
-    flat = cells[0] * (2 * CELLS_ASIDE) + cells[1]
+    seen = geometry.camera_from_head(pose, vertices)
+    return _visible(seen, atlas.corners, atlas.weights, pose.translation_mm, cell_mm)
+
+
+@compiled
+def _visible(
+    seen: Array, corners: NDArray[np.int32], weights: Array, at_mm: Array, cell_mm: float
+) -> NDArray[np.bool_]:
+    count = len(corners)
     nearest = np.full((2 * CELLS_ASIDE) ** 2, np.inf)
-    np.minimum.at(nearest, flat, depth)
-    # Depth changes by this much within a cell of a slanting surface.
-    slant = cell_mm * np.sqrt(1 - np.minimum(facing**2, 1)) / np.maximum(facing, FACING_COSINE)
-    unhidden = z <= nearest[flat] + DEPTH_TOLERANCE_MM + slant
-    return np.asarray((facing > FACING_COSINE) & unhidden & ahead)
-
-
-def _cross(p: Array, q: Array) -> Array:
-    """Cross products of vectors (3, k)."""
-    (px, py, pz), (qx, qy, qz) = p, q
-    return np.stack([py * qz - pz * qy, pz * qx - px * qz, px * qy - py * qx])
-
-
-def _dot(p: Array, q: Array) -> Array:
-    """Inner products of vectors (3, k)."""
-    return np.asarray(p[0] * q[0] + p[1] * q[1] + p[2] * q[2])
+    cells = np.zeros(count, np.int32)
+    depths = np.empty(count)
+    # How far behind what is nearest in its cell a texel may be; none turned away is seen at all.
+    slack = np.empty(count)
+    aside_x, aside_y = np.floor(at_mm[0] / cell_mm), np.floor(at_mm[1] / cell_mm)
+    for k in range(count):
+        ax, ay, az = seen[corners[k, 0]]
+        bx, by, bz = seen[corners[k, 1]]
+        cx, cy, cz = seen[corners[k, 2]]
+        wa, wb, wc = weights[k]
+        x, y = wa * ax + wb * bx + wc * cx, wa * ay + wb * by + wc * cy
+        z = wa * az + wb * bz + wc * cz
+        bx, by, bz, cx, cy, cz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
+        nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+        lengths = np.sqrt((nx * nx + ny * ny + nz * nz) * (x * x + y * y + z * z))
+        facing = -(nx * x + ny * y + nz * z) / max(lengths, 1e-12)
+        depths[k] = z
+        slack[k] = -np.inf
+        if z > 1:
+            column = np.floor(x / z * at_mm[2] / cell_mm) - aside_x
+            row = np.floor(y / z * at_mm[2] / cell_mm) - aside_y
+            # A pose gone astray may bring the head into the camera: what is far aside shares a
+            # cell.
+            column = min(max(column, -CELLS_ASIDE), CELLS_ASIDE - 1) + CELLS_ASIDE
+            row = min(max(row, -CELLS_ASIDE), CELLS_ASIDE - 1) + CELLS_ASIDE
+            cells[k] = int(column) * 2 * CELLS_ASIDE + int(row)
+            nearest[cells[k]] = min(nearest[cells[k]], z)
+            if facing > FACING_COSINE:
+                # Depth changes by this much within a cell of a slanting surface.
+                slant = cell_mm * np.sqrt(1 - min(facing * facing, 1.0)) / facing
+                slack[k] = DEPTH_TOLERANCE_MM + slant
+    found = np.empty(count, np.bool_)
+    for k in range(count):
+        found[k] = depths[k] <= nearest[cells[k]] + slack[k]
+    return found
 
 
 def extract_texture(

@@ -24,6 +24,7 @@ MAY_IMPORT = {
 IMPORTERS = {
     "av": {"encoder/capture.py", "decoder/sink.py"},
     "filterpy": {"encoder/ekf.py"},
+    "numba": {"encoder/compiled.py"},
     "moderngl": {"decoder/render.py"},
     "zenoh": {"protocol/link_zenoh.py"},
 }
