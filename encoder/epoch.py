@@ -20,6 +20,7 @@ from encoder.fit import (
     personalise,
     start_parameters,
 )
+from encoder.foretell import CompiledSeries
 from encoder.grow import Grown, Look
 from encoder.imagine import MEASURING_UNITS, imagined
 from encoder.model import BUDGETS, Budget, call_parameters
@@ -190,7 +191,10 @@ class Learner:
         learned, texture = epoch.learned, parts.first.texture
         mean = decode_still("texture", texture)
         appearance = replace(
-            learned.caller.appearance, texture=texture, mean=mean, series=ModeSeries(len(mean))
+            learned.caller.appearance,
+            texture=texture,
+            mean=mean,
+            series=ModeSeries(len(mean), kind=CompiledSeries),
         )
         caller = replace(learned.caller, appearance=appearance)
         learned = replace(learned, caller=caller)

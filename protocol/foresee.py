@@ -77,29 +77,35 @@ class Network:
 
     features: (f + 2, h) weights of features, the last two of `Site.features`.
     classes: (CLASSES, h) weights of what a place belongs to.  last: (h + 1, outputs).
+    As attributes the former are those of what is around, the latter have what is `added` apart;
+    rows, columns: (CELLS, h) of classes.
     """
 
     def __init__(self, features: Array, classes: Array, last: Array) -> None:
-        self._features, self._of_all, self._classes = features[:-2], features[-2:], classes
-        self._last, self._added = last[:-1], last[-1]
-        self._rows, self._columns = classes[STARTS[-2] : STARTS[-1]], classes[STARTS[-1] :]
+        self.features, self._of_all, self._classes = features[:-2], features[-2:], classes
+        self.last, self.added = last[:-1], last[-1]
+        self.rows, self.columns = classes[STARTS[-2] : STARTS[-1]], classes[STARTS[-1] :]
+
+    def common(self, site: Site, turn: Turn) -> Array:
+        """(h,) what all places of a turn add to the hidden values."""
+        own = self._classes[site.classes(turn)].sum(0)
+        return np.asarray(own + np.array(site.features(turn)) @ self._of_all)
 
     def zeros(self, features: Array, site: Site, turn: Turn) -> Integers:
         """(n, outputs) the probability of a zero, in 1 / 65536, from features (n, f)."""
         rows, columns = turn.cells
-        hidden = features @ self._features
-        hidden += self._classes[site.classes(turn)].sum(0)
-        hidden += np.array(site.features(turn)) @ self._of_all
-        hidden += self._rows.take(rows, 0)
-        hidden += self._columns.take(columns, 0)
+        hidden = features @ self.features
+        hidden += self.common(site, turn)
+        hidden += self.rows.take(rows, 0)
+        hidden += self.columns.take(columns, 0)
         hidden *= 2.0 ** (HIDDEN_BITS - WEIGHT_BITS)
         np.floor(hidden, out=hidden)
         np.clip(hidden, 0, MOST_HIDDEN, out=hidden)
-        logits = hidden @ self._last
-        logits += self._added
+        logits = hidden @ self.last
+        logits += self.added
         logits *= 2.0**-WEIGHT_BITS
         np.floor(logits, out=logits)
-        found = _SQUASHED.take(logits.astype(np.int64) + LOGITS, mode="clip")
+        found = SQUASHED.take(logits.astype(np.int64) + LOGITS, mode="clip")
         return np.asarray(found, np.int64)
 
 
@@ -109,7 +115,7 @@ def _squashed() -> Integers:
     return np.asarray(np.clip(zeros, LEAST, WHOLE - LEAST), np.int64)
 
 
-_SQUASHED = _squashed()
+SQUASHED = _squashed()
 
 
 @dataclass(frozen=True, slots=True)

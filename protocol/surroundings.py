@@ -70,12 +70,12 @@ _OF_SIGNS: list[tuple[int, bool, _Steps]] = [
 ]
 SIZE_FEATURES, SIGN_FEATURES = len(_OF_SIZES), len(_OF_SIGNS)
 # Sixteenths of an octave above 1.
-_LOGARITHM = np.rint(16 * np.log2(1 + np.arange(1024)))
+LOGARITHM = np.rint(16 * np.log2(1 + np.arange(1024)))
 
 
 def logarithm(size: int) -> float:
     """A size as it enters a network."""
-    return float(_LOGARITHM[min(size, len(_LOGARITHM) - 1)])
+    return float(LOGARITHM[min(size, len(LOGARITHM) - 1)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +102,7 @@ class Surroundings:
 
     sources: (len(Source), h, w); from `LAST_PICTURE` on they may be negative.
     active: (h, w) the places that are coded.  busy: (h, w) flags of tiles around.
+    sizes, values: what is known of either so far.
     """
 
     def __init__(self, sources: Integers, active: Bools, busy: Integers) -> None:
@@ -115,8 +116,8 @@ class Surroundings:
         sizes[(-1, *inside)] = busy
         values = np.zeros((1 + len(Source) - Source.LAST_PICTURE, *wide), np.int64)
         values[(slice(1, None), *inside)] = sources[_SIGNED]
-        self._sizes, self._values = sizes.ravel(), values.ravel()
-        self._of_sizes, self._of_signs = _sums(self._across, wide[0] * wide[1])
+        of_sizes, of_signs = _sums(self._across, wide[0] * wide[1])
+        self.sizes, self.values = Terms(sizes.ravel(), of_sizes), Terms(values.ravel(), of_signs)
 
     def turns(self) -> Iterator[Turn]:
         """Each turn's places; call `learn` before the next."""
@@ -128,45 +129,56 @@ class Surroundings:
     def learn(self, turn: Turn, values: Integers) -> None:
         """The values (n,) of a turn's places."""
         places = (turn.rows + _PAD) * self._across + turn.columns + _PAD
-        self._values[places] = values
-        self._sizes[places] = np.abs(values)
+        self.values.grids[places] = values
+        self.sizes.grids[places] = np.abs(values)
 
     def around_sizes(self, turn: Turn) -> Array:
         """(n, SIZE_FEATURES) what is known of a turn's sizes, integers."""
-        sums = np.add.reduceat(
-            self._of_sizes.take(self._sizes, self._places(turn)), self._of_sizes.starts, axis=1
-        )
-        return np.asarray(_LOGARITHM.take(sums, mode="clip"))
+        terms = self.sizes.at(self.places(turn))
+        sums = np.add.reduceat(terms, self.sizes.sums.starts, axis=1)
+        return np.asarray(LOGARITHM.take(sums, mode="clip"))
 
     def around_signs(self, turn: Turn) -> Array:
         """(n, SIGN_FEATURES) what is known of a turn's signs, integers."""
-        values = self._of_signs.take(self._values, self._places(turn))
-        return np.asarray(np.sign(values) * _LOGARITHM.take(np.abs(values), mode="clip"))
+        values = self.values.at(self.places(turn))
+        return np.asarray(np.sign(values) * LOGARITHM.take(np.abs(values), mode="clip"))
 
-    def _places(self, turn: Turn) -> Integers:
-        """(n, 2) each place, and that on the other side of the face."""
+    def places(self, turn: Turn) -> Integers:
+        """(n, 2) each place in the padded grid, and that on the other side of the face."""
         row = (turn.rows + _PAD) * self._across + _PAD
         return np.array([row + turn.columns, row + self._shape[1] - 1 - turn.columns]).T
 
 
-class _Sums:
-    """Where to look for what sums consist of, in padded grids of so many places, one by one."""
+class Sums:
+    """Where to look for what sums consist of, in padded grids of so many places, one by one.
+
+    offsets: (terms,) from a place.  sides: (terms,) 1 from that on the other side of the face.
+    starts: (sums,) the first term of each.
+    """
 
     def __init__(self, sums: Sequence[tuple[int, bool, _Steps]], across: int, places: int) -> None:
         offsets = [[grid * places + i * across + j for i, j in steps] for grid, _, steps in sums]
-        self._offsets = np.array([offset for each in offsets for offset in each])
-        self._side = np.array([int(other) for _, other, steps in sums for _ in steps])
+        self.offsets = np.array([offset for each in offsets for offset in each])
+        self.sides = np.array([int(other) for _, other, steps in sums for _ in steps])
         self.starts = np.cumsum([0, *map(len, offsets[:-1])])
 
-    def take(self, grids: Integers, places: Integers) -> Integers:
-        """(n, terms) what stands there."""
-        return np.asarray(grids.take(places.take(self._side, 1) + self._offsets))
+
+@dataclass(frozen=True, slots=True)
+class Terms:
+    """Padded grids, all in one array, and the sums that are taken of them."""
+
+    grids: Integers
+    sums: Sums
+
+    def at(self, places: Integers) -> Integers:
+        """(n, terms) what stands around places (n, 2)."""
+        return np.asarray(self.grids.take(places.take(self.sums.sides, 1) + self.sums.offsets))
 
 
 @lru_cache(maxsize=256)
-def _sums(across: int, places: int) -> tuple[_Sums, _Sums]:
+def _sums(across: int, places: int) -> tuple[Sums, Sums]:
     """What foretells sizes and signs."""
-    return _Sums(_OF_SIZES, across, places), _Sums(_OF_SIGNS, across, places)
+    return Sums(_OF_SIZES, across, places), Sums(_OF_SIGNS, across, places)
 
 
 def enlarged(sizes: Integers, times: int, shape: tuple[int, ...]) -> Integers:
