@@ -109,6 +109,7 @@ class Renderer:
         self._shaded: moderngl.VertexArray | None = None
         self._attributes: moderngl.Buffer | None = None
         self._backdrop: moderngl.VertexArray | None = None
+        self._behind: moderngl.VertexArray | None = None
         self._grid: moderngl.Buffer | None = None
 
     def __enter__(self) -> "Renderer":
@@ -130,14 +131,18 @@ class Renderer:
         """Set what the head wears.  atlas: (n, m, 3) uint8 BGR."""
         self._set_picture("atlas", atlas)
 
-    def set_backdrop(self, still: Picture, grid_px: Array) -> None:
+    def set_backdrop(self, still: Picture, grid_px: Array, behind: Picture | None = None) -> None:
         """Set what stands behind the head.
 
-        still: (h, w, 3) uint8 BGR, stretched over the picture if it is of another size.
+        still: (h, w, 3) uint8 BGR, stretched over the picture if it is of another size; or
+            (h, w, 4) with its opacity.
+        behind: (h, w, 3) uint8 BGR, what shows through and is never warped.
         grid_px: (rows, columns, 2) float64, where the mesh that warps it lies in the picture when
             it is not warped, pixels (`composite.Backdrop.grid_px`).
         """
         self._set_picture("still", still)
+        if behind is not None:
+            self._set_picture("behind", behind)
         rows, columns = grid_px.shape[:2]
         picture_px = (self.width, self.height)
         coordinates = _single((grid_px.reshape(-1, 2) + 0.5) / picture_px)
@@ -145,14 +150,17 @@ class Renderer:
             program = _program(context, "backdrop")
             program["picture_px"] = picture_px
             self._grid = context.buffer(_single(grid_px), dynamic=True)
-            self._backdrop = context.vertex_array(
-                program,
-                [
-                    (self._grid, "2f", "position_px"),
-                    (context.buffer(coordinates), "2f", "texture_coordinate"),
-                ],
-                context.buffer(_grid_triangles(rows, columns)),
+            at_rest, at = context.buffer(_single(grid_px)), context.buffer(coordinates)
+            triangles = context.buffer(_grid_triangles(rows, columns))
+            self._backdrop, resting = (
+                context.vertex_array(
+                    program,
+                    [(places, "2f", "position_px"), (at, "2f", "texture_coordinate")],
+                    triangles,
+                )
+                for places in (self._grid, at_rest)
             )
+            self._behind = None if behind is None else resting
 
     def draw(
         self,
@@ -262,13 +270,15 @@ class Renderer:
         return self._shaded
 
     def _set_picture(self, name: str, picture: Picture) -> None:
-        if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8:
-            raise ValueError(f"{name} is {picture.dtype} {picture.shape}, expected uint8 (h, w, 3)")
+        if picture.ndim != 3 or picture.shape[2] not in (3, 4) or picture.dtype != np.uint8:
+            raise ValueError(
+                f"{name} is {picture.dtype} {picture.shape}, expected uint8 (h, w, 3 or 4)"
+            )
         size = picture.shape[1], picture.shape[0]
         with self._context as context:
-            texture = self._textures.get(name)
-            if texture is None or texture.size != size:
-                texture = context.texture(size, 3, alignment=1)
+            texture, components = self._textures.get(name), picture.shape[2]
+            if texture is None or (texture.size, texture.components) != (size, components):
+                texture = context.texture(size, components, alignment=1)
                 texture.repeat_x = texture.repeat_y = False
                 self._textures[name] = texture
             texture.write(np.ascontiguousarray(picture), alignment=1)
@@ -311,8 +321,12 @@ class Renderer:
             return
         if grid_px is not None:
             self._grid.write(_single(grid_px))
-        self._textures["still"].use()
         self._context.enable_only(moderngl.NOTHING)
+        if self._behind is not None:
+            self._textures["behind"].use()
+            self._behind.render()
+            self._context.enable_only(moderngl.BLEND)
+        self._textures["still"].use()
         self._backdrop.render()
 
     def _read(self) -> Picture:

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.composite import Backdrop, drawn_width_px, make_backdrop, mouth_light, warp
+from decoder.cut_out import still_of
 from decoder.playout import PlayedFrame
 from decoder.render import NEAR_MM, Renderer
-from decoder.texture import Wardrobe, decode_image
+from decoder.texture import Wardrobe
 from protocol.messages import ModelPacket, ProtocolError
 from protocol.quantise import AAU_STEP, EAU_STEP, RESIDUAL_STEP_MM, values_from_codes
 from shared_model.animate import Face, identity_from_controls
@@ -55,12 +56,12 @@ class Scene:
         rest = self._face.animate(values_from_codes(model.reference_eau, EAU_STEP))
         check_reference(self._camera, model.reference_pose, head, rest)
         self._wardrobe = Wardrobe(model)
-        still = _still(model)
+        still = still_of(model.background)
         self._backdrop: Backdrop = make_backdrop(self._camera, model.reference_pose, head, rest)
         size = model.call.width, model.call.height
         self._renderer = Renderer(*size, head, edge_samples(*size))
         self._renderer.set_texture(self._wardrobe.texture(np.zeros(0)))
-        self._renderer.set_backdrop(still, self._backdrop.grid_px)
+        self._renderer.set_backdrop(still.picture, self._backdrop.grid_px, still.behind)
 
     def refine(self, model: ModelPacket) -> None:
         """Take in what more layers of the same model bring.
@@ -70,8 +71,8 @@ class Scene:
         before, self.model = self.model, model
         try:
             if model.background != before.background:
-                still = decode_image("background", model.background)
-                self._renderer.set_backdrop(still, self._backdrop.grid_px)
+                still = still_of(model.background)
+                self._renderer.set_backdrop(still.picture, self._backdrop.grid_px, still.behind)
         finally:
             self._refine_texture(model)
 
@@ -151,13 +152,6 @@ def face_from_model(model: ModelPacket, head: Head) -> Face:
             f"model packet's residual has {len(control_mm)} points, this program's head {expected}"
         )
     return Face(head, identity_from_controls(head, aau, control_mm))
-
-
-def _still(model: ModelPacket) -> Picture:
-    """What stands behind the caller; black until it is known, see `Playout.model`."""
-    if not model.background:
-        return np.zeros((2, 2, 3), np.uint8)
-    return decode_image("background", model.background)
 
 
 def check_size(camera: Camera) -> None:

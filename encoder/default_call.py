@@ -22,9 +22,9 @@ from encoder.model import Budget, call_parameters
 from encoder.networks import NetworkFilesMissing, find_network_folder
 from encoder.parallel import workers_beside
 from encoder.rate import Spending, code_call, packet_spans
+from encoder.silhouette import Still, still_of
 from encoder.startup import LayeredModel, LayerPacer, layered
 from encoder.tally import Tally
-from encoder.texture import code_background
 from encoder.two_pass import (
     Sampler,
     combine_call,
@@ -82,7 +82,7 @@ class Survey:
         self._number: dict[int, int] = {}  # source frame -> place among those with a face
         self._frames = 0
         self._sampler = Sampler()
-        self._still: Picture | None = None
+        self._still: Still | None = None
         self._learned: Learned | None = None
         self._start: list[FaceParameters] = []
         self._coded: list[int] = []  # whose face each coded frame has, by place
@@ -113,7 +113,7 @@ class Survey:
             self._tally.lost_frames += 1
             return
         if self._still is None:
-            self._still = frame
+            self._still = still_of(frame, outline_of(found.points))
         self._number[index] = len(self._points)
         self._sampler.offer(len(self._points), lambda: frame)
         self._points.append(found.points)
@@ -185,7 +185,7 @@ class Survey:
         with self._tally.stage("combine"):
             faces = list(self._faces.values())
             components, values = combine_call(self._learned, faces, cadence.frames_per_packet)
-            background = code_background(self._still, self._budget.background_bytes)
+            background = self._still.coded(self._budget.background_bytes)
             model = default_model(self._learned.caller, components, self._call, background)
         fps = float(cadence.coded_fps(self._capture.fps))
         spending = Spending(bitrate, fps, cadence.frames_per_packet)

@@ -24,8 +24,8 @@ from encoder.foretell import CompiledSeries
 from encoder.grow import Grown, Look
 from encoder.imagine import MEASURING_UNITS, imagined
 from encoder.model import BUDGETS, Budget, call_parameters
+from encoder.silhouette import Still
 from encoder.startup import FIRST_LAYER_BYTES, LayeredModel, layered
-from encoder.texture import code_background
 from encoder.two_pass import (
     default_model,
     follow_all,
@@ -123,7 +123,7 @@ class Epoch:
 class Learner:
     """Learns one caller again and again, from ever more frames of a live call.
 
-    still: (h, w, 3) BGR, what the background shows.  workers: see `encoder.parallel.on_cores`.
+    still: what the background shows.  workers: see `encoder.parallel.on_cores`.
     """
 
     def __init__(
@@ -131,13 +131,13 @@ class Learner:
         head: Head,
         capture: Capture,
         cadence: Cadence,
-        still: Picture,
+        still: Still,
         background_bytes: int,
         workers: int | None,
     ) -> None:
         self._head, self._capture, self._cadence = head, capture, cadence
         self._still, self._workers = still, workers
-        self._background = code_background(still, background_bytes)
+        self._background = still.coded(background_bytes)
 
     def learn(
         self, budget: Budget, pictures: Sequence[Picture], points: Sequence[Array], layer: int

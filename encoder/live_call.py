@@ -23,6 +23,7 @@ from encoder.capture import Capture
 from encoder.combine import project
 from encoder.detect import BlazeFaceDetector
 from encoder.epoch import Epoch, Learner
+from encoder.fit import outline_of
 from encoder.grow import Look
 from encoder.haste import Haste
 from encoder.landmarks import LandmarkTracker
@@ -30,6 +31,7 @@ from encoder.live_modes import LiveModes
 from encoder.model import Budget
 from encoder.networks import find_network_folder
 from encoder.rate import LivePurse, Spending
+from encoder.silhouette import still_of
 from encoder.startup import UPDATE_LAYER_BYTES, LayerPacer
 from encoder.tally import Tally
 from encoder.two_pass import Sampler
@@ -237,9 +239,15 @@ class LiveCall:
         share = replace(
             self._budget, face_bytes=int(self._budget.face_bytes * FIRST_SHARE), most_modes=0
         )
-        still, background_bytes = self._sampler.frames[0][1], self._budget.background_bytes
+        number, frame = self._sampler.frames[0]
+        still = still_of(frame, outline_of(self._points[number]))
         self._learner = learner = Learner(
-            self._head, self._capture, self._cadence, still, background_bytes, self._workers
+            self._head,
+            self._capture,
+            self._cadence,
+            still,
+            self._budget.background_bytes,
+            self._workers,
         )
         self._coded = index
         epoch = learner.learn(share, *self._sample(), layer=0).at(0, index)

@@ -14,6 +14,7 @@ SHORT_RANGE = "face_detection_short_range.tflite"
 FULL_RANGE = "face_detection_full_range.tflite"
 FACE_MESH = "face_landmark.tflite"
 IRIS = "iris_landmark.tflite"
+SEGMENTATION = "selfie_segmentation.tflite"
 
 
 # The face mesh of mediapipe 0.10.14 and 0.10.21: follows brows and lids where the older does not.
@@ -69,6 +70,17 @@ def find_face_mesh(folder: Path) -> FaceMeshFile:
         raise NetworkFilesMissing(f"{path} is missing")
     is_newer = sha256(path.read_bytes()).hexdigest() == _NEWER_FACE_MESH
     return FaceMeshFile(path, 0.5 if is_newer else 0.0)
+
+
+def find_segmentation() -> Path | None:
+    """The network that tells people from what is behind them, out of the package `mediapipe`; None
+    where that is not installed."""
+    package = find_spec("mediapipe")
+    if package is None or not package.submodule_search_locations:
+        return None
+    modules = Path(package.submodule_search_locations[0]) / "modules"
+    path = modules / "selfie_segmentation" / SEGMENTATION
+    return path if path.is_file() else None
 
 
 class Network:

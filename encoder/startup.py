@@ -3,11 +3,11 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from encoder.rate import OVERHEAD_BYTES
-from encoder.texture import code_background, finest_still
+from encoder.silhouette import Still
+from encoder.texture import finest_still
 from protocol.components import parse_components, serialise_components
 from protocol.foresee import TEXTURE
 from protocol.layers import item
@@ -37,12 +37,12 @@ class LayeredModel:
 def layered(
     model: ModelPacket,
     mean: NDArray[Any],
-    still: NDArray[np.uint8],
+    still: Still,
     first_bytes: int = FIRST_LAYER_BYTES,
 ) -> LayeredModel:
     """A model of the default profile in layers.
 
-    mean: (n, n, 3) BGR 0..255, its texture.  still: (h, w, 3) BGR, what its background shows.
+    mean: (n, n, 3) BGR 0..255, its texture.  still: what its background shows.
     first_bytes: of the first layer; it is larger if shape and tables alone are.
     """
     components = parse_components(model.extension)
@@ -52,7 +52,7 @@ def layered(
     # Byte strings beyond 255 have one more byte of length than empty ones.
     left = max(0, first_bytes - len(serialise(draft)) - 2)
     texture = _rough(model.texture, finest_still(mean, int(TEXTURE_SHARE * left), kind=TEXTURE)[0])
-    background = _rough(model.background, code_background(still, left - len(texture)))
+    background = _rough(model.background, still.coded(left - len(texture)))
     first = replace(draft, texture=texture, background=background)
     pictures = ((model.texture, texture), (model.background, background))
     # An empty item leaves what the first layer has.

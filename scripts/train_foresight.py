@@ -36,6 +36,7 @@ from protocol.foresee import (
 from protocol.messages import ModelPacket, parse_packet
 from protocol.pictures import plane_shapes, still_head
 from protocol.recording import CallReader
+from protocol.silhouette import parse_background
 from protocol.subbands import Pyramid, Series, read
 from protocol.surroundings import Surroundings, Turn, by_tile
 
@@ -132,7 +133,7 @@ def read_call(path: Path) -> tuple[list[Samples], ...]:
             continue
         if packet.call.profile != "default":
             raise SystemExit(f"{path} is of the {packet.call.profile} profile, expected default")
-        for still in (packet.background, packet.texture):
+        for still in (parse_background(packet.background)[1], packet.texture):
             head = still_head("still", still)
             recorder = Recorder(head.kind)
             shapes = plane_shapes(head.height, head.width)

@@ -165,6 +165,27 @@ def test_moved_mesh_moves_the_still(renderer: Renderer, head: Head) -> None:
     np.testing.assert_allclose(picture[:236, 7:].astype(int), still[4:, :-7], atol=1)
 
 
+def test_what_is_behind_stands_still_where_the_still_lets_it_through(
+    renderer: Renderer, head: Head
+) -> None:
+    rng = np.random.default_rng(4)
+    still, behind = rng.integers(0, 256, (2, 240, 320, 3), dtype=np.uint8)
+    opacity = np.zeros((240, 320), np.uint8)
+    opacity[80:160, 100:200] = 255
+    u, v = np.linspace(-0.5, 319.5, 21), np.linspace(-0.5, 239.5, 16)
+    rest = np.stack(np.meshgrid(u, v), -1)
+    renderer.set_backdrop(np.dstack([still, opacity]), rest, behind)
+    renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
+    away = pose_from_euler(0, 0, 0, np.array([9000.0, 0, 700]))
+    picture = renderer.draw(CAMERA, away, head.vertices, rest + np.array((7, -4)))
+    expected = behind.copy()
+    expected[76:156, 107:207] = still[80:160, 100:200]
+    np.testing.assert_allclose(picture.astype(int), expected, atol=1)
+    renderer.set_backdrop(still, rest)
+    picture = renderer.draw(CAMERA, away, head.vertices)
+    np.testing.assert_allclose(picture.astype(int), still, atol=1)
+
+
 def test_opacity_blends_the_head_over_the_still() -> None:
     texture = np.full((1, 4, 2), 0.5)
     quad = quads_head(square(np.zeros(3), 30.0)[None], texture, opacity=0.25)

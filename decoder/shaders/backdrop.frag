@@ -4,5 +4,6 @@ in vec2 uv;
 out vec4 colour;
 
 void main() {
-    colour = vec4(texture(still, uv).rgb, 1.0);
+    // Of a picture without opacity this is 1.
+    colour = texture(still, uv);
 }
