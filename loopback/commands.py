@@ -15,9 +15,9 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from loopback.outputs import check_outputs
-from loopback.profiles import chosen_profile
-from loopback.progress import ProgressLine
-from loopback.report import json_text, write_json, write_report
+from loopback.profiles import check_startup, chosen_profile
+from loopback.progress import ProgressLine, say
+from loopback.report import json_text, write_json
 from loopback.signals import StopOnSignal
 from shared_model.errors import UserError
 
@@ -39,7 +39,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
 
     check_outputs([arguments.source], [arguments.output], [arguments.report])
     profile = chosen_profile(arguments)
-    _check_startup(arguments)
+    check_startup(arguments)
     over_link = arguments.output is None
     options = EncodeOptions(
         source=arguments.source,
@@ -117,71 +117,6 @@ def run_decode(arguments: argparse.Namespace) -> int:
     return INTERRUPTED if stop() else 0
 
 
-def run_bench(arguments: argparse.Namespace) -> int:
-    """`risorius bench`."""
-    if arguments.sweep:
-        return run_sweep(arguments)
-    from loopback.bench import BenchSettings, bench, bench_page, bench_table
-    from loopback.timings import timings_tables
-
-    _check_startup(arguments)
-    settings = BenchSettings(
-        profile=chosen_profile(arguments),
-        bitrate=arguments.bitrate,
-        fps=arguments.fps,
-        detector=arguments.detector,
-        lids=arguments.lids,
-        max_frames=arguments.max_frames,
-        pace=arguments.pace,
-        model_bytes=arguments.model_bytes,
-        live=arguments.live,
-        startup_bitrate=arguments.startup_bitrate,
-    )
-    report = bench(arguments.source, settings, arguments.out, say)
-    write_json(arguments.out / "report.json", report)
-    write_report(arguments.out / "report.html", bench_page(report["clips"]).encode())
-    print(bench_table(report["clips"]))
-    if arguments.timings:
-        print(f"\n{timings_tables(report['clips'])}")
-    return 0
-
-
-def run_sweep(arguments: argparse.Namespace) -> int:
-    """`risorius bench --sweep`."""
-    if arguments.timings:
-        raise UserError("--timings is about calls between two processes; leave out --sweep")
-    from loopback.sweep import SweepSettings, sweep, sweep_table
-
-    if arguments.fps is not None:
-        raise UserError("--sweep codes every frame; leave out --fps")
-    if arguments.live or arguments.startup_bitrate is not None:
-        raise UserError("--sweep codes what it has seen whole; leave out --live, --startup-bitrate")
-    if arguments.profile == "thesis" or arguments.lids:
-        raise UserError("--sweep is about the default profile; leave out --profile thesis, --lids")
-    settings = SweepSettings(arguments.sweep, arguments.max_frames)
-
-    def progress(label: str) -> ProgressLine:
-        return ProgressLine(label, sys.stderr)
-
-    report = sweep(arguments.source, settings, arguments.out, say, progress)
-    print(sweep_table(report))
-    return 0
-
-
-def run_replay(arguments: argparse.Namespace) -> int:
-    """`risorius replay`."""
-    from loopback.replay import junit_xml, read_suite, replay, replay_table
-
-    check_outputs([arguments.suite], [], [arguments.junit])
-    suite = read_suite(arguments.suite)
-    results = replay(suite, arguments.out, say)
-    write_json(arguments.out / "report.json", {"clips": [result.figures for result in results]})
-    print(replay_table(results))
-    if arguments.junit:
-        write_report(arguments.junit, junit_xml(suite, results))
-    return 0 if all(result.passed for result in results) else 1
-
-
 def run_relay(arguments: argparse.Namespace) -> int:
     """`risorius relay`: being stopped is its normal end."""
     from protocol.link_zenoh import ZenohRouter
@@ -243,11 +178,6 @@ def run_demo(arguments: argparse.Namespace) -> int:
     return INTERRUPTED if stop() else 0
 
 
-def say(message: str) -> None:
-    """One line about the run, on stderr."""
-    print(message, file=sys.stderr, flush=True)
-
-
 class Patience:
     """A question to stop: also yes once no picture has come for `timeout_s`; 0 waits for ever."""
 
@@ -297,15 +227,6 @@ def _reason(
 def _warn(warnings: Iterable[str]) -> None:
     for warning in warnings:
         say(f"risorius: warning: {warning}")
-
-
-def _check_startup(arguments: argparse.Namespace) -> None:
-    startup: float | None = arguments.startup_bitrate
-    if startup is not None and startup <= arguments.bitrate:
-        raise UserError(
-            f"--startup-bitrate {startup:g} leaves nothing for the model"
-            f" beside frames of --bitrate {arguments.bitrate:g}"
-        )
 
 
 def _quality(arguments: argparse.Namespace, decoded: Path, frames: int) -> "Quality":

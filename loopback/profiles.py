@@ -41,6 +41,16 @@ def chosen_profile(arguments: argparse.Namespace) -> str:
     return profile
 
 
+def check_startup(arguments: argparse.Namespace) -> None:
+    """Raise `UserError` where `--startup-bitrate` leaves nothing for the model."""
+    startup: float | None = arguments.startup_bitrate
+    if startup is not None and startup <= arguments.bitrate:
+        raise UserError(
+            f"--startup-bitrate {startup:g} leaves nothing for the model"
+            f" beside frames of --bitrate {arguments.bitrate:g}"
+        )
+
+
 def profile_at_hand() -> str:
     """The default profile, or that of the thesis where the landmark networks are missing."""
     from encoder.networks import NetworkFilesMissing, find_network_folder
