@@ -141,9 +141,9 @@ def _add_bench(added: "Commands") -> None:
     parser.add_argument(
         "--out",
         type=Path,
-        default=Path("out/bench"),
         metavar="DIR",
-        help="decoded videos, report.json and report.html go here (default: %(default)s)",
+        help="decoded videos, report.json and report.html go here (default: out/bench, of a"
+        " sweep out/sweep)",
     )
     add_coding(parser)
     parser.add_argument(

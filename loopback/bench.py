@@ -1,6 +1,6 @@
 """Bits, PSNR and latency of calls on this host."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -73,16 +73,20 @@ class BenchSettings:
 
 def bench(
     sources: Sequence[str], settings: BenchSettings, folder: Path, say: Callable[[str], None]
-) -> dict[str, Any]:
-    """Measure each source; the report: `clips`, a figure by name for each, and `mean` over them.
+) -> Iterator[dict[str, Any]]:
+    """Measure each source: its figures by name, as soon as they are there.
 
-    Decoded videos stay in `folder`.  Raises `UserError` if a call fails.
+    Decoded videos stay in `folder`.  Raises `UserError` as `check_recorded` does, before anything
+    runs, or if a call fails.
     """
-    names = output_names(sources)
-    clips = []
-    for source, name in zip(sources, names, strict=True):
+    check_recorded(sources)
+    for source, name in zip(sources, output_names(sources), strict=True):
         say(f"bench: {source}")
-        clips.append(bench_clip(source, settings, folder / f"{name}.mkv", face_area_finder(say)))
+        yield bench_clip(source, settings, folder / f"{name}.mkv", face_area_finder(say))
+
+
+def bench_report(settings: BenchSettings, clips: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """What report.json says: `clips`, the figures of each, and `mean` over them."""
     return {"settings": asdict(settings), "clips": clips, "mean": mean_figures(clips)}
 
 
@@ -90,8 +94,7 @@ def bench_clip(
     source: str, settings: BenchSettings, output: Path, face_area: FaceArea
 ) -> dict[str, Any]:
     """The figures of one source, sent from one process to another; decoded into `output`."""
-    if source.isdecimal() or "://" in source:
-        raise UserError(f"{source}: only a recorded video can be compared with what comes out")
+    check_recorded([source])
     with open_source(source) as capture:
         frames = min(capture.frame_count or 10_000, settings.max_frames or 10_000)
     make_folder(output.parent)
@@ -167,6 +170,14 @@ def _rows(clips: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
         mean = {"source": "mean", **mean_figures(clips)}
         rows.append([mean.get(name) for name in COLUMNS])
     return rows
+
+
+def check_recorded(sources: Sequence[str]) -> None:
+    """Raise `UserError` for a source that cannot be read or is none that can be read again."""
+    for source in sources:
+        if source.isdecimal() or "://" in source:
+            raise UserError(f"{source}: only a recorded video can be compared with what comes out")
+        open_source(source).close()
 
 
 def output_names(sources: Sequence[str]) -> list[str]:

@@ -3,7 +3,7 @@
 import hashlib
 import tomllib
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -84,15 +84,13 @@ def read_suite(path: Path) -> Suite:
     return Suite(str(content.get("name", path.stem)), tuple(clips))
 
 
-def replay(suite: Suite, folder: Path, say: Say) -> list[ClipResult]:
-    """Measure each clip of the suite; decoded videos stay in `folder`."""
+def replay(suite: Suite, folder: Path, say: Say) -> Iterator[ClipResult]:
+    """Measure one clip of the suite after the other; decoded videos stay in `folder`."""
     names = output_names([clip.name for clip in suite.clips])
     make_folder(folder)
-    results = []
     for clip, name in zip(suite.clips, names, strict=True):
         say(f"replay: {clip.name}")
-        results.append(_replay_clip(clip, folder / f"{name}.mkv", say))
-    return results
+        yield _replay_clip(clip, folder / f"{name}.mkv", say)
 
 
 def check(clip: Clip, figures: Mapping[str, Any]) -> tuple[Check, ...]:

@@ -7,13 +7,12 @@ import signal
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
 
 import pytest
-from conftest import PROGRAM, ROOT, Start
+from conftest import LIMIT_S, PROGRAM, ROOT, Start, wait_until
 
 from decoder.sink import open_sink
 from encoder.capture import open_source
@@ -29,7 +28,6 @@ from loopback.two_processes import free_port
 from protocol.recording import MAGIC, TruncatedCall, read_records, record
 from protocol.summary import summarise
 
-LIMIT_S = 60.0
 COMMANDS = ("encode", "decode", "relay", "bench", "replay", "info", "animate", "view", "demo")
 
 Capture = pytest.CaptureFixture[str]
@@ -45,15 +43,6 @@ def one_line(stderr: str) -> str:
     assert len(lines) == 1, stderr
     assert lines[0].startswith("risorius: ")
     return lines[0]
-
-
-def wait_until(condition: Callable[[], bool], process: subprocess.Popen[str]) -> None:
-    """Wait for `condition`, as long as `process` lives."""
-    deadline = time.monotonic() + LIMIT_S
-    while not condition():
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline, "it took too long"
-        time.sleep(0.02)
 
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, str]:

@@ -1,10 +1,12 @@
 """Suites are read strictly, thresholds hold both ways, and a CI can read the outcome."""
 
+import hashlib
+import signal
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import LIMIT_S, ROOT, Start, wait_until
 
 from loopback.bench import BenchSettings
 from loopback.cli import main
@@ -140,9 +142,28 @@ def test_another_file_than_the_suite_means_is_a_failed_clip(
 def test_the_demo_suite_passes_in_two_processes_over_zenoh(
     carphone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["replay", str(DEMO_SUITE), "--out", str(tmp_path)]) == 0, capsys.readouterr().out
+    code = main(["replay", str(DEMO_SUITE), "--out", str(tmp_path)])
+    printed = capsys.readouterr()
+    assert code == 0, printed.out
+    assert f"in {tmp_path}" in printed.err.splitlines()[-1]
     assert (tmp_path / "carphone.mkv").exists()
     assert (tmp_path / "report.json").exists()
+
+
+def test_an_interrupted_replay_keeps_the_clips_that_were_finished(
+    carphone: Path, tmp_path: Path, start: Start
+) -> None:
+    settings = "settings = { profile = 'thesis', max_frames = 9 }\n"
+    sums = "0" * 64, hashlib.sha256(carphone.read_bytes()).hexdigest()
+    clips = [f"[[clip]]\npath = '{carphone}'\nsha256 = '{sum_}'\n" for sum_ in sums]
+    suite, junit = write_suite(tmp_path, settings + "".join(clips)), tmp_path / "junit.xml"
+    replay = start("replay", suite, "--out", tmp_path / "out", "--junit", junit)
+    wait_until((tmp_path / "out" / f"{carphone.stem}-2.encoder.log").exists, replay)
+    replay.send_signal(signal.SIGTERM)
+    printed, _ = replay.communicate(timeout=LIMIT_S)
+    assert replay.returncode == 130
+    assert "another file than the suite means" in printed
+    assert (tmp_path / "out" / "report.json").exists() and not junit.exists()
 
 
 def test_a_missed_threshold_is_exit_code_1(
