@@ -15,7 +15,13 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from loopback.outputs import check_outputs
-from loopback.profiles import check_startup, chosen_profile
+from loopback.profiles import (
+    DECODE_LINK_OPTIONS,
+    ENCODE_LINK_OPTIONS,
+    check_startup,
+    chosen_profile,
+    refuse,
+)
 from loopback.progress import ProgressLine, say
 from loopback.report import json_text, write_json
 from loopback.signals import StopOnSignal
@@ -41,6 +47,8 @@ def run_encode(arguments: argparse.Namespace) -> int:
     profile = chosen_profile(arguments)
     check_startup(arguments)
     over_link = arguments.output is None
+    if not over_link:
+        refuse(arguments, ENCODE_LINK_OPTIONS, "-o")
     options = EncodeOptions(
         source=arguments.source,
         output=arguments.output,
@@ -86,6 +94,8 @@ def run_decode(arguments: argparse.Namespace) -> int:
 
     read = [arguments.call_file, arguments.source, arguments.face]
     check_outputs(read, [arguments.output], [arguments.report])
+    if arguments.call_file is not None:
+        refuse(arguments, DECODE_LINK_OPTIONS, "a call file")
     with ExitStack() as stack:
         output: Path | None = arguments.output
         if output is None and arguments.source:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from loopback.outputs import check_outputs
-from loopback.profiles import check_startup, chosen_profile
+from loopback.profiles import UNSWEPT_OPTIONS, check_startup, chosen_profile, refuse
 from loopback.progress import ProgressLine, say
 from loopback.report import write_json, write_report
 from loopback.signals import StopOnSignal
@@ -59,12 +59,9 @@ def run_sweep(arguments: argparse.Namespace) -> int:
         raise UserError("--timings is about calls between two processes; leave out --sweep")
     from loopback.sweep import SweepSettings, sweep, sweep_table
 
-    if arguments.fps is not None:
-        raise UserError("--sweep codes every frame; leave out --fps")
-    if arguments.live or arguments.startup_bitrate is not None:
-        raise UserError("--sweep codes what it has seen whole; leave out --live, --startup-bitrate")
-    if arguments.profile == "thesis" or arguments.lids:
-        raise UserError("--sweep is about the default profile; leave out --profile thesis, --lids")
+    if arguments.profile == "thesis":
+        raise UserError("--sweep is about the default profile; leave out --profile thesis")
+    refuse(arguments, UNSWEPT_OPTIONS, "--sweep")
     settings = SweepSettings(arguments.sweep, arguments.max_frames)
 
     def progress(label: str) -> ProgressLine:

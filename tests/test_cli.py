@@ -563,6 +563,33 @@ def test_what_is_of_the_thesis_profile_is_refused_in_the_other(
     assert "--profile thesis" in one_line(capsys.readouterr().err)
 
 
+@pytest.mark.parametrize("of_default", ["--bitrate 400", "--live", "--fps 10"])
+@pytest.mark.parametrize("profile", ["", "--profile default", "--profile thesis"])
+def test_options_of_both_profiles_are_refused_without_circular_advice(
+    of_default: str, profile: str, capsys: Capture
+) -> None:
+    line = f"encode clip.mp4 -o call.rzo --lids {of_default} {profile}"
+    assert main(line.split()) == 2
+    said = complaint(capsys)
+    assert "do not go together" in said and "--lids" in said and of_default.split()[0] in said
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "encode clip.mp4 -o call.rzo --wait 5",
+        "encode clip.mp4 -o call.rzo --lossless",
+        "encode clip.mp4 -o call.rzo --call anna",
+        "decode call.rzo --timeout 5",
+        "decode call.rzo --call anna",
+    ],
+)
+def test_what_is_about_a_link_is_refused_with_a_file(line: str, capsys: Capture) -> None:
+    assert main(line.split()) == 2
+    said = complaint(capsys)
+    assert "does not go with" in said and f"leave out --{line.split(' --')[1].split()[0]}" in said
+
+
 @pytest.mark.parametrize(
     ("option", "profile"),
     [
@@ -600,7 +627,16 @@ def test_the_choices_of_an_option_are_those_that_the_encoder_has(
 
 @pytest.mark.parametrize(
     "option",
-    [("--fps", "10"), ("--live",), ("--startup-bitrate", "9000"), ("--lids",)],
+    [
+        ("--fps", "10"),
+        ("--live",),
+        ("--startup-bitrate", "9000"),
+        ("--lids",),
+        ("--bitrate", "300"),
+        ("--model-bytes", "9000"),
+        ("--detector", "haar"),
+        ("--no-pace",),
+    ],
     ids=lambda o: o[0],
 )
 def test_a_sweep_does_not_pass_over_an_option(
