@@ -96,6 +96,8 @@ def run_decode(arguments: argparse.Namespace) -> int:
     check_outputs(read, [arguments.output], [arguments.report])
     if arguments.call_file is not None:
         refuse(arguments, DECODE_LINK_OPTIONS, "a call file")
+    if arguments.source:
+        _check_source(arguments)
     with ExitStack() as stack:
         output: Path | None = arguments.output
         if output is None and arguments.source:
@@ -116,14 +118,18 @@ def run_decode(arguments: argparse.Namespace) -> int:
             except UserError as error:
                 raise _reason(error, stop, patience) from error
         _warn(report.warnings)
-        quality = (
-            _quality(arguments, output, report.frames) if output and arguments.source else None
-        )
-    if not arguments.quiet:
-        print(_decode_summary(report, quality))
-    if arguments.report:
-        figures = asdict(report) | ({"quality": asdict(quality)} if quality else {})
-        write_json(arguments.report, figures)
+        if not arguments.quiet:
+            print(_decode_summary(report))
+        figures = asdict(report)
+        try:
+            if output and arguments.source:
+                quality = _quality(arguments, output, report.frames)
+                figures["quality"] = asdict(quality)
+                if not arguments.quiet:
+                    print(_quality_summary(quality))
+        finally:
+            if arguments.report:
+                write_json(arguments.report, figures)
     return INTERRUPTED if stop() else 0
 
 
@@ -239,6 +245,18 @@ def _warn(warnings: Iterable[str]) -> None:
         say(f"risorius: warning: {warning}")
 
 
+def _check_source(arguments: argparse.Namespace) -> None:
+    """Raise `UserError` if what is to be decoded cannot be compared with its source afterwards."""
+    from decoder.recast import read_model
+    from encoder.capture import open_source
+    from loopback.quality import check_size
+
+    with open_source(arguments.source) as originals:
+        if arguments.call_file is not None:
+            call = read_model(arguments.call_file).call
+            check_size(originals, str(arguments.call_file), call.width, call.height)
+
+
 def _quality(arguments: argparse.Namespace, decoded: Path, frames: int) -> "Quality":
     """Of the frames that the call has: its encoder may have been stopped before the source."""
     from encoder.capture import open_source
@@ -260,13 +278,18 @@ def _encode_summary(report: "EncodeReport") -> str:
     )
 
 
-def _decode_summary(report: "DecodeReport", quality: "Quality | None") -> str:
+def _decode_summary(report: "DecodeReport") -> str:
     busy_ms = sum(report.stage_ms.values())
-    line = (
+    return (
         f"{report.frames} frames of {report.width}x{report.height} at {report.fps:.2f}/s;"
         f" {busy_ms:.1f} ms a frame"
     )
-    if quality is None:
-        return line
-    face = "-" if quality.face_psnr_db is None else f"{quality.face_psnr_db:.2f}"
-    return f"{line}\nPSNR: face {face} dB, picture {quality.full_psnr_db:.2f} dB"
+
+
+def _quality_summary(quality: "Quality") -> str:
+    face = (
+        "no face measured"
+        if quality.face_psnr_db is None
+        else f"face {quality.face_psnr_db:.2f} dB"
+    )
+    return f"PSNR: {face}, picture {quality.full_psnr_db:.2f} dB"

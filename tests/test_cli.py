@@ -11,11 +11,12 @@ from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import LIMIT_S, PROGRAM, ROOT, Start, wait_until
 
 from decoder.sink import open_sink
-from encoder.capture import open_source
+from encoder.capture import exact_fps, open_source
 from encoder.follow import DETECTORS, STEPS, TRACKERS
 from encoder.photometric import NORMALISATIONS
 from loopback.arguments import build_parser
@@ -242,6 +243,51 @@ def test_decode_measures_against_the_source(
     assert quality["frames"] == quality["face_frames"] == 30
     assert quality["face_psnr_db"] > 20
     assert f"face {quality['face_psnr_db']:.2f} dB" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("none.mkv", "no such file"),
+        ("out.mkv", "another name"),
+        ("text.mp4", "not a video"),
+        ("noise.mkv", "is 176x144 but"),
+    ],
+)
+def test_a_source_that_cannot_be_compared_is_refused_before_decoding(
+    name: str, reason: str, call: Path, noise: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    (tmp_path / "text.mp4").write_text("no video")
+    (tmp_path / "noise.mkv").symlink_to(noise)
+    arguments = ["--source", str(tmp_path / name), "-o", str(tmp_path / "out.mkv"), "-q"]
+    assert main(["decode", str(call), *arguments]) == 2
+    assert reason in complaint(capsys)
+    assert not (tmp_path / "out.mkv").exists()
+
+
+def test_a_comparison_that_fails_does_not_hide_what_was_decoded(
+    call: Path, carphone: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    short, out, report = (tmp_path / name for name in ("short.mkv", "out.mkv", "report.json"))
+    copy_frames(carphone, short, 20)
+    arguments = ["-o", str(out), "--source", str(short), "--report", str(report)]
+    assert main(["decode", str(call), *arguments]) == 2
+    said = capsys.readouterr()
+    assert "different numbers of frames" in one_line(said.err)
+    assert said.out.startswith("30 frames of 176x144") and out.exists()
+    figures = json.loads(report.read_text())
+    assert figures["frames"] == 30 and "quality" not in figures
+
+
+def test_a_video_without_a_face_has_a_psnr_of_the_picture_alone(
+    call: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    blank = tmp_path / "blank.mkv"
+    with open_sink(blank, 176, 144, exact_fps(30)) as sink:
+        for _ in range(30):
+            sink.write(np.zeros((144, 176, 3), np.uint8))
+    assert main(["decode", str(call), "--source", str(blank)]) == 0
+    assert "PSNR: no face measured, picture " in capsys.readouterr().out
 
 
 def test_the_parts_of_a_call_add_up_to_the_file(call: Path, capsys: Capture) -> None:
