@@ -146,14 +146,22 @@ def run_relay(arguments: argparse.Namespace) -> int:
 
 def run_info(arguments: argparse.Namespace) -> int:
     """`risorius info`."""
+    from decoder.extent import source_frames
     from loopback.information import summary_table
     from protocol.messages import ProtocolError
     from protocol.summary import summarise
 
+    path: Path = arguments.call_file
     try:
-        summary = summarise(arguments.call_file)
+        summary = summarise(path)
+        if not summary.complete:
+            summary = summarise(path, source_frames(path))
     except ProtocolError as error:
-        raise UserError(f"{arguments.call_file}: {error}") from error
+        raise UserError(f"{path}: {error}") from error
+    if not summary.complete:
+        _warn([f"{path} is cut off: these are the figures of what is there"])
+    if summary.trailing_bytes:
+        _warn([f"{summary.trailing_bytes} bytes after the end of the call are left out"])
     if arguments.json:
         print(json_text(summary))
         return 0

@@ -210,6 +210,47 @@ def test_a_truncated_call_is_decoded_as_far_as_it_goes(
     assert not figures["complete"]
 
 
+@pytest.mark.parametrize("command", ["decode", "info"])
+def test_a_call_cut_off_in_its_model_is_said_to_be(
+    command: str, call: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    short = tmp_path / "short.rzo"
+    short.write_bytes(call.read_bytes()[:1000])
+    assert main([command, str(short)]) == 2
+    assert "short.rzo: the call is cut off: byte 4: packet has 994 bytes" in complaint(capsys)
+
+
+@pytest.mark.parametrize("live", [[], ["--live"]], ids=["whole", "live"])
+def test_of_a_truncated_call_info_counts_the_frames_that_decode_draws(
+    live: list[str], carphone: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    path, short, report = (tmp_path / name for name in ("call.rzo", "short.rzo", "report.json"))
+    options = ["--max-frames", "40", "--profile", "default", "-q"]
+    assert main(["encode", str(carphone), "-o", str(path), *options, *live]) == 0
+    whole = path.read_bytes()
+    for missing in (1, 40):
+        short.write_bytes(whole[:-missing])
+        assert main(["decode", str(short), "--report", str(report), "-q"]) == 0
+        assert "cut off" in complaint(capsys)
+        assert main(["info", str(short), "--json"]) == 0
+        told = capsys.readouterr()
+        assert "cut off" in one_line(told.err)
+        decoded, info = json.loads(report.read_text()), json.loads(told.out)
+        assert 0 < info["frames"] == decoded["frames"] <= 40
+        assert info["frame_bytes"] == decoded["frame_bytes"]
+        assert info["complete"] == decoded["complete"] is False
+
+
+@pytest.mark.parametrize("command", ["decode", "info"])
+def test_bytes_after_the_end_of_a_call_are_left_out_with_a_warning(
+    command: str, call: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    longer = tmp_path / "longer.rzo"
+    longer.write_bytes(call.read_bytes() + b"junk")
+    assert main([command, str(longer)]) == 0
+    assert "4 bytes after the end of the call are left out" in complaint(capsys)
+
+
 @pytest.mark.parametrize("name", ["none/out.mkv", "out.xyz"])
 def test_an_output_that_cannot_be_written_is_one_line(
     name: str, call: Path, tmp_path: Path, capsys: Capture
