@@ -163,6 +163,15 @@ def test_encode_writes_its_figures(carphone: Path, tmp_path: Path, capsys: Captu
     assert "12 frames of 176x144" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("live", [[], ["--live"]], ids=["whole", "live"])
+def test_a_rate_that_cannot_be_kept_is_said(
+    live: list[str], carphone: Path, networks: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    line = ["encode", str(carphone), "-o", str(tmp_path / "call.rzo"), "--max-frames", "17", "-q"]
+    assert main([*line, "--profile", "default", "--bitrate", "20", *live]) == 0
+    assert "--bitrate 20 is too little" in complaint(capsys)
+
+
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
