@@ -10,17 +10,19 @@ from conftest import LIMIT_S, Start, wait_until
 
 from encoder.capture import open_source
 from loopback.bench import (
+    CALL_FIGURES,
     MEANS,
     BenchSettings,
     bench_clip,
     bench_table,
+    is_figure,
     latency_ms,
     mean_figures,
     output_names,
 )
 from loopback.cli import main
 from loopback.quality import face_area_finder
-from loopback.report import figure, rounded, table
+from loopback.report import figure, flatten, rounded, table
 from loopback.timings import timings_tables
 from loopback.two_processes import free_port, run_call
 from shared_model.errors import UserError
@@ -132,6 +134,8 @@ def test_bench_reports_every_figure(
     assert clip["face_found"] == 1 and 0 < clip["nme_percent"] < 10
     assert {"capture", "follow", "send"} <= set(clip["encoder_ms"])
     assert {"animate", "render"} <= set(clip["decoder_ms"])
+    figures = {name for name, value in flatten(clip) if isinstance(value, int | float)}
+    assert all(map(is_figure, figures)) and figures.issuperset(CALL_FIGURES)
     assert report["mean"]["frame_bps"] == 800
     printed = capsys.readouterr()
     assert bench_table(report["clips"]) in printed.out

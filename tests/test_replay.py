@@ -78,6 +78,20 @@ def test_a_suite_says_what_to_replay_and_what_to_hold(tmp_path: Path) -> None:
         ("[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\nmin = 3", "min is not a table"),
         ("[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\nmin.fps = 'x'", "min of fps is not a number"),
         ("[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\nsettings.x = 1", "unknown settings x"),
+        ("[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\nmax.frame_bpz = 1", "max: .* figure frame_bpz"),
+        ("[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\nmin.latency_ms.p5 = 1", "figure latency_ms.p5"),
+        ("settings.profile = 'thesys'\n[[clip]]\npath = 'a'\nsha256 = 'a'", "clip a: .*thesys"),
+        ("settings.profile = 3\n[[clip]]\npath = 'a'\nsha256 = 'a'", "--profile: .*3"),
+        ("settings.bitrate = 'fast'\n[[clip]]\npath = 'a'\nsha256 = 'a'", "fast is not a number"),
+        (
+            "settings.bitrate = true\n[[clip]]\npath = 'a'\nsha256 = 'a'",
+            "neither true nor false for bitr",
+        ),
+        (
+            "settings.live = 'no'\n[[clip]]\npath = 'a'\nsha256 = 'a'",
+            "expected true or false for live",
+        ),
+        ("settings.lids = true\n[[clip]]\npath = 'a'\nsha256 = 'a'", "--lids is about"),
         ("[[clip]]\npath = 'package:none_such/a.mp4'\nsha256 = 'a'", "not installed"),
         ("[[clip", "is no TOML file"),
     ],
@@ -85,6 +99,16 @@ def test_a_suite_says_what_to_replay_and_what_to_hold(tmp_path: Path) -> None:
 def test_a_suite_with_a_mistake_is_refused(text: str, reason: str, tmp_path: Path) -> None:
     with pytest.raises(UserError, match=reason):
         read_suite(write_suite(tmp_path, text))
+
+
+def test_a_misspelt_figure_is_one_line_before_anything_runs(
+    noise: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = f"[[clip]]\npath = '{noise}'\nsha256 = 'a'\nmax.frame_bpz = 1"
+    out = tmp_path / "out"
+    assert main(["replay", str(write_suite(tmp_path, text)), "--out", str(out)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "frame_bpz" in line and not out.exists()
 
 
 def test_a_missing_suite_is_refused(tmp_path: Path) -> None:
