@@ -109,6 +109,22 @@ def test_bad_usage_is_one_line_that_points_to_the_help(
     assert "--help" in complaint(capsys)
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "expected"),
+    [
+        ("--bitrate", "0", "above 0"),
+        ("--startup-bitrate", "-1", "above 0"),
+        ("--fps", "0", "above 0"),
+        ("--model-bytes", "1000", "2000 to 100000"),
+    ],
+)
+def test_a_number_out_of_range_is_refused_with_the_range(
+    option: str, value: str, expected: str, capsys: Capture
+) -> None:
+    assert main(["encode", "a.mp4", "-o", "a.rzo", option, value]) == 2
+    assert expected in complaint(capsys)
+
+
 def test_timings_of_a_sweep_are_refused(tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "out"
     assert main(["bench", "a.mp4", "--sweep", "800", "--timings", "--out", str(out)]) == 2
@@ -149,6 +165,14 @@ def test_a_video_without_a_face_has_its_own_exit_code(
     assert main(["encode", str(noise), "-o", str(tmp_path / "call.rzo")]) == 3
     assert "no face found" in complaint(capsys)
     assert not list(tmp_path.iterdir())
+
+
+def test_one_frame_without_a_face_is_no_plural(
+    noise: Path, networks: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    line = ["encode", str(noise), "-o", str(tmp_path / "call.rzo"), "--max-frames", "1"]
+    assert main(line) == 3
+    assert "no face found in 1 frame;" in complaint(capsys)
 
 
 def test_encode_writes_its_figures(carphone: Path, tmp_path: Path, capsys: Capture) -> None:
@@ -467,7 +491,7 @@ def test_a_missing_extra_is_named(library: str, extra: str, call: Path) -> None:
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert result.returncode == 2
-    assert f"risorius[{extra}]" in one_line(result.stderr)
+    assert f"pip install '.[{extra}]'" in one_line(result.stderr)
 
 
 def test_without_the_landmark_networks_the_encoder_warns_and_goes_on(
