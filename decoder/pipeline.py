@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 
+from decoder.extent import source_frames
 from decoder.playout import PlayedFrame, Playout
 from decoder.recast import read_model, recast
 from decoder.scene import Scene, StageClock, head_of
@@ -15,7 +16,6 @@ from protocol.layers import is_refined
 from protocol.link import PacketSource
 from protocol.messages import Kind, ModelPacket, ProtocolError, packet_kind
 from protocol.recording import CallReader, TruncatedCall
-from protocol.summary import source_frames
 from shared_model.errors import UserError
 
 Progress = Callable[[int, int | None], None]
@@ -117,6 +117,9 @@ def decode(options: DecodeOptions, progress: Progress, stop: Callable[[], bool])
                 with clock.stage("write"):
                     sink.write(picture)
             progress(len(tally.shown_ns), total)
+        if isinstance(source, CallReader) and source.trailing_bytes:
+            excess = source.trailing_bytes
+            tally.warnings.append(f"{excess} bytes after the end of the call are left out")
     if stop() and not playout.ended:
         tally.warnings.append("stopped before the end of the call: decoded up to there")
     return _report(playout, worn, tally, clock, _name(options))
@@ -156,7 +159,7 @@ def _packets(source: PacketSource, tally: _Tally, stop: Callable[[], bool]) -> I
         try:
             packet = source.receive(POLL_S)
         except TruncatedCall as error:
-            tally.warnings.append(f"the call is cut off: {error}")
+            tally.warnings.append(str(error))
             return
         except ProtocolError as error:
             tally.note_damage(error)
@@ -212,11 +215,7 @@ def _open_sink(
 
 
 def _expected_frames(options: DecodeOptions) -> int | None:
-    if options.call_file is None:
-        return None
-    with suppress(ProtocolError):
-        return source_frames(options.call_file)
-    return None
+    return None if options.call_file is None else source_frames(options.call_file)
 
 
 def _name(options: DecodeOptions) -> str:
@@ -228,8 +227,8 @@ def _report(
 ) -> DecodeReport:
     model, frames = playout.model, len(tally.shown_ns)
     if model is None:
-        reason = tally.first_damage or "it has no model packet"
-        raise UserError(f"cannot decode {name}: {reason}")
+        reasons = [tally.first_damage, *tally.warnings, "it has no model packet"]
+        raise UserError(f"cannot decode {name}: {next(filter(None, reasons))}")
     if tally.damaged:
         tally.warnings.append(f"{tally.damaged} damaged packets, first: {tally.first_damage}")
     if not playout.ended and not tally.warnings:

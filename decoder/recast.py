@@ -1,6 +1,5 @@
 """Another's face for a call: its identity, texture and still, moved by this call's stream."""
 
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,15 +28,19 @@ def read_model(path: Path) -> ModelPacket:
     """
     models, pieces, layers = list[ModelPacket](), list[LayerPacket](), Layers()
     try:
-        with CallReader(path) as reader, suppress(TruncatedCall):
-            for data in reader:
-                if packet_kind(data) not in (Kind.MODEL, Kind.LAYER):
-                    continue
-                packet = parse_packet(data)
-                if isinstance(packet, ModelPacket):
-                    models.append(packet)
-                elif isinstance(packet, LayerPacket):
-                    pieces.append(packet)
+        with CallReader(path) as reader:
+            try:
+                for data in reader:
+                    if packet_kind(data) not in (Kind.MODEL, Kind.LAYER):
+                        continue
+                    packet = parse_packet(data)
+                    if isinstance(packet, ModelPacket):
+                        models.append(packet)
+                    elif isinstance(packet, LayerPacket):
+                        pieces.append(packet)
+            except TruncatedCall:
+                if not models:
+                    raise
         if models:
             # Any may be repeated for who joins late.
             models.sort(key=lambda model: model.layer)

@@ -21,7 +21,7 @@ from encoder.landmarks import LandmarkTracker
 from encoder.model import Budget, call_parameters
 from encoder.networks import NetworkFilesMissing, find_network_folder
 from encoder.parallel import workers_beside
-from encoder.rate import Spending, code_call, packet_spans
+from encoder.rate import Spending, code_call, packet_bits, packet_spans
 from encoder.silhouette import Still, still_of
 from encoder.startup import LayeredModel, LayerPacer, layered
 from encoder.tally import Tally
@@ -192,6 +192,8 @@ class Survey:
         with self._tally.stage("code"):
             sent = values[[place[number] for number in coded]]
             packets = code_call(sent, components.spreads, spending)
+        if excess := spending.excess(sum(map(packet_bits, packets)), len(sent)):
+            self._tally.warn(excess)
         lost = frozenset(set(range(start, frames)) - set(self._number))
         return CodedCall(model, tuple(p.payload for p in packets), frames, lost)
 

@@ -165,6 +165,8 @@ class LiveCall:
         if self._epoch is not None:
             self._flush()
             self._announcer.end(self._epoch)
+            if excess := self._purse.excess:
+                self._tally.warn(excess)
             self._tally.send(self._sink, ControlPacket(0, ControlKind.END, frames))
 
     def _miss(self, index: int) -> None:

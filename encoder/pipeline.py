@@ -251,7 +251,7 @@ def expected_frames(capture: Capture, options: EncodeOptions) -> int | None:
 def no_face(source: str, frames: int) -> UserError:
     """The error of a source without a face."""
     return UserError(
-        f"{source}: no face found in {frames} frames;"
+        f"{source}: no face found in {frames} frame{'' if frames == 1 else 's'};"
         " is one in the picture, upright and at least 20 pixels wide?",
         NO_FACE,
     )

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,16 @@ class Spending:
     bitrate: float
     fps: float
     frames_per_packet: int
+
+    def excess(self, bits: int, frames: int) -> str | None:
+        """What to say of the coarsest packets if their bits are more than `frames` frames earn."""
+        if bits <= self.bitrate * frames / self.fps:
+            return None
+        taken = ceil(bits * self.fps / frames)
+        return (
+            f"--bitrate {self.bitrate:g} is too little:"
+            f" as coarse as can be, this call takes {taken} bits a second"
+        )
 
 
 def code_call(values: Array, spreads: NDArray[Any], spending: Spending) -> list[CodedPacket]:
@@ -111,6 +122,7 @@ class LivePurse:
         self._spending, self._purse = spending, Purse(spending)
         self._credit = 0.0
         self._quality = 0
+        self._bits = self._frames = 0
 
     def code(self, predictor: FramePredictor, number: int, targets: Array) -> CodedPacket:
         """Packet `number` of frames (count, n), in units, as finely as there is credit for."""
@@ -129,7 +141,16 @@ class LivePurse:
         self._quality, packet = _within(attempt, limit, finest, self._quality)
         self._purse.pay(packet, len(targets))
         self._credit -= packet_bits(packet)
+        self._bits += packet_bits(packet)
+        self._frames += len(targets)
         return packet
+
+    @property
+    def excess(self) -> str | None:
+        """See `Spending.excess`; what was too much and could be saved later on is none."""
+        if self._quality < QUALITIES - 1:
+            return None
+        return self._spending.excess(self._bits, self._frames)
 
 
 class Purse:

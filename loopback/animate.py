@@ -225,9 +225,13 @@ def _posed(home: Pose, moment: Moment) -> Pose:
 def _background(script: Script) -> NDArray[np.float32] | None:
     if script.background is None:
         return None
-    picture = cv2.imread(str(script.background))
+    try:
+        data = script.background.read_bytes()
+    except OSError as error:
+        raise UserError(f"cannot read {script.background}: {error.strerror}") from error
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
     if picture is None:
-        raise UserError(f"cannot read the background {script.background}")
+        raise UserError(f"the background {script.background} is not a picture OpenCV can read")
     size = (script.width, script.height)
     return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
 

@@ -30,20 +30,21 @@ def seconds(text: str) -> float:
     return value
 
 
-def bitrate(text: str) -> float:
-    """Bits a second."""
+def _rate(text: str, unit: str) -> float:
     value = _number(text)
     if not 0 < value < 1e9:
-        raise argparse.ArgumentTypeError(f"{text} is not a number of bits a second")
+        raise argparse.ArgumentTypeError(f"{text} is not above 0 and below 1e9 {unit}")
     return value
+
+
+def bitrate(text: str) -> float:
+    """Bits a second."""
+    return _rate(text, "bits a second")
 
 
 def frame_rate(text: str) -> float:
     """Frames a second."""
-    value = _number(text)
-    if not 0 < value < 1e9:
-        raise argparse.ArgumentTypeError(f"{text} is not a number of frames a second")
-    return value
+    return _rate(text, "frames a second")
 
 
 def model_bytes(text: str) -> int:

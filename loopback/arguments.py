@@ -5,7 +5,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from loopback import commands
+from loopback import commands, measuring
 from loopback.argument_types import bitrates, port, seconds
 from loopback.options import (
     add_coding,
@@ -141,9 +141,9 @@ def _add_bench(added: "Commands") -> None:
     parser.add_argument(
         "--out",
         type=Path,
-        default=Path("out/bench"),
         metavar="DIR",
-        help="decoded videos, report.json and report.html go here (default: %(default)s)",
+        help="decoded videos, report.json and report.html go here (default: out/bench, of a"
+        " sweep out/sweep)",
     )
     add_coding(parser)
     parser.add_argument(
@@ -163,7 +163,7 @@ def _add_bench(added: "Commands") -> None:
         default=True,
         help="send at the source's own rate; without it latencies mean nothing (default: yes)",
     )
-    parser.set_defaults(run=commands.run_bench)
+    parser.set_defaults(run=measuring.run_bench)
 
 
 def _add_replay(added: "Commands") -> None:
@@ -184,7 +184,7 @@ def _add_replay(added: "Commands") -> None:
         help="decoded videos and report.json go here (default: %(default)s)",
     )
     parser.add_argument("--junit", type=Path, metavar="FILE", help="write JUnit XML")
-    parser.set_defaults(run=commands.run_replay)
+    parser.set_defaults(run=measuring.run_replay)
 
 
 def _add_relay(added: "Commands") -> None:

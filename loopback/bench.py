@@ -1,15 +1,15 @@
 """Bits, PSNR and latency of calls on this host."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from encoder.capture import exact_fps, open_source
-from loopback.likeness import compare_faces
-from loopback.quality import FaceArea, face_area_finder, measure
+from loopback.likeness import Likeness, compare_faces
+from loopback.quality import FaceArea, Quality, face_area_finder, measure
 from loopback.report import figure, html_page, rounded, table
 from loopback.two_processes import CallResult, run_call
 from protocol.summary import due_s
@@ -34,6 +34,13 @@ COLUMNS = {
     "encoder_fps": "enc fps",
     "decoder_fps": "dec fps",
 }
+# Figures of a call, beside those of its pictures and the milliseconds of each stage.
+CALL_FIGURES = (
+    *("frames", "shown_frames", "fps", "width", "height", "duration_s"),
+    *("model_bytes", "frame_bytes", "frame_bps", "lost_packets", "lost_frames"),
+    *("latency_ms.p50", "latency_ms.p99", "encoder_fps", "decoder_fps"),
+)
+STAGES = ("encoder_ms.", "decoder_ms.")
 # Figures that have a mean over clips.
 MEANS = (
     *("model_bytes", "frame_bps", "face_psnr_db", "face_psnr_p5_db", "full_psnr_db"),
@@ -58,7 +65,7 @@ class BenchSettings:
 
     def encoder_options(self) -> list[str]:
         """The settings as options of the encoder's command line."""
-        options = ["--profile", self.profile, "--detector", self.detector, "--lossless"]
+        options = ["--profile", str(self.profile), "--detector", str(self.detector), "--lossless"]
         options += ["--bitrate", str(self.bitrate)]
         options += ["--pace" if self.pace else "--no-pace"]
         options += ["--live"] if self.live else []
@@ -73,16 +80,20 @@ class BenchSettings:
 
 def bench(
     sources: Sequence[str], settings: BenchSettings, folder: Path, say: Callable[[str], None]
-) -> dict[str, Any]:
-    """Measure each source; the report: `clips`, a figure by name for each, and `mean` over them.
+) -> Iterator[dict[str, Any]]:
+    """Measure each source: its figures by name, as soon as they are there.
 
-    Decoded videos stay in `folder`.  Raises `UserError` if a call fails.
+    Decoded videos stay in `folder`.  Raises `UserError` as `check_recorded` does, before anything
+    runs, or if a call fails.
     """
-    names = output_names(sources)
-    clips = []
-    for source, name in zip(sources, names, strict=True):
+    check_recorded(sources)
+    for source, name in zip(sources, output_names(sources), strict=True):
         say(f"bench: {source}")
-        clips.append(bench_clip(source, settings, folder / f"{name}.mkv", face_area_finder(say)))
+        yield bench_clip(source, settings, folder / f"{name}.mkv", face_area_finder(say))
+
+
+def bench_report(settings: BenchSettings, clips: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """What report.json says: `clips`, the figures of each, and `mean` over them."""
     return {"settings": asdict(settings), "clips": clips, "mean": mean_figures(clips)}
 
 
@@ -90,8 +101,7 @@ def bench_clip(
     source: str, settings: BenchSettings, output: Path, face_area: FaceArea
 ) -> dict[str, Any]:
     """The figures of one source, sent from one process to another; decoded into `output`."""
-    if source.isdecimal() or "://" in source:
-        raise UserError(f"{source}: only a recorded video can be compared with what comes out")
+    check_recorded([source])
     with open_source(source) as capture:
         frames = min(capture.frame_count or 10_000, settings.max_frames or 10_000)
     make_folder(output.parent)
@@ -101,6 +111,12 @@ def bench_clip(
     alike = compare_faces(source, str(output), settings.max_frames)
     figures = call_figures(result, settings.profile)
     return {"source": Path(source).name, **figures, **asdict(quality), **asdict(alike)}
+
+
+def is_figure(name: str) -> bool:
+    """Whether a clip's report has a figure of this dotted name."""
+    of_pictures = {item.name for kind in (Quality, Likeness) for item in fields(kind)}
+    return name in of_pictures.union(CALL_FIGURES) or name.startswith(STAGES)
 
 
 def call_figures(result: CallResult, profile: str) -> dict[str, Any]:
@@ -167,6 +183,14 @@ def _rows(clips: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
         mean = {"source": "mean", **mean_figures(clips)}
         rows.append([mean.get(name) for name in COLUMNS])
     return rows
+
+
+def check_recorded(sources: Sequence[str]) -> None:
+    """Raise `UserError` for a source that cannot be read or is none that can be read again."""
+    for source in sources:
+        if source.isdecimal() or "://" in source:
+            raise UserError(f"{source}: only a recorded video can be compared with what comes out")
+        open_source(source).close()
 
 
 def output_names(sources: Sequence[str]) -> list[str]:

@@ -63,4 +63,5 @@ def _missing(error: ModuleNotFoundError) -> str:
     library = (error.name or "").split(".")[0]
     if library not in EXTRA_OF:
         raise error
-    return f"{library} is not installed; try: pip install 'risorius[{EXTRA_OF[library]}]'"
+    extra = EXTRA_OF[library]
+    return f"{library} is not installed; in the project's folder try: pip install '.[{extra}]'"

@@ -15,9 +15,15 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from loopback.outputs import check_outputs
-from loopback.profiles import chosen_profile
-from loopback.progress import ProgressLine
-from loopback.report import json_text, write_json, write_report
+from loopback.profiles import (
+    DECODE_LINK_OPTIONS,
+    ENCODE_LINK_OPTIONS,
+    check_startup,
+    chosen_profile,
+    refuse,
+)
+from loopback.progress import ProgressLine, say
+from loopback.report import json_text, write_json
 from loopback.signals import StopOnSignal
 from shared_model.errors import UserError
 
@@ -39,8 +45,10 @@ def run_encode(arguments: argparse.Namespace) -> int:
 
     check_outputs([arguments.source], [arguments.output], [arguments.report])
     profile = chosen_profile(arguments)
-    _check_startup(arguments)
+    check_startup(arguments)
     over_link = arguments.output is None
+    if not over_link:
+        refuse(arguments, ENCODE_LINK_OPTIONS, "-o")
     options = EncodeOptions(
         source=arguments.source,
         output=arguments.output,
@@ -86,6 +94,10 @@ def run_decode(arguments: argparse.Namespace) -> int:
 
     read = [arguments.call_file, arguments.source, arguments.face]
     check_outputs(read, [arguments.output], [arguments.report])
+    if arguments.call_file is not None:
+        refuse(arguments, DECODE_LINK_OPTIONS, "a call file")
+    if arguments.source:
+        _check_source(arguments)
     with ExitStack() as stack:
         output: Path | None = arguments.output
         if output is None and arguments.source:
@@ -106,80 +118,19 @@ def run_decode(arguments: argparse.Namespace) -> int:
             except UserError as error:
                 raise _reason(error, stop, patience) from error
         _warn(report.warnings)
-        quality = (
-            _quality(arguments, output, report.frames) if output and arguments.source else None
-        )
-    if not arguments.quiet:
-        print(_decode_summary(report, quality))
-    if arguments.report:
-        figures = asdict(report) | ({"quality": asdict(quality)} if quality else {})
-        write_json(arguments.report, figures)
+        if not arguments.quiet:
+            print(_decode_summary(report))
+        figures = asdict(report)
+        try:
+            if output and arguments.source:
+                quality = _quality(arguments, output, report.frames)
+                figures["quality"] = asdict(quality)
+                if not arguments.quiet:
+                    print(_quality_summary(quality))
+        finally:
+            if arguments.report:
+                write_json(arguments.report, figures)
     return INTERRUPTED if stop() else 0
-
-
-def run_bench(arguments: argparse.Namespace) -> int:
-    """`risorius bench`."""
-    if arguments.sweep:
-        return run_sweep(arguments)
-    from loopback.bench import BenchSettings, bench, bench_page, bench_table
-    from loopback.timings import timings_tables
-
-    _check_startup(arguments)
-    settings = BenchSettings(
-        profile=chosen_profile(arguments),
-        bitrate=arguments.bitrate,
-        fps=arguments.fps,
-        detector=arguments.detector,
-        lids=arguments.lids,
-        max_frames=arguments.max_frames,
-        pace=arguments.pace,
-        model_bytes=arguments.model_bytes,
-        live=arguments.live,
-        startup_bitrate=arguments.startup_bitrate,
-    )
-    report = bench(arguments.source, settings, arguments.out, say)
-    write_json(arguments.out / "report.json", report)
-    write_report(arguments.out / "report.html", bench_page(report["clips"]).encode())
-    print(bench_table(report["clips"]))
-    if arguments.timings:
-        print(f"\n{timings_tables(report['clips'])}")
-    return 0
-
-
-def run_sweep(arguments: argparse.Namespace) -> int:
-    """`risorius bench --sweep`."""
-    if arguments.timings:
-        raise UserError("--timings is about calls between two processes; leave out --sweep")
-    from loopback.sweep import SweepSettings, sweep, sweep_table
-
-    if arguments.fps is not None:
-        raise UserError("--sweep codes every frame; leave out --fps")
-    if arguments.live or arguments.startup_bitrate is not None:
-        raise UserError("--sweep codes what it has seen whole; leave out --live, --startup-bitrate")
-    if arguments.profile == "thesis" or arguments.lids:
-        raise UserError("--sweep is about the default profile; leave out --profile thesis, --lids")
-    settings = SweepSettings(arguments.sweep, arguments.max_frames)
-
-    def progress(label: str) -> ProgressLine:
-        return ProgressLine(label, sys.stderr)
-
-    report = sweep(arguments.source, settings, arguments.out, say, progress)
-    print(sweep_table(report))
-    return 0
-
-
-def run_replay(arguments: argparse.Namespace) -> int:
-    """`risorius replay`."""
-    from loopback.replay import junit_xml, read_suite, replay, replay_table
-
-    check_outputs([arguments.suite], [], [arguments.junit])
-    suite = read_suite(arguments.suite)
-    results = replay(suite, arguments.out, say)
-    write_json(arguments.out / "report.json", {"clips": [result.figures for result in results]})
-    print(replay_table(results))
-    if arguments.junit:
-        write_report(arguments.junit, junit_xml(suite, results))
-    return 0 if all(result.passed for result in results) else 1
 
 
 def run_relay(arguments: argparse.Namespace) -> int:
@@ -195,14 +146,22 @@ def run_relay(arguments: argparse.Namespace) -> int:
 
 def run_info(arguments: argparse.Namespace) -> int:
     """`risorius info`."""
+    from decoder.extent import source_frames
     from loopback.information import summary_table
     from protocol.messages import ProtocolError
     from protocol.summary import summarise
 
+    path: Path = arguments.call_file
     try:
-        summary = summarise(arguments.call_file)
+        summary = summarise(path)
+        if not summary.complete:
+            summary = summarise(path, source_frames(path))
     except ProtocolError as error:
-        raise UserError(f"{arguments.call_file}: {error}") from error
+        raise UserError(f"{path}: {error}") from error
+    if not summary.complete:
+        _warn([f"{path} is cut off: these are the figures of what is there"])
+    if summary.trailing_bytes:
+        _warn([f"{summary.trailing_bytes} bytes after the end of the call are left out"])
     if arguments.json:
         print(json_text(summary))
         return 0
@@ -241,11 +200,6 @@ def run_demo(arguments: argparse.Namespace) -> int:
     with StopOnSignal() as stop:
         print(demo(arguments.out, say, stop))
     return INTERRUPTED if stop() else 0
-
-
-def say(message: str) -> None:
-    """One line about the run, on stderr."""
-    print(message, file=sys.stderr, flush=True)
 
 
 class Patience:
@@ -299,13 +253,16 @@ def _warn(warnings: Iterable[str]) -> None:
         say(f"risorius: warning: {warning}")
 
 
-def _check_startup(arguments: argparse.Namespace) -> None:
-    startup: float | None = arguments.startup_bitrate
-    if startup is not None and startup <= arguments.bitrate:
-        raise UserError(
-            f"--startup-bitrate {startup:g} leaves nothing for the model"
-            f" beside frames of --bitrate {arguments.bitrate:g}"
-        )
+def _check_source(arguments: argparse.Namespace) -> None:
+    """Raise `UserError` if what is to be decoded cannot be compared with its source afterwards."""
+    from decoder.recast import read_model
+    from encoder.capture import open_source
+    from loopback.quality import check_size
+
+    with open_source(arguments.source) as originals:
+        if arguments.call_file is not None:
+            call = read_model(arguments.call_file).call
+            check_size(originals, str(arguments.call_file), call.width, call.height)
 
 
 def _quality(arguments: argparse.Namespace, decoded: Path, frames: int) -> "Quality":
@@ -329,13 +286,18 @@ def _encode_summary(report: "EncodeReport") -> str:
     )
 
 
-def _decode_summary(report: "DecodeReport", quality: "Quality | None") -> str:
+def _decode_summary(report: "DecodeReport") -> str:
     busy_ms = sum(report.stage_ms.values())
-    line = (
+    return (
         f"{report.frames} frames of {report.width}x{report.height} at {report.fps:.2f}/s;"
         f" {busy_ms:.1f} ms a frame"
     )
-    if quality is None:
-        return line
-    face = "-" if quality.face_psnr_db is None else f"{quality.face_psnr_db:.2f}"
-    return f"{line}\nPSNR: face {face} dB, picture {quality.full_psnr_db:.2f} dB"
+
+
+def _quality_summary(quality: "Quality") -> str:
+    face = (
+        "no face measured"
+        if quality.face_psnr_db is None
+        else f"face {quality.face_psnr_db:.2f} dB"
+    )
+    return f"PSNR: {face}, picture {quality.full_psnr_db:.2f} dB"

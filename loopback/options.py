@@ -20,13 +20,15 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
         type=bitrate,
         metavar="BPS",
         help="default profile: send the model in layers, a first one of 2 kB and the others between"
-        " the frames, so that all packets together keep to BPS (default: whole, at once)",
+        " the frames, so that all packets together keep to BPS, above --bitrate (default: whole,"
+        " at once)",
     )
     parser.add_argument(
         "--model-bytes",
         type=model_bytes,
         metavar="N",
-        help="about as large the model packet shall be (default: 16000 thesis, 10000 default)",
+        help="about as large the model packet shall be, 2000 to 100000 (default: 16000 thesis,"
+        " 10000 default)",
     )
     parser.add_argument(
         "--lids",
@@ -150,12 +152,12 @@ def _add_rates(parser: argparse.ArgumentParser) -> None:
         type=bitrate,
         default=800.0,
         metavar="BPS",
-        help="bits a second of frame packets, default profile (default: %(default)g)",
+        help="default profile: bits a second of frame packets, more than 0 (default: %(default)g)",
     )
     parser.add_argument(
         "--fps",
         type=frame_rate,
         metavar="N",
-        help="default profile: code about N frames a second, the nearest that is every k-th of the"
-        " source's; the decoder interpolates those between (default: every frame)",
+        help="default profile: code about N frames a second, more than 0, the nearest that is every"
+        " k-th of the source's; the decoder interpolates those between (default: every frame)",
     )

@@ -1,5 +1,6 @@
-"""How far a long job is, on the error stream."""
+"""How far a long job is, and what else a user should know, on the error stream."""
 
+import sys
 import time
 from collections.abc import Callable
 from typing import Self, TextIO
@@ -58,6 +59,11 @@ class ProgressLine:
         text = f"{self._label} {_amount(done, total)} {rate:.0f}/s"
         self._stream.write(f"\r\x1b[K{text}" if self._is_terminal else f"{text}\n")
         self._stream.flush()
+
+
+def say(message: str) -> None:
+    """One line about the run, on stderr."""
+    print(message, file=sys.stderr, flush=True)
 
 
 def _amount(done: int, total: int | None) -> str:

@@ -79,7 +79,7 @@ def measure(
     face: list[float] = []
     full: list[float] = []
     with open_source(source) as originals, open_source(decoded) as copies:
-        _check_size(originals, copies)
+        check_size(originals, copies.name, copies.width, copies.height)
         for index, (original, copy) in enumerate(zip_longest(originals, copies)):
             if index == max_frames and copy is None:
                 break
@@ -117,12 +117,12 @@ def oval_area(points_px: NDArray[np.floating], height: int, width: int) -> Mask:
     return mask.astype(np.bool_)
 
 
-def _check_size(originals: Capture, copies: Capture) -> None:
-    size, copy = (originals.width, originals.height), (copies.width, copies.height)
-    if copy != size:
+def check_size(originals: Capture, copy: str, width: int, height: int) -> None:
+    """Raise `UserError` if what is called `copy` has not the size of its source."""
+    if (originals.width, originals.height) != (width, height):
         raise UserError(
-            f"{copies.name} is {copy[0]}x{copy[1]} but {originals.name} is {size[0]}x{size[1]}:"
-            " is it another call's?"
+            f"{copy} is {width}x{height} but {originals.name} is"
+            f" {originals.width}x{originals.height}: is it another call's?"
         )
 
 

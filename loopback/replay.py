@@ -3,13 +3,15 @@
 import hashlib
 import tomllib
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from loopback.bench import BenchSettings, bench_clip, make_folder, output_names
+from loopback.arguments import build_parser
+from loopback.bench import BenchSettings, bench_clip, is_figure, make_folder, output_names
 from loopback.clips import clip_path
+from loopback.profiles import check_startup, chosen_profile
 from loopback.quality import face_area_finder
 from loopback.report import flatten, table
 from shared_model.errors import UserError
@@ -84,15 +86,13 @@ def read_suite(path: Path) -> Suite:
     return Suite(str(content.get("name", path.stem)), tuple(clips))
 
 
-def replay(suite: Suite, folder: Path, say: Say) -> list[ClipResult]:
-    """Measure each clip of the suite; decoded videos stay in `folder`."""
+def replay(suite: Suite, folder: Path, say: Say) -> Iterator[ClipResult]:
+    """Measure one clip of the suite after the other; decoded videos stay in `folder`."""
     names = output_names([clip.name for clip in suite.clips])
     make_folder(folder)
-    results = []
     for clip, name in zip(suite.clips, names, strict=True):
         say(f"replay: {clip.name}")
-        results.append(_replay_clip(clip, folder / f"{name}.mkv", say))
-    return results
+        yield _replay_clip(clip, folder / f"{name}.mkv", say)
 
 
 def check(clip: Clip, figures: Mapping[str, Any]) -> tuple[Check, ...]:
@@ -196,7 +196,20 @@ def _settings(content: Mapping[str, Any], place: str) -> BenchSettings:
         raise UserError(
             f"{place}: unknown settings {' '.join(sorted(unknown))}, of {sorted(known)}"
         )
-    return BenchSettings(**content)
+    for item in fields(BenchSettings):
+        is_switch = isinstance(item.default, bool)
+        if item.name in content and isinstance(content[item.name], bool) != is_switch:
+            kind = "true or false" if is_switch else "neither true nor false"
+            raise UserError(f"{place}: expected {kind} for {item.name}")
+    settings = BenchSettings(**content)
+    line = ["encode", place, "--connect", place, *settings.encoder_options()]
+    try:
+        arguments = build_parser().parse_args(line)
+        check_startup(arguments)
+        chosen_profile(arguments)
+    except UserError as error:
+        raise UserError(f"{place}: {error}") from error
+    return settings
 
 
 def _thresholds(content: Mapping[str, Any], key: str, place: str) -> dict[str, float]:
@@ -204,6 +217,8 @@ def _thresholds(content: Mapping[str, Any], key: str, place: str) -> dict[str, f
     wrong = [name for name, limit in limits.items() if not isinstance(limit, int | float)]
     if wrong:
         raise UserError(f"{place}: {key} of {wrong[0]} is not a number")
+    if unknown := [name for name in limits if not is_figure(name)]:
+        raise UserError(f"{place}: {key}: no report has a figure {unknown[0]}; see docs/replay.md")
     return limits
 
 

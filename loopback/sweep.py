@@ -19,7 +19,7 @@ from encoder.capture import open_source
 from encoder.default_call import Survey, send_call
 from encoder.pipeline import EncodeOptions, survey_source
 from encoder.tally import Tally
-from loopback.bench import make_folder, output_names
+from loopback.bench import check_recorded, make_folder, output_names
 from loopback.chart import Chart, Curve, layout, picture, svg
 from loopback.quality import face_area_finder, measure
 from loopback.report import Cell, rounded, table, write_json
@@ -55,8 +55,10 @@ def sweep(
     """Measure each source at each rate; the report: `curves` by clip, each with its `points`.
 
     Writes report.json, rate_distortion.svg and .png into `folder`, and leaves the call files there.
-    Raises `UserError` if a source cannot be encoded.
+    Raises `UserError` as `check_recorded` does, before anything is coded, or if a source cannot be
+    encoded.
     """
+    check_recorded(sources)
     make_folder(folder)
     curves = {
         name: measure_curve(source, folder / name, settings, say, progress)

@@ -26,6 +26,9 @@ MAX_LENGTH_BYTES = 3
 class TruncatedCall(ProtocolError):
     """The file ends in the middle of a record; all packets before it were good."""
 
+    def __init__(self, place: int, reason: str) -> None:
+        super().__init__(f"the call is cut off: byte {place}: {reason}")
+
 
 def record(packet: bytes) -> bytes:
     """One packet as it stands in a call file."""
@@ -35,19 +38,17 @@ def record(packet: bytes) -> bytes:
 def read_records(file: BinaryIO) -> Iterator[bytes]:
     """Packets of the call file open in `file`; holds no more than one of them in memory.
 
-    Raises `ProtocolError` if it is no call file, a length is out of bounds or bytes follow the END
-    packet, and `TruncatedCall` if it stops inside a record.
+    The END packet is the last.  Raises `ProtocolError` if it is no call file or a length is out of
+    bounds, and `TruncatedCall` if it stops inside a record.
     """
     head = file.read(len(MAGIC))
     if head != MAGIC:
-        raise ProtocolError(f"no call file: it begins {head!r}, expected {MAGIC!r}")
+        raise ProtocolError(f"no call file: it does not begin with {MAGIC.decode()}")
     packet, place = b"", len(MAGIC)
-    while (length := _read_length(file, place)) is not None:
-        if is_end(packet):
-            raise ProtocolError(f"byte {place}: a record after the end of the call")
+    while not is_end(packet) and (length := _read_length(file, place)) is not None:
         packet = file.read(length)
         if len(packet) < length:
-            raise TruncatedCall(f"byte {place}: packet has {len(packet)} bytes of {length}")
+            raise TruncatedCall(place, f"packet has {len(packet)} bytes of {length}")
         if length > max_packet_bytes(packet_kind(packet)):
             raise ProtocolError(f"byte {place}: packet of {length} bytes is too long for its kind")
         place += len(encode_varint(length)) + length
@@ -121,6 +122,11 @@ class CallReader:
         return self._complete
 
     @property
+    def trailing_bytes(self) -> int:
+        """Bytes after the END packet, once that has been handed out: they are of no call."""
+        return self.file_bytes - self._file.tell() if self._complete else 0
+
+    @property
     def ended(self) -> bool:
         """Nothing more will come."""
         return self._ended
@@ -157,7 +163,7 @@ def _read_length(file: BinaryIO, place: int) -> int | None:
         byte = file.read(1)
         if not byte:
             if data:
-                raise TruncatedCall(f"byte {place}: length of a record cut off")
+                raise TruncatedCall(place, "in the length of a record")
             return None
         data += byte
     try:

@@ -1,6 +1,5 @@
 """What is in a call file: bytes of each part, rates, duration."""
 
-from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -36,6 +35,7 @@ class CallSummary:
     frame_bps: bits of frame payload per second of the time the frame packets are due in.
     packet_bps: the same with byte 0 of each frame packet.
     complete: the call has its END packet.
+    trailing_bytes: after the END packet, of no call; `container_bytes` has them in it.
     packet_size: of the frame packets; None without any.
     model_parts: bytes by part; they add up to `model_bytes`.
     groups: bytes by group of parameters, see `accounting`; they add up to `frame_bytes`.
@@ -61,46 +61,40 @@ class CallSummary:
     frame_bps: float
     packet_bps: float
     complete: bool
+    trailing_bytes: int
     packet_size: PacketSize | None
     model_parts: dict[str, int]
     groups: dict[str, float]
     group_bits: dict[str, float]
 
 
-def summarise(path: Path) -> CallSummary:
+def summarise(path: Path, shown_frames: int | None = None) -> CallSummary:
     """Account for every byte of the call file at `path`; it may be truncated.
 
+    shown_frames: of a truncated call, which does not tell; None: as many as its packets can hold.
     Raises `ProtocolError` if it is no call, `UserError` if it cannot be read.
     """
-    tally, accounts = _Tally(), Accounts()
+    tally, accounts = _Tally(shown_frames), Accounts()
     with CallReader(path) as reader:
-        # The torn record at the end of a truncated call is no packet and counts as container.
-        with suppress(TruncatedCall):
+        try:
             for data in reader:
                 accounts.add(tally.add(data))
-        return tally.summary(accounts, reader.complete, reader.file_bytes)
-
-
-def source_frames(path: Path) -> int:
-    """Frames of the source of a call file, without a look into its frame packets.
-
-    Raises as `summarise` does.
-    """
-    tally = _Tally()
-    with CallReader(path) as reader, suppress(TruncatedCall):
-        for data in reader:
-            tally.add(data)
-    return tally.source_frames
+        except TruncatedCall:
+            # The torn record is no packet and counts as container.
+            if tally.call is None:
+                raise
+        return tally.summary(accounts, reader)
 
 
 class _Tally:
     """Adds up packets."""
 
-    def __init__(self) -> None:
+    def __init__(self, shown_frames: int | None) -> None:
+        self.shown_frames = shown_frames
         self.call: CallParameters | None = None
         self.payload = {kind: 0 for kind in Kind}
         self.packets = {kind: 0 for kind in Kind}
-        self.frames: int | None = None
+        self.end: int | None = None  # what the END packet says
 
     def add(self, data: bytes) -> Packet:
         packet = parse_packet(data)
@@ -109,23 +103,21 @@ class _Tally:
         if isinstance(packet, ModelPacket):
             self.call = self.call or packet.call
         elif isinstance(packet, ControlPacket) and packet.kind is ControlKind.END:
-            self.frames = packet.frame
+            self.end = packet.frame
         return packet
 
-    @property
-    def source_frames(self) -> int:
-        """Told by the END packet; of a truncated call, from the frame packets that are there."""
-        if self.frames is None:
-            return _frames_of(self._known_call(), self.packets[Kind.FRAME])
-        return self.frames
+    def _frames(self, call: CallParameters) -> int:
+        if self.end is not None:
+            return self.end
+        if self.shown_frames is not None:
+            return self.shown_frames
+        return _frames_of(call, self.packets[Kind.FRAME])
 
-    def _known_call(self) -> CallParameters:
-        if self.call is None:
-            raise ProtocolError("the call has no model packet")
-        return self.call
-
-    def summary(self, accounts: Accounts, complete: bool, file_bytes: int) -> CallSummary:
-        call, frames, groups = self._known_call(), self.source_frames, accounts.groups
+    def summary(self, accounts: Accounts, reader: CallReader) -> CallSummary:
+        call, groups, file_bytes = self.call, accounts.groups, reader.file_bytes
+        if call is None:
+            raise ProtocolError("it has no model packet")
+        frames = self._frames(call)
         frame_bits = 8 * self.payload[Kind.FRAME]
         seconds = due_s(call.profile, frames, Fraction(call.fps_numerator, call.fps_denominator))
         return CallSummary(
@@ -147,7 +139,8 @@ class _Tally:
             frame_packets=self.packets[Kind.FRAME],
             frame_bps=frame_bits / seconds,
             packet_bps=(frame_bits + 8 * self.packets[Kind.FRAME]) / seconds,
-            complete=complete,
+            complete=reader.complete,
+            trailing_bytes=reader.trailing_bytes,
             packet_size=accounts.packet_size,
             model_parts=accounts.model_parts,
             groups=groups,

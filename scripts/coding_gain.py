@@ -1,6 +1,6 @@
 """What each step of the default profile's coding saves: bits a second at equal harm.
 
-    python scripts/coding_gain.py CLIP... [--harm 4]
+    python -m scripts.coding_gain CLIP... [--harm 4]
 
 Prints a table in Markdown.  Harm is the squared error of luma, mean over the visible texels of the
 shape-free face, that quantisation adds by the Gauss-Newton model of the picture
@@ -11,7 +11,7 @@ encoder finds them.  From the static code on, rows are ideal code lengths; the l
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -46,6 +46,7 @@ from protocol.predict import (
     reconstruct,
     step,
 )
+from scripts.command import run
 from shared_model.parameters import FaceParameters
 from shared_model.surround import surrounded_head
 
@@ -268,7 +269,7 @@ def markdown(columns: dict[str, dict[str, float]]) -> str:
     return "\n".join(lines)
 
 
-def main(arguments: list[str]) -> None:
+def main(arguments: Sequence[str]) -> None:
     """Print the table of the clips named on the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("clip", nargs="+")
@@ -288,4 +289,4 @@ def main(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    run(main)

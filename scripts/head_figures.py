@@ -1,6 +1,6 @@
 """Draw the figures of shared_model/data/README.md: python -m scripts.head_figures."""
 
-import sys
+import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from decoder.render import Renderer, part_colours
 from loopback.skin import painted_colours
+from scripts.command import run
 from scripts.model_figures import DOCS, save
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS, Head, generic_head
@@ -90,18 +91,18 @@ def _mark(picture: Picture, pixel: Array, colour: tuple[int, int, int], text: st
     cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, 0.33, LABEL, 1, cv2.LINE_AA)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Draw and write the figures; an argument names another folder.  Returns the exit code."""
-    arguments = sys.argv[1:] if argv is None else argv
-    folder = Path(arguments[0]) if arguments else DOCS / "figures"
+def main(arguments: Sequence[str]) -> None:
+    """Draw and write the figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", nargs="?", type=Path, default=DOCS / "figures")
+    folder: Path = parser.parse_args(arguments).folder
     head = generic_head()
     renderer = Renderer(SIDE, SIDE, head, samples=4)
     save("head_atlas", atlas_figure(head), folder)
     save("head_landmarks", landmark_figure(renderer, head), folder)
     save("head_network", network_figure(renderer, head), folder)
     save("head_opacity", opacity_figure(renderer, head), folder)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

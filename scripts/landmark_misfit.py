@@ -5,7 +5,6 @@ and prints what is left of the landmarks' motion: root mean square about each po
 """
 
 import argparse
-import sys
 from collections.abc import Mapping, Sequence
 from itertools import islice
 from pathlib import Path
@@ -19,6 +18,7 @@ from encoder.fit import LandmarkModel, fit_frame, landmark_model, personalise
 from encoder.identity import Fitted, fit_identity
 from encoder.landmarks import LandmarkTracker
 from encoder.networks import find_network_folder
+from scripts.command import run
 from shared_model.geometry import pixel_from_head
 from shared_model.mesh import generic_head
 from shared_model.parameters import EAU_INDEX, EAUS, THESIS_EAUS, FaceParameters
@@ -75,13 +75,13 @@ def left_over(
     return np.asarray(left - left.mean(0))
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Print the table; returns the exit code."""
+def main(arguments: Sequence[str]) -> None:
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("clips", nargs="+", type=Path, metavar="CLIP")
     parser.add_argument("--frames", type=int, default=120, help="frames of each clip (default 120)")
     parser.add_argument("--every", type=int, default=2, help="take one of so many (default 2)")
-    options = parser.parse_args(argv)
+    options = parser.parse_args(arguments)
     head = generic_head()
     model = landmark_model(head)
     regions = {
@@ -102,8 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     print("|---" * (1 + len(regions)) + "|")
     for name, rows in squares.items():
         print(f"| {name} | " + " | ".join(f"{v:.2f}" for v in np.sqrt(np.mean(rows, 0))) + " |")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

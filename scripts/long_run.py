@@ -5,16 +5,16 @@ last full minute is than the first.
 """
 
 import argparse
-import sys
 from collections.abc import Sequence
 
 import numpy as np
 
 from encoder.capture import open_source
 from loopback.quality import TrackedFaceArea, psnr_db, squared_error
+from scripts.command import run
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(arguments: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("source")
     parser.add_argument("decoded")
@@ -27,7 +27,6 @@ def main(arguments: Sequence[str]) -> int:
         print(f"minute {number}: {np.nanmean(part):.2f} dB over {np.isfinite(part).sum()} frames")
     fall = np.nanmean(minutes[0]) - np.nanmean(figures[-a_minute:])
     print(f"last minute against the first: {-fall:+.2f} dB")
-    return 0
 
 
 def face_psnr_db(source: str, decoded: str) -> list[float]:
@@ -42,4 +41,4 @@ def face_psnr_db(source: str, decoded: str) -> list[float]:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main(sys.argv[1:]))
+    run(main)

@@ -26,6 +26,7 @@ from encoder.follow import FOLLOWED, FollowOptions, open_follower
 from encoder.klt import KltTracker
 from encoder.own_texture import OwnTexture
 from encoder.sighting import NetworkSighter
+from scripts.command import run
 from scripts.track_synthetic import CONFIGURATIONS
 from shared_model.geometry import euler_deg
 from shared_model.mesh import generic_head
@@ -38,7 +39,7 @@ PARTS: dict[str, tuple[tuple[type, str], ...]] = {
 }
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(arguments: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("source", nargs="+")
     parser.add_argument("--frames", type=int, default=100)
@@ -58,7 +59,6 @@ def main(arguments: Sequence[str]) -> int:
             parts.append(f"{label} {' | '.join(f'{value:.1f}' for value in ms)} |")
     print("\n| clip | tracker | " + " | ".join(PARTS) + " |\n" + "|---" * (len(PARTS) + 2) + "|")
     print("\n".join(parts))
-    return 0
 
 
 def row(source: str, follow: FollowOptions, count: int) -> str:
@@ -109,4 +109,4 @@ def _warn(message: str) -> None:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main(sys.argv[1:]))
+    run(main)

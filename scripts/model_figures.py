@@ -1,7 +1,6 @@
 """Draw the figures of docs/model.md and write its tables: python -m scripts.model_figures."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from decoder.render import Renderer
 from loopback.skin import painted_colours
+from scripts.command import run
 from scripts.model_tables import aau_table, eau_table, reference_fields, write_tables
 from shared_model.animate import Face, Identity
 from shared_model.expressions import EMOTIONS
@@ -151,15 +151,16 @@ def save(name: str, picture: Picture, folder: Path) -> None:
         raise OSError(f"cannot write {path}")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Draw and write everything; returns the exit code."""
+def main(arguments: Sequence[str]) -> None:
+    """Draw and write everything."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--docs", type=Path, default=DOCS, help="folder of model.md")
     parser.add_argument(
         "--reference", type=Path, help="CC0 targets written by scripts/build_head.py --reference"
     )
-    options = parser.parse_args(argv)
+    options = parser.parse_args(arguments)
     head = generic_head()
+    reference = reference_fields(options.reference, head) if options.reference else {}
     studio = Studio(head)
     figures = options.docs / "figures"
     figures.mkdir(parents=True, exist_ok=True)
@@ -171,15 +172,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     save("aau_1", aau_sheet(studio, AAUS[:6]), figures)
     save("aau_2", aau_sheet(studio, AAUS[6:]), figures)
     save("angles", angle_sheet(studio), figures)
-    reference = reference_fields(options.reference, head) if options.reference else {}
     if reference:
         names = list(reference)
         save("reference_1", reference_sheet(studio, reference, names[:10]), figures)
         save("reference_2", reference_sheet(studio, reference, names[10:]), figures)
         write_tables(options.docs / "model.md", "eau", eau_table(head, reference))
     write_tables(options.docs / "model.md", "aau", aau_table(head))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

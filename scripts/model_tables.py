@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared_model.anthropometry import MEASUREMENTS, measure
+from shared_model.errors import UserError
 from shared_model.expressions import DOWN, UP
 from shared_model.mesh import PARTS, Head
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS
@@ -39,13 +40,13 @@ COUNTERPARTS: Mapping[str, tuple[str, ...]] = {
 def reference_fields(path: Path, head: Head) -> dict[str, Array]:
     """Counterpart -> (n, 3) mm, from the file that `build_head --reference` wrote for this head.
 
-    Raises ValueError if the file belongs to another mesh.
+    Raises UserError if the file belongs to another mesh.
     """
     with np.load(path, allow_pickle=False) as data:
         fields = dict(zip(data["names"].tolist(), data["fields"].astype(np.float64), strict=True))
     size = len(next(iter(fields.values())))
     if size != len(head.vertices):
-        raise ValueError(f"{path} has {size} vertices, expected {len(head.vertices)}")
+        raise UserError(f"{path} has {size} vertices, expected {len(head.vertices)}")
     return {
         name: sum((fields[t] for t in targets), np.zeros((size, 3)))
         for name, targets in COUNTERPARTS.items()

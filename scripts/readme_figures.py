@@ -3,19 +3,20 @@
     risorius bench CLIP... --profile thesis --out DIR/thesis
     risorius bench CLIP... --profile default --out DIR/default
     risorius bench CLIP... --profile default --live --no-pace --out DIR/live
-    python scripts/readme_figures.py [--without-times] DIR/*/report.json
+    python -m scripts.readme_figures [--without-times] DIR/*/report.json
 
 A profile whose report is not named keeps the table that it has.  Times mean something only if the
 host had nothing else to do.
 """
 
+import argparse
 import json
-import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from loopback.report import figure
+from scripts.command import run
 
 Cells = Mapping[str, Any]
 README = Path(__file__).resolve().parent.parent / "README.md"
@@ -116,13 +117,18 @@ def _number(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
-def main(arguments: list[str]) -> None:
+def main(arguments: Sequence[str]) -> None:
     """Rewrite README.md from the reports named on the command line."""
-    text, times = README.read_text(encoding="utf-8"), "--without-times" not in arguments
-    for name in arguments[int(not times) :]:
-        text = replaced(text, json.loads(Path(name).read_text(encoding="utf-8")), times)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("report", nargs="+", type=Path, help="report.json of a bench")
+    parser.add_argument("--without-times", action="store_true", help="no latencies, no times")
+    options: Any = parser.parse_args(arguments)
+    text = README.read_text(encoding="utf-8")
+    for path in options.report:
+        report = json.loads(path.read_text(encoding="utf-8"))
+        text = replaced(text, report, times=not options.without_times)
     README.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    run(main)

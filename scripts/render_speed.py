@@ -5,14 +5,16 @@ the backdrop, setting a new texture, and drawing with readback, and the frames a
 medians together.
 """
 
-import sys
+import argparse
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
 from decoder.composite import make_backdrop, warp
 from decoder.render import Renderer
 from decoder.scene import edge_samples
+from scripts.command import run
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, pose_from_euler
 from shared_model.mesh import generic_head
@@ -52,8 +54,10 @@ def measure(width: int, height: int) -> np.ndarray:
     return np.asarray(1000 * np.diff(times[5:], axis=1))
 
 
-def main() -> int:
+def main(arguments: Sequence[str]) -> None:
     """Measure every size and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.parse_args(arguments)
     for width, height in SIZES:
         ms = measure(width, height)
         median, least = np.median(ms, axis=0), ms.min(axis=0)
@@ -61,8 +65,7 @@ def main() -> int:
             f"{name} {m:.2f} ({n:.2f})" for name, m, n in zip(STAGES, median, least, strict=True)
         )
         print(f"{width}x{height}: {stages} ms, {1000 / median.sum():.0f} frames a second")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -7,6 +7,7 @@ carried a layer, frames beside it, if all packets keep to the rate from the firs
 
 import argparse
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
@@ -20,6 +21,7 @@ from loopback.quality import face_area_finder, measure
 from protocol.messages import FramePacket, LayerPacket, ModelPacket, parse_packet, serialise
 from protocol.recording import MAGIC, CallReader, record
 from protocol.varint import decode_varint
+from scripts.command import run
 from shared_model.errors import UserError
 
 # So fast that every layer goes out at once.
@@ -133,7 +135,7 @@ def markdown(tables: dict[str, list[Row]]) -> str:
     return "\n".join(lines)
 
 
-def main(arguments: list[str]) -> None:
+def main(arguments: Sequence[str]) -> None:
     """Print the table of the clips named on the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("clip", nargs="+")
@@ -160,4 +162,4 @@ def _item_of(packet: bytes) -> bytes:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    run(main)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from encoder.capture import open_source
 from encoder.follow import FOLLOWED, FollowOptions, open_follower
 from encoder.photometric import NORMALISATIONS
+from scripts.command import run
 from shared_model.geometry import Camera, euler_deg, pixel_from_head
 from shared_model.mesh import generic_head
 from shared_model.parameters import EAU_INDEX, THESIS_EAUS, FaceParameters
@@ -80,7 +81,7 @@ class Stage:
         return np.asarray(np.rint(self.frames[index] * gain[None, :, None]), np.uint8)
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(arguments: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("source", nargs="+")
     parser.add_argument("--frames", type=int, default=100)
@@ -92,7 +93,6 @@ def main(arguments: Sequence[str]) -> int:
         stage = Stage(source, options.frames, FollowOptions(normalise=options.normalise))
         for name, disturbed in disturbances(stage).items():
             print(f"| {source.rsplit('/', 1)[-1]} | {name} | {row(stage, disturbed)} |", flush=True)
-    return 0
 
 
 def disturbances(stage: Stage) -> Mapping[str, Sequence[int | Picture]]:
@@ -141,4 +141,4 @@ def _warn(message: str) -> None:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main(sys.argv[1:]))
+    run(main)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from encoder.capture import open_source
 from encoder.follow import FOLLOWED, FollowOptions, open_follower
 from loopback.animate import AnimateOptions, animate
+from scripts.command import run
 from scripts.line_charts import Chart, draw_charts
 from shared_model.geometry import euler_deg
 from shared_model.mesh import generic_head
@@ -63,7 +64,7 @@ class Followed:
     focal_px: float
 
 
-def main(arguments: Sequence[str]) -> int:
+def main(arguments: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("call", nargs="+", type=Path)
     parser.add_argument("--out", type=Path, default=Path("out/tracking"))
@@ -81,7 +82,6 @@ def main(arguments: Sequence[str]) -> int:
         draw_figures(options.out / call.stem, truth, found)
         (options.out / "figures.json").write_text(json.dumps(figures, indent=1))
     print(error_table(figures))
-    return 0
 
 
 def calibration_script(seconds: float) -> str:
@@ -198,4 +198,4 @@ def _warn(message: str) -> None:
 
 
 if __name__ == "__main__":
-    raise SystemExit(main(sys.argv[1:]))
+    run(main)

@@ -2,7 +2,7 @@
 
     for clip in CLIPS; do for bytes in 10000 7000; do
         risorius encode $clip --model-bytes $bytes -o calls/$clip.$bytes.rzo; done; done
-    python scripts/train_foresight.py calls/*.rzo --held-out others/*.rzo
+    python -m scripts.train_foresight calls/*.rzo --held-out others/*.rzo
 
 writes protocol/data/foresight.npz and prints how many bits a decision takes in either set, before
 the weights are rounded.  Who is in a table of results should be held out.  Calls are read by the
@@ -14,6 +14,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,7 @@ from protocol.recording import CallReader
 from protocol.silhouette import parse_background
 from protocol.subbands import Pyramid, Series, read
 from protocol.surroundings import Surroundings, Turn, by_tile
+from scripts.command import run
 
 Array = NDArray[np.float32]
 Integers = NDArray[np.int64]
@@ -236,15 +238,15 @@ def rounded(weights: Weights) -> dict[str, NDArray[np.int32]]:
     return {name: np.rint(part).astype(np.int32) for name, part in zip(PARTS, parts, strict=True)}
 
 
-def main() -> None:
+def main(arguments: Sequence[str]) -> None:
     """Read calls, train, write, report."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("calls", nargs="+", type=Path, help="call files to learn from")
     parser.add_argument(
         "--held-out", nargs="*", type=Path, default=[], help="call files to judge by"
     )
-    arguments = parser.parse_args()
-    calls, others = ([read_call(p) for p in ps] for ps in (arguments.calls, arguments.held_out))
+    options: Any = parser.parse_args(arguments)
+    calls, others = ([read_call(p) for p in ps] for ps in (options.calls, options.held_out))
     stored: dict[str, NDArray[np.int32]] = {}
     outputs = (1, len(set(STEP_OUTPUTS)), 1)
     for index, name in enumerate(Networks.__slots__):
@@ -261,4 +263,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

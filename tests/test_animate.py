@@ -102,6 +102,22 @@ def test_a_background_shows_around_the_head_only(tmp_path: Path) -> None:
     assert abs(int(with_wall[0][nose[1], nose[0], 0]) - 200) > 20
 
 
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [(None, "No such file"), (b"", "not a picture"), (b"no picture at all", "not a picture")],
+)
+def test_a_background_that_cannot_be_read_is_one_line(
+    content: bytes | None, reason: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    script, wall = tmp_path / "script.toml", tmp_path / "wall.png"
+    script.write_text('background = "wall.png"\n' + SCRIPT)
+    if content is not None:
+        wall.write_bytes(content)
+    assert main(["animate", str(script), "-o", str(tmp_path / "out.mkv"), "-q"]) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith("risorius: ") and reason in line and "wall.png" in line
+
+
 def test_light_blur_and_noise_are_as_asked() -> None:
     picture = np.full((40, 60, 3), 100, np.uint8)
     script = parse_script(

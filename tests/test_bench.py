@@ -1,24 +1,28 @@
 """The figures of a bench: what they mean, and that two real processes yield them."""
 
 import json
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import LIMIT_S, Start, wait_until
 
 from encoder.capture import open_source
 from loopback.bench import (
+    CALL_FIGURES,
     MEANS,
     BenchSettings,
     bench_clip,
     bench_table,
+    is_figure,
     latency_ms,
     mean_figures,
     output_names,
 )
 from loopback.cli import main
 from loopback.quality import face_area_finder
-from loopback.report import figure, rounded, table
+from loopback.report import figure, flatten, rounded, table
 from loopback.timings import timings_tables
 from loopback.two_processes import free_port, run_call
 from shared_model.errors import UserError
@@ -130,11 +134,57 @@ def test_bench_reports_every_figure(
     assert clip["face_found"] == 1 and 0 < clip["nme_percent"] < 10
     assert {"capture", "follow", "send"} <= set(clip["encoder_ms"])
     assert {"animate", "render"} <= set(clip["decoder_ms"])
+    figures = {name for name, value in flatten(clip) if isinstance(value, int | float)}
+    assert all(map(is_figure, figures)) and figures.issuperset(CALL_FIGURES)
     assert report["mean"]["frame_bps"] == 800
-    printed = capsys.readouterr().out
-    assert bench_table(report["clips"]) in printed
-    assert timings_tables(report["clips"]) in printed
+    printed = capsys.readouterr()
+    assert bench_table(report["clips"]) in printed.out
+    assert timings_tables(report["clips"]) in printed.out
+    last = printed.err.splitlines()[-1]
+    assert "report.html" in last and str(out) in last
     assert (out / f"{carphone.stem}.mkv").exists()
+
+
+@pytest.mark.parametrize("options", [[], ["--sweep", "800"]])
+def test_what_is_no_video_is_said_before_anything_runs(
+    options: list[str], noise: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text, out = tmp_path / "text.mp4", tmp_path / "out"
+    text.write_text("no video")
+    assert main(["bench", str(noise), str(text), *options, "--out", str(out)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "text.mp4" in line
+    assert not out.exists()
+
+
+def test_a_clip_that_fails_does_not_cost_those_before_it(
+    carphone: Path, noise: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--profile", "thesis", "--max-frames", "9", "--out", str(tmp_path)]
+    assert main(["bench", str(carphone), str(noise), *options]) == 3
+    printed = capsys.readouterr()
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert [clip["source"] for clip in report["clips"]] == [carphone.name]
+    assert report["mean"]["frame_bps"] == 800
+    assert bench_table(report["clips"]) in printed.out
+    *_, where, why = printed.err.splitlines()
+    assert str(tmp_path) in where and "report.json" in where and "no face found" in why
+
+
+def test_an_interrupted_bench_keeps_the_clips_that_were_finished(
+    carphone: Path, tmp_path: Path, start: Start
+) -> None:
+    options = ["--profile", "thesis", "--max-frames", "9", "--out", tmp_path]
+    bench = start("bench", carphone, carphone, *options)
+    second = tmp_path / f"{carphone.stem}-2.encoder.log"
+    wait_until(second.exists, bench)
+    bench.send_signal(signal.SIGINT)
+    printed, complaint = bench.communicate(timeout=LIMIT_S)
+    assert bench.returncode == 130
+    assert complaint.splitlines()[-1] == "risorius: interrupted"
+    (clip,) = json.loads((tmp_path / "report.json").read_text())["clips"]
+    assert clip["frames"] == 9 and bench_table([clip]) in printed
+    assert (tmp_path / "report.html").exists()
 
 
 def test_bench_and_file_decode_to_the_same_pictures(carphone: Path, tmp_path: Path) -> None:

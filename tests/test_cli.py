@@ -7,16 +7,16 @@ import signal
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
 
+import numpy as np
 import pytest
-from conftest import PROGRAM, ROOT, Start
+from conftest import LIMIT_S, PROGRAM, ROOT, Start, wait_until
 
 from decoder.sink import open_sink
-from encoder.capture import open_source
+from encoder.capture import exact_fps, open_source
 from encoder.follow import DETECTORS, STEPS, TRACKERS
 from encoder.photometric import NORMALISATIONS
 from loopback.arguments import build_parser
@@ -29,7 +29,6 @@ from loopback.two_processes import free_port
 from protocol.recording import MAGIC, TruncatedCall, read_records, record
 from protocol.summary import summarise
 
-LIMIT_S = 60.0
 COMMANDS = ("encode", "decode", "relay", "bench", "replay", "info", "animate", "view", "demo")
 
 Capture = pytest.CaptureFixture[str]
@@ -45,15 +44,6 @@ def one_line(stderr: str) -> str:
     assert len(lines) == 1, stderr
     assert lines[0].startswith("risorius: ")
     return lines[0]
-
-
-def wait_until(condition: Callable[[], bool], process: subprocess.Popen[str]) -> None:
-    """Wait for `condition`, as long as `process` lives."""
-    deadline = time.monotonic() + LIMIT_S
-    while not condition():
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline, "it took too long"
-        time.sleep(0.02)
 
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
@@ -119,6 +109,22 @@ def test_bad_usage_is_one_line_that_points_to_the_help(
     assert "--help" in complaint(capsys)
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "expected"),
+    [
+        ("--bitrate", "0", "above 0"),
+        ("--startup-bitrate", "-1", "above 0"),
+        ("--fps", "0", "above 0"),
+        ("--model-bytes", "1000", "2000 to 100000"),
+    ],
+)
+def test_a_number_out_of_range_is_refused_with_the_range(
+    option: str, value: str, expected: str, capsys: Capture
+) -> None:
+    assert main(["encode", "a.mp4", "-o", "a.rzo", option, value]) == 2
+    assert expected in complaint(capsys)
+
+
 def test_timings_of_a_sweep_are_refused(tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "out"
     assert main(["bench", "a.mp4", "--sweep", "800", "--timings", "--out", str(out)]) == 2
@@ -161,6 +167,14 @@ def test_a_video_without_a_face_has_its_own_exit_code(
     assert not list(tmp_path.iterdir())
 
 
+def test_one_frame_without_a_face_is_no_plural(
+    noise: Path, networks: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    line = ["encode", str(noise), "-o", str(tmp_path / "call.rzo"), "--max-frames", "1"]
+    assert main(line) == 3
+    assert "no face found in 1 frame;" in complaint(capsys)
+
+
 def test_encode_writes_its_figures(carphone: Path, tmp_path: Path, capsys: Capture) -> None:
     call, report = tmp_path / "call.rzo", tmp_path / "report.json"
     arguments = ["encode", str(carphone), "-o", str(call), "--max-frames", "12"]
@@ -171,6 +185,15 @@ def test_encode_writes_its_figures(carphone: Path, tmp_path: Path, capsys: Captu
     assert figures["model_bytes"] == summary.model_bytes
     assert figures["frame_bytes"] == summary.frame_bytes
     assert "12 frames of 176x144" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("live", [[], ["--live"]], ids=["whole", "live"])
+def test_a_rate_that_cannot_be_kept_is_said(
+    live: list[str], carphone: Path, networks: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    line = ["encode", str(carphone), "-o", str(tmp_path / "call.rzo"), "--max-frames", "17", "-q"]
+    assert main([*line, "--profile", "default", "--bitrate", "20", *live]) == 0
+    assert "--bitrate 20 is too little" in complaint(capsys)
 
 
 @pytest.mark.parametrize(
@@ -220,6 +243,47 @@ def test_a_truncated_call_is_decoded_as_far_as_it_goes(
     assert not figures["complete"]
 
 
+@pytest.mark.parametrize("command", ["decode", "info"])
+def test_a_call_cut_off_in_its_model_is_said_to_be(
+    command: str, call: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    short = tmp_path / "short.rzo"
+    short.write_bytes(call.read_bytes()[:1000])
+    assert main([command, str(short)]) == 2
+    assert "short.rzo: the call is cut off: byte 4: packet has 994 bytes" in complaint(capsys)
+
+
+@pytest.mark.parametrize("live", [[], ["--live"]], ids=["whole", "live"])
+def test_of_a_truncated_call_info_counts_the_frames_that_decode_draws(
+    live: list[str], carphone: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    path, short, report = (tmp_path / name for name in ("call.rzo", "short.rzo", "report.json"))
+    options = ["--max-frames", "40", "--profile", "default", "-q"]
+    assert main(["encode", str(carphone), "-o", str(path), *options, *live]) == 0
+    whole = path.read_bytes()
+    for missing in (1, 40):
+        short.write_bytes(whole[:-missing])
+        assert main(["decode", str(short), "--report", str(report), "-q"]) == 0
+        assert "cut off" in complaint(capsys)
+        assert main(["info", str(short), "--json"]) == 0
+        told = capsys.readouterr()
+        assert "cut off" in one_line(told.err)
+        decoded, info = json.loads(report.read_text()), json.loads(told.out)
+        assert 0 < info["frames"] == decoded["frames"] <= 40
+        assert info["frame_bytes"] == decoded["frame_bytes"]
+        assert info["complete"] == decoded["complete"] is False
+
+
+@pytest.mark.parametrize("command", ["decode", "info"])
+def test_bytes_after_the_end_of_a_call_are_left_out_with_a_warning(
+    command: str, call: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    longer = tmp_path / "longer.rzo"
+    longer.write_bytes(call.read_bytes() + b"junk")
+    assert main([command, str(longer)]) == 0
+    assert "4 bytes after the end of the call are left out" in complaint(capsys)
+
+
 @pytest.mark.parametrize("name", ["none/out.mkv", "out.xyz"])
 def test_an_output_that_cannot_be_written_is_one_line(
     name: str, call: Path, tmp_path: Path, capsys: Capture
@@ -253,6 +317,51 @@ def test_decode_measures_against_the_source(
     assert quality["frames"] == quality["face_frames"] == 30
     assert quality["face_psnr_db"] > 20
     assert f"face {quality['face_psnr_db']:.2f} dB" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("none.mkv", "no such file"),
+        ("out.mkv", "another name"),
+        ("text.mp4", "not a video"),
+        ("noise.mkv", "is 176x144 but"),
+    ],
+)
+def test_a_source_that_cannot_be_compared_is_refused_before_decoding(
+    name: str, reason: str, call: Path, noise: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    (tmp_path / "text.mp4").write_text("no video")
+    (tmp_path / "noise.mkv").symlink_to(noise)
+    arguments = ["--source", str(tmp_path / name), "-o", str(tmp_path / "out.mkv"), "-q"]
+    assert main(["decode", str(call), *arguments]) == 2
+    assert reason in complaint(capsys)
+    assert not (tmp_path / "out.mkv").exists()
+
+
+def test_a_comparison_that_fails_does_not_hide_what_was_decoded(
+    call: Path, carphone: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    short, out, report = (tmp_path / name for name in ("short.mkv", "out.mkv", "report.json"))
+    copy_frames(carphone, short, 20)
+    arguments = ["-o", str(out), "--source", str(short), "--report", str(report)]
+    assert main(["decode", str(call), *arguments]) == 2
+    said = capsys.readouterr()
+    assert "different numbers of frames" in one_line(said.err)
+    assert said.out.startswith("30 frames of 176x144") and out.exists()
+    figures = json.loads(report.read_text())
+    assert figures["frames"] == 30 and "quality" not in figures
+
+
+def test_a_video_without_a_face_has_a_psnr_of_the_picture_alone(
+    call: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    blank = tmp_path / "blank.mkv"
+    with open_sink(blank, 176, 144, exact_fps(30)) as sink:
+        for _ in range(30):
+            sink.write(np.zeros((144, 176, 3), np.uint8))
+    assert main(["decode", str(call), "--source", str(blank)]) == 0
+    assert "PSNR: no face measured, picture " in capsys.readouterr().out
 
 
 def test_the_parts_of_a_call_add_up_to_the_file(call: Path, capsys: Capture) -> None:
@@ -382,7 +491,7 @@ def test_a_missing_extra_is_named(library: str, extra: str, call: Path) -> None:
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert result.returncode == 2
-    assert f"risorius[{extra}]" in one_line(result.stderr)
+    assert f"pip install '.[{extra}]'" in one_line(result.stderr)
 
 
 def test_without_the_landmark_networks_the_encoder_warns_and_goes_on(
@@ -574,6 +683,33 @@ def test_what_is_of_the_thesis_profile_is_refused_in_the_other(
     assert "--profile thesis" in one_line(capsys.readouterr().err)
 
 
+@pytest.mark.parametrize("of_default", ["--bitrate 400", "--live", "--fps 10"])
+@pytest.mark.parametrize("profile", ["", "--profile default", "--profile thesis"])
+def test_options_of_both_profiles_are_refused_without_circular_advice(
+    of_default: str, profile: str, capsys: Capture
+) -> None:
+    line = f"encode clip.mp4 -o call.rzo --lids {of_default} {profile}"
+    assert main(line.split()) == 2
+    said = complaint(capsys)
+    assert "do not go together" in said and "--lids" in said and of_default.split()[0] in said
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "encode clip.mp4 -o call.rzo --wait 5",
+        "encode clip.mp4 -o call.rzo --lossless",
+        "encode clip.mp4 -o call.rzo --call anna",
+        "decode call.rzo --timeout 5",
+        "decode call.rzo --call anna",
+    ],
+)
+def test_what_is_about_a_link_is_refused_with_a_file(line: str, capsys: Capture) -> None:
+    assert main(line.split()) == 2
+    said = complaint(capsys)
+    assert "does not go with" in said and f"leave out --{line.split(' --')[1].split()[0]}" in said
+
+
 @pytest.mark.parametrize(
     ("option", "profile"),
     [
@@ -611,7 +747,16 @@ def test_the_choices_of_an_option_are_those_that_the_encoder_has(
 
 @pytest.mark.parametrize(
     "option",
-    [("--fps", "10"), ("--live",), ("--startup-bitrate", "9000"), ("--lids",)],
+    [
+        ("--fps", "10"),
+        ("--live",),
+        ("--startup-bitrate", "9000"),
+        ("--lids",),
+        ("--bitrate", "300"),
+        ("--model-bytes", "9000"),
+        ("--detector", "haar"),
+        ("--no-pace",),
+    ],
     ids=lambda o: o[0],
 )
 def test_a_sweep_does_not_pass_over_an_option(

@@ -24,6 +24,12 @@ def test_an_input_is_no_output(tmp_path: Path) -> None:
         check_outputs([str(path)], [tmp_path / "." / "me.mp4"], [])
 
 
+def test_a_pattern_of_images_is_not_read_and_written(tmp_path: Path) -> None:
+    pattern = tmp_path / "frame%04d.png"
+    with pytest.raises(UserError, match="is what is to be read"):
+        check_outputs([str(pattern)], [tmp_path / "." / pattern.name], [])
+
+
 def test_two_outputs_are_two_files(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="named for two outputs"):
         check_outputs([], [tmp_path / "a.mkv"], [tmp_path / "a.mkv"])

@@ -99,6 +99,29 @@ def test_a_rate_too_low_for_anything_gets_the_coarsest() -> None:
     assert sum(map(packet_bits, packets)) < 0.2 * sum(map(packet_bits, code(values, 3000)))
 
 
+@pytest.mark.parametrize("live", [False, True])
+def test_a_rate_too_low_for_anything_is_said_with_what_it_takes(live: bool) -> None:
+    values = busy_values(12)
+    spreads = measure_spreads(values, USUAL)
+
+    def packets_and_excess(bitrate: float) -> tuple[list[CodedPacket], str | None]:
+        spending = Spending(bitrate, FPS, USUAL)
+        if not live:
+            packets = code_call(values, spreads, spending)
+            return packets, spending.excess(sum(map(packet_bits, packets)), len(values))
+        purse, predictor, packets = LivePurse(spending), FramePredictor(spreads), []
+        for number, span in enumerate(packet_spans(len(values), USUAL)):
+            packets.append(purse.code(predictor, number, values[slice(*span)]))
+            predictor.anchor = packets[-1].frames[-1]
+        return packets, purse.excess
+
+    packets, excess = packets_and_excess(20.0)
+    taken = sum(map(packet_bits, packets)) * FPS / len(values)
+    assert excess is not None and "--bitrate 20 is" in excess
+    assert f"takes {np.ceil(taken):.0f} bits a second" in excess
+    assert packets_and_excess(800.0)[1] is None
+
+
 def test_levels_run_from_the_finest_to_the_coarsest_quality() -> None:
     numbers = range(3 * TURNS)
     assert {packet_quality(0, n) for n in numbers} == {0}

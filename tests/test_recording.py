@@ -108,12 +108,25 @@ def test_another_kind_of_file_is_named(data: bytes) -> None:
         (b"\xff\xff\xff\xff", "bad number"),
         (b"\x81\0x", "bad number"),
         (record(bytes(2000)), "too long for its kind"),
-        (record(serialise(END)) + record(b"\0"), "after the end"),
     ],
 )
 def test_bad_records_are_named(records: bytes, message: str) -> None:
     with pytest.raises(ProtocolError, match=message):
         list(read_records(io.BytesIO(MAGIC + records)))
+
+
+def test_what_comes_after_the_end_is_no_packet_and_is_counted(tmp_path: Path) -> None:
+    sent = write(tmp_path / "call.rzo", thesis_call(30))
+    with (tmp_path / "call.rzo").open("ab") as file:
+        file.write(b"\xff\xff\xff\xff junk")
+    with CallReader(tmp_path / "call.rzo") as reader:
+        assert reader.receive() == sent[0] and reader.trailing_bytes == 0
+        assert [*reader] == sent[1:]
+        assert reader.complete and reader.ended and reader.trailing_bytes == 9
+    summary = summarise(tmp_path / "call.rzo")
+    assert summary.trailing_bytes == 9 and summary.frames == 30
+    parts = summary.model_bytes + summary.frame_bytes + summary.control_bytes
+    assert parts + summary.container_bytes == summary.file_bytes
 
 
 def test_a_reader_has_ended_after_an_error(tmp_path: Path) -> None:
@@ -203,6 +216,7 @@ def test_a_torn_call_is_summarised_up_to_the_tear(tmp_path: Path) -> None:
     assert summary.frame_packets == 33 and summary.frames == 99
     parts = summary.model_bytes + summary.frame_bytes + summary.control_bytes
     assert parts + summary.container_bytes == summary.file_bytes
+    assert summarise(path, shown_frames=97).frames == 97
 
 
 @pytest.mark.parametrize(("step", "packed"), [(1, 6), (2, 3)])
@@ -222,4 +236,11 @@ def test_the_default_profile_counts_frames_by_packets(
 def test_a_call_without_a_model_is_refused(tmp_path: Path) -> None:
     write(tmp_path / "call.rzo", [FramePacket(0, bytes(10))])
     with pytest.raises(ProtocolError, match="no model packet"):
+        summarise(tmp_path / "call.rzo")
+
+
+def test_a_call_cut_off_in_its_model_is_said_to_be(tmp_path: Path) -> None:
+    write(tmp_path / "call.rzo", thesis_call(30))
+    (tmp_path / "call.rzo").write_bytes((tmp_path / "call.rzo").read_bytes()[:60])
+    with pytest.raises(TruncatedCall, match="call is cut off: byte 4: packet has 54 bytes of 155"):
         summarise(tmp_path / "call.rzo")

@@ -1,10 +1,12 @@
 """Suites are read strictly, thresholds hold both ways, and a CI can read the outcome."""
 
+import hashlib
+import signal
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
-from conftest import ROOT
+from conftest import LIMIT_S, ROOT, Start, wait_until
 
 from loopback.bench import BenchSettings
 from loopback.cli import main
@@ -76,6 +78,20 @@ def test_a_suite_says_what_to_replay_and_what_to_hold(tmp_path: Path) -> None:
         ("[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\nmin = 3", "min is not a table"),
         ("[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\nmin.fps = 'x'", "min of fps is not a number"),
         ("[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\nsettings.x = 1", "unknown settings x"),
+        ("[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\nmax.frame_bpz = 1", "max: .* figure frame_bpz"),
+        ("[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\nmin.latency_ms.p5 = 1", "figure latency_ms.p5"),
+        ("settings.profile = 'thesys'\n[[clip]]\npath = 'a'\nsha256 = 'a'", "clip a: .*thesys"),
+        ("settings.profile = 3\n[[clip]]\npath = 'a'\nsha256 = 'a'", "--profile: .*3"),
+        ("settings.bitrate = 'fast'\n[[clip]]\npath = 'a'\nsha256 = 'a'", "fast is not a number"),
+        (
+            "settings.bitrate = true\n[[clip]]\npath = 'a'\nsha256 = 'a'",
+            "true nor false for bitrate",
+        ),
+        (
+            "settings.live = 'no'\n[[clip]]\npath = 'a'\nsha256 = 'a'",
+            "true or false for live",
+        ),
+        ("settings.lids = true\n[[clip]]\npath = 'a'\nsha256 = 'a'", "--lids is about"),
         ("[[clip]]\npath = 'package:none_such/a.mp4'\nsha256 = 'a'", "not installed"),
         ("[[clip", "is no TOML file"),
     ],
@@ -83,6 +99,16 @@ def test_a_suite_says_what_to_replay_and_what_to_hold(tmp_path: Path) -> None:
 def test_a_suite_with_a_mistake_is_refused(text: str, reason: str, tmp_path: Path) -> None:
     with pytest.raises(UserError, match=reason):
         read_suite(write_suite(tmp_path, text))
+
+
+def test_a_misspelt_figure_is_one_line_before_anything_runs(
+    noise: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = f"[[clip]]\npath = '{noise}'\nsha256 = 'a'\nmax.frame_bpz = 1"
+    out = tmp_path / "out"
+    assert main(["replay", str(write_suite(tmp_path, text)), "--out", str(out)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "frame_bpz" in line and not out.exists()
 
 
 def test_a_missing_suite_is_refused(tmp_path: Path) -> None:
@@ -140,9 +166,28 @@ def test_another_file_than_the_suite_means_is_a_failed_clip(
 def test_the_demo_suite_passes_in_two_processes_over_zenoh(
     carphone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["replay", str(DEMO_SUITE), "--out", str(tmp_path)]) == 0, capsys.readouterr().out
+    code = main(["replay", str(DEMO_SUITE), "--out", str(tmp_path)])
+    printed = capsys.readouterr()
+    assert code == 0, printed.out
+    assert f"in {tmp_path}" in printed.err.splitlines()[-1]
     assert (tmp_path / "carphone.mkv").exists()
     assert (tmp_path / "report.json").exists()
+
+
+def test_an_interrupted_replay_keeps_the_clips_that_were_finished(
+    carphone: Path, tmp_path: Path, start: Start
+) -> None:
+    settings = "settings = { profile = 'thesis', max_frames = 9 }\n"
+    sums = "0" * 64, hashlib.sha256(carphone.read_bytes()).hexdigest()
+    clips = [f"[[clip]]\npath = '{carphone}'\nsha256 = '{sum_}'\n" for sum_ in sums]
+    suite, junit = write_suite(tmp_path, settings + "".join(clips)), tmp_path / "junit.xml"
+    replay = start("replay", suite, "--out", tmp_path / "out", "--junit", junit)
+    wait_until((tmp_path / "out" / f"{carphone.stem}-2.encoder.log").exists, replay)
+    replay.send_signal(signal.SIGTERM)
+    printed, _ = replay.communicate(timeout=LIMIT_S)
+    assert replay.returncode == 130
+    assert "another file than the suite means" in printed
+    assert (tmp_path / "out" / "report.json").exists() and not junit.exists()
 
 
 def test_a_missed_threshold_is_exit_code_1(

@@ -46,7 +46,9 @@ def test_a_sweep_measures_draws_and_goes_on_where_it_was(
     options = ["--max-frames", str(FRAMES), "--out", str(out)]
     assert main(["bench", "--sweep", "300,900", str(carphone), *options]) == 0
     report = json.loads((out / "report.json").read_text())
-    assert sweep_table(report) in capsys.readouterr().out
+    printed = capsys.readouterr()
+    assert sweep_table(report) in printed.out
+    assert f"in {out}" in printed.err.splitlines()[-1]
     low, high = report["curves"][carphone.stem]["points"]
     assert low["frames"] == high["frames"] == FRAMES
     assert low["frame_bps"] < high["frame_bps"] <= 900 and low["frame_bps"] <= 300

@@ -1,0 +1,18 @@
+"""How scripts are run: `python -m scripts.NAME` in the project's folder."""
+
+import sys
+from collections.abc import Callable, Sequence
+from typing import NoReturn
+
+from loopback.arguments import BAD_USAGE
+from loopback.cli import complain
+from shared_model.errors import UserError
+
+
+def run(main: Callable[[Sequence[str]], None]) -> NoReturn:
+    """Hand the command line's arguments to `main` and exit; the user's mistake is one line."""
+    try:
+        main(sys.argv[1:])
+    except (UserError, OSError) as error:
+        sys.exit(complain(str(error), BAD_USAGE))
+    sys.exit(0)
