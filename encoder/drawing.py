@@ -202,6 +202,7 @@ def _corners(
 
 @compiled
 def _driven(fields: Single, corners: NDArray[np.integer], weights: Single, back: Single) -> Single:
+    """(p, a) how far each point moves along `back` (p, 3), by fields (n, 3 a) of the vertices."""
     count = fields.shape[1] // 3
     found = np.empty((corners.shape[1], count), np.float32)
     for pixel in range(len(found)):

@@ -42,6 +42,7 @@ class Surface:
 def _spread(
     values: NDArray[np.float32], corners: Indices, weights: NDArray[np.float32]
 ) -> NDArray[np.float32]:
+    """Values (d, n) of vertices at the points (p,) between them: (d, p)."""
     found = np.empty((len(values), corners.shape[1]), np.float32)
     for row in range(len(values)):
         for pixel in range(corners.shape[1]):
@@ -90,10 +91,10 @@ def _draw(
         area = bx * cy - by * cx
         if not area < -LEAST_AREA_PX2:
             continue
-        left = max(np.ceil(ax + min(0.0, bx, cx)), 0.0)
-        right = min(np.floor(ax + max(0.0, bx, cx)), width - 1.0)
-        top = max(np.ceil(ay + min(0.0, by, cy)), 0.0)
-        bottom = min(np.floor(ay + max(0.0, by, cy)), height - 1.0)
+        left = int(max(np.ceil(ax + min(0.0, bx, cx)), 0.0))
+        right = int(min(np.floor(ax + max(0.0, bx, cx)), width - 1.0))
+        top = int(max(np.ceil(ay + min(0.0, by, cy)), 0.0))
+        bottom = int(min(np.floor(ay + max(0.0, by, cy)), height - 1.0))
         for row in range(top, bottom + 1):
             for column in range(left, right + 1):
                 if not wanted[row, column]:
