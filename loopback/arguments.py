@@ -131,7 +131,9 @@ def _add_bench(added: "Commands") -> None:
         added,
         "bench",
         "measure bits, PSNR and latency of recorded videos",
-        "Encoder and decoder run as two processes that talk over Zenoh on this host.\n"
+        "Encoder and decoder run as two processes that talk over Zenoh on this host.  Latency is\n"
+        "from the reading of a frame to its picture; in the default profile, unless it is --live,\n"
+        "the whole file is looked at in between.\n"
         "With --sweep each clip is learned once and coded at several rates into call files.",
         "  risorius bench me.mp4 you.mp4 --out out/bench\n"
         "  risorius bench --timings --no-pace me.mp4\n"
