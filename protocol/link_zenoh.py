@@ -6,12 +6,14 @@ token, so that the other knows when it comes and goes.  Nothing is found by mult
 listens where the other connects, or both connect to a router.
 """
 
+import _thread
 import json
 import re
 import threading
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from time import monotonic
 from typing import Self
 
@@ -36,6 +38,8 @@ ZENOH_OVERHEAD_BYTES = {"udp": 6, "tcp": 8}
 IP_OVERHEAD_BYTES = {"udp": 28, "tcp": 52}
 # For how long a call without END waits for its encoder to come back.
 GONE_GRACE_S = 1.0
+# How long a session that nobody wants any more may take to open.
+OPENING_S = 0.5
 
 _ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws)/\S+:\d+(\?\S*)?(#\S*)?")
 _CALL_NAME = re.compile(r"[A-Za-z0-9_.-]+")
@@ -71,10 +75,22 @@ class LinkOptions:
 
 
 class _Session:
-    """An open session, closed on leaving the `with` block."""
+    """An open session, closed on leaving the `with` block.
+
+    Callbacks run in the thread that receives: one of its own for each, which ends with its session
+    only, would keep an interrupted program from ending.
+    """
 
     def __init__(self, options: LinkOptions) -> None:
         self._session = _open(options)
+        try:
+            self._declare(options)
+        except BaseException:
+            self.close()
+            raise
+
+    def _declare(self, options: LinkOptions) -> None:
+        """Say in the open session what this end sends and wants."""
 
     def close(self) -> None:
         """Deliver what was sent and leave; closing twice does nothing more."""
@@ -99,15 +115,17 @@ class ZenohSink(_Session):
         self._peers = 0
         self._changed = threading.Condition()
         super().__init__(options)
+
+    def _declare(self, options: LinkOptions) -> None:
         key = f"risorius/{options.call}"
         self._publishers = {
             kind: self._publisher(f"{key}/{kind.name.lower()}", options.lossless, kind)
             for kind in Kind
         }
-        self._session.declare_queryable(f"{key}/model", Callback(self._answer))
+        self._session.declare_queryable(f"{key}/model", Callback(self._answer, indirect=False))
         liveliness = self._session.liveliness()
         liveliness.declare_subscriber(
-            f"{key}/decoder/*", Callback(self._decoder_changed), history=True
+            f"{key}/decoder/*", Callback(self._decoder_changed, indirect=False), history=True
         )
         self._token = liveliness.declare_token(f"{key}/encoder")
 
@@ -175,13 +193,15 @@ class ZenohSource(_Session):
         self._complete = self._ended = False
         self._key = f"risorius/{options.call}"
         super().__init__(options)
-        # In the receiving thread: with a thread for each key, packets would change places.
+
+    def _declare(self, options: LinkOptions) -> None:
+        # With a thread for each key, packets would change places.
         arrived = Callback(self._arrived, indirect=False)
         for kind in Kind:
             self._session.declare_subscriber(f"{self._key}/{kind.name.lower()}", arrived)
         liveliness = self._session.liveliness()
         liveliness.declare_subscriber(
-            f"{self._key}/encoder", Callback(self._encoder_changed), history=True
+            f"{self._key}/encoder", Callback(self._encoder_changed, indirect=False), history=True
         )
         # After the subscribers: who sees the token knows that they are there.
         self._token = liveliness.declare_token(f"{self._key}/decoder/{self._session.zid()}")
@@ -234,7 +254,7 @@ class ZenohSource(_Session):
             # The model may have been published before we came; if also after, one is dropped.
             self._session.get(
                 f"{self._key}/model",
-                Callback(self._replied),
+                Callback(self._replied, indirect=False),
                 consolidation=ConsolidationMode.NONE,
             )
         else:
@@ -258,16 +278,27 @@ class ZenohRouter(_Session):
 
 def _open(options: LinkOptions) -> zenoh.Session:
     """A session, opened in a thread of its own so that Ctrl-C need not wait for it."""
-    results: SimpleQueue[zenoh.Session | zenoh.ZError] = SimpleQueue()
+    results: list[zenoh.Session | zenoh.ZError] = []
+    done: SimpleQueue[None] = SimpleQueue()
 
     def run() -> None:
         try:
-            results.put(zenoh.open(_config(options)))
+            results.append(zenoh.open(_config(options)))
         except zenoh.ZError as error:
-            results.put(error)
+            results.append(error)
+        done.put(None)
 
-    threading.Thread(target=run, daemon=True).start()
-    result = results.get()
+    # An interrupt within `threading.Thread.start` is not always one outside of it.
+    _thread.start_new_thread(run, ())
+    try:
+        done.get()
+    except BaseException:
+        # Python aborts if a thread comes back from Zenoh while it ends; one that listens does soon.
+        if not results:
+            with suppress(Empty):
+                done.get(timeout=OPENING_S)
+        raise
+    (result,) = results
     if isinstance(result, zenoh.ZError):
         raise UserError(_open_failure(options, _reason(result)), LINK_FAILED) from result
     return result

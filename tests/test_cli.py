@@ -473,6 +473,17 @@ def test_an_interrupt_is_not_interrupted() -> None:
         signal.raise_signal(signal.SIGINT)
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_an_interrupt_that_gets_lost_is_still_the_answer() -> None:
+    class Final:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGINT)
+
+    with StopOnSignal() as stop:
+        Final()
+        assert stop()
+
+
 def test_before_the_first_frame_a_signal_interrupts() -> None:
     with StopOnSignal(), pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGTERM)

@@ -249,6 +249,26 @@ def test_ctrl_c_ends_the_wait_at_once(waiting: str, endpoint: str) -> None:
     child.stdout.close()
 
 
+@pytest.mark.parametrize("end", ["ZenohSource", "ZenohSink"])
+def test_a_program_ends_whenever_its_link_is_interrupted_while_it_opens(end: str) -> None:
+    program = (
+        "import sys; from signal import ITIMER_REAL, SIGALRM, setitimer, signal\n"
+        "import protocol.link_zenoh as link\n"
+        "def interrupt(*_): raise KeyboardInterrupt\n"
+        "signal(SIGALRM, interrupt)\n"
+        "options, opened = link.LinkOptions('test', listen=('tcp/127.0.0.1:0',)), 0\n"
+        "for number in range(1, 10_000):\n"
+        "    try:\n"
+        "        setitimer(ITIMER_REAL, number * 1e-5)\n"
+        "        with getattr(link, sys.argv[1])(options): setitimer(ITIMER_REAL, 0)\n"
+        "        opened += 1\n"
+        "    except KeyboardInterrupt: pass\n"
+        "    if opened == 100: sys.exit(7)\n"
+    )
+    child = subprocess.run([sys.executable, "-c", program, end], check=False, timeout=WAIT_S)
+    assert child.returncode == 7
+
+
 def test_an_encoder_that_comes_back_goes_on_with_the_call(stack: ExitStack, endpoint: str) -> None:
     source = stack.enter_context(ZenohSource(listening(endpoint), gone_grace_s=WAIT_S))
     with ZenohSink(connecting(endpoint)) as first:
