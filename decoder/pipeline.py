@@ -12,7 +12,7 @@ from decoder.recast import read_model, recast
 from decoder.scene import Scene, StageClock, head_of
 from decoder.sink import Background, PictureSink, open_sink
 from protocol.layers import is_refined
-from protocol.link import PacketSource
+from protocol.link import CONNECT_TIMEOUT_S, LinkOptions, PacketSource, Say, silent
 from protocol.messages import Kind, ModelPacket, ProtocolError, packet_kind
 from protocol.recording import CallReader, TruncatedCall
 from protocol.summary import source_frames
@@ -30,6 +30,7 @@ class DecodeOptions:
 
     call_file: a recorded call; None: over the network.
     listen, connect: Zenoh endpoints such as tcp/0.0.0.0:7447; call: name of the call.
+    connect_timeout_s: for how long to try to connect; 0: as long as is usual.
     output: video file or image pattern; None: only measured.
     face: call file whose caller is drawn instead; None: the call's own.
     """
@@ -38,6 +39,7 @@ class DecodeOptions:
     listen: tuple[str, ...] = ()
     connect: tuple[str, ...] = ()
     call: str = "call"
+    connect_timeout_s: float = 0.0
     output: Path | None = None
     face: Path | None = None
 
@@ -88,17 +90,20 @@ class _Tally:
         self.first_damage = self.first_damage or str(error)
 
 
-def decode(options: DecodeOptions, progress: Progress, stop: Callable[[], bool]) -> DecodeReport:
+def decode(
+    options: DecodeOptions, progress: Progress, stop: Callable[[], bool], say: Say = silent
+) -> DecodeReport:
     """Decode one call to its end, or until `stop`; what was decoded by then is kept.
 
     progress: called with the number of pictures so far and of the whole call, if that is known.
+    say: takes a line that says where an encoder is waited for, over a network.
     Raises `UserError` if the call cannot be read, drawn or written.
     """
     total = _expected_frames(options)
     worn = read_model(options.face) if options.face else None
     playout, tally, clock = Playout(), _Tally(), StageClock()
     with ExitStack() as stack:
-        source = stack.enter_context(open_source(options))
+        source = stack.enter_context(open_source(options, say))
         scene: Scene | None = None
         sink: PictureSink | None = None
         for frame in played_frames(source, playout, tally, stop):
@@ -122,13 +127,17 @@ def decode(options: DecodeOptions, progress: Progress, stop: Callable[[], bool])
     return _report(playout, worn, tally, clock, _name(options))
 
 
-def open_source(options: DecodeOptions) -> PacketSource:
-    """The call file or the network, whichever the options name.  Raises `UserError`."""
+def open_source(options: DecodeOptions, say: Say) -> PacketSource:
+    """The call file or the network, whichever the options name.  Raises `UserError`.
+
+    say: see `decode`.
+    """
     if options.call_file is not None:
         return CallReader(options.call_file)
-    from protocol.link_zenoh import LinkOptions, ZenohSource
+    from protocol.link_zenoh import ZenohSource
 
-    return ZenohSource(LinkOptions(options.call, options.listen, options.connect))
+    patience_s = options.connect_timeout_s or CONNECT_TIMEOUT_S
+    return ZenohSource(LinkOptions(options.call, options.listen, options.connect, patience_s), say)
 
 
 def played_frames(

@@ -19,7 +19,7 @@ from loopback.profiles import chosen_profile
 from loopback.progress import ProgressLine
 from loopback.report import json_text, write_json, write_report
 from loopback.signals import StopOnSignal
-from shared_model.errors import UserError
+from shared_model.errors import LINK_FAILED, UserError
 
 if TYPE_CHECKING:
     from decoder.pipeline import DecodeReport
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int | None], None]
 
-LINK_FAILED = 4
 INTERRUPTED = 130
 
 
@@ -36,6 +35,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
     """`risorius encode`."""
     from encoder.follow import FollowOptions
     from encoder.pipeline import EncodeOptions, encode
+    from protocol.link import Reach
 
     check_outputs([arguments.source], [arguments.output], [arguments.report])
     profile = chosen_profile(arguments)
@@ -69,7 +69,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
     )
     with StopOnSignal() as stop, _progress("encode", arguments) as progress:
         try:
-            report = encode(options, stop.watch(progress), stop)
+            report = encode(options, stop.watch(progress), stop, progress.say)
         except UserError as error:
             raise _reason(error, stop) from error
     _warn(report.warnings)
@@ -77,7 +77,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
         print(_encode_summary(report))
     if arguments.report:
         write_json(arguments.report, report)
-    return INTERRUPTED if stop() else 0
+    return _exit_code(stop, link_failed=report.reach == Reach.NO_LINK)
 
 
 def run_decode(arguments: argparse.Namespace) -> int:
@@ -95,6 +95,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
             listen=tuple(arguments.listen or ()),
             connect=tuple(arguments.connect or ()),
             call=arguments.call,
+            connect_timeout_s=arguments.timeout,
             output=output,
             face=arguments.face,
         )
@@ -102,7 +103,8 @@ def run_decode(arguments: argparse.Namespace) -> int:
         patience = Patience(arguments.timeout, stop)
         with _progress("decode", arguments) as progress:
             try:
-                report = decode(options, patience.watch(stop.watch(progress)), patience)
+                noted = patience.watch(stop.watch(progress))
+                report = decode(options, noted, patience, progress.say)
             except UserError as error:
                 raise _reason(error, stop, patience) from error
         _warn(report.warnings)
@@ -114,7 +116,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
     if arguments.report:
         figures = asdict(report) | ({"quality": asdict(quality)} if quality else {})
         write_json(arguments.report, figures)
-    return INTERRUPTED if stop() else 0
+    return _exit_code(stop, link_failed=False)
 
 
 def run_bench(arguments: argparse.Namespace) -> int:
@@ -286,12 +288,18 @@ def _progress(label: str, arguments: argparse.Namespace) -> ProgressLine:
 def _reason(
     error: UserError, stop: Callable[[], bool], patience: Patience | None = None
 ) -> BaseException:
-    """Why nothing came of it: the user's wish and a silent link come before the pipeline's word."""
+    """Why nothing came of it: the user's wish, a failed link, a silent one, or the error."""
     if stop():
         return KeyboardInterrupt()
-    if patience is not None and patience.expired:
+    if patience is not None and patience.expired and error.exit_code != LINK_FAILED:
         return UserError(f"nobody called within {patience.timeout_s:g} s", LINK_FAILED)
     return error
+
+
+def _exit_code(stop: Callable[[], bool], link_failed: bool) -> int:
+    if stop():
+        return INTERRUPTED
+    return LINK_FAILED if link_failed else 0
 
 
 def _warn(warnings: Iterable[str]) -> None:
@@ -326,6 +334,7 @@ def _encode_summary(report: "EncodeReport") -> str:
         f"{report.frames} frames of {report.width}x{report.height} at {report.fps:.2f}/s,"
         f" {report.coded_fps:.2f}/s coded: model {report.model_bytes} bytes,"
         f" frames {report.frame_bytes} bytes; {busy_ms:.1f} ms a frame"
+        f"{'' if report.reach == 'somebody' else '; nobody heard its end'}"
     )
 
 

@@ -9,12 +9,10 @@ listens where the other connects, or both connect to a router.
 import _thread
 import json
 import re
-import threading
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from queue import Empty, SimpleQueue
-from time import monotonic
+from time import monotonic, sleep
 from typing import Self
 
 import zenoh
@@ -22,16 +20,17 @@ from zenoh import CongestionControl, ConsolidationMode, Reliability, SampleKind
 from zenoh.handlers import Callback
 
 from protocol.arrivals import Arrivals
+from protocol.audience import Audience
 from protocol.kept import Kept
+from protocol.link import LinkOptions, Reach, Say, silent
 from protocol.messages import (
     MAX_MODEL_PACKET_BYTES,
     Kind,
     is_end,
     packet_kind,
 )
-from shared_model.errors import UserError
+from shared_model.errors import LINK_FAILED, UserError
 
-LINK_FAILED = 4
 # Bytes that a live frame packet grows by, measured with 8-bit sequence numbers and declared keys:
 # under UDP, under TCP; then what IP adds (20 and 8 of UDP, 20 and 32 of TCP with timestamps).
 ZENOH_OVERHEAD_BYTES = {"udp": 6, "tcp": 8}
@@ -40,38 +39,7 @@ IP_OVERHEAD_BYTES = {"udp": 28, "tcp": 52}
 GONE_GRACE_S = 1.0
 # How long a session that nobody wants any more may take to open.
 OPENING_S = 0.5
-
-_ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws)/\S+:\d+(\?\S*)?(#\S*)?")
-_CALL_NAME = re.compile(r"[A-Za-z0-9_.-]+")
-
-
-@dataclass(frozen=True, slots=True)
-class LinkOptions:
-    """Where and how to hold a call.
-
-    call: its name, letters, digits and `_.-`.
-    listen, connect: Zenoh endpoints such as tcp/127.0.0.1:7447; at least one.
-    connect_timeout_s: for how long to try to connect.
-    lossless: frames are sent reliably and wait for a slow link rather than being dropped; over TCP
-        all arrive, in order, before END.  For files and measurements, not for live calls.
-    router: pass on what others send rather than take part.
-    """
-
-    call: str
-    listen: tuple[str, ...] = ()
-    connect: tuple[str, ...] = ()
-    connect_timeout_s: float = 10.0
-    lossless: bool = False
-    router: bool = False
-
-    def __post_init__(self) -> None:
-        if not _CALL_NAME.fullmatch(self.call):
-            raise UserError(f"call name {self.call!r}: use letters, digits and _ . - only")
-        if not self.listen and not self.connect:
-            raise UserError("no endpoint to listen on or to connect to")
-        for endpoint in self.listen + self.connect:
-            if not _ENDPOINT.fullmatch(endpoint):
-                raise UserError(f"endpoint {endpoint!r}: expected something like tcp/HOST:7447")
+POLL_S = 0.05
 
 
 class _Session:
@@ -81,9 +49,14 @@ class _Session:
     only, would keep an interrupted program from ending.
     """
 
-    def __init__(self, options: LinkOptions) -> None:
+    def __init__(self, options: LinkOptions, awaited: str = "", say: Say = silent) -> None:
+        """awaited: whom to name when it is said where the session connects to or listens."""
+        if not options.listen:
+            say(f"connecting to {' or '.join(options.connect)} for {awaited}")
         self._session = _open(options)
         try:
+            if options.listen:
+                say(f"listening on {' and '.join(options.listen)} for {awaited}")
             self._declare(options)
         except BaseException:
             self.close()
@@ -105,19 +78,29 @@ class _Session:
 
 
 class ZenohSink(_Session):
-    """The encoder's end of a call: a `PacketSink`.
+    """The encoder's end of a call: a `PacketSink`.  Zenoh connects it again by itself.
 
-    Raises `UserError` with exit code 4 if the link cannot be made.
+    say: takes a line that says where a decoder is waited for; later when nobody listens any more,
+        or somebody does again.
+    Raises `UserError` with exit code 4 if the link cannot be made, or has an encoder of the same
+    call already; two that start at the same moment may miss each other.
     """
 
-    def __init__(self, options: LinkOptions) -> None:
+    def __init__(self, options: LinkOptions, say: Say = silent) -> None:
         self._kept = Kept()
-        self._peers = 0
-        self._changed = threading.Condition()
-        super().__init__(options)
+        self._audience = Audience(say)
+        self._reach = Reach.NOBODY
+        self._listens = bool(options.listen)
+        self._begun_s = monotonic()
+        super().__init__(options, f"a decoder of call {options.call!r}", say)
 
     def _declare(self, options: LinkOptions) -> None:
         key = f"risorius/{options.call}"
+        if self._is_taken(f"{key}/encoder"):
+            raise UserError(
+                f"call {options.call!r} has an encoder already; choose another name with --call",
+                LINK_FAILED,
+            )
         self._publishers = {
             kind: self._publisher(f"{key}/{kind.name.lower()}", options.lossless, kind)
             for kind in Kind
@@ -132,21 +115,45 @@ class ZenohSink(_Session):
     @property
     def peers(self) -> int:
         """Number of decoders that are there."""
-        return self._peers
+        return len(self._audience)
+
+    @property
+    def reach(self) -> Reach:
+        """Whom the newest packet could reach; an encoder that listens always has its link."""
+        return self._reach
 
     def wait_for_peer(self, timeout_s: float) -> None:
         """Return once a decoder is there and will get all that is sent from now on.
 
-        Raises `UserError` with exit code 4 if none has come within `timeout_s`.
+        Raises `UserError` with exit code 4 if none has come within `timeout_s` from when the link
+        began to be made.
         """
-        with self._changed:
-            if not self._changed.wait_for(lambda: self._peers > 0, timeout_s):
-                raise UserError(f"no decoder came within {timeout_s:g} s", LINK_FAILED)
+        if not self._audience.wait(max(0.0, self._begun_s + timeout_s - monotonic())):
+            raise UserError(f"no decoder came within {timeout_s:g} s", LINK_FAILED)
 
     def send(self, packet: bytes) -> None:
         """Publish one packet; models in use and their layers are kept for who joins later."""
         self._kept.note(packet)
-        self._put(packet_kind(packet), packet)
+        try:
+            self._reach = self._reach_now()
+            self._publishers[packet_kind(packet)].put(packet)
+        except zenoh.ZError as error:
+            raise UserError(f"the link has failed: {_reason(error)}", LINK_FAILED) from error
+
+    def _reach_now(self) -> Reach:
+        if self._audience.look():
+            return Reach.SOMEBODY
+        linked = self._listens or self._session.info.transports()
+        return Reach.NOBODY if linked else Reach.NO_LINK
+
+    def _is_taken(self, key: str) -> bool:
+        """Whether somebody keeps the token `key`; one who leaves may take a moment to be gone."""
+        deadline = monotonic() + GONE_GRACE_S
+        while any(r.ok for r in self._session.liveliness().get(key, timeout=GONE_GRACE_S)):
+            if monotonic() >= deadline:
+                return True
+            sleep(POLL_S)
+        return False
 
     def _publisher(self, key: str, lossless: bool, kind: Kind) -> zenoh.Publisher:
         sure = lossless or kind is not Kind.FRAME
@@ -159,21 +166,14 @@ class ZenohSink(_Session):
             express=sure,
         )
 
-    def _put(self, kind: Kind, packet: bytes) -> None:
-        try:
-            self._publishers[kind].put(packet)
-        except zenoh.ZError as error:
-            raise UserError(f"the link has failed: {_reason(error)}", LINK_FAILED) from error
-
     def _answer(self, query: zenoh.Query) -> None:
         with query:
             for packet in self._kept.packets:
                 query.reply(query.key_expr, packet)
 
     def _decoder_changed(self, sample: zenoh.Sample) -> None:
-        with self._changed:
-            self._peers += 1 if sample.kind == SampleKind.PUT else -1
-            self._changed.notify_all()
+        change = self._audience.came if sample.kind == SampleKind.PUT else self._audience.went
+        change(str(sample.key_expr))
 
 
 class ZenohSource(_Session):
@@ -182,17 +182,20 @@ class ZenohSource(_Session):
     Hands out the model before any frame, whenever it joins.  Ends with the END packet, or when the
     encoder has been gone for `gone_grace_s` without one, and nothing has come for as long: a slow
     link goes on delivering.
+    say: takes a line that says where an encoder is waited for.
     Raises `UserError` with exit code 4 if the link cannot be made.
     """
 
-    def __init__(self, options: LinkOptions, gone_grace_s: float = GONE_GRACE_S) -> None:
+    def __init__(
+        self, options: LinkOptions, say: Say = silent, gone_grace_s: float = GONE_GRACE_S
+    ) -> None:
         self._grace_s = gone_grace_s
         self._arrivals = Arrivals()
         self._gone_s: float | None = None
         self._last_s = monotonic()  # when something arrived
         self._complete = self._ended = False
         self._key = f"risorius/{options.call}"
-        super().__init__(options)
+        super().__init__(options, f"an encoder of call {options.call!r}", say)
 
     def _declare(self, options: LinkOptions) -> None:
         # With a thread for each key, packets would change places.

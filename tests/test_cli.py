@@ -4,16 +4,15 @@ import io
 import json
 import re
 import signal
-import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
 
 import pytest
 from conftest import PROGRAM, ROOT, Start
+from processes import LIMIT_S, finish, one_line, wait_until
 
 from decoder.sink import open_sink
 from encoder.capture import open_source
@@ -25,11 +24,9 @@ from loopback.cli import main
 from loopback.commands import Patience
 from loopback.progress import ProgressLine
 from loopback.signals import StopOnSignal
-from loopback.two_processes import free_port
 from protocol.recording import MAGIC, TruncatedCall, read_records, record
 from protocol.summary import summarise
 
-LIMIT_S = 60.0
 COMMANDS = ("encode", "decode", "relay", "bench", "replay", "info", "animate", "view", "demo")
 
 Capture = pytest.CaptureFixture[str]
@@ -38,33 +35,6 @@ Capture = pytest.CaptureFixture[str]
 def complaint(capsys: Capture) -> str:
     """The one line on stderr."""
     return one_line(capsys.readouterr().err)
-
-
-def one_line(stderr: str) -> str:
-    lines = stderr.splitlines()
-    assert len(lines) == 1, stderr
-    assert lines[0].startswith("risorius: ")
-    return lines[0]
-
-
-def wait_until(condition: Callable[[], bool], process: subprocess.Popen[str]) -> None:
-    """Wait for `condition`, as long as `process` lives."""
-    deadline = time.monotonic() + LIMIT_S
-    while not condition():
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline, "it took too long"
-        time.sleep(0.02)
-
-
-def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
-    """Exit code and stderr."""
-    _, stderr = process.communicate(timeout=LIMIT_S)
-    return process.returncode, stderr
-
-
-def is_listening(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -303,30 +273,6 @@ def test_a_full_disk_is_one_line(call: Path) -> None:
     assert "No space left" in one_line(process.stderr)
 
 
-def test_a_port_in_use_is_a_failed_link(start: Start) -> None:
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        port = other.getsockname()[1]
-        code, stderr = finish(start("decode", "--listen", f"tcp/127.0.0.1:{port}", "-q"))
-    assert code == 4
-    assert "in use" in one_line(stderr)
-
-
-def test_a_decoder_without_a_caller_gives_up_when_told_to(start: Start) -> None:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    code, stderr = finish(start("decode", "--listen", endpoint, "--timeout", "0.5", "-q"))
-    assert code == 4
-    assert "nobody called within 0.5 s" in one_line(stderr)
-
-
-def test_an_encoder_without_a_decoder_gives_up(start: Start, carphone: Path) -> None:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    code, stderr = finish(start("encode", carphone, "--listen", endpoint, "--wait", "0.5", "-q"))
-    assert code == 4
-    assert "no decoder" in one_line(stderr)
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_stopped_encoder_leaves_a_whole_call(
     number: signal.Signals, start: Start, carphone: Path, tmp_path: Path
@@ -340,34 +286,6 @@ def test_a_stopped_encoder_leaves_a_whole_call(
     assert code == 130 and stderr == ""
     assert summarise(call).complete
     assert 0 < summarise(call).frames < 120
-
-
-def test_a_stopped_decoder_leaves_a_video_that_plays(
-    start: Start, carphone: Path, tmp_path: Path
-) -> None:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    video = tmp_path / "out.mkv"
-    decoder = start("decode", "--listen", endpoint, "-o", video, "-q")
-    encoder = start("encode", carphone, "--connect", endpoint, "--profile", "thesis", "-q")
-    part = tmp_path / "out.part.mkv"
-    wait_until(lambda: part.exists() and part.stat().st_size > 100_000, decoder)
-    decoder.send_signal(signal.SIGINT)
-    code, stderr = finish(decoder)
-    assert code == 130 and "Traceback" not in stderr
-    assert not part.exists()
-    copy_frames(video, tmp_path / "copy.mkv", 1)
-    encoder.send_signal(signal.SIGINT)
-    assert finish(encoder)[0] == 130
-
-
-def test_a_decoder_that_waits_is_interrupted_at_once(start: Start) -> None:
-    port = free_port()
-    process = start("decode", "--listen", f"tcp/127.0.0.1:{port}", "-q")
-    wait_until(lambda: is_listening(port), process)
-    process.send_signal(signal.SIGINT)
-    code, stderr = finish(process)
-    assert code == 130
-    assert one_line(stderr) == "risorius: interrupted"
 
 
 @pytest.mark.parametrize(
