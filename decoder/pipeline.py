@@ -16,7 +16,7 @@ from protocol.link import CONNECT_TIMEOUT_S, LinkOptions, PacketSource, Say, sil
 from protocol.messages import Kind, ModelPacket, ProtocolError, packet_kind
 from protocol.recording import CallReader, TruncatedCall
 from protocol.summary import source_frames
-from shared_model.errors import UserError
+from shared_model.errors import LINK_FAILED, UserError
 
 Progress = Callable[[int, int | None], None]
 
@@ -97,7 +97,8 @@ def decode(
 
     progress: called with the number of pictures so far and of the whole call, if that is known.
     say: takes a line that says where an encoder is waited for, over a network.
-    Raises `UserError` if the call cannot be read, drawn or written.
+    Raises `UserError` if the call cannot be read, drawn or written; with exit code 4 if its encoder
+    leaves without a word.
     """
     total = _expected_frames(options)
     worn = read_model(options.face) if options.face else None
@@ -122,9 +123,11 @@ def decode(
                 with clock.stage("write"):
                     sink.write(picture)
             progress(len(tally.shown_ns), total)
+    if playout.model is None:
+        raise _nothing(options, tally, source.ended)
     if stop() and not playout.ended:
         tally.warnings.append("stopped before the end of the call: decoded up to there")
-    return _report(playout, worn, tally, clock, _name(options))
+    return _report(playout, playout.model, worn, tally, clock)
 
 
 def open_source(options: DecodeOptions, say: Say) -> PacketSource:
@@ -232,17 +235,26 @@ def _name(options: DecodeOptions) -> str:
     return str(options.call_file) if options.call_file else f"call {options.call}"
 
 
-def _report(
-    playout: Playout, worn: ModelPacket | None, tally: _Tally, clock: StageClock, name: str
-) -> DecodeReport:
-    model, frames = playout.model, len(tally.shown_ns)
-    if model is None:
+def _nothing(options: DecodeOptions, tally: _Tally, ended: bool) -> UserError:
+    """Why there was nothing to draw.  ended: the call, rather than our patience."""
+    if tally.first_damage or options.call_file is not None or not ended:
         reason = tally.first_damage or "it has no model packet"
-        raise UserError(f"cannot decode {name}: {reason}")
-    if tally.damaged:
-        tally.warnings.append(f"{tally.damaged} damaged packets, first: {tally.first_damage}")
+        return UserError(f"cannot decode {_name(options)}: {reason}")
+    return UserError(f"{_name(options)}: its encoder left before it sent a face", LINK_FAILED)
+
+
+def _report(
+    playout: Playout,
+    model: ModelPacket,
+    worn: ModelPacket | None,
+    tally: _Tally,
+    clock: StageClock,
+) -> DecodeReport:
+    frames = len(tally.shown_ns)
     if not playout.ended and not tally.warnings:
         tally.warnings.append("the call has no end: decoded up to its last packet")
+    if tally.damaged:
+        tally.warnings.append(f"{tally.damaged} damaged packets, first: {tally.first_damage}")
     if playout.joined_late:
         tally.warnings.append("joined a call under way: the frames before are missing")
     return DecodeReport(

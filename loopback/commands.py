@@ -107,6 +107,8 @@ def run_decode(arguments: argparse.Namespace) -> int:
                 report = decode(options, noted, patience, progress.say)
             except UserError as error:
                 raise _reason(error, stop, patience) from error
+        if patience.expired and not report.complete:
+            _warn([f"no picture came for {patience.timeout_s:g} s"])
         _warn(report.warnings)
         quality = (
             _quality(arguments, output, report.frames) if output and arguments.source else None
@@ -116,7 +118,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
     if arguments.report:
         figures = asdict(report) | ({"quality": asdict(quality)} if quality else {})
         write_json(arguments.report, figures)
-    return _exit_code(stop, link_failed=False)
+    return _exit_code(stop, link_failed=not (arguments.call_file or report.complete))
 
 
 def run_bench(arguments: argparse.Namespace) -> int:

@@ -3,10 +3,11 @@
 import signal
 import socket
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
-from conftest import Start
+from conftest import ROOT, Start
 from processes import LIMIT_S, finish, first_line, one_line, wait_until
 
 from encoder.capture import open_source
@@ -100,6 +101,30 @@ def test_a_stopped_decoder_leaves_a_video_that_plays(
     assert finish(encoder)[0] == 130
 
 
+def test_a_decoder_whose_encoder_is_killed_keeps_what_came_and_fails(
+    start: Start, carphone: Path, endpoint: str, video: Path
+) -> None:
+    decoder = start("decode", "--listen", endpoint, "-o", video, "-q")
+    encoder = start("encode", carphone, "--connect", endpoint, *THESIS, "-q")
+    wait_for_pictures(video, decoder)
+    encoder.kill()
+    code, stderr = finish(decoder)
+    assert code == 4
+    assert "the call has no end: decoded up to its last packet" in one_line(stderr)
+    assert 0 < count_pictures(video) < 120
+
+
+def test_a_decoder_whose_encoder_leaves_without_a_face_fails(
+    start: Start, noise: Path, networks: Path, endpoint: str
+) -> None:
+    decoder = start("decode", "--listen", endpoint, "-q")
+    encoder = start("encode", noise, "--connect", endpoint, "-q")
+    assert finish(encoder)[0] == 3
+    code, stderr = finish(decoder)
+    assert code == 4
+    assert "its encoder left before it sent a face" in one_line(stderr)
+
+
 def test_an_encoder_whose_decoder_is_killed_sends_on_and_says_so(
     start: Start, carphone: Path, endpoint: str, video: Path
 ) -> None:
@@ -116,7 +141,7 @@ def test_an_encoder_whose_decoder_is_killed_sends_on_and_says_so(
     assert "120 frames of 176x144" in stdout and "nobody heard its end" in stdout
 
 
-def test_an_encoder_fails_if_the_relay_between_them_stops(
+def test_both_ends_fail_if_the_relay_between_them_stops(
     start: Start, carphone: Path, endpoint: str, video: Path
 ) -> None:
     relay = start("relay", "--listen", endpoint)
@@ -127,7 +152,7 @@ def test_an_encoder_fails_if_the_relay_between_them_stops(
     relay.terminate()
     assert finish(relay)[0] == 0
     code, stderr = finish(decoder)
-    assert "no end" in one_line(stderr)
+    assert code == 4 and "no end" in one_line(stderr)
     code, stderr = finish(encoder)
     assert code == 4
     assert stderr.splitlines()[1:] == [
