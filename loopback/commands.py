@@ -4,7 +4,6 @@ A command imports the part it needs only when it runs: an encoder host has no re
 """
 
 import argparse
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterable
@@ -29,6 +28,7 @@ if TYPE_CHECKING:
 Progress = Callable[[int, int | None], None]
 
 INTERRUPTED = 130
+NAP_S = 0.2
 
 
 def run_encode(arguments: argparse.Namespace) -> int:
@@ -193,7 +193,8 @@ def run_relay(arguments: argparse.Namespace) -> int:
     with StopOnSignal(), suppress(KeyboardInterrupt), ZenohRouter(tuple(arguments.listen)):
         say(f"relay: listening on {' '.join(arguments.listen)}")
         while True:
-            signal.pause()
+            # Not for a signal: a thread of Zenoh may take it.
+            time.sleep(NAP_S)
     return 0
 
 

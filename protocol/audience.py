@@ -7,6 +7,9 @@ from time import monotonic
 
 from protocol.link import Say
 
+# Python hears Ctrl-C between two waits at the latest: Zenoh's threads, too, may take the signal.
+POLL_S = 0.1
+
 
 class Audience:
     """The decoders of a call: any thread says who comes and goes, the sender looks who is there.
@@ -40,7 +43,7 @@ class Audience:
         deadline = monotonic() + timeout_s
         while not self._there and (left_s := deadline - monotonic()) > 0:
             with suppress(Empty):
-                self._came.get(timeout=left_s)
+                self._came.get(timeout=min(left_s, POLL_S))
         return bool(self._there)
 
     def look(self) -> bool:

@@ -20,7 +20,7 @@ from zenoh import CongestionControl, ConsolidationMode, Reliability, SampleKind
 from zenoh.handlers import Callback
 
 from protocol.arrivals import Arrivals
-from protocol.audience import Audience
+from protocol.audience import POLL_S, Audience
 from protocol.kept import Kept
 from protocol.link import LinkOptions, Reach, Say, silent
 from protocol.messages import (
@@ -39,7 +39,6 @@ IP_OVERHEAD_BYTES = {"udp": 28, "tcp": 52}
 GONE_GRACE_S = 1.0
 # How long a session that nobody wants any more may take to open.
 OPENING_S = 0.5
-POLL_S = 0.05
 
 
 class _Session:
@@ -237,9 +236,9 @@ class ZenohSource(_Session):
         while (packet := self.receive()) is not None:
             yield packet
 
-    def _patience_s(self, deadline: float | None) -> float | None:
-        ends = [deadline, self._end_s]
-        return min((max(0.0, end - monotonic()) for end in ends if end is not None), default=None)
+    def _patience_s(self, deadline: float | None) -> float:
+        ends = [end - monotonic() for end in (deadline, self._end_s) if end is not None]
+        return max(0.0, min([POLL_S, *ends]))
 
     @property
     def _end_s(self) -> float | None:
@@ -294,7 +293,9 @@ def _open(options: LinkOptions) -> zenoh.Session:
     # An interrupt within `threading.Thread.start` is not always one outside of it.
     _thread.start_new_thread(run, ())
     try:
-        done.get()
+        while not results:
+            with suppress(Empty):
+                done.get(timeout=POLL_S)
     except BaseException:
         # Python aborts if a thread comes back from Zenoh while it ends; one that listens does soon.
         if not results:

@@ -159,3 +159,32 @@ def test_both_ends_fail_if_the_relay_between_them_stops(
         NOBODY,
         "risorius: warning: the link had broken when the call ended",
     ]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_a_relay_stops_whichever_thread_takes_the_signal(endpoint: str) -> None:
+    code = (
+        "import os, signal, sys, threading; from loopback.cli import main\n"
+        "def interrupt():\n"
+        "    sys.stdin.read()\n"
+        "    asleep = 0\n"
+        "    while asleep < 200:\n"
+        "        with open(f'/proc/self/task/{os.getpid()}/stat') as file: state = file.read()\n"
+        "        asleep = asleep + 1 if state.split()[2] == 'S' else 0\n"
+        "    signal.pthread_kill(threading.get_ident(), signal.SIGTERM)\n"
+        "threading.Thread(target=interrupt).start()\n"
+        "sys.exit(main(['relay', '--listen', sys.argv[1]]))"
+    )
+    relay = subprocess.Popen(
+        [sys.executable, "-c", code, endpoint],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert first_line(relay) == f"relay: listening on {endpoint}"
+        relay.communicate(timeout=LIMIT_S)
+        assert relay.returncode == 0
+    finally:
+        relay.kill()

@@ -253,6 +253,36 @@ def test_ctrl_c_ends_the_wait_at_once(waiting: str, endpoint: str) -> None:
     child.stdout.close()
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize(
+    "wait",
+    [
+        "ZenohSource(LinkOptions('test', connect=(endpoint,), connect_timeout_s=60), say)",
+        "ZenohSource(LinkOptions('test', listen=(endpoint,)), say).receive()",
+        "ZenohSink(LinkOptions('test', listen=(endpoint,)), say).wait_for_peer(60)",
+    ],
+    ids=["connecting", "receiving", "waiting"],
+)
+def test_ctrl_c_ends_the_wait_whichever_thread_takes_it(wait: str, endpoint: str) -> None:
+    program = (
+        "import os, signal, sys, threading\n"
+        "from protocol.link import LinkOptions\n"
+        "from protocol.link_zenoh import ZenohSink, ZenohSource\n"
+        "def interrupt():\n"
+        "    asleep = 0\n"
+        "    while asleep < 200:\n"
+        "        with open(f'/proc/self/task/{os.getpid()}/stat') as file: state = file.read()\n"
+        "        asleep = asleep + 1 if state.split()[2] == 'S' else 0\n"
+        "    signal.pthread_kill(threading.get_ident(), signal.SIGINT)\n"
+        "def say(line): threading.Thread(target=interrupt).start()\n"
+        "endpoint = sys.argv[1]\n"
+        f"try: {wait}\n"
+        "except KeyboardInterrupt: sys.exit(130)"
+    )
+    command = [sys.executable, "-c", program, endpoint]
+    assert subprocess.run(command, check=False, timeout=WAIT_S).returncode == 130
+
+
 @pytest.mark.parametrize("end", ["ZenohSource", "ZenohSink"])
 def test_a_program_ends_whenever_its_link_is_interrupted_while_it_opens(end: str) -> None:
     program = (
