@@ -13,10 +13,10 @@ from decoder.recast import read_model, recast
 from decoder.scene import Scene, StageClock, head_of
 from decoder.sink import Background, PictureSink, open_sink
 from protocol.layers import is_refined
-from protocol.link import PacketSource
+from protocol.link import CONNECT_TIMEOUT_S, LinkOptions, PacketSource, Say, silent
 from protocol.messages import Kind, ModelPacket, ProtocolError, packet_kind
 from protocol.recording import CallReader, TruncatedCall
-from shared_model.errors import UserError
+from shared_model.errors import LINK_FAILED, UserError
 
 Progress = Callable[[int, int | None], None]
 
@@ -30,6 +30,7 @@ class DecodeOptions:
 
     call_file: a recorded call; None: over the network.
     listen, connect: Zenoh endpoints such as tcp/0.0.0.0:7447; call: name of the call.
+    connect_timeout_s: for how long to try to connect; 0: as long as is usual.
     output: video file or image pattern; None: only measured.
     face: call file whose caller is drawn instead; None: the call's own.
     """
@@ -38,6 +39,7 @@ class DecodeOptions:
     listen: tuple[str, ...] = ()
     connect: tuple[str, ...] = ()
     call: str = "call"
+    connect_timeout_s: float = 0.0
     output: Path | None = None
     face: Path | None = None
 
@@ -88,17 +90,21 @@ class _Tally:
         self.first_damage = self.first_damage or str(error)
 
 
-def decode(options: DecodeOptions, progress: Progress, stop: Callable[[], bool]) -> DecodeReport:
+def decode(
+    options: DecodeOptions, progress: Progress, stop: Callable[[], bool], say: Say = silent
+) -> DecodeReport:
     """Decode one call to its end, or until `stop`; what was decoded by then is kept.
 
     progress: called with the number of pictures so far and of the whole call, if that is known.
-    Raises `UserError` if the call cannot be read, drawn or written.
+    say: takes a line that says where an encoder is waited for, over a network.
+    Raises `UserError` if the call cannot be read, drawn or written; with exit code 4 if its encoder
+    leaves without a word.
     """
     total = _expected_frames(options)
     worn = read_model(options.face) if options.face else None
     playout, tally, clock = Playout(), _Tally(), StageClock()
     with ExitStack() as stack:
-        source = stack.enter_context(open_source(options))
+        source = stack.enter_context(open_source(options, say))
         scene: Scene | None = None
         sink: PictureSink | None = None
         for frame in played_frames(source, playout, tally, stop):
@@ -120,18 +126,24 @@ def decode(options: DecodeOptions, progress: Progress, stop: Callable[[], bool])
         if isinstance(source, CallReader) and source.trailing_bytes:
             excess = source.trailing_bytes
             tally.warnings.append(f"{excess} bytes after the end of the call are left out")
+    if playout.model is None:
+        raise _nothing(options, tally, source.ended)
     if stop() and not playout.ended:
         tally.warnings.append("stopped before the end of the call: decoded up to there")
-    return _report(playout, worn, tally, clock, _name(options))
+    return _report(playout, playout.model, worn, tally, clock)
 
 
-def open_source(options: DecodeOptions) -> PacketSource:
-    """The call file or the network, whichever the options name.  Raises `UserError`."""
+def open_source(options: DecodeOptions, say: Say) -> PacketSource:
+    """The call file or the network, whichever the options name.  Raises `UserError`.
+
+    say: see `decode`.
+    """
     if options.call_file is not None:
         return CallReader(options.call_file)
-    from protocol.link_zenoh import LinkOptions, ZenohSource
+    from protocol.link_zenoh import ZenohSource
 
-    return ZenohSource(LinkOptions(options.call, options.listen, options.connect))
+    patience_s = options.connect_timeout_s or CONNECT_TIMEOUT_S
+    return ZenohSource(LinkOptions(options.call, options.listen, options.connect, patience_s), say)
 
 
 def played_frames(
@@ -222,17 +234,26 @@ def _name(options: DecodeOptions) -> str:
     return str(options.call_file) if options.call_file else f"call {options.call}"
 
 
-def _report(
-    playout: Playout, worn: ModelPacket | None, tally: _Tally, clock: StageClock, name: str
-) -> DecodeReport:
-    model, frames = playout.model, len(tally.shown_ns)
-    if model is None:
+def _nothing(options: DecodeOptions, tally: _Tally, ended: bool) -> UserError:
+    """Why there was nothing to draw.  ended: the call, rather than our patience."""
+    if tally.first_damage or options.call_file is not None or not ended:
         reasons = [tally.first_damage, *tally.warnings, "it has no model packet"]
-        raise UserError(f"cannot decode {name}: {next(filter(None, reasons))}")
-    if tally.damaged:
-        tally.warnings.append(f"{tally.damaged} damaged packets, first: {tally.first_damage}")
+        return UserError(f"cannot decode {_name(options)}: {next(filter(None, reasons))}")
+    return UserError(f"{_name(options)}: its encoder left before it sent a face", LINK_FAILED)
+
+
+def _report(
+    playout: Playout,
+    model: ModelPacket,
+    worn: ModelPacket | None,
+    tally: _Tally,
+    clock: StageClock,
+) -> DecodeReport:
+    frames = len(tally.shown_ns)
     if not playout.ended and not tally.warnings:
         tally.warnings.append("the call has no end: decoded up to its last packet")
+    if tally.damaged:
+        tally.warnings.append(f"{tally.damaged} damaged packets, first: {tally.first_damage}")
     if playout.joined_late:
         tally.warnings.append("joined a call under way: the frames before are missing")
     return DecodeReport(

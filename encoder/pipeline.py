@@ -19,7 +19,7 @@ from encoder.parallel import switching_often
 from encoder.startup import LayerPacer
 from encoder.tally import Tally
 from encoder.thesis_call import ThesisCall
-from protocol.link import PacketSink
+from protocol.link import CONNECT_TIMEOUT_S, LinkOptions, PacketSink, Reach, Say, silent
 from protocol.quantise import THESIS_RATE_HZ
 from protocol.recording import CallWriter
 from shared_model.errors import UserError
@@ -29,6 +29,11 @@ Picture = NDArray[np.uint8]
 Progress = Callable[[int, int | None], None]
 
 NO_FACE = 3
+# What the user should know of a call whose end did not reach anybody.
+UNHEARD = {
+    Reach.NOBODY: "nobody listened when the call ended",
+    Reach.NO_LINK: "the link had broken when the call ended",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +51,8 @@ class EncodeOptions:
     fps: code about this many frames a second (default profile), see `cadence_for`; None: all.
     live: look at nothing before it is sent, as if the source were a camera (default profile).
     pace: send at the source's own rate, as a camera would, instead of as fast as possible.
-    wait_for_peer_s: wait this long for a decoder before the first frame; 0: do not wait.
+    wait_for_peer_s: wait this long for a decoder before the first frame, beginning with the link;
+        0: do not wait, but for the link to be made.
     look_for_face_s: say so if there is no face after this many seconds of video.
     model_bytes: about as large the model packet shall be; None: as is usual for the profile.
     """
@@ -78,6 +84,7 @@ class EncodeReport:
     model_bytes, frame_bytes: payload of the packets.
     stage_ms: mean time per frame of each stage, ms.
     capture_ns: `time.monotonic_ns` at which each source frame was read.
+    reach: whom the last packet could reach.
     """
 
     frames: int
@@ -92,12 +99,16 @@ class EncodeReport:
     stage_ms: dict[str, float]
     warnings: tuple[str, ...]
     capture_ns: tuple[int, ...]
+    reach: Reach
 
 
-def encode(options: EncodeOptions, progress: Progress, stop: Callable[[], bool]) -> EncodeReport:
+def encode(
+    options: EncodeOptions, progress: Progress, stop: Callable[[], bool], say: Say = silent
+) -> EncodeReport:
     """Encode one source to its end, or until `stop`; what was sent by then is a whole call.
 
     progress: called with the number of frames so far and of the whole source, if that is known.
+    say: takes a line about a call over a network: whom it waits for, whether anybody listens.
     Raises `UserError` if the source cannot be read, shows no face, or the call cannot be sent,
     `ValueError` if `startup_bitrate` leaves nothing for the model beside the frames.
     """
@@ -105,10 +116,12 @@ def encode(options: EncodeOptions, progress: Progress, stop: Callable[[], bool])
     with ExitStack() as stack:
         stack.enter_context(switching_often())
         capture = stack.enter_context(open_source(options.source))
-        sink = open_sink(options, stack)
+        sink = open_sink(options, stack, say)
         send = send_thesis if options.profile == "thesis" else send_default
         send(options, capture, sink, tally, progress, stop)
-        return _report(options, capture, tally)
+        if sink.reach in UNHEARD:
+            tally.warn(UNHEARD[sink.reach])
+        return _report(options, capture, tally, sink.reach)
 
 
 def send_thesis(
@@ -293,17 +306,19 @@ def paced(
         yield item
 
 
-def open_sink(options: EncodeOptions, stack: ExitStack) -> PacketSink:
+def open_sink(options: EncodeOptions, stack: ExitStack, say: Say) -> PacketSink:
     """Where the packets go: a call file or the network, closed with `stack`.
 
+    say: see `encode`.
     Raises `UserError` if it cannot be written, or nobody is there within the time to wait.
     """
     if options.output is not None:
         return stack.enter_context(CallWriter(options.output))
-    from protocol.link_zenoh import LinkOptions, ZenohSink
+    from protocol.link_zenoh import ZenohSink
 
-    link = LinkOptions(options.call, options.listen, options.connect, lossless=options.lossless)
-    sink = stack.enter_context(ZenohSink(link))
+    patience_s = options.wait_for_peer_s or CONNECT_TIMEOUT_S
+    link = LinkOptions(options.call, options.listen, options.connect, patience_s, options.lossless)
+    sink = stack.enter_context(ZenohSink(link, say))
     if options.wait_for_peer_s:
         sink.wait_for_peer(options.wait_for_peer_s)
     return sink
@@ -315,7 +330,7 @@ def _pacer(options: EncodeOptions) -> LayerPacer | None:
     return LayerPacer(options.startup_bitrate, options.bitrate)
 
 
-def _report(options: EncodeOptions, capture: Capture, tally: Tally) -> EncodeReport:
+def _report(options: EncodeOptions, capture: Capture, tally: Tally, reach: Reach) -> EncodeReport:
     frames = len(tally.capture_ns)
     coded_fps = cadence_for(capture.fps, options.fps).coded_fps(capture.fps)
     return EncodeReport(
@@ -331,4 +346,5 @@ def _report(options: EncodeOptions, capture: Capture, tally: Tally) -> EncodeRep
         stage_ms={name: ns / 1e6 / max(frames, 1) for name, ns in tally.spent_ns.items()},
         warnings=tuple(tally.warnings),
         capture_ns=tuple(tally.capture_ns),
+        reach=reach,
     )

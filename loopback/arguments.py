@@ -43,7 +43,7 @@ exit codes:
   1    a replayed clip missed a threshold
   2    bad usage or bad input: no such file, no call file, nowhere to write, no EGL
   3    no face found
-  4    the link failed: port in use, nobody there
+  4    the link failed: port or call in use, nobody there, or it broke; what came is kept
   130  interrupted (Ctrl-C); what was done until then is kept
   141  nobody reads the output any more
 """
@@ -120,7 +120,8 @@ def _add_decode(added: "Commands") -> None:
         type=seconds,
         default=0.0,
         metavar="S",
-        help="over a link, give up after S seconds without a picture; 0: wait (default: 0)",
+        help="over a link, give up after S seconds without a picture, or to connect to; 0: wait for"
+        " pictures as long as it takes, and 10 seconds to connect (default: 0)",
     )
     add_reporting(parser)
     parser.set_defaults(run=commands.run_decode)

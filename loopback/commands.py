@@ -4,7 +4,6 @@ A command imports the part it needs only when it runs: an encoder host has no re
 """
 
 import argparse
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterable
@@ -25,7 +24,7 @@ from loopback.profiles import (
 from loopback.progress import ProgressLine, say
 from loopback.report import json_text, write_json
 from loopback.signals import StopOnSignal
-from shared_model.errors import UserError
+from shared_model.errors import LINK_FAILED, UserError
 
 if TYPE_CHECKING:
     from decoder.pipeline import DecodeReport
@@ -34,14 +33,15 @@ if TYPE_CHECKING:
 
 Progress = Callable[[int, int | None], None]
 
-LINK_FAILED = 4
 INTERRUPTED = 130
+NAP_S = 0.2
 
 
 def run_encode(arguments: argparse.Namespace) -> int:
     """`risorius encode`."""
     from encoder.follow import FollowOptions
     from encoder.pipeline import EncodeOptions, encode
+    from protocol.link import Reach
 
     check_outputs([arguments.source], [arguments.output], [arguments.report])
     profile = chosen_profile(arguments)
@@ -77,7 +77,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
     )
     with StopOnSignal() as stop, _progress("encode", arguments) as progress:
         try:
-            report = encode(options, stop.watch(progress), stop)
+            report = encode(options, stop.watch(progress), stop, progress.say)
         except UserError as error:
             raise _reason(error, stop) from error
     _warn(report.warnings)
@@ -85,7 +85,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
         print(_encode_summary(report))
     if arguments.report:
         write_json(arguments.report, report)
-    return INTERRUPTED if stop() else 0
+    return _exit_code(stop, link_failed=report.reach == Reach.NO_LINK)
 
 
 def run_decode(arguments: argparse.Namespace) -> int:
@@ -107,6 +107,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
             listen=tuple(arguments.listen or ()),
             connect=tuple(arguments.connect or ()),
             call=arguments.call,
+            connect_timeout_s=arguments.timeout,
             output=output,
             face=arguments.face,
         )
@@ -114,9 +115,12 @@ def run_decode(arguments: argparse.Namespace) -> int:
         patience = Patience(arguments.timeout, stop)
         with _progress("decode", arguments) as progress:
             try:
-                report = decode(options, patience.watch(stop.watch(progress)), patience)
+                noted = patience.watch(stop.watch(progress))
+                report = decode(options, noted, patience, progress.say)
             except UserError as error:
                 raise _reason(error, stop, patience) from error
+        if patience.expired and not report.complete:
+            _warn([f"no picture came for {patience.timeout_s:g} s"])
         _warn(report.warnings)
         if not arguments.quiet:
             print(_decode_summary(report))
@@ -130,7 +134,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
         finally:
             if arguments.report:
                 write_json(arguments.report, figures)
-    return INTERRUPTED if stop() else 0
+    return _exit_code(stop, link_failed=not (arguments.call_file or report.complete))
 
 
 def run_relay(arguments: argparse.Namespace) -> int:
@@ -140,7 +144,8 @@ def run_relay(arguments: argparse.Namespace) -> int:
     with StopOnSignal(), suppress(KeyboardInterrupt), ZenohRouter(tuple(arguments.listen)):
         say(f"relay: listening on {' '.join(arguments.listen)}")
         while True:
-            signal.pause()
+            # Not for a signal: a thread of Zenoh may take it.
+            time.sleep(NAP_S)
     return 0
 
 
@@ -240,12 +245,18 @@ def _progress(label: str, arguments: argparse.Namespace) -> ProgressLine:
 def _reason(
     error: UserError, stop: Callable[[], bool], patience: Patience | None = None
 ) -> BaseException:
-    """Why nothing came of it: the user's wish and a silent link come before the pipeline's word."""
+    """Why nothing came of it: the user's wish, a failed link, a silent one, or the error."""
     if stop():
         return KeyboardInterrupt()
-    if patience is not None and patience.expired:
+    if patience is not None and patience.expired and error.exit_code != LINK_FAILED:
         return UserError(f"nobody called within {patience.timeout_s:g} s", LINK_FAILED)
     return error
+
+
+def _exit_code(stop: Callable[[], bool], link_failed: bool) -> int:
+    if stop():
+        return INTERRUPTED
+    return LINK_FAILED if link_failed else 0
 
 
 def _warn(warnings: Iterable[str]) -> None:
@@ -283,6 +294,7 @@ def _encode_summary(report: "EncodeReport") -> str:
         f"{report.frames} frames of {report.width}x{report.height} at {report.fps:.2f}/s,"
         f" {report.coded_fps:.2f}/s coded: model {report.model_bytes} bytes,"
         f" frames {report.frame_bytes} bytes; {busy_ms:.1f} ms a frame"
+        f"{'' if report.reach == 'somebody' else '; nobody heard its end'}"
     )
 
 

@@ -97,7 +97,8 @@ def add_sending(parser: argparse.ArgumentParser) -> None:
         type=seconds,
         default=30.0,
         metavar="S",
-        help="over a link, wait this long for a decoder; 0: start at once (default: %(default)g)",
+        help="over a link, wait this long for a decoder, and to connect; 0: start at once when"
+        " connected, within 10 seconds (default: %(default)g)",
     )
     parser.add_argument(
         "--look-for-face",

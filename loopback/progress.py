@@ -40,6 +40,14 @@ class ProgressLine:
             self._next = now + self._interval_s
             self._write(done, total)
 
+    def say(self, line: str) -> None:
+        """Write a line that stays, above the bar."""
+        if self._quiet:
+            return
+        erase = "\r\x1b[K" if self._is_terminal and self._state is not None else ""
+        self._stream.write(f"{erase}{self._label}: {line}\n")
+        self._stream.flush()
+
     def close(self) -> None:
         """Draw the last state and end the line."""
         if self._is_terminal and self._state is not None and not self._quiet:

@@ -14,8 +14,9 @@ class StopOnSignal:
 
     Within the `with` block a first SIGINT or SIGTERM only sets the answer, so that the frame at
     hand and the files are finished.  Before the first frame there is nothing to finish and somebody
-    to wait for, perhaps: it interrupts, as the second does.  More are not heard: a link whose
-    closing is interrupted leaves threads behind that never end.
+    to wait for, perhaps: it interrupts, as the second does; and is the answer, too, in case that
+    the exception gets lost in a finaliser.  More are not heard: a link whose closing is interrupted
+    leaves threads behind that never end.
     The handlers of before come back on leaving.
     """
 
@@ -46,6 +47,6 @@ class StopOnSignal:
         if self._interrupted:
             return
         if self._stopped or not self._started:
-            self._interrupted = True
+            self._stopped = self._interrupted = True
             raise KeyboardInterrupt
         self._stopped = True

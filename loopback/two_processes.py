@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from shared_model.errors import UserError
+from shared_model.errors import LINK_FAILED, UserError
 
 CALL = "bench"
-LINK_FAILED = 4
 # How long the encoder may wait for the decoder to be there.
 PATIENCE_S = 30
 POLL_S = 0.05

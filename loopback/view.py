@@ -25,10 +25,9 @@ from numpy.typing import NDArray
 from loopback.animate import Actor, open_actor, side_light
 from loopback.look import description, moment_of
 from loopback.script import Moment, Script, parse_script
-from shared_model.errors import UserError
+from shared_model.errors import LINK_FAILED, UserError
 
 HOST = "127.0.0.1"
-LINK_FAILED = 4
 JPEG_QUALITY = 92
 NAP_S = 0.2
 # The generic head's studio: a head fills the picture at the distance of a portrait.

@@ -1,11 +1,71 @@
 """What carries the packets of a call, a file or a network: the same to both ends."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import StrEnum
 from typing import Protocol, Self
+
+from shared_model.errors import UserError
+
+Say = Callable[[str], None]
+
+# For how long to try to connect, if nobody says.
+CONNECT_TIMEOUT_S = 10.0
+
+_ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws)/\S+:\d+(\?\S*)?(#\S*)?")
+_CALL_NAME = re.compile(r"[A-Za-z0-9_.-]+")
+
+
+def silent(line: str) -> None:
+    """Say nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinkOptions:
+    """Where and how to hold a call over a network.  Raises `UserError` if that cannot be.
+
+    call: its name, letters, digits and `_.-`.
+    listen, connect: Zenoh endpoints such as tcp/127.0.0.1:7447; at least one.
+    connect_timeout_s: for how long to try to connect.
+    lossless: frames are sent reliably and wait for a slow link rather than being dropped; over TCP
+        all arrive, in order, before END.  For files and measurements, not for live calls.
+    router: pass on what others send rather than take part.
+    """
+
+    call: str
+    listen: tuple[str, ...] = ()
+    connect: tuple[str, ...] = ()
+    connect_timeout_s: float = CONNECT_TIMEOUT_S
+    lossless: bool = False
+    router: bool = False
+
+    def __post_init__(self) -> None:
+        if not _CALL_NAME.fullmatch(self.call):
+            raise UserError(f"call name {self.call!r}: use letters, digits and _ . - only")
+        if not self.listen and not self.connect:
+            raise UserError("no endpoint to listen on or to connect to")
+        for endpoint in self.listen + self.connect:
+            if not _ENDPOINT.fullmatch(endpoint):
+                raise UserError(f"endpoint {endpoint!r}: expected something like tcp/HOST:7447")
+
+
+class Reach(StrEnum):
+    """Whom a packet can reach."""
+
+    SOMEBODY = "somebody"
+    NOBODY = "nobody"
+    NO_LINK = "no link"
 
 
 class PacketSink(Protocol):
-    """Takes the packets of one call in order."""
+    """Takes the packets of one call in order.
+
+    reach: whom the newest packet could reach.
+    """
+
+    @property
+    def reach(self) -> Reach: ...
 
     def send(self, packet: bytes) -> None:
         """Pass on one serialised packet."""

@@ -6,13 +6,13 @@ token, so that the other knows when it comes and goes.  Nothing is found by mult
 listens where the other connects, or both connect to a router.
 """
 
+import _thread
 import json
 import re
-import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
-from queue import SimpleQueue
-from time import monotonic
+from contextlib import suppress
+from queue import Empty, SimpleQueue
+from time import monotonic, sleep
 from typing import Self
 
 import zenoh
@@ -20,61 +20,49 @@ from zenoh import CongestionControl, ConsolidationMode, Reliability, SampleKind
 from zenoh.handlers import Callback
 
 from protocol.arrivals import Arrivals
+from protocol.audience import POLL_S, Audience
 from protocol.kept import Kept
+from protocol.link import LinkOptions, Reach, Say, silent
 from protocol.messages import (
     MAX_MODEL_PACKET_BYTES,
     Kind,
     is_end,
     packet_kind,
 )
-from shared_model.errors import UserError
+from shared_model.errors import LINK_FAILED, UserError
 
-LINK_FAILED = 4
 # Bytes that a live frame packet grows by, measured with 8-bit sequence numbers and declared keys:
 # under UDP, under TCP; then what IP adds (20 and 8 of UDP, 20 and 32 of TCP with timestamps).
 ZENOH_OVERHEAD_BYTES = {"udp": 6, "tcp": 8}
 IP_OVERHEAD_BYTES = {"udp": 28, "tcp": 52}
 # For how long a call without END waits for its encoder to come back.
 GONE_GRACE_S = 1.0
-
-_ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws)/\S+:\d+(\?\S*)?(#\S*)?")
-_CALL_NAME = re.compile(r"[A-Za-z0-9_.-]+")
-
-
-@dataclass(frozen=True, slots=True)
-class LinkOptions:
-    """Where and how to hold a call.
-
-    call: its name, letters, digits and `_.-`.
-    listen, connect: Zenoh endpoints such as tcp/127.0.0.1:7447; at least one.
-    connect_timeout_s: for how long to try to connect.
-    lossless: frames are sent reliably and wait for a slow link rather than being dropped; over TCP
-        all arrive, in order, before END.  For files and measurements, not for live calls.
-    router: pass on what others send rather than take part.
-    """
-
-    call: str
-    listen: tuple[str, ...] = ()
-    connect: tuple[str, ...] = ()
-    connect_timeout_s: float = 10.0
-    lossless: bool = False
-    router: bool = False
-
-    def __post_init__(self) -> None:
-        if not _CALL_NAME.fullmatch(self.call):
-            raise UserError(f"call name {self.call!r}: use letters, digits and _ . - only")
-        if not self.listen and not self.connect:
-            raise UserError("no endpoint to listen on or to connect to")
-        for endpoint in self.listen + self.connect:
-            if not _ENDPOINT.fullmatch(endpoint):
-                raise UserError(f"endpoint {endpoint!r}: expected something like tcp/HOST:7447")
+# How long a session that nobody wants any more may take to open.
+OPENING_S = 0.5
 
 
 class _Session:
-    """An open session, closed on leaving the `with` block."""
+    """An open session, closed on leaving the `with` block.
 
-    def __init__(self, options: LinkOptions) -> None:
+    Callbacks run in the thread that receives: one of its own for each, which ends with its session
+    only, would keep an interrupted program from ending.
+    """
+
+    def __init__(self, options: LinkOptions, awaited: str = "", say: Say = silent) -> None:
+        """awaited: whom to name when it is said where the session connects to or listens."""
+        if not options.listen:
+            say(f"connecting to {' or '.join(options.connect)} for {awaited}")
         self._session = _open(options)
+        try:
+            if options.listen:
+                say(f"listening on {' and '.join(options.listen)} for {awaited}")
+            self._declare(options)
+        except BaseException:
+            self.close()
+            raise
+
+    def _declare(self, options: LinkOptions) -> None:
+        """Say in the open session what this end sends and wants."""
 
     def close(self) -> None:
         """Deliver what was sent and leave; closing twice does nothing more."""
@@ -89,46 +77,82 @@ class _Session:
 
 
 class ZenohSink(_Session):
-    """The encoder's end of a call: a `PacketSink`.
+    """The encoder's end of a call: a `PacketSink`.  Zenoh connects it again by itself.
 
-    Raises `UserError` with exit code 4 if the link cannot be made.
+    say: takes a line that says where a decoder is waited for; later when nobody listens any more,
+        or somebody does again.
+    Raises `UserError` with exit code 4 if the link cannot be made, or has an encoder of the same
+    call already; two that start at the same moment may miss each other.
     """
 
-    def __init__(self, options: LinkOptions) -> None:
+    def __init__(self, options: LinkOptions, say: Say = silent) -> None:
         self._kept = Kept()
-        self._peers = 0
-        self._changed = threading.Condition()
-        super().__init__(options)
+        self._audience = Audience(say)
+        self._reach = Reach.NOBODY
+        self._listens = bool(options.listen)
+        self._begun_s = monotonic()
+        super().__init__(options, f"a decoder of call {options.call!r}", say)
+
+    def _declare(self, options: LinkOptions) -> None:
         key = f"risorius/{options.call}"
+        if self._is_taken(f"{key}/encoder"):
+            raise UserError(
+                f"call {options.call!r} has an encoder already; choose another name with --call",
+                LINK_FAILED,
+            )
         self._publishers = {
             kind: self._publisher(f"{key}/{kind.name.lower()}", options.lossless, kind)
             for kind in Kind
         }
-        self._session.declare_queryable(f"{key}/model", Callback(self._answer))
+        self._session.declare_queryable(f"{key}/model", Callback(self._answer, indirect=False))
         liveliness = self._session.liveliness()
         liveliness.declare_subscriber(
-            f"{key}/decoder/*", Callback(self._decoder_changed), history=True
+            f"{key}/decoder/*", Callback(self._decoder_changed, indirect=False), history=True
         )
         self._token = liveliness.declare_token(f"{key}/encoder")
 
     @property
     def peers(self) -> int:
         """Number of decoders that are there."""
-        return self._peers
+        return len(self._audience)
+
+    @property
+    def reach(self) -> Reach:
+        """Whom the newest packet could reach; an encoder that listens always has its link."""
+        return self._reach
 
     def wait_for_peer(self, timeout_s: float) -> None:
         """Return once a decoder is there and will get all that is sent from now on.
 
-        Raises `UserError` with exit code 4 if none has come within `timeout_s`.
+        Raises `UserError` with exit code 4 if none has come within `timeout_s` from when the link
+        began to be made.
         """
-        with self._changed:
-            if not self._changed.wait_for(lambda: self._peers > 0, timeout_s):
-                raise UserError(f"no decoder came within {timeout_s:g} s", LINK_FAILED)
+        if not self._audience.wait(max(0.0, self._begun_s + timeout_s - monotonic())):
+            raise UserError(f"no decoder came within {timeout_s:g} s", LINK_FAILED)
 
     def send(self, packet: bytes) -> None:
         """Publish one packet; models in use and their layers are kept for who joins later."""
         self._kept.note(packet)
-        self._put(packet_kind(packet), packet)
+        try:
+            self._reach = self._reach_now()
+            self._publishers[packet_kind(packet)].put(packet)
+        except zenoh.ZError as error:
+            raise UserError(f"the link has failed: {_reason(error)}", LINK_FAILED) from error
+
+    def _reach_now(self) -> Reach:
+        if self._audience.look():
+            return Reach.SOMEBODY
+        linked = self._listens or self._session.info.transports()
+        return Reach.NOBODY if linked else Reach.NO_LINK
+
+    def _is_taken(self, key: str) -> bool:
+        """Whether somebody keeps the token `key`; one who leaves may take a moment to be gone."""
+        deadline = monotonic() + GONE_GRACE_S
+        while any(r.ok for r in self._session.liveliness().get(key, timeout=GONE_GRACE_S)):
+            if monotonic() >= deadline:
+                return True
+            sleep(POLL_S)
+        return False
 
     def _publisher(self, key: str, lossless: bool, kind: Kind) -> zenoh.Publisher:
         sure = lossless or kind is not Kind.FRAME
@@ -141,21 +165,14 @@ class ZenohSink(_Session):
             express=sure,
         )
 
-    def _put(self, kind: Kind, packet: bytes) -> None:
-        try:
-            self._publishers[kind].put(packet)
-        except zenoh.ZError as error:
-            raise UserError(f"the link has failed: {_reason(error)}", LINK_FAILED) from error
-
     def _answer(self, query: zenoh.Query) -> None:
         with query:
             for packet in self._kept.packets:
                 query.reply(query.key_expr, packet)
 
     def _decoder_changed(self, sample: zenoh.Sample) -> None:
-        with self._changed:
-            self._peers += 1 if sample.kind == SampleKind.PUT else -1
-            self._changed.notify_all()
+        change = self._audience.came if sample.kind == SampleKind.PUT else self._audience.went
+        change(str(sample.key_expr))
 
 
 class ZenohSource(_Session):
@@ -164,24 +181,29 @@ class ZenohSource(_Session):
     Hands out the model before any frame, whenever it joins.  Ends with the END packet, or when the
     encoder has been gone for `gone_grace_s` without one, and nothing has come for as long: a slow
     link goes on delivering.
+    say: takes a line that says where an encoder is waited for.
     Raises `UserError` with exit code 4 if the link cannot be made.
     """
 
-    def __init__(self, options: LinkOptions, gone_grace_s: float = GONE_GRACE_S) -> None:
+    def __init__(
+        self, options: LinkOptions, say: Say = silent, gone_grace_s: float = GONE_GRACE_S
+    ) -> None:
         self._grace_s = gone_grace_s
         self._arrivals = Arrivals()
         self._gone_s: float | None = None
         self._last_s = monotonic()  # when something arrived
         self._complete = self._ended = False
         self._key = f"risorius/{options.call}"
-        super().__init__(options)
-        # In the receiving thread: with a thread for each key, packets would change places.
+        super().__init__(options, f"an encoder of call {options.call!r}", say)
+
+    def _declare(self, options: LinkOptions) -> None:
+        # With a thread for each key, packets would change places.
         arrived = Callback(self._arrived, indirect=False)
         for kind in Kind:
             self._session.declare_subscriber(f"{self._key}/{kind.name.lower()}", arrived)
         liveliness = self._session.liveliness()
         liveliness.declare_subscriber(
-            f"{self._key}/encoder", Callback(self._encoder_changed), history=True
+            f"{self._key}/encoder", Callback(self._encoder_changed, indirect=False), history=True
         )
         # After the subscribers: who sees the token knows that they are there.
         self._token = liveliness.declare_token(f"{self._key}/decoder/{self._session.zid()}")
@@ -214,9 +236,9 @@ class ZenohSource(_Session):
         while (packet := self.receive()) is not None:
             yield packet
 
-    def _patience_s(self, deadline: float | None) -> float | None:
-        ends = [deadline, self._end_s]
-        return min((max(0.0, end - monotonic()) for end in ends if end is not None), default=None)
+    def _patience_s(self, deadline: float | None) -> float:
+        ends = [end - monotonic() for end in (deadline, self._end_s) if end is not None]
+        return max(0.0, min([POLL_S, *ends]))
 
     @property
     def _end_s(self) -> float | None:
@@ -234,7 +256,7 @@ class ZenohSource(_Session):
             # The model may have been published before we came; if also after, one is dropped.
             self._session.get(
                 f"{self._key}/model",
-                Callback(self._replied),
+                Callback(self._replied, indirect=False),
                 consolidation=ConsolidationMode.NONE,
             )
         else:
@@ -258,16 +280,29 @@ class ZenohRouter(_Session):
 
 def _open(options: LinkOptions) -> zenoh.Session:
     """A session, opened in a thread of its own so that Ctrl-C need not wait for it."""
-    results: SimpleQueue[zenoh.Session | zenoh.ZError] = SimpleQueue()
+    results: list[zenoh.Session | zenoh.ZError] = []
+    done: SimpleQueue[None] = SimpleQueue()
 
     def run() -> None:
         try:
-            results.put(zenoh.open(_config(options)))
+            results.append(zenoh.open(_config(options)))
         except zenoh.ZError as error:
-            results.put(error)
+            results.append(error)
+        done.put(None)
 
-    threading.Thread(target=run, daemon=True).start()
-    result = results.get()
+    # An interrupt within `threading.Thread.start` is not always one outside of it.
+    _thread.start_new_thread(run, ())
+    try:
+        while not results:
+            with suppress(Empty):
+                done.get(timeout=POLL_S)
+    except BaseException:
+        # Python aborts if a thread comes back from Zenoh while it ends; one that listens does soon.
+        if not results:
+            with suppress(Empty):
+                done.get(timeout=OPENING_S)
+        raise
+    (result,) = results
     if isinstance(result, zenoh.ZError):
         raise UserError(_open_failure(options, _reason(result)), LINK_FAILED) from result
     return result

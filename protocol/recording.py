@@ -9,6 +9,7 @@ from os import fstat
 from pathlib import Path
 from typing import BinaryIO, Self
 
+from protocol.link import Reach
 from protocol.messages import (
     MAX_MODEL_PACKET_BYTES,
     ProtocolError,
@@ -73,6 +74,11 @@ class CallWriter:
             self._file.write(MAGIC)
         except OSError as error:
             raise UserError(f"cannot write {self._path}: {error.strerror}") from error
+
+    @property
+    def reach(self) -> Reach:
+        """Whoever reads the file."""
+        return Reach.SOMEBODY
 
     def send(self, packet: bytes) -> None:
         """Append one packet."""

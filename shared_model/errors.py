@@ -1,5 +1,8 @@
 """The one error whose message is shown to the user as it is."""
 
+# The exit code of a link that cannot be made, or breaks.
+LINK_FAILED = 4
+
 
 class UserError(Exception):
     """What the user can mend: the message is one line that says what is wrong and what to do.

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
@@ -25,8 +24,6 @@ from shared_model.errors import UserError
 ROOT = Path(__file__).resolve().parent.parent
 PROGRAM = (sys.executable, "-c", "from loopback.cli import main; raise SystemExit(main())")
 NOISE_FRAMES = 8
-# What takes a process longer is stuck.
-LIMIT_S = 60.0
 
 # As on a server, in every process that a test starts: no display, and no test needs two cores.
 os.environ.pop("DISPLAY", None)
@@ -133,12 +130,3 @@ def start() -> Iterator[Start]:
         if process.poll() is None:
             process.kill()
         process.communicate()
-
-
-def wait_until(condition: Callable[[], bool], process: subprocess.Popen[str]) -> None:
-    """Wait for `condition`, as long as `process` lives."""
-    deadline = time.monotonic() + LIMIT_S
-    while not condition():
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline, "it took too long"
-        time.sleep(0.02)

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import LIMIT_S, Start, wait_until
+from conftest import Start
+from processes import LIMIT_S, wait_until
 
 from encoder.capture import open_source
 from loopback.bench import (

@@ -4,7 +4,6 @@ import io
 import json
 import re
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -13,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import LIMIT_S, PROGRAM, ROOT, Start, wait_until
+from conftest import PROGRAM, ROOT, Start
+from processes import LIMIT_S, finish, one_line, wait_until
 
 from decoder.sink import open_sink
 from encoder.capture import exact_fps, open_source
@@ -25,7 +25,6 @@ from loopback.cli import main
 from loopback.commands import Patience
 from loopback.progress import ProgressLine
 from loopback.signals import StopOnSignal
-from loopback.two_processes import free_port
 from protocol.recording import MAGIC, TruncatedCall, read_records, record
 from protocol.summary import summarise
 
@@ -37,24 +36,6 @@ Capture = pytest.CaptureFixture[str]
 def complaint(capsys: Capture) -> str:
     """The one line on stderr."""
     return one_line(capsys.readouterr().err)
-
-
-def one_line(stderr: str) -> str:
-    lines = stderr.splitlines()
-    assert len(lines) == 1, stderr
-    assert lines[0].startswith("risorius: ")
-    return lines[0]
-
-
-def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
-    """Exit code and stderr."""
-    _, stderr = process.communicate(timeout=LIMIT_S)
-    return process.returncode, stderr
-
-
-def is_listening(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -412,30 +393,6 @@ def test_a_full_disk_is_one_line(call: Path) -> None:
     assert "No space left" in one_line(process.stderr)
 
 
-def test_a_port_in_use_is_a_failed_link(start: Start) -> None:
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        port = other.getsockname()[1]
-        code, stderr = finish(start("decode", "--listen", f"tcp/127.0.0.1:{port}", "-q"))
-    assert code == 4
-    assert "in use" in one_line(stderr)
-
-
-def test_a_decoder_without_a_caller_gives_up_when_told_to(start: Start) -> None:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    code, stderr = finish(start("decode", "--listen", endpoint, "--timeout", "0.5", "-q"))
-    assert code == 4
-    assert "nobody called within 0.5 s" in one_line(stderr)
-
-
-def test_an_encoder_without_a_decoder_gives_up(start: Start, carphone: Path) -> None:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    code, stderr = finish(start("encode", carphone, "--listen", endpoint, "--wait", "0.5", "-q"))
-    assert code == 4
-    assert "no decoder" in one_line(stderr)
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_stopped_encoder_leaves_a_whole_call(
     number: signal.Signals, start: Start, carphone: Path, tmp_path: Path
@@ -449,34 +406,6 @@ def test_a_stopped_encoder_leaves_a_whole_call(
     assert code == 130 and stderr == ""
     assert summarise(call).complete
     assert 0 < summarise(call).frames < 120
-
-
-def test_a_stopped_decoder_leaves_a_video_that_plays(
-    start: Start, carphone: Path, tmp_path: Path
-) -> None:
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    video = tmp_path / "out.mkv"
-    decoder = start("decode", "--listen", endpoint, "-o", video, "-q")
-    encoder = start("encode", carphone, "--connect", endpoint, "--profile", "thesis", "-q")
-    part = tmp_path / "out.part.mkv"
-    wait_until(lambda: part.exists() and part.stat().st_size > 100_000, decoder)
-    decoder.send_signal(signal.SIGINT)
-    code, stderr = finish(decoder)
-    assert code == 130 and "Traceback" not in stderr
-    assert not part.exists()
-    copy_frames(video, tmp_path / "copy.mkv", 1)
-    encoder.send_signal(signal.SIGINT)
-    assert finish(encoder)[0] == 130
-
-
-def test_a_decoder_that_waits_is_interrupted_at_once(start: Start) -> None:
-    port = free_port()
-    process = start("decode", "--listen", f"tcp/127.0.0.1:{port}", "-q")
-    wait_until(lambda: is_listening(port), process)
-    process.send_signal(signal.SIGINT)
-    code, stderr = finish(process)
-    assert code == 130
-    assert one_line(stderr) == "risorius: interrupted"
 
 
 @pytest.mark.parametrize(
@@ -580,6 +509,17 @@ def test_an_interrupt_is_not_interrupted() -> None:
             signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGTERM)
         signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_an_interrupt_that_gets_lost_is_still_the_answer() -> None:
+    class Final:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGINT)
+
+    with StopOnSignal() as stop:
+        Final()
+        assert stop()
 
 
 def test_before_the_first_frame_a_signal_interrupts() -> None:

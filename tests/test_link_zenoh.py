@@ -11,13 +11,15 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from statistics import mode
+from time import monotonic
 
 import pytest
 import zenoh
 from packets import MODEL
 
 from protocol.arrivals import MAX_HELD_FRAMES
-from protocol.link_zenoh import ZENOH_OVERHEAD_BYTES, LinkOptions, ZenohSink, ZenohSource
+from protocol.link import LinkOptions, Reach
+from protocol.link_zenoh import ZENOH_OVERHEAD_BYTES, ZenohRouter, ZenohSink, ZenohSource
 from protocol.messages import ControlKind, ControlPacket, FramePacket, LayerPacket, serialise
 from shared_model.errors import UserError
 
@@ -213,7 +215,8 @@ def test_an_encoder_that_goes_without_a_word_ends_the_call(stack: ExitStack, end
 def test_an_encoder_that_is_killed_ends_the_call(stack: ExitStack, endpoint: str) -> None:
     source = stack.enter_context(ZenohSource(listening(endpoint), gone_grace_s=0.01))
     program = (
-        "import sys; from protocol.link_zenoh import LinkOptions, ZenohSink\n"
+        "import sys; from protocol.link import LinkOptions\n"
+        "from protocol.link_zenoh import ZenohSink\n"
         "sink = ZenohSink(LinkOptions('test', connect=(sys.argv[1],)))\n"
         "sink.wait_for_peer(20); sink.send(bytes.fromhex(sys.argv[2])); sys.stdin.read()"
     )
@@ -230,7 +233,8 @@ def test_an_encoder_that_is_killed_ends_the_call(stack: ExitStack, endpoint: str
 @pytest.mark.parametrize("waiting", ["connecting", "receiving"])
 def test_ctrl_c_ends_the_wait_at_once(waiting: str, endpoint: str) -> None:
     program = (
-        "import sys; from protocol.link_zenoh import LinkOptions, ZenohSource\n"
+        "import sys; from protocol.link import LinkOptions\n"
+        "from protocol.link_zenoh import ZenohSource\n"
         "try:\n"
         "    print('ready', flush=True)\n"
         "    options = LinkOptions('test', **{sys.argv[1]: (sys.argv[2],)}, connect_timeout_s=60)\n"
@@ -247,6 +251,56 @@ def test_ctrl_c_ends_the_wait_at_once(waiting: str, endpoint: str) -> None:
     os.kill(child.pid, signal.SIGINT)
     assert child.wait(WAIT_S) == 130
     child.stdout.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize(
+    "wait",
+    [
+        "ZenohSource(LinkOptions('test', connect=(endpoint,), connect_timeout_s=60), say)",
+        "ZenohSource(LinkOptions('test', listen=(endpoint,)), say).receive()",
+        "ZenohSink(LinkOptions('test', listen=(endpoint,)), say).wait_for_peer(60)",
+    ],
+    ids=["connecting", "receiving", "waiting"],
+)
+def test_ctrl_c_ends_the_wait_whichever_thread_takes_it(wait: str, endpoint: str) -> None:
+    program = (
+        "import os, signal, sys, threading\n"
+        "from protocol.link import LinkOptions\n"
+        "from protocol.link_zenoh import ZenohSink, ZenohSource\n"
+        "def interrupt():\n"
+        "    asleep = 0\n"
+        "    while asleep < 200:\n"
+        "        with open(f'/proc/self/task/{os.getpid()}/stat') as file: state = file.read()\n"
+        "        asleep = asleep + 1 if state.split()[2] == 'S' else 0\n"
+        "    signal.pthread_kill(threading.get_ident(), signal.SIGINT)\n"
+        "def say(line): threading.Thread(target=interrupt).start()\n"
+        "endpoint = sys.argv[1]\n"
+        f"try: {wait}\n"
+        "except KeyboardInterrupt: sys.exit(130)"
+    )
+    command = [sys.executable, "-c", program, endpoint]
+    assert subprocess.run(command, check=False, timeout=WAIT_S).returncode == 130
+
+
+@pytest.mark.parametrize("end", ["ZenohSource", "ZenohSink"])
+def test_a_program_ends_whenever_its_link_is_interrupted_while_it_opens(end: str) -> None:
+    program = (
+        "import sys; from signal import ITIMER_REAL, SIGALRM, setitimer, signal\n"
+        "import protocol.link_zenoh as link\n"
+        "def interrupt(*_): raise KeyboardInterrupt\n"
+        "signal(SIGALRM, interrupt)\n"
+        "options, opened = link.LinkOptions('test', listen=('tcp/127.0.0.1:0',)), 0\n"
+        "for number in range(1, 10_000):\n"
+        "    try:\n"
+        "        setitimer(ITIMER_REAL, number * 1e-5)\n"
+        "        with getattr(link, sys.argv[1])(options): setitimer(ITIMER_REAL, 0)\n"
+        "        opened += 1\n"
+        "    except KeyboardInterrupt: pass\n"
+        "    if opened == 100: sys.exit(7)\n"
+    )
+    child = subprocess.run([sys.executable, "-c", program, end], check=False, timeout=WAIT_S)
+    assert child.returncode == 7
 
 
 def test_an_encoder_that_comes_back_goes_on_with_the_call(stack: ExitStack, endpoint: str) -> None:
@@ -274,6 +328,70 @@ def test_the_encoder_sees_decoders_come_and_go(stack: ExitStack, endpoint: str) 
     gone = threading.Event()
     while sink.peers:
         assert not gone.wait(0.001)
+
+
+def test_the_encoder_says_when_nobody_listens_any_more(stack: ExitStack, endpoint: str) -> None:
+    said: list[str] = []
+    sink = stack.enter_context(ZenohSink(listening(endpoint), said.append))
+    assert said.pop() == f"listening on {endpoint} for a decoder of call 'test'"
+    sink.send(MODEL_BYTES)
+    assert sink.reach is Reach.NOBODY and said == []
+    with ZenohSource(connecting(endpoint)):
+        sink.wait_for_peer(WAIT_S)
+        send_until(sink, Reach.SOMEBODY)
+        assert said == []
+    send_until(sink, Reach.NOBODY)
+    assert said == ["nobody listens any more; sending on"]
+    source = stack.enter_context(ZenohSource(connecting(endpoint)))
+    assert source.receive(WAIT_S) == MODEL_BYTES
+    send_until(sink, Reach.SOMEBODY)
+    assert said[1:] == ["somebody listens again"]
+
+
+def test_a_link_that_breaks_is_known_and_made_again(stack: ExitStack, endpoint: str) -> None:
+    said: list[str] = []
+    with ZenohRouter((endpoint,)):
+        sink = stack.enter_context(ZenohSink(connecting(endpoint), said.append))
+        assert said.pop() == f"connecting to {endpoint} for a decoder of call 'test'"
+        with ZenohSource(connecting(endpoint)):
+            sink.wait_for_peer(WAIT_S)
+            send_until(sink, Reach.SOMEBODY)
+        send_until(sink, Reach.NOBODY)
+    send_until(sink, Reach.NO_LINK)
+    stack.enter_context(ZenohRouter((endpoint,)))
+    send_until(sink, Reach.NOBODY)
+    said.clear()
+    source = stack.enter_context(ZenohSource(connecting(endpoint), said.append))
+    assert said == [f"connecting to {endpoint} for an encoder of call 'test'"]
+    send_until(sink, Reach.SOMEBODY)
+    sink.send(MODEL_BYTES)
+    assert source.receive(WAIT_S) == MODEL_BYTES
+
+
+def send_until(sink: ZenohSink, reach: Reach) -> None:
+    """Send END packets until one reaches so far."""
+    pause, deadline = threading.Event(), monotonic() + WAIT_S
+    sink.send(END)
+    while sink.reach is not reach:
+        assert monotonic() < deadline, sink.reach
+        pause.wait(0.005)
+        sink.send(END)
+
+
+@pytest.mark.parametrize("by", ["router", "decoder"])
+def test_a_call_has_one_encoder(by: str, stack: ExitStack, endpoint: str) -> None:
+    if by == "router":
+        stack.enter_context(ZenohRouter((endpoint,)))
+    else:
+        stack.enter_context(ZenohSource(listening(endpoint)))
+    with ZenohSink(connecting(endpoint)):
+        with pytest.raises(UserError, match="call 'test' has an encoder already") as caught:
+            ZenohSink(connecting(endpoint))
+        assert caught.value.exit_code == 4
+        with ZenohSink(replace(connecting(endpoint), call="other")):
+            pass
+    with ZenohSink(connecting(endpoint)):
+        pass
 
 
 def test_a_port_in_use_is_said_in_one_line() -> None:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from packets import CALL, MODEL
 
-from protocol.link import PacketSink, PacketSource
+from protocol.link import PacketSink, PacketSource, Reach
 from protocol.messages import (
     MAX_MODEL_PACKET_BYTES,
     ControlKind,
@@ -65,6 +65,7 @@ def test_files_carry_a_call_as_any_link_does(tmp_path: Path) -> None:
     sink: PacketSink = CallWriter(tmp_path / "call.rzo")
     with sink:
         sink.send(serialise(MODEL))
+        assert sink.reach is Reach.SOMEBODY
     source: PacketSource = CallReader(tmp_path / "call.rzo")
     with source:
         assert source.receive(timeout_s=0) == serialise(MODEL)

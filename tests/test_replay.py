@@ -6,7 +6,8 @@ import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import pytest
-from conftest import LIMIT_S, ROOT, Start, wait_until
+from conftest import ROOT, Start
+from processes import LIMIT_S, wait_until
 
 from loopback.bench import BenchSettings
 from loopback.cli import main

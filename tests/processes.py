@@ -1,0 +1,37 @@
+"""Processes of the program that a test starts: waiting for them, and what they said."""
+
+import subprocess
+import time
+from collections.abc import Callable
+
+# What takes a process longer is stuck.
+LIMIT_S = 60.0
+
+
+def one_line(stderr: str) -> str:
+    """What is the only line on stderr."""
+    lines = stderr.splitlines()
+    assert len(lines) == 1, stderr
+    assert lines[0].startswith("risorius: ")
+    return lines[0]
+
+
+def first_line(process: subprocess.Popen[str]) -> str:
+    """The first line that a process writes on stderr, without its end."""
+    assert process.stderr is not None
+    return process.stderr.readline().rstrip("\n")
+
+
+def wait_until(condition: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+    """Wait for `condition`, as long as `process` lives."""
+    deadline = time.monotonic() + LIMIT_S
+    while not condition():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline, "it took too long"
+        time.sleep(0.02)
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
+    """Exit code and stderr."""
+    _, stderr = process.communicate(timeout=LIMIT_S)
+    return process.returncode, stderr

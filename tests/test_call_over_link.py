@@ -1,0 +1,190 @@
+"""What a user sees of a call over a link: whom it waits for, who has gone, how it ends."""
+
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import ROOT, Start
+from processes import LIMIT_S, finish, first_line, one_line, wait_until
+
+from encoder.capture import open_source
+from loopback.two_processes import free_port
+
+THESIS = ("--profile", "thesis")
+NOBODY = "encode: nobody listens any more; sending on"
+
+
+@pytest.fixture
+def endpoint() -> str:
+    """Where nobody listens yet."""
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    """Where a decoder may write."""
+    return tmp_path / "out.mkv"
+
+
+def wait_for_pictures(video: Path, decoder: subprocess.Popen[str]) -> None:
+    """Wait until the decoder has written some."""
+    part = video.with_suffix(".part.mkv")
+    wait_until(lambda: part.exists() and part.stat().st_size > 100_000, decoder)
+
+
+def count_pictures(video: Path) -> int:
+    with open_source(str(video)) as capture:
+        return sum(1 for _ in capture)
+
+
+def test_a_port_in_use_is_a_failed_link(start: Start) -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        code, stderr = finish(start("decode", "--listen", f"tcp/127.0.0.1:{port}", "-q"))
+    assert code == 4
+    assert "in use" in one_line(stderr)
+
+
+def test_a_decoder_without_a_caller_gives_up_when_told_to(start: Start, endpoint: str) -> None:
+    code, stderr = finish(start("decode", "--listen", endpoint, "--timeout", "0.5", "-q"))
+    assert code == 4
+    assert "nobody called within 0.5 s" in one_line(stderr)
+
+
+def test_an_encoder_without_a_decoder_gives_up(start: Start, carphone: Path, endpoint: str) -> None:
+    code, stderr = finish(start("encode", carphone, "--listen", endpoint, "--wait", "0.5", "-q"))
+    assert code == 4
+    assert "no decoder" in one_line(stderr)
+
+
+@pytest.mark.parametrize("command", ["decode --timeout", "encode {} --wait"])
+def test_who_cannot_connect_gives_up_in_the_time_given(
+    command: str, start: Start, carphone: Path, endpoint: str
+) -> None:
+    line = command.format(carphone).split()
+    code, stderr = finish(start(*line, "0.5", "--connect", endpoint, "-q"))
+    assert code == 4
+    assert f"cannot reach {endpoint} within 0.5 s" in one_line(stderr)
+
+
+@pytest.mark.parametrize(
+    ("command", "awaited"), [("decode", "an encoder"), ("encode {}", "a decoder")]
+)
+def test_who_waits_says_for_whom_and_where_and_is_interrupted_at_once(
+    command: str, awaited: str, start: Start, carphone: Path, endpoint: str
+) -> None:
+    line = command.format(carphone).split()
+    process = start(*line, "--listen", endpoint, "--call", "anna")
+    assert first_line(process) == f"{line[0]}: listening on {endpoint} for {awaited} of call 'anna'"
+    process.send_signal(signal.SIGINT)
+    code, stderr = finish(process)
+    assert code == 130
+    assert one_line(stderr) == "risorius: interrupted"
+
+
+def test_a_stopped_decoder_leaves_a_video_that_plays(
+    start: Start, carphone: Path, endpoint: str, video: Path
+) -> None:
+    decoder = start("decode", "--listen", endpoint, "-o", video, "-q")
+    encoder = start("encode", carphone, "--connect", endpoint, *THESIS, "-q")
+    wait_for_pictures(video, decoder)
+    decoder.send_signal(signal.SIGINT)
+    code, stderr = finish(decoder)
+    assert code == 130 and "Traceback" not in stderr
+    assert count_pictures(video) > 0
+    encoder.send_signal(signal.SIGINT)
+    assert finish(encoder)[0] == 130
+
+
+def test_a_decoder_whose_encoder_is_killed_keeps_what_came_and_fails(
+    start: Start, carphone: Path, endpoint: str, video: Path
+) -> None:
+    decoder = start("decode", "--listen", endpoint, "-o", video, "-q")
+    encoder = start("encode", carphone, "--connect", endpoint, *THESIS, "-q")
+    wait_for_pictures(video, decoder)
+    encoder.kill()
+    code, stderr = finish(decoder)
+    assert code == 4
+    assert "the call has no end: decoded up to its last packet" in one_line(stderr)
+    assert 0 < count_pictures(video) < 120
+
+
+def test_a_decoder_whose_encoder_leaves_without_a_face_fails(
+    start: Start, noise: Path, networks: Path, endpoint: str
+) -> None:
+    decoder = start("decode", "--listen", endpoint, "-q")
+    encoder = start("encode", noise, "--connect", endpoint, "-q")
+    assert finish(encoder)[0] == 3
+    code, stderr = finish(decoder)
+    assert code == 4
+    assert "its encoder left before it sent a face" in one_line(stderr)
+
+
+def test_an_encoder_whose_decoder_is_killed_sends_on_and_says_so(
+    start: Start, carphone: Path, endpoint: str, video: Path
+) -> None:
+    encoder = start("encode", carphone, "--listen", endpoint, *THESIS)
+    decoder = start("decode", "--connect", endpoint, "-o", video)
+    wait_for_pictures(video, decoder)
+    decoder.kill()
+    stdout, stderr = encoder.communicate(timeout=LIMIT_S)
+    assert encoder.returncode == 0
+    assert stderr.splitlines()[1:] == [
+        NOBODY,
+        "risorius: warning: nobody listened when the call ended",
+    ]
+    assert "120 frames of 176x144" in stdout and "nobody heard its end" in stdout
+
+
+def test_both_ends_fail_if_the_relay_between_them_stops(
+    start: Start, carphone: Path, endpoint: str, video: Path
+) -> None:
+    relay = start("relay", "--listen", endpoint)
+    assert first_line(relay) == f"relay: listening on {endpoint}"
+    encoder = start("encode", carphone, "--connect", endpoint, *THESIS)
+    decoder = start("decode", "--connect", endpoint, "-o", video, "-q")
+    wait_for_pictures(video, decoder)
+    relay.terminate()
+    assert finish(relay)[0] == 0
+    code, stderr = finish(decoder)
+    assert code == 4 and "no end" in one_line(stderr)
+    code, stderr = finish(encoder)
+    assert code == 4
+    assert stderr.splitlines()[1:] == [
+        NOBODY,
+        "risorius: warning: the link had broken when the call ended",
+    ]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_a_relay_stops_whichever_thread_takes_the_signal(endpoint: str) -> None:
+    code = (
+        "import os, signal, sys, threading; from loopback.cli import main\n"
+        "def interrupt():\n"
+        "    sys.stdin.read()\n"
+        "    asleep = 0\n"
+        "    while asleep < 200:\n"
+        "        with open(f'/proc/self/task/{os.getpid()}/stat') as file: state = file.read()\n"
+        "        asleep = asleep + 1 if state.split()[2] == 'S' else 0\n"
+        "    signal.pthread_kill(threading.get_ident(), signal.SIGTERM)\n"
+        "threading.Thread(target=interrupt).start()\n"
+        "sys.exit(main(['relay', '--listen', sys.argv[1]]))"
+    )
+    relay = subprocess.Popen(
+        [sys.executable, "-c", code, endpoint],
+        cwd=ROOT,
+        stdin=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert first_line(relay) == f"relay: listening on {endpoint}"
+        relay.communicate(timeout=LIMIT_S)
+        assert relay.returncode == 0
+    finally:
+        relay.kill()
