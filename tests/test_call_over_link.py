@@ -134,10 +134,9 @@ def test_an_encoder_whose_decoder_is_killed_sends_on_and_says_so(
     decoder.kill()
     stdout, stderr = encoder.communicate(timeout=LIMIT_S)
     assert encoder.returncode == 0
-    assert stderr.splitlines()[1:] == [
-        NOBODY,
-        "risorius: warning: nobody listened when the call ended",
-    ]
+    # Slow machines see lines of progress as well.
+    said = [line for line in stderr.splitlines()[1:] if "|" not in line]
+    assert said == [NOBODY, "risorius: warning: nobody listened when the call ended"]
     assert "120 frames of 176x144" in stdout and "nobody heard its end" in stdout
 
 
