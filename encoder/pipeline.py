@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from encoder.cadence import cadence_for
 from encoder.capture import Capture, open_source
+from encoder.console import Console, Progress
 from encoder.default_call import Survey, send_call
 from encoder.follow import FOLLOWED, FollowOptions, open_follower
 from encoder.live_call import LiveCall
@@ -26,7 +27,6 @@ from shared_model.errors import UserError
 from shared_model.mesh import generic_head
 
 Picture = NDArray[np.uint8]
-Progress = Callable[[int, int | None], None]
 
 NO_FACE = 3
 # What the user should know of a call whose end did not reach anybody.
@@ -103,22 +103,25 @@ class EncodeReport:
 
 
 def encode(
-    options: EncodeOptions, progress: Progress, stop: Callable[[], bool], say: Say = silent
+    options: EncodeOptions,
+    progress: Progress,
+    stop: Callable[[], bool],
+    say: Say = silent,
+    preparing: Say = silent,
 ) -> EncodeReport:
     """Encode one source to its end, or until `stop`; what was sent by then is a whole call.
 
-    progress: called with the number of frames so far and of the whole source, if that is known.
-    say: takes a line about a call over a network: whom it waits for, whether anybody listens.
+    progress, stop, say, preparing: see `Console`.
     Raises `UserError` if the source cannot be read, shows no face, or the call cannot be sent,
     `ValueError` if `startup_bitrate` leaves nothing for the model beside the frames.
     """
-    tally = Tally()
+    tally, console = Tally(), Console(progress, stop, say, preparing)
     with ExitStack() as stack:
         stack.enter_context(switching_often())
         capture = stack.enter_context(open_source(options.source))
         sink = open_sink(options, stack, say)
         send = send_thesis if options.profile == "thesis" else send_default
-        send(options, capture, sink, tally, progress, stop)
+        send(options, capture, sink, tally, console)
         if sink.reach in UNHEARD:
             tally.warn(UNHEARD[sink.reach])
         return _report(options, capture, tally, sink.reach)
@@ -129,8 +132,7 @@ def send_thesis(
     capture: Capture,
     sink: PacketSink,
     tally: Tally,
-    progress: Progress,
-    stop: Callable[[], bool],
+    console: Console,
 ) -> None:
     """Follow the face frame by frame and send as it goes."""
     size = (capture.width, capture.height)
@@ -139,7 +141,7 @@ def send_thesis(
     budget = budget_for("thesis", options.model_bytes)
     patience_s = options.look_for_face_s
     call = ThesisCall(capture, follower, sink, budget, patience_s, tally, options.follow.lids)
-    send_frames(call, options, capture, tally, progress, stop)
+    send_frames(call, options, capture, tally, console)
 
 
 def send_default(
@@ -147,22 +149,21 @@ def send_default(
     capture: Capture,
     sink: PacketSink,
     tally: Tally,
-    progress: Progress,
-    stop: Callable[[], bool],
+    console: Console,
 ) -> None:
     """Look at the whole source, then send the best call it allows; a live one frame by frame."""
     if options.live or capture.is_live:
-        send_live(options, capture, sink, tally, progress, stop)
+        send_live(options, capture, sink, tally, console)
         return
     pacer = _pacer(options)
-    survey = survey_source(options, capture, tally, progress, stop)
+    survey = survey_source(options, capture, tally, console)
     call = survey.code(options.bitrate)
     if pacer is not None:
         model = survey.in_layers(call)
         call = replace(call, model=model.first)
         pacer.begin(model)
     if options.pace:
-        send_call(call, sink, tally, float(capture.fps), stop, pacer)
+        send_call(call, sink, tally, float(capture.fps), console.stop, pacer)
     else:
         # Whoever stopped while the source was looked at has what was seen until then.
         send_call(call, sink, tally, None, lambda: False, pacer)
@@ -173,8 +174,7 @@ def send_live(
     capture: Capture,
     sink: PacketSink,
     tally: Tally,
-    progress: Progress,
-    stop: Callable[[], bool],
+    console: Console,
 ) -> None:
     """Send every frame as it comes, in the default profile."""
     budget = budget_for("live", options.model_bytes)
@@ -192,7 +192,7 @@ def send_live(
         cadence,
         _pacer(options),
     )
-    send_frames(call, options, capture, tally, progress, stop)
+    send_frames(call, options, capture, tally, console)
 
 
 def send_frames(
@@ -200,13 +200,12 @@ def send_frames(
     options: EncodeOptions,
     capture: Capture,
     tally: Tally,
-    progress: Progress,
-    stop: Callable[[], bool],
+    console: Console,
 ) -> None:
     """Send every frame of a source as it comes.  Raises `UserError` if no face was in any."""
-    for index, frame, coming in with_coming(capture, options, tally, stop):
+    for index, frame, coming in with_coming(capture, options, tally, console.stop):
         call.frame(index, frame, coming)
-        progress(index + 1, expected_frames(capture, options))
+        console.progress(index + 1, expected_frames(capture, options))
     if not call.started:
         raise no_face(options.source, len(tally.capture_ns))
     call.end(len(tally.capture_ns))
@@ -216,43 +215,52 @@ def survey_source(
     options: EncodeOptions,
     capture: Capture,
     tally: Tally,
-    progress: Progress,
-    stop: Callable[[], bool],
+    console: Console,
 ) -> Survey:
     """Go over the whole source, twice, and learn its caller: ready to be coded at any rate.
 
     Raises `UserError` if the source shows no face, and `KeyboardInterrupt` if it was stopped before
     there is anything to code.
     """
+    try:
+        return _survey(options, capture, tally, console)
+    except KeyboardInterrupt as interrupt:
+        raise KeyboardInterrupt("nothing was coded yet") from interrupt
+
+
+def _survey(options: EncodeOptions, capture: Capture, tally: Tally, console: Console) -> Survey:
     survey = Survey(capture, tally, cadence_for(capture.fps, options.fps))
-    for index, frame, coming in with_coming(capture, replace(options, pace=False), tally, stop):
+    console.preparing("looking first")
+    unpaced = replace(options, pace=False)
+    for index, frame, coming in with_coming(capture, unpaced, tally, console.stop):
         survey.frame(index, frame, coming)
-        progress((index + 1) // 2, expected_frames(capture, options))
+        console.progress((index + 1) // 2, expected_frames(capture, options))
     if not survey.faces_seen:
         raise no_face(options.source, len(tally.capture_ns))
-    frames = len(tally.capture_ns)
-    if stop():
+    if console.stop():
         raise KeyboardInterrupt
+    console.preparing("learning the caller")
     survey.learn(budget_for("default", options.model_bytes))
+    console.preparing("")
     with open_source(options.source) as again:
-        survey.refine(frames_again(again, frames, tally, progress, stop))
+        survey.refine(frames_again(again, len(tally.capture_ns), tally, console))
     if not survey.faces_refined:
         raise KeyboardInterrupt
     return survey
 
 
 def frames_again(
-    capture: Capture, count: int, tally: Tally, progress: Progress, stop: Callable[[], bool]
+    capture: Capture, count: int, tally: Tally, console: Console
 ) -> Iterator[tuple[int, Picture]]:
     """The first `count` frames of a source that was looked at before."""
     frames = iter(capture)
     for number in range(count):
         with tally.stage("capture"):
             item = next(frames, None)
-        if item is None or stop():
+        if item is None or console.stop():
             return
         yield item
-        progress((count + number + 1) // 2, count)
+        console.progress((count + number + 1) // 2, count)
 
 
 def expected_frames(capture: Capture, options: EncodeOptions) -> int | None:

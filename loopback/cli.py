@@ -40,8 +40,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         # A full disk, a folder that went away: what no part of the program can do anything about.
         _drop_output()
         return complain(str(error), BAD_USAGE)
-    except KeyboardInterrupt:
-        return complain("interrupted", INTERRUPTED)
+    except KeyboardInterrupt as interrupt:
+        return complain(": ".join(["interrupted", *map(str, interrupt.args)]), INTERRUPTED)
 
 
 def _drop_output() -> None:

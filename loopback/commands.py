@@ -77,7 +77,8 @@ def run_encode(arguments: argparse.Namespace) -> int:
     )
     with StopOnSignal() as stop, _progress("encode", arguments) as progress:
         try:
-            report = encode(options, stop.watch(progress), stop, progress.say)
+            preparing = stop.watch_preparing(progress.preparing)
+            report = encode(options, stop.watch(progress), stop, progress.say, preparing)
         except UserError as error:
             raise _reason(error, stop) from error
     _warn(report.warnings)

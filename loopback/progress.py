@@ -31,6 +31,7 @@ class ProgressLine:
         # A log needs no line for a job that is over before the first interval.
         self._next = self._start + (0 if self._is_terminal else self._interval_s)
         self._state: tuple[int, int | None] | None = None
+        self._doing = ""
 
     def __call__(self, done: int, total: int | None) -> None:
         """Say that `done` of `total` frames are through; `total` None: nobody knows."""
@@ -39,6 +40,14 @@ class ProgressLine:
         if now >= self._next and not self._quiet:
             self._next = now + self._interval_s
             self._write(done, total)
+
+    def preparing(self, what: str) -> None:
+        """Say beside the bar that `what` is done, until it is something else; "": no more."""
+        self._doing = what
+        if self._state is not None:
+            if self._is_terminal:
+                self._next = self._clock()
+            self(*self._state)
 
     def say(self, line: str) -> None:
         """Write a line that stays, above the bar."""
@@ -65,6 +74,8 @@ class ProgressLine:
     def _write(self, done: int, total: int | None) -> None:
         rate = done / max(self._clock() - self._start, 1e-6)
         text = f"{self._label} {_amount(done, total)} {rate:.0f}/s"
+        if self._doing:
+            text += f", {self._doing}"
         self._stream.write(f"\r\x1b[K{text}" if self._is_terminal else f"{text}\n")
         self._stream.flush()
 

@@ -14,14 +14,14 @@ class StopOnSignal:
 
     Within the `with` block a first SIGINT or SIGTERM only sets the answer, so that the frame at
     hand and the files are finished.  Before the first frame there is nothing to finish and somebody
-    to wait for, perhaps: it interrupts, as the second does; and is the answer, too, in case that
-    the exception gets lost in a finaliser.  More are not heard: a link whose closing is interrupted
-    leaves threads behind that never end.
+    to wait for, perhaps, and while a call is prepared nothing to keep: it interrupts, as the second
+    does; and is the answer, too, in case that the exception gets lost in a finaliser.  More are not
+    heard: a link whose closing is interrupted leaves threads behind that never end.
     The handlers of before come back on leaving.
     """
 
     def __init__(self) -> None:
-        self._started = self._stopped = self._interrupted = False
+        self._started = self._preparing = self._stopped = self._interrupted = False
 
     def __call__(self) -> bool:
         return self._stopped
@@ -32,6 +32,15 @@ class StopOnSignal:
         def noted(done: int, total: int | None) -> None:
             self._started = True
             progress(done, total)
+
+        return noted
+
+    def watch_preparing(self, preparing: Callable[[str], None]) -> Callable[[str], None]:
+        """`preparing`, with a note that there is nothing to keep until it is called with ""."""
+
+        def noted(what: str) -> None:
+            self._preparing = bool(what)
+            preparing(what)
 
         return noted
 
@@ -46,7 +55,7 @@ class StopOnSignal:
     def _handle(self, number: int, frame: FrameType | None) -> None:
         if self._interrupted:
             return
-        if self._stopped or not self._started:
+        if self._stopped or self._preparing or not self._started:
             self._stopped = self._interrupted = True
             raise KeyboardInterrupt
         self._stopped = True

@@ -16,6 +16,7 @@ import numpy as np
 
 from decoder.pipeline import DecodeOptions, decode
 from encoder.capture import open_source
+from encoder.console import Console
 from encoder.default_call import Survey, send_call
 from encoder.pipeline import EncodeOptions, survey_source
 from encoder.tally import Tally
@@ -222,7 +223,7 @@ def _survey(
     options = EncodeOptions(source=source, profile="default", max_frames=settings.max_frames)
     tally = Tally()
     with open_source(source) as capture, progress as shown:
-        return survey_source(options, capture, tally, shown, lambda: False), tally
+        return survey_source(options, capture, tally, Console(shown, lambda: False)), tally
 
 
 def _points(report: Mapping[str, Any]) -> list[tuple[str, list[dict[str, Any]]]]:

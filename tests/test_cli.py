@@ -2,11 +2,14 @@
 
 import io
 import json
+import os
+import pty
 import re
 import signal
 import subprocess
 import sys
 from collections.abc import Iterable
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 
@@ -408,6 +411,31 @@ def test_a_stopped_encoder_leaves_a_whole_call(
     assert 0 < summarise(call).frames < 120
 
 
+def test_an_encoder_that_learns_says_so_and_is_interrupted_at_once(
+    carphone: Path, tmp_path: Path
+) -> None:
+    terminal, stderr = pty.openpty()
+    line = [*PROGRAM, "encode", str(carphone), "-o", str(tmp_path / "call.rzo")]
+    process = subprocess.Popen([*line, "--profile", "default"], stderr=stderr, cwd=ROOT)
+    os.close(stderr)
+    try:
+        shown = b""
+        while b"| 60/120" not in shown or not shown.endswith(b", learning the caller"):
+            shown += os.read(terminal, 4096)
+        process.send_signal(signal.SIGINT)
+        # Learning takes twice as long at least.
+        assert process.wait(4) == 130
+        # Beyond the end there is an error on Linux.
+        with suppress(OSError):
+            while more := os.read(terminal, 4096):
+                shown += more
+        assert shown.endswith(b"\r\nrisorius: interrupted: nothing was coded yet\r\n")
+    finally:
+        process.kill()
+        os.close(terminal)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
     ("library", "extra"), [("moderngl", "decoder")], ids=lambda value: str(value)
 )
@@ -473,10 +501,37 @@ def test_a_terminal_gets_a_bar_that_ends_full() -> None:
     assert drawn.count("\r") < 15
 
 
+def test_a_terminal_is_told_at_once_what_is_prepared_and_when_that_is_over() -> None:
+    stream, clock = Terminal(), Clock()
+    with ProgressLine("encode", stream, clock=clock) as progress:
+        progress.preparing("looking first")
+        clock.now = 1.0
+        progress(60, 120)
+        progress.preparing("learning the caller")
+        progress.preparing("")
+        drawn = [line.partition("| ")[2] for line in stream.getvalue().split("\r\x1b[K")]
+    rate = "60/120 60/s"
+    assert drawn == ["", f"{rate}, looking first", f"{rate}, learning the caller", rate]
+
+
+def test_a_line_that_stays_takes_the_place_of_the_bar() -> None:
+    terminal, log = Terminal(), io.StringIO()
+    for stream in (terminal, log):
+        with ProgressLine("encode", stream, clock=Clock()) as progress:
+            progress.say("hear")
+            progress(1, None)
+            progress.say("hear")
+    bar = "\r\x1b[Kencode 1 frames 1000000/s"
+    assert terminal.getvalue() == f"encode: hear\n{bar}\r\x1b[Kencode: hear\n{bar}\n"
+    assert log.getvalue() == "encode: hear\nencode: hear\n"
+
+
 def test_quiet_is_quiet() -> None:
     stream = Terminal()
     with ProgressLine("decode", stream, quiet=True) as progress:
         progress(1, 1)
+        progress.preparing("more")
+        progress.say("this")
     assert stream.getvalue() == ""
 
 
@@ -509,6 +564,24 @@ def test_an_interrupt_is_not_interrupted() -> None:
             signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGTERM)
         signal.raise_signal(signal.SIGINT)
+
+
+def test_what_is_prepared_is_interrupted_and_what_follows_is_asked_to_end() -> None:
+    said: list[str] = []
+    with StopOnSignal() as stop:
+        stop.watch(lambda done, total: None)(1, None)
+        preparing = stop.watch_preparing(said.append)
+        preparing("something")
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+    with StopOnSignal() as stop:
+        stop.watch(lambda done, total: None)(1, None)
+        preparing = stop.watch_preparing(said.append)
+        preparing("something")
+        preparing("")
+        signal.raise_signal(signal.SIGINT)
+        assert stop()
+    assert said == ["something", "something", ""]
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
