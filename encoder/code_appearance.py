@@ -190,10 +190,8 @@ class _Bench:
         mean = to_planes(texture.colours[at]) * root
         frames = self.frames - mean * self.seen[..., None]
         remainder = Remainder(frames.reshape(len(frames), -1))
-        series, left = (
-            ModeSeries(size, self.relief, CompiledSeries),
-            self.face_bytes - texture.size_bytes,
-        )
+        series = ModeSeries(size, self.relief, CompiledSeries)
+        left = self.face_bytes - texture.size_bytes
         modes: list[Draft] = []
         error = remainder.error if left >= 0 else TOO_LARGE - left
         while len(modes) < self.most_modes:

@@ -59,13 +59,7 @@ def find_face_mesh(folder: Path) -> FaceMeshFile:
 
     Raises NetworkFilesMissing.
     """
-    path = folder / FACE_MESH
-    package = find_spec("mediapipe")
-    if package is not None and package.submodule_search_locations:
-        shipped = (
-            Path(package.submodule_search_locations[0]) / "modules" / "face_landmark" / FACE_MESH
-        )
-        path = shipped if shipped.is_file() else path
+    path = _in_mediapipe("face_landmark", FACE_MESH) or folder / FACE_MESH
     if not path.is_file():
         raise NetworkFilesMissing(f"{path} is missing")
     is_newer = sha256(path.read_bytes()).hexdigest() == _NEWER_FACE_MESH
@@ -75,11 +69,15 @@ def find_face_mesh(folder: Path) -> FaceMeshFile:
 def find_segmentation() -> Path | None:
     """The network that tells people from what is behind them, out of the package `mediapipe`; None
     where that is not installed."""
+    return _in_mediapipe("selfie_segmentation", SEGMENTATION)
+
+
+def _in_mediapipe(module: str, name: str) -> Path | None:
+    """A file of one of the package's modules, where it is installed."""
     package = find_spec("mediapipe")
     if package is None or not package.submodule_search_locations:
         return None
-    modules = Path(package.submodule_search_locations[0]) / "modules"
-    path = modules / "selfie_segmentation" / SEGMENTATION
+    path = Path(package.submodule_search_locations[0]) / "modules" / module / name
     return path if path.is_file() else None
 
 

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.learn import hull_mask
 from encoder.networks import Network, find_segmentation
 from encoder.texture import code_background
 from protocol.silhouette import SIDE, Map, serialise_background
@@ -55,14 +56,14 @@ def find_silhouette(path: Path, frame: Frame, outline_px: Array) -> Map | None:
     likely = cv2.resize(
         shares.reshape(INPUT_PX, INPUT_PX), (SIDE, SIDE), interpolation=cv2.INTER_AREA
     )
-    somebody = (likely > 0.5).astype(np.uint8)
-    face = np.zeros_like(somebody)
+    somebody = likely > 0.5
     corners = (outline_px + 0.5) * SIDE / np.array(frame.shape[1::-1]) - 0.5
-    cv2.fillConvexPoly(face, cv2.convexHull(np.rint(corners).astype(np.int32)), 1)
+    face = hull_mask(corners, (SIDE, SIDE)) > 0
     if (somebody & face).sum() < LEAST_FACE * face.sum():
         return None
-    closed = cv2.morphologyEx(somebody | face, cv2.MORPH_CLOSE, np.ones((CLOSED, CLOSED), np.uint8))
+    either = (somebody | face).astype(np.uint8)
+    closed = cv2.morphologyEx(either, cv2.MORPH_CLOSE, np.ones((CLOSED, CLOSED), np.uint8))
     _, parts = cv2.connectedComponents(closed)
-    numbers = np.bincount(parts[face > 0])
+    numbers = np.bincount(parts[face])
     own = np.asarray(parts == numbers.argmax())
     return None if own.all() else own
