@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.outliers import distances
 from encoder.projection import Projection, perspective
 from shared_model.geometry import (
     Camera,
@@ -26,8 +27,6 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _RIGID = 7
-# Trial updates that look for outliers: enough for the weights to settle.
-_TRIALS = 10
 # Directions of the state that measurements say this little about, against what is known, are left.
 _NOTHING = 1e-12
 
@@ -197,24 +196,19 @@ class FaceFilter:
         """Take the weight from gross outliers: what trial updates leave far off its pixel.
 
         After an update and not before it, since a head that moves unforeseen takes all points
-        along.  Points are reweighted from trial to trial (Cauchy), so that those that move together
-        but apart from the majority, such as a hand's, let go of the head.
+        along.
         """
-        points = slice(0, 2 * self._points)
+        points, eaus = slice(0, 2 * self._points), slice(2 * self._points, None)
         visible: Mask = np.all(weight[points].reshape(-1, 2) > 0, axis=1)
         self._used, self._distance = visible, self._surprise(innovation, H, weight, visible)
         if not visible.any():
             return
-        prior = np.linalg.inv(self._filter.P)
-        trial = weight.copy()
-        for _ in range(_TRIALS):
-            # The gain in information form: a small inverse, whatever the number of points.
-            J = H * trial[:, None]
-            left = innovation - H @ np.linalg.solve(prior + J.T @ H, J.T @ innovation)
-            # Per axis, so that 1 is usual whatever the number of axes.
-            off = np.sqrt(np.mean((left**2 * weight)[points].reshape(-1, 2), axis=1))
-            crowd = max(1.0, float(np.median(off[visible])) / 0.83)
-            trial[points] = weight[points] / np.repeat(1 + (off / crowd) ** 2, 2)
+        weighted = H[eaus].T * weight[eaus]
+        known = np.linalg.inv(self._filter.P) + weighted @ H[eaus]
+        towards, rigid = weighted @ innovation[eaus], H[points, :_RIGID]
+        off, crowd = distances(
+            known, towards, rigid, innovation[points], weight[points], visible
+        )
         self._used = np.asarray(visible & (off < self._gate * crowd))
         weight[points] *= np.repeat(self._used, 2)
 

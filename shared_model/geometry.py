@@ -83,15 +83,13 @@ def vector_from_quaternion(q: Array) -> Array:
 
 def matrix_from_quaternion(q: Array) -> Array:
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4), eq. 4.19."""
-    w, x, y, z = np.moveaxis(np.asarray(q, dtype=np.float64), -1, 0)
-    return np.stack(
-        [
-            np.stack([w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
-            np.stack([2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)], -1),
-            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z], -1),
-        ],
-        -2,
-    )
+    w, x, y, z = np.asarray(q, dtype=np.float64).T
+    columns = [
+        [w * w + x * x - y * y - z * z, 2 * (x * y + w * z), 2 * (x * z - w * y)],
+        [2 * (x * y - w * z), w * w - x * x + y * y - z * z, 2 * (y * z + w * x)],
+        [2 * (x * z + w * y), 2 * (y * z - w * x), w * w - x * x - y * y + z * z],
+    ]
+    return np.ascontiguousarray(np.array(columns).T)
 
 
 def quaternion_from_matrix(matrix: Array) -> Array:
