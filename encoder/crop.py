@@ -20,7 +20,7 @@ MARGIN = 0.3
 class Crop:
     """A window on a frame, shrunk.
 
-    picture: (h, w, 3) uint8 BGR, or (h, w) float32 luma.
+    picture: (h, w, 3) uint8 BGR, or (h, w) luma.
     left, top: its corner in the frame, pixels.
     scale: its pixels per pixel of the frame, (2,).
     """
@@ -41,6 +41,13 @@ class Crop:
         """Positions (k, 2) in the frame to positions in the crop, pixels."""
         corner = np.array([self.left, self.top], np.float32) - np.float32(0.5)
         return np.asarray((positions_px - corner) * self.scale.astype(np.float32) - np.float32(0.5))
+
+
+def in_luma(picture: Picture) -> Picture:
+    """(h, w) uint8 luma of a BGR picture (h, w, 3), as PSNR sees it; what is luma stays."""
+    if picture.ndim == 2:
+        return picture
+    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
 def crop_face(frame: Picture, points_px: Array, pixels_per_texel: float) -> Crop:

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.crop import in_luma
 from encoder.visibility import Visibility
 from shared_model.animate import Face
 from shared_model.geometry import Camera, pixel_from_head
@@ -61,6 +62,7 @@ class KltTracker:
     face: the caller's head.  frame, camera, start: a fitted first frame; points are chosen in it.
     count: how many points, at most.
 
+    Frames are (h, w, 3) uint8 BGR or, which saves time, (h, w) `in_luma`.
     Each frame follows from the one before, as in the thesis.  Following from the nearest of several
     kept views instead did not drift, but jittered two to five times as much and fitted no better.
     """
@@ -73,29 +75,29 @@ class KltTracker:
         start: FaceParameters,
         count: int = 40,
     ) -> None:
-        self._face = face
-        grey = _grey(frame)
+        grey = in_luma(frame)
         self.index = choose_points(face, grey, camera, start, count)
+        self._points = face.at(self.index)
         self._visibility = Visibility(face.neutral, face.head.triangles, self.index)
         self._last = self._view(grey, camera, start)
 
     def track(self, frame: Frame, camera: Camera, predicted: FaceParameters) -> Tracks:
-        """Find the points in `frame` (h, w, 3) uint8 BGR near where the prediction has them."""
-        points = self._face.animate(predicted.eau)[self.index]
+        """Find the points in `frame` near where the prediction has them."""
+        points = self._points.animate(predicted.eau)
         expected = pixel_from_head(camera, predicted.pose, points)
         visible = self._visibility.seen(predicted.pose) & self._last.seen
         eyes_px = _eye_distance_px(camera, predicted.pose)
-        pixels, ok = _follow(self._last, _grey(frame), expected, visible, eyes_px)
+        pixels, ok = _follow(self._last, in_luma(frame), expected, visible, eyes_px)
         variance = np.where(ok, max(_SIGMA * eyes_px, 0.1) ** 2, np.inf)
         share = float(ok.sum() / max(visible.sum(), 1))
         return Tracks(points, np.where(ok[:, None], pixels, expected), variance, share)
 
     def put_back(self, frame: Frame, camera: Camera, fitted: FaceParameters) -> None:
         """Take the fitted model's word for where the points are in `frame`."""
-        self._last = self._view(_grey(frame), camera, fitted)
+        self._last = self._view(in_luma(frame), camera, fitted)
 
     def _view(self, grey: Grey, camera: Camera, fitted: FaceParameters) -> _View:
-        pixels = pixel_from_head(camera, fitted.pose, self._face.animate(fitted.eau)[self.index])
+        pixels = pixel_from_head(camera, fitted.pose, self._points.animate(fitted.eau))
         return _View(grey, pixels, self._visibility.seen(fitted.pose) & _inside(pixels, grey.shape))
 
 
@@ -206,10 +208,6 @@ def _warp(grey: Grey, work_from_pixel: Array, size: tuple[int, int]) -> Grey:
     border = cv2.BORDER_REPLICATE
     warped = cv2.warpAffine(grey, work_from_pixel, size, flags=cv2.INTER_LINEAR, borderMode=border)
     return np.asarray(warped, np.uint8)
-
-
-def _grey(frame: Frame) -> Grey:
-    return np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
 def _inside(pixels: Array, shape: tuple[int, ...]) -> Mask:

@@ -76,7 +76,9 @@ class Refined:
 class OwnTexture:
     """Texture of one caller, fitted to pictures with gain, offset and a slope of light.
 
-    face: the caller's shape.  frame, start: the picture (h, w, 3) BGR that shows the texture.
+    Pictures are (h, w, 3) uint8 BGR or, which saves time, (h, w) `in_luma`.
+
+    face: the caller's shape.  frame, start: the picture that shows the texture.
     largest_atlas: texels a side, at most.
     """
 
@@ -93,8 +95,8 @@ class OwnTexture:
         rest = face.animate(start.eau)
         size = fitting_size(atlas_of(head, 64), camera, start.pose, rest, largest_atlas)
         atlas = atlas_of(head, size)
-        self._face, self._camera, self._grey = face, camera, synthesis.grey
-        self._outline = np.flatnonzero(head.opacity > 0.5)
+        self._camera, self._grey = camera, synthesis.grey
+        self._outline = face.at(np.flatnonzero(head.opacity > 0.5))
         self._ratio = texel_pixels(atlas, camera, start.pose, rest)
         blank = np.zeros(len(atlas.rows), np.float32)
         empty = Template(blank, np.zeros((0, len(blank)), np.float32), blank)
@@ -194,8 +196,7 @@ class OwnTexture:
         return np.asarray(sample(self._grey(crop.picture), at)[:, 0], np.float32)
 
     def _crop(self, frame: Picture, face: FaceParameters) -> Crop:
-        vertices = self._face.animate(face.eau)[self._outline]
-        points = pixel_from_head(self._camera, face.pose, vertices)
+        points = pixel_from_head(self._camera, face.pose, self._outline.animate(face.eau))
         low, high = np.zeros(2), np.array(frame.shape[1::-1]) - 1.0
         return crop_face(frame, np.clip(points, low, high), self._ratio)
 

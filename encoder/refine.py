@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.crop import Crop
+from encoder.crop import Crop, in_luma
 from encoder.shape_free import ShapeFree, moved
 from encoder.texture import DEPTH_CELL_MM, sample, visible_texels
 from shared_model.animate import Face
@@ -75,8 +75,8 @@ class Explained:
 
 
 def luma(picture: Picture) -> Single:
-    """(h, w) float32 luma of a BGR picture, as PSNR sees it."""
-    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), dtype=np.float32)
+    """The same as `in_luma`, (h, w) float32."""
+    return np.asarray(in_luma(picture), dtype=np.float32)
 
 
 class Refiner:

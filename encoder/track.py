@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.align import pose_from_points
+from encoder.crop import in_luma
 from encoder.ekf import Doubt, Estimate, FaceFilter, Motion
 from encoder.identity import Fitted
 from encoder.klt import EYE_DISTANCE_MM, KltTracker, Tracks
@@ -126,12 +127,13 @@ class TrackingFollower:
         fitted = self._sighter.first(frame)
         if fitted is None:
             return None
+        grey = in_luma(frame)
         face, start, camera = Face(self._head, fitted.identity), fitted.frames[0], fitted.camera
         textures = tuple(
-            OwnTexture(self._head, face, camera, frame, start, size, self._synthesis)
+            OwnTexture(self._head, face, camera, grey, start, size, self._synthesis)
             for size in LARGEST_ATLASES
         )
-        klt = KltTracker(face, frame, camera, start)
+        klt = KltTracker(face, grey, camera, start)
         spread = np.linspace(0, len(klt.index) - 1, min(ANCHORS, len(klt.index)))
         self._caller = Caller(fitted, face, textures, klt, klt.index[spread.astype(int)])
         self._restart(self._caller, start)
@@ -155,12 +157,13 @@ class TrackingFollower:
         sight = self._sighter.sight(frame, predicted, coming) if looks else None
         if sight is not None and not is_plausible(sight.face, caller.fitted):
             sight = None
-        camera = caller.fitted.camera
-        tracks = caller.klt.track(frame, camera, predicted) if self._has("klt") else None
+        # What follows looks at luma alone.
+        grey, camera = in_luma(frame), caller.fitted.camera
+        tracks = caller.klt.track(grey, camera, predicted) if self._has("klt") else None
         start = self._fuse(caller, predicted, sight, tracks)
         refined = None
         if self._has("abs"):
-            refined = self._refine(caller, frame, self._starts(start, sight), ITERATIONS)
+            refined = self._refine(caller, grey, self._starts(start, sight), ITERATIONS)
         if refined is not None and refined.correlation < LEAST_CORRELATION and sight is not None:
             # The landmarks still see a face where the texture does not know it.
             start, refined = sight.face, None
@@ -171,8 +174,8 @@ class TrackingFollower:
             return self._miss(last)
         if refined is not None:
             for texture in caller.textures:
-                texture.learn(frame, refined)
-        caller.klt.put_back(frame, camera, found)
+                texture.learn(grey, refined)
+        caller.klt.put_back(grey, camera, found)
         self._last, self._bad = found, 0
         return found
 
@@ -210,31 +213,31 @@ class TrackingFollower:
     def _refine(
         self,
         caller: Caller,
-        frame: Picture,
+        grey: Picture,
         starts: Sequence[FaceParameters],
         iterations: Sequence[int],
     ) -> Refined:
         """Fit the textured model, coarse to fine; only the best start goes on to be fitted fine."""
         for texture, count in zip(caller.textures, iterations, strict=True):
-            best = texture.refine(frame, starts[0], self._active, count)
+            best = texture.refine(grey, starts[0], self._active, count)
             if self._number % OTHER_STARTS_EVERY == 0 or best.correlation < GOOD_CORRELATION:
-                rest = [texture.refine(frame, face, self._active, count) for face in starts[1:]]
+                rest = [texture.refine(grey, face, self._active, count) for face in starts[1:]]
                 other = max(rest, key=lambda r: r.correlation, default=best)
                 if other.correlation > best.correlation + CLEARLY_BETTER:
                     best = other
             if texture is caller.textures[0] and self._number % ACROSS_EVERY == 0:
-                best = self._across_rest(texture, frame, best, count)
+                best = self._across_rest(texture, grey, best, count)
             texture.expect(best)
             starts = [best.face]
         return best
 
     def _across_rest(
-        self, texture: OwnTexture, frame: Picture, best: Refined, iterations: int
+        self, texture: OwnTexture, grey: Picture, best: Refined, iterations: int
     ) -> Refined:
         """The better of a fit and, where that halts near rest, one from the other side."""
         if CORNERS not in self._active or abs(best.face.eau[CORNERS]) > NEAR_REST:
             return best
-        other = texture.refine(frame, across_rest(best.face), self._active, iterations)
+        other = texture.refine(grey, across_rest(best.face), self._active, iterations)
         return other if other.left_grey2 < (1 - LEFT_LESS) * best.left_grey2 else best
 
     def _starts(self, start: FaceParameters, sight: Sight | None) -> list[FaceParameters]:
@@ -307,14 +310,14 @@ class TrackingFollower:
         sight = self._sighter.sight(frame, None)
         if sight is None or not is_plausible(sight.face, caller.fitted):
             return None
-        found = sight.face
+        found, grey = sight.face, in_luma(frame)
         if self._has("abs"):
-            refined = self._refine(caller, frame, [found], RECOVERY_ITERATIONS)
+            refined = self._refine(caller, grey, [found], RECOVERY_ITERATIONS)
             if refined.correlation >= FOUND_CORRELATION:
                 found = refined.face
             elif not self._measured_by_network():
                 return None
-        caller.klt.put_back(frame, caller.fitted.camera, found)
+        caller.klt.put_back(grey, caller.fitted.camera, found)
         self._restart(caller, found)
         return found
 

@@ -48,6 +48,14 @@ class Face:
         other.neutral = self.neutral + np.tensordot(aau, self.head.aau, 1)
         return other
 
+    def at(self, index: NDArray[np.integer]) -> "Face":
+        """This face, animated at its vertices `index` (k,) alone."""
+        other = copy(self)
+        other.neutral = self.neutral[index]
+        fields = self._fields.reshape(len(self._fields), -1, 3)[:, index]
+        other._fields = np.ascontiguousarray(fields.reshape(len(fields), -1))
+        return other
+
     def animate(self, eau: Array) -> Array:
         """Vertices (n, 3), mm, head frame, of actuators `eau` (len(EAUS),) (eq. 2.10)."""
         if eau.shape != (len(EAUS),):
