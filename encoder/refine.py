@@ -185,7 +185,7 @@ class Refiner:
     def _view(self, target: Target, crop: Crop, start: FaceParameters) -> "_View":
         grey = self._grey(crop.picture)
         shown = target.template.weight * self._seen(target.shape.atlas, start)
-        stack = np.dstack([grey, *gradients(grey)])
+        stack = np.asarray(cv2.merge([grey, *gradients(grey)]), np.float32)
         return _View(target, crop, stack, shown, start, self.precision(shown))
 
     def _attempt(self, view: "_View", face: FaceParameters, free: Indices) -> "_Tried":
@@ -201,7 +201,7 @@ class Refiner:
 
         def equations() -> tuple[Array, Array]:
             root = np.sqrt(view.shown * robust(left, scale))
-            slope = seen[:, 1:] * view.crop.scale.astype(np.float32) * root[:, None]
+            slope = seen.T[1:] * view.crop.scale.astype(np.float32)[:, None] * root
             rows = np.concatenate([shape.change(placed, slope, free), template.modes * -root])
             normal = (rows @ rows.T).astype(np.float64)
             gradient = -(rows @ (root * residual)).astype(np.float64)
@@ -279,13 +279,14 @@ def _stepped(
     """Where the normal equations lead, damped after Marquardt; coefficients are not damped."""
     normal, gradient = equations
     size = 6 + len(free)
-    longest = np.r_[[LONGEST_TURN_RAD] * 3, [LONGEST_WAY_MM] * 3, np.ones(len(free))]
     more = np.full(len(normal), 1e-6)
     more[:size] += damping
     damped = normal + np.diag(more * np.diag(normal) + TINY)
     found = np.asarray(np.linalg.solve(damped, gradient), np.float64)
     step = np.zeros(6 + len(EAUS))
-    step[np.r_[0:6, 6 + free]] = np.clip(found[:size], -longest, longest)
+    step[:3] = np.clip(found[:3], -LONGEST_TURN_RAD, LONGEST_TURN_RAD)
+    step[3:6] = np.clip(found[3:6], -LONGEST_WAY_MM, LONGEST_WAY_MM)
+    step[6 + free] = np.clip(found[6:size], -1, 1)
     return replace(moved(face, step), modes=found[size:])
 
 

@@ -52,12 +52,14 @@ class ShapeFree:
         """Where the texels are in this pose and expression."""
         drive = np.concatenate([np.maximum(face.eau, 0), np.minimum(face.eau, 0)])
         rotation = geometry.matrix_from_quaternion(face.pose.rotation).astype(np.float32)
-        at_mm = face.pose.translation_mm.astype(np.float32)
-        turned, seen, per_mm = _turned(
-            self._neutral, self._fields, self._spans, drive.astype(np.float32), rotation, at_mm
+        moved_to = _driven(self._neutral, self._fields, self._spans, drive.astype(np.float32))
+        turned, seen, per_mm, pixels = _projected(
+            moved_to,
+            rotation,
+            face.pose.translation_mm.astype(np.float32),
+            np.float32(self.camera.focal_px),
+            self.camera.centre.astype(np.float32),
         )
-        per_mm *= np.float32(self.camera.focal_px)
-        pixels = seen[:2] * per_mm + self.camera.centre.astype(np.float32)[:, None]
         return Placed(face, rotation, turned, seen, per_mm, pixels.T)
 
     def positions(self, face: FaceParameters) -> Single:
@@ -74,54 +76,66 @@ class ShapeFree:
     def change(self, placed: "Placed", slope: Single, active: NDArray[np.intp]) -> Single:
         """(6 + a, k) how the picture under each texel changes, per radian, mm and unit.
 
-        slope: (k, 2) the picture's gradient there, per pixel.  active: (a,) actuators that move.
+        slope: (2, k) the picture's gradient there, per pixel.  active: (a,) actuators that move.
         Texels beside the face count as still: what they show moves in its own way.
         """
-        rigid = rigid_change(placed.turned, placed.seen, placed.per_mm, slope.T * self.on_face)
+        rigid = rigid_change(placed.turned, placed.seen, placed.per_mm, slope * self.on_face)
         place = active + np.where(placed.face.eau[active] >= 0, 0, len(EAUS))
         back = placed.rotation.T @ rigid[3:]
-        return np.concatenate([rigid, _driven(self._fields, self._spans, place, back)])
+        return np.concatenate([rigid, _along(self._fields, self._spans, place, back)])
 
 
 @compiled
-def _turned(
-    neutral: Single,
-    fields: Single,
-    spans: NDArray[np.intp],
-    drive: Single,
-    rotation: Single,
-    at_mm: Single,
-) -> tuple[Single, Single, Single]:
-    """See `Placed`; the last is one over the depth."""
-    moved_to = neutral.copy()
+def _driven(neutral: Single, fields: Single, spans: NDArray[np.intp], drive: Single) -> Single:
+    """(3, k) places `neutral`, moved by so much of each of the fields (n, 3, k)."""
+    found = neutral.copy()
     for number in range(len(drive)):
-        share, first, end = drive[number], spans[number, 0], spans[number, 1]
-        if share:
+        if drive[number]:
+            first, end = spans[number]
             for axis in range(3):
-                for k in range(first, end):
-                    moved_to[axis, k] += share * fields[number, axis, k]
-    turned, seen = np.empty_like(neutral), np.empty_like(neutral)
-    x, y, z = moved_to
-    for axis in range(3):
-        turned[axis] = rotation[axis, 0] * x + rotation[axis, 1] * y + rotation[axis, 2] * z
-        seen[axis] = turned[axis] + at_mm[axis]
-    return turned, seen, np.float32(1) / seen[2]
+                # Parts of rows, since a loop from 0 on is one that runs many texels at once.
+                row, field = found[axis, first:end], fields[number, axis, first:end]
+                for k in range(len(row)):
+                    row[k] += drive[number] * field[k]
+    return found
 
 
 @compiled
-def _driven(
+def _projected(
+    places: Single, rotation: Single, at_mm: Single, focal_px: np.float32, centre: Single
+) -> tuple[Single, Single, Single, Single]:
+    """See `Placed`, of places (3, k), head frame; pixels (2, k)."""
+    count = places.shape[1]
+    turned, seen = np.empty_like(places), np.empty_like(places)
+    per_mm, pixels = np.empty(count, np.float32), np.empty((2, count), np.float32)
+    for axis in range(3):
+        for k in range(count):
+            turned[axis, k] = (
+                rotation[axis, 0] * places[0, k]
+                + rotation[axis, 1] * places[1, k]
+                + rotation[axis, 2] * places[2, k]
+            )
+            seen[axis, k] = turned[axis, k] + at_mm[axis]
+    for k in range(count):
+        per_mm[k] = focal_px / seen[2, k]
+        pixels[0, k] = seen[0, k] * per_mm[k] + centre[0]
+        pixels[1, k] = seen[1, k] * per_mm[k] + centre[1]
+    return turned, seen, per_mm, pixels
+
+
+@compiled
+def _along(
     fields: Single, spans: NDArray[np.intp], chosen: NDArray[np.intp], back: Single
 ) -> Single:
     """(a, k) inner products of the `chosen` fields with `back` (3, k)."""
     found = np.zeros((len(chosen), back.shape[1]), np.float32)
-    for row in range(len(chosen)):
-        number = chosen[row]
-        for k in range(spans[number, 0], spans[number, 1]):
-            found[row, k] = (
-                fields[number, 0, k] * back[0, k]
-                + fields[number, 1, k] * back[1, k]
-                + fields[number, 2, k] * back[2, k]
-            )
+    for number in range(len(chosen)):
+        first, end = spans[chosen[number]]
+        row = found[number, first:end]
+        for axis in range(3):
+            field, way = fields[chosen[number], axis, first:end], back[axis, first:end]
+            for k in range(len(row)):
+                row[k] += field[k] * way[k]
     return found
 
 

@@ -36,14 +36,14 @@ def test_change_is_the_derivative_along_the_pictures_slope(
     step[number] = size
     ahead, behind = shape.positions(moved(face, step)), shape.positions(moved(face, -step))
     measured = (ahead - behind) / (2 * size)
-    slope = np.tile(np.array([0.6, -0.8], np.float32), (len(shape), 1))
+    slope = np.tile(np.array([[0.6], [-0.8]], np.float32), len(shape))
     stated = shape.change(shape.placed(face), slope, np.arange(len(EAUS)))[number]
-    expected = measured @ slope[0]
+    expected = measured @ slope[:, 0]
     assert np.abs(stated - expected).max() < 0.02 * np.abs(measured).max() + 0.1
 
 
 def test_only_actuators_that_may_move_are_asked_for(shots: Shots, shape: ShapeFree) -> None:
-    slope = np.ones((len(shape), 2), np.float32)
+    slope = np.ones((2, len(shape)), np.float32)
     every = shape.change(shape.placed(shots.faces[1]), slope, np.arange(len(EAUS)))
     few = shape.change(shape.placed(shots.faces[1]), slope, np.array([2, 0]))
     assert np.allclose(few, every[[*range(6), 8, 6]], rtol=1e-5, atol=1e-3)
