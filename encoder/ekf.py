@@ -206,9 +206,7 @@ class FaceFilter:
         weighted = H[eaus].T * weight[eaus]
         known = np.linalg.inv(self._filter.P) + weighted @ H[eaus]
         towards, rigid = weighted @ innovation[eaus], H[points, :_RIGID]
-        off, crowd = distances(
-            known, towards, rigid, innovation[points], weight[points], visible
-        )
+        off, crowd = distances(known, towards, rigid, innovation[points], weight[points], visible)
         self._used = np.asarray(visible & (off < self._gate * crowd))
         weight[points] *= np.repeat(self._used, 2)
 

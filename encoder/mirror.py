@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.crop import Crop
-from encoder.refine import Explained, Picture, Refiner, Single, Target, Template, luma
+from encoder.refine import Explained, Picture, Refiner, Single, Target, Template, View, luma
 from encoder.shape_free import ShapeFree
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
@@ -36,18 +36,21 @@ class MirroredRefiner(Refiner):
         super().__init__(head, face, shape, template, grey)
         self._halves = {left: self._half(shape.atlas, left) for left in (False, True)}
 
+    def look(self, crop: Crop, near: FaceParameters) -> View:
+        """See `Refiner`."""
+        if abs(euler_deg(near.pose)[1]) <= MIRROR_DEG:
+            return super().look(crop, near)
+        left_is_near = matrix_from_quaternion(near.pose.rotation)[2, 0] < 0
+        half = self._halves[bool(left_is_near)]
+        return self._look(Target(half.shape, half.template_of(self.template)), crop, near)
+
     def explain(
-        self, crop: Crop, start: FaceParameters, iterations: int, active: Sequence[int]
+        self, view: View, start: FaceParameters, iterations: int, active: Sequence[int]
     ) -> Explained:
         """See `Refiner`."""
-        if abs(euler_deg(start.pose)[1]) <= MIRROR_DEG:
-            return super().explain(crop, start, iterations, active)
-        left_is_near = matrix_from_quaternion(start.pose.rotation)[2, 0] < 0
-        half, template = self._halves[bool(left_is_near)], self.template
-        target = Target(half.shape, half.template_of(template))
-        padded = _padded(start, len(target.template.modes))
-        found = self._explain(target, crop, padded, iterations, active)
-        return replace(found, face=_padded(found.face, len(template.modes)))
+        padded = _padded(start, len(view.target.template.modes))
+        found = super().explain(view, padded, iterations, active)
+        return replace(found, face=_padded(found.face, len(self.template.modes)))
 
     def _half(self, every: Atlas, left: bool) -> "_Half":
         """The face made of one half, left being where x is positive."""

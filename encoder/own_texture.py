@@ -14,6 +14,7 @@ from encoder.refine import (
     Explained,
     Refiner,
     Template,
+    View,
     luma,
     robust_cost,
 )
@@ -42,6 +43,8 @@ GOOD_CORRELATION = 0.8
 NOISE_GAIN = 0.1
 # Standard deviations of Gaussian noise to the median of its size.
 MEDIAN_TO_SIGMA = 1.4826
+# Keeps correlations finite where nothing is left to correlate, grey levels to the fourth.
+TINY = 1e-18
 # One texel in so many is enough for it.
 MEDIAN_EVERY = 4
 
@@ -121,13 +124,15 @@ class OwnTexture:
         """How many texels some frame has shown."""
         return int(self._known.sum())
 
+    def look(self, frame: Picture, near: FaceParameters) -> View:
+        """What a frame shows of a face about like `near`: what fits start from."""
+        return self._refiner.look(self._crop(frame, near), near)
+
     def refine(
-        self, frame: Picture, start: FaceParameters, active: Sequence[int], iterations: int
+        self, view: View, start: FaceParameters, active: Sequence[int], iterations: int
     ) -> Refined:
-        """The face near `start` that explains `frame` best; `active` actuators may move."""
-        crop = self._crop(frame, start)
-        lit = replace(start, modes=self._lit)
-        found = self._refiner.explain(crop, lit, iterations, active)
+        """The face near `start` that explains what is seen best; `active` actuators may move."""
+        found = self._refiner.explain(view, replace(start, modes=self._lit), iterations, active)
         seen = found.shown > 0
         if not seen.any():
             return Refined(found.face, 0.0)
@@ -184,12 +189,11 @@ class OwnTexture:
         kept = seen & self._known
         if kept.sum() < 50:
             return 0.0
-        root = np.sqrt(self._worth[kept])
-        light = (self._light[:, kept] * root).T
-        both = np.stack([texels[kept], self._mean[kept]], axis=1) * root[:, None]
-        rest = both - light @ np.linalg.lstsq(light, both, rcond=None)[0]
-        power = np.linalg.norm(rest, axis=0)
-        return float(rest[:, 0] @ rest[:, 1] / max(float(power.prod()), 1e-9))
+        rows = np.stack([*self._light, texels, self._mean]).astype(np.float64)
+        products = (rows * (self._worth * kept)) @ rows.T
+        light, across = products[:3, :3], products[:3, 3:]
+        rest = products[3:, 3:] - across.T @ np.linalg.lstsq(light, across, rcond=None)[0]
+        return float(rest[0, 1] / np.sqrt(max(rest[0, 0] * rest[1, 1], TINY)))
 
     def _sampled(self, crop: Crop, face: FaceParameters) -> Single:
         at = crop.from_frame(self._refiner.shape.positions(face))

@@ -23,7 +23,7 @@ LEVELS = 256
 
 
 def retinex(picture: Picture) -> Single:
-    """(h, w) float32, 0..255: lightness of a picture of a face, see `in_luma`, apart from its light.
+    """(h, w) float32, 0..255: lightness of a face, BGR or luma, apart from its light.
 
     Retinex with one scale: logarithm of luma over that of its surround, by a Gaussian (Jobson,
     Rahman and Woodell 1997).

@@ -14,7 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.crop import Crop
-from encoder.refine import EAU_SIGMA, SETTLED, Explained, Refiner, coefficients, robust, robust_cost
+from encoder.refine import (
+    EAU_SIGMA,
+    SETTLED,
+    Explained,
+    Refiner,
+    View,
+    coefficients,
+    robust,
+    robust_cost,
+)
 from encoder.shape_free import moved
 from encoder.texture import sample
 from shared_model.geometry import matrix_from_quaternion
@@ -86,30 +95,29 @@ class MatrixRefiner(Refiner):
         """Nothing: the matrices are made for the usual noise."""
 
     def explain(
-        self, crop: Crop, start: FaceParameters, iterations: int, active: Sequence[int]
+        self, view: View, start: FaceParameters, iterations: int, active: Sequence[int]
     ) -> Explained:
         """See `Refiner`.  Raises `ValueError` before the first picture to train on."""
         if not self._trained:
             raise ValueError("no matrix has been trained, expected learn before explain")
-        free = np.asarray(active, np.intp)
-        shown = self.template.weight * self.seen(start)
-        view = _View(crop, self._grey(crop.picture), shown, start, self.precision(shown))
+        free, grey = np.asarray(active, np.intp), np.ascontiguousarray(view.stack[..., 0])
+        seen = _Seen(view.crop, grey, view.shown, start, view.precision)
         known = min(self._trained, key=lambda known: _turned(known, start)[1])
         modes = len(self.template.modes)
         light = start.modes if len(start.modes) == modes else np.zeros(modes)
-        best = self._tried(view, replace(start, modes=light))
+        best = self._tried(seen, replace(start, modes=light))
         for _ in range(iterations):
-            step = self._predicted(known, view, best, free)
+            step = self._predicted(known, seen, best, free)
             before = best
             for share in STEPS:
-                trial = self._tried(view, moved(best.face, share * step))
+                trial = self._tried(seen, moved(best.face, share * step))
                 if trial.cost < best.cost:
                     best = trial
                     break
             if before.cost - best.cost <= SETTLED * before.cost:
                 break
-        found = replace(best.face, modes=coefficients(self.template, best.grey, shown))
-        return Explained(found, best.grey, shown)
+        found = replace(best.face, modes=coefficients(self.template, best.grey, view.shown))
+        return Explained(found, best.grey, view.shown)
 
     def _displaced(self, crop: Crop, face: FaceParameters) -> Single:
         """(k, 6 + EAUs) change of the residual, from displacements smoothed by a Gaussian."""
@@ -135,25 +143,25 @@ class MatrixRefiner(Refiner):
         for index in range(6, 6 + len(EAUS)):
             yield index, [reach * deviation * EAU_SIGMA for deviation in DEVIATIONS]
 
-    def _tried(self, view: "_View", face: FaceParameters) -> "_Tried":
+    def _tried(self, seen: "_Seen", face: FaceParameters) -> "_Tried":
         """The residual of `face` under the light that explains it best, `face.modes` near it."""
         template = self.template
-        grey = sample(view.grey, view.crop.from_frame(self.shape.positions(face)))[:, 0]
+        grey = sample(seen.grey, seen.crop.from_frame(self.shape.positions(face)))[:, 0]
         left = grey - template.mean - face.modes.astype(np.float32) @ template.modes
-        modes = coefficients(template, grey, view.shown * robust(left))
+        modes = coefficients(template, grey, seen.shown * robust(left))
         left = grey - template.mean - modes.astype(np.float32) @ template.modes
-        away = view.start.eau - face.eau
-        cost = float(view.shown @ robust_cost(left)) + view.precision * float(away @ away)
+        away = seen.start.eau - face.eau
+        cost = float(seen.shown @ robust_cost(left)) + seen.precision * float(away @ away)
         return _Tried(replace(face, modes=modes), left, grey, cost)
 
     def _predicted(
-        self, known: Training, view: "_View", at: "_Tried", free: NDArray[np.intp]
+        self, known: Training, seen: "_Seen", at: "_Tried", free: NDArray[np.intp]
     ) -> Array:
         """(6 + EAUs,) the displacement that explains what is left (eq. 2.26)."""
         psi, pull = self._matrix(known, free)
         # No robust weights: the matrix was made without, and would take too short a step.
-        residual = at.left * (view.shown > 0) / np.float32(_gain(at.face))
-        found = -(psi @ residual) + pull @ (view.start.eau - at.face.eau)[free]
+        residual = at.left * (seen.shown > 0) / np.float32(_gain(at.face))
+        found = -(psi @ residual) + pull @ (seen.start.eau - at.face.eau)[free]
         turn, _ = _turned(known, at.face)
         step = np.zeros(6 + len(EAUS))
         nearer = float(at.face.pose.translation_mm[2]) / known.depth_mm
@@ -181,7 +189,7 @@ class MatrixRefiner(Refiner):
 
 
 @dataclass(frozen=True, slots=True)
-class _View:
+class _Seen:
     """A picture to explain: its grey levels, the texels' weights, the first guess."""
 
     crop: Crop

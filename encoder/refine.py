@@ -66,6 +66,21 @@ class Target:
 
 
 @dataclass(frozen=True, slots=True)
+class View:
+    """A picture to explain.
+
+    stack: (h, w, 3) the crop's luma and its gradients, grey levels per pixel of the crop.
+    shown: (k,) the texels' weights, 0 where they are not seen.  precision: see `Refiner`.
+    """
+
+    target: Target
+    crop: Crop
+    stack: Single
+    shown: Single
+    precision: float
+
+
+@dataclass(frozen=True, slots=True)
 class Explained:
     """A fit: the face with its coefficients; luma (k,) and weight (k,) of the texels seen."""
 
@@ -145,34 +160,27 @@ class Refiner:
 
         active: the actuators that may move; the others stay where `start` has them.
         """
-        return self.explain(crop, start, iterations, active).face
+        return self.explain(self.look(crop, start), start, iterations, active).face
+
+    def look(self, crop: Crop, near: FaceParameters) -> "View":
+        """What a picture shows of a face about like `near`: what fits start from."""
+        return self._look(Target(self.shape, self.template), crop, near)
 
     def explain(
-        self, crop: Crop, start: FaceParameters, iterations: int, active: Sequence[int]
+        self, view: "View", start: FaceParameters, iterations: int, active: Sequence[int]
     ) -> Explained:
         """See `refine`; coefficients are sought from `start.modes` on, if it has as many."""
-        return self._explain(Target(self.shape, self.template), crop, start, iterations, active)
-
-    def _explain(
-        self,
-        target: Target,
-        crop: Crop,
-        start: FaceParameters,
-        iterations: int,
-        active: Sequence[int],
-    ) -> Explained:
-        free = np.asarray(active, np.intp)
-        view = self._view(target, crop, start)
-        modes = len(target.template.modes)
+        template, free = view.target.template, np.asarray(active, np.intp)
+        modes = len(template.modes)
         light = start.modes if len(start.modes) == modes else np.zeros(modes)
         best = descend(
-            lambda face: self._attempt(view, face, free),
+            lambda face: self._attempt(view, face, start.eau, free),
             replace(start, modes=light),
             free,
             iterations,
         )
         grey = best.seen[:, 0]
-        modes_found = coefficients(target.template, grey, view.shown)
+        modes_found = coefficients(template, grey, view.shown)
         return Explained(replace(best.face, modes=modes_found), grey, view.shown)
 
     def learn(self, crop: Crop, face: FaceParameters) -> None:
@@ -182,19 +190,21 @@ class Refiner:
         """What an actuator one unit off its first guess costs, `shown` (k,) being the weights."""
         return CORRELATED_TEXELS * float(shown.mean()) * (self._noise_grey / EAU_SIGMA) ** 2
 
-    def _view(self, target: Target, crop: Crop, start: FaceParameters) -> "_View":
+    def _look(self, target: Target, crop: Crop, near: FaceParameters) -> "View":
         grey = self._grey(crop.picture)
-        shown = target.template.weight * self._seen(target.shape.atlas, start)
+        shown = target.template.weight * self._seen(target.shape.atlas, near)
         stack = np.asarray(cv2.merge([grey, *gradients(grey)]), np.float32)
-        return _View(target, crop, stack, shown, start, self.precision(shown))
+        return View(target, crop, stack, shown, self.precision(shown))
 
-    def _attempt(self, view: "_View", face: FaceParameters, free: Indices) -> "_Tried":
+    def _attempt(
+        self, view: "View", face: FaceParameters, expected_eau: Array, free: Indices
+    ) -> "_Tried":
         template, shape = view.target.template, view.target.shape
         placed = shape.placed(face)
         seen = sample(view.stack, view.crop.from_frame(placed.pixels))
         residual = seen[:, 0] - template.mean
         left = residual - face.modes.astype(np.float32) @ template.modes
-        away = (view.start.eau - face.eau)[free]
+        away = (expected_eau - face.eau)[free]
         scale = self._robust_grey
         cost = float(view.shown @ robust_cost(left, scale))
         cost += view.precision * float(away @ away)
@@ -211,18 +221,6 @@ class Refiner:
             return normal, gradient
 
         return _Tried(face, cost, equations, seen)
-
-
-@dataclass(frozen=True, slots=True)
-class _View:
-    """A picture to explain: its luma and gradients, the texels' weights, the first guess."""
-
-    target: Target
-    crop: Crop
-    stack: Single
-    shown: Single
-    start: FaceParameters
-    precision: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ from encoder.own_texture import (
     Refined,
     Synthesis,
 )
-from encoder.refine import LEAST_NOISE_GREY, NOISE_GREY
+from encoder.refine import LEAST_NOISE_GREY, NOISE_GREY, View
 from encoder.sighting import Sight, Sighter
 from shared_model.animate import Face
 from shared_model.geometry import matrix_from_quaternion, pixel_from_head
@@ -219,25 +219,26 @@ class TrackingFollower:
     ) -> Refined:
         """Fit the textured model, coarse to fine; only the best start goes on to be fitted fine."""
         for texture, count in zip(caller.textures, iterations, strict=True):
-            best = texture.refine(grey, starts[0], self._active, count)
+            view = texture.look(grey, starts[0])
+            best = texture.refine(view, starts[0], self._active, count)
             if self._number % OTHER_STARTS_EVERY == 0 or best.correlation < GOOD_CORRELATION:
-                rest = [texture.refine(grey, face, self._active, count) for face in starts[1:]]
+                rest = [texture.refine(view, face, self._active, count) for face in starts[1:]]
                 other = max(rest, key=lambda r: r.correlation, default=best)
                 if other.correlation > best.correlation + CLEARLY_BETTER:
                     best = other
             if texture is caller.textures[0] and self._number % ACROSS_EVERY == 0:
-                best = self._across_rest(texture, grey, best, count)
+                best = self._across_rest(texture, view, best, count)
             texture.expect(best)
             starts = [best.face]
         return best
 
     def _across_rest(
-        self, texture: OwnTexture, grey: Picture, best: Refined, iterations: int
+        self, texture: OwnTexture, view: View, best: Refined, iterations: int
     ) -> Refined:
         """The better of a fit and, where that halts near rest, one from the other side."""
         if CORNERS not in self._active or abs(best.face.eau[CORNERS]) > NEAR_REST:
             return best
-        other = texture.refine(grey, across_rest(best.face), self._active, iterations)
+        other = texture.refine(view, across_rest(best.face), self._active, iterations)
         return other if other.left_grey2 < (1 - LEFT_LESS) * best.left_grey2 else best
 
     def _starts(self, start: FaceParameters, sight: Sight | None) -> list[FaceParameters]:

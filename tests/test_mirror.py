@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_own_texture import CAMERA, FACE, HEAD, JAW, PLACE, REST, Studio, off_deg
+from test_own_texture import CAMERA, FACE, HEAD, JAW, PLACE, REST, Studio, fitted, off_deg
 
 from encoder.mirror import MIRROR_DEG, MirroredRefiner, twins
 from encoder.own_texture import USUAL, OwnTexture, Synthesis
@@ -54,11 +54,9 @@ def test_twins_lie_opposite_of_each_other() -> None:
 @pytest.mark.parametrize("yaw", [-MIRROR_DEG + 4, MIRROR_DEG - 4])
 def test_little_turned_nothing_is_mirrored(studio: Studio, yaw: float) -> None:
     first, picture = studio.draw(REST), studio.draw(turned(yaw))
+    textures = (OwnTexture(HEAD, FACE, CAMERA, first, REST, 96, kind) for kind in (MIRRORED, USUAL))
     one, other = (
-        OwnTexture(HEAD, FACE, CAMERA, first, REST, 96, kind)
-        .refine(picture, turned(yaw, 1.5), [JAW], 3)
-        .face.pose
-        for kind in (MIRRORED, USUAL)
+        fitted(texture, picture, turned(yaw, 1.5), [JAW], 3).face.pose for texture in textures
     )
     assert one.rotation == pytest.approx(other.rotation, abs=1e-12)
 
@@ -69,7 +67,7 @@ def test_what_lies_over_the_far_half_is_not_looked_at(studio: Studio, yaw: float
     texture = own_texture(studio, MIRRORED)
 
     def found(seen: np.ndarray) -> FaceParameters:
-        return texture.refine(seen, start, [JAW], 1).face
+        return fitted(texture, seen, start, [JAW], 1).face
 
     clear = found(picture)
     assert off_deg(found(half_hidden(picture, start, near=False)), clear) < 0.05
@@ -88,6 +86,7 @@ def test_the_near_half_stands_for_the_far_one(studio: Studio, yaw: float) -> Non
         return np.asarray(np.rint(np.mean(sides, axis=0)), np.uint8)
 
     texture = OwnTexture(HEAD, FACE, CAMERA, drawn(0), even(0), 96, MIRRORED)
-    found = texture.refine(drawn(yaw), even(yaw), [JAW], 0)
+    found = fitted(texture, drawn(yaw), even(yaw), [JAW], 0)
     assert found.correlation > 0.78
-    assert len(found.face.modes) == len(texture.refine(drawn(0), even(0), [JAW], 0).face.modes)
+    ahead = fitted(texture, drawn(0), even(0), [JAW], 0)
+    assert len(found.face.modes) == len(ahead.face.modes)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from decoder.render import Renderer
-from encoder.own_texture import LEARN_EVERY, OwnTexture, Synthesis
+from encoder.own_texture import LEARN_EVERY, OwnTexture, Refined, Synthesis
 from encoder.photometric import retinex
 from encoder.refine import NOISE_GREY
 from encoder.track import LEFT_LESS, across_rest
@@ -54,6 +54,12 @@ def moved_face() -> FaceParameters:
     return FaceParameters(pose_from_euler(1.5, 2, -2, PLACE + np.array([2, -1.5, 6])), eau)
 
 
+def fitted(
+    texture: OwnTexture, picture: np.ndarray, start: FaceParameters, active: list[int], steps: int
+) -> Refined:
+    return texture.refine(texture.look(picture, start), start, active, steps)
+
+
 def off_deg(found: FaceParameters, truth: FaceParameters) -> float:
     return float(np.abs(np.subtract(euler_deg(found.pose), euler_deg(truth.pose))).max())
 
@@ -61,7 +67,7 @@ def off_deg(found: FaceParameters, truth: FaceParameters) -> float:
 @pytest.mark.parametrize("light", [1.0, 0.75, 1.2])
 def test_a_known_motion_is_recovered_under_any_light(studio: Studio, light: float) -> None:
     truth = moved_face()
-    found = own_texture(studio).refine(studio.draw(truth, light), REST, [JAW], 12)
+    found = fitted(own_texture(studio), studio.draw(truth, light), REST, [JAW], 12)
     assert found.correlation > 0.9
     assert off_deg(found.face, truth) < 0.7
     assert found.face.eau[JAW] == pytest.approx(0.3, abs=0.06)
@@ -76,7 +82,7 @@ def test_a_shadow_over_half_the_face_misleads_the_luma_alone(studio: Studio, sid
     by_luma = own_texture(studio)
     by_retinex = OwnTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96, Synthesis(retinex))
     off = [
-        off_deg(texture.refine(picture, REST, [JAW], 12).face, truth)
+        off_deg(fitted(texture, picture, REST, [JAW], 12).face, truth)
         for texture in (by_luma, by_retinex)
     ]
     assert off[1] < 2 and off[1] < 0.4 * off[0]
@@ -85,7 +91,7 @@ def test_a_shadow_over_half_the_face_misleads_the_luma_alone(studio: Studio, sid
 def test_actuators_that_are_not_followed_stay_where_they_were(studio: Studio) -> None:
     brow = EAU_INDEX["eyebrow_inner"]
     start = replace(REST, eau=np.where(np.arange(len(EAUS)) == brow, 0.2, 0.0))
-    found = own_texture(studio).refine(studio.draw(moved_face()), start, [JAW], 6)
+    found = fitted(own_texture(studio), studio.draw(moved_face()), start, [JAW], 6)
     assert found.face.eau[brow] == 0.2
 
 
@@ -93,7 +99,7 @@ def test_what_a_fit_leaves_is_the_noise_of_its_picture(studio: Studio) -> None:
     clear, texture = studio.draw(REST), own_texture(studio)
     grain = np.random.default_rng(4).normal(0, 25, clear.shape[:2])[..., None]
     noisy = np.clip(np.rint(clear + grain), 0, 255).astype(np.uint8)
-    found = [texture.refine(picture, REST, [], 2) for picture in (clear, noisy)]
+    found = [fitted(texture, picture, REST, [], 2) for picture in (clear, noisy)]
     assert found[0].noise_grey < 0.7 * NOISE_GREY
     assert found[1].noise_grey == pytest.approx(25, rel=0.2)
     assert found[1].left_grey2 > 5 * found[0].left_grey2
@@ -105,9 +111,9 @@ def test_where_pictures_are_clear_a_first_guess_holds_less(studio: Studio) -> No
     texture, picture = own_texture(studio), studio.draw(truth)
 
     def off() -> float:
-        return float(abs(texture.refine(picture, REST, [BROW], 12).face.eau[BROW] - 0.5))
+        return float(abs(fitted(texture, picture, REST, [BROW], 12).face.eau[BROW] - 0.5))
 
-    before, fit = off(), texture.refine(picture, truth, [BROW], 2)
+    before, fit = off(), fitted(texture, picture, truth, [BROW], 2)
     for _ in range(50):
         texture.expect(fit)
     assert off() < before
@@ -122,8 +128,8 @@ def test_corners_held_on_the_wrong_side_of_rest_are_found_from_the_other(
     held = replace(REST, eau=-0.1 * truth.eau)
     texture, picture = own_texture(studio), studio.draw(truth)
     # An actuator that may not move is what a fit that halts is.
-    halted = texture.refine(picture, held, [], 6)
-    freed = texture.refine(picture, across_rest(held), [index], 6)
+    halted = fitted(texture, picture, held, [], 6)
+    freed = fitted(texture, picture, across_rest(held), [index], 6)
     assert freed.left_grey2 < (1 - LEFT_LESS) * halted.left_grey2
     assert freed.face.eau[index] == pytest.approx(corners, abs=0.06)
 
@@ -131,12 +137,12 @@ def test_corners_held_on_the_wrong_side_of_rest_are_found_from_the_other(
 def test_a_wall_does_not_look_like_the_caller(studio: Studio) -> None:
     random = np.random.default_rng(4)
     wall = random.integers(0, 256, (CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
-    assert own_texture(studio).refine(wall, REST, [JAW], 4).correlation < 0.4
+    assert fitted(own_texture(studio), wall, REST, [JAW], 4).correlation < 0.4
 
 
 def test_a_face_outside_the_picture_is_no_error_and_no_match(studio: Studio) -> None:
     away = replace(REST, pose=replace(REST.pose, translation_mm=np.array([4000.0, 0, 520])))
-    found = own_texture(studio).refine(studio.draw(REST), away, [JAW], 4)
+    found = fitted(own_texture(studio), studio.draw(REST), away, [JAW], 4)
     assert np.isfinite(found.face.pose.translation_mm).all()
     assert found.correlation < 0.4
 
@@ -147,7 +153,7 @@ def test_what_the_first_picture_hid_is_learned_as_the_head_turns(studio: Studio)
     picture = studio.draw(turned, 0.9)
     before = texture.texels_known
     for _ in range(LEARN_EVERY):
-        texture.learn(picture, texture.refine(picture, turned, [JAW], 3))
+        texture.learn(picture, fitted(texture, picture, turned, [JAW], 3))
     assert texture.texels_known > before
-    again = texture.refine(picture, turned, [JAW], 3)
+    again = fitted(texture, picture, turned, [JAW], 3)
     assert again.correlation > 0.85 and off_deg(again.face, turned) < 1.5
