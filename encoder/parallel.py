@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import TypeVar
@@ -27,6 +27,18 @@ def on_cores(
         return [work(item) for item in items]
     with workers_beside(workers) as pool:
         return list(pool.map(work, items))
+
+
+def read_ahead(items: Iterator[Item]) -> Generator[Item, None, None]:
+    """The same items, each made beside what is done with the one before it.
+
+    Closed, or at its end, it has none in the making.  An exception comes in the item's place.
+    """
+    with workers_beside(1) as worker:
+        job = worker.submit(next, items, None)
+        while (item := job.result()) is not None:
+            job = worker.submit(next, items, None)
+            yield item
 
 
 @contextmanager

@@ -1,8 +1,8 @@
 """capture -> landmarks -> fit -> model packet; then per frame: pose and EAUs -> packets."""
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from collections.abc import Callable, Generator, Iterator
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from encoder.default_call import Survey, send_call
 from encoder.follow import FOLLOWED, FollowOptions, open_follower
 from encoder.live_call import LiveCall
 from encoder.model import budget_for
-from encoder.parallel import switching_often
+from encoder.parallel import read_ahead, switching_often
 from encoder.startup import LayerPacer
 from encoder.tally import Tally
 from encoder.thesis_call import ThesisCall
@@ -203,9 +203,10 @@ def send_frames(
     console: Console,
 ) -> None:
     """Send every frame of a source as it comes.  Raises `UserError` if no face was in any."""
-    for index, frame, coming in with_coming(capture, options, tally, console.stop):
-        call.frame(index, frame, coming)
-        console.progress(index + 1, expected_frames(capture, options))
+    with closing(with_coming(capture, options, tally, console.stop)) as frames:
+        for index, frame, coming in frames:
+            call.frame(index, frame, coming)
+            console.progress(index + 1, expected_frames(capture, options))
     if not call.started:
         raise no_face(options.source, len(tally.capture_ns))
     call.end(len(tally.capture_ns))
@@ -232,9 +233,10 @@ def _survey(options: EncodeOptions, capture: Capture, tally: Tally, console: Con
     survey = Survey(capture, tally, cadence_for(capture.fps, options.fps))
     console.preparing("looking first")
     unpaced = replace(options, pace=False)
-    for index, frame, coming in with_coming(capture, unpaced, tally, console.stop):
-        survey.frame(index, frame, coming)
-        console.progress((index + 1) // 2, expected_frames(capture, options))
+    with closing(with_coming(capture, unpaced, tally, console.stop)) as frames:
+        for index, frame, coming in frames:
+            survey.frame(index, frame, coming)
+            console.progress((index + 1) // 2, expected_frames(capture, options))
     if not survey.faces_seen:
         raise no_face(options.source, len(tally.capture_ns))
     if console.stop():
@@ -280,7 +282,7 @@ def no_face(source: str, frames: int) -> UserError:
 
 def with_coming(
     capture: Capture, options: EncodeOptions, tally: Tally, stop: Callable[[], bool]
-) -> Iterator[tuple[int, Picture, Picture | None]]:
+) -> Generator[tuple[int, Picture, Picture | None], None, None]:
     """The frames to encode, each with the next one, which can be looked at beside it.
 
     None where to wait for it would delay the call, and after the last.
@@ -300,9 +302,9 @@ def with_coming(
 def paced(
     capture: Capture, options: EncodeOptions, tally: Tally, stop: Callable[[], bool]
 ) -> Iterator[tuple[int, Picture]]:
-    """The frames to encode, at the source's own rate if asked for."""
-    start = time.monotonic()
-    frames = iter(capture)
+    """The frames to encode, at the source's own rate if asked for, else read beside the work."""
+    start, waits = time.monotonic(), options.pace or capture.is_live
+    frames = iter(capture) if waits else read_ahead(iter(capture))
     while not stop():
         with tally.stage("capture"):
             item = next(frames, None)

@@ -3,10 +3,12 @@
 import os
 import sys
 import threading
+import time
+from collections.abc import Iterator
 
 import pytest
 
-from encoder.parallel import SWITCH_S, on_cores, usable_cores, workers_beside
+from encoder.parallel import SWITCH_S, on_cores, read_ahead, usable_cores, workers_beside
 
 
 @pytest.mark.parametrize("workers", [1, 3, None])
@@ -45,6 +47,45 @@ def test_workers_beside_take_turns_quickly() -> None:
 
 def test_one_worker_is_the_caller_itself() -> None:
     assert set(on_cores(lambda _: threading.get_ident(), range(4), 1)) == {threading.get_ident()}
+
+
+def test_items_are_read_beside_what_is_done_with_the_one_before() -> None:
+    made = [threading.Event() for _ in range(4)]
+
+    def items() -> Iterator[int]:
+        for number, event in enumerate(made):
+            event.set()
+            yield number
+
+    found = []
+    for number in read_ahead(items()):
+        assert all(event.wait(10) for event in made[: number + 2])
+        found.append(number)
+    assert found == [0, 1, 2, 3]
+
+
+def test_an_item_that_cannot_be_read_is_missed_where_it_would_be() -> None:
+    items = read_ahead(1 // (2 - number) for number in range(4))
+    assert [next(items), next(items)] == [0, 1]
+    with pytest.raises(ZeroDivisionError):
+        next(items)
+
+
+def test_nothing_is_being_read_once_reading_ahead_is_closed() -> None:
+    begun, done = threading.Event(), threading.Event()
+
+    def items() -> Iterator[int]:
+        yield 0
+        begun.set()
+        time.sleep(0.05)
+        done.set()
+        yield 1
+
+    reading = read_ahead(items())
+    next(reading)
+    begun.wait(10)
+    reading.close()
+    assert done.is_set()
 
 
 def test_only_cores_that_the_process_may_use_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
