@@ -22,7 +22,7 @@ from encoder.shape_free import ShapeFree
 from encoder.texture import fitting_size, sample, texel_pixels
 from shared_model.animate import Face
 from shared_model.appearance import atlas_of
-from shared_model.geometry import Camera, pixel_from_head
+from shared_model.geometry import Camera
 from shared_model.mesh import PARTS, Head
 from shared_model.parameters import FaceParameters
 
@@ -98,14 +98,14 @@ class OwnTexture:
         rest = face.animate(start.eau)
         size = fitting_size(atlas_of(head, 64), camera, start.pose, rest, largest_atlas)
         atlas = atlas_of(head, size)
-        self._camera, self._grey = camera, synthesis.grey
-        self._outline = face.at(np.flatnonzero(head.opacity > 0.5))
+        self._grey = synthesis.grey
         self._ratio = texel_pixels(atlas, camera, start.pose, rest)
         blank = np.zeros(len(atlas.rows), np.float32)
         empty = Template(blank, np.zeros((0, len(blank)), np.float32), blank)
         shape = ShapeFree(face, atlas, camera)
         self._refiner = synthesis.refiner(head, face, shape, empty, synthesis.grey)
         thin = self._refiner.shape.atlas
+        self._outline = np.flatnonzero(head.opacity[thin.corners].min(1) > 0.5)
         self._worth = face_mask(head, thin) * _part_weight(head.parts[thin.corners[:, 0]])
         across = 2 * thin.columns.astype(np.float32) / size - 1
         along = 2 * thin.rows.astype(np.float32) / size - 1
@@ -200,9 +200,11 @@ class OwnTexture:
         return np.asarray(sample(self._grey(crop.picture), at)[:, 0], np.float32)
 
     def _crop(self, frame: Picture, face: FaceParameters) -> Crop:
-        points = pixel_from_head(self._camera, face.pose, self._outline.animate(face.eau))
-        low, high = np.zeros(2), np.array(frame.shape[1::-1]) - 1.0
-        return crop_face(frame, np.clip(points, low, high), self._ratio)
+        # By coordinates: so the positions are in memory.
+        shown = self._refiner.shape.positions(face).T.take(self._outline, axis=1)
+        corners = np.stack([shown.min(1), shown.max(1)]).astype(np.float64)
+        border = np.array(frame.shape[1::-1]) - 1.0
+        return crop_face(frame, np.clip(corners, 0, border), self._ratio)
 
 
 def _part_weight(parts: NDArray[np.uint8]) -> Single:

@@ -211,7 +211,8 @@ class Refiner:
 
         def equations() -> tuple[Array, Array]:
             root = np.sqrt(view.shown * robust(left, scale))
-            slope = seen.T[1:] * view.crop.scale.astype(np.float32)[:, None] * root
+            across, down = view.crop.scale.astype(np.float32)
+            slope = np.stack([seen[:, 1] * (across * root), seen[:, 2] * (down * root)])
             rows = np.concatenate([shape.change(placed, slope, free), template.modes * -root])
             normal = (rows @ rows.T).astype(np.float64)
             gradient = -(rows @ (root * residual)).astype(np.float64)
