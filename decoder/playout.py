@@ -33,7 +33,7 @@ from shared_model.geometry import (
     quaternion_from_vector,
     vector_from_quaternion,
 )
-from shared_model.parameters import FaceParameters, Pose
+from shared_model.parameters import FaceParameters, Pose, refocused
 
 Array = NDArray[np.float64]
 
@@ -111,10 +111,10 @@ class Playout:
             ahead = (packet.sequence - self._number) % SEQUENCE_MODULUS
             self._update = packet, sample_decoder(packet), self._number + ahead
             self._refine_update()
-        elif self.model is not None and packet.background and not self.model.background:
+        elif self.model is not None and self.model.completed(packet) != self.model:
             # Who joined at an update learns later what that left as it was.
             check_update(self.model.call, packet.call)
-            self.model = replace(self.model, background=packet.background)
+            self.model = self.model.completed(packet)
 
     def _receive_layer(self, packet: LayerPacket) -> None:
         """Layers may come before the model that they refine, to who joins late."""
@@ -151,13 +151,14 @@ class Playout:
 
     def _enter(self, update: ModelPacket, decoder: SampleDecoder, first: int) -> None:
         """Frame packets from now on are of `update`."""
-        if self.model is not None and not update.background:
-            update = replace(update, background=self.model.background)
-        self._update, self.model, self._decoder, self._first = None, update, decoder, first
+        assert self.model is not None
         if self._sample is not None:
             # Its coefficients are of modes that are no more.
-            bare = replace(self._sample.face, modes=np.zeros(0))
+            longer = update.call.focal_px / self.model.call.focal_px
+            bare = replace(refocused(self._sample.face, longer), modes=np.zeros(0))
             self._sample = replace(self._sample, face=bare)
+        self.model, self._update = update.completed(self.model), None
+        self._decoder, self._first = decoder, first
         self._layers.forget_before(update.layer)
 
     def _unwrap(self, sequence: int) -> int | None:

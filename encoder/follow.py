@@ -63,6 +63,15 @@ class Follower(Protocol):
         coming: the frame after it, see `LandmarkTracker.update`; changes nothing but the time.
         """
 
+    def improvement(self) -> Fitted | None:
+        """A better identity of the caller, once, with their face in the first frame.
+
+        Faces are those of the one before until it is adopted.
+        """
+
+    def adopt(self, fitted: Fitted) -> None:
+        """From the next frame on faces are those of the improved identity."""
+
 
 @dataclass(frozen=True, slots=True)
 class FollowOptions:
@@ -132,7 +141,19 @@ def _landmark_tracker(warn: Warn, lids: bool) -> LandmarkTracker | None:
     return LandmarkTracker(folder, BlazeFaceDetector(folder), look_at_lids=lids)
 
 
-class NetworkFollower:
+class Unimproved:
+    """A `Follower` whose caller stays as they were first seen."""
+
+    def improvement(self) -> Fitted | None:
+        """See `Follower`: there is none."""
+        return None
+
+    def adopt(self, fitted: Fitted) -> None:
+        """See `Follower`.  Raises `ValueError`: no identity can have come from here."""
+        raise ValueError("this follower improves no identity, expected none to adopt")
+
+
+class NetworkFollower(Unimproved):
     """Pose and actuators by least squares on the landmark network's 468 points."""
 
     def __init__(
@@ -176,7 +197,7 @@ class NetworkFollower:
         return self._last
 
 
-class HaarFollower:
+class HaarFollower(Unimproved):
     """Pose alone, from Viola-Jones' eyes and the nose between (thesis 5.1); generic identity."""
 
     def __init__(

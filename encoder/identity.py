@@ -28,7 +28,7 @@ from shared_model import geometry
 from shared_model.animate import Identity, identity_from_controls
 from shared_model.geometry import Camera
 from shared_model.mesh import Head
-from shared_model.parameters import AAUS, BROW_EAUS, EAUS, FaceParameters, Pose
+from shared_model.parameters import AAUS, BROW_EAUS, EAUS, FaceParameters, refocused
 
 Array = NDArray[np.float64]
 
@@ -50,12 +50,15 @@ class Fitted:
     """Who is in the picture and how, in each of the frames fitted together.
 
     control_mm: (k, 3) displacement of the residual control points.
+    information: (n, n) inverse covariance of log f, AAUs, controls and of pose and actuators of the
+        one frame they come from, in the order of `stepped_identity`; None where that is not known.
     """
 
     camera: Camera
     identity: Identity
     control_mm: Array
     frames: tuple[FaceParameters, ...]
+    information: Array | None = None
 
 
 def fit_identity(
@@ -75,26 +78,48 @@ def fit_identity(
     eau_sigma = _expected_eau(active)
     model = landmark_model(head)
     camera = Camera(*size, TYPICAL_FOCAL * max(size))
-    frames = [start_parameters(model, camera, points) for points in landmarks]
-    aau, control = np.zeros(len(AAUS)), np.zeros((len(model.residual), 3))
+    frames = tuple(start_parameters(model, camera, points) for points in landmarks)
+    control = np.zeros((len(model.residual), 3))
+    found = Fitted(
+        camera, identity_from_controls(head, np.zeros(len(AAUS)), control), control, frames
+    )
     for _ in range(iterations):
-        personal = personalise(model, aau, control)
+        personal = personalise(model, found.identity.aau, found.control_mm)
         lips = None
         if active is not None:
             lips = closing_rows(
                 model.index, personal.neutral, model.neutral, model.aau, model.residual
             )
-        step = _joint_step(personal, camera, frames, landmarks, aau, control, eau_sigma, lips)
-        n = len(AAUS)
-        focal = camera.focal_px * float(np.exp(np.clip(step[0], -0.2, 0.2)))
-        frames = [_refocus(f, focal / camera.focal_px) for f in frames]
-        camera = replace(camera, focal_px=focal)
-        aau = np.clip(aau + step[1 : 1 + n], -1.9, 1.9)
-        control = control + step[1 + n : 1 + n + control.size].reshape(-1, 3)
-        shared = 1 + n + control.size
-        per_frame = step[shared:].reshape(len(frames), -1)
-        frames = [stepped(f, d) for f, d in zip(frames, per_frame, strict=True)]
-    return Fitted(camera, identity_from_controls(head, aau, control), control, tuple(frames))
+        normal, gradient = _joint_equations(personal, found, landmarks, eau_sigma, lips)
+        found = stepped_identity(head, found, np.asarray(np.linalg.solve(normal, gradient), float))
+    return replace(found, information=normal if len(frames) == 1 else None)
+
+
+def stepped_identity(head: Head, fitted: Fitted, step: Array) -> Fitted:
+    """Add a step over log f, AAUs, x, y, z of each control, then w, t, EAUs of each frame.
+
+    A longer lens moves the faces away, so that they keep their size.
+    """
+    n, shared = len(AAUS), shared_parameters(fitted)
+    focal_px = fitted.camera.focal_px * float(np.exp(np.clip(step[0], -0.2, 0.2)))
+    ratio = focal_px / fitted.camera.focal_px
+    aau = np.clip(fitted.identity.aau + step[1 : 1 + n], -1.9, 1.9)
+    control = fitted.control_mm + step[1 + n : shared].reshape(-1, 3)
+    steps = step[shared:].reshape(len(fitted.frames), -1)
+    return replace(
+        fitted,
+        camera=replace(fitted.camera, focal_px=focal_px),
+        identity=identity_from_controls(head, aau, control),
+        control_mm=control,
+        frames=tuple(
+            stepped(refocused(face, ratio), d) for face, d in zip(fitted.frames, steps, strict=True)
+        ),
+    )
+
+
+def shared_parameters(fitted: Fitted) -> int:
+    """How many parameters all frames of a caller share: log f, AAUs, controls."""
+    return 1 + len(AAUS) + fitted.control_mm.size
 
 
 def _expected_eau(active: Sequence[int] | None) -> Array:
@@ -107,31 +132,23 @@ def _expected_eau(active: Sequence[int] | None) -> Array:
     return sigma
 
 
-def _refocus(state: FaceParameters, ratio: float) -> FaceParameters:
-    """Keep the face's size in the picture when the focal length changes by `ratio`."""
-    x, y, z = state.pose.translation_mm
-    return replace(state, pose=Pose(state.pose.rotation, np.array([x, y, z * ratio])))
-
-
-def _joint_step(
+def _joint_equations(
     model: LandmarkModel,
-    camera: Camera,
-    frames: Sequence[FaceParameters],
+    fitted: Fitted,
     landmarks: Sequence[Array],
-    aau: Array,
-    control: Array,
     eau_sigma: Array,
     lips: tuple[Array, Array] | None,
-) -> Array:
-    """One Gauss-Newton step over log f, AAUs, residual controls, then w, t, EAUs of each frame.
+) -> tuple[Array, Array]:
+    """Normal matrix and right side of a Gauss-Newton step, see `stepped_identity`.
 
-    eau_sigma: (EAUs,) of the prior.  lips: more rows and residuals over AAUs and controls.
+    model: personal.  eau_sigma: (EAUs,) of the prior.  lips: more rows and residuals over AAUs and
+    controls.
     """
-    n_aau, n_control = len(aau), control.size
-    shared, per_frame = 1 + n_aau + n_control, 6 + len(EAUS)
-    size = shared + per_frame * len(frames)
+    camera, aau, control = fitted.camera, fitted.identity.aau, fitted.control_mm
+    shared, per_frame = shared_parameters(fitted), 6 + len(EAUS)
+    size = shared + per_frame * len(landmarks)
     normal, gradient = np.zeros((size, size)), np.zeros(size)
-    for number, (state, points_px) in enumerate(zip(frames, landmarks, strict=True)):
+    for number, (state, points_px) in enumerate(zip(fitted.frames, landmarks, strict=True)):
         at = shared + per_frame * number
         own = slice(at, at + per_frame)
         rows, error = _identity_rows(model, camera, state, points_px)
@@ -153,14 +170,14 @@ def _joint_step(
     precision = np.concatenate(
         [
             [1 / LOG_FOCAL_SIGMA**2],
-            np.full(n_aau, 1 / AAU_SIGMA**2),
+            np.full(len(aau), 1 / AAU_SIGMA**2),
             np.tile(1 / sigma**2, len(control)),
         ]
     )
     values = np.concatenate([[deviation], aau, control.ravel()])
     normal[np.arange(shared), np.arange(shared)] += precision
     gradient[:shared] -= precision * values
-    return np.asarray(np.linalg.solve(normal, gradient), dtype=np.float64)
+    return normal, gradient
 
 
 def _identity_rows(
@@ -176,7 +193,7 @@ def _identity_rows(
     predicted = geometry.pixel_from_camera(camera, seen)
     bases = in_axes(model.aau, rotation)
     controls = model.residual[:, None, None] * rotation.T[..., None]
-    # A longer lens at a proportionally larger distance: only perspective changes (see `_refocus`).
+    # A longer lens at a proportionally larger distance: only perspective changes (see `refocused`).
     away = np.zeros((1, 3, len(seen)))
     away[0, 2] = z = state.pose.translation_mm[2]
     moves = np.concatenate([away, bases, controls.reshape(-1, 3, len(seen)), moves])

@@ -92,6 +92,11 @@ class KltTracker:
         share = float(ok.sum() / max(visible.sum(), 1))
         return Tracks(points, np.where(ok[:, None], pixels, expected), variance, share)
 
+    def reshape(self, face: Face) -> None:
+        """The same points are on this head from now on."""
+        self._face = face
+        self._visibility = Visibility(face.neutral, face.head.triangles, self.index)
+
     def put_back(self, frame: Frame, camera: Camera, fitted: FaceParameters) -> None:
         """Take the fitted model's word for where the points are in `frame`."""
         self._last = self._view(in_luma(frame), camera, fitted)

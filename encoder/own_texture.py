@@ -98,12 +98,10 @@ class OwnTexture:
         rest = face.animate(start.eau)
         size = fitting_size(atlas_of(head, 64), camera, start.pose, rest, largest_atlas)
         atlas = atlas_of(head, size)
+        self._head, self._atlas, self._synthesis = head, atlas, synthesis
         self._grey = synthesis.grey
         self._ratio = texel_pixels(atlas, camera, start.pose, rest)
-        blank = np.zeros(len(atlas.rows), np.float32)
-        empty = Template(blank, np.zeros((0, len(blank)), np.float32), blank)
-        shape = ShapeFree(face, atlas, camera)
-        self._refiner = synthesis.refiner(head, face, shape, empty, synthesis.grey)
+        self._refiner = self._blank_refiner(face, camera)
         thin = self._refiner.shape.atlas
         self._outline = np.flatnonzero(head.opacity[thin.corners].min(1) > 0.5)
         self._worth = face_mask(head, thin) * _part_weight(head.parts[thin.corners[:, 0]])
@@ -113,11 +111,26 @@ class OwnTexture:
         self._lit = np.zeros(4)
         self._learned = 0
         self._noise_grey = NOISE_GREY
-        crop = self._crop(frame, start)
+        self._first_crop = crop = self._crop(frame, start)
         self._mean = self._sampled(crop, start)
         self._known = self._refiner.seen(start) & (self._worth > 0)
         self._rebuild()
         self._refiner.learn(crop, replace(start, modes=self._lit))
+
+    def _blank_refiner(self, face: Face, camera: Camera) -> Refiner:
+        count, synthesis = len(self._atlas.rows), self._synthesis
+        blank = np.zeros(count, np.float32)
+        empty = Template(blank, np.zeros((0, count), np.float32), blank)
+        shape = ShapeFree(face, self._atlas, camera)
+        return synthesis.refiner(self._head, face, shape, empty, synthesis.grey)
+
+    def put_on(self, face: Face, camera: Camera, start: FaceParameters) -> None:
+        """Fit the same texture on another shape.  start: its face in the first picture."""
+        template = self._refiner.template
+        self._refiner = self._blank_refiner(face, camera)
+        self._refiner.template = template
+        self._refiner.expect(self._noise_grey)
+        self._refiner.learn(self._first_crop, replace(start, modes=np.zeros(4)))
 
     @property
     def texels_known(self) -> int:

@@ -66,6 +66,9 @@ class Sighter(Protocol):
         coming: the next frame, see `LandmarkTracker.update`.
         """
 
+    def know(self, fitted: Fitted) -> None:
+        """The caller is this from now on."""
+
 
 class NetworkSighter:
     """By the landmark network.  active: the actuators that may move after the first frame."""
@@ -91,9 +94,14 @@ class NetworkSighter:
         if points is None:
             return None
         fitted = fit_identity(self._head, self._size, [points], active=self._active)
-        self._model = personalise(self._model, fitted.identity.aau, fitted.control_mm)
-        self._camera = fitted.camera
+        self.know(fitted)
         return fitted
+
+    def know(self, fitted: Fitted) -> None:
+        """See `Sighter`."""
+        generic = landmark_model(self._head)
+        self._model = personalise(generic, fitted.identity.aau, fitted.control_mm)
+        self._camera = fitted.camera
 
     def sight(
         self, frame: Picture, near: FaceParameters | None, coming: Picture | None = None
@@ -157,6 +165,10 @@ class HaarSighter:
         pose = pose_from_three_points(self._head, self._camera, faces[0])
         face = FaceParameters(pose) if near is None else replace(near, pose=pose)
         return Sight(face, np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
+
+    def know(self, fitted: Fitted) -> None:
+        """See `Sighter`: a head's three points are nobody's."""
+        self._camera = fitted.camera
 
 
 def points_in(model: LandmarkModel, eau: Array) -> Array:

@@ -1,14 +1,20 @@
-"""The thesis profile, sending side: a first good frame is the model, then ten samples a second."""
+"""The thesis profile, sending side: a first good frame is the model, then ten samples a second.
+
+A better identity goes out as an update: a model packet with neither texture nor background, since
+those before stay.
+"""
 
 from dataclasses import replace
 from fractions import Fraction
+from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture import Capture
 from encoder.follow import Follower, blend
-from encoder.model import Budget, build_model, call_parameters, reference_of
+from encoder.identity import Fitted
+from encoder.model import Budget, build_model, call_parameters, reference_of, shape_packet
 from encoder.tally import Tally
 from protocol.link import PacketSink
 from protocol.messages import (
@@ -25,6 +31,9 @@ from shared_model.parameters import FaceParameters
 
 Picture = NDArray[np.uint8]
 
+# Samples by which an update is announced ahead, lest it arrive after them.
+AHEAD = 4
+
 
 class ThesisSender:
     """Sends the thesis profile: ten samples a second, each interpolated at its own time."""
@@ -35,15 +44,48 @@ class ThesisSender:
         self._frames_per_sample = (
             Fraction(call.fps_numerator, call.fps_denominator) / THESIS_RATE_HZ
         )
-        self._number = 0
+        self._number = self._first = 0
+        self._coming: tuple[int, ModelPacket] | None = None
         self._before: FaceParameters | None = None
-        tally.model_bytes += len(serialise(model)) - 1
-        tally.send(sink, model)
+        self._send_model(model)
+
+    @property
+    def model(self) -> ModelPacket:
+        """The model packet that samples are of."""
+        return self._model
+
+    def announce(self, shape: ModelPacket) -> int:
+        """Send an update of the shape: the source frame from which on faces must be of it."""
+        number = self._number + AHEAD
+        # No sample before it may be interpolated from the frame at which it begins.
+        while self._place(number - 1) > (start := ceil(self._place(number))) - 1:
+            number += 1
+        layer = self._model.layer + 1
+        update = replace(
+            shape,
+            call=replace(shape.call, start_frame=start),
+            sequence=number % SEQUENCE_MODULUS,
+            layer=layer,
+            layers=layer + 1,
+        )
+        self._coming = number, update
+        self._send_model(update)
+        return start
+
+    def _send_model(self, model: ModelPacket) -> None:
+        self._tally.model_bytes += len(serialise(model)) - 1
+        self._tally.send(self._sink, model)
+
+    def _enter(self) -> None:
+        """Take up an update whose first sample is due."""
+        if self._coming is not None and self._number >= self._coming[0]:
+            self._first, self._model = self._coming
+            self._coming = None
 
     def send_face(self, index: int, face: FaceParameters) -> None:
         """Send the samples due up to source frame `index`, in which the caller is `face`."""
         before = self._before or face
-        while (place := self._place()) <= index:
+        while (place := self._next_place()) <= index:
             share = 1.0 if place <= index - 1 else float(place - (index - 1))
             model = self._model
             payload = encode_thesis(
@@ -59,12 +101,17 @@ class ThesisSender:
         """Say what happened at source frame `frame`; after LOST no samples are due until FOUND."""
         if kind is ControlKind.FOUND:
             self._before = None
-            while self._place() < frame:
+            while self._place(self._number) < frame:
                 self._number += 1
         self._tally.send(self._sink, ControlPacket(0, kind, frame))
 
-    def _place(self) -> Fraction:
-        return self._model.call.start_frame + self._number * self._frames_per_sample
+    def _next_place(self) -> Fraction:
+        self._enter()
+        return self._place(self._number)
+
+    def _place(self, number: int) -> Fraction:
+        """The source frame of a sample under the model in use."""
+        return self._model.call.start_frame + (number - self._first) * self._frames_per_sample
 
 
 class ThesisCall:
@@ -88,6 +135,7 @@ class ThesisCall:
         self._follower, self._sink = follower, sink
         self._look_for_face_s, self._lids = look_for_face_s, lids
         self._sender: ThesisSender | None = None
+        self._better: tuple[int, Fitted] | None = None  # an identity, and the frame it begins with
         self._lost = False
 
     @property
@@ -101,6 +149,9 @@ class ThesisCall:
         coming: see `Follower.update`.
         """
         with self._tally.stage("follow"):
+            if self._better is not None and index >= self._better[0]:
+                self._follower.adopt(self._better[1])
+                self._better = None
             face = self._follower.update(frame, coming)
         if face is None:
             self._miss(index)
@@ -114,6 +165,10 @@ class ThesisCall:
             self._sender.send_control(ControlKind.FOUND, index)
         self._lost = False
         self._sender.send_face(index, face)
+        better = self._follower.improvement()
+        if better is not None:
+            shape = self._shape(better, self._sender.model)
+            self._better = self._sender.announce(shape), better
 
     def end(self, frames: int) -> None:
         """Close a call of `frames` source frames."""
@@ -128,6 +183,11 @@ class ThesisCall:
             self._lost = True
         elif index / self._capture.fps >= self._look_for_face_s:
             self._tally.warn(f"no face in the first {self._look_for_face_s:g} s; still looking")
+
+    def _shape(self, fitted: Fitted, before: ModelPacket) -> ModelPacket:
+        """A model packet that changes the shape and the lens of the one before, nothing else."""
+        call = replace(before.call, focal_px=fitted.camera.focal_px)
+        return shape_packet(fitted, fitted.frames[0], call)
 
     def _model(self, index: int, frame: Picture, face: FaceParameters) -> ModelPacket:
         fitted = self._follower.fitted

@@ -1,6 +1,7 @@
 """Model-based tracking (thesis 5.2): landmarks and KLT -> EKF -> analysis by synthesis -> EKF.
 
-Each of the four can be left out; what remains still follows the face.
+Each of the four can be left out; what remains still follows the face.  So can the refinement of
+the caller's identity, which needs landmarks of the first frame and analysis by synthesis.
 """
 
 from collections.abc import Sequence
@@ -24,16 +25,17 @@ from encoder.own_texture import (
     Synthesis,
 )
 from encoder.refine import LEAST_NOISE_GREY, NOISE_GREY, View
+from encoder.refinement import Refinement
 from encoder.sighting import Sight, Sighter
 from shared_model.animate import Face
 from shared_model.geometry import matrix_from_quaternion, pixel_from_head
 from shared_model.mesh import Head
-from shared_model.parameters import EAU_INDEX, LID_EAUS, FaceParameters, Pose, clip_eau
+from shared_model.parameters import EAU_INDEX, LID_EAUS, FaceParameters, Pose, clip_eau, refocused
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-PARTS = ("network", "klt", "ekf", "abs")
+PARTS = ("network", "klt", "ekf", "abs", "refinement")
 
 # Standard deviations of what the parts measure: points in units of the distance between the eyes.
 ABS_SIGMA = 0.012
@@ -67,7 +69,7 @@ BAD_FRAMES = 3
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """Who is followed: fixed from the first face on."""
+    """Who is followed: the same from the first face on, but for a better identity at times."""
 
     fitted: Fitted
     face: Face
@@ -100,6 +102,7 @@ class TrackingFollower:
         self._elapsed_s, self._sighter, self._without = elapsed_s, sighter, without
         self._synthesis = synthesis
         self._caller: Caller | None = None
+        self._refinement: Refinement | None = None
         self._filter: FaceFilter | None = None
         self._last: FaceParameters | None = None
         self._bad = self._number = 0
@@ -120,6 +123,25 @@ class TrackingFollower:
             return self._recover(self._caller, frame)
         return self._follow(self._caller, self._last, frame, coming)
 
+    def improvement(self) -> Fitted | None:
+        """See `Follower`."""
+        return self._refinement.improvement() if self._refinement is not None else None
+
+    def adopt(self, fitted: Fitted) -> None:
+        """See `Follower`."""
+        if self._caller is None or self._refinement is None:
+            raise ValueError("no face is followed, expected an improvement before it is adopted")
+        before, face = self._caller, Face(self._head, fitted.identity)
+        for texture in before.textures:
+            texture.put_on(face, fitted.camera, fitted.frames[0])
+        before.klt.reshape(face)
+        self._sighter.know(fitted)
+        self._refinement.adopt(fitted)
+        self._caller = replace(before, fitted=fitted, face=face)
+        if self._last is not None:
+            ratio = fitted.camera.focal_px / before.fitted.camera.focal_px
+            self._restart(self._caller, refocused(self._last, ratio))
+
     def _has(self, part: str) -> bool:
         return part not in self._without
 
@@ -136,6 +158,10 @@ class TrackingFollower:
         klt = KltTracker(face, grey, camera, start)
         spread = np.linspace(0, len(klt.index) - 1, min(ANCHORS, len(klt.index)))
         self._caller = Caller(fitted, face, textures, klt, klt.index[spread.astype(int)])
+        if fitted.information is not None and self._has("abs") and self._has("refinement"):
+            texture = textures[0]
+            first = texture.look(grey, start)
+            self._refinement = Refinement(self._head, fitted, texture, first, self._active)
         self._restart(self._caller, start)
         return start
 
@@ -175,6 +201,10 @@ class TrackingFollower:
         if refined is not None:
             for texture in caller.textures:
                 texture.learn(grey, refined)
+            if self._refinement is not None:
+                self._refinement.tick(self._elapsed_s)
+                if refined.correlation > GOOD_CORRELATION:
+                    self._refinement.look(grey, found)
         caller.klt.put_back(grey, camera, found)
         self._last, self._bad = found, 0
         return found

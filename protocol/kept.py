@@ -1,7 +1,5 @@
 """What an encoder keeps for decoders that join late: the models in use and to come."""
 
-from dataclasses import replace
-
 from protocol.messages import (
     SEQUENCE_MODULUS,
     Kind,
@@ -23,8 +21,8 @@ class Kept:
     def __init__(self) -> None:
         # With the number of the model; replaced, never changed, so that any thread may read it.
         self._packets: tuple[tuple[int, bytes], ...] = ()
+        self._model: ModelPacket | None = None
         self._update: ModelPacket | None = None
-        self._background = b""
 
     @property
     def packets(self) -> tuple[bytes, ...]:
@@ -39,22 +37,21 @@ class Kept:
         elif kind is Kind.MODEL:
             model = parse_packet(packet)
             assert isinstance(model, ModelPacket)
-            if not self._packets:
-                self._background = model.background
+            if self._model is None:
+                self._model = model
             else:
                 self._update = model
             self._packets += ((model.layer, packet),)
-        elif kind is Kind.FRAME and self._update and number == self._update.sequence:
-            self._enter(self._update)
+        elif kind is Kind.FRAME and self._update and self._model:
+            past = (number - self._update.sequence) % SEQUENCE_MODULUS
+            if past < SEQUENCE_MODULUS // 2:
+                self._enter(self._update, self._model)
 
-    def _enter(self, update: ModelPacket) -> None:
+    def _enter(self, update: ModelPacket, before: ModelPacket) -> None:
         """Frame packets are of `update` now."""
-        self._update = None
-        if not update.background:
-            # The one before stays; who joins now has never seen it.
-            update = replace(update, background=self._background)
-        self._background = update.background
-        whole = serialise(update)
+        # Who joins now has never seen the pictures that stay.
+        self._update, self._model = None, update.completed(before)
+        whole = serialise(self._model)
         self._packets = tuple(
             (
                 number,

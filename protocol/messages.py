@@ -9,7 +9,7 @@ are carried, not looked into.
 
 import math
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
 
@@ -148,7 +148,7 @@ class ModelPacket:
     reference_rotation, reference_translation_mm: the pose of the frame the still was taken from,
         kept in single precision.
     reference_eau: len(EAUS) codes -127..127 of that frame, see `quantise.EAU_STEP`.
-    background, texture: encoded images.
+    background, texture: encoded images; without them an update keeps those before.
     extension: what a profile adds to the model, in that profile's own format.
     layer, layers: this packet is number `layer` of `layers` that replace one another.
     layered: its pictures are rough and modes are missing (empty), see `protocol.layers`; they come
@@ -203,6 +203,14 @@ class ModelPacket:
         """The pose of the frame the still was taken from."""
         rotation = normalise(np.array(self.reference_rotation))
         return Pose(rotation, np.array(self.reference_translation_mm))
+
+    def completed(self, before: "ModelPacket") -> "ModelPacket":
+        """An update with the pictures of the model before, where it has none of its own."""
+        return replace(
+            self,
+            background=self.background or before.background,
+            texture=self.texture or before.texture,
+        )
 
 
 @dataclass(frozen=True, slots=True)

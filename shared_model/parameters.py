@@ -1,6 +1,6 @@
 """The parameters of a face in one frame, and the one table of their units and ranges."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,3 +90,9 @@ class FaceParameters:
 def clip_eau(eau: Array) -> Array:
     """Force actuators into their ranges.  eau: (..., len(EAUS)) float64."""
     return np.clip(eau, EAU_LOW, EAU_HIGH)
+
+
+def refocused(face: FaceParameters, ratio: float) -> FaceParameters:
+    """The face as large in the picture when the focal length is `ratio` times as long."""
+    x, y, z = face.pose.translation_mm
+    return replace(face, pose=Pose(face.pose.rotation, np.array([x, y, z * ratio])))

@@ -83,6 +83,9 @@ class Eyewitness:
         pixels = pixels + self._random.normal(0, self._error_px, pixels.shape)
         return Sight(face, points, pixels, np.full(len(points), self._error_px**2))
 
+    def know(self, fitted: Fitted) -> None:
+        pass
+
     @property
     def face(self) -> FaceParameters:
         return face_at(self.step)
