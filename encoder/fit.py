@@ -59,7 +59,8 @@ def landmark_model(head: Head) -> LandmarkModel:
     weights = head.network_weights[index]
 
     def at(values: Array) -> Array:
-        return np.asarray(np.einsum("mc,...mcd->...md", weights, values[..., corners, :]))
+        gathered = np.einsum("mc,...mcd->...md", weights, values[..., corners, :])
+        return np.ascontiguousarray(gathered)
 
     weight = np.ones(len(index))
     weight[np.isin(index, OUTLINE)] = OUTLINE_WEIGHT
