@@ -100,7 +100,7 @@ class ThesisCall:
 
         coming: see `Follower.update`.
         """
-        with self._tally.stage("follow"):
+        with self._tally.stage("follow" if self.started else "first face"):
             face = self._follower.update(frame, coming)
         if face is None:
             self._miss(index)
