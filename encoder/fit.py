@@ -59,7 +59,8 @@ def landmark_model(head: Head) -> LandmarkModel:
     weights = head.network_weights[index]
 
     def at(values: Array) -> Array:
-        return np.asarray(np.einsum("mc,...mcd->...md", weights, values[..., corners, :]))
+        gathered = np.einsum("mc,...mcd->...md", weights, values[..., corners, :])
+        return np.ascontiguousarray(gathered)
 
     weight = np.ones(len(index))
     weight[np.isin(index, OUTLINE)] = OUTLINE_WEIGHT
@@ -96,21 +97,23 @@ def fit_frame(
     iterations: at most; fewer where a step hardly explains more.
     """
     target, sigma = measured(model, points_px)
-    free = np.r_[0:6, 6 + np.asarray(active, dtype=np.intp)]
-    eau_prior = np.full(len(EAUS), 1 / EAU_SIGMA**2)
+    moving = np.asarray(active, dtype=np.intp)
+    free = np.append(np.arange(6), 6 + moving)
+    prior = 1 / EAU_SIGMA**2
     scale = np.sqrt(model.weight) / sigma
     current = start
     for _ in range(iterations):
         predicted, change = _observe(model, camera, current)
-        rows = (change * scale).reshape(len(change), -1)
+        rows = (change[free] * scale).reshape(len(free), -1)
         normal = rows @ rows.T
-        normal[6:, 6:] += np.diag(eau_prior)
+        normal[6:, 6:] += prior * np.eye(len(moving))
         gradient = rows @ ((target[:, :2] - predicted).T * scale).ravel()
-        gradient[6:] -= eau_prior * current.eau
-        step = np.zeros(len(gradient))
-        step[free] = np.linalg.solve(normal[np.ix_(free, free)], gradient[free])
+        gradient[6:] -= prior * current.eau[moving]
+        found = np.linalg.solve(normal, gradient)
+        step = np.zeros(len(change))
+        step[free] = found
         current = stepped(current, step)
-        if step @ gradient < SETTLED:
+        if found @ gradient < SETTLED:
             break
     return current
 

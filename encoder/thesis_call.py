@@ -148,10 +148,8 @@ class ThesisCall:
 
         coming: see `Follower.update`.
         """
-        with self._tally.stage("follow"):
-            if self._better is not None and index >= self._better[0]:
-                self._follower.adopt(self._better[1])
-                self._better = None
+        with self._tally.stage("follow" if self.started else "first face"):
+            self._adopt(index)
             face = self._follower.update(frame, coming)
         if face is None:
             self._miss(index)
@@ -174,6 +172,12 @@ class ThesisCall:
         """Close a call of `frames` source frames."""
         if self._sender is not None:
             self._sender.send_control(ControlKind.END, frames)
+
+    def _adopt(self, index: int) -> None:
+        """Follow the caller under a better identity from the frame on that it begins with."""
+        if self._better is not None and index >= self._better[0]:
+            self._follower.adopt(self._better[1])
+            self._better = None
 
     def _miss(self, index: int) -> None:
         self._tally.lost_frames += 1

@@ -35,7 +35,7 @@ PARTS: dict[str, tuple[tuple[type, str], ...]] = {
     "landmarks and their fit": ((NetworkSighter, "sight"),),
     "KLT": ((KltTracker, "track"), (KltTracker, "put_back")),
     "EKF": ((FaceFilter, "predict"), (FaceFilter, "update")),
-    "ABS": ((OwnTexture, "refine"), (OwnTexture, "learn")),
+    "ABS": ((OwnTexture, "look"), (OwnTexture, "refine"), (OwnTexture, "learn")),
 }
 
 

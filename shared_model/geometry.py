@@ -46,18 +46,19 @@ def normalise(q: Array) -> Array:
 
 
 def multiply(a: Array, b: Array) -> Array:
-    """Hamilton product of quaternions (..., 4): rotate by `b`, then by `a`."""
-    aw, ax, ay, az = np.moveaxis(np.asarray(a, dtype=np.float64), -1, 0)
-    bw, bx, by, bz = np.moveaxis(np.asarray(b, dtype=np.float64), -1, 0)
-    return np.stack(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ],
-        axis=-1,
-    )
+    """Hamilton product of quaternions (..., 4): rotate by `b`, then by `a`.
+
+    Both of one shape, or one of them a single one.
+    """
+    aw, ax, ay, az = np.asarray(a, dtype=np.float64).T
+    bw, bx, by, bz = np.asarray(b, dtype=np.float64).T
+    product = [
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    ]
+    return np.ascontiguousarray(np.array(product).T)
 
 
 def conjugate(q: Array) -> Array:

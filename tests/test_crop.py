@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from encoder.crop import MARGIN, crop_face
+from encoder.crop import MARGIN, crop_face, in_luma
 from encoder.texture import sample
 
 POINTS = np.array([(60.0, 40.0, 0.0), (120.0, 40.0, 3.0), (90.0, 110.0, 1.0)])
@@ -57,3 +57,15 @@ def test_a_crop_in_luma_shows_the_same_window() -> None:
     assert grey.picture.shape == crop.picture.shape[:2] and grey.grey is grey
     assert (grey.left, grey.top) == (crop.left, crop.top)
     assert np.abs(grey.picture - cv2.cvtColor(crop.picture, cv2.COLOR_BGR2GRAY)).max() < 1
+
+
+@pytest.mark.parametrize("texel_px", [1.0, 2.5])
+def test_a_window_of_luma_is_the_luma_of_a_window(texel_px: float) -> None:
+    picture = ramp()
+    grey = in_luma(picture)
+    assert in_luma(grey) is grey
+    window, expected = crop_face(grey, POINTS, texel_px), crop_face(picture, POINTS, texel_px)
+    assert (window.left, window.top) == (expected.left, expected.top)
+    # Either is rounded to whole grey levels before and after it is shrunk.
+    difference = window.picture.astype(int) - in_luma(expected.picture)
+    assert np.abs(difference).max() <= (0 if texel_px == 1 else 1)

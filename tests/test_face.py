@@ -60,6 +60,13 @@ def test_a_reshaped_face_has_the_aaus_of_both_and_leaves_the_first_alone() -> No
     np.testing.assert_array_equal(face.neutral, before)
 
 
+def test_some_vertices_alone_move_as_they_do_among_all() -> None:
+    index = np.array([7, 1200, 3])
+    eau = np.linspace(-0.4, 0.6, len(EAUS))
+    assert FACE.at(index).animate(eau) == pytest.approx(FACE.animate(eau)[index])
+    assert np.array_equal(FACE.at(index).neutral, FACE.neutral[index])
+
+
 def test_vectors_of_another_length_are_refused() -> None:
     with pytest.raises(ValueError, match="eau has shape"):
         FACE.animate(np.zeros(3))
