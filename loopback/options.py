@@ -62,7 +62,7 @@ def add_following(parser: argparse.ArgumentParser) -> None:
         default=frozenset(),
         metavar="PARTS",
         help="thesis profile: leave parts out of the full tracker, to measure: some of"
-        " network,klt,ekf,abs",
+        " network,klt,ekf,abs,refinement",
     )
     parser.add_argument(
         "--normalise",

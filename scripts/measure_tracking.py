@@ -27,7 +27,7 @@ from encoder.klt import KltTracker
 from encoder.own_texture import OwnTexture
 from encoder.sighting import NetworkSighter
 from scripts.command import run
-from scripts.track_synthetic import CONFIGURATIONS
+from scripts.track_synthetic import CONFIGURATIONS, follow_frame
 from shared_model.geometry import euler_deg
 from shared_model.mesh import generic_head
 
@@ -69,7 +69,7 @@ def row(source: str, follow: FollowOptions, count: int) -> str:
         follower = open_follower(follow, generic_head(), size, FOLLOWED, elapsed_s, _warn)
         for _, frame in islice(capture, count):
             start = time.process_time()
-            face = follower.update(frame)
+            face = follow_frame(follower, frame)
             spent.append(1000 * (time.process_time() - start))
             angles.append((np.nan,) * 3 if face is None else euler_deg(face.pose))
     shown = " ".join(f"{value:.2f}" for value in jitter(np.array(angles)))

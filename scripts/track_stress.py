@@ -18,6 +18,7 @@ from encoder.capture import open_source
 from encoder.follow import FOLLOWED, FollowOptions, open_follower
 from encoder.photometric import NORMALISATIONS
 from scripts.command import run
+from scripts.track_synthetic import follow_frame
 from shared_model.geometry import Camera, euler_deg, pixel_from_head
 from shared_model.mesh import generic_head
 from shared_model.parameters import EAU_INDEX, THESIS_EAUS, FaceParameters
@@ -57,7 +58,7 @@ class Stage:
         """Faces of the frames, and the camera."""
         head = generic_head()
         follower = open_follower(self._options, head, self.size, FOLLOWED, self.elapsed_s, _warn)
-        faces = [follower.update(frame) for frame in frames]
+        faces = [follow_frame(follower, frame) for frame in frames]
         return faces, follower.fitted.camera
 
     def occluded(self, index: int) -> Picture:

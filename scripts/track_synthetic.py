@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture import open_source
-from encoder.follow import FOLLOWED, FollowOptions, open_follower
+from encoder.follow import FOLLOWED, Follower, FollowOptions, open_follower
 from loopback.animate import AnimateOptions, animate
 from scripts.command import run
 from scripts.line_charts import Chart, draw_charts
@@ -27,6 +27,7 @@ from shared_model.mesh import generic_head
 from shared_model.parameters import EAU_INDEX, THESIS_EAUS, FaceParameters
 
 Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
 
 ANGLES = ("pitch", "yaw", "roll")
 THESIS_RMSE = (3.395, 4.565, 2.552, 0.095, 0.122, 0.256, 0.105)
@@ -47,6 +48,7 @@ CONFIGURATIONS: Mapping[str, FollowOptions] = {
     "without EKF": FollowOptions(tracker="full", without=frozenset({"ekf"})),
     "without ABS": FollowOptions(tracker="full", without=frozenset({"abs"})),
     "without KLT": FollowOptions(tracker="full", without=frozenset({"klt"})),
+    "without refinement": FollowOptions(tracker="full", without=frozenset({"refinement"})),
     "without network after frame 1": FollowOptions(tracker="full", without=frozenset({"network"})),
     "no network at all (Viola-Jones)": FollowOptions("haar", "full"),
     "retinex": FollowOptions(normalise="retinex"),
@@ -123,12 +125,21 @@ def follow(video: Path, options: FollowOptions) -> Followed:
     with open_source(str(video)) as capture:
         size, elapsed_s = (capture.width, capture.height), float(1 / capture.fps)
         follower = open_follower(options, generic_head(), size, FOLLOWED, elapsed_s, _warn)
-        values = [_values(follower.update(frame)) for _, frame in capture]
+        values = [_values(follow_frame(follower, frame)) for _, frame in capture]
     try:
         focal_px = follower.fitted.camera.focal_px
     except ValueError:
         focal_px = float("nan")
     return Followed(np.array(values), focal_px)
+
+
+def follow_frame(follower: Follower, frame: Picture) -> FaceParameters | None:
+    """The face in the next frame; a better identity is adopted as soon as it is there."""
+    face = follower.update(frame)
+    better = follower.improvement()
+    if better is not None:
+        follower.adopt(better)
+    return face
 
 
 def _values(face: FaceParameters | None) -> Array:

@@ -11,6 +11,7 @@ from decoder.render import Renderer
 from encoder.identity import Fitted
 from encoder.own_texture import USUAL, Synthesis
 from encoder.prediction import MatrixRefiner
+from encoder.refine import Refiner
 from encoder.sighting import Sight
 from encoder.track import BAD_FRAMES, PARTS, TrackingFollower
 from loopback.skin import painted_colours
@@ -19,6 +20,7 @@ from shared_model.anthropometry import residual_basis
 from shared_model.geometry import Camera, euler_deg, pixel_from_head, pose_from_euler
 from shared_model.mesh import generic_head
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS, THESIS_EAUS, FaceParameters
+from shared_model.residual import control_points
 
 HEAD = generic_head()
 CAMERA = Camera(256, 224, 360.0)
@@ -84,7 +86,7 @@ class Eyewitness:
         return Sight(face, points, pixels, np.full(len(points), self._error_px**2))
 
     def know(self, fitted: Fitted) -> None:
-        pass
+        self.known = fitted
 
     @property
     def face(self) -> FaceParameters:
@@ -203,3 +205,57 @@ def test_no_face_no_identity(film: list[Picture]) -> None:
 def test_an_unknown_part_is_refused() -> None:
     with pytest.raises(ValueError, match=r"without is \['eyes'\]"):
         TrackingFollower(HEAD, ACTIVE, STEP_S, Eyewitness(), frozenset({"eyes"}))
+
+
+class Doubter(Eyewitness):
+    """Takes the caller for somebody with a longer nose, and knows how sure that is."""
+
+    def first(self, frame: Picture) -> Fitted | None:
+        control = CONTROL.copy()
+        points = HEAD.vertices[control_points(HEAD)]
+        nearest = np.linalg.norm(points - HEAD.vertices[HEAD.landmarks["prn"]], axis=1).argmin()
+        control[nearest, 2] = 5.0
+        identity = identity_from_controls(HEAD, np.zeros(len(AAUS)), control)
+        # Log f, AAUs, controls, turn, way, actuators.
+        sure = [1e4] + [4.0] * len(AAUS) + [0.1] * control.size + [1e4] * 3 + [1.0] * 3
+        information = np.diag(np.array([*sure, *[1e4] * len(EAUS)]))
+        return Fitted(CAMERA, identity, control, (self.face,), information)
+
+
+@pytest.mark.parametrize("step", [Refiner, MatrixRefiner])
+def test_a_better_identity_is_found_and_the_face_followed_on_with_it(
+    film: list[Picture], step: type[Refiner]
+) -> None:
+    witness = Doubter()
+    follower = TrackingFollower(
+        HEAD, ACTIVE, 2 * STEP_S, witness, synthesis=Synthesis(refiner=step)
+    )
+    found, adopted = [], None
+    for number, frame in enumerate(film):
+        witness.step = number
+        found.append(follower.update(frame))
+        better = follower.improvement()
+        if better is not None:
+            before, adopted = follower.fitted, number
+            follower.adopt(better)
+            assert follower.fitted is better and witness.known is better
+    assert adopted is not None and adopted < len(film) - 5
+    assert np.abs(follower.fitted.control_mm - before.control_mm).max() > 0.1
+    assert None not in found
+    assert degrees_off(found, adopted + 1) < 1.5
+
+
+def test_nothing_is_improved_where_the_first_frame_is_no_evidence_or_it_is_left_out(
+    film: list[Picture],
+) -> None:
+    for witness, without in (
+        (Eyewitness(), frozenset[str]()),
+        (Doubter(), frozenset({"refinement"})),
+    ):
+        follower = TrackingFollower(HEAD, ACTIVE, 4 * STEP_S, witness, frozenset(without))
+        for number, frame in enumerate(film):
+            witness.step = number
+            follower.update(frame)
+            assert follower.improvement() is None
+        with pytest.raises(ValueError, match="improvement"):
+            follower.adopt(follower.fitted)
