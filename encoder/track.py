@@ -1,7 +1,6 @@
 """Model-based tracking (thesis 5.2): landmarks and KLT -> EKF -> analysis by synthesis -> EKF.
 
-Each of the four can be left out; what remains still follows the face.  So can the refinement of
-the caller's identity, which needs landmarks of the first frame and analysis by synthesis.
+Each of the four can be left out; what remains still follows the face.
 """
 
 from collections.abc import Sequence
@@ -35,7 +34,7 @@ from shared_model.parameters import EAU_INDEX, LID_EAUS, FaceParameters, Pose, c
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-PARTS = ("network", "klt", "ekf", "abs", "refinement")
+PARTS = ("network", "klt", "ekf", "abs")
 
 # Standard deviations of what the parts measure: points in units of the distance between the eyes.
 ABS_SIGMA = 0.012
@@ -84,7 +83,8 @@ class TrackingFollower:
     active: actuators that may move after the first frame.  elapsed_s: from frame to frame.
     sighter: finds the face at the start and when it was lost; also measures every frame unless
     "network" is left out.  without: which of `PARTS` are left out.  synthesis: how the
-    textured model is fitted.
+    textured model is fitted.  refines: whether it improves the caller's identity, which takes
+    landmarks in the first frame and "abs".
     """
 
     def __init__(
@@ -95,12 +95,13 @@ class TrackingFollower:
         sighter: Sighter,
         without: frozenset[str] = frozenset(),
         synthesis: Synthesis = USUAL,
+        refines: bool = False,
     ) -> None:
         if not without <= set(PARTS):
             raise ValueError(f"without is {sorted(without)}, expected some of {', '.join(PARTS)}")
         self._head, self._active = head, list(active)
         self._elapsed_s, self._sighter, self._without = elapsed_s, sighter, without
-        self._synthesis = synthesis
+        self._synthesis, self._refines = synthesis, refines
         self._caller: Caller | None = None
         self._refinement: Refinement | None = None
         self._filter: FaceFilter | None = None
@@ -158,8 +159,8 @@ class TrackingFollower:
         klt = KltTracker(face, grey, camera, start)
         spread = np.linspace(0, len(klt.index) - 1, min(ANCHORS, len(klt.index)))
         self._caller = Caller(fitted, face, textures, klt, klt.index[spread.astype(int)])
-        if fitted.information is not None and self._has("abs") and self._has("refinement"):
-            texture = textures[0]
+        if self._refines and fitted.information is not None and self._has("abs"):
+            texture = textures[-1]
             first = texture.look(grey, start)
             self._refinement = Refinement(self._head, fitted, texture, first, self._active)
         self._restart(self._caller, start)

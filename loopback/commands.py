@@ -67,6 +67,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
             arguments.normalise,
             arguments.abs,
             arguments.lids,
+            arguments.refine,
         ),
         pace=over_link if arguments.pace is None else arguments.pace,
         max_frames=arguments.max_frames,

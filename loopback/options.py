@@ -62,7 +62,7 @@ def add_following(parser: argparse.ArgumentParser) -> None:
         default=frozenset(),
         metavar="PARTS",
         help="thesis profile: leave parts out of the full tracker, to measure: some of"
-        " network,klt,ekf,abs,refinement",
+        " network,klt,ekf,abs",
     )
     parser.add_argument(
         "--normalise",
@@ -77,6 +77,12 @@ def add_following(parser: argparse.ArgumentParser) -> None:
         default="gauss-newton",
         help="how that fit steps: by each picture's gradient, the same with the visible half of a"
         " turned face mirrored, or by the thesis' prediction matrix (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--refine",
+        action="store_true",
+        help="thesis profile: adjust shape and focal length to the first seconds and send them as"
+        " updates of some 320 bytes",
     )
 
 

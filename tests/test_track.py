@@ -214,7 +214,7 @@ class Doubter(Eyewitness):
         control = CONTROL.copy()
         points = HEAD.vertices[control_points(HEAD)]
         nearest = np.linalg.norm(points - HEAD.vertices[HEAD.landmarks["prn"]], axis=1).argmin()
-        control[nearest, 2] = 5.0
+        control[nearest, 2] = 8.0
         identity = identity_from_controls(HEAD, np.zeros(len(AAUS)), control)
         # Log f, AAUs, controls, turn, way, actuators.
         sure = [1e4] + [4.0] * len(AAUS) + [0.1] * control.size + [1e4] * 3 + [1.0] * 3
@@ -228,7 +228,7 @@ def test_a_better_identity_is_found_and_the_face_followed_on_with_it(
 ) -> None:
     witness = Doubter()
     follower = TrackingFollower(
-        HEAD, ACTIVE, 2 * STEP_S, witness, synthesis=Synthesis(refiner=step)
+        HEAD, ACTIVE, 2 * STEP_S, witness, synthesis=Synthesis(refiner=step), refines=True
     )
     found, adopted = [], None
     for number, frame in enumerate(film):
@@ -245,14 +245,15 @@ def test_a_better_identity_is_found_and_the_face_followed_on_with_it(
     assert degrees_off(found, adopted + 1) < 1.5
 
 
-def test_nothing_is_improved_where_the_first_frame_is_no_evidence_or_it_is_left_out(
+def test_nothing_is_improved_unless_it_is_asked_for_and_there_is_evidence(
     film: list[Picture],
 ) -> None:
-    for witness, without in (
-        (Eyewitness(), frozenset[str]()),
-        (Doubter(), frozenset({"refinement"})),
+    for witness, without, asked in (
+        (Eyewitness(), frozenset[str](), True),
+        (Doubter(), frozenset({"abs"}), True),
+        (Doubter(), frozenset[str](), False),
     ):
-        follower = TrackingFollower(HEAD, ACTIVE, 4 * STEP_S, witness, frozenset(without))
+        follower = TrackingFollower(HEAD, ACTIVE, 4 * STEP_S, witness, without, refines=asked)
         for number, frame in enumerate(film):
             witness.step = number
             follower.update(frame)
