@@ -77,8 +77,7 @@ class KltTracker:
     ) -> None:
         grey = in_luma(frame)
         self.index = choose_points(face, grey, camera, start, count)
-        self._points = face.at(self.index)
-        self._visibility = Visibility(face.neutral, face.head.triangles, self.index)
+        self.reshape(face)
         self._last = self._view(grey, camera, start)
 
     def track(self, frame: Frame, camera: Camera, predicted: FaceParameters) -> Tracks:
@@ -94,7 +93,7 @@ class KltTracker:
 
     def reshape(self, face: Face) -> None:
         """The same points are on this head from now on."""
-        self._face = face
+        self._points = face.at(self.index)
         self._visibility = Visibility(face.neutral, face.head.triangles, self.index)
 
     def put_back(self, frame: Frame, camera: Camera, fitted: FaceParameters) -> None:

@@ -139,3 +139,16 @@ def test_the_far_side_of_the_face_is_hidden_when_the_head_turns() -> None:
     assert ahead[2:].all()
     # The subject turns to the left: the camera sees the right cheek, the nose hides the left eye.
     assert list(left[:4]) == [False, True, False, True]
+
+
+def test_points_are_on_another_head_once_the_caller_has_another_shape(
+    start: tuple[np.ndarray, FaceParameters],
+) -> None:
+    picture, face = start
+    tracker = KltTracker(FACE, picture, FAR, face)
+    wider = Face(HEAD, Identity(np.full(len(AAUS), 0.5), np.zeros_like(HEAD.vertices)))
+    tracker.reshape(wider)
+    tracker.put_back(picture, FAR, face)
+    tracks = tracker.track(picture, FAR, face)
+    np.testing.assert_allclose(tracks.points_mm, wider.neutral[tracker.index])
+    assert np.abs(tracks.points_mm - FACE.neutral[tracker.index]).max() > 0.5
