@@ -121,32 +121,33 @@ class Bundle:
         shared = shared_parameters(fitted)
         size = shared + PER_FRAME * len(views)
         normal, gradient = np.zeros((size, size)), np.zeros(size)
-        away = _difference(fitted, self._origin)
-        first = slice(0, len(away))
+        away, first = _difference(fitted, self._origin), slice(0, len(self._prior))
         normal[first, first] = self._prior
         gradient[first] = -self._prior @ away
         cost, left_grey2 = float(away @ self._prior @ away), 0.0
+        share = 1 / (CORRELATED_TEXELS * NOISE_GREY**2)
+        others = len(views) - 1
         for number, view in enumerate(views):
             seen = self._compared(shape, fitted, number, view)
-            share = 1 / (CORRELATED_TEXELS * NOISE_GREY**2)
-            if number:
-                left_grey2 += seen.cost / float(view.shown.sum()) / (len(views) - 1)
-            else:
-                share *= max(len(views) - 1, 1)
+            worth = share if number else max(others, 1) * share
             own = shared + PER_FRAME * number
             place = np.r_[:shared, own : own + 6, own + 6 + self._active]
-            normal[np.ix_(place, place)] += share * seen.normal
-            gradient[place] += share * seen.gradient
-            cost += share * seen.cost
+            normal[np.ix_(place, place)] += worth * seen.normal
+            gradient[place] += worth * seen.gradient
+            cost += worth * seen.cost
             if number:
-                eau = fitted.frames[number].eau
-                precision = np.full(len(eau), 1 / AT_REST_SIGMA**2)
-                precision[self._active] = 1 / EAU_SIGMA**2
-                at = np.arange(own + 6, own + PER_FRAME)
-                normal[at, at] += precision
-                gradient[own + 6 + self._active] -= eau[self._active] / EAU_SIGMA**2
-                cost += float(np.sum(eau[self._active] ** 2)) / EAU_SIGMA**2
+                left_grey2 += seen.cost / float(view.shown.sum()) / others
+                cost += self._expect_rest(fitted.frames[number].eau, normal, gradient, own + 6)
         return _Tried(fitted, cost, left_grey2, normal, gradient)
+
+    def _expect_rest(self, eau: Array, normal: Array, gradient: Array, at: int) -> float:
+        """Add what is known of actuators, those from number `at` on, to the equations; its cost."""
+        every, own = at + np.arange(len(eau)), at + self._active
+        precision = np.full(len(eau), 1 / AT_REST_SIGMA**2)
+        precision[self._active] = 1 / EAU_SIGMA**2
+        normal[every, every] += precision
+        gradient[own] -= eau[self._active] / EAU_SIGMA**2
+        return float(np.sum(eau[self._active] ** 2)) / EAU_SIGMA**2
 
     def _compared(self, shape: ShapeFree, fitted: Fitted, number: int, view: View) -> "_Compared":
         """What one view says of all that is shared, of its pose and of active actuators."""

@@ -83,7 +83,7 @@ class NetworkSighter:
     ) -> None:
         self._head, self._size, self._active = head, size, active
         self._tracker, self._warn = tracker, warn
-        self._model = landmark_model(head)
+        self._generic = self._model = landmark_model(head)
         self._chosen = np.arange(0, len(self._model.index), EVERY)
         self._camera = Camera(*size, TYPICAL_FOCAL * max(size))
         self.point_count = len(self._chosen)
@@ -99,8 +99,7 @@ class NetworkSighter:
 
     def know(self, fitted: Fitted) -> None:
         """See `Sighter`."""
-        generic = landmark_model(self._head)
-        self._model = personalise(generic, fitted.identity.aau, fitted.control_mm)
+        self._model = personalise(self._generic, fitted.identity.aau, fitted.control_mm)
         self._camera = fitted.camera
 
     def sight(

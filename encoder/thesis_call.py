@@ -11,7 +11,9 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.announce import AHEAD
 from encoder.capture import Capture
+from encoder.default_call import send_part
 from encoder.follow import Follower, blend
 from encoder.identity import Fitted
 from encoder.model import Budget, build_model, call_parameters, reference_of, shape_packet
@@ -23,16 +25,12 @@ from protocol.messages import (
     ControlPacket,
     FramePacket,
     ModelPacket,
-    serialise,
 )
 from protocol.quantise import THESIS_RATE_HZ, encode_thesis
 from shared_model.mesh import generic_head
 from shared_model.parameters import FaceParameters
 
 Picture = NDArray[np.uint8]
-
-# Samples by which an update is announced ahead, lest it arrive after them.
-AHEAD = 4
 
 
 class ThesisSender:
@@ -47,7 +45,7 @@ class ThesisSender:
         self._number = self._first = 0
         self._coming: tuple[int, ModelPacket] | None = None
         self._before: FaceParameters | None = None
-        self._send_model(model)
+        send_part(model, sink, tally)
 
     @property
     def model(self) -> ModelPacket:
@@ -69,12 +67,8 @@ class ThesisSender:
             layers=layer + 1,
         )
         self._coming = number, update
-        self._send_model(update)
+        send_part(update, self._sink, self._tally)
         return start
-
-    def _send_model(self, model: ModelPacket) -> None:
-        self._tally.model_bytes += len(serialise(model)) - 1
-        self._tally.send(self._sink, model)
 
     def _enter(self) -> None:
         """Take up an update whose first sample is due."""
@@ -165,7 +159,8 @@ class ThesisCall:
         self._sender.send_face(index, face)
         better = self._follower.improvement()
         if better is not None:
-            shape = self._shape(better, self._sender.model)
+            call = replace(self._sender.model.call, focal_px=better.camera.focal_px)
+            shape = shape_packet(better, better.frames[0], call)
             self._better = self._sender.announce(shape), better
 
     def end(self, frames: int) -> None:
@@ -187,11 +182,6 @@ class ThesisCall:
             self._lost = True
         elif index / self._capture.fps >= self._look_for_face_s:
             self._tally.warn(f"no face in the first {self._look_for_face_s:g} s; still looking")
-
-    def _shape(self, fitted: Fitted, before: ModelPacket) -> ModelPacket:
-        """A model packet that changes the shape and the lens of the one before, nothing else."""
-        call = replace(before.call, focal_px=fitted.camera.focal_px)
-        return shape_packet(fitted, fitted.frames[0], call)
 
     def _model(self, index: int, frame: Picture, face: FaceParameters) -> ModelPacket:
         fitted = self._follower.fitted

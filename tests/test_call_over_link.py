@@ -35,6 +35,16 @@ def wait_for_pictures(video: Path, decoder: subprocess.Popen[str]) -> None:
     wait_until(lambda: part.exists() and part.stat().st_size > 100_000, decoder)
 
 
+def going_on(
+    start: Start, clip: Path, endpoint: str, video: Path
+) -> tuple[subprocess.Popen[str], subprocess.Popen[str]]:
+    """Decoder and encoder of a call of which some pictures are written."""
+    decoder = start("decode", "--listen", endpoint, "-o", video, "-q")
+    encoder = start("encode", clip, "--connect", endpoint, *THESIS, "-q")
+    wait_for_pictures(video, decoder)
+    return decoder, encoder
+
+
 def count_pictures(video: Path) -> int:
     with open_source(str(video)) as capture:
         return sum(1 for _ in capture)
@@ -90,9 +100,7 @@ def test_who_waits_says_for_whom_and_where_and_is_interrupted_at_once(
 def test_a_stopped_decoder_leaves_a_video_that_plays(
     start: Start, carphone: Path, endpoint: str, video: Path
 ) -> None:
-    decoder = start("decode", "--listen", endpoint, "-o", video, "-q")
-    encoder = start("encode", carphone, "--connect", endpoint, *THESIS, "-q")
-    wait_for_pictures(video, decoder)
+    decoder, encoder = going_on(start, carphone, endpoint, video)
     decoder.send_signal(signal.SIGINT)
     code, stderr = finish(decoder)
     assert code == 130 and "Traceback" not in stderr
@@ -104,9 +112,7 @@ def test_a_stopped_decoder_leaves_a_video_that_plays(
 def test_a_decoder_whose_encoder_is_killed_keeps_what_came_and_fails(
     start: Start, carphone: Path, endpoint: str, video: Path
 ) -> None:
-    decoder = start("decode", "--listen", endpoint, "-o", video, "-q")
-    encoder = start("encode", carphone, "--connect", endpoint, *THESIS, "-q")
-    wait_for_pictures(video, decoder)
+    decoder, encoder = going_on(start, carphone, endpoint, video)
     encoder.kill()
     code, stderr = finish(decoder)
     assert code == 4

@@ -8,8 +8,9 @@ import pytest
 from packets import MODEL
 
 from decoder.playout import PlayedFrame, Playout
+from encoder.announce import AHEAD
 from encoder.tally import Tally
-from encoder.thesis_call import AHEAD, ThesisSender
+from encoder.thesis_call import ThesisSender
 from protocol.kept import Kept
 from protocol.messages import ControlKind, ModelPacket, parse_packet
 from protocol.recording import CallReader, CallWriter
