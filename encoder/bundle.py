@@ -30,7 +30,7 @@ from shared_model.animate import Face
 from shared_model.anthropometry import residual_basis
 from shared_model.appearance import Atlas
 from shared_model.mesh import Head
-from shared_model.parameters import BROW_EAUS, EAUS
+from shared_model.parameters import EAUS
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -40,7 +40,7 @@ Single = NDArray[np.float32]
 NOISE_GREY, ROBUST_GREY = 8.0, 20.0
 # What the first frame's landmarks are worth: they err together, and more than they scatter.
 LANDMARKS_SHARE = 0.2
-# The expression of the first frame stays, but for brows, of which one frame says least.
+# The expression of the first frame stays, or faults of the shape would pass for it.
 HELD_SIGMA = 0.01
 # The lens is known from the first frame to so much of its logarithm: what faces do in front of it
 # would pass for its perspective.
@@ -209,10 +209,8 @@ def _held(information: Array) -> Array:
     """What the first frame's landmarks are believed: less, with expression and lens held."""
     prior = LANDMARKS_SHARE * information
     prior[0, 0] += 1 / LOG_FOCAL_SIGMA**2
-    for index, actuator in enumerate(EAUS):
-        if actuator.name not in BROW_EAUS:
-            place = len(prior) - len(EAUS) + index
-            prior[place, place] += 1 / HELD_SIGMA**2
+    expression = np.arange(len(prior) - len(EAUS), len(prior))
+    prior[expression, expression] += 1 / HELD_SIGMA**2
     return prior
 
 

@@ -85,7 +85,7 @@ class KltTracker:
         points = self._points.animate(predicted.eau)
         expected = pixel_from_head(camera, predicted.pose, points)
         visible = self._visibility.seen(predicted.pose) & self._last.seen
-        eyes_px = _eye_distance_px(camera, predicted.pose)
+        eyes_px = eye_distance_px(camera, predicted.pose)
         pixels, ok = _follow(self._last, in_luma(frame), expected, visible, eyes_px)
         variance = np.where(ok, max(_SIGMA * eyes_px, 0.1) ** 2, np.inf)
         share = float(ok.sum() / max(visible.sum(), 1))
@@ -114,7 +114,7 @@ def choose_points(
     pixels = pixel_from_head(camera, start.pose, face.animate(start.eau)[candidates])
     inside = _inside(pixels, grey.shape)
     candidates, pixels = candidates[inside], pixels[inside]
-    eyes_px = _eye_distance_px(camera, start.pose)
+    eyes_px = eye_distance_px(camera, start.pose)
     moved = np.maximum(
         *(np.linalg.norm(f, axis=2).max(axis=0) for f in (head.eau_up, head.eau_down))
     )
@@ -218,5 +218,6 @@ def _inside(pixels: Array, shape: tuple[int, ...]) -> Mask:
     return np.asarray(((pixels >= 0) & (pixels <= np.array(shape[1::-1]) - 1)).all(axis=1))
 
 
-def _eye_distance_px(camera: Camera, pose: Pose) -> float:
+def eye_distance_px(camera: Camera, pose: Pose) -> float:
+    """How far apart the eyes of a usual head are that is seen from before, pixels."""
     return float(camera.focal_px * EYE_DISTANCE_MM / pose.translation_mm[2])

@@ -29,6 +29,8 @@ DUE_S = (2.0, 8.0)
 TAKES_S = 0.5
 MOST_VIEWS = 12
 CHECKS_EVERY = 3
+# Pictures of faces whose eyes are nearer to each other show too little of shape.
+LEAST_EYES_PX = 25.0
 # By so much less of the checking views an identity must leave to be worth an update.
 LEAST_GAIN = 0.03
 # Views that differ by one of these are equally far apart, root mean square.

@@ -13,7 +13,7 @@ from encoder.align import pose_from_points
 from encoder.crop import in_luma
 from encoder.ekf import Doubt, Estimate, FaceFilter, Motion
 from encoder.identity import Fitted
-from encoder.klt import EYE_DISTANCE_MM, KltTracker, Tracks
+from encoder.klt import KltTracker, Tracks, eye_distance_px
 from encoder.lost import FOUND_CORRELATION, LEAST_CORRELATION, is_bad, is_plausible
 from encoder.own_texture import (
     GOOD_CORRELATION,
@@ -24,7 +24,7 @@ from encoder.own_texture import (
     Synthesis,
 )
 from encoder.refine import LEAST_NOISE_GREY, NOISE_GREY, View
-from encoder.refinement import Refinement
+from encoder.refinement import LEAST_EYES_PX, Refinement
 from encoder.sighting import Sight, Sighter
 from shared_model.animate import Face
 from shared_model.geometry import matrix_from_quaternion, pixel_from_head
@@ -159,7 +159,9 @@ class TrackingFollower:
         klt = KltTracker(face, grey, camera, start)
         spread = np.linspace(0, len(klt.index) - 1, min(ANCHORS, len(klt.index)))
         self._caller = Caller(fitted, face, textures, klt, klt.index[spread.astype(int)])
-        if self._refines and fitted.information is not None and self._has("abs"):
+        large_enough = eye_distance_px(camera, start.pose) > LEAST_EYES_PX
+        knows = fitted.information is not None and large_enough
+        if self._refines and knows and self._has("abs"):
             texture = textures[-1]
             first = texture.look(grey, start)
             self._refinement = Refinement(self._head, fitted, texture, first, self._active)
@@ -318,7 +320,7 @@ class TrackingFollower:
         if fit is not None:
             refined = fit.face
             camera = caller.fitted.camera
-            eyes_px = camera.focal_px * EYE_DISTANCE_MM / refined.pose.translation_mm[2]
+            eyes_px = eye_distance_px(camera, refined.pose)
             points[n + m :] = caller.face.animate(refined.eau)[caller.anchors]
             pixels[n + m :] = pixel_from_head(camera, refined.pose, points[n + m :])
             variance[n + m :] = (ABS_SIGMA * eyes_px) ** 2

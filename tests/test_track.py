@@ -9,6 +9,7 @@ import pytest
 
 from decoder.render import Renderer
 from encoder.identity import Fitted
+from encoder.klt import eye_distance_px
 from encoder.own_texture import USUAL, Synthesis
 from encoder.prediction import MatrixRefiner
 from encoder.refine import Refiner
@@ -260,3 +261,16 @@ def test_nothing_is_improved_unless_it_is_asked_for_and_there_is_evidence(
             assert follower.improvement() is None
         with pytest.raises(ValueError, match="improvement"):
             follower.adopt(follower.fitted)
+
+
+def test_the_identity_of_a_small_face_stays_as_it_is(
+    film: list[Picture], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    smaller = eye_distance_px(CAMERA, Doubter().face.pose) + 1
+    monkeypatch.setattr("encoder.track.LEAST_EYES_PX", smaller)
+    witness = Doubter()
+    follower = TrackingFollower(HEAD, ACTIVE, 4 * STEP_S, witness, refines=True)
+    for number, frame in enumerate(film):
+        witness.step = number
+        follower.update(frame)
+        assert follower.improvement() is None
