@@ -83,7 +83,8 @@ class FollowOptions:
     normalise: what the full tracker fits of a picture, one of `photometric.NORMALISATIONS`.
     step: how its fit of the texture goes about it, one of `STEPS`.
     lids: see the lids by a network of their own, and send them.
-    refine: improve the full tracker's identity of the caller while they are followed.
+    refine: improve the full tracker's identity of the caller while they are followed; nothing else
+        has one to improve.
     """
 
     detector: str = "network"
@@ -92,7 +93,7 @@ class FollowOptions:
     normalise: str = "none"
     step: str = "gauss-newton"
     lids: bool = False
-    refine: bool = False
+    refine: bool = True
 
 
 def open_follower(
@@ -125,8 +126,6 @@ def open_follower(
         return TrackingFollower(
             head, active, elapsed_s, sighter, options.without, synthesis, options.refine
         )
-    if options.refine:
-        raise UserError("an identity is refined by the full tracker; leave out --tracker single")
     if landmarks is None:
         return HaarFollower(head, size, HaarDetector(), warn)
     return NetworkFollower(head, size, active, landmarks, warn)

@@ -38,7 +38,7 @@ MOST_LOOKS = round(WINDOW_S * LOOKS_PER_S)
 BYTES_PER_S = 1200.0
 # A mode must explain this share of what is left over; one that is expected to explain less than
 # this part of that is not coded to find out.
-LEAST_GAIN, HOPELESS = 0.02, 0.5
+LEAST_GAIN, HOPELESS = 0.04, 0.5
 # The quantiser's step for a mode as strong as frames show it, in steps of `pictures.step_size`.
 FIRST_STEP = 28
 # A mode of more bytes is coded by so many steps more coarsely, and the next one a turn finer than

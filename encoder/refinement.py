@@ -24,9 +24,10 @@ from shared_model.parameters import FaceParameters, refocused
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-# Seconds of face after which the identity is adjusted, and how long that may take.
+# Seconds of face after which the identity is adjusted, and how long that may take: twice what it
+# does beside a call on two cores.
 DUE_S = (2.0, 8.0)
-TAKES_S = 0.5
+TAKES_S = 2.5
 MOST_VIEWS = 12
 CHECKS_EVERY = 3
 # Pictures of faces whose eyes are nearer to each other show too little of shape.
@@ -39,7 +40,7 @@ LEAST_APART = 0.15
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class KeptView:
     """A view that was kept, the face in it, and where that is among others, see `place_of`."""
 
     view: View
@@ -51,10 +52,10 @@ class Album:
     """At most `MOST_VIEWS` views, the most different of those that were offered."""
 
     def __init__(self) -> None:
-        self._kept: list[Kept] = []
+        self._kept: list[KeptView] = []
 
     @property
-    def kept(self) -> tuple[Kept, ...]:
+    def kept(self) -> tuple[KeptView, ...]:
         """The views, oldest first."""
         return tuple(self._kept)
 
@@ -65,7 +66,7 @@ class Album:
             return bool(nearest > LEAST_APART)
         return bool(nearest > self._closest()[0])
 
-    def add(self, view: Kept) -> None:
+    def add(self, view: KeptView) -> None:
         """Keep a view that is wanted, instead of one of the two that differ least."""
         if len(self._kept) == MOST_VIEWS:
             del self._kept[self._closest()[1]]
@@ -115,7 +116,7 @@ class Refinement:
             return
         place = place_of(face, self._active)
         if self._album.wants(place):
-            self._album.add(Kept(self._texture.look(grey, face), face, place))
+            self._album.add(KeptView(self._texture.look(grey, face), face, place))
         if self._due and self._seconds >= self._due[0]:
             del self._due[0]
             self._coming = self._beside.submit(
@@ -140,14 +141,16 @@ class Refinement:
         self._current, self._adopted = fitted, True
 
 
-def improved(bundle: Bundle, current: Fitted, first: View, kept: Sequence[Kept]) -> Fitted | None:
+def improved(
+    bundle: Bundle, current: Fitted, first: View, kept: Sequence[KeptView]
+) -> Fitted | None:
     """The identity that explains views better than `current`, those that check it as well."""
     checks = kept[CHECKS_EVERY - 1 :: CHECKS_EVERY]
     taught = [view for number, view in enumerate(kept, 1) if number % CHECKS_EVERY]
     if not checks:
         return None
 
-    def together(fitted: Fitted, views: Sequence[Kept]) -> tuple[Fitted, list[View]]:
+    def together(fitted: Fitted, views: Sequence[KeptView]) -> tuple[Fitted, list[View]]:
         ratio = fitted.camera.focal_px / current.camera.focal_px
         faces = (refocused(kept.face, ratio) for kept in views)
         frames = (fitted.frames[0], *faces)

@@ -62,6 +62,7 @@ class BenchSettings:
     live: bool = False
     startup_bitrate: float | None = None
     lids: bool = False
+    refine: bool = True
 
     def encoder_options(self) -> list[str]:
         """The settings as options of the encoder's command line."""
@@ -70,6 +71,7 @@ class BenchSettings:
         options += ["--pace" if self.pace else "--no-pace"]
         options += ["--live"] if self.live else []
         options += ["--lids"] if self.lids else []
+        options += [] if self.refine else ["--no-refine"]
         options += [] if self.fps is None else ["--fps", str(self.fps)]
         if self.startup_bitrate is not None:
             options += ["--startup-bitrate", str(self.startup_bitrate)]

@@ -30,6 +30,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
         fps=arguments.fps,
         detector=arguments.detector,
         lids=arguments.lids,
+        refine=arguments.refine,
         max_frames=arguments.max_frames,
         pace=arguments.pace,
         model_bytes=arguments.model_bytes,

@@ -37,6 +37,13 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
         " bits a second instead of 800",
     )
     parser.add_argument(
+        "--refine",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="thesis profile: adjust shape and focal length of all but small faces to the first"
+        " seconds and send them as updates of some 320 bytes (default: yes)",
+    )
+    parser.add_argument(
         "--detector",
         choices=("network", "haar"),
         default="network",
@@ -77,12 +84,6 @@ def add_following(parser: argparse.ArgumentParser) -> None:
         default="gauss-newton",
         help="how that fit steps: by each picture's gradient, the same with the visible half of a"
         " turned face mirrored, or by the thesis' prediction matrix (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--refine",
-        action="store_true",
-        help="thesis profile: adjust shape and focal length to the first seconds and send them as"
-        " updates of some 320 bytes",
     )
 
 

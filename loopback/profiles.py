@@ -13,7 +13,7 @@ THESIS_OPTIONS: Mapping[str, object] = {
     "without": frozenset(),
     "normalise": "none",
     "abs": "gauss-newton",
-    "refine": False,
+    "refine": True,
 }
 DEFAULT_OPTIONS: Mapping[str, object] = {
     "bitrate": 800.0,

@@ -48,7 +48,7 @@ CONFIGURATIONS: Mapping[str, FollowOptions] = {
     "without EKF": FollowOptions(tracker="full", without=frozenset({"ekf"})),
     "without ABS": FollowOptions(tracker="full", without=frozenset({"abs"})),
     "without KLT": FollowOptions(tracker="full", without=frozenset({"klt"})),
-    "refined identity": FollowOptions(refine=True),
+    "identity of the first frame": FollowOptions(refine=False),
     "without network after frame 1": FollowOptions(tracker="full", without=frozenset({"network"})),
     "no network at all (Viola-Jones)": FollowOptions("haar", "full"),
     "retinex": FollowOptions(normalise="retinex"),

@@ -686,7 +686,7 @@ def test_what_is_of_the_default_profile_is_refused_without_it(
 
 
 @pytest.mark.parametrize(
-    "option", ["--detector haar", "--tracker single", "--abs matrix", "--lids"]
+    "option", ["--detector haar", "--tracker single", "--abs matrix", "--lids", "--no-refine"]
 )
 def test_what_is_of_the_thesis_profile_is_refused_in_the_other(
     option: str, capsys: pytest.CaptureFixture[str]
@@ -765,6 +765,7 @@ def test_the_choices_of_an_option_are_those_that_the_encoder_has(
         ("--live",),
         ("--startup-bitrate", "9000"),
         ("--lids",),
+        ("--no-refine",),
         ("--bitrate", "300"),
         ("--model-bytes", "9000"),
         ("--detector", "haar"),
@@ -792,4 +793,5 @@ def test_a_bench_hands_all_its_settings_to_the_encoder() -> None:
     assert "--live" in options
     assert options[options.index("--startup-bitrate") + 1] == "9000.0"
     assert options[options.index("--fps") + 1] == "10.0"
-    assert "--lids" in BenchSettings(profile="thesis", lids=True).encoder_options()
+    options = BenchSettings(profile="thesis", lids=True, refine=False).encoder_options()
+    assert {"--lids", "--no-refine"} <= set(options)

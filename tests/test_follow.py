@@ -57,7 +57,6 @@ def test_viola_jones_steps_in_where_the_networks_are_missing(
         (FollowOptions(step="guess"), "step guess is unknown; choose one of gauss-newton"),
         (FollowOptions(normalise="guess"), "normalisation guess is unknown; choose one of none"),
         (FollowOptions(without=frozenset({"guess"})), "part guess is unknown; choose one of net"),
-        (FollowOptions(tracker="single", refine=True), "leave out --tracker single"),
     ],
 )
 def test_an_option_that_cannot_be_is_the_users_mistake(

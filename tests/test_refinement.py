@@ -17,7 +17,7 @@ from encoder.refinement import (
     MOST_VIEWS,
     TAKES_S,
     Album,
-    Kept,
+    KeptView,
     Refinement,
     improved,
     place_of,
@@ -86,8 +86,10 @@ def own_texture(film: list[tuple[Picture, FaceParameters]], caller: Fitted) -> O
     return OwnTexture(HEAD, face, caller.camera, grey, start, 56)
 
 
-def kept_views(film: list[tuple[Picture, FaceParameters]], texture: OwnTexture) -> list[Kept]:
-    return [Kept(texture.look(grey, face), face, place_of(face, ACTIVE)) for grey, face in film[1:]]
+def kept_views(film: list[tuple[Picture, FaceParameters]], texture: OwnTexture) -> list[KeptView]:
+    return [
+        KeptView(texture.look(grey, face), face, place_of(face, ACTIVE)) for grey, face in film[1:]
+    ]
 
 
 def tip_off_mm(fitted: Fitted) -> float:
@@ -117,7 +119,7 @@ def test_who_is_known_already_stays(film: list[tuple[Picture, FaceParameters]]) 
     better = improved(bundle, caller, first, views) or caller
     assert tip_off_mm(better) < 1
     # Nothing is to be gained from the first frame again, nor where no view is left to check it.
-    same = [Kept(first, film[0][1], views[0].place)] * 6
+    same = [KeptView(first, film[0][1], views[0].place)] * 6
     assert improved(bundle, caller, first, same) is None
     assert improved(bundle, caller, first, views[:2]) is None
 
@@ -140,7 +142,7 @@ def test_an_album_keeps_what_differs_most(film: list[tuple[Picture, FaceParamete
     apart = [np.eye(5)[axis] * side for axis in range(5) for side in (-3.0, 3.0)]
     for place in (*crowd, *apart):
         if album.wants(place):
-            album.add(Kept(view, face, place))
+            album.add(KeptView(view, face, place))
     assert len(album.kept) == MOST_VIEWS
     places = [kept.place.tolist() for kept in album.kept]
     assert all(place.tolist() in places for place in apart)

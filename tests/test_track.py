@@ -229,7 +229,7 @@ def test_a_better_identity_is_found_and_the_face_followed_on_with_it(
 ) -> None:
     witness = Doubter()
     follower = TrackingFollower(
-        HEAD, ACTIVE, 2 * STEP_S, witness, synthesis=Synthesis(refiner=step), refines=True
+        HEAD, ACTIVE, 4 * STEP_S, witness, synthesis=Synthesis(refiner=step), refines=True
     )
     found, adopted = [], None
     for number, frame in enumerate(film):
