@@ -2,8 +2,8 @@
 
 Follows SOURCE with the whole tracker and draws the first frame's texture and shape at the face of
 every frame, as the thesis profile would be without its ten samples a second and eight bits.  With
---light each picture is given the gain, offset and slopes of light that suit its source best over
-the face.
+--light each picture is given the low-order light that suits its source best over the face: an
+offset, and a gain that is quadratic in the place; seven numbers a frame, not quantised.
 """
 
 import argparse
@@ -82,18 +82,26 @@ def drawings(
 
 def relit(drawn: Picture, original: Picture, face: Mask) -> Picture:
     """`drawn` under the light of `original`, both (h, w, 3) BGR, where the `face` (h, w) is."""
-    rows, columns = np.nonzero(face)
-    height, width = face.shape
-    places = np.stack([columns / width - 0.5, rows / height - 0.5, np.ones(len(rows))], 1)
+    factors = _light(face)
     have, want = (_luma(picture)[face] for picture in (drawn, original))
-    # More than the gain and offset of all channels alike needs no more than luma to be found.
-    light = np.linalg.lstsq(np.column_stack([have, places]), want - have, rcond=None)[0]
-    down, across = np.mgrid[:height, :width]
-    slope = light[1] * (across / width - 0.5) + light[2] * (down / height - 0.5) + light[3]
-    change = light[0] * drawn + slope[..., None]
-    share = cv2.GaussianBlur(face.astype(np.float64), (0, 0), SOFT * width)[..., None]
+    gains = [factor[face] * have for factor in factors]
+    # Luma tells the light of all channels: lamps that change their colour are rare.
+    light = np.linalg.lstsq(np.stack([*gains, np.ones_like(have)], 1), want - have, rcond=None)[0]
+    gain = np.tensordot(light[:-1], factors, 1)
+    # Beyond the face, where it was not measured, the light fades.
+    share = cv2.GaussianBlur(face.astype(np.float64), (0, 0), SOFT * face.shape[1])
     share[face] = 1.0
-    return np.asarray(np.clip(np.rint(drawn + share * change), 0, 255), np.uint8)
+    change = share[..., None] * (gain[..., None] * drawn + light[-1])
+    return np.asarray(np.clip(np.rint(drawn + change), 0, 255), np.uint8)
+
+
+def _light(face: Mask) -> Array:
+    """(6, h, w) how gains may change over a picture: quadratically, about the face's middle."""
+    rows, columns = np.nonzero(face)
+    down, across = np.mgrid[: face.shape[0], : face.shape[1]]
+    x = (across - columns.mean()) / max(float(np.ptp(columns)), 1.0)
+    y = (down - rows.mean()) / max(float(np.ptp(rows)), 1.0)
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y])
 
 
 def _luma(picture: Picture) -> Array:

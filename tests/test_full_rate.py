@@ -27,8 +27,8 @@ def test_light_is_found_and_stays_on_the_face() -> None:
     random = np.random.default_rng(4)
     drawn = random.integers(60, 180, (40, 60, 3)).astype(np.uint8)
     down, across = np.mgrid[:40, :60]
-    light = 8.0 + 0.2 * across - 0.3 * down
-    original = np.rint(1.1 * drawn + light[..., None]).astype(np.uint8)
+    gain = 1.05 + 0.004 * across - 0.003 * down
+    original = np.rint(gain[..., None] * drawn + 9).astype(np.uint8)
     face = np.zeros((40, 60), bool)
     face[5:25, 5:25] = True
     found = relit(drawn, original, face)
