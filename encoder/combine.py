@@ -29,7 +29,7 @@ from protocol.components import (
 )
 from protocol.predict import ANCHOR, KINDS, MAX_SPREAD, UNIT, coding_order, interpolate
 from protocol.quantise import pose_from_motion
-from shared_model.parameters import EAUS, LID_EAUS, FaceParameters, Pose, clip_eau
+from shared_model.parameters import EAU_INDEX, EAUS, LID_EAUS, FaceParameters, Pose, clip_eau
 
 Array = NDArray[np.float64]
 
@@ -43,9 +43,10 @@ LEAST_SPREAD = 0.2
 # Steps of a basis row to the usual size of its component, and the least that a row has.
 BASIS_STEPS, LEAST_REACH = 9.0, 22.0
 # An actuator's error is seen by people even where it costs little PSNR: harm per unit, grey^2.  A
-# blink is over after two or three frames, and small.
-EAU_HARM, LID_HARM = 4.0, 40.0
-_HARM = np.array([LID_HARM if eau.name in LID_EAUS else EAU_HARM for eau in EAUS])
+# blink is over after two or three frames, and small.  That of lids is (2, 2), left and right.
+EAU_HARM, LID_HARM = 4.0, 40.0 * np.eye(len(LID_EAUS))
+_LIDS = [6 + EAU_INDEX[name] for name in LID_EAUS]
+_OTHERS = [6 + index for index, eau in enumerate(EAUS) if eau.name not in LID_EAUS]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,12 +62,16 @@ class Sensitivity:
     slope: Array
     geometry: Array
 
-    def harm(self, modes: NDArray[np.float32]) -> Array:
-        """(d, d) mean squared grey error per squared unit of y; modes (m, k), luma."""
+    def harm(self, modes: NDArray[np.float32], lid_harm: Array = LID_HARM) -> Array:
+        """(d, d) mean squared grey error per squared unit of y; modes (m, k), luma.
+
+        lid_harm: (2, 2) what errors of the lids do beside, to people.
+        """
         cross = -self.slope.T @ modes.T
         among = (modes * self.weight) @ modes.T
         harm = np.block([[self.geometry, cross], [cross.T, among]])
-        harm[np.arange(6, GEOMETRY), np.arange(6, GEOMETRY)] += _HARM
+        harm[_OTHERS, _OTHERS] += EAU_HARM
+        harm[np.ix_(_LIDS, _LIDS)] += lid_harm
         harm[np.diag_indices(len(harm))] *= 1 + 1e-5
         return np.asarray(harm, np.float64)
 

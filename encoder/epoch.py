@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.blinks import between_lids, fit_with_lids
 from encoder.cadence import Cadence
 from encoder.caller import Caller, Learned, learn_caller
 from encoder.capture import Capture
@@ -14,7 +15,6 @@ from encoder.crop import crop_face
 from encoder.drawing import Drawing, drawing_of
 from encoder.fit import (
     LandmarkModel,
-    fit_frame,
     landmark_model,
     outline_of,
     personalise,
@@ -22,6 +22,7 @@ from encoder.fit import (
 )
 from encoder.foretell import CompiledSeries
 from encoder.grow import Grown, Look
+from encoder.identity import Fitted
 from encoder.imagine import MEASURING_UNITS, imagined
 from encoder.model import BUDGETS, Budget, call_parameters
 from encoder.silhouette import Still
@@ -50,6 +51,10 @@ Picture = NDArray[np.uint8]
 SPARE_MODES = MAX_MODES - BUDGETS["live"].most_modes
 # Pixels that a frame is fitted by: twice as many gained nothing on two live clips.
 DRAWN_PIXELS = 3000
+# Harm of the lids' errors, see `Sensitivity.harm`, more than in a recorded call: until closed lids
+# are learned a blink is in the actuators alone, and the coarse steps of a live call's beginning
+# would lose it.  It counts less how far the lids differ: people shut both.
+LID_HARM = 500.0 * np.array([[1.0, 0.8], [0.8, 1.0]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +107,8 @@ class Epoch:
         """
         camera = self.model.call.camera
         start = near or start_parameters(self.landmarks, camera, look.points)
-        start = fit_frame(self.landmarks, camera, look.points, start)
-        return self.learned.caller.tracker.refine(look.crop, start, 3)
+        seen = fit_with_lids(self.landmarks, camera, look.points, start)
+        return between_lids(seen, self.learned.caller.tracker.refine(look.crop, seen, 3))
 
     def grown(self, mode: Grown) -> "Epoch":
         """The same with a mode more; teaches it the caller's tracker.
@@ -115,7 +120,7 @@ class Epoch:
         return replace(
             self,
             components=with_spare(self.components, 1),
-            harm=self.sensitivity.harm(tracker.template.modes),
+            harm=self.sensitivity.harm(tracker.template.modes, LID_HARM),
             drawing=self.drawing.taught(mode.luma),
         )
 
@@ -150,7 +155,7 @@ class Learner:
         caller = learned.caller
         pose = caller.reference.pose
         sensitivity = sensitivity_of(learned)
-        harm = sensitivity.harm(caller.tracker.template.modes)
+        harm = sensitivity.harm(caller.tracker.template.modes, LID_HARM)
         vectors = np.array([vector_from_face(face, pose) for face in learned.faces])
         cadence, modes = self._cadence, caller.appearance.modes
         motion = imagined(vectors, cadence.frame_step)
@@ -168,9 +173,7 @@ class Learner:
         packet = default_model(caller, components, call, background)
         roomy = serialise_components(with_spare(components, SPARE_MODES))
         model = replace(packet, layer=layer, layers=layer + 1, extension=roomy, growing=True)
-        landmarks = personalise(
-            landmark_model(self._head), caller.fitted.identity.aau, caller.fitted.control_mm
-        )
+        landmarks = self._landmarks(caller.fitted)
         drawing = _drawing(caller)
         return Epoch(model, learned, landmarks, components, sensitivity, harm, drawing)
 
@@ -205,6 +208,12 @@ class Learner:
     ) -> Learned:
         size = (self._capture.width, self._capture.height)
         fitted, faces = follow_all(self._head, size, points)
+        # Lids as frames will have them.
+        landmarks = self._landmarks(fitted)
+        faces = [
+            fit_with_lids(landmarks, fitted.camera, place, face)
+            for place, face in zip(points, faces, strict=True)
+        ]
         call = self._call_parameters(fitted.camera.focal_px)
         frames = list(enumerate(pictures))
         return learn_caller(
@@ -218,6 +227,9 @@ class Learner:
             self._workers,
             live=True,
         )
+
+    def _landmarks(self, fitted: Fitted) -> LandmarkModel:
+        return personalise(landmark_model(self._head), fitted.identity.aau, fitted.control_mm)
 
     def _call_parameters(self, focal_px: float) -> CallParameters:
         packing = self._cadence.frames_per_packet, self._cadence.frame_step

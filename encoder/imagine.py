@@ -4,11 +4,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.components import GEOMETRY
+from shared_model.parameters import EAU_INDEX, LID_EAUS
 
 Array = NDArray[np.float64]
 
 # How far callers move who have not yet moved: degrees, mm, log depth, actuators.
 USUAL_MOTION = np.array([4.0, 4.0, 3.0, 15.0, 15.0, 0.04, *[0.6] * (GEOMETRY - 6)])
+# How alike both lids move: a blink then is one component rather than two.
+LIDS_ALIKE = 0.95
 # Motion is smooth: noise through two low-passes, each of which keeps this much from frame to frame;
 # what measuring adds to it, in units of harm.  Both as eight callers' components are predicted.
 KEPT = 0.86
@@ -25,9 +28,8 @@ def imagined(vectors: Array, frame_step: int = 1) -> Array:
     """
     count, d = vectors.shape
     covariance = np.cov(vectors.T).reshape(d, d) if count > 1 else np.zeros((d, d))
-    usual = np.zeros(d)
-    usual[:GEOMETRY] = USUAL_MOTION**2 / 4
-    root = np.linalg.cholesky(covariance + np.diag(usual + 1e-9))
+    covariance[:GEOMETRY, :GEOMETRY] += usual_covariance()
+    root = np.linalg.cholesky(covariance + 1e-9 * np.eye(d))
     motion = np.random.default_rng(1).normal(size=(FIRST_FRAMES + IMAGINED_FRAMES, d))
     kept = KEPT**frame_step
     for _ in range(2):
@@ -40,3 +42,11 @@ def imagined(vectors: Array, frame_step: int = 1) -> Array:
     # The variance of such a process.
     motion *= np.sqrt((1 - kept**2) ** 3 / (1 + kept**2))
     return np.asarray(vectors.mean(0) + motion @ root.T)
+
+
+def usual_covariance() -> Array:
+    """(GEOMETRY, GEOMETRY) of pose and actuators of callers who have not yet moved."""
+    left, right = (6 + EAU_INDEX[name] for name in LID_EAUS)
+    alike = np.eye(GEOMETRY)
+    alike[left, right] = alike[right, left] = LIDS_ALIKE
+    return np.asarray(alike * np.outer(USUAL_MOTION, USUAL_MOTION) / 4)

@@ -27,8 +27,10 @@ LIDS = (
     (249, 390, 373, 374, 380, 381, 382, 466, 388, 387, 386, 385, 384, 398),
 )
 _ON_CONTOUR = (*range(1, 8), *range(9, 16))
-# The network was trained on crops this many times an eye's width.
-_MARGIN = 2.3
+# The network was trained on crops this many times an eye's width; somewhat wider ones tell open
+# from closed better in hard pictures (small and coarse ones, glasses), but closed margins stay
+# further apart in them.
+TRAINED_CROP, WIDER_CROP = 2.3, 2.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,14 +49,15 @@ class IrisFinder:
     """The iris network on the two eyes of a face whose landmarks are known.
 
     folder: where the .tflite files are.  Raises NetworkFilesMissing where this one is not.
+    crop: how wide it looks, in widths of an eye.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._network = Network(folder / IRIS)
+    def __init__(self, folder: Path, crop: float = TRAINED_CROP) -> None:
+        self._network, self._crop = Network(folder / IRIS), crop
 
     def find(self, frame: Frame, points: Array) -> Eyes:
         """Eyes in `frame` (h, w, 3) uint8 BGR; points: (468, 3) landmarks, pixels."""
-        squares = [_eye_square(points, side) for side in range(2)]
+        squares = [_eye_square(points, side, self._crop) for side in range(2)]
         crops = [cut_out(frame, square, INPUT_PX) for square in squares]
         maps = [square.pixel_from_crop(INPUT_PX) for square in squares]
         # The network knows the eye on the picture's left: show it the other one mirrored.
@@ -75,11 +78,11 @@ class IrisFinder:
         return better
 
 
-def _eye_square(points: Array, side: int) -> Square:
+def _eye_square(points: Array, side: int, crop: float) -> Square:
     outer, inner = points[list(CORNERS[side]), :2]
     along = (inner - outer) * (1 if side == 0 else -1)
     reach = float(np.max(np.abs(along)))
-    return Square((outer + inner) / 2, _MARGIN * reach, float(np.arctan2(along[1], along[0])))
+    return Square((outer + inner) / 2, crop * reach, float(np.arctan2(along[1], along[0])))
 
 
 def _points(raw: NDArray[np.float32], pixel_from_crop: Array) -> Array:

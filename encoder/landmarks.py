@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.detect import FaceDetector
-from encoder.iris import IrisFinder
+from encoder.iris import TRAINED_CROP, IrisFinder
 from encoder.networks import Network, find_face_mesh
 from encoder.square import Square, cut_out, square_from_detection, square_from_landmarks
 
@@ -75,6 +75,7 @@ class LandmarkTracker:
     detector: asked at the start and whenever the face is lost.
     least_score: presence below which the face counts as lost.
     look_at_lids: see them by the iris network, see `IrisFinder.with_lids`; else by the face mesh.
+    eye_crop: how wide that network looks, in widths of an eye.
     """
 
     def __init__(
@@ -83,9 +84,10 @@ class LandmarkTracker:
         detector: FaceDetector,
         least_score: float = 0.5,
         look_at_lids: bool = True,
+        eye_crop: float = TRAINED_CROP,
     ) -> None:
         self._mesh = FaceMesh(folder)
-        self._eyes = IrisFinder(folder) if look_at_lids else None
+        self._eyes = IrisFinder(folder, eye_crop) if look_at_lids else None
         self._detector = detector
         self._least_score = least_score
         self._square: Square | None = None

@@ -26,6 +26,7 @@ from encoder.epoch import Epoch, Learner
 from encoder.fit import outline_of
 from encoder.grow import Look
 from encoder.haste import Haste
+from encoder.iris import WIDER_CROP
 from encoder.landmarks import LandmarkTracker
 from encoder.live_modes import LiveModes
 from encoder.model import Budget
@@ -82,7 +83,7 @@ class LiveCall:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         folder = find_network_folder()
-        self._tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
+        self._tracker = LandmarkTracker(folder, BlazeFaceDetector(folder), eye_crop=WIDER_CROP)
         self._capture, self._sink, self._tally = capture, sink, tally
         self._budget, self._look_for_face_s = budget, look_for_face_s
         self._head = surrounded_head()

@@ -134,8 +134,8 @@ class LivePurse:
             sequence, usual = number % SEQUENCE_MODULUS, spending.frames_per_packet
             return code_packet(predictor, sequence, usual, targets, quality, fresh=number == 0)
 
-        # Half of the credit may go at once.  The first frame comes whole; debts are paid back.
-        limit = max(self._credit / 2, REPAYING * earned) if number else spending.bitrate
+        # All credit may go at once.  The first frame comes whole; debts are paid back.
+        limit = max(self._credit, REPAYING * earned) if number else spending.bitrate
         limit = min(limit, self._purse.money(len(targets)))
         finest = max(0, self._quality - FINER)
         self._quality, packet = _within(attempt, limit, finest, self._quality)

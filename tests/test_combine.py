@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from shots import Shots, whole
 
-from encoder.combine import LEAST_SPREAD, combine, measure_spreads, project, sensitivity
+from encoder.combine import (
+    LEAST_SPREAD,
+    LID_HARM,
+    combine,
+    measure_spreads,
+    project,
+    sensitivity,
+)
 from encoder.refine import Refiner, Template, luma
 from encoder.shape_free import ShapeFree
 from encoder.texture import sample
@@ -12,7 +19,7 @@ from protocol.components import GEOMETRY, face_from_components, vector_from_face
 from protocol.predict import KINDS, MAX_SPREAD, UNIT
 from protocol.quantise import pose_from_motion
 from shared_model.appearance import atlas_of
-from shared_model.parameters import EAU_INDEX, FaceParameters
+from shared_model.parameters import EAU_INDEX, LID_EAUS, FaceParameters
 
 MODES = (b"first", b"second")
 D = GEOMETRY + len(MODES)
@@ -128,3 +135,15 @@ def test_harm_foretells_what_an_error_does_to_the_picture(shots: Shots, refiner:
         assert error @ h @ error == pytest.approx(measured, rel=0.4)
     # A mode of two grey levels a unit, all over the face.
     assert h[-1, -1] == pytest.approx(4, rel=0.01)
+
+
+def test_lids_may_count_for_more_together_than_apart(refiner: Refiner, shots: Shots) -> None:
+    sensed = sensitivity(refiner, [whole(shots.pictures[2])], [shots.faces[2]], shots.faces[0].pose)
+    modes = refiner.template.modes
+    more = sensed.harm(modes, LID_HARM + np.array([[10, 8], [8, 10]])) - sensed.harm(modes)
+    both, wink = np.zeros((2, len(more)))
+    lids = [6 + EAU_INDEX[name] for name in LID_EAUS]
+    both[lids], wink[lids] = (1, 1), (1, -1)
+    assert both @ more @ both == pytest.approx(36, rel=0.01)
+    assert wink @ more @ wink == pytest.approx(4, rel=0.01)
+    assert np.trace(more) == pytest.approx(20, rel=0.01)

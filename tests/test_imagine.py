@@ -4,8 +4,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from encoder.imagine import IMAGINED_FRAMES, KEPT, USUAL_MOTION, imagined
+from encoder.imagine import (
+    IMAGINED_FRAMES,
+    KEPT,
+    LIDS_ALIKE,
+    USUAL_MOTION,
+    imagined,
+    usual_covariance,
+)
 from protocol.components import GEOMETRY
+from shared_model.parameters import EAU_INDEX, LID_EAUS
 
 D = GEOMETRY + 2
 
@@ -17,7 +25,8 @@ def seen(count: int = 60) -> NDArray[np.float64]:
 
 def whitened(vectors: NDArray[np.float64], frame_step: int = 1) -> NDArray[np.float64]:
     """(t, d) imagined motion about its mean, by the covariance that it should have."""
-    covariance = np.cov(vectors.T) + np.diag([*USUAL_MOTION**2 / 4, 0, 0])
+    covariance = np.cov(vectors.T)
+    covariance[:GEOMETRY, :GEOMETRY] += usual_covariance()
     made = imagined(vectors, frame_step)
     assert made.shape == (IMAGINED_FRAMES, D)
     root = np.linalg.cholesky(covariance)
@@ -48,3 +57,10 @@ def test_what_has_not_moved_moves_as_callers_do() -> None:
         spread = (imagined(vectors, 20) - vectors.mean(0)).std(0)
         assert spread[:GEOMETRY] == pytest.approx(USUAL_MOTION / 2, rel=0.2)
         assert (spread[GEOMETRY:] < 1e-3).all()
+
+
+def test_both_lids_close_together() -> None:
+    left, right = (6 + EAU_INDEX[name] for name in LID_EAUS)
+    covariance = np.cov(imagined(np.zeros((1, D)), 20).T).reshape(D, D)
+    alike = covariance[left, right] / np.sqrt(covariance[left, left] * covariance[right, right])
+    assert alike == pytest.approx(LIDS_ALIKE, abs=0.02)

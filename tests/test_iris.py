@@ -8,7 +8,7 @@ from conftest import ClipFrames
 
 from encoder.capture import Frame
 from encoder.detect import BlazeFaceDetector
-from encoder.iris import LIDS, IrisFinder
+from encoder.iris import LIDS, TRAINED_CROP, WIDER_CROP, IrisFinder
 from encoder.landmarks import FaceMesh, LandmarkTracker
 from encoder.square import square_from_landmarks
 
@@ -32,8 +32,9 @@ def test_irises_are_where_the_pupils_are(
     assert np.linalg.norm(centres - pupils, axis=1).max() < 0.05 * eyes, centres
 
 
-def test_lids_close_in_a_blink(networks: Path, clip_frames: ClipFrames) -> None:
-    tracker = LandmarkTracker(networks, BlazeFaceDetector(networks))
+@pytest.mark.parametrize("crop", [TRAINED_CROP, WIDER_CROP])
+def test_lids_close_in_a_blink(crop: float, networks: Path, clip_frames: ClipFrames) -> None:
+    tracker = LandmarkTracker(networks, BlazeFaceDetector(networks), eye_crop=crop)
     # The caller blinks in frame 42.
     opening = [eyes_opening(tracker, frame) for frame in clip_frames("carphone.mp4", 45)]
     assert min(opening) == opening[42] < 0.4 * np.median(opening)

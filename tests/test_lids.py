@@ -1,4 +1,4 @@
-"""The lids of the thesis profile, from a drawn film to what the decoder plays."""
+"""Lids, from a drawn film to what the decoder plays."""
 
 from pathlib import Path
 
@@ -43,7 +43,12 @@ def film(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> str:
 
 
 def called(film: str, path: Path, lids: bool) -> list[PlayedFrame]:
-    options = EncodeOptions(film, path, profile="thesis", follow=FollowOptions(lids=lids))
+    return played(
+        EncodeOptions(film, path, profile="thesis", follow=FollowOptions(lids=lids)), path
+    )
+
+
+def played(options: EncodeOptions, path: Path) -> list[PlayedFrame]:
     encode(options, lambda done, total: None, lambda: False)
     playout = Playout()
     with CallReader(path) as reader:
@@ -76,3 +81,11 @@ def test_a_call_with_lids_says_so_and_is_accounted_for(film: str, tmp_path: Path
     assert summary.groups == pytest.approx(
         {"pose": 6 * packets, "expression": 4 * packets, "lids": 2 * packets}
     )
+
+
+def test_a_live_call_shows_the_first_blink_at_its_usual_rate(film: str, tmp_path: Path) -> None:
+    path = tmp_path / "live.rzo"
+    options = EncodeOptions(film, path, profile="default", live=True, bitrate=800.0)
+    lids = [closed(frame) for frame in played(options, path)]
+    assert lids[BLINK] > 0.7
+    assert np.mean(lids[:4]) < 0.2 and np.mean(lids[-4:]) < 0.2
