@@ -33,6 +33,8 @@ COARSE_TEXELS_PER_PX = 3.0
 ATLAS_MM = 200.0
 
 INSIDE_MOUTH = ("teeth_upper", "teeth_lower", "tongue", "mouth")
+# The front teeth reach so far back; behind them light fades to 1 / e within so much more.
+FRONT_TEETH_MM, TEETH_FADE_MM = 12.0, 8.0
 # BGR of the untextured head's parts, in the order of `PARTS`.
 PART_COLOURS = {
     "skin": (150, 180, 225),
@@ -238,17 +240,19 @@ class Renderer:
     def _head_array(self) -> moderngl.VertexArray:
         context, head = self._context, self.head
         inside = np.isin(head.parts, [PARTS.index(part) for part in INSIDE_MOUTH])
-        attributes = np.column_stack([head.texture_coordinates, head.opacity, inside])
+        fading = fading_teeth(head)
+        attributes = np.column_stack([head.texture_coordinates, head.opacity, inside, fading])
         return context.vertex_array(
             _program(context, "head"),
             [
                 (self._positions, "3f", "position_mm"),
                 (
                     context.buffer(_single(attributes)),
-                    "2f 1f 1f",
+                    "2f 1f 1f 1f",
                     "texture_coordinate",
                     "vertex_opacity",
                     "inside_mouth",
+                    "fading",
                 ),
             ],
             context.buffer(np.ascontiguousarray(head.triangles, dtype=np.int32)),
@@ -335,6 +339,14 @@ class Renderer:
         data = bytearray(self.height * self.width * 3)
         self._resolved.read_into(data, components=3, alignment=1)
         return np.frombuffer(data, np.uint8).reshape(self.height, self.width, 3)
+
+
+def fading_teeth(head: Head) -> Array:
+    """(n,) what part of the light on the front teeth comes to each vertex: less to molars."""
+    teeth = np.isin(head.parts, [PARTS.index(part) for part in ("teeth_upper", "teeth_lower")])
+    front_mm = float(head.vertices[teeth, 2].max(initial=-np.inf))
+    behind_mm = np.maximum(front_mm - FRONT_TEETH_MM - head.vertices[:, 2], 0)
+    return np.where(teeth, np.exp(-behind_mm / TEETH_FADE_MM), 1.0)
 
 
 def part_colours(head: Head) -> Picture:

@@ -8,11 +8,12 @@ import pytest
 from heads import synthetic_head
 from numpy.typing import NDArray
 
-from decoder.render import Renderer, part_colours
+from decoder.render import Renderer, fading_teeth, part_colours
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
-from shared_model.mesh import PARTS, Head
+from shared_model.mesh import PARTS, Head, generic_head
 from shared_model.parameters import Pose
+from shared_model.surround import surrounded_head
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -273,3 +274,14 @@ def test_missing_egl_tells_what_to_install(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr("moderngl.create_context", refuse)
     with pytest.raises(UserError, match="install libegl1 libgl1"):
         Renderer(8, 8, synthetic_head(4, 6))
+
+
+def test_molars_are_in_the_dark_and_front_teeth_are_not() -> None:
+    head = generic_head()
+    light, depth_mm = fading_teeth(head), head.vertices[:, 2]
+    teeth = np.isin(head.parts, [PARTS.index(part) for part in ("teeth_upper", "teeth_lower")])
+    assert light[teeth & (depth_mm > depth_mm[teeth].max() - 10)].min() == 1
+    assert light[teeth & (depth_mm < depth_mm[teeth].max() - 40)].max() < 0.1
+    assert (light[~teeth] == 1).all()
+    # The default profile's head has none: a sheet is painted with the inside of the mouth.
+    assert (fading_teeth(surrounded_head()) == 1).all()
