@@ -48,7 +48,7 @@ def main(arguments: Sequence[str]) -> None:
     with ExitStack() as stack:
         capture = stack.enter_context(open_source(options.source))
         size = capture.width, capture.height
-        sink = stack.enter_context(open_sink(options.video, *size, capture.fps))
+        sink = stack.enter_context(open_sink(options.video, *size, capture.fps, capture.matrix))
         area = TrackedFaceArea()
         for original, drawn in drawings(capture, follow, options.frames, stack):
             face = area(original) if options.light else None
