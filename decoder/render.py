@@ -170,14 +170,15 @@ class Renderer:
         pose: Pose,
         vertices: Array,
         grid_px: Array | None = None,
-        mouth_light: float = 1.0,
+        mouth_light: float | None = None,
         rim_px: float = 0.0,
     ) -> Picture:
         """The textured head over the backdrop: (height, width, 3) uint8 BGR.
 
         vertices: (n, 3) float64, mm, head frame, as many as the head has.
         grid_px: where the backdrop's mesh lies now, pixels; None: as it was last.
-        mouth_light: what the inside of the mouth is darkened by, 1 for not at all.
+        mouth_light: what the inside of the mouth is darkened by, the farther back the more; None:
+            its light is painted.
         rim_px: by how much the face's own colours reach beyond its outline, pixels.
         """
         self._check(camera, vertices)
@@ -187,7 +188,8 @@ class Renderer:
             self._begin()
             self._draw_backdrop(grid_px)
             self._write_pose(self._textured, camera, pose, vertices)
-            self._textured.program["mouth_light"] = mouth_light
+            self._textured.program["mouth_light"] = 1.0 if mouth_light is None else mouth_light
+            self._textured.program["painted_light"] = mouth_light is None
             self._use_atlas(camera, pose)
             if rim_px:
                 _write_uniform(

@@ -96,7 +96,7 @@ class Scene:
         with clock.stage("composite"):
             pose = before_camera(frame.face.pose, vertices)
             grid_px = warp(self._backdrop, pose, vertices)
-            light = mouth_light(self._head, vertices) if self._shade_mouth else 1.0
+            light = mouth_light(self._head, vertices) if self._shade_mouth else None
         with clock.stage("render"):
             return self._renderer.draw(self._camera, pose, vertices, grid_px, light, RIM_PX)
 

@@ -13,7 +13,6 @@ from shared_model.errors import UserError
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS, Head, generic_head
 from shared_model.parameters import Pose
-from shared_model.surround import surrounded_head
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -221,9 +220,10 @@ def test_only_the_inside_of_the_mouth_is_darkened() -> None:
     mouth = replace(quads, parts=parts)
     with Renderer(CAMERA.width, CAMERA.height, mouth) as renderer:
         renderer.set_texture(np.full((8, 8, 3), 200, dtype=np.uint8))
-        picture = renderer.draw(CAMERA, AHEAD, mouth.vertices, mouth_light=0.5)
-    assert abs(int(picture[120, 143, 0]) - 200) <= 1
-    assert abs(int(picture[120, 176, 0]) - 100) <= 1
+        for light, expected in ((0.5, 100), (None, 200)):
+            picture = renderer.draw(CAMERA, AHEAD, mouth.vertices, mouth_light=light)
+            assert abs(int(picture[120, 143, 0]) - 200) <= 1
+            assert abs(int(picture[120, 176, 0]) - expected) <= 1
 
 
 def test_the_same_frame_is_drawn_the_same_twice(renderer: Renderer, head: Head) -> None:
@@ -283,6 +283,3 @@ def test_molars_are_in_the_dark_and_front_teeth_are_not() -> None:
     assert light[teeth & (depth_mm > depth_mm[teeth].max() - 10)].min() == 1
     assert light[teeth & (depth_mm < depth_mm[teeth].max() - 40)].max() < 0.1
     assert (light[~teeth] == 1).all()
-    # The default profile draws none: a sheet is painted with the inside of the mouth.
-    sheeted = surrounded_head()
-    assert (fading_teeth(sheeted)[sheeted.triangles] == 1).all()
