@@ -177,8 +177,8 @@ class Renderer:
 
         vertices: (n, 3) float64, mm, head frame, as many as the head has.
         grid_px: where the backdrop's mesh lies now, pixels; None: as it was last.
-        mouth_light: what the inside of the mouth is darkened by, the farther back the more; None:
-            its light is painted.
+        mouth_light: what the inside of the mouth is darkened by, molars more; None: its light is
+            painted.
         rim_px: by how much the face's own colours reach beyond its outline, pixels.
         """
         self._check(camera, vertices)

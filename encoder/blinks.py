@@ -11,18 +11,17 @@ from numpy.typing import NDArray
 
 from encoder.fit import LandmarkModel, fit_frame, turned_points
 from shared_model.geometry import Camera, matrix_from_quaternion, pixel_from_camera
-from shared_model.parameters import EAU_INDEX, EAUS, LID_EAUS, FaceParameters, clip_eau
+from shared_model.parameters import EAU_INDEX, EAU_LOW, EAUS, LIDS, FaceParameters, clip_eau
 from shared_model.sheets import EYES, Sheet
 
 Array = NDArray[np.float64]
 
-LIDS = [EAU_INDEX[name] for name in LID_EAUS]
 GAZE = [EAU_INDEX[name] for name in ("gaze_horizontal", "gaze_vertical")]
 WITHOUT_GAZE = [index for index in range(len(EAUS)) if index not in GAZE]
 # The margins of closed lids, as the iris network sees them, stay this part of the open gap apart.
 CLOSED_GAP = 0.2
 # Where lids are at rest, and as far raised as they can be.
-REST, RAISED = 0.0, -0.5
+REST, RAISED = 0.0, EAU_LOW[LIDS[0]]
 
 
 def fit_with_lids(

@@ -29,7 +29,7 @@ from protocol.components import (
 )
 from protocol.predict import ANCHOR, KINDS, MAX_SPREAD, UNIT, coding_order, interpolate
 from protocol.quantise import pose_from_motion
-from shared_model.parameters import EAU_INDEX, EAUS, LID_EAUS, FaceParameters, Pose, clip_eau
+from shared_model.parameters import EAUS, LIDS, FaceParameters, Pose, clip_eau
 
 Array = NDArray[np.float64]
 
@@ -44,9 +44,9 @@ LEAST_SPREAD = 0.2
 BASIS_STEPS, LEAST_REACH = 9.0, 22.0
 # An actuator's error is seen by people even where it costs little PSNR: harm per unit, grey^2.  A
 # blink is over after two or three frames, and small.  That of lids is (2, 2), left and right.
-EAU_HARM, LID_HARM = 4.0, 40.0 * np.eye(len(LID_EAUS))
-_LIDS = [6 + EAU_INDEX[name] for name in LID_EAUS]
-_OTHERS = [6 + index for index, eau in enumerate(EAUS) if eau.name not in LID_EAUS]
+EAU_HARM, LID_HARM = 4.0, 40.0 * np.eye(len(LIDS))
+_LIDS = [6 + index for index in LIDS]
+_OTHERS = [6 + index for index in range(len(EAUS)) if index not in LIDS]
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.components import GEOMETRY
-from shared_model.parameters import EAU_INDEX, LID_EAUS
+from shared_model.parameters import LIDS
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ def imagined(vectors: Array, frame_step: int = 1) -> Array:
 
 def usual_covariance() -> Array:
     """(GEOMETRY, GEOMETRY) of pose and actuators of callers who have not yet moved."""
-    left, right = (6 + EAU_INDEX[name] for name in LID_EAUS)
+    left, right = (6 + index for index in LIDS)
     alike = np.eye(GEOMETRY)
     alike[left, right] = alike[right, left] = LIDS_ALIKE
     return np.asarray(alike * np.outer(USUAL_MOTION, USUAL_MOTION) / 4)

@@ -29,7 +29,7 @@ from encoder.sighting import Sight, Sighter
 from shared_model.animate import Face
 from shared_model.geometry import matrix_from_quaternion, pixel_from_head
 from shared_model.mesh import Head
-from shared_model.parameters import EAU_INDEX, LID_EAUS, FaceParameters, Pose, clip_eau, refocused
+from shared_model.parameters import EAU_INDEX, LIDS, FaceParameters, Pose, clip_eau, refocused
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -41,7 +41,6 @@ ABS_SIGMA = 0.012
 # Of actuators: the fit's where it leaves as much as is usual, in proportion where it leaves less.
 ABS_EAU_SIGMA = 0.06
 NETWORK_EAU_SIGMA = 0.07
-LIDS = tuple(EAU_INDEX[name] for name in LID_EAUS)
 # The network's errors double at this angle aside of the camera.
 NETWORK_WIDE_DEG = 15.0
 # The fit of the textured model moves the whole face; it tells the filter by so many points.
@@ -160,8 +159,7 @@ class TrackingFollower:
         spread = np.linspace(0, len(klt.index) - 1, min(ANCHORS, len(klt.index)))
         self._caller = Caller(fitted, face, textures, klt, klt.index[spread.astype(int)])
         large_enough = eye_distance_px(camera, start.pose) > LEAST_EYES_PX
-        knows = fitted.information is not None and large_enough
-        if self._refines and knows and self._has("abs"):
+        if self._refines and self._has("abs") and fitted.information is not None and large_enough:
             texture = textures[-1]
             first = texture.look(grey, start)
             self._refinement = Refinement(self._head, fitted, texture, first, self._active)

@@ -9,6 +9,11 @@ from loopback.cli import complain
 from shared_model.errors import UserError
 
 
+def warn(message: str) -> None:
+    """Say what an encoder's part has to say beside its result."""
+    print(message, file=sys.stderr)
+
+
 def run(main: Callable[[Sequence[str]], None]) -> NoReturn:
     """Hand the command line's arguments to `main` and exit; the user's mistake is one line."""
     try:

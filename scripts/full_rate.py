@@ -22,7 +22,7 @@ from encoder.capture import Capture, open_source
 from encoder.follow import FOLLOWED, FollowOptions, open_follower
 from encoder.model import budget_for, build_model, call_parameters
 from loopback.quality import TrackedFaceArea
-from scripts.command import run
+from scripts.command import run, warn
 from scripts.track_synthetic import follow_frame
 from shared_model.errors import UserError
 from shared_model.mesh import generic_head
@@ -49,9 +49,9 @@ def main(arguments: Sequence[str]) -> None:
         capture = stack.enter_context(open_source(options.source))
         size = capture.width, capture.height
         sink = stack.enter_context(open_sink(options.video, *size, capture.fps, capture.matrix))
-        area = TrackedFaceArea()
+        area = TrackedFaceArea() if options.light else None
         for original, drawn in drawings(capture, follow, options.frames, stack):
-            face = area(original) if options.light else None
+            face = area(original) if area else None
             sink.write(drawn if face is None else relit(drawn, original, face))
 
 
@@ -61,7 +61,7 @@ def drawings(
     """Each source frame and the caller drawn as the tracker has them, who may not move before."""
     head, scene, last = generic_head(), None, None
     size, elapsed_s = (capture.width, capture.height), float(1 / capture.fps)
-    follower = open_follower(options, head, size, FOLLOWED, elapsed_s, print)
+    follower = open_follower(options, head, size, FOLLOWED, elapsed_s, warn)
     for index, frame in capture:
         if index == frames:
             return

@@ -8,7 +8,6 @@ hardly counts.
 
 import argparse
 import functools
-import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -26,7 +25,7 @@ from encoder.follow import FOLLOWED, FollowOptions, open_follower
 from encoder.klt import KltTracker
 from encoder.own_texture import OwnTexture
 from encoder.sighting import NetworkSighter
-from scripts.command import run
+from scripts.command import run, warn
 from scripts.track_synthetic import CONFIGURATIONS, follow_frame
 from shared_model.geometry import euler_deg
 from shared_model.mesh import generic_head
@@ -66,7 +65,7 @@ def row(source: str, follow: FollowOptions, count: int) -> str:
     spent, angles = [], []
     with open_source(source) as capture:
         size, elapsed_s = (capture.width, capture.height), float(1 / capture.fps)
-        follower = open_follower(follow, generic_head(), size, FOLLOWED, elapsed_s, _warn)
+        follower = open_follower(follow, generic_head(), size, FOLLOWED, elapsed_s, warn)
         for _, frame in islice(capture, count):
             start = time.process_time()
             face = follow_frame(follower, frame)
@@ -102,10 +101,6 @@ def _timed(
             spent[name].append(1000 * (time.process_time() - start))
 
     return timed
-
-
-def _warn(message: str) -> None:
-    print(message, file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ the undisturbed ones during the disturbance and after it, and how many frames we
 """
 
 import argparse
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from itertools import islice
 
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from encoder.capture import open_source
 from encoder.follow import FOLLOWED, FollowOptions, open_follower
 from encoder.photometric import NORMALISATIONS
-from scripts.command import run
+from scripts.command import run, warn
 from scripts.track_synthetic import follow_frame
 from shared_model.geometry import Camera, euler_deg, pixel_from_head
 from shared_model.mesh import generic_head
@@ -57,7 +56,7 @@ class Stage:
     def follow(self, frames: Sequence[Picture]) -> tuple[list[FaceParameters | None], Camera]:
         """Faces of the frames, and the camera."""
         head = generic_head()
-        follower = open_follower(self._options, head, self.size, FOLLOWED, self.elapsed_s, _warn)
+        follower = open_follower(self._options, head, self.size, FOLLOWED, self.elapsed_s, warn)
         faces = [follow_frame(follower, frame) for frame in frames]
         return faces, follower.fitted.camera
 
@@ -135,10 +134,6 @@ def _off(face: FaceParameters, like: FaceParameters) -> tuple[float, float]:
     at = [EAU_INDEX[name] for name in THESIS_EAUS]
     difference = face.eau[at] - like.eau[at]
     return float(np.sqrt(np.mean(angles**2))), float(np.sqrt(np.mean(difference**2)))
-
-
-def _warn(message: str) -> None:
-    print(message, file=sys.stderr)
 
 
 if __name__ == "__main__":

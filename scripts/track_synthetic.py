@@ -7,7 +7,6 @@ square errors (eq. 5.1) as Markdown.  --out takes the sequences, figures.json an
 
 import argparse
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 from encoder.capture import open_source
 from encoder.follow import FOLLOWED, Follower, FollowOptions, open_follower
 from loopback.animate import AnimateOptions, animate
-from scripts.command import run
+from scripts.command import run, warn
 from scripts.line_charts import Chart, draw_charts
 from shared_model.geometry import euler_deg
 from shared_model.mesh import generic_head
@@ -124,7 +123,7 @@ def follow(video: Path, options: FollowOptions) -> Followed:
     """Follow a video from its first frame."""
     with open_source(str(video)) as capture:
         size, elapsed_s = (capture.width, capture.height), float(1 / capture.fps)
-        follower = open_follower(options, generic_head(), size, FOLLOWED, elapsed_s, _warn)
+        follower = open_follower(options, generic_head(), size, FOLLOWED, elapsed_s, warn)
         values = [_values(follow_frame(follower, frame)) for _, frame in capture]
     try:
         focal_px = follower.fitted.camera.focal_px
@@ -202,10 +201,6 @@ def draw_figures(stem: Path, truth: Mapping[str, Any], found: Mapping[str, Follo
     for part, panels in (("pose", charts[:3]), ("expression", charts[3:])):
         picture = draw_charts(panels, time_s, ("true", name))
         cv2.imwrite(str(stem.with_name(f"{stem.name}-{part}.png")), picture)
-
-
-def _warn(message: str) -> None:
-    print(message, file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,14 @@
-"""A small synthetic head: an ellipsoid with eyes, for tests that need a mesh but no anatomy."""
+"""A small synthetic head, for tests that need a mesh but no anatomy; the landmarks of any head."""
 
 import numpy as np
+from numpy.typing import NDArray
 
+from shared_model.animate import Face, Identity
+from shared_model.geometry import Camera, matrix_from_quaternion, pixel_from_head
 from shared_model.mesh import PARTS, Head
-from shared_model.parameters import AAUS, EAU_INDEX, EAUS
+from shared_model.parameters import AAUS, EAU_INDEX, EAUS, FaceParameters
+
+Array = NDArray[np.float64]
 
 RADII_MM = np.array([75.0, 110.0, 95.0])
 
@@ -69,3 +74,25 @@ def synthetic_head(rows: int = 24, columns: int = 32) -> Head:
 
 def _nearest(points: np.ndarray, place: tuple[float, float, float]) -> int:
     return int(np.argmin(np.linalg.norm(points - np.array(place), axis=1)))
+
+
+def seen_points(
+    head: Head,
+    camera: Camera,
+    face: FaceParameters,
+    aau: Array | None = None,
+    noise_px: float = 0.0,
+) -> Array:
+    """(468, 3) what the landmark network would say, its depth relative, in pixels."""
+    identity = Identity(np.zeros(len(AAUS)) if aau is None else aau, np.zeros_like(head.vertices))
+    vertices = Face(head, identity).animate(face.eau)
+    known = head.network_triangles >= 0
+    corners = head.triangles[head.network_triangles[known]]
+    points = np.einsum("mc,mcd->md", head.network_weights[known], vertices[corners])
+    turned = points @ matrix_from_quaternion(face.pose.rotation).T
+    depth = turned[:, 2] * camera.focal_px / face.pose.translation_mm[2]
+    found = np.zeros((468, 3))
+    found[known, :2] = pixel_from_head(camera, face.pose, points)
+    found[known, 2] = depth - depth.mean()
+    noise = np.random.default_rng(4).normal(size=found.shape)
+    return np.asarray(found + noise_px * noise)

@@ -4,24 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from heads import seen_points
 
 from encoder.blinks import (
     CLOSED_GAP,
     GAZE,
-    LIDS,
     between_lids,
     fit_with_lids,
     with_seen_lids,
 )
 from encoder.fit import LandmarkModel, landmark_model
-from shared_model.animate import Face, Identity
-from shared_model.geometry import Camera, pixel_from_head, pose_from_euler
+from shared_model.geometry import Camera, pose_from_euler
 from shared_model.mesh import Head
-from shared_model.parameters import AAUS, EAU_INDEX, EAUS, FaceParameters
+from shared_model.parameters import EAU_INDEX, EAUS, LIDS, FaceParameters
 from shared_model.sheets import sheeted_head
 
-Array = NDArray[np.float64]
 CAMERA = Camera(640, 480, 800.0)
 
 
@@ -41,36 +38,28 @@ def a_face(*lids: float, gaze: float = 0.0) -> FaceParameters:
     return FaceParameters(pose_from_euler(5, 15, -20, np.array([20.0, -10.0, 600.0])), eau)
 
 
-def landmarks(head: Head, face: FaceParameters) -> Array:
-    """(468, 2) where the landmarks of a face are, pixels."""
-    identity = Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices))
-    vertices = Face(head, identity).animate(face.eau)
-    known = head.network_triangles >= 0
-    corners = head.triangles[head.network_triangles[known]]
-    points = np.einsum("mc,mcd->md", head.network_weights[known], vertices[corners])
-    found = np.zeros((468, 2))
-    found[known] = pixel_from_head(CAMERA, face.pose, points)
-    return found
-
-
 @pytest.mark.parametrize("lids", [(0.0, 0.0), (0.3, 0.6), (-0.3, 0.0)])
 def test_lids_are_as_far_apart_as_they_are_seen(
     head: Head, model: LandmarkModel, lids: tuple[float, float]
 ) -> None:
-    found = with_seen_lids(model, CAMERA, landmarks(head, a_face(*lids)), a_face(0.2, 0.1))
+    found = with_seen_lids(
+        model, CAMERA, seen_points(head, CAMERA, a_face(*lids)), a_face(0.2, 0.1)
+    )
     # The network leaves closed margins apart: what it sees as nearly closed is closed.
     wanted = [lid / (1 - CLOSED_GAP) if lid > 0 else lid for lid in lids]
     assert found.eau[LIDS] == pytest.approx(wanted, abs=0.12)
 
 
 def test_margins_that_nearly_touch_are_closed(head: Head, model: LandmarkModel) -> None:
-    found = with_seen_lids(model, CAMERA, landmarks(head, a_face(0.85, 0.85)), a_face(0, 0))
+    found = with_seen_lids(
+        model, CAMERA, seen_points(head, CAMERA, a_face(0.85, 0.85)), a_face(0, 0)
+    )
     assert found.eau[LIDS] == pytest.approx(1, abs=0.1)
 
 
 def test_a_blink_is_no_look_down(head: Head, model: LandmarkModel) -> None:
     before = a_face(0, 0, gaze=-0.5)
-    found = fit_with_lids(model, CAMERA, landmarks(head, a_face(0.8, 0.8)), before)
+    found = fit_with_lids(model, CAMERA, seen_points(head, CAMERA, a_face(0.8, 0.8)), before)
     assert not found.eau[GAZE].any()
     assert (found.eau[LIDS] > 0.8).all()
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from heads import seen_points
 from numpy.typing import NDArray
 
 from encoder.fit import (
@@ -25,7 +26,6 @@ from shared_model.geometry import (
     matrix_from_quaternion,
     multiply,
     pixel_from_camera,
-    pixel_from_head,
     pose_from_euler,
     quaternion_from_vector,
     vector_from_quaternion,
@@ -68,24 +68,6 @@ def a_face(yaw: float, pitch: float, roll: float, **eau: float) -> FaceParameter
 SENT = tuple(EAU_INDEX[name] for name in (*THESIS_EAUS, *LID_EAUS))
 
 
-def seen_points(
-    head: Head, face: FaceParameters, aau: Array | None = None, noise_px: float = 0.0
-) -> Array:
-    """(468, 3) what the landmark network would say, its depth relative, in pixels."""
-    identity = Identity(np.zeros(len(AAUS)) if aau is None else aau, np.zeros_like(head.vertices))
-    vertices = Face(head, identity).animate(face.eau)
-    known = head.network_triangles >= 0
-    corners = head.triangles[head.network_triangles[known]]
-    points = np.einsum("mc,mcd->md", head.network_weights[known], vertices[corners])
-    turned = points @ matrix_from_quaternion(face.pose.rotation).T
-    depth = turned[:, 2] * CAMERA.focal_px / face.pose.translation_mm[2]
-    found = np.zeros((468, 3))
-    found[known, :2] = pixel_from_head(CAMERA, face.pose, points)
-    found[known, 2] = depth - depth.mean()
-    noise = np.random.default_rng(4).normal(size=found.shape)
-    return np.asarray(found + noise_px * noise)
-
-
 def angles(face: FaceParameters) -> Array:
     return np.array(euler_deg(face.pose))
 
@@ -93,7 +75,7 @@ def angles(face: FaceParameters) -> Array:
 @pytest.mark.parametrize("turn", [(0, 0, 0), (20, -10, 5), (-30, 8, -20)])
 def test_a_first_pose_is_near(head: Head, model: LandmarkModel, turn: tuple[int, int, int]) -> None:
     truth = a_face(*turn)
-    found = start_parameters(model, CAMERA, seen_points(head, truth))
+    found = start_parameters(model, CAMERA, seen_points(head, CAMERA, truth))
     assert np.abs(angles(found) - angles(truth)).max() < 3
     shift = found.pose.translation_mm - truth.pose.translation_mm
     # Weak perspective takes the face's depth for the head's origin's, behind it.
@@ -106,7 +88,7 @@ def test_pose_and_actuators_are_recovered(
     head: Head, model: LandmarkModel, turn: tuple[int, int, int]
 ) -> None:
     truth = a_face(*turn, jaw_drop=0.6, mouth_corners=-0.4, eyebrow_middle=0.5, lip_stretch=0.3)
-    points = seen_points(head, truth)
+    points = seen_points(head, CAMERA, truth)
     found = fit_frame(model, CAMERA, points, start_parameters(model, CAMERA, points), iterations=8)
     assert np.abs(angles(found) - angles(truth)).max() < 0.5
     assert np.abs(found.pose.translation_mm - truth.pose.translation_mm)[:2].max() < 0.5
@@ -117,7 +99,7 @@ def test_pose_and_actuators_are_recovered(
 
 def test_noise_of_a_pixel_costs_little(head: Head, model: LandmarkModel) -> None:
     truth = a_face(12, 4, -3, jaw_drop=0.4)
-    points = seen_points(head, truth, noise_px=1.0)
+    points = seen_points(head, CAMERA, truth, noise_px=1.0)
     found = fit_frame(model, CAMERA, points, start_parameters(model, CAMERA, points))
     assert np.abs(angles(found) - angles(truth)).max() < 1
     assert found.eau[EAU_INDEX["jaw_drop"]] == pytest.approx(0.4, abs=0.1)
@@ -125,7 +107,7 @@ def test_noise_of_a_pixel_costs_little(head: Head, model: LandmarkModel) -> None
 
 def test_actuators_that_may_not_move_stay(head: Head, model: LandmarkModel) -> None:
     truth = a_face(0, 0, 0, jaw_drop=0.7, mouth_corners=0.5)
-    points = seen_points(head, truth)
+    points = seen_points(head, CAMERA, truth)
     start = replace(start_parameters(model, CAMERA, points), eau=np.full(len(EAUS), 0.05))
     found = fit_frame(model, CAMERA, points, start, active=[EAU_INDEX["jaw_drop"]])
     still = np.arange(len(EAUS)) != EAU_INDEX["jaw_drop"]
@@ -145,7 +127,7 @@ def test_several_frames_tell_who_it_is(head: Head) -> None:
     aau = np.zeros(len(AAUS))
     aau[AAUS.index("facial_height")], aau[AAUS.index("nose_width")] = 1.0, -0.8
     truths = [a_face(yaw, pitch, 0) for yaw, pitch in ((-25, 0), (0, 8), (25, -5), (10, 0))]
-    fitted = fit_identity(head, (640, 480), [seen_points(head, t, aau) for t in truths])
+    fitted = fit_identity(head, (640, 480), [seen_points(head, CAMERA, t, aau) for t in truths])
     for truth, found in zip(truths, fitted.frames, strict=True):
         assert np.abs(angles(found) - angles(truth)).max() < 2
     assert fitted.camera.focal_px == pytest.approx(CAMERA.focal_px, rel=0.15)
@@ -180,7 +162,7 @@ def test_projection_has_the_stated_derivative() -> None:
 
 def test_the_actuators_that_are_sent_can_close_a_mouth_first_seen_open(head: Head) -> None:
     truth = a_face(5, 3, 0, jaw_drop=0.3, upper_lip_raise=0.5, lower_lip_lower=0.3)
-    points = seen_points(head, truth)
+    points = seen_points(head, CAMERA, truth)
     all_move = fit_identity(head, (640, 480), [points])
     fitted = fit_identity(head, (640, 480), [points], active=SENT)
     eau = fitted.frames[0].eau
@@ -201,7 +183,7 @@ def test_the_actuators_that_are_sent_can_close_a_mouth_first_seen_open(head: Hea
 
 def test_brows_first_seen_raised_are_taken_for_high_ones(head: Head) -> None:
     raised = a_face(5, 0, 0, eyebrow_middle=0.5, eyebrow_inner=0.5)
-    points = seen_points(head, raised)
+    points = seen_points(head, CAMERA, raised)
     brows = [EAU_INDEX[name] for name in ("eyebrow_middle", "eyebrow_inner")]
     few, all_free = (fit_identity(head, (640, 480), [points], active=a) for a in (SENT, None))
     assert np.abs(few.frames[0].eau[brows]).max() < 0.1
@@ -227,8 +209,8 @@ def test_points_move_as_stated(model: LandmarkModel) -> None:
 
 def test_a_face_far_from_the_one_before_is_found_as_well(head: Head, model: LandmarkModel) -> None:
     truth = a_face(-30, 10, 5, jaw_drop=0.6)
-    found = fit_frame(model, CAMERA, seen_points(head, truth), a_face(35, -5, 0))
-    near = fit_frame(model, CAMERA, seen_points(head, truth), truth)
+    found = fit_frame(model, CAMERA, seen_points(head, CAMERA, truth), a_face(35, -5, 0))
+    near = fit_frame(model, CAMERA, seen_points(head, CAMERA, truth), truth)
     turn = multiply(found.pose.rotation, conjugate(near.pose.rotation))
     assert np.degrees(np.linalg.norm(vector_from_quaternion(turn))) < 1
     assert np.abs(found.eau - near.eau).max() < 0.1
