@@ -27,7 +27,15 @@ from protocol.components import (
     unit_of,
     vector_from_face,
 )
-from protocol.predict import ANCHOR, KINDS, MAX_SPREAD, UNIT, coding_order, interpolate
+from protocol.predict import (
+    ANCHOR,
+    KINDS,
+    MAX_SPREAD,
+    UNIT,
+    Integers,
+    coding_order,
+    interpolate,
+)
 from protocol.quantise import pose_from_motion
 from shared_model.parameters import EAUS, LIDS, FaceParameters, Pose, clip_eau
 
@@ -38,7 +46,7 @@ _PROBE = np.array([0.2, 0.2, 0.2, 0.4, 0.4, 0.002, *[0.03] * (GEOMETRY - 6)])
 # Frames over which motion is measured, and how much plain variance counts beside it.
 MOTION_FRAMES = 4
 VARIANCE_SHARE = 1.0
-# Of what is known beforehand, see `combine`; units are grey levels of error.
+# Components that never leave this many units about their mean are not sent.
 LEAST_SPREAD = 0.2
 # Steps of a basis row to the usual size of its component, and the least that a row has.
 BASIS_STEPS, LEAST_REACH = 9.0, 22.0
@@ -95,44 +103,70 @@ def sensitivity(
     return total
 
 
+@dataclass(frozen=True, slots=True)
+class HarmSpace:
+    """Where an error of length 1 does a unit of harm, whatever its direction.
+
+    A vector y (d,) is (y - centre) @ root there.  units, centres: see `Components`.
+    """
+
+    units: NDArray[np.uint8]
+    centres: Integers
+    root: Array
+
+    @classmethod
+    def about(cls, mean: Array, harm: Array) -> "HarmSpace":
+        """Space about a mean (d,), by harm (d, d), see `Sensitivity.harm`."""
+        units = codes_of_units(1 / np.sqrt(np.diag(harm)))
+        steps = np.rint(CENTRE_STEPS * mean / unit_of(units))
+        centres = np.clip(steps, -MAX_CENTRE, MAX_CENTRE).astype(np.int64)
+        return cls(units, centres, np.asarray(np.linalg.cholesky(harm)))
+
+    def white(self, vectors: Array) -> Array:
+        """(t, d) y of some frames in this space."""
+        centre = self.centres * unit_of(self.units) / CENTRE_STEPS
+        return np.asarray((vectors - centre) @ self.root)
+
+    def components(self, modes: tuple[bytes, ...], axes: Array, usual: Array) -> Components:
+        """Components along orthonormal axes (d, n) of this space, yet without spreads.
+
+        usual: (n,) how far each goes.
+        """
+        rows = np.linalg.solve(self.root.T, axes).T / unit_of(self.units)
+        # What a row's rounding leaks into its neighbours grows with how far the component goes.
+        reach = np.clip(BASIS_STEPS * usual, LEAST_REACH, MAX_BASIS)
+        exponents = np.ceil(np.log2(np.abs(rows).max(1) * MAX_BASIS / reach)).astype(np.int8)
+        basis = np.ldexp(rows, -exponents.astype(int)[:, None]) * MAX_BASIS
+        flat = np.zeros((len(rows), KINDS), dtype=np.uint8)
+        return Components(
+            modes, self.units, self.centres, np.rint(basis).astype(np.int8), exponents, flat
+        )
+
+
 def combine(
-    vectors: Array,
-    harm: Array,
-    modes: tuple[bytes, ...],
-    frames_per_packet: int,
-    least_spread: float = LEAST_SPREAD,
-    measuring_units: float = 0.0,
+    vectors: Array, harm: Array, modes: tuple[bytes, ...], frames_per_packet: int
 ) -> Components:
-    """The components of one caller.
+    """The components of one caller's call.
 
     vectors: (t, d) y of the frames.  harm: (d, d), see `Sensitivity.harm`.
-    least_spread: components that never leave this many units about their mean are not sent.
-    measuring_units: white noise to expect beside them in every component.
     """
-    units = codes_of_units(1 / np.sqrt(np.diag(harm)))
-    unit = unit_of(units)
-    steps = np.rint(CENTRE_STEPS * vectors.mean(0) / unit)
-    centres = np.clip(steps, -MAX_CENTRE, MAX_CENTRE).astype(np.int64)
-    centre = centres * unit / CENTRE_STEPS
-    root = np.linalg.cholesky(harm)
-    white = (vectors - centre) @ root
+    space = HarmSpace.about(vectors.mean(0), harm)
+    white = space.white(vectors)
     moves = np.diff(white[::MOTION_FRAMES], axis=0) if len(white) > 2 * MOTION_FRAMES else white
-    motion = moves.T @ moves / max(len(moves), 1) + VARIANCE_SHARE * (white.T @ white) / len(white)
-    _, axes = np.linalg.eigh(motion)
-    axes = axes[:, ::-1]
-    kept = np.abs(white @ axes).std(0) + np.abs((white @ axes).mean(0)) > least_spread
+    axes = principal_axes(
+        moves.T @ moves / max(len(moves), 1) + VARIANCE_SHARE * (white.T @ white) / len(white)
+    )
+    along = white @ axes
+    kept = np.abs(along).std(0) + np.abs(along.mean(0)) > LEAST_SPREAD
     kept[0] = True
-    rows = np.linalg.solve(root.T, axes[:, kept]).T / unit
-    # What a row's rounding leaks into its neighbours grows with how far the component goes.
-    reach = np.clip(BASIS_STEPS * (white @ axes[:, kept]).std(0), LEAST_REACH, MAX_BASIS)[:, None]
-    exponents = np.ceil(np.log2(np.abs(rows).max(1) * MAX_BASIS / reach[:, 0])).astype(np.int8)
-    basis = np.rint(np.ldexp(rows, -exponents.astype(int)[:, None]) * MAX_BASIS).astype(np.int8)
-    flat = np.zeros((len(basis), KINDS), dtype=np.uint8)
-    draft = Components(modes, units, centres, basis, exponents, flat)
-    values = project(draft, vectors, harm)
-    values += measuring_units * np.random.default_rng(2).normal(size=values.shape)
-    spreads = measure_spreads(values, frames_per_packet)
-    return replace(draft, spreads=spreads)
+    draft = space.components(modes, axes[:, kept], along[:, kept].std(0))
+    return replace(draft, spreads=measure_spreads(project(draft, vectors, harm), frames_per_packet))
+
+
+def principal_axes(power: Array) -> Array:
+    """(d, d) the eigenvectors of a symmetric matrix as columns, the strongest first."""
+    _, axes = np.linalg.eigh(power)
+    return np.asarray(axes[:, ::-1])
 
 
 def project(components: Components, vectors: Array, harm: Array) -> Array:
@@ -158,6 +192,11 @@ def measure_spreads(values: Array, frames_per_packet: int) -> NDArray[np.uint8]:
         found = errors[kind] or errors[kind - 1]
         errors[kind] = found
         sizes[:, kind] = np.concatenate(found).mean(0)
+    return spread_codes(sizes)
+
+
+def spread_codes(sizes: Array) -> NDArray[np.uint8]:
+    """(n, KINDS) codes of mean sizes, units."""
     octaves = np.log2(np.maximum(sizes, 1e-6) * 16)
     codes = SPREAD_STEP * np.rint(4 / SPREAD_STEP * octaves)
     return np.asarray(np.clip(codes, 0, MAX_SPREAD - 1), np.uint8)

@@ -10,9 +10,10 @@ from encoder.blinks import between_lids, fit_with_lids
 from encoder.cadence import Cadence
 from encoder.caller import Caller, Learned, learn_caller
 from encoder.capture import Capture
-from encoder.combine import Sensitivity, combine
+from encoder.combine import Sensitivity
 from encoder.crop import crop_face
 from encoder.drawing import Drawing, drawing_of
+from encoder.expect import expected_components
 from encoder.fit import (
     LandmarkModel,
     landmark_model,
@@ -23,7 +24,6 @@ from encoder.fit import (
 from encoder.foretell import CompiledSeries
 from encoder.grow import Grown, Look
 from encoder.identity import Fitted
-from encoder.imagine import MEASURING_UNITS, imagined
 from encoder.model import BUDGETS, Budget, call_parameters
 from encoder.silhouette import Still
 from encoder.startup import FIRST_LAYER_BYTES, LayeredModel, layered
@@ -158,16 +158,8 @@ class Learner:
         harm = sensitivity.harm(caller.tracker.template.modes, LID_HARM)
         vectors = np.array([vector_from_face(face, pose) for face in learned.faces])
         cadence, modes = self._cadence, caller.appearance.modes
-        motion = imagined(vectors, cadence.frame_step)
-        # Whatever has hardly moved yet may still move.
-        components = combine(
-            motion,
-            harm,
-            modes,
-            cadence.frames_per_packet,
-            least_spread=0.0,
-            measuring_units=MEASURING_UNITS,
-        )
+        packing = cadence.frames_per_packet, cadence.frame_step
+        components = expected_components(vectors, harm, modes, *packing)
         call = self._call_parameters(caller.fitted.camera.focal_px)
         background = self._background if budget.background_bytes else b""
         packet = default_model(caller, components, call, background)
