@@ -43,7 +43,7 @@ LEAST_GAIN, HOPELESS = 0.04, 0.5
 FIRST_STEP = 28
 # A mode of more bytes is coded by so many steps more coarsely, and the next one a turn finer than
 # that: soon is better than fine.
-MOST_BYTES = 300
+MOST_BYTES = 500
 COARSER = 4
 # Fewer looks teach nothing that the next one would not undo.
 LEAST_LOOKS = 2
