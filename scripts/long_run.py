@@ -1,7 +1,7 @@
-"""Whether a long call drifts: python -m scripts.long_run SOURCE DECODED
+"""Whether a long call drifts: python -m scripts.long_run SOURCE DECODED [--after SECONDS]
 
 Prints the face PSNR (thesis eq. 6.1), dB, of each minute of a decoded call, and how much worse the
-last full minute is than the first.
+last minute is than the first; with --after that of all but its beginning, too.
 """
 
 import argparse
@@ -18,15 +18,33 @@ def main(arguments: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("source")
     parser.add_argument("decoded")
+    parser.add_argument("--after", type=float, metavar="SECONDS", help="leave so much out")
     options = parser.parse_args(arguments)
     with open_source(options.source) as capture:
-        a_minute = round(60 * capture.fps)
-    figures = face_psnr_db(options.source, options.decoded)
-    minutes = [figures[k : k + a_minute] for k in range(0, len(figures), a_minute)]
-    for number, part in enumerate(minutes, 1):
-        print(f"minute {number}: {np.nanmean(part):.2f} dB over {np.isfinite(part).sum()} frames")
-    fall = np.nanmean(minutes[0]) - np.nanmean(figures[-a_minute:])
-    print(f"last minute against the first: {-fall:+.2f} dB")
+        fps = float(capture.fps)
+    print("\n".join(summary(face_psnr_db(options.source, options.decoded), fps, options.after)))
+
+
+def summary(figures: Sequence[float], fps: float, after_s: float | None = None) -> list[str]:
+    """What to say of the figures of each frame, of those after `after_s` once more."""
+    a_minute = round(60 * fps)
+    starts = range(0, len(figures), a_minute)
+    parts = {f"minute {number}": figures[k : k + a_minute] for number, k in enumerate(starts, 1)}
+    if after_s is not None:
+        parts[f"after {after_s:g} s"] = figures[round(after_s * fps) :]
+    lines = [
+        f"{name}: {_mean(part):.2f} dB over {_count(part)} frames" for name, part in parts.items()
+    ]
+    change = _mean(figures[-a_minute:]) - _mean(figures[:a_minute])
+    return [*lines, f"last minute against the first: {change:+.2f} dB"]
+
+
+def _count(figures: Sequence[float]) -> int:
+    return int(np.isfinite(figures).sum())
+
+
+def _mean(figures: Sequence[float]) -> float:
+    return float(np.nanmean(figures)) if _count(figures) else float("nan")
 
 
 def face_psnr_db(source: str, decoded: str) -> list[float]:
