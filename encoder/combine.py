@@ -46,7 +46,7 @@ _PROBE = np.array([0.2, 0.2, 0.2, 0.4, 0.4, 0.002, *[0.03] * (GEOMETRY - 6)])
 # Frames over which motion is measured, and how much plain variance counts beside it.
 MOTION_FRAMES = 4
 VARIANCE_SHARE = 1.0
-# Components that never leave this many units about their mean are not sent.
+# A component is not sent if its size varies by less than this and so does its mean, units.
 LEAST_SPREAD = 0.2
 # Steps of a basis row to the usual size of its component, and the least that a row has.
 BASIS_STEPS, LEAST_REACH = 9.0, 22.0
@@ -107,7 +107,9 @@ def sensitivity(
 class HarmSpace:
     """Where an error of length 1 does a unit of harm, whatever its direction.
 
-    A vector y (d,) is (y - centre) @ root there.  units, centres: see `Components`.
+    A vector y (d,) is (y - centre) @ root there.
+
+    units, centres: see `Components`.  root: (d, d), root @ root.T is the harm.
     """
 
     units: NDArray[np.uint8]
@@ -128,9 +130,9 @@ class HarmSpace:
         return np.asarray((vectors - centre) @ self.root)
 
     def components(self, modes: tuple[bytes, ...], axes: Array, usual: Array) -> Components:
-        """Components along orthonormal axes (d, n) of this space, yet without spreads.
+        """Components along orthonormal axes (d, n) of this space, all spreads 0.
 
-        usual: (n,) how far each goes.
+        usual: (n,) standard deviation of each, units.
         """
         rows = np.linalg.solve(self.root.T, axes).T / unit_of(self.units)
         # What a row's rounding leaks into its neighbours grows with how far the component goes.

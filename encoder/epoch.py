@@ -158,8 +158,13 @@ class Learner:
         harm = sensitivity.harm(caller.tracker.template.modes, LID_HARM)
         vectors = np.array([vector_from_face(face, pose) for face in learned.faces])
         cadence, modes = self._cadence, caller.appearance.modes
-        packing = cadence.frames_per_packet, cadence.frame_step
-        components = expected_components(vectors, harm, modes, *packing)
+        components = expected_components(
+            vectors,
+            harm,
+            modes,
+            frames_per_packet=cadence.frames_per_packet,
+            frame_step=cadence.frame_step,
+        )
         call = self._call_parameters(caller.fitted.camera.focal_px)
         background = self._background if budget.background_bytes else b""
         packet = default_model(caller, components, call, background)

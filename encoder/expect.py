@@ -1,8 +1,8 @@
 """How a caller may go on moving who has been seen for a few seconds only, and components for it.
 
-Motion is taken for a Gaussian process with the moments of what was seen and of how callers usually
-move, so that whatever has hardly moved yet may still move.  Components follow from the moments: in
-a sample of the process, as long as a call is, values are alike by chance that are not by nature.
+Motion is taken for a Gaussian process as large as what was seen and what is usual together, so that
+whatever has hardly moved yet may still move.  Components follow from the moments of the process: in
+a sample of it, as long as a call is, values are alike by chance that are not by nature.
 """
 
 from collections.abc import Iterator
@@ -24,27 +24,32 @@ from shared_model.parameters import LIDS
 
 Array = NDArray[np.float64]
 
-# How far callers move who have not yet moved: degrees, mm, log depth, actuators.
+# How far callers move who have not yet moved, two standard deviations: degrees, mm, log depth,
+# actuators.
 USUAL_MOTION = np.array([4.0, 4.0, 3.0, 15.0, 15.0, 0.04, *[0.6] * (GEOMETRY - 6)])
 # How alike both lids move: a blink then is one component rather than two.
 LIDS_ALIKE = 0.95
 # What of the likeness of values in a few frames is chance.
 CHANCE = 0.1
-# Motion is smooth: noise through two low-passes, each of which keeps this much from frame to frame.
-# Heads move slowly, faces quickly: how much of their variance is slow motion.
+# Motion is smooth: noise through two low-passes, each of which keeps this much from source frame to
+# source frame.  Heads move slowly, faces quickly: how much of their variance is slow motion.
 SLOW, QUICK = 0.93, 0.7
 SLOW_POSE, SLOW_FACE = 0.9, 0.5
-# What measuring adds to it, in units of harm.
+# What measuring adds to each value, in units of harm.
 MEASURING_UNITS = 0.3
 # The mean size of a Gaussian value of variance 1.
 _MEAN_SIZE = np.sqrt(2 / np.pi)
-# Predictions are linear in frames that are integers: one frame stands for this.
+# What stands for 1 in the integers of `interpolate`; its floors then cost next to nothing.
 _WHOLE = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
 class Process:
-    """A smooth Gaussian process: covariance (d, d) of y, and what each of two low-passes keeps."""
+    """A smooth Gaussian process.
+
+    covariance: (d, d) of y.  kept: what each of two low-passes keeps from one source frame to the
+        next.
+    """
 
     covariance: Array
     kept: float
@@ -65,9 +70,13 @@ def expected_components(
     harm: Array,
     modes: tuple[bytes, ...],
     frames_per_packet: int,
-    frame_step: int = 1,
+    frame_step: int,
 ) -> Components:
-    """Components for how y (t, d) of some frames may go on; see `combine`, which knows it."""
+    """Components for what is yet to come of a caller.  None is left out.
+
+    vectors: (t, d) y of some frames so far, in any order.  harm: (d, d), see `Sensitivity.harm`.
+    frame_step: source frames from one coded frame to the next.
+    """
     processes = expected_motion(vectors)
     space = HarmSpace.about(vectors.mean(0), harm)
     covariances = [space.root.T @ process.covariance @ space.root for process in processes]
@@ -76,7 +85,8 @@ def expected_components(
         moved = 2 * (1 - process.likeness(MOTION_FRAMES * frame_step))
         moves += (moved + VARIANCE_SHARE) * covariance
     axes = principal_axes(moves)
-    variance = [((covariance @ axes) * axes).sum(0) for covariance in covariances]
+    # What has not moved may come out below nothing by rounding.
+    variance = [np.maximum(((covariance @ axes) * axes).sum(0), 0.0) for covariance in covariances]
     power = np.zeros((len(harm), KINDS))
     for kind, errors in enumerate(prediction_errors(frames_per_packet)):
         for process, along in zip(processes, variance, strict=True):
@@ -87,17 +97,19 @@ def expected_components(
 
 
 def expected_motion(vectors: Array) -> tuple[Process, Process]:
-    """How y (t, d) of some frames may go on about its mean: slowly and, beside, quickly."""
-    count, d = vectors.shape
-    covariance = np.cov(vectors.T).reshape(d, d) if count > 1 else np.zeros((d, d))
+    """How y (t, d) of some frames may go on about its mean: slowly and, beside, quickly.
+
+    Of what pose and all else were seen to have in common a tenth is lost: they differ in speed.
+    """
+    covariance = np.zeros((vectors.shape[1],) * 2) if len(vectors) == 1 else np.cov(vectors.T)
     covariance = (1 - CHANCE) * covariance + CHANCE * np.diag(np.diag(covariance))
     covariance[:GEOMETRY, :GEOMETRY] += usual_covariance()
-    slow = np.array([SLOW_POSE] * 6 + [SLOW_FACE] * (d - 6))
-    shares = ((slow, SLOW), (1 - slow, QUICK))
-    first, second = (
-        Process(covariance * np.sqrt(np.outer(share, share)), kept) for share, kept in shares
+    slow = np.full(len(covariance), SLOW_FACE)
+    slow[:6] = SLOW_POSE
+    return (
+        Process(covariance * np.sqrt(np.outer(slow, slow)), SLOW),
+        Process(covariance * np.sqrt(np.outer(1 - slow, 1 - slow)), QUICK),
     )
-    return first, second
 
 
 def usual_covariance() -> Array:

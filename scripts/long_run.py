@@ -1,7 +1,8 @@
 """Whether a long call drifts: python -m scripts.long_run SOURCE DECODED [--after SECONDS]
 
-Prints the face PSNR (thesis eq. 6.1), dB, of each minute of a decoded call, and how much worse the
-last minute is than the first; with --after that of all but its beginning, too.
+Prints the face PSNR (thesis eq. 6.1), dB, of each minute of a decoded call; with --after that of
+all but its beginning; and of two minutes or more by how much the last 60 seconds are better than
+the first.
 """
 
 import argparse
@@ -10,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from encoder.capture import open_source
+from loopback.argument_types import seconds
 from loopback.quality import TrackedFaceArea, psnr_db, squared_error
 from scripts.command import run
 
@@ -18,7 +20,12 @@ def main(arguments: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("source")
     parser.add_argument("decoded")
-    parser.add_argument("--after", type=float, metavar="SECONDS", help="leave so much out")
+    parser.add_argument(
+        "--after",
+        type=seconds,
+        metavar="SECONDS",
+        help="say the mean without the first SECONDS, too",
+    )
     options = parser.parse_args(arguments)
     with open_source(options.source) as capture:
         fps = float(capture.fps)
@@ -35,8 +42,10 @@ def summary(figures: Sequence[float], fps: float, after_s: float | None = None) 
     lines = [
         f"{name}: {_mean(part):.2f} dB over {_count(part)} frames" for name, part in parts.items()
     ]
-    change = _mean(figures[-a_minute:]) - _mean(figures[:a_minute])
-    return [*lines, f"last minute against the first: {change:+.2f} dB"]
+    if len(figures) >= 2 * a_minute:
+        change = _mean(figures[-a_minute:]) - _mean(figures[:a_minute])
+        lines.append(f"last minute against the first: {change:+.2f} dB")
+    return lines
 
 
 def _count(figures: Sequence[float]) -> int:

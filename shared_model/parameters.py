@@ -41,6 +41,7 @@ EAU_HIGH = tuple(eau.high for eau in EAUS)
 # Thesis 4.4: the four actuators the thesis' tracker estimates.
 THESIS_EAUS = ("jaw_drop", "mouth_corners", "eyebrow_middle", "eyebrow_inner")
 LID_EAUS = ("lid_left", "lid_right")
+# A list: it indexes arrays.
 LIDS = [EAU_INDEX[name] for name in LID_EAUS]
 BROW_EAUS = ("eyebrow_middle", "eyebrow_inner", "eyebrow_outer")
 

@@ -10,13 +10,16 @@ from encoder.combine import measure_spreads, project
 from encoder.expect import (
     CHANCE,
     LIDS_ALIKE,
+    MEASURING_UNITS,
+    SLOW_FACE,
+    SLOW_POSE,
     USUAL_MOTION,
     Process,
     expected_components,
     expected_motion,
     prediction_errors,
 )
-from protocol.components import GEOMETRY
+from protocol.components import GEOMETRY, SPREAD_STEP
 from protocol.predict import KINDS, UNIT, coding_order, interpolate
 from shared_model.parameters import LIDS
 
@@ -68,14 +71,24 @@ def test_what_has_not_moved_moves_as_callers_do() -> None:
 def test_what_was_seen_may_go_on_but_for_what_is_alike_by_chance() -> None:
     vectors = seen()
     slow, quick = expected_motion(vectors)
-    added = expected_motion(vectors[:1])
-    of_seen = slow.covariance + quick.covariance - added[0].covariance - added[1].covariance
+    usual_slow, usual_quick = expected_motion(vectors[:1])
+    of_seen = slow.covariance + quick.covariance - usual_slow.covariance - usual_quick.covariance
     measured = np.cov(vectors.T)
-    assert np.diag(of_seen) == pytest.approx(np.diag(measured))
-    # Within pose, and within all else, which is split alike.
-    for part in (slice(0, 6), slice(6, None)):
-        off = ~np.eye(len(measured[part, part]), dtype=bool)
-        assert of_seen[part, part][off] == pytest.approx((1 - CHANCE) * measured[part, part][off])
+    expected = (1 - CHANCE) * measured
+    expected[np.diag_indices(D)] = np.diag(measured)
+    # What pose and all else have in common is split by the roots of different shares.
+    in_common = np.sqrt(SLOW_POSE * SLOW_FACE) + np.sqrt((1 - SLOW_POSE) * (1 - SLOW_FACE))
+    expected[:6, 6:] *= in_common
+    expected[6:, :6] *= in_common
+    assert in_common == pytest.approx(0.9, abs=0.01)
+    assert of_seen == pytest.approx(expected)
+
+
+def test_heads_move_more_slowly_than_faces() -> None:
+    slow, quick = expected_motion(seen())
+    share = np.diag(slow.covariance) / np.diag(slow.covariance + quick.covariance)
+    assert slow.kept > quick.kept
+    assert share[:6].min() > share[6:].max()
 
 
 def test_both_lids_close_together() -> None:
@@ -114,10 +127,50 @@ def test_spreads_are_what_such_motion_leaves_to_predictions(count: int, step: in
     off = components.spreads.astype(int) - measured
     strong = components.spreads > 24  # where measuring does not matter
     assert strong.sum() > D
-    assert np.abs(off[strong]).mean() < 2  # half an octave is 2
+    # Half an octave is 2.
+    assert np.abs(off[strong]).mean() < 2
+    assert abs(off[strong].mean()) < 0.5
+
+
+def test_they_are_about_the_mean() -> None:
+    components = expected_components(seen(), harm(), MODES, 8, 1)
+    # The centre is coded in quarters of a unit.
+    assert (np.abs(components.centre - seen().mean(0)) <= components.unit / 8 + 1e-9).all()
+
+
+def test_what_does_not_move_is_measured_with_noise() -> None:
+    still = np.tile(np.linspace(1, 2, D), (5, 1))
+    components = expected_components(still, np.diag(np.full(D, 400.0)), MODES, 8, 1)
+    noise = MEASURING_UNITS * np.random.default_rng(5).normal(size=(8000, 1))
+    of_noise = measure_spreads(noise, 8)[0].astype(int)
+    assert (np.abs(components.spreads[-2:] - of_noise) <= SPREAD_STEP).all()
+
+
+def test_likeness_of_what_stands_still_is_no_number_too_small() -> None:
+    modes = tuple(bytes([k]) for k in range(24))
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        d = GEOMETRY + len(modes)
+        rows = rng.normal(size=(3 * d, d)) * np.geomspace(1, 30, d)
+        still = np.tile(rng.normal(size=d), (5, 1))
+        with np.errstate(all="raise"):
+            components = expected_components(still, rows.T @ rows / len(rows), modes, 8, 1)
+        assert len(components.basis) == d
 
 
 def test_nothing_is_left_out_and_the_strongest_are_first() -> None:
-    components = expected_components(seen(1), harm(), MODES, 8)
+    components = expected_components(seen(1), harm(), MODES, 8, 1)
     assert len(components.basis) == D
-    assert components.spreads[0, 0] > components.spreads[GEOMETRY - 1, 0]
+    size = components.spreads[:, 0].astype(int)
+    assert size[0] > size[-1]
+    # By motion as well as by size: not strictly.
+    assert np.diff(size).max() < 8
+
+
+def test_of_what_is_equally_large_the_quicker_is_first() -> None:
+    # Units of pose and of actuators for which both are as large, and nothing else is.
+    one_of_each = [0, 6]
+    importance = np.full(D, 1e-6)
+    importance[one_of_each] = 1e4 / USUAL_MOTION[one_of_each] ** 2
+    components = expected_components(np.zeros((1, D)), np.diag(importance), MODES, 8, 1)
+    assert np.abs(components.matrix).argmax(1)[:2].tolist() == [6, 0]

@@ -2,19 +2,36 @@
 
 import math
 
-from scripts.long_run import summary
+import pytest
+
+from scripts.long_run import main, summary
+
+# Two frames a second, for a moment without a face.
+CALL = [20.0] * 10 + [math.nan] * 10 + [30.0] * 100 + [32.0] * 120
 
 
 def test_minutes_and_what_is_after_the_beginning() -> None:
-    # Two frames a second: a minute and a half, without a face for a moment.
-    figures = [20.0] * 10 + [math.nan] * 10 + [30.0] * 100 + [32.0] * 60
-    assert summary(figures, 2, after_s=10) == [
+    assert summary(CALL, 2, after_s=10) == [
         "minute 1: 29.09 dB over 110 frames",
-        "minute 2: 32.00 dB over 60 frames",
-        "after 10 s: 30.75 dB over 160 frames",
-        "last minute against the first: +1.91 dB",
+        "minute 2: 32.00 dB over 120 frames",
+        "after 10 s: 31.09 dB over 220 frames",
+        "last minute against the first: +2.91 dB",
     ]
 
 
-def test_a_call_that_ends_before_says_so() -> None:
+def test_minutes_that_are_the_same_are_not_compared() -> None:
+    assert summary(CALL[:-1], 2) == [
+        "minute 1: 29.09 dB over 110 frames",
+        "minute 2: 32.00 dB over 119 frames",
+    ]
+
+
+def test_a_call_that_ends_before_has_nothing_after() -> None:
     assert summary([25.0] * 4, 2, after_s=5)[1] == "after 5 s: nan dB over 0 frames"
+
+
+@pytest.mark.parametrize("after", ["-1", "nan"])
+def test_seconds_that_are_none(after: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["a.mp4", "b.mkv", f"--after={after}"])
+    assert f"{after} is not" in capsys.readouterr().err
