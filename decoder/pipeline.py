@@ -253,7 +253,7 @@ def _report(
     if not playout.ended and not tally.warnings:
         tally.warnings.append("the call has no end: decoded up to its last packet")
     if tally.damaged:
-        tally.warnings.append(f"{tally.damaged} damaged packets, first: {tally.first_damage}")
+        tally.warnings.append(f"damaged packets: {tally.damaged}, first: {tally.first_damage}")
     if playout.joined_late:
         tally.warnings.append("joined a call under way: the frames before are missing")
     return DecodeReport(

@@ -228,9 +228,10 @@ def send_call(
     begin, parameters = time.monotonic(), call.model.call
     start, step = parameters.start_frame, parameters.frame_step
     spans = packet_spans(len(range(start, call.frames, step)), parameters.frames_per_packet)
-    lost = False
+    lost, frames = False, call.frames
     for number, (payload, (first, end)) in enumerate(zip(call.payloads, spans, strict=False)):
-        if stop():
+        if number and stop():
+            frames = start + first * step
             break
         if fps is not None:
             newest = start + (end - 1) * step
@@ -247,7 +248,8 @@ def send_call(
             send_layers(pacer, 1 + len(payload), seconds, sink, tally)
     if pacer is not None:
         warn_of_missing(pacer, tally)
-    tally.send(sink, ControlPacket(0, ControlKind.END, call.frames))
+    tally.send(sink, ControlPacket(0, ControlKind.END, frames))
+    tally.frames = frames
 
 
 def send_model(

@@ -80,7 +80,8 @@ class EncodeOptions:
 class EncodeReport:
     """What was sent.
 
-    frames, fps, width, height: of the source.  coded_fps: frames a second that were coded.
+    frames: of the call.  fps, width, height: of the source.
+    coded_fps: frames a second that were coded.
     model_bytes, frame_bytes: payload of the packets.
     stage_ms: mean time per frame of each stage, ms.
     capture_ns: `time.monotonic_ns` at which each source frame was read.
@@ -341,10 +342,10 @@ def _pacer(options: EncodeOptions) -> LayerPacer | None:
 
 
 def _report(options: EncodeOptions, capture: Capture, tally: Tally, reach: Reach) -> EncodeReport:
-    frames = len(tally.capture_ns)
+    captured = len(tally.capture_ns)
     coded_fps = cadence_for(capture.fps, options.fps).coded_fps(capture.fps)
     return EncodeReport(
-        frames=frames,
+        frames=captured if tally.frames is None else tally.frames,
         fps=float(capture.fps),
         coded_fps=THESIS_RATE_HZ if options.profile == "thesis" else float(coded_fps),
         width=capture.width,
@@ -353,7 +354,7 @@ def _report(options: EncodeOptions, capture: Capture, tally: Tally, reach: Reach
         frame_bytes=tally.frame_bytes,
         packets=tally.packets,
         lost_frames=tally.lost_frames,
-        stage_ms={name: ns / 1e6 / max(frames, 1) for name, ns in tally.spent_ns.items()},
+        stage_ms={name: ns / 1e6 / max(captured, 1) for name, ns in tally.spent_ns.items()},
         warnings=tuple(tally.warnings),
         capture_ns=tuple(tally.capture_ns),
         reach=reach,

@@ -112,6 +112,19 @@ def packet_spans(frames: int, frames_per_packet: int) -> list[tuple[int, int]]:
     return list(zip(starts, [*starts[1:], frames], strict=True))
 
 
+@dataclass(slots=True)
+class Taken:
+    """What packets have taken so far."""
+
+    bits: int = 0
+    frames: int = 0
+
+    def add(self, packet: CodedPacket, frames: int) -> None:
+        """A packet of so many frames."""
+        self.bits += packet_bits(packet)
+        self.frames += frames
+
+
 class LivePurse:
     """Codes the packets of a call that is not known beforehand.
 
@@ -122,7 +135,7 @@ class LivePurse:
         self._spending, self._purse = spending, Purse(spending)
         self._credit = 0.0
         self._quality = 0
-        self._bits = self._frames = 0
+        self._all, self._coarsest = Taken(), Taken()
 
     def code(self, predictor: FramePredictor, number: int, targets: Array) -> CodedPacket:
         """Packet `number` of frames (count, n), in units, as finely as there is credit for."""
@@ -141,16 +154,17 @@ class LivePurse:
         self._quality, packet = _within(attempt, limit, finest, self._quality)
         self._purse.pay(packet, len(targets))
         self._credit -= packet_bits(packet)
-        self._bits += packet_bits(packet)
-        self._frames += len(targets)
+        self._all.add(packet, len(targets))
+        if self._quality == QUALITIES - 1:
+            self._coarsest.add(packet, len(targets))
         return packet
 
     @property
     def excess(self) -> str | None:
-        """See `Spending.excess`; what was too much and could be saved later on is none."""
-        if self._quality < QUALITIES - 1:
+        """See `Spending.excess`: if the call took too much, and its coarsest packets alone do."""
+        if self._spending.excess(self._all.bits, self._all.frames) is None:
             return None
-        return self._spending.excess(self._bits, self._frames)
+        return self._spending.excess(self._coarsest.bits, self._coarsest.frames)
 
 
 class Purse:

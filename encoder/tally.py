@@ -11,8 +11,12 @@ from protocol.messages import Packet, serialise
 
 @dataclass(slots=True)
 class Tally:
-    """Counts, times and warnings of one call on the sending side."""
+    """Counts, times and warnings of one call on the sending side.
 
+    frames: of the call, where these may be fewer than were captured; None: as many.
+    """
+
+    frames: int | None = None
     model_bytes: int = 0
     frame_bytes: int = 0
     packets: int = 0

@@ -39,7 +39,7 @@ examples:
 """
 EXIT_CODES = """\
 exit codes:
-  0    done
+  0    done; relay and view: stopped (Ctrl-C)
   1    a replayed clip missed a threshold
   2    bad usage or bad input: no such file, no call file, nowhere to write, no EGL
   3    no face found

@@ -84,7 +84,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
             raise _reason(error, stop) from error
     _warn(report.warnings)
     if not arguments.quiet:
-        print(_encode_summary(report))
+        print(f"{'interrupted: ' if stop() else ''}{_encode_summary(report)}")
     if arguments.report:
         write_json(arguments.report, report)
     return _exit_code(stop, link_failed=report.reach == Reach.NO_LINK)

@@ -160,7 +160,8 @@ def _add_rates(parser: argparse.ArgumentParser) -> None:
         type=bitrate,
         default=800.0,
         metavar="BPS",
-        help="default profile: bits a second of frame packets, more than 0 (default: %(default)g)",
+        help="default profile: bits a second of frame packets with their heads and their lengths in"
+        " a call file, more than 0 (default: %(default)g)",
     )
     parser.add_argument(
         "--fps",

@@ -21,9 +21,10 @@ from shots import draw
 
 from decoder.samples import Sample, sample_decoder
 from encoder.cadence import FRAMES_PER_PACKET
-from encoder.default_call import held_numbers
+from encoder.default_call import CodedCall, held_numbers, send_call
 from encoder.pipeline import EncodeOptions
 from encoder.pipeline import encode as encode_clip
+from encoder.tally import Tally
 from encoder.two_pass import TRAINING_FRAMES, Sampler, smoothed, spread_frames
 from loopback.cli import main
 from loopback.quality import face_area_finder, measure
@@ -35,7 +36,7 @@ from protocol.messages import (
     Packet,
     parse_packet,
 )
-from protocol.recording import CallReader
+from protocol.recording import CallReader, CallWriter
 from protocol.summary import summarise
 from shared_model.geometry import euler_deg
 from shared_model.parameters import EAU_INDEX
@@ -220,8 +221,25 @@ def test_stopped_in_the_second_pass_a_call_is_kept_and_in_the_first_there_is_non
             encode_clip(options, progress, lambda: done >= frames)
         assert list(tmp_path.iterdir()) == []
         return
-    encode_clip(options, progress, lambda: done >= frames)
+    report = encode_clip(options, progress, lambda: done >= frames)
     assert [sample.place for sample in samples(output)] == list(range(START, frames - FRAMES))
+    assert report.frames == summarise(output).frames == frames - FRAMES
+
+
+def test_a_call_that_stops_while_it_is_sent_ends_where_it_stopped(
+    call: Path, tmp_path: Path
+) -> None:
+    output, tally = tmp_path / "part.rzo", Tally()
+    model, *rest = packets(call)
+    assert isinstance(model, ModelPacket)
+    payloads = tuple(packet.payload for packet in rest if isinstance(packet, FramePacket))
+    asked = iter([False, False, True])
+    with CallWriter(output) as sink:
+        whole = CodedCall(model, payloads, FRAMES, frozenset())
+        send_call(whole, sink, tally, None, lambda: next(asked))
+    frames = START + 1 + 2 * FRAMES_PER_PACKET
+    assert [sample.place for sample in samples(output)] == list(range(START, frames))
+    assert tally.frames == summarise(output).frames == frames
 
 
 def test_a_clip_without_a_face_has_its_own_exit_code(

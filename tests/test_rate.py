@@ -122,6 +122,18 @@ def test_a_rate_too_low_for_anything_is_said_with_what_it_takes(live: bool) -> N
     assert packets_and_excess(800.0)[1] is None
 
 
+def test_what_a_live_call_still_owes_is_no_rate_too_low() -> None:
+    spending, values = Spending(200.0, FPS, USUAL), busy_values(12)[100:109]
+    purse, predictor = LivePurse(spending), FramePredictor(measure_spreads(values, USUAL))
+    # The first frame comes whole, more than what a packet earns; the packet after it pays for it.
+    first = purse.code(predictor, 0, values[:1])
+    predictor.anchor = first.frames[-1]
+    second = purse.code(predictor, 1, np.repeat(values[:1], USUAL, axis=0))
+    taken = packet_bits(first) + packet_bits(second)
+    assert packet_bits(second) < 200 * USUAL / FPS and taken > 200 * (1 + USUAL) / FPS
+    assert purse.excess is None
+
+
 def test_levels_run_from_the_finest_to_the_coarsest_quality() -> None:
     numbers = range(3 * TURNS)
     assert {packet_quality(0, n) for n in numbers} == {0}

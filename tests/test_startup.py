@@ -309,7 +309,7 @@ def test_a_damaged_layer_leaves_what_was_drawn_before(at_once: Path, tmp_path: P
     report = decoded(write(tmp_path / "damaged.rzo", given), tmp_path / "damaged.mkv")
     assert report.frames == FRAMES
     (warning,) = report.warnings
-    assert warning.startswith("1 damaged packets") and "no step" in warning
+    assert warning.startswith("damaged packets: 1,") and "no step" in warning
     # All else is drawn, the whole still too, though it came with the damaged mode.
     decoded(write(tmp_path / "without.rzo", given[: places[-1]] + given[places[-1] + 1 :]), other)
     for one, same in zip(read(tmp_path / "damaged.mkv"), read(other), strict=True):
