@@ -157,7 +157,7 @@ def test_damaged_frame_is_skipped_with_a_warning(tmp_path: Path) -> None:
     call = write_call(tmp_path / "call.rzo", [model(), *packets, end()])
     report = run(call)
     assert report.frames == FRAMES and report.complete and report.lost_packets == 1
-    assert "1 damaged packet" in report.warnings[0]
+    assert "damaged packets: 1," in report.warnings[0]
 
 
 def test_stopping_keeps_the_pictures_so_far(tmp_path: Path) -> None:
