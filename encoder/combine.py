@@ -6,7 +6,7 @@ own motion, which becomes diagonal with the strongest first.  Equal steps then d
 values are uncorrelated.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -184,17 +184,26 @@ def measure_spreads(values: Array, frames_per_packet: int) -> NDArray[np.uint8]:
     errors[0].append(np.abs(values))
     whole = np.rint(values * UNIT).astype(np.int64)
     for start in range(0, len(whole) - frames_per_packet, frames_per_packet):
-        known = {0: whole[start]}
-        for place in coding_order(frames_per_packet):
-            predicted = known[0] if place.kind == ANCHOR else interpolate(place, known)
-            known[place.index] = whole[start + place.index]
-            errors[place.kind].append(np.abs(known[place.index] - predicted)[None] / UNIT)
+        for kind, error in prediction_errors(whole[start : start + frames_per_packet + 1]):
+            errors[kind].append(np.abs(error)[None] / UNIT)
     sizes = np.empty((values.shape[1], KINDS))
     for kind in range(KINDS):
         found = errors[kind] or errors[kind - 1]
         errors[kind] = found
         sizes[:, kind] = np.concatenate(found).mean(0)
     return spread_codes(sizes)
+
+
+def prediction_errors(frames: Integers) -> Iterator[tuple[int, Integers]]:
+    """The kinds of the predictions in a packet, and what each leaves (n,), no anchor being damped.
+
+    frames: (count + 1, n) from the anchor before the packet on.
+    """
+    known = {0: frames[0]}
+    for place in coding_order(len(frames) - 1):
+        predicted = known[0] if place.kind == ANCHOR else interpolate(place, known)
+        known[place.index] = frames[place.index]
+        yield place.kind, frames[place.index] - predicted
 
 
 def spread_codes(sizes: Array) -> NDArray[np.uint8]:

@@ -5,7 +5,6 @@ whatever has hardly moved yet may still move.  Components follow from the moment
 a sample of it, as long as a call is, values are alike by chance that are not by nature.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,11 +14,12 @@ from encoder.combine import (
     MOTION_FRAMES,
     VARIANCE_SHARE,
     HarmSpace,
+    prediction_errors,
     principal_axes,
     spread_codes,
 )
 from protocol.components import GEOMETRY, Components
-from protocol.predict import ABSOLUTE, ANCHOR, KINDS, coding_order, interpolate
+from protocol.predict import ABSOLUTE, KINDS
 from shared_model.parameters import LIDS
 
 Array = NDArray[np.float64]
@@ -60,7 +60,7 @@ class Process:
         return np.asarray(self.kept**frames * (1 + growth))
 
     def power(self, error: Array, frame_step: int) -> float:
-        """Mean square of the error of a prediction, see `prediction_errors`, where y's is 1."""
+        """Mean square of the error of a prediction, see `errors_by_kind`, where y's is 1."""
         places = np.arange(len(error)) * frame_step
         return float(error @ self.likeness(np.abs(places[:, None] - places)) @ error)
 
@@ -88,7 +88,7 @@ def expected_components(
     # What has not moved may come out below nothing by rounding.
     variance = [np.maximum(((covariance @ axes) * axes).sum(0), 0.0) for covariance in covariances]
     power = np.zeros((len(harm), KINDS))
-    for kind, errors in enumerate(prediction_errors(frames_per_packet)):
+    for kind, errors in enumerate(errors_by_kind(frames_per_packet)):
         for process, along in zip(processes, variance, strict=True):
             power[:, kind] += along * np.mean([process.power(e, frame_step) for e in errors])
         power[:, kind] += MEASURING_UNITS**2 * np.mean([error @ error for error in errors])
@@ -120,24 +120,16 @@ def usual_covariance() -> Array:
     return np.asarray(alike * np.outer(USUAL_MOTION, USUAL_MOTION) / 4)
 
 
-def prediction_errors(frames_per_packet: int) -> list[list[Array]]:
+def errors_by_kind(frames_per_packet: int) -> list[list[Array]]:
     """By kind: the errors of its predictions, as weights (n + 1,) of the frames from the anchor on.
 
     A kind that no frame of such a packet has has those of the kind before.
     """
+    frames = _WHOLE * np.eye(frames_per_packet + 1, dtype=np.int64)
     found: list[list[Array]] = [[] for _ in range(KINDS)]
-    for kind, error in _errors(frames_per_packet):
-        found[kind].append(error)
+    found[ABSOLUTE].append(frames[0] / _WHOLE)
+    for kind, error in prediction_errors(frames):
+        found[kind].append(error / _WHOLE)
     for kind in range(1, KINDS):
         found[kind] = found[kind] or found[kind - 1]
     return found
-
-
-def _errors(count: int) -> Iterator[tuple[int, Array]]:
-    frames = _WHOLE * np.eye(count + 1, dtype=np.int64)
-    yield ABSOLUTE, frames[0] / _WHOLE
-    known = {0: frames[0]}
-    for place in coding_order(count):
-        predicted = known[0] if place.kind == ANCHOR else interpolate(place, known)
-        known[place.index] = frames[place.index]
-        yield place.kind, (frames[place.index] - predicted) / _WHOLE

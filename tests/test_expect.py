@@ -15,9 +15,9 @@ from encoder.expect import (
     SLOW_POSE,
     USUAL_MOTION,
     Process,
+    errors_by_kind,
     expected_components,
     expected_motion,
-    prediction_errors,
 )
 from protocol.components import GEOMETRY, SPREAD_STEP
 from protocol.predict import KINDS, UNIT, coding_order, interpolate
@@ -102,7 +102,7 @@ def test_both_lids_close_together() -> None:
 @pytest.mark.parametrize("count", [1, 3, 8])
 def test_errors_are_those_of_predictions(count: int) -> None:
     frames = np.random.default_rng(2).integers(-999, 999, (count + 1, 5)) * UNIT
-    found = prediction_errors(count)
+    found = errors_by_kind(count)
     assert found[0][0] @ frames == pytest.approx(frames[0])
     assert found[1][0] @ frames == pytest.approx(frames[count] - frames[0])
     known, seen_of_kind = {0: frames[0], count: frames[count]}, [0] * KINDS
@@ -146,7 +146,7 @@ def test_what_does_not_move_is_measured_with_noise() -> None:
     assert (np.abs(components.spreads[-2:] - of_noise) <= SPREAD_STEP).all()
 
 
-def test_likeness_of_what_stands_still_is_no_number_too_small() -> None:
+def test_what_stands_still_has_no_size_below_nothing() -> None:
     modes = tuple(bytes([k]) for k in range(24))
     for seed in range(50):
         rng = np.random.default_rng(seed)
