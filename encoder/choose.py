@@ -6,38 +6,22 @@ coarsest subband it takes the nearest; a tile without a coefficient worth it is 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.compiled import compiled
+from encoder.choose_band import ZERO_BITS, Decisions, choose_band
 from protocol.adaptive import AdaptiveIntegers
-from protocol.coefficients import (
-    MAX_SIZE,
-    STEP_OUTPUTS,
-    UNARY,
-    code_bits_each,
-    code_coarse,
-    code_sizes,
-)
+from protocol.coefficients import code_bits_each, code_coarse, code_sizes
 from protocol.entropy import WHOLE, RangeEncoder
 from protocol.foresee import Site
-from protocol.subbands import TOWARDS_ZERO, Pyramid, Series, plane_shape
-from protocol.surroundings import Turn, by_tile
+from protocol.subbands import Pyramid, Series, plane_shape
 from protocol.values import BitCoder
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-LAGRANGIAN = 0.12
-# A tile is worth its bits if it has a coefficient of more than this many steps.
-WORTH_A_TILE = 0.85
-# What a sign is taken to cost before it is known, bits.
-SIGN_BITS = 0.9
-# What a zero costs by its probability in 1 / 65536.
-_ZERO_BITS = -np.log2(np.maximum(np.arange(WHOLE), 0.5) / WHOLE)
 
 
 def choose(
@@ -98,7 +82,6 @@ class _Chooser:
     tape: Tape
     rough: Array
     details: list[list[Array]]
-    _worth: dict[Site, Integers] = field(default_factory=dict)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -107,68 +90,22 @@ class _Chooser:
     def coarse(self, empty: Integers, integers: AdaptiveIntegers, context: int) -> Integers:
         pairs = _Pairs()
         values = code_coarse(pairs, integers, context, np.rint(self.rough).astype(np.int64))
-        self._certain(*pairs.both)
+        bits, zeros = pairs.both
+        cost = float(ZERO_BITS.take(np.where(bits, WHOLE - zeros, zeros)).sum())
+        self.tape.add(partial(code_bits_each, bits=bits, zeros=zeros), cost)
         return values
 
-    def flags(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
-        if site not in self._worth:
-            worth = by_tile((np.abs(self._band(site)) > WORTH_A_TILE).astype(np.int64))
-            self._worth[site] = (worth > 0).astype(np.int64)
-        return self._certain(self._worth[site][turn.rows, turn.columns], zeros)
-
-    def sizes(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
-        wanted = np.abs(self._band(site)[turn.rows, turn.columns])
-        shift = TOWARDS_ZERO if site.level else 0.0
-        sizes, bits = _cheapest(wanted, zeros, shift, _ZERO_BITS)
-        self.tape.add(partial(code_sizes, sizes=sizes, zeros=zeros), bits)
-        return sizes
-
-    def signs(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
-        negative = self._band(site)[turn.rows, turn.columns] < 0
-        return self._certain(negative.astype(np.int64), zeros)
-
-    def _band(self, site: Site) -> Array:
-        return site.of(self.rough, self.details)
-
-    def _certain(self, bits: Integers, zeros: Integers) -> Integers:
-        """Bits that leave no choice."""
-        cost = float(_ZERO_BITS.take(np.where(bits, WHOLE - zeros, zeros)).sum())
-        self.tape.add(partial(code_bits_each, bits=bits, zeros=zeros), cost)
-        return bits
+    def band(self, site: Site, sources: Integers) -> Integers:
+        made = choose_band(site, site.of(self.rough, self.details), sources)
+        self.tape.add(partial(_code_band, made), made.bits)
+        return made.values
 
 
-@compiled
-def _cheapest(
-    wanted: Array, zeros: Integers, shift: float, zero_bits: Array
-) -> tuple[Integers, float]:
-    """(n,) sizes for coefficients of `wanted` (n,) >= 0 steps, and the bits of all without signs.
-
-    zeros: (n, outputs), see `foresee.Networks`.  shift: by how much nearer to zero a size is
-    restored.  zero_bits: see `_ZERO_BITS`.
-    """
-    found = np.zeros(len(wanted), np.int64)
-    total = 0.0
-    for place in range(len(wanted)):
-        nearest = min(int(wanted[place] + 0.5), MAX_SIZE) if wanted[place] > 0.5 else 0
-        bits = zero_bits[zeros[place, 0]]
-        least = wanted[place] ** 2 + LAGRANGIAN * bits
-        for size in range(max(nearest - 1, 1), nearest + 1):
-            cost = _size_bits(size, zeros[place], zero_bits)
-            away = wanted[place] - size + shift
-            all_in_all = away * away + LAGRANGIAN * (cost + SIGN_BITS)
-            if all_in_all < least:
-                found[place], least, bits = size, all_in_all, cost
-        total += bits
-    return found, total
-
-
-@compiled
-def _size_bits(size: int, zeros: Integers, zero_bits: Array) -> float:
-    """Bits of one size without its sign; zeros: (outputs,)."""
-    bits = 0.0
-    for step in range(min(size, UNARY)):
-        bits += zero_bits[WHOLE - zeros[STEP_OUTPUTS[step]]]
-    if size < UNARY:
-        return float(bits + zero_bits[zeros[STEP_OUTPUTS[size]]])
-    length = int(np.log2(size - UNARY + 1))
-    return float(bits + 2 * length + 1)
+def _code_band(made: Decisions, coder: BitCoder) -> None:
+    """What was decided on a band, as `protocol.subbands` reads it."""
+    code_bits_each(coder, made.flags, made.flag_zeros)
+    size = sign = 0
+    for last_size, last_sign in made.ends.tolist():
+        code_sizes(coder, made.sizes[size:last_size], made.size_zeros[size:last_size])
+        code_bits_each(coder, made.signs[sign:last_sign], made.sign_zeros[sign:last_sign])
+        size, sign = last_size, last_sign

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.code_picture import Draft, draft_mode, draft_still
-from encoder.foretell import CompiledSeries
 from encoder.learn import OUTSIDE, Stack
 from encoder.remainder import Remainder
 from encoder.shape_free import ShapeFree
@@ -73,7 +72,7 @@ def code_appearance(
         texture, decoded = finest_still(picture, face_bytes, relief, TEXTURE)
         size = shape.atlas.size
         none = np.zeros((0, size, size, 3), np.float32)
-        return Appearance(texture, (), decoded, none, ModeSeries(size, relief, CompiledSeries))
+        return Appearance(texture, (), decoded, none, ModeSeries(size, relief))
     root, support = weighting(stack.weight * mask, mask)
     frames = to_planes(stack.colours) * root * stack.seen[..., None]
     bench = _Bench(
@@ -190,7 +189,7 @@ class _Bench:
         mean = to_planes(texture.colours[at]) * root
         frames = self.frames - mean * self.seen[..., None]
         remainder = Remainder(frames.reshape(len(frames), -1))
-        series = ModeSeries(size, self.relief, CompiledSeries)
+        series = ModeSeries(size, self.relief)
         left = self.face_bytes - texture.size_bytes
         modes: list[Draft] = []
         error = remainder.error if left >= 0 else TOO_LARGE - left

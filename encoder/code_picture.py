@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.choose import WORTH_A_TILE, Tape, choose
-from encoder.foretell import CompiledSeries
+from encoder.choose import Tape, choose
+from encoder.choose_band import WORTH_A_TILE
 from protocol.foresee import STILL
 from protocol.pictures import (
     ModeSeries,
@@ -58,7 +58,7 @@ def draft_still(colours: Single, step: int, relief: bytes = b"", kind: int = STI
     height, width = colours.shape[:2]
     head = serialise_head(kind, width, height, relief)
     ours = PictureFormat(kind, decode_relief("still", relief, height, width))
-    return _draft(CompiledSeries(kind), ours, to_planes(colours, ours.chroma), step, head)
+    return _draft(Series(kind), ours, to_planes(colours, ours.chroma), step, head)
 
 
 def draft_mode(modes: ModeSeries, planes: Single, step: int) -> Draft:

@@ -21,7 +21,6 @@ from encoder.fit import (
     personalise,
     start_parameters,
 )
-from encoder.foretell import CompiledSeries
 from encoder.grow import Grown, Look
 from encoder.identity import Fitted
 from encoder.model import BUDGETS, Budget, call_parameters
@@ -194,7 +193,7 @@ class Learner:
             learned.caller.appearance,
             texture=texture,
             mean=mean,
-            series=ModeSeries(len(mean), kind=CompiledSeries),
+            series=ModeSeries(len(mean)),
         )
         caller = replace(learned.caller, appearance=appearance)
         learned = replace(learned, caller=caller)

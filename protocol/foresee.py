@@ -77,19 +77,19 @@ class Network:
 
     features: (f + 2, h) weights of features, the last two of `Site.features`.
     classes: (CLASSES, h) weights of what a place belongs to.  last: (h + 1, outputs).
-    As attributes the former are those of what is around, the latter have what is `added` apart;
-    rows, columns: (CELLS, h) of classes.
+    As attributes the features are those of what is around and those `of_all` places of a turn, the
+    last have what is `added` apart; rows, columns: (CELLS, h) of classes.
     """
 
     def __init__(self, features: Array, classes: Array, last: Array) -> None:
-        self.features, self._of_all, self._classes = features[:-2], features[-2:], classes
+        self.features, self.of_all, self.classes = features[:-2], features[-2:], classes
         self.last, self.added = last[:-1], last[-1]
         self.rows, self.columns = classes[STARTS[-2] : STARTS[-1]], classes[STARTS[-1] :]
 
     def common(self, site: Site, turn: Turn) -> Array:
         """(h,) what all places of a turn add to the hidden values."""
-        own = self._classes[site.classes(turn)].sum(0)
-        return np.asarray(own + np.array(site.features(turn)) @ self._of_all)
+        own = self.classes[site.classes(turn)].sum(0)
+        return np.asarray(own + np.array(site.features(turn)) @ self.of_all)
 
     def zeros(self, features: Array, site: Site, turn: Turn) -> Integers:
         """(n, outputs) the probability of a zero, in 1 / 65536, from features (n, f)."""

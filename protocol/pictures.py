@@ -172,13 +172,13 @@ def decode_still(name: str, data: bytes) -> Single:
 class ModeSeries:
     """Codes the appearance modes of one caller, in order.
 
-    size: of the texture, a side.  relief: the texture's.  kind: `Series`, or one with its results.
+    size: of the texture, a side.  relief: the texture's.
     Raises `ProtocolError` if the relief is damaged.
     """
 
-    def __init__(self, size: int, relief: bytes = b"", kind: type[Series] = Series) -> None:
+    def __init__(self, size: int, relief: bytes = b"") -> None:
         self.format = PictureFormat(MODE, decode_relief("texture", relief, size, size))
-        self.series = kind(MODE)
+        self.series = Series(MODE)
 
     def copy(self) -> "ModeSeries":
         """What can go on by itself."""

@@ -62,16 +62,8 @@ class PlaneCoder(Protocol):
         """The coarsest subband of a still, in the shape of `empty`; see `code_coarse`."""
         ...
 
-    def flags(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
-        """(n,) 0 or 1 for tiles, 0 with probability zeros (n,) / 65536."""
-        ...
-
-    def sizes(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
-        """(n,) sizes of coefficients; zeros (n, outputs) see `foresee.Networks`."""
-        ...
-
-    def signs(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
-        """(n,) 0, or 1 for a negative one, of the coefficients that are not zero."""
+    def band(self, site: Site, sources: Integers) -> Integers:
+        """Any other band, in the shape of sources (len(Source), h, w): what goes with it."""
         ...
 
 
@@ -124,7 +116,7 @@ class Series:
         site = Site(self.kind, plane, 0, COARSE, self.pictures)
         if self.kind == MODE:
             sources = self._sources(site, empty.coarse.shape, [], [], before)
-            coarse = self._band(coder, site, sources)
+            coarse = coder.band(site, sources)
         else:
             coarse = coder.coarse(empty.coarse, integers, int(plane > 0))
         details: list[list[Integers]] = []
@@ -134,7 +126,7 @@ class Series:
             for orientation, band in enumerate(blanks):
                 site = Site(self.kind, plane, level, orientation, self.pictures)
                 sources = self._sources(site, band.shape, parents, done, before)
-                done.append(self._band(coder, site, sources))
+                done.append(coder.band(site, sources) if band.size else band)
             details.append(done)
             parents = [np.abs(band) for band in done]
         return Pyramid(coarse, details)
@@ -168,38 +160,6 @@ class Series:
         if site.plane > 1:
             sources[Source.FIRST_COLOUR] = before[1].band(site)
         return sources
-
-    def _band(self, coder: PlaneCoder, site: Site, sources: Integers) -> Integers:
-        shape = sources.shape[1:]
-        if not shape[0] * shape[1]:
-            return np.zeros(shape, np.int64)
-        flags = self._flags(coder, site, by_tile(np.abs(sources)))
-        active, busy = (enlarged(each, TILE, shape) for each in (flags, box(flags)))
-        result = np.zeros(shape, np.int64)
-        around = Surroundings(sources, active > 0, busy)
-        for turn in around.turns():
-            values = coder.sizes(site, self.foretold_sizes(around, site, turn), turn).copy()
-            some = values > 0
-            if some.any():
-                signed = turn.of(some)
-                zeros = self.foretold_signs(around, site, signed)
-                values[some] *= 1 - 2 * coder.signs(site, zeros, signed)
-            around.learn(turn, values)
-            result[turn.rows, turn.columns] = values
-        return result
-
-    def _flags(self, coder: PlaneCoder, site: Site, sources: Integers) -> Integers:
-        """Which tiles of a band hold anything."""
-        grid = sources.shape[1:]
-        if grid[0] * grid[1] * TILE**2 <= SMALL_BAND:
-            return np.ones(grid, np.int64)
-        flags = np.zeros(grid, np.int64)
-        around = Surroundings(sources, np.ones(grid, bool), np.zeros(grid, np.int64))
-        for turn in around.turns():
-            found = coder.flags(site, self.foretold_tiles(around, site, turn), turn)
-            around.learn(turn, found)
-            flags[turn.rows, turn.columns] = found
-        return flags
 
     def foretold_tiles(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
         """(n,) probabilities that tiles hold nothing."""
@@ -242,21 +202,47 @@ def _map(function: Callable[..., Integers], *pyramids: Pyramid) -> Pyramid:
 
 @dataclass(frozen=True, slots=True)
 class _Reader:
-    """Reads a plane of `shape`."""
+    """Reads a plane of `shape` of the next picture of `series`."""
 
+    series: Series
     coder: RangeDecoder
     shape: Shape
 
     def coarse(self, empty: Integers, integers: AdaptiveIntegers, context: int) -> Integers:
         return code_coarse(self.coder, integers, context, empty)
 
-    def flags(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
-        return code_bits_each(self.coder, np.zeros_like(zeros), zeros)
+    def band(self, site: Site, sources: Integers) -> Integers:
+        shape = sources.shape[1:]
+        flags = self._flags(site, by_tile(np.abs(sources)))
+        active, busy = (enlarged(each, TILE, shape) for each in (flags, box(flags)))
+        result = np.zeros(shape, np.int64)
+        around = Surroundings(sources, active > 0, busy)
+        for turn in around.turns():
+            zeros = self.series.foretold_sizes(around, site, turn)
+            values = code_sizes(self.coder, np.zeros(len(zeros), np.int64), zeros)
+            some = values > 0
+            if some.any():
+                signed = turn.of(some)
+                zeros = self.series.foretold_signs(around, site, signed)
+                values[some] *= 1 - 2 * self._bits(zeros)
+            around.learn(turn, values)
+            result[turn.rows, turn.columns] = values
+        return result
 
-    def sizes(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
-        return code_sizes(self.coder, np.zeros(len(zeros), np.int64), zeros)
+    def _flags(self, site: Site, sources: Integers) -> Integers:
+        """Which tiles of a band hold anything."""
+        grid = sources.shape[1:]
+        if grid[0] * grid[1] * TILE**2 <= SMALL_BAND:
+            return np.ones(grid, np.int64)
+        flags = np.zeros(grid, np.int64)
+        around = Surroundings(sources, np.ones(grid, bool), np.zeros(grid, np.int64))
+        for turn in around.turns():
+            found = self._bits(self.series.foretold_tiles(around, site, turn))
+            around.learn(turn, found)
+            flags[turn.rows, turn.columns] = found
+        return flags
 
-    def signs(self, site: Site, zeros: Integers, turn: Turn) -> Integers:
+    def _bits(self, zeros: Integers) -> Integers:
         return code_bits_each(self.coder, np.zeros_like(zeros), zeros)
 
 
@@ -269,7 +255,7 @@ def read(series: Series, name: str, data: bytes, shapes: Sequence[Shape]) -> lis
     series.expect(shapes)
     coder = RangeDecoder(data)
     try:
-        pyramids = series.code([_Reader(coder, shape) for shape in shapes])
+        pyramids = series.code([_Reader(series, coder, shape) for shape in shapes])
     except ValueError as error:
         raise ProtocolError(f"{name}: {error}") from error
     if coder.surplus:

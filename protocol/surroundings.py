@@ -43,12 +43,13 @@ class Source(IntEnum):
     FIRST_COLOUR = 8
 
 
-_SIGNED = slice(Source.LAST_PICTURE, None)
+# The first of the signed ones.
+SIGNED = int(Source.LAST_PICTURE)
 _WITH_RING = range(Source.BAND_BEFORE, Source.LUMA + 1)
 
-# Steps in rows and columns to what is around a place, at most `_PAD` away.
+# Steps in rows and columns to what is around a place, at most `PAD` away.
 _Steps = Sequence[tuple[int, int]]
-_PAD = 2
+PAD = 2
 _HERE = [(0, 0)]
 _BESIDE, _ABOVE = [(0, -1), (0, 1)], [(-1, 0), (1, 0)]
 _DIAGONAL = [(i, j) for i in (-1, 1) for j in (-1, 1)]
@@ -108,15 +109,15 @@ class Surroundings:
     def __init__(self, sources: Integers, active: Bools, busy: Integers) -> None:
         self._active = active
         height, width = self._shape = active.shape
-        self._across = width + 2 * _PAD
-        inside = slice(_PAD, _PAD + height), slice(_PAD, _PAD + width)
-        wide = height + 2 * _PAD, self._across
+        self._across = width + 2 * PAD
+        inside = slice(PAD, PAD + height), slice(PAD, PAD + width)
+        wide = height + 2 * PAD, self._across
         sizes = np.zeros((len(Source) + 2, *wide), np.int64)
         sizes[(slice(1, -1), *inside)] = np.abs(sources)
         sizes[(-1, *inside)] = busy
-        values = np.zeros((1 + len(Source) - Source.LAST_PICTURE, *wide), np.int64)
-        values[(slice(1, None), *inside)] = sources[_SIGNED]
-        of_sizes, of_signs = _sums(self._across, wide[0] * wide[1])
+        values = np.zeros((1 + len(Source) - SIGNED, *wide), np.int64)
+        values[(slice(1, None), *inside)] = sources[SIGNED:]
+        of_sizes, of_signs = sums_around(height, width)
         self.sizes, self.values = Terms(sizes.ravel(), of_sizes), Terms(values.ravel(), of_signs)
 
     def turns(self) -> Iterator[Turn]:
@@ -128,7 +129,7 @@ class Surroundings:
 
     def learn(self, turn: Turn, values: Integers) -> None:
         """The values (n,) of a turn's places."""
-        places = (turn.rows + _PAD) * self._across + turn.columns + _PAD
+        places = (turn.rows + PAD) * self._across + turn.columns + PAD
         self.values.grids[places] = values
         self.sizes.grids[places] = np.abs(values)
 
@@ -145,7 +146,7 @@ class Surroundings:
 
     def places(self, turn: Turn) -> Integers:
         """(n, 2) each place in the padded grid, and that on the other side of the face."""
-        row = (turn.rows + _PAD) * self._across + _PAD
+        row = (turn.rows + PAD) * self._across + PAD
         return np.array([row + turn.columns, row + self._shape[1] - 1 - turn.columns]).T
 
 
@@ -176,8 +177,10 @@ class Terms:
 
 
 @lru_cache(maxsize=256)
-def _sums(across: int, places: int) -> tuple[Sums, Sums]:
-    """What foretells sizes and signs."""
+def sums_around(height: int, width: int) -> tuple[Sums, Sums]:
+    """What foretells sizes and signs in a grid of this size, padded by `PAD` on all sides."""
+    across = width + 2 * PAD
+    places = (height + 2 * PAD) * across
     return Sums(_OF_SIZES, across, places), Sums(_OF_SIGNS, across, places)
 
 

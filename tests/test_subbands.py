@@ -9,7 +9,6 @@ import pytest
 from numpy.typing import NDArray
 
 from encoder.choose import choose
-from encoder.foretell import CompiledSeries
 from protocol.coefficients import MAX_SIZE
 from protocol.entropy import WHOLE
 from protocol.foresee import (
@@ -69,11 +68,10 @@ def bands(pyramid: Pyramid) -> list[NDArray[np.int64]]:
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("kind", [STILL, TEXTURE, MODE])
 @pytest.mark.parametrize("step", [0.5, 8.0])
-@pytest.mark.parametrize("sending", [Series, CompiledSeries])
 def test_a_decoder_gets_what_the_encoder_chose(
-    shape: tuple[int, int], kind: int, step: float, sending: type[Series]
+    shape: tuple[int, int], kind: int, step: float
 ) -> None:
-    sender, receiver = sending(kind), Series(kind)
+    sender, receiver = Series(kind), Series(kind)
     shapes = plane_shapes(*shape)
     for seed in range(3):
         planes = [drawing(each, seed + 4 * i) for i, each in enumerate(shapes)]
