@@ -1,6 +1,7 @@
 """The models of a live call: what is learned of the caller, ready to send frames under."""
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -141,7 +142,11 @@ class Learner:
     ) -> None:
         self._head, self._capture, self._cadence = head, capture, cadence
         self._still, self._workers = still, workers
-        self._background = still.coded(background_bytes)
+        self._fitted: Fitted | None = None
+        # Coded beside the first model's learning: both take as long as many frames.
+        beside = ThreadPoolExecutor(1)
+        self._background = beside.submit(still.coded, background_bytes)
+        beside.shutdown(wait=False)
 
     def learn(
         self, budget: Budget, pictures: Sequence[Picture], points: Sequence[Array], layer: int
@@ -165,7 +170,7 @@ class Learner:
             frame_step=cadence.frame_step,
         )
         call = self._call_parameters(caller.fitted.camera.focal_px)
-        background = self._background if budget.background_bytes else b""
+        background = self._background.result() if budget.background_bytes else b""
         packet = default_model(caller, components, call, background)
         roomy = serialise_components(with_spare(components, SPARE_MODES))
         model = replace(packet, layer=layer, layers=layer + 1, extension=roomy, growing=True)
@@ -203,7 +208,8 @@ class Learner:
         self, budget: Budget, pictures: Sequence[Picture], points: Sequence[Array]
     ) -> Learned:
         size = (self._capture.width, self._capture.height)
-        fitted, faces = follow_all(self._head, size, points)
+        fitted, faces = follow_all(self._head, size, points, self._fitted)
+        self._fitted = fitted
         # Lids as frames will have them.
         landmarks = self._landmarks(fitted)
         faces = [

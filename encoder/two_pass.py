@@ -50,11 +50,14 @@ class Sampler:
 
 
 def follow_all(
-    head: Head, size: tuple[int, int], points: Sequence[Array]
+    head: Head, size: tuple[int, int], points: Sequence[Array], near: Fitted | None = None
 ) -> tuple[Fitted, list[FaceParameters]]:
-    """One identity, and pose and actuators of every frame, from its landmarks (468, 3)."""
+    """One identity, and pose and actuators of every frame, from its landmarks (468, 3).
+
+    near: see `fit_identity`.
+    """
     chosen = spread_frames(np.array(points))
-    fitted = fit_identity(head, size, [points[i] for i in chosen])
+    fitted = fit_identity(head, size, [points[i] for i in chosen], near=near)
     model = personalise(landmark_model(head), fitted.identity.aau, fitted.control_mm)
     current = start_parameters(model, fitted.camera, points[0])
     faces = []
