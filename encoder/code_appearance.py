@@ -24,10 +24,12 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 # The quantiser: where the search for it starts and how far apart it tries, in steps of
-# `pictures.step_size`.  It usually ends where the mean takes about this share of the bytes.
+# `pictures.step_size`.
 FIRST_STEP = 22
 STRIDE = 2
-TEXTURE_SHARE, SHARE_TRIES = 0.36, 2
+# The search usually ends where the mean takes about this share of the bytes, of few bytes more:
+# early in a live call little is known that modes could show.
+TEXTURE_SHARE, USUAL_BYTES, SHARE_TRIES = 0.36, 8000, 2
 # Where less than this share of the bytes is used a finer step may fit.
 LEAST_USED = 0.96
 STEPS_PER_HALVING = 10
@@ -175,9 +177,11 @@ class _Bench:
     def likely_step(self) -> int:
         """About the step at which the mean takes its usual share."""
         step = FIRST_STEP
+        few = max(1.0, USUAL_BYTES / max(self.face_bytes, 1))
+        most = min(TEXTURE_SHARE * few**0.8, 1.0) * self.face_bytes
         for _ in range(SHARE_TRIES):
             size = draft_still(self.picture, step, self.relief, TEXTURE).size_bytes
-            octaves = np.log2(size / (TEXTURE_SHARE * self.face_bytes))
+            octaves = np.log2(size / most)
             step = min(max(step + round(STEPS_PER_HALVING * octaves), 0), MAX_STEP)
         return step
 

@@ -10,6 +10,8 @@ from encoder.grow import BYTES_PER_S, LOOKS_PER_S, MOST_LOOKS, Grower, Grown, Lo
 
 # New modes come together at most this often: each costs the tracker a new template.
 EVERY_S = 0.25
+# How many looks from before an update are taken again: a few count nearly all.
+FIRST_LOOKS = MOST_LOOKS // 2
 
 
 class LiveModes:
@@ -32,7 +34,8 @@ class LiveModes:
         # Not by the epoch's drawing: when its tracker is taught a mode, that one is not.
         self._grower = Grower(epoch.learned.caller, epoch.explain)
         self._fresh.clear()
-        self._fresh.extend(replace(look, face=None) for look in self._recent)
+        newest = list(self._recent)[-FIRST_LOOKS:]
+        self._fresh.extend(replace(look, face=None) for look in newest)
         self._learning = None
 
     def wants(self, index: int) -> bool:
