@@ -1,4 +1,4 @@
-"""Where faces are: BlazeFace under `cv2.dnn` (see haar.py for Viola-Jones)."""
+"""Where faces are: BlazeFace (see haar.py for Viola-Jones)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Irises and lids by MediaPipe's iris network under `cv2.dnn`.
+"""Irises and lids by MediaPipe's iris network.
 
 The network takes longer for two eyes than the face mesh for the whole face, but the mesh's lids
 close about half as far as the caller's.

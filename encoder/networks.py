@@ -1,13 +1,16 @@
-"""Where the landmark networks' files are, and how OpenCV runs them."""
+"""Where the landmark networks' files are, and how they are run."""
 
-from collections.abc import Sequence
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
 
-import cv2
 import numpy as np
+from ai_edge_litert.interpreter import Interpreter
 from numpy.typing import NDArray
 
 SHORT_RANGE = "face_detection_short_range.tflite"
@@ -82,16 +85,19 @@ def _in_mediapipe(module: str, name: str) -> Path | None:
 
 
 class Network:
-    """One TFLite network under `cv2.dnn`."""
+    """One TFLite network under LiteRT, on the thread that asks: several threads need several."""
 
     def __init__(self, path: Path) -> None:
         if not path.is_file():
             raise NetworkFilesMissing(f"{path} is missing")
         try:
-            self._net = cv2.dnn.readNetFromTFLite(str(path))
-        except cv2.error as error:
-            raise NetworkFilesMissing(f"{path} is not a network OpenCV can read") from error
-        self._outputs = self._net.getUnconnectedOutLayersNames()
+            with _hushed():
+                self._interpreter = Interpreter(str(path), num_threads=1)
+                self._interpreter.allocate_tensors()
+        except ValueError as error:
+            raise NetworkFilesMissing(f"{path} is not a network LiteRT can read") from error
+        self._input = self._interpreter.get_input_details()[0]["index"]
+        self._outputs = [each["index"] for each in self._interpreter.get_output_details()]
 
     def run(self, image: NDArray[np.uint8], low: float) -> dict[int, NDArray[np.float32]]:
         """Feed `image` (h, w, 3) uint8 BGR, scaled to [low, 1] RGB; give flat outputs by length.
@@ -103,13 +109,27 @@ class Network:
     def run_all(
         self, images: Sequence[NDArray[np.uint8]], low: float
     ) -> dict[int, NDArray[np.float32]]:
-        """Feed n images of one size together, see `run`; give outputs (n, length) by length."""
-        span = 1.0 - low
-        mean = -low * 255 / span
-        blob = cv2.dnn.blobFromImages(images, span / 255, mean=(mean,) * 3, swapRB=True)
-        self._net.setInput(blob)
-        rows = [
-            np.asarray(output, np.float32).reshape(len(images), -1)
-            for output in self._net.forward(self._outputs)
-        ]
-        return {output.shape[1]: output for output in rows}
+        """Feed n images of one size, see `run`; give outputs (n, length) by length."""
+        found = [self._run(image, low) for image in images]
+        return {rows[0].size: np.stack(rows) for rows in zip(*found, strict=True)}
+
+    def _run(self, image: NDArray[np.uint8], low: float) -> list[NDArray[np.float32]]:
+        scale = np.float32((1.0 - low) / 255)
+        pixels = image[None, ..., ::-1] * scale + np.float32(low)
+        self._interpreter.set_tensor(self._input, pixels)
+        self._interpreter.invoke()
+        return [self._interpreter.get_tensor(index).ravel() for index in self._outputs]
+
+
+@contextmanager
+def _hushed() -> Iterator[None]:
+    """Keep from the terminal what LiteRT says there by itself, whoever asks it not to."""
+    sys.stderr.flush()
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)

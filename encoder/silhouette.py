@@ -1,4 +1,4 @@
-"""Who is before the background of a still: MediaPipe's selfie segmentation under `cv2.dnn`."""
+"""Who is before the background of a still: MediaPipe's selfie segmentation."""
 
 from dataclasses import dataclass
 from pathlib import Path
