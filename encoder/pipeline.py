@@ -17,6 +17,7 @@ from encoder.follow import FOLLOWED, FollowOptions, open_follower
 from encoder.live_call import LiveCall
 from encoder.model import budget_for
 from encoder.parallel import read_ahead, switching_often
+from encoder.rehearse import rehearse
 from encoder.startup import LayerPacer
 from encoder.tally import Tally
 from encoder.thesis_call import ThesisCall
@@ -25,6 +26,7 @@ from protocol.quantise import THESIS_RATE_HZ
 from protocol.recording import CallWriter
 from shared_model.errors import UserError
 from shared_model.mesh import generic_head
+from shared_model.surround import surrounded_head
 
 Picture = NDArray[np.uint8]
 
@@ -182,6 +184,10 @@ def send_live(
     # A source that waits for its reader may wait for the learning, too.
     wait = not (options.pace or capture.is_live)
     cadence = cadence_for(capture.fps, options.fps)
+    if not wait:
+        console.preparing("getting ready")
+        rehearse(surrounded_head(), capture, cadence)
+        console.preparing("")
     call = LiveCall(
         capture,
         sink,

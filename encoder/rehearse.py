@@ -1,0 +1,46 @@
+"""A live call's first second, gone through before it begins with a face that is not there.
+
+What runs for the first time takes long: compiled loops are loaded then, or compiled on a machine
+that never ran them, which takes a dozen seconds.  No frame shall wait for that.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from encoder.cadence import Cadence
+from encoder.capture import Capture
+from encoder.epoch import Learner
+from encoder.fit import landmark_model
+from encoder.grow import Grower
+from encoder.identity import TYPICAL_FOCAL
+from encoder.landmarks import COUNT
+from encoder.model import BUDGETS
+from encoder.silhouette import Still
+from shared_model.geometry import Camera, pixel_from_camera
+from shared_model.mesh import Head
+
+# How far away the face is, and what its model takes.
+AWAY_MM = 600.0
+BYTES, MODES, FRAMES = 1500, 2, 4
+# Grey levels of the noise.
+GREY = (100, 156)
+
+
+def rehearse(head: Head, capture: Capture, cadence: Cadence) -> None:
+    """Learn, find and go on learning a face of noise in pictures of the source's size."""
+    camera = Camera(capture.width, capture.height, TYPICAL_FOCAL * max(capture.width, capture.height))
+    model = landmark_model(head)
+    seen = model.neutral + np.array([0.0, 0.0, AWAY_MM])
+    points = np.zeros((COUNT, 3))
+    points[model.index, :2] = pixel_from_camera(camera, seen)
+    points[model.index, 2] = model.neutral[:, 2] * camera.focal_px / AWAY_MM
+    rng = np.random.default_rng(0)
+    shape = (FRAMES, capture.height, capture.width, 3)
+    pictures = list(rng.integers(*GREY, shape).astype(np.uint8))
+    learner = Learner(head, capture, cadence, Still(pictures[0]), BYTES, 1)
+    budget = replace(BUDGETS["live"], face_bytes=BYTES, background_bytes=BYTES, most_modes=MODES)
+    epoch = learner.learn(budget, pictures, [points] * FRAMES, 0)
+    looks = [epoch.look(picture, points) for picture in pictures]
+    epoch.find(looks[0])
+    Grower(epoch.learned.caller, epoch.explain).grow(looks, BYTES, 1)
