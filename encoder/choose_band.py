@@ -128,9 +128,7 @@ def choose_band(site: Site, wanted: Array, sources: Integers) -> Decisions:
 
 
 def _weights(network: Network) -> _Weights:
-    return _Weights(
-        network.features, network.of_all, network.classes, network.last, network.added
-    )
+    return _Weights(network.features, network.of_all, network.classes, network.last, network.added)
 
 
 def _places(sums: Sums) -> _Places:
@@ -146,9 +144,7 @@ def _band(
     weights: tuple[_Weights, _Weights, _Weights],
     places: tuple[_Places, _Places, _Places],
     tables: _Tables,
-) -> tuple[
-    Integers, Integers, Integers, Integers, Integers, Integers, Integers, Integers, float
-]:
+) -> tuple[Integers, Integers, Integers, Integers, Integers, Integers, Integers, Integers, float]:
     """See `choose_band`.  site: (5,).  weights, places: of tiles, sizes and signs."""
     height, width = wanted.shape
     flags, coded_flags, flag_zeros, total = _flags(

@@ -11,7 +11,7 @@ from encoder.blinks import between_lids, fit_with_lids
 from encoder.cadence import Cadence
 from encoder.caller import Caller, Learned, learn_caller
 from encoder.capture import Capture
-from encoder.combine import Sensitivity
+from encoder.combine import Sensitivity, project
 from encoder.crop import crop_face
 from encoder.drawing import Drawing, drawing_of
 from encoder.expect import expected_components
@@ -109,6 +109,18 @@ class Epoch:
         start = near or start_parameters(self.landmarks, camera, look.points)
         seen = fit_with_lids(self.landmarks, camera, look.points, start)
         return between_lids(seen, self.learned.caller.tracker.refine(look.crop, seen, 3))
+
+    def redrawn(self, look: Look, face: FaceParameters) -> FaceParameters:
+        """A face that was found in a look before the newest modes, with these."""
+        modes = _padded(face.modes, len(self.components.modes))
+        return self.drawing.fit(look.crop, replace(face, modes=modes), outline_of(look.points))
+
+    def values(self, faces: Sequence[FaceParameters]) -> Array:
+        """(t, n) of all components in some frames; modes newer than a face it has none of."""
+        pose = self.model.reference_pose
+        vectors = [_padded(vector_from_face(face, pose), len(self.harm)) for face in faces]
+        values = project(self.components, np.array(vectors), self.harm)
+        return np.pad(values, ((0, 0), (0, self.room)))
 
     def grown(self, mode: Grown) -> "Epoch":
         """The same with a mode more; teaches it the caller's tracker.
@@ -236,6 +248,11 @@ class Learner:
     def _call_parameters(self, focal_px: float) -> CallParameters:
         packing = self._cadence.frames_per_packet, self._cadence.frame_step
         return call_parameters(self._capture, "default", focal_px, 0, *packing)
+
+
+def _padded(values: Array, count: int) -> Array:
+    """Values, and zeros up to so many."""
+    return np.append(values, np.zeros(count - len(values)))
 
 
 def _drawing(caller: Caller) -> Drawing:

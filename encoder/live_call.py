@@ -11,7 +11,7 @@ On a thin link the first model is a first layer only, and updates come in layers
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,6 @@ from encoder.announce import Announcer, Place, Update
 from encoder.beside import threads_beside
 from encoder.cadence import Cadence
 from encoder.capture import Capture
-from encoder.combine import project
 from encoder.detect import BlazeFaceDetector
 from encoder.epoch import Epoch, Learner
 from encoder.fit import outline_of
@@ -36,7 +35,6 @@ from encoder.silhouette import still_of
 from encoder.startup import UPDATE_LAYER_BYTES, LayerPacer
 from encoder.tally import Tally
 from encoder.two_pass import Sampler
-from protocol.components import vector_from_face
 from protocol.link import PacketSink
 from protocol.messages import SEQUENCE_MODULUS, ControlKind, ControlPacket, FramePacket
 from protocol.predict import FramePredictor
@@ -56,11 +54,22 @@ TRAINING_FRAMES, TRAINING_FRAMES_BESIDE = 24, 12
 # Packets before an update holds from which on modes are learned for it: soon enough for the first
 # of them to hold with it.  Until then they are for the model in use.
 GROW_AHEAD, GROW_AHEAD_BESIDE = 1, 2
+# About how long single modes take to be learned beside frames: so much before a packet is full they
+# are begun, since all frames of a packet have the modes that are there when it goes out.
+GROWING_S = 0.12
 # An update that the link carries within this time goes before single modes; on a thinner link it
 # waits until they pause: a little soon is better than all of it late.
 PATIENCE_S = 3.0
 # What of the budget the first model takes: its still, and a mean that is soon replaced.
 FIRST_SHARE = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    """A face that waits for its packet to be full.  look: None where there was none to be seen."""
+
+    face: FaceParameters
+    look: Look | None = None
 
 
 class LiveCall:
@@ -108,7 +117,7 @@ class LiveCall:
         self._lost = False  # whether the decoder has been told
         self._number = 0  # of the next frame packet
         self._coded = 0  # source frames coded so far
-        self._waiting: list[Array] = []
+        self._waiting: list[_Waiting] = []
         self._modes = LiveModes(float(capture.fps), self._pool)
         self._grows_next = False  # whether modes are learned for the next epoch
         self._grow_ahead = GROW_AHEAD if wait else GROW_AHEAD_BESIDE
@@ -117,6 +126,7 @@ class LiveCall:
         self._haste, self._clock = None if wait else Haste(1 / self._fps), clock
         self._announcer = Announcer(sink, tally, cadence, self._fps, pacer)
         fps = float(cadence.coded_fps(capture.fps))
+        self._grow_before = 0 if wait else round(GROWING_S * fps)
         spending = Spending(bitrate, fps, cadence.frames_per_packet)
         self._purse = LivePurse(spending)
 
@@ -157,13 +167,13 @@ class LiveCall:
             self._missed = 0
             look = epoch.look(frame, found.points)
             with self._tally.stage("refine"):
-                hurries = self._haste is not None and not self._haste.has_time
-                find = epoch.explain if hurries else epoch.find
+                find = epoch.explain if self._hurries else epoch.find
                 self._face = find(look, self._face)
-            self._queue(self._face)
+            self._waiting.append(_Waiting(self._face, look))
             # Not by the epoch that modes are learned for.
-            known = None if self._grows_next or self._epoch is not epoch else self._face
+            known = None if self._grows_next else self._face
             self._grow_on(index, replace(look, face=known))
+            self._flush_if_full()
         self._learn_on()
 
     def end(self, frames: int) -> None:
@@ -187,22 +197,25 @@ class LiveCall:
         self._missed += 1
         if self._is_coded(index):
             self._held += 1
-            self._queue(self._face)
+            self._waiting.append(_Waiting(self._face))
+            self._flush_if_full()
 
     def _is_coded(self, index: int) -> bool:
         return index == self._coded + len(self._waiting) * self._cadence.frame_step
 
-    def _queue(self, face: FaceParameters) -> None:
-        """Add a frame to the packet that is being filled, and send it once it is full."""
-        epoch = self._epoch
-        assert epoch is not None
-        vector = vector_from_face(face, epoch.model.reference_pose)
-        # A face that was found before the newest modes has none of them.
-        vector = np.append(vector, np.zeros(len(epoch.harm) - len(vector)))
-        values = project(epoch.components, vector[None], epoch.harm)[0]
-        self._waiting.append(np.append(values, np.zeros(epoch.room)))
-        first = self._number == epoch.number
-        if len(self._waiting) == (1 if first else self._cadence.frames_per_packet):
+    @property
+    def _packet_frames(self) -> int:
+        """How many frames the packet that is being filled takes."""
+        assert self._epoch is not None
+        return 1 if self._number == self._epoch.number else self._cadence.frames_per_packet
+
+    @property
+    def _hurries(self) -> bool:
+        """Whether to leave out what can be left out."""
+        return self._haste is not None and not self._haste.has_time
+
+    def _flush_if_full(self) -> None:
+        if len(self._waiting) == self._packet_frames:
             self._flush()
 
     def _flush(self) -> None:
@@ -217,7 +230,8 @@ class LiveCall:
             self._lost = lost
         number = self._number - epoch.number
         with self._tally.stage("code"):
-            packet = self._purse.code(self._predictor, number, np.array(self._waiting))
+            faces = [each.face for each in self._waiting]
+            packet = self._purse.code(self._predictor, number, epoch.values(faces))
         self._predictor.anchor = packet.frames[-1]
         self._tally.frame_bytes += len(packet.payload)
         sequence = self._number % SEQUENCE_MODULUS
@@ -288,8 +302,9 @@ class LiveCall:
             return
         epoch = self._next if self._grows_next else self._epoch
         assert epoch is not None
+        due = len(self._waiting) + self._grow_before >= self._packet_frames
         with self._tally.stage("grow"):
-            found = self._modes.grown(index, epoch.room)
+            found = self._modes.grown(index, epoch.room, due)
         for mode in found:
             epoch = epoch.grown(mode)
             self._announcer.grow(epoch, mode.data)
@@ -297,6 +312,18 @@ class LiveCall:
             self._next = epoch
         else:
             self._epoch = epoch
+            if found and not self._hurries:
+                self._find_again(epoch)
+
+    def _find_again(self, epoch: Epoch) -> None:
+        """Find the faces of the packet that is being filled by the newest modes, too."""
+        with self._tally.stage("refine"):
+            self._waiting = [
+                replace(each, face=epoch.redrawn(each.look, each.face)) if each.look else each
+                for each in self._waiting
+            ]
+        if self._waiting and self._waiting[-1].look:
+            self._face = self._waiting[-1].face
 
     @property
     def _is_update_waiting(self) -> bool:

@@ -48,14 +48,18 @@ class LiveModes:
         self._recent.append(look)
         self._fresh.append(look)
 
-    def grown(self, index: int, most: int) -> list[Grown]:
-        """Modes that have been learned by source frame `index`; goes on with at most `most`."""
+    def grown(self, index: int, most: int, due: bool = True) -> list[Grown]:
+        """Modes that have been learned by source frame `index`.
+
+        due: goes on with at most `most`, if it is time.
+        """
         if self._learning is not None:
             if not self._learning.done():
                 return []
             found, self._learning = self._learning.result(), None
             return self._spent(found)
-        if index - self._grown_at < EVERY_S * self._fps or not self._fresh or not most:
+        early = index - self._grown_at < EVERY_S * self._fps
+        if early or not due or not self._fresh or not most:
             return []
         earned = BYTES_PER_S * min(1.0, (index - self._grown_at) / self._fps)
         self._room_bytes = min(self._room_bytes + earned, BYTES_PER_S)

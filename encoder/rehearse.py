@@ -29,14 +29,16 @@ GREY = (100, 156)
 
 def rehearse(head: Head, capture: Capture, cadence: Cadence) -> None:
     """Learn, find and go on learning a face of noise in pictures of the source's size."""
-    camera = Camera(capture.width, capture.height, TYPICAL_FOCAL * max(capture.width, capture.height))
+    camera = Camera(
+        capture.width, capture.height, TYPICAL_FOCAL * max(capture.width, capture.height)
+    )
     model = landmark_model(head)
     seen = model.neutral + np.array([0.0, 0.0, AWAY_MM])
     points = np.zeros((COUNT, 3))
     points[model.index, :2] = pixel_from_camera(camera, seen)
     points[model.index, 2] = model.neutral[:, 2] * camera.focal_px / AWAY_MM
     rng = np.random.default_rng(0)
-    shape = (FRAMES, capture.height, capture.width, 3)
+    shape = (FRAMES, height, width, 3)
     pictures = list(rng.integers(*GREY, shape).astype(np.uint8))
     learner = Learner(head, capture, cadence, Still(pictures[0]), BYTES, 1)
     budget = replace(BUDGETS["live"], face_bytes=BYTES, background_bytes=BYTES, most_modes=MODES)
