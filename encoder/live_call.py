@@ -53,7 +53,7 @@ LEARN_AFTER_S = {1.0: 0.6, 5.0: 1.0, 12.0: 1.0, 25.0: 1.0, 45.0: 1.0}
 TRAINING_FRAMES, TRAINING_FRAMES_BESIDE = 24, 12
 # Packets before an update holds from which on modes are learned for it: soon enough for the first
 # of them to hold with it.  Until then they are for the model in use.
-GROW_AHEAD, GROW_AHEAD_BESIDE = 1, 2
+GROW_AHEAD = 1
 # About how long single modes take to be learned beside frames: so much before a packet is full they
 # are begun, since all frames of a packet have the modes that are there when it goes out.
 GROWING_S = 0.12
@@ -120,7 +120,6 @@ class LiveCall:
         self._waiting: list[_Waiting] = []
         self._modes = LiveModes(float(capture.fps), self._pool)
         self._grows_next = False  # whether modes are learned for the next epoch
-        self._grow_ahead = GROW_AHEAD if wait else GROW_AHEAD_BESIDE
         self._predictor = FramePredictor(np.zeros((1, 5), np.uint8))
         self._cadence, self._fps = cadence, float(capture.fps)
         self._haste, self._clock = None if wait else Haste(1 / self._fps), clock
@@ -250,7 +249,7 @@ class LiveCall:
         if self._next is None:
             return
         # In layers its own modes are still to come.
-        ahead = 0 if self._announcer.in_layers else self._grow_ahead
+        ahead = 0 if self._announcer.in_layers else GROW_AHEAD
         if not self._grows_next and self._number >= self._next.number - ahead:
             self._modes.start(self._next)
             self._grows_next = True

@@ -29,9 +29,8 @@ GREY = (100, 156)
 
 def rehearse(head: Head, capture: Capture, cadence: Cadence) -> None:
     """Learn, find and go on learning a face of noise in pictures of the source's size."""
-    camera = Camera(
-        capture.width, capture.height, TYPICAL_FOCAL * max(capture.width, capture.height)
-    )
+    width, height = capture.width, capture.height
+    camera = Camera(width, height, TYPICAL_FOCAL * max(width, height))
     model = landmark_model(head)
     seen = model.neutral + np.array([0.0, 0.0, AWAY_MM])
     points = np.zeros((COUNT, 3))
