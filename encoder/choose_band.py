@@ -159,8 +159,8 @@ def _band(
     wide[1:, PAD:-PAD, PAD:-PAD] = sources[SIGNED:]
     values_around = wide.ravel()
     values = np.zeros((height, width), np.int64)
-    count = active.sum()
-    sizes, size_zeros = np.zeros(count, np.int64), np.zeros((count, 6), np.int64)
+    count, outputs = active.sum(), len(weights[1].added)
+    sizes, size_zeros = np.zeros(count, np.int64), np.zeros((count, outputs), np.int64)
     signs, sign_zeros = np.zeros(count, np.int64), np.zeros(count, np.int64)
     rows, columns = np.zeros(count, np.int64), np.zeros(count, np.int64)
     ends = np.zeros((len(_TURNS), 2), np.int64)
@@ -279,7 +279,7 @@ def _places_of(active: Bools, turn: int, rows: Integers, columns: Integers, firs
 def _common(weights: _Weights, site: Integers, turn: int, height: int) -> Array:
     """(h,) what all places of a turn add to the hidden values, see `Network.common`."""
     classes, last = weights.classes, len(LOGARITHM) - 1
-    common = LOGARITHM[min(site[4], last)] * weights.of_all[0]
+    common: Array = LOGARITHM[min(site[4], last)] * weights.of_all[0]
     common += LOGARITHM[min(height, last)] * weights.of_all[1]
     for kind in range(4):
         common += classes[_STARTS[kind] + site[kind]]

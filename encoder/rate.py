@@ -112,19 +112,6 @@ def packet_spans(frames: int, frames_per_packet: int) -> list[tuple[int, int]]:
     return list(zip(starts, [*starts[1:], frames], strict=True))
 
 
-@dataclass(slots=True)
-class Taken:
-    """What packets have taken so far."""
-
-    bits: int = 0
-    frames: int = 0
-
-    def add(self, packet: CodedPacket, frames: int) -> None:
-        """A packet of so many frames."""
-        self.bits += packet_bits(packet)
-        self.frames += frames
-
-
 class LivePurse:
     """Codes the packets of a call that is not known beforehand.
 
@@ -135,7 +122,7 @@ class LivePurse:
         self._spending, self._purse = spending, Purse(spending)
         self._credit = 0.0
         self._quality = 0
-        self._all, self._coarsest = Taken(), Taken()
+        self._frames = self._coarsest_frames = self._coarsest_bits = 0
 
     def code(self, predictor: FramePredictor, number: int, targets: Array) -> CodedPacket:
         """Packet `number` of frames (count, n), in units, as finely as there is credit for."""
@@ -154,17 +141,18 @@ class LivePurse:
         self._quality, packet = _within(attempt, limit, finest, self._quality)
         self._purse.pay(packet, len(targets))
         self._credit -= packet_bits(packet)
-        self._all.add(packet, len(targets))
+        self._frames += len(targets)
         if self._quality == QUALITIES - 1:
-            self._coarsest.add(packet, len(targets))
+            self._coarsest_frames += len(targets)
+            self._coarsest_bits += packet_bits(packet)
         return packet
 
     @property
     def excess(self) -> str | None:
-        """See `Spending.excess`: if the call took too much, and its coarsest packets alone do."""
-        if self._spending.excess(self._all.bits, self._all.frames) is None:
+        """See `Spending.excess`: if its coarsest packets alone take more than the call may."""
+        if self._spending.excess(self._coarsest_bits, self._frames) is None:
             return None
-        return self._spending.excess(self._coarsest.bits, self._coarsest.frames)
+        return self._spending.excess(self._coarsest_bits, self._coarsest_frames)
 
 
 class Purse:

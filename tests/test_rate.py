@@ -134,6 +134,21 @@ def test_what_a_live_call_still_owes_is_no_rate_too_low() -> None:
     assert purse.excess is None
 
 
+def test_a_busy_stretch_at_the_end_is_no_rate_too_low() -> None:
+    spending, busy = Spending(400.0, FPS, USUAL), busy_values(12)[100:109]
+    wild = busy[0] + 9 * (busy[1:] - busy[0])
+    values = np.concatenate([np.repeat(busy[:1], 1 + 3 * USUAL, axis=0), wild])
+    purse, predictor = LivePurse(spending), FramePredictor(measure_spreads(busy, USUAL))
+    bits = []
+    for number, span in enumerate(packet_spans(len(values), USUAL)):
+        packet = purse.code(predictor, number, values[slice(*span)])
+        predictor.anchor = packet.frames[-1]
+        bits.append(packet_bits(packet))
+    # As coarse as can be it takes more than it earns, and it comes too late to be paid for.
+    assert bits[-1] > 400 * USUAL / FPS and sum(bits) > 400 * len(values) / FPS
+    assert purse.excess is None
+
+
 def test_levels_run_from_the_finest_to_the_coarsest_quality() -> None:
     numbers = range(3 * TURNS)
     assert {packet_quality(0, n) for n in numbers} == {0}
