@@ -34,7 +34,12 @@ CODECS: dict[str, Literal["ffv1", "mpeg4"]] = {
     ".mov": "mpeg4",
 }
 # Of the codecs, as FFmpeg calls them; the quantiser of MPEG-4 goes from 1, the finest, to 31.
-OPTIONS = {"ffv1": {}, "mpeg4": {"qmin": "3", "qmax": "3"}}
+OPTIONS = {"ffv1": {}, "mpeg4": {"qmin": "1", "qmax": "1"}}
+# Pixels with colours of half the resolution.
+HALVED = "yuv420p"
+# Y' from B'G'R' by BT.601 and BT.709, and its range in a file.
+LUMA = {None: (0.114, 0.587, 0.299), Colorspace.ITU709: (0.0722, 0.7152, 0.2126)}
+LUMA_RANGE = 219 / 255
 # MPEG-4 counts time in no smaller parts of a second.
 MPEG4_PARTS = 65535
 # What files of a call with this matrix are tagged with.
@@ -103,6 +108,7 @@ class VideoFile:
         self._path, self._shape = path, (height, width, 3)
         self._part = path.with_name(f"{path.stem}.part{path.suffix}")
         self._reformatter, self._colours = VideoReformatter(), _colours(path, matrix)
+        self._luma = LUMA_RANGE * np.array([LUMA[self._colours.matrix]], np.float32)
         self._written, self._is_open = 0, True
         with ExitStack() as undo, _as_user_error(path):
             undo.callback(self._part.unlink, missing_ok=True)
@@ -124,6 +130,8 @@ class VideoFile:
             dst_colorspace=self._colours.matrix,
             dst_color_range=ColorRange.MPEG if self._colours.matrix else None,
         )
+        if self._colours.pixel_format == HALVED:
+            self._brighten(frame, picture)
         frame.pts = self._written
         with _as_user_error(self._path):
             self._container.mux(self._stream.encode(frame))
@@ -151,6 +159,23 @@ class VideoFile:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
+
+    def _brighten(self, frame: av.VideoFrame, picture: Picture) -> None:
+        """Correct a frame's luma by what a reader would make of it.
+
+        FFmpeg rounds down where colours have half the resolution, by two grey levels on skin, and
+        did so already when the source was read.
+        """
+        read = self._reformatter.reformat(
+            frame, format="bgr24", src_colorspace=self._colours.matrix
+        ).to_ndarray()
+        lacking = cv2.transform(cv2.subtract(picture, read, dtype=cv2.CV_32F), self._luma)
+        height, width = lacking.shape
+        plane = frame.planes[0]
+        luma = np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)[
+            :height, :width
+        ]
+        cv2.add(luma, lacking, luma, dtype=cv2.CV_8U)
 
     def _add_stream(self, width: int, height: int, fps: Fraction) -> VideoStream:
         codec = CODECS[self._path.suffix.lower()]
@@ -249,7 +274,7 @@ def _colours(path: Path, matrix: str) -> _Colours:
         raise ValueError(f"matrix is {matrix!r}, expected one of {', '.join(TAGS)}")
     tag = TAGS[matrix]
     if CODECS[path.suffix.lower()] != "ffv1":
-        return _Colours("yuv420p", tag)
+        return _Colours(HALVED, tag)
     # AVI has no place for a tag.
     if tag is None or path.suffix.lower() == ".avi":
         return _Colours("bgr0", None)

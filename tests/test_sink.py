@@ -92,6 +92,21 @@ def test_mpeg4_has_the_colours_of_either_matrix(tmp_path: Path, matrix: str, suf
     assert np.abs(read(path)[0][0].astype(int) - red).max() <= 4
 
 
+@pytest.mark.parametrize("matrix", ["bt601", "bt709"])
+@pytest.mark.parametrize("size", [(64, 48), (63, 47)])
+def test_mpeg4_is_read_back_as_bright_as_the_pictures(
+    tmp_path: Path, matrix: str, size: tuple[int, int]
+) -> None:
+    """Of skin, which FFmpeg reads two grey levels darker than its luma says."""
+    path, (width, height) = tmp_path / "out.mp4", size
+    shade = np.linspace(0.6, 1.2, width)[None, :, None] * np.linspace(0.8, 1, height)[:, None, None]
+    skin = (shade * (95.0, 120.0, 170.0)).astype(np.uint8)
+    with open_sink(path, width, height, Fraction(25), matrix) as sink:
+        sink.write(skin)
+    error = (read(path)[0][0].astype(float) - skin) @ (0.114, 0.587, 0.299)
+    assert abs(error.mean()) < 0.3 and (error**2).mean() < 1
+
+
 def test_what_needs_no_tag_or_has_no_place_for_it_stays_rgb(tmp_path: Path) -> None:
     for name, matrix in (("a.mkv", "bt601"), ("b.avi", "bt601"), ("c.avi", "bt709")):
         (picture,) = noise(1)
