@@ -278,7 +278,8 @@ def _view(crop: Crop, start: FaceParameters, outline_px: Array, most_pixels: int
     thin = (each[rows, columns][::step, ::step].ravel() for each in (grey, *gradients(grey)))
     seen, *slopes = thin
     scaled = np.stack(slopes) * crop.scale.astype(np.float32)[:, None]
-    return _View(crop, low, step, inside[::step, ::step], seen, scaled, start)
+    wanted = np.ascontiguousarray(inside[::step, ::step])
+    return _View(crop, low, step, wanted, seen, scaled, start)
 
 
 def _trust(view: _View, look: _Look) -> Single:

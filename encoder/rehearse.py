@@ -17,7 +17,7 @@ from encoder.identity import TYPICAL_FOCAL
 from encoder.landmarks import COUNT
 from encoder.model import BUDGETS
 from encoder.silhouette import Still
-from shared_model.geometry import Camera, pixel_from_camera
+from shared_model.geometry import Camera, camera_from_head, pixel_from_camera, pose_from_euler
 from shared_model.mesh import Head
 
 # How far away the face is, and what its model takes.
@@ -32,10 +32,10 @@ def rehearse(head: Head, capture: Capture, cadence: Cadence) -> None:
     width, height = capture.width, capture.height
     camera = Camera(width, height, TYPICAL_FOCAL * max(width, height))
     model = landmark_model(head)
-    seen = model.neutral + np.array([0.0, 0.0, AWAY_MM])
+    seen = camera_from_head(pose_from_euler(0, 0, 0, np.array([0, 0, AWAY_MM])), model.neutral)
     points = np.zeros((COUNT, 3))
     points[model.index, :2] = pixel_from_camera(camera, seen)
-    points[model.index, 2] = model.neutral[:, 2] * camera.focal_px / AWAY_MM
+    points[model.index, 2] = (seen[:, 2] - AWAY_MM) * camera.focal_px / AWAY_MM
     rng = np.random.default_rng(0)
     shape = (FRAMES, height, width, 3)
     pictures = list(rng.integers(*GREY, shape).astype(np.uint8))

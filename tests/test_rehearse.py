@@ -1,0 +1,46 @@
+"""A rehearsed live call: nothing is left to be compiled or loaded when its frames come."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+from shots import draw, talking
+
+# In a process of its own: the tests before this one have compiled most of what there is.
+PROGRAM = """
+import gc, sys
+from fractions import Fraction
+from pathlib import Path
+from numba.core.registry import CPUDispatcher
+from encoder import pipeline
+from encoder.pipeline import EncodeOptions, encode
+
+def versions():
+    loops = [each for each in gc.get_objects() if isinstance(each, CPUDispatcher)]
+    return {f"{each.py_func.__module__}.{each.__name__}": len(each.signatures) for each in loops}
+
+source, output = map(Path, sys.argv[1:])
+rehearsed, rehearse = [], pipeline.rehearse
+def rehearse_and_look(*arguments):
+    rehearse(*arguments)
+    rehearsed.append(versions())
+pipeline.rehearse = rehearse_and_look
+options = EncodeOptions(str(source), output, profile="default", live=True, pace=True)
+encode(options, lambda done, total: None, lambda: False)
+(before,) = rehearsed
+late = {name for name, count in versions().items() if count != before.get(name, 0)}
+assert any(before.values())
+print(*sorted(late))
+"""
+
+
+def test_a_call_in_real_time_compiles_nothing_once_it_has_begun(
+    networks: Path, tmp_path: Path
+) -> None:
+    draw(tmp_path / "clip.mkv", talking(2))
+    arguments = [str(tmp_path / "clip.mkv"), str(tmp_path / "call.rzo")]
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, *arguments], capture_output=True, text=True, check=True
+    )
+    print(done.stdout)
+    assert done.stdout.split() == []
