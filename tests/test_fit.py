@@ -142,6 +142,25 @@ def test_several_frames_tell_who_it_is(head: Head) -> None:
     assert np.sqrt((left**2).mean()) < 0.6 * np.sqrt((before**2).mean())
 
 
+def test_an_identity_is_found_again_from_one_that_is_near(head: Head) -> None:
+    aau = np.linspace(-0.8, 0.8, len(AAUS))
+    truths = [a_face(yaw, 0, 0, jaw_drop=0.4) for yaw in (-20, -5, 8, 22)]
+    seen = [seen_points(head, CAMERA, truth, aau, noise_px=0.3) for truth in truths]
+    first = fit_identity(head, (640, 480), seen[:2])
+    anew, near = (
+        fit_identity(head, (640, 480), seen),
+        fit_identity(head, (640, 480), seen, near=first),
+    )
+    assert near.camera.focal_px == pytest.approx(anew.camera.focal_px, rel=0.02)
+    off, gap = (
+        Face(head, a.identity).neutral - Face(head, b.identity).neutral
+        for a, b in ((near, anew), (first, anew))
+    )
+    assert (off**2).mean() < 0.4 * (gap**2).mean()
+    for found, expected in zip(near.frames, anew.frames, strict=True):
+        assert np.abs(angles(found) - angles(expected)).max() < 0.3
+
+
 def test_personal_points_are_those_of_the_personal_head(head: Head, model: LandmarkModel) -> None:
     aau = np.linspace(-1, 1, len(AAUS))
     personal = personalise(model, aau, np.zeros((len(model.residual), 3)))

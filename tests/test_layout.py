@@ -22,6 +22,7 @@ MAY_IMPORT = {
     "loopback": set(OURS),
 }
 IMPORTERS = {
+    "ai_edge_litert": {"encoder/networks.py"},
     "av": {"encoder/capture.py", "decoder/sink.py"},
     "filterpy": {"encoder/ekf.py"},
     "numba": {"encoder/compiled.py"},

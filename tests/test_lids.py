@@ -87,5 +87,6 @@ def test_a_live_call_shows_the_first_blink_at_its_usual_rate(film: str, tmp_path
     path = tmp_path / "live.rzo"
     options = EncodeOptions(film, path, profile="default", live=True, bitrate=800.0)
     lids = [closed(frame) for frame in played(options, path)]
-    assert lids[BLINK] > 0.7
+    # At its height a mode that has just been learned may already show half of it.
+    assert max(lids[BLINK - 2 : BLINK + 3]) > 0.7 and min(lids[BLINK - 2 : BLINK + 3]) > 0.5
     assert np.mean(lids[:4]) < 0.2 and np.mean(lids[-4:]) < 0.2

@@ -16,6 +16,7 @@ from encoder.announce import Announcer
 from encoder.capture import open_source
 from encoder.epoch import Epoch
 from encoder.pipeline import EncodeOptions, encode
+from encoder.quantiser import CodedPacket
 from encoder.rate import LivePurse
 from protocol.components import parse_components
 from protocol.layers import Layers
@@ -37,10 +38,12 @@ light = { side = 0.8 }
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """What an encoder meant to send: modes by the number of their model, and coded frames."""
+    """What an encoder meant to send: modes by the number of their model; the values of each
+    packet's frames, as they were found and as they were coded."""
 
     path: Path
     modes: dict[int, list[bytes]] = field(default_factory=dict)
+    wanted: list[NDArray[np.float64]] = field(default_factory=list)
     frames: list[NDArray[np.int64]] = field(default_factory=list)
 
     def packets(self) -> list[Packet]:
@@ -65,8 +68,9 @@ def sent(clip: Path, request: pytest.FixtureRequest) -> Sent:
             super().grow(epoch, mode)
 
     class Purse(LivePurse):
-        def code(self, *arguments: Any) -> Any:
-            packet = super().code(*arguments)
+        def code(self, predictor: FramePredictor, number: int, targets: Any) -> CodedPacket:
+            packet = super().code(predictor, number, targets)
+            found.wanted.append(targets)
             found.frames.append(packet.frames)
             return packet
 
@@ -118,26 +122,49 @@ def test_the_decoder_has_the_encoders_modes_of_each_model(sent: Sent) -> None:
         assert not any(found[len(sent.modes[model.layer]) :])
 
 
-def test_the_decoder_has_the_encoders_frames_while_modes_come_into_use(sent: Sent) -> None:
+def frames_and_modes(packets: Sequence[Packet]) -> list[tuple[NDArray[np.int64], int]]:
+    """The frames of each packet as a decoder reads them, and how many of their last values are of
+    modes that are learned on the way."""
     coming: list[ModelPacket] = []
-    number, found, used = 0, [], set[int]()
-    for packet in sent.packets():
+    found: list[tuple[NDArray[np.int64], int]] = []
+    for packet in packets:
         if isinstance(packet, ModelPacket):
             coming.append(packet)
         elif isinstance(packet, FramePacket):
             if coming and packet.sequence == coming[0].sequence:
-                model = coming.pop(0)
+                model, first = coming.pop(0), len(found)
                 components = parse_components(model.extension)
-                predictor, first = FramePredictor(components.spreads, components.spare), number
+                predictor = FramePredictor(components.spreads, components.spare)
             frames = decode_packet(
-                predictor, number - first, model.call.frames_per_packet, packet.payload
+                predictor, len(found) - first, model.call.frames_per_packet, packet.payload
             )
-            found.append(np.array(frames))
-            used.add(int(found[-1][:, -components.spare :].any(0).sum()))
-            number += 1
-    assert len(found) == len(sent.frames) and not coming
-    assert all(map(np.array_equal, found, sent.frames))
-    assert 0 in used and max(used) > 2
+            found.append((np.array(frames), components.spare))
+    assert not coming
+    return found
+
+
+def test_the_decoder_has_the_encoders_frames_while_modes_come_into_use(sent: Sent) -> None:
+    found = frames_and_modes(sent.packets())
+    assert all(
+        np.array_equal(frames, own) for (frames, _), own in zip(found, sent.frames, strict=True)
+    )
+    used = {int(frames[:, -spare:].any(0).sum()) for frames, spare in found}
+    assert 0 in used and len(used) > 2
+
+
+@pytest.mark.parametrize("sent", [None], ids=["whole"], indirect=True)
+def test_all_faces_of_a_packet_have_the_modes_that_its_end_has_taught(sent: Sent) -> None:
+    models = [packet for packet in sent.packets() if isinstance(packet, ModelPacket)]
+    entries = [model.sequence for model in models]
+    spare = parse_components(models[0].extension).spare
+    used, first_faces = 0, list[bool]()
+    for number, wanted in enumerate(sent.wanted):
+        learned = wanted[:, -spare:] != 0
+        count = int(learned.any(0).sum())
+        if number not in entries and count > used:
+            first_faces.append(bool(learned[0, used:count].all()))
+        used = count
+    assert len(first_faces) > 1 and all(first_faces)
 
 
 @pytest.mark.parametrize("sent", [None], ids=["whole"], indirect=True)
