@@ -16,6 +16,7 @@ from encoder.learn import (
     face_mask,
     luma_modes,
     mean_colours,
+    mouth_weight,
     shape_free_stack,
     template_of,
     texel_areas,
@@ -59,7 +60,8 @@ class Caller:
 
     face: with this identity, as the decoder has it.
     tracker: what frames are refined with, at a part of the texels.
-    shape: all texels.  weight: (k,) pixels that each covers, less beside the face.
+    shape: all texels.  weight: (k,) what each counts: the pixels it covers, in live calls more on
+    the lips, less beside the face.
     mask: (k,) 1 on the face, see `face_mask`.
     """
 
@@ -97,8 +99,9 @@ def learn_caller(
     """The caller's appearance from a sample of frames (number, picture).
 
     workers: see `on_cores`; one where frames of a live call are coded meanwhile.
-    live: what these frames hide in the mouth and behind the lids may yet be seen, and it must be
-        learned before the next update: the sample's faces are not fitted by their pixels.
+    live: what these frames hide in the mouth and behind the lids may yet be seen, what a mouth does
+        must be learned from a part of it, and all of it before the next update: the sample's faces
+        are not fitted by their pixels.
     """
     reference = faces[0]
     packet = shape_packet(fitted, reference, call)
@@ -118,9 +121,10 @@ def learn_caller(
     stack = shape_free_views(head, shape, face, crops, found, workers)
     shown = within_outline(shape, crops, found, outlines)
     mask = np.maximum(face_mask(head, atlas), shown)
+    weight = stack.weight
     if live:
-        stack = replace(stack, weight=np.maximum(stack.weight, opened(head, shape, face, found)))
-    stack = replace(stack, weight=stack.weight * np.where(shape.on_face, np.float32(1), mask))
+        weight = np.maximum(weight, opened(head, shape, face, found)) * mouth_weight(head, atlas)
+    stack = replace(stack, weight=weight * np.where(shape.on_face, np.float32(1), mask))
     sharp = sharpened_stack(shape, stack, crops, found, workers)
     mean = mean_colours(shape, sharp, unseen_colours(head, atlas))
     appearance = code_appearance(shape, sharp, mean, mask, budget.face_bytes, budget.most_modes)

@@ -116,7 +116,7 @@ def _vertex(before: float, after: float) -> int:
 def weighting(weight: Single, mask: Single) -> tuple[Single, Single]:
     """(k, 1) roots of what errors count, and where modes paint how much.
 
-    weight: (k,) pixels that each texel covers, less beside the face.  mask: see `face_mask`.
+    weight: (k,) see `Caller`.  mask: see `face_mask`.
     """
     root = np.sqrt(np.maximum(weight, 1e-6))
     return root[:, None], np.where(mask > 2 * OUTSIDE, mask, 0)[:, None]

@@ -23,6 +23,10 @@ Single = NDArray[np.float32]
 # What hair and neck count beside the face, and how soft the border is, in atlas sides.
 OUTSIDE = 0.03
 SOFT_EDGE = 0.015
+# What squared errors in the mouth and on the lips of a live caller count, since lips are read.  And
+# the landmarks of the lips' outer rim.
+MOUTH = 2.5
+LIPS = (61, 146, 91, 181, 84, 17, 314, 405, 321, 375, 291, 409, 270, 269, 267, 0, 37, 39, 40, 185)
 # Pixels of the frame beyond the landmarks' outline that count as the face: where a face is small
 # the outline is a pixel off.
 BORDER_PX = 1.0
@@ -45,16 +49,31 @@ def face_mask(head: Head, atlas: Atlas) -> Single:
 
     The inside of the mouth counts as face.
     """
-    points = list(OUTLINE)
-    corners = head.triangles[head.network_triangles[points]]
+    found = np.maximum(_soft_hull(head, atlas, OUTLINE), OUTSIDE)
+    return np.where(_is_mouth(head, atlas), 1, found).astype(np.float32)
+
+
+def mouth_weight(head: Head, atlas: Atlas) -> Single:
+    """(k,) what texels count besides their pixels: `MOUTH` in the mouth and on the lips, else 1."""
+    mouth = np.where(_is_mouth(head, atlas), 1, _soft_hull(head, atlas, LIPS))
+    return (1 + (MOUTH - 1) * mouth).astype(np.float32)
+
+
+def _soft_hull(head: Head, atlas: Atlas, points: Sequence[int]) -> Single:
+    """(k,) 1 within the hull of some landmarks, smoothly 0 beyond."""
+    chosen = list(points)
+    corners = head.triangles[head.network_triangles[chosen]]
     places = np.einsum(
-        "mc,mcd->md", head.network_weights[points], head.texture_coordinates[corners]
+        "mc,mcd->md", head.network_weights[chosen], head.texture_coordinates[corners]
     )
     mask = hull_mask(places * atlas.size - 0.5, (atlas.size, atlas.size))
     soft = cv2.GaussianBlur(mask, (0, 0), max(0.5, SOFT_EDGE * atlas.size))
-    found = np.clip(2 * soft[atlas.rows, atlas.columns], OUTSIDE, 1)
-    inside = head.parts[atlas.corners[:, 0]] == PARTS.index("mouth")
-    return np.where(inside, 1, found).astype(np.float32)
+    return np.asarray(np.clip(2 * soft[atlas.rows, atlas.columns], 0, 1), np.float32)
+
+
+def _is_mouth(head: Head, atlas: Atlas) -> NDArray[np.bool_]:
+    """(k,) which texels are of the inside of the mouth."""
+    return np.asarray(head.parts[atlas.corners[:, 0]] == PARTS.index("mouth"))
 
 
 def within_outline(

@@ -10,11 +10,13 @@ from shots import Shots, whole
 from encoder.caller import OPEN_SHARE, opened
 from encoder.code_appearance import MODE_OVERHEAD, Appearance, code_appearance
 from encoder.learn import (
+    MOUTH,
     OUTSIDE,
     Stack,
     face_mask,
     luma_modes,
     mean_colours,
+    mouth_weight,
     shape_free_stack,
     template_of,
     texel_areas,
@@ -78,6 +80,20 @@ def test_the_mask_is_the_face(head: Head, shape: ShapeFree) -> None:
     nose = np.linalg.norm(places - head.vertices[head.landmarks["prn"]], axis=1) < 10
     assert (mask[nose] == 1).all()
     assert mask[np.abs(places[:, 0]) > 70].mean() < 0.5
+
+
+def test_errors_count_more_in_the_mouth_and_on_the_lips_alone(head: Head, shape: ShapeFree) -> None:
+    weight = mouth_weight(head, shape.atlas)
+    assert weight.min() == 1 and weight.max() == pytest.approx(MOUTH)
+    inside = head.parts[shape.atlas.corners[:, 0]] == PARTS.index("mouth")
+    assert (weight[inside] == weight.max()).all()
+    places = shape.atlas.points(head.vertices)
+    lips, nose = (
+        np.linalg.norm(places - head.vertices[head.landmarks[name]], axis=1) < 4
+        for name in ("sto_lower", "prn")
+    )
+    assert weight[lips].mean() > 0.9 * MOUTH and (weight[nose] == 1).all()
+    assert (weight > 1).mean() < 0.3
 
 
 def test_texels_cover_the_face(shots: Shots, shape: ShapeFree) -> None:
