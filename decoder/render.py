@@ -99,10 +99,11 @@ class Renderer:
     """
 
     def __init__(self, width: int, height: int, head: Head, samples: int = 0) -> None:
-        self.width, self.height, self.head = width, height, head
+        self.width, self.height, self.head, self._samples = width, height, head, samples
         self._context = create_context()
         try:
-            self._target, self._resolved = self._framebuffers(samples)
+            self._target = self._framebuffer(samples)
+            self._resolved = self._framebuffer(0) if samples else self._target
         except moderngl.Error as error:
             raise UserError(f"cannot draw pictures of {width}x{height} here: {error}") from error
         self._textures: dict[str, moderngl.Texture] = {}
@@ -111,7 +112,7 @@ class Renderer:
         self._shaded: moderngl.VertexArray | None = None
         self._attributes: moderngl.Buffer | None = None
         self._backdrop: moderngl.VertexArray | None = None
-        self._behind: moderngl.VertexArray | None = None
+        self._behind: moderngl.Framebuffer | None = None
         self._grid: moderngl.Buffer | None = None
 
     def __enter__(self) -> "Renderer":
@@ -143,8 +144,6 @@ class Renderer:
             it is not warped, pixels (`composite.Backdrop.grid_px`).
         """
         self._set_picture("still", still)
-        if behind is not None:
-            self._set_picture("behind", behind)
         rows, columns = grid_px.shape[:2]
         picture_px = (self.width, self.height)
         coordinates = _single((grid_px.reshape(-1, 2) + 0.5) / picture_px)
@@ -153,16 +152,19 @@ class Renderer:
             program["picture_px"] = picture_px
             self._grid = context.buffer(_single(grid_px), dynamic=True)
             at_rest, at = context.buffer(_single(grid_px)), context.buffer(coordinates)
-            triangles = context.buffer(_grid_triangles(rows, columns))
+            triangles = _grid_triangles(rows, columns)
             self._backdrop, resting = (
                 context.vertex_array(
                     program,
                     [(places, "2f", "position_px"), (at, "2f", "texture_coordinate")],
-                    triangles,
+                    context.buffer(chosen),
                 )
-                for places in (self._grid, at_rest)
+                for places, chosen in (
+                    (self._grid, _showing(triangles, coordinates, still)),
+                    (at_rest, triangles),
+                )
             )
-            self._behind = None if behind is None else resting
+        self._behind = None if behind is None else self._drawn_once(resting, behind)
 
     def draw(
         self,
@@ -228,16 +230,24 @@ class Renderer:
             array.render()
             return self._read()
 
-    def _framebuffers(self, samples: int) -> tuple[moderngl.Framebuffer, moderngl.Framebuffer]:
+    def _framebuffer(self, samples: int) -> moderngl.Framebuffer:
         size, context = (self.width, self.height), self._context
-        resolved = context.framebuffer(
-            [context.renderbuffer(size, 4)], context.depth_renderbuffer(size)
+        return context.framebuffer(
+            [context.renderbuffer(size, 4, samples=samples)],
+            context.depth_renderbuffer(size, samples=samples),
         )
-        if not samples:
-            return resolved, resolved
-        colour = context.renderbuffer(size, 4, samples=samples)
-        depth = context.depth_renderbuffer(size, samples=samples)
-        return context.framebuffer([colour], depth), resolved
+
+    def _drawn_once(self, mesh: moderngl.VertexArray, picture: Picture) -> moderngl.Framebuffer:
+        """What is the same in every frame: a picture on a mesh that does not move."""
+        self._set_picture("behind", picture)
+        with self._context as context:
+            drawn = self._framebuffer(self._samples)
+            drawn.use()
+            drawn.clear(alpha=1.0)
+            context.enable_only(moderngl.NOTHING)
+            self._textures["behind"].use()
+            mesh.render()
+        return drawn
 
     def _head_array(self) -> moderngl.VertexArray:
         context, head = self._context, self.head
@@ -329,8 +339,7 @@ class Renderer:
             self._grid.write(_single(grid_px))
         self._context.enable_only(moderngl.NOTHING)
         if self._behind is not None:
-            self._textures["behind"].use()
-            self._behind.render()
+            self._context.copy_framebuffer(self._target, self._behind)
             self._context.enable_only(moderngl.BLEND)
         self._textures["still"].use()
         self._backdrop.render()
@@ -378,3 +387,21 @@ def _grid_triangles(rows: int, columns: int) -> NDArray[np.int32]:
     corner = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
     a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, :-1], corner[1:, 1:]
     return np.stack([a, b, c, b, d, c], axis=-1).reshape(-1, 3)
+
+
+def _showing(
+    triangles: NDArray[np.int32], coordinates: NDArray[np.float32], still: Picture
+) -> NDArray[np.int32]:
+    """Those of triangles (m, 3) on which a still shows at all: much of one is cut out.
+
+    coordinates: (n, 2) of the vertices in the still.  At least one is returned.
+    """
+    if still.shape[2] == 3:
+        return triangles
+    corners = coordinates[triangles] * (still.shape[1], still.shape[0])
+    # Texels are interpolated: those beside a triangle count.
+    ends = np.floor(corners.min(1)).astype(int) - 1, np.ceil(corners.max(1)).astype(int) + 1
+    (left, top), (right, bottom) = (np.clip(end, 0, still.shape[1::-1]).T for end in ends)
+    count = np.pad((still[..., 3] > 0).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+    inside = count[bottom, right] - count[top, right] - count[bottom, left] + count[top, left]
+    return triangles[inside > 0] if inside.any() else triangles[:1]

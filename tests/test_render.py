@@ -165,25 +165,35 @@ def test_moved_mesh_moves_the_still(renderer: Renderer, head: Head) -> None:
     np.testing.assert_allclose(picture[:236, 7:].astype(int), still[4:, :-7], atol=1)
 
 
+@pytest.mark.parametrize("samples", [0, 4])
+@pytest.mark.parametrize(
+    "shown",
+    [np.s_[80:160, 100:200], np.s_[95:97, 111:113], np.s_[100, 120], np.s_[0:0, 0:0], np.s_[:, :]],
+)
 def test_what_is_behind_stands_still_where_the_still_lets_it_through(
-    renderer: Renderer, head: Head
+    head: Head, shown: tuple[slice, slice], samples: int
 ) -> None:
     rng = np.random.default_rng(4)
     still, behind = rng.integers(0, 256, (2, 240, 320, 3), dtype=np.uint8)
     opacity = np.zeros((240, 320), np.uint8)
-    opacity[80:160, 100:200] = 255
+    opacity[shown] = 255
     u, v = np.linspace(-0.5, 319.5, 21), np.linspace(-0.5, 239.5, 16)
     rest = np.stack(np.meshgrid(u, v), -1)
-    renderer.set_backdrop(np.dstack([still, opacity]), rest, behind)
-    renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
     away = pose_from_euler(0, 0, 0, np.array([9000.0, 0, 700]))
-    picture = renderer.draw(CAMERA, away, head.vertices, rest + np.array((7, -4)))
-    expected = behind.copy()
-    expected[76:156, 107:207] = still[80:160, 100:200]
-    np.testing.assert_allclose(picture.astype(int), expected, atol=1)
-    renderer.set_backdrop(still, rest)
-    picture = renderer.draw(CAMERA, away, head.vertices)
-    np.testing.assert_allclose(picture.astype(int), still, atol=1)
+    expected = np.where(opacity[..., None], still, behind)
+    with Renderer(CAMERA.width, CAMERA.height, head, samples) as renderer:
+        renderer.set_backdrop(np.dstack([still, opacity]), rest, behind)
+        renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
+        picture = renderer.draw(CAMERA, away, head.vertices)
+        np.testing.assert_allclose(picture.astype(int), expected, atol=1)
+        picture = renderer.draw(CAMERA, away, head.vertices, rest + np.array((7, -4)))
+        moved = behind.copy()
+        moved[:236, 7:] = np.where(opacity[4:, :-7, None], still[4:, :-7], behind[:236, 7:])
+        within = picture[:236, 7:].astype(int)
+        np.testing.assert_allclose(within, moved[:236, 7:], atol=1)
+        renderer.set_backdrop(still, rest)
+        picture = renderer.draw(CAMERA, away, head.vertices)
+        np.testing.assert_allclose(picture.astype(int), still, atol=1)
 
 
 def test_opacity_blends_the_head_over_the_still() -> None:
