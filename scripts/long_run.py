@@ -7,6 +7,7 @@ the first.
 
 import argparse
 from collections.abc import Sequence
+from itertools import zip_longest
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from encoder.capture import open_source
 from loopback.argument_types import seconds
 from loopback.quality import TrackedFaceArea, psnr_db, squared_error
 from scripts.command import run
+from shared_model.errors import UserError
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -57,10 +59,17 @@ def _mean(figures: Sequence[float]) -> float:
 
 
 def face_psnr_db(source: str, decoded: str) -> list[float]:
-    """Of each frame; nan where the source shows no face."""
-    area, found = TrackedFaceArea(), []
+    """Of each frame; nan where the source shows no face.
+
+    Raises `UserError` if one of the videos ends before the other.
+    """
+    area, found = TrackedFaceArea(), list[float]()
     with open_source(source) as originals, open_source(decoded) as copies:
-        for (_, original), (_, copy) in zip(originals, copies, strict=True):
+        for first, second in zip_longest(originals, copies):
+            if first is None or second is None:
+                shorter = source if first is None else decoded
+                raise UserError(f"{shorter} ends after {len(found)} frames, the other does not")
+            (_, original), (_, copy) = first, second
             face = area(original)
             error = squared_error(original, copy)
             found.append(float("nan") if face is None else psnr_db(error[face]))

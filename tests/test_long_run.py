@@ -1,10 +1,15 @@
 """How a call's picture fares by minutes."""
 
 import math
+from fractions import Fraction
+from pathlib import Path
 
+import numpy as np
 import pytest
 
-from scripts.long_run import main, summary
+from decoder.sink import open_sink
+from scripts.long_run import face_psnr_db, main, summary
+from shared_model.errors import UserError
 
 # Two frames a second, for a moment without a face.
 CALL = [20.0] * 10 + [math.nan] * 10 + [30.0] * 100 + [32.0] * 120
@@ -35,3 +40,14 @@ def test_seconds_that_are_none(after: str, capsys: pytest.CaptureFixture[str]) -
     with pytest.raises(SystemExit):
         main(["a.mp4", "b.mkv", f"--after={after}"])
     assert f"{after} is not" in capsys.readouterr().err
+
+
+def test_a_video_that_ends_before_the_other_is_named(networks: Path, tmp_path: Path) -> None:
+    whole, short = tmp_path / "whole.mkv", tmp_path / "short.mkv"
+    for path, frames in ((whole, 3), (short, 2)):
+        with open_sink(path, 64, 48, Fraction(25)) as sink:
+            for _ in range(frames):
+                sink.write(np.full((48, 64, 3), 90, np.uint8))
+    for source, decoded in ((whole, short), (short, whole)):
+        with pytest.raises(UserError, match=r"short\.mkv ends after 2 frames"):
+            face_psnr_db(str(source), str(decoded))
