@@ -101,6 +101,8 @@ class Renderer:
     def __init__(self, width: int, height: int, head: Head, samples: int = 0) -> None:
         self.width, self.height, self.head, self._samples = width, height, head, samples
         self._context = create_context()
+        # What nobody refers to any more is freed when `gc` is called.
+        self._context.gc_mode = "context_gc"
         try:
             self._target = self._framebuffer(samples)
             self._resolved = self._framebuffer(0) if samples else self._target
@@ -144,6 +146,8 @@ class Renderer:
             it is not warped, pixels (`composite.Backdrop.grid_px`).
         """
         self._set_picture("still", still)
+        if behind is not None:
+            self._set_picture("behind", behind)
         rows, columns = grid_px.shape[:2]
         picture_px = (self.width, self.height)
         coordinates = _single((grid_px.reshape(-1, 2) + 0.5) / picture_px)
@@ -151,20 +155,18 @@ class Renderer:
             program = _program(context, "backdrop")
             program["picture_px"] = picture_px
             self._grid = context.buffer(_single(grid_px), dynamic=True)
-            at_rest, at = context.buffer(_single(grid_px)), context.buffer(coordinates)
-            triangles = _grid_triangles(rows, columns)
-            self._backdrop, resting = (
-                context.vertex_array(
-                    program,
-                    [(places, "2f", "position_px"), (at, "2f", "texture_coordinate")],
-                    context.buffer(chosen),
+            at, triangles = context.buffer(coordinates), _grid_triangles(rows, columns)
+
+            def mesh(chosen: NDArray[np.int32]) -> moderngl.VertexArray:
+                places = [(self._grid, "2f", "position_px"), (at, "2f", "texture_coordinate")]
+                drawn: moderngl.VertexArray = context.vertex_array(
+                    program, places, context.buffer(chosen)
                 )
-                for places, chosen in (
-                    (self._grid, _showing(triangles, coordinates, still)),
-                    (at_rest, triangles),
-                )
-            )
-        self._behind = None if behind is None else self._drawn_once(resting, behind)
+                return drawn
+
+            self._backdrop = mesh(_visible_triangles(triangles, coordinates, still))
+            self._behind = None if behind is None else self._drawn_once(mesh(triangles), "behind")
+            context.gc()
 
     def draw(
         self,
@@ -230,23 +232,20 @@ class Renderer:
             array.render()
             return self._read()
 
-    def _framebuffer(self, samples: int) -> moderngl.Framebuffer:
+    def _framebuffer(self, samples: int, is_deep: bool = True) -> moderngl.Framebuffer:
+        """is_deep: whether it tells near from far."""
         size, context = (self.width, self.height), self._context
-        return context.framebuffer(
-            [context.renderbuffer(size, 4, samples=samples)],
-            context.depth_renderbuffer(size, samples=samples),
-        )
+        depth = context.depth_renderbuffer(size, samples=samples) if is_deep else None
+        return context.framebuffer([context.renderbuffer(size, 4, samples=samples)], depth)
 
-    def _drawn_once(self, mesh: moderngl.VertexArray, picture: Picture) -> moderngl.Framebuffer:
-        """What is the same in every frame: a picture on a mesh that does not move."""
-        self._set_picture("behind", picture)
-        with self._context as context:
-            drawn = self._framebuffer(self._samples)
-            drawn.use()
-            drawn.clear(alpha=1.0)
-            context.enable_only(moderngl.NOTHING)
-            self._textures["behind"].use()
-            mesh.render()
+    def _drawn_once(self, mesh: moderngl.VertexArray, name: str) -> moderngl.Framebuffer:
+        """What is the same in every frame: a texture on a mesh that does not move."""
+        drawn = self._framebuffer(self._samples, is_deep=False)
+        drawn.use()
+        drawn.clear(alpha=1.0)
+        self._context.enable_only(moderngl.NOTHING)
+        self._textures[name].use()
+        mesh.render()
         return drawn
 
     def _head_array(self) -> moderngl.VertexArray:
@@ -389,7 +388,7 @@ def _grid_triangles(rows: int, columns: int) -> NDArray[np.int32]:
     return np.stack([a, b, c, b, d, c], axis=-1).reshape(-1, 3)
 
 
-def _showing(
+def _visible_triangles(
     triangles: NDArray[np.int32], coordinates: NDArray[np.float32], still: Picture
 ) -> NDArray[np.int32]:
     """Those of triangles (m, 3) on which a still shows at all: much of one is cut out.

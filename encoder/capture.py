@@ -3,7 +3,7 @@
 import math
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -75,6 +75,11 @@ class Capture:
                 )
             yield index, frame
             index, frame = index + 1, self._reader.read()
+
+    def skip_while(self, busy: Callable[[], bool]) -> None:
+        """Drop the frames that a live source gives meanwhile: the first one is the next to come."""
+        while busy() and (frame := self._reader.read()) is not None:
+            self._first = frame
 
     def close(self) -> None:
         """Release the device or file."""

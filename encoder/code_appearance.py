@@ -27,9 +27,9 @@ Single = NDArray[np.float32]
 # `pictures.step_size`.
 FIRST_STEP = 22
 STRIDE = 2
-# The search usually ends where the mean takes about this share of the bytes, of few bytes more:
-# early in a live call little is known that modes could show.
-TEXTURE_SHARE, USUAL_BYTES, SHARE_TRIES = 0.36, 8000, 2
+# The search usually ends where the mean takes about this share of the bytes; of fewer bytes than
+# usual more, by this power, since modes are then coarse and early in a live call show little.
+TEXTURE_SHARE, USUAL_BYTES, SHARE_POWER, SHARE_TRIES = 0.36, 7000, 0.8, 2
 # Where less than this share of the bytes is used a finer step may fit.
 LEAST_USED = 0.96
 STEPS_PER_HALVING = 10
@@ -177,8 +177,8 @@ class _Bench:
     def likely_step(self) -> int:
         """About the step at which the mean takes its usual share."""
         step = FIRST_STEP
-        few = max(1.0, USUAL_BYTES / max(self.face_bytes, 1))
-        most = min(TEXTURE_SHARE * few**0.8, 1.0) * self.face_bytes
+        scarcity = max(1.0, USUAL_BYTES / max(self.face_bytes, 1))
+        most = min(TEXTURE_SHARE * scarcity**SHARE_POWER, 1.0) * self.face_bytes
         for _ in range(SHARE_TRIES):
             size = draft_still(self.picture, step, self.relief, TEXTURE).size_bytes
             octaves = np.log2(size / most)

@@ -316,13 +316,16 @@ class LiveCall:
 
     def _find_again(self, epoch: Epoch) -> None:
         """Find the faces of the packet that is being filled by the newest modes, too."""
+        found: list[_Waiting] = []
         with self._tally.stage("refine"):
-            self._waiting = [
-                replace(each, face=epoch.redrawn(each.look, each.face)) if each.look else each
-                for each in self._waiting
-            ]
-        if self._waiting and self._waiting[-1].look:
-            self._face = self._waiting[-1].face
+            for each in self._waiting:
+                if each.look:
+                    each = replace(each, face=epoch.redrawn(each.look, each.face))
+                elif found:
+                    # It repeats the face before.
+                    each = replace(each, face=found[-1].face)
+                found.append(each)
+        self._waiting, self._face = found, found[-1].face
 
     @property
     def _is_update_waiting(self) -> bool:

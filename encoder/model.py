@@ -41,7 +41,7 @@ class Budget:
 # Of a recorded call in the default profile so much that a minute of it takes 16 kB.
 BUDGETS = {
     "thesis": Budget(384, 8000, 8000),
-    "default": Budget(256, 7700, 1880, 24),
+    "default": Budget(256, 7340, 1880, 24),
     "live": Budget(256, 8000, 2000, 24),
 }
 

@@ -2,6 +2,7 @@
 
 import os
 import sys
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,7 +19,8 @@ FULL_RANGE = "face_detection_full_range.tflite"
 FACE_MESH = "face_landmark.tflite"
 IRIS = "iris_landmark.tflite"
 SEGMENTATION = "selfie_segmentation.tflite"
-
+# Held by who keeps standard error from the terminal: it is the whole process'.
+_TERMINAL = threading.Lock()
 
 # The face mesh of mediapipe 0.10.14 and 0.10.21: follows brows and lids where the older does not.
 _NEWER_FACE_MESH = "1055cb9d4a9ca8b8c688902a3a5194311138ba256bcc94e336d8373a5f30c814"
@@ -85,7 +87,7 @@ def _in_mediapipe(module: str, name: str) -> Path | None:
 
 
 class Network:
-    """One TFLite network under LiteRT, on the thread that asks: several threads need several."""
+    """One TFLite network under LiteRT, on the thread that asks: never on two at once."""
 
     def __init__(self, path: Path) -> None:
         if not path.is_file():
@@ -124,12 +126,20 @@ class Network:
 @contextmanager
 def _hushed() -> Iterator[None]:
     """Keep from the terminal what LiteRT says there by itself, whoever asks it not to."""
-    sys.stderr.flush()
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 2)
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
+    with _TERMINAL:
+        if sys.stderr is not None:
+            sys.stderr.flush()
+        try:
+            kept = os.dup(2)
+        except OSError:
+            # Closed: whatever is said, nobody hears it.
+            yield
+            return
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        try:
+            os.dup2(nowhere, 2)
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+            os.close(nowhere)

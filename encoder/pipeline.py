@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -186,7 +187,12 @@ def send_live(
     cadence = cadence_for(capture.fps, options.fps)
     if not wait:
         console.preparing("getting ready")
-        rehearse(surrounded_head(), capture, cadence)
+        with ThreadPoolExecutor(1) as beside:
+            rng = np.random.default_rng(0)
+            rehearsal = beside.submit(rehearse, surrounded_head(), capture, cadence, rng)
+            if capture.is_live:
+                capture.skip_while(lambda: not rehearsal.done())
+            rehearsal.result()
         console.preparing("")
     call = LiveCall(
         capture,

@@ -1,5 +1,6 @@
 """Holds the bit rate: which quality each packet of a call is coded at."""
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import ceil
@@ -122,7 +123,10 @@ class LivePurse:
         self._spending, self._purse = spending, Purse(spending)
         self._credit = 0.0
         self._quality = 0
-        self._frames = self._coarsest_frames = self._coarsest_bits = 0
+        self._coarsest_frames = self._coarsest_bits = 0
+        # Bits taken beyond what was earned, from the call's start to the ends of its last packets.
+        window = ceil(WINDOW_S * spending.fps / spending.frames_per_packet)
+        self._debts = deque([0.0], window)
 
     def code(self, predictor: FramePredictor, number: int, targets: Array) -> CodedPacket:
         """Packet `number` of frames (count, n), in units, as finely as there is credit for."""
@@ -141,7 +145,7 @@ class LivePurse:
         self._quality, packet = _within(attempt, limit, finest, self._quality)
         self._purse.pay(packet, len(targets))
         self._credit -= packet_bits(packet)
-        self._frames += len(targets)
+        self._debts.append(self._debts[-1] + packet_bits(packet) - earned)
         if self._quality == QUALITIES - 1:
             self._coarsest_frames += len(targets)
             self._coarsest_bits += packet_bits(packet)
@@ -149,8 +153,9 @@ class LivePurse:
 
     @property
     def excess(self) -> str | None:
-        """See `Spending.excess`: if its coarsest packets alone take more than the call may."""
-        if self._spending.excess(self._coarsest_bits, self._frames) is None:
+        """See `Spending.excess`: of a call that owed something all through its last window; a busy
+        end is no rate too low."""
+        if min(self._debts) <= 0:
             return None
         return self._spending.excess(self._coarsest_bits, self._coarsest_frames)
 

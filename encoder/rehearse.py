@@ -27,7 +27,7 @@ BYTES, MODES, FRAMES = 1500, 2, 4
 GREY = (100, 156)
 
 
-def rehearse(head: Head, capture: Capture, cadence: Cadence) -> None:
+def rehearse(head: Head, capture: Capture, cadence: Cadence, rng: np.random.Generator) -> None:
     """Learn, find and go on learning a face of noise in pictures of the source's size."""
     width, height = capture.width, capture.height
     camera = Camera(width, height, TYPICAL_FOCAL * max(width, height))
@@ -36,9 +36,7 @@ def rehearse(head: Head, capture: Capture, cadence: Cadence) -> None:
     points = np.zeros((COUNT, 3))
     points[model.index, :2] = pixel_from_camera(camera, seen)
     points[model.index, 2] = (seen[:, 2] - AWAY_MM) * camera.focal_px / AWAY_MM
-    rng = np.random.default_rng(0)
-    shape = (FRAMES, height, width, 3)
-    pictures = list(rng.integers(*GREY, shape).astype(np.uint8))
+    pictures = list(rng.integers(*GREY, (FRAMES, height, width, 3), np.uint8))
     learner = Learner(head, capture, cadence, Still(pictures[0]), BYTES, 1)
     budget = replace(BUDGETS["live"], face_bytes=BYTES, background_bytes=BYTES, most_modes=MODES)
     epoch = learner.learn(budget, pictures, [points] * FRAMES, 0)

@@ -1,8 +1,12 @@
 """Capture: every kind of source, exact rates, one-line errors."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from fractions import Fraction
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
 
 import av
 import cv2
@@ -201,3 +205,46 @@ def test_real_clips_have_their_published_frames(
         count = sum(1 for _ in capture)
     assert (count, (capture.width, capture.height), capture.fps) == (frames, size, fps)
     assert capture.frame_count in (frames, None)
+
+
+class _Camera(BaseHTTPRequestHandler):
+    """Pictures without end, as a network camera sends them: each brighter than the one before."""
+
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+        self.end_headers()
+        try:
+            for number in range(250):
+                ok, data = cv2.imencode(".jpg", np.full((48, 64, 3), number, np.uint8))
+                assert ok
+                head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(data)}\r\n\r\n"
+                self.wfile.write(head.encode() + data.tobytes() + b"\r\n")
+        except OSError:
+            pass  # Whoever looked has gone.
+
+    def log_message(self, format: str, *args: object) -> None:
+        pass
+
+
+@contextmanager
+def camera() -> Iterator[str]:
+    with ThreadingHTTPServer(("127.0.0.1", 0), _Camera) as server:
+        thread = Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}/camera.mjpg"
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+def test_what_a_live_source_gives_while_nobody_is_ready_is_dropped() -> None:
+    with camera() as url, open_source(url) as capture:
+        assert capture.is_live
+        busy = iter([True] * 40 + [False])
+        capture.skip_while(lambda: next(busy))
+        frames = iter(capture)
+        found = [next(frames) for _ in range(3)]
+    assert [index for index, _ in found] == [0, 1, 2]
+    np.testing.assert_allclose([frame.mean() for _, frame in found], [40, 41, 42], atol=0.6)

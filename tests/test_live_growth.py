@@ -26,6 +26,8 @@ from protocol.recording import MAGIC, CallReader, record
 
 # Light comes from one side once the update that is learned early is in use.
 FRAMES, LATE = 75, 55
+# Which of eight frames are dark.
+GAP = (3, 4)
 LIGHT = """
 [[key]]
 time = 1.9
@@ -60,7 +62,11 @@ def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> Path:
 
 @pytest.fixture(scope="module", params=[None, 200_000.0], ids=["whole", "in layers"])
 def sent(clip: Path, request: pytest.FixtureRequest) -> Sent:
-    found = Sent(clip.with_name("call.rzo"))
+    return send(clip, request.param)
+
+
+def send(clip: Path, startup_bitrate: float | None = None) -> Sent:
+    found = Sent(clip.with_suffix(".rzo"))
 
     class Notes(Announcer):
         def grow(self, epoch: Epoch, mode: bytes) -> None:
@@ -75,7 +81,7 @@ def sent(clip: Path, request: pytest.FixtureRequest) -> Sent:
             return packet
 
     options = EncodeOptions(
-        str(clip), found.path, live=True, startup_bitrate=request.param, model_bytes=6000
+        str(clip), found.path, live=True, startup_bitrate=startup_bitrate, model_bytes=6000
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("encoder.live_call.Announcer", Notes)
@@ -176,3 +182,24 @@ def test_modes_learned_on_the_way_make_the_picture_better(
     with_them = late_face_psnr_db(wanted, drawn(packets, tmp_path / "all.rzo"))
     assert with_them > late_face_psnr_db(wanted, drawn(without, tmp_path / "bare.rzo")) + 4
     assert with_them > 32
+
+
+def test_frames_without_the_face_repeat_the_one_before_however_it_is_found_again(
+    clip: Path, tmp_path: Path
+) -> None:
+    gaps = cv2.VideoWriter(
+        str(tmp_path / "gaps.mkv"), cv2.VideoWriter.fourcc(*"FFV1"), 25, (160, 120)
+    )
+    for index, picture in enumerate(pictures(clip)):
+        gaps.write(picture if index % 8 not in GAP else np.zeros_like(picture))
+    gaps.release()
+    sent = send(tmp_path / "gaps.mkv")
+    assert sent.modes[0]
+    repeated = index = 0
+    for values in sent.wanted:
+        for place in range(len(values)):
+            if place and (index + place) % 8 in GAP:
+                np.testing.assert_array_equal(values[place], values[place - 1])
+                repeated += 1
+        index += len(values)
+    assert index == FRAMES and repeated > 10

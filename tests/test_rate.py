@@ -149,6 +149,21 @@ def test_a_busy_stretch_at_the_end_is_no_rate_too_low() -> None:
     assert purse.excess is None
 
 
+def test_stretches_that_are_never_paid_for_are_a_rate_too_low() -> None:
+    spending, busy = Spending(400.0, FPS, USUAL), busy_values(12)[100:109]
+    wild = busy[0] + 9 * (busy[1:] - busy[0])
+    stretch = [*[wild] * 6, *[np.repeat(busy[:1], USUAL, axis=0)] * 36]
+    purse, predictor = LivePurse(spending), FramePredictor(measure_spreads(busy, USUAL))
+    packets = [busy[:1], *stretch * 3]
+    taken = 0
+    for number, values in enumerate(packets):
+        packet = purse.code(predictor, number, values)
+        predictor.anchor = packet.frames[-1]
+        taken += packet_bits(packet)
+    assert taken > 1.1 * 400 * sum(map(len, packets)) / FPS
+    assert purse.excess is not None and "too little" in purse.excess
+
+
 def test_levels_run_from_the_finest_to_the_coarsest_quality() -> None:
     numbers = range(3 * TURNS)
     assert {packet_quality(0, n) for n in numbers} == {0}

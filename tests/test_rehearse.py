@@ -40,7 +40,6 @@ def test_a_call_in_real_time_compiles_nothing_once_it_has_begun(
     draw(tmp_path / "clip.mkv", talking(2))
     arguments = [str(tmp_path / "clip.mkv"), str(tmp_path / "call.rzo")]
     done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, *arguments], capture_output=True, text=True, check=True
+        [sys.executable, "-c", PROGRAM, *arguments], capture_output=True, text=True, check=False
     )
-    print(done.stdout)
-    assert done.stdout.split() == []
+    assert (done.returncode, done.stdout.split()) == (0, []), done.stderr

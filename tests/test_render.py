@@ -171,7 +171,7 @@ def test_moved_mesh_moves_the_still(renderer: Renderer, head: Head) -> None:
     [np.s_[80:160, 100:200], np.s_[95:97, 111:113], np.s_[100, 120], np.s_[0:0, 0:0], np.s_[:, :]],
 )
 def test_what_is_behind_stands_still_where_the_still_lets_it_through(
-    head: Head, shown: tuple[slice, slice], samples: int
+    head: Head, shown: tuple[slice | int, slice | int], samples: int
 ) -> None:
     rng = np.random.default_rng(4)
     still, behind = rng.integers(0, 256, (2, 240, 320, 3), dtype=np.uint8)
