@@ -163,8 +163,8 @@ class VideoFile:
     def _brighten(self, frame: av.VideoFrame, picture: Picture) -> None:
         """Correct a frame's luma by what a reader would make of it.
 
-        FFmpeg rounds down where colours have half the resolution, by two grey levels on skin, and
-        did so already when the source was read.
+        FFmpeg rounds down where colours have half the resolution, by two grey levels on skin.  A
+        source's pictures went through that once, and are shown so; they shall not lose it twice.
         """
         read = self._reformatter.reformat(
             frame, format="bgr24", src_colorspace=self._colours.matrix

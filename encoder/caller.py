@@ -60,8 +60,8 @@ class Caller:
 
     face: with this identity, as the decoder has it.
     tracker: what frames are refined with, at a part of the texels.
-    shape: all texels.  weight: (k,) what each counts: the pixels it covers, in live calls more on
-    the lips, less beside the face.
+    shape: all texels.  weight: (k,) what each counts: the pixels it covers, less beside the face;
+        in live calls more in the mouth and on the lips, and what may yet be seen as if half seen.
     mask: (k,) 1 on the face, see `face_mask`.
     """
 

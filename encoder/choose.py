@@ -1,8 +1,6 @@
 """Which integers a picture's wavelet coefficients become: rate-distortion optimised.
 
-A coefficient takes the nearest integer, the one below, or zero: what costs least of squared error,
-in steps, and `LAGRANGIAN` times bits, by the very probabilities that will code it.  Of a still's
-coarsest subband it takes the nearest; a tile without a coefficient worth it is left out.
+Band by band as `choose_band` says.  Of a still's coarsest subband a coefficient takes the nearest.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,8 +1,12 @@
 """What becomes of a subband of a picture, in compiled loops: encoders code a picture many times.
 
-The order and the probabilities are those of `protocol.subbands`, where a decoder has them: what is
-known around a place (`protocol.surroundings`), then a small network (`protocol.foresee`).  All of
-its sums are integers, and exact.
+A coefficient takes the nearest integer, the one below, or zero: what costs least of squared error,
+in steps, and `LAGRANGIAN` times bits, by the very probabilities that will code it.  A tile without
+a coefficient worth it is left out.
+
+The order of places and their probabilities stand here a second time: `protocol.subbands`,
+`surroundings` and `foresee` have them as arrays, for decoders.  All sums are integers, and exact;
+tests/test_subbands.py holds the two together.
 """
 
 from typing import NamedTuple

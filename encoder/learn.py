@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.crop import Crop
-from encoder.fit import OUTLINE, outline_of
+from encoder.fit import OUTER_LIPS, OUTLINE, outline_of
 from encoder.parallel import on_cores
 from encoder.refine import Template
 from encoder.shape_free import ShapeFree, spacing
@@ -23,10 +23,8 @@ Single = NDArray[np.float32]
 # What hair and neck count beside the face, and how soft the border is, in atlas sides.
 OUTSIDE = 0.03
 SOFT_EDGE = 0.015
-# What squared errors in the mouth and on the lips of a live caller count, since lips are read.  And
-# the landmarks of the lips' outer rim.
+# What squared errors in the mouth and on the lips of a live caller count, since lips are read.
 MOUTH = 2.5
-LIPS = (61, 146, 91, 181, 84, 17, 314, 405, 321, 375, 291, 409, 270, 269, 267, 0, 37, 39, 40, 185)
 # Pixels of the frame beyond the landmarks' outline that count as the face: where a face is small
 # the outline is a pixel off.
 BORDER_PX = 1.0
@@ -55,7 +53,7 @@ def face_mask(head: Head, atlas: Atlas) -> Single:
 
 def mouth_weight(head: Head, atlas: Atlas) -> Single:
     """(k,) what texels count besides their pixels: `MOUTH` in the mouth and on the lips, else 1."""
-    mouth = np.where(_is_mouth(head, atlas), 1, _soft_hull(head, atlas, LIPS))
+    mouth = np.where(_is_mouth(head, atlas), 1, _soft_hull(head, atlas, OUTER_LIPS))
     return (1 + (MOUTH - 1) * mouth).astype(np.float32)
 
 

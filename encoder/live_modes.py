@@ -10,7 +10,7 @@ from encoder.grow import BYTES_PER_S, LOOKS_PER_S, MOST_LOOKS, Grower, Grown, Lo
 
 # New modes come together at most this often: each costs the tracker a new template.
 EVERY_S = 0.25
-# How many looks from before an update are taken again: a few count nearly all.
+# How many looks from before an update are taken again, of these few nearly all.
 FIRST_LOOKS = MOST_LOOKS // 2
 
 
@@ -48,7 +48,7 @@ class LiveModes:
         self._recent.append(look)
         self._fresh.append(look)
 
-    def grown(self, index: int, most: int, due: bool = True) -> list[Grown]:
+    def grown(self, index: int, most: int, due: bool) -> list[Grown]:
         """Modes that have been learned by source frame `index`.
 
         due: goes on with at most `most`, if it is time.

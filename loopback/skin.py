@@ -23,29 +23,7 @@ SOFT_MM = 4.0
 # Inside the mouth light falls by this much for each mm behind the lips, down to the least.
 DARKER_PER_MM, LEAST_LIGHT = 0.014, 0.25
 
-# Points of the landmark network: the outer edge of the lips; the brows from the middle outwards.
-OUTER_LIPS = (
-    61,
-    185,
-    40,
-    39,
-    37,
-    0,
-    267,
-    269,
-    270,
-    409,
-    291,
-    375,
-    321,
-    405,
-    314,
-    17,
-    84,
-    181,
-    91,
-    146,
-)
+# Points of the landmark network: the brows from the middle outwards.
 BROWS = ((107, 66, 105, 63, 70), (336, 296, 334, 293, 300))
 
 

@@ -77,8 +77,9 @@ class Network:
 
     features: (f + 2, h) weights of features, the last two of `Site.features`.
     classes: (CLASSES, h) weights of what a place belongs to.  last: (h + 1, outputs).
-    As attributes the features are those of what is around and those `of_all` places of a turn, the
-    last have what is `added` apart; rows, columns: (CELLS, h) of classes.
+    Attributes: features (f, h) of what is around a place, of_all (2, h) of a whole turn, classes as
+    above, rows and columns (CELLS, h) those of where a place is, last (h, outputs) of the hidden
+    values, added (outputs,) to their sum.
     """
 
     def __init__(self, features: Array, classes: Array, last: Array) -> None:
