@@ -90,6 +90,42 @@ class _Tally:
         self.first_damage = self.first_damage or str(error)
 
 
+class _Show:
+    """Draws frames into a sink; while one is drawn the next is worked out."""
+
+    def __init__(
+        self,
+        sink: PictureSink | None,
+        tally: _Tally,
+        clock: StageClock,
+        progress: Callable[[int], None],
+    ) -> None:
+        self.scene: Scene | None = None
+        self._sink, self._tally, self._clock, self._progress = sink, tally, clock, progress
+        self._drawn: PlayedFrame | None = None
+
+    def add(self, frame: PlayedFrame) -> None:
+        """The next frame; the one before is finished."""
+        assert self.scene is not None
+        posed = self.scene.pose(frame, self._clock)
+        self.finish()
+        self.scene.begin(posed, self._clock)
+        self._drawn = frame
+
+    def finish(self) -> None:
+        """Have the newest frame in the sink, not only begun."""
+        if self.scene is None or self._drawn is None:
+            return
+        frame, self._drawn = self._drawn, None
+        picture = self.scene.picture(self._clock)
+        self._tally.shown_ns.append((frame.index, time.monotonic_ns()))
+        self._tally.held_frames += frame.held
+        if self._sink is not None:
+            with self._clock.stage("write"):
+                self._sink.write(picture)
+        self._progress(len(self._tally.shown_ns))
+
+
 def decode(
     options: DecodeOptions, progress: Progress, stop: Callable[[], bool], say: Say = silent
 ) -> DecodeReport:
@@ -105,24 +141,25 @@ def decode(
     playout, tally, clock = Playout(), _Tally(), StageClock()
     with ExitStack() as stack:
         source = stack.enter_context(open_source(options, say))
-        scene: Scene | None = None
-        sink: PictureSink | None = None
+        show: _Show | None = None
         for frame in played_frames(source, playout, tally, stop):
+            if frame is None:
+                if show is not None:
+                    show.finish()
+                continue
             sender = playout.model
             assert sender is not None
             shown = worn or sender
-            if scene is None:
+            if show is None:
                 sink = _open_sink(sender, shown, options, stack)
-            if scene is None or scene.model is not shown:
+                show = _Show(sink, tally, clock, lambda done: progress(done, total))
+            if show.scene is None or show.scene.model is not shown:
+                show.finish()
                 with clock.stage("model"):
-                    scene = _change_scene(scene, shown, options, tally, stack)
-            picture = scene.draw(recast(frame, sender, shown), clock)
-            tally.shown_ns.append((frame.index, time.monotonic_ns()))
-            tally.held_frames += frame.held
-            if sink is not None:
-                with clock.stage("write"):
-                    sink.write(picture)
-            progress(len(tally.shown_ns), total)
+                    show.scene = _change_scene(show.scene, shown, options, tally, stack)
+            show.add(recast(frame, sender, shown))
+        if show is not None:
+            show.finish()
         if isinstance(source, CallReader) and source.trailing_bytes:
             excess = source.trailing_bytes
             tally.warnings.append(f"{excess} bytes after the end of the call are left out")
@@ -148,8 +185,9 @@ def open_source(options: DecodeOptions, say: Say) -> PacketSource:
 
 def played_frames(
     source: PacketSource, playout: Playout, tally: _Tally, stop: Callable[[], bool]
-) -> Iterator[PlayedFrame]:
-    """The faces of the call's source frames; damaged packets are noted and skipped."""
+) -> Iterator[PlayedFrame | None]:
+    """The faces of the call's source frames, None before a packet is waited for; damaged packets
+    are noted and skipped."""
     for data in _packets(source, tally, stop):
         _count(data, tally)
         frames = playout.receive(data)
@@ -164,6 +202,7 @@ def played_frames(
             yield frame
         if playout.ended:
             return
+        yield None
 
 
 def _packets(source: PacketSource, tally: _Tally, stop: Callable[[], bool]) -> Iterator[bytes]:

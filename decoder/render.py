@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 # What is drawn, mm before and behind the head's origin; nothing nearer than NEAR_MM.
+# The cosine below which a triangle may be at the outline of the head.
+ASLANT = 0.7
 DEPTH_RANGE_MM = 500.0
 NEAR_MM = 10.0
 # An atlas this many times finer than the picture is averaged (mipmaps), else drawn as it is: what
@@ -110,7 +112,12 @@ class Renderer:
             raise UserError(f"cannot draw pictures of {width}x{height} here: {error}") from error
         self._textures: dict[str, moderngl.Texture] = {}
         self._positions = self._context.buffer(reserve=12 * len(head.vertices), dynamic=True)
-        self._textured = self._head_array()
+        self._outline_triangles = self._context.buffer(reserve=head.triangles.nbytes, dynamic=True)
+        self._textured, self._outline = self._head_arrays()
+        opacity = head.opacity[head.triangles]
+        self._seen = head.triangles[opacity.max(1) > 0]
+        blended = np.unique(head.triangles[opacity.min(1) < 1])
+        self._blended = np.isin(self._seen, blended).any(1)
         self._shaded: moderngl.VertexArray | None = None
         self._attributes: moderngl.Buffer | None = None
         self._backdrop: moderngl.VertexArray | None = None
@@ -177,7 +184,20 @@ class Renderer:
         mouth_light: float | None = None,
         rim_px: float = 0.0,
     ) -> Picture:
-        """The textured head over the backdrop: (height, width, 3) uint8 BGR.
+        """The textured head over the backdrop: (height, width, 3) uint8 BGR.  See `begin`."""
+        self.begin(camera, pose, vertices, grid_px, mouth_light, rim_px)
+        return self.picture()
+
+    def begin(
+        self,
+        camera: Camera,
+        pose: Pose,
+        vertices: Array,
+        grid_px: Array | None = None,
+        mouth_light: float | None = None,
+        rim_px: float = 0.0,
+    ) -> None:
+        """Have a picture drawn, beside what the caller does until it asks for `picture`.
 
         vertices: (n, 3) float64, mm, head frame, as many as the head has.
         grid_px: where the backdrop's mesh lies now, pixels; None: as it was last.
@@ -189,7 +209,7 @@ class Renderer:
         if "atlas" not in self._textures:
             raise ValueError("no texture has been set, expected set_texture before draw")
         with self._context as context:
-            self._begin()
+            self._clear()
             self._draw_backdrop(grid_px)
             self._write_pose(self._textured, camera, pose, vertices)
             self._textured.program["mouth_light"] = 1.0 if mouth_light is None else mouth_light
@@ -202,12 +222,18 @@ class Renderer:
                     widened(clip_from_head(camera, pose), vertices, camera, rim_px),
                 )
                 context.enable_only(moderngl.CULL_FACE | moderngl.BLEND)
-                self._textured.render()
+                outline = outline_triangles(self._seen, self._blended, pose, vertices)
+                self._outline_triangles.write(outline)
+                self._outline.render(vertices=outline.size)
                 _write_uniform(
                     self._textured.program, "clip_from_head", clip_from_head(camera, pose)
                 )
             context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE | moderngl.BLEND)
             self._textured.render()
+
+    def picture(self) -> Picture:
+        """The picture that was begun last: (height, width, 3) uint8 BGR."""
+        with self._context:
             return self._read()
 
     def draw_shaded(
@@ -224,7 +250,7 @@ class Renderer:
         normals = vertex_normals(vertices, self.head.triangles)
         with self._context as context:
             array = self._shaded_array(_single(normals), _single(colours / 255))
-            self._begin(0.12)
+            self._clear(0.12)
             self._write_pose(array, camera, pose, vertices)
             rotation = matrix_from_quaternion(pose.rotation)
             _write_uniform(array.program, "camera_from_head", rotation)
@@ -248,26 +274,24 @@ class Renderer:
         mesh.render()
         return drawn
 
-    def _head_array(self) -> moderngl.VertexArray:
+    def _head_arrays(self) -> tuple[moderngl.VertexArray, moderngl.VertexArray]:
+        """Of all triangles, and of those in `_outline_triangles`."""
         context, head = self._context, self.head
         inside = np.isin(head.parts, [PARTS.index(part) for part in INSIDE_MOUTH])
         fading = fading_teeth(head)
         attributes = np.column_stack([head.texture_coordinates, head.opacity, inside, fading])
-        return context.vertex_array(
-            _program(context, "head"),
-            [
-                (self._positions, "3f", "position_mm"),
-                (
-                    context.buffer(_single(attributes)),
-                    "2f 1f 1f 1f",
-                    "texture_coordinate",
-                    "vertex_opacity",
-                    "inside_mouth",
-                    "fading",
-                ),
-            ],
-            context.buffer(np.ascontiguousarray(head.triangles, dtype=np.int32)),
+        names = ("texture_coordinate", "vertex_opacity", "inside_mouth", "fading")
+        content = [
+            (self._positions, "3f", "position_mm"),
+            (context.buffer(_single(attributes)), "2f 1f 1f 1f", *names),
+        ]
+        triangles = context.buffer(np.ascontiguousarray(head.triangles, dtype=np.int32))
+        program = _program(context, "head")
+        whole, outline = (
+            context.vertex_array(program, content, chosen)
+            for chosen in (triangles, self._outline_triangles)
         )
+        return whole, outline
 
     def _shaded_array(self, normals: Any, colours: Any) -> moderngl.VertexArray:
         attributes = np.concatenate([normals, colours], axis=1)
@@ -308,7 +332,7 @@ class Renderer:
                 f"vertices have shape {vertices.shape}, expected {self.head.vertices.shape}"
             )
 
-    def _begin(self, grey: float = 0.0) -> None:
+    def _clear(self, grey: float = 0.0) -> None:
         self._target.use()
         self._target.clear(grey, grey, grey, 1.0)
         # Clip y points down, which turns counter-clockwise into clockwise.
@@ -349,6 +373,27 @@ class Renderer:
         data = bytearray(self.height * self.width * 3)
         self._resolved.read_into(data, components=3, alignment=1)
         return np.frombuffer(data, np.uint8).reshape(self.height, self.width, 3)
+
+
+def outline_triangles(
+    triangles: NDArray[np.int32], blended: NDArray[np.bool_], pose: Pose, vertices: Array
+) -> NDArray[np.int32]:
+    """Those of triangles (m, 3) that may show beside what is drawn over them: seen aslant, or
+    `blended` (m,) with what is behind, or neighbours of such.
+
+    vertices: (n, 3) float64, mm, head frame.
+    """
+    # Coordinates come first, triangles last: quick to add up.
+    corners = _single(vertices).T[:, triangles.T]
+    first, second, third = corners.transpose(1, 0, 2)
+    ahead, behind = second - first, third - first
+    normals = ahead[[1, 2, 0]] * behind[[2, 0, 1]] - ahead[[2, 0, 1]] * behind[[1, 2, 0]]
+    camera_mm = -pose.translation_mm @ matrix_from_quaternion(pose.rotation)
+    towards = _single(camera_mm)[:, None] - first
+    facing = (normals * towards).sum(0)
+    aslant = facing**2 < ASLANT**2 * (normals**2).sum(0) * (towards**2).sum(0)
+    chosen: NDArray[np.int32] = triangles[(facing > 0) & (aslant | blended)]
+    return chosen
 
 
 def fading_teeth(head: Head) -> Array:

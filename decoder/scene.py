@@ -6,6 +6,7 @@ A model packet can be well-formed and still be no caller: what cannot be drawn i
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,17 @@ MAX_PICTURE_PX = 4096 * 4096
 RIM_PX = 0.7
 # A face narrower than this in the still is none.
 LEAST_FACE_PX = 4.0
+
+
+@dataclass(frozen=True, slots=True)
+class Posed:
+    """What a frame looks like, see `Renderer.begin`.  texture: None: as it was."""
+
+    texture: Picture | None
+    pose: Pose
+    vertices: Array
+    grid_px: Array
+    light: float | None
 
 
 class Scene:
@@ -88,17 +100,36 @@ class Scene:
 
     def draw(self, frame: PlayedFrame, clock: "StageClock") -> Picture:
         """The picture of one frame, (height, width, 3) uint8 BGR."""
+        self.begin(self.pose(frame, clock), clock)
+        return self.picture(clock)
+
+    def pose(self, frame: PlayedFrame, clock: "StageClock") -> "Posed":
+        """Work out what a frame looks like, which may be done while another one is drawn."""
+        texture = None
         if self._wardrobe.changes:
             with clock.stage("texture"):
-                self._renderer.set_texture(self._wardrobe.texture(frame.face.modes))
+                texture = self._wardrobe.texture(frame.face.modes)
         with clock.stage("animate"):
             vertices = self._face.animate(frame.face.eau)
         with clock.stage("composite"):
             pose = before_camera(frame.face.pose, vertices)
             grid_px = warp(self._backdrop, pose, vertices)
             light = mouth_light(self._head, vertices) if self._shade_mouth else None
+        return Posed(texture, pose, vertices, grid_px, light)
+
+    def begin(self, posed: "Posed", clock: "StageClock") -> None:
+        """Have a frame drawn, beside what the caller does until it asks for `picture`."""
         with clock.stage("render"):
-            return self._renderer.draw(self._camera, pose, vertices, grid_px, light, RIM_PX)
+            if posed.texture is not None:
+                self._renderer.set_texture(posed.texture)
+            self._renderer.begin(
+                self._camera, posed.pose, posed.vertices, posed.grid_px, posed.light, RIM_PX
+            )
+
+    def picture(self, clock: "StageClock") -> Picture:
+        """The picture of the frame that was begun last, (height, width, 3) uint8 BGR."""
+        with clock.stage("render"):
+            return self._renderer.picture()
 
     def close(self) -> None:
         """Free the renderer."""

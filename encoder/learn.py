@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.crop import Crop
-from encoder.fit import OUTER_LIPS, OUTLINE, outline_of
+from encoder.fit import OUTLINE, outline_of
 from encoder.parallel import on_cores
 from encoder.refine import Template
 from encoder.shape_free import ShapeFree, spacing
 from encoder.texture import DEPTH_CELL_MM, fill, sample, visible_texels
 from shared_model.appearance import Atlas
-from shared_model.mesh import PARTS, Head
+from shared_model.mesh import OUTER_LIPS, PARTS, Head
 from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.render import INSIDE_MOUTH, part_colours
-from shared_model.mesh import PARTS, Head
+from shared_model.mesh import OUTER_LIPS, PARTS, Head
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]

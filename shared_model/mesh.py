@@ -23,6 +23,10 @@ PARTS = (
     "mouth",
     "surround",
 )
+# Points of the landmark network around the outer edge of the lips.
+OUTER_LIPS = (
+    *(61, 146, 91, 181, 84, 17, 314, 405, 321, 375, 291, 409, 270, 269, 267, 0, 37, 39, 40, 185),
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

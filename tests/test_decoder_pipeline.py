@@ -9,7 +9,7 @@ import pytest
 from heads import synthetic_head
 from numpy.typing import NDArray
 
-from decoder import scene
+from decoder import pipeline, scene
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
 from protocol.messages import (
     CallParameters,
@@ -20,7 +20,7 @@ from protocol.messages import (
     serialise,
 )
 from protocol.quantise import encode_thesis, thesis_sample_count
-from protocol.recording import MAGIC, record
+from protocol.recording import MAGIC, CallReader, record
 from shared_model.animate import Face, Identity
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, pixel_from_head, pose_from_euler
@@ -78,6 +78,20 @@ def run(call: Path, output: Path | None = None) -> DecodeReport:
     return decode(DecodeOptions(call_file=call, output=output), lambda *_: None, lambda: False)
 
 
+class Waited(CallReader):
+    """Notes how many pictures had been shown whenever a packet was waited for."""
+
+    shown = 0
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.before_packet: list[int] = []
+
+    def receive(self, timeout_s: float | None = None) -> bytes | None:
+        self.before_packet.append(self.shown)
+        return super().receive(timeout_s)
+
+
 def read(path: Path) -> list[NDArray[np.uint8]]:
     capture = cv2.VideoCapture(str(path))
     pictures = []
@@ -96,6 +110,22 @@ def small_head(monkeypatch: pytest.MonkeyPatch) -> Head:
         lambda model, head: Face(head, Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices))),
     )
     return head
+
+
+def test_no_picture_waits_for_the_next_packet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    call = write_call(tmp_path / "call.rzo", [model(), *samples(), end()])
+    source = Waited(call)
+    monkeypatch.setattr(pipeline, "open_source", lambda *_: source)
+
+    def progress(done: int, total: int | None) -> None:
+        source.shown = done
+
+    decode(DecodeOptions(call_file=call), progress, lambda: False)
+    # A sample, at every 2.997th frame, shows all frames up to its place.
+    places = [int(number * FPS[0] / FPS[1] / 10) for number in range(len(samples()))]
+    assert source.before_packet == [0, 0, *(place + 1 for place in places)]
 
 
 def test_call_becomes_one_picture_per_source_frame(tmp_path: Path) -> None:
@@ -165,7 +195,8 @@ def test_stopping_keeps_the_pictures_so_far(tmp_path: Path) -> None:
     done: list[int] = []
     options = DecodeOptions(call_file=call, output=tmp_path / "out.mkv")
     report = decode(options, lambda n, _: done.append(n), lambda: len(done) >= 11)
-    assert report.frames == 11 == len(read(tmp_path / "out.mkv"))
+    # And the one that was being drawn.
+    assert report.frames == 12 == len(read(tmp_path / "out.mkv"))
     assert not report.complete
 
 

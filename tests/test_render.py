@@ -8,11 +8,13 @@ import pytest
 from heads import synthetic_head
 from numpy.typing import NDArray
 
+from decoder import render
 from decoder.render import Renderer, fading_teeth, part_colours
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS, Head, generic_head
 from shared_model.parameters import Pose
+from shared_model.surround import surrounded_head
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -243,6 +245,24 @@ def test_the_same_frame_is_drawn_the_same_twice(renderer: Renderer, head: Head) 
     other = renderer.draw(CAMERA, ASKEW, head.vertices)
     assert not np.array_equal(first, other)
     np.testing.assert_array_equal(renderer.draw(CAMERA, AHEAD, head.vertices), first)
+
+
+@pytest.mark.parametrize("yaw_deg", [0, 25, 50])
+def test_a_rim_is_that_of_the_whole_head(yaw_deg: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    head, pose = surrounded_head(), pose_from_euler(8, yaw_deg, 5, np.array([0.0, 0, 500]))
+    rng = np.random.default_rng(1)
+    u, v = np.linspace(-0.5, 319.5, 3), np.linspace(-0.5, 239.5, 3)
+    with Renderer(CAMERA.width, CAMERA.height, head) as renderer:
+        renderer.set_texture(rng.integers(0, 256, (64, 64, 3), np.uint8))
+        still = rng.integers(0, 256, (240, 320, 3), np.uint8)
+        renderer.set_backdrop(still, np.stack(np.meshgrid(u, v), -1))
+        bare = renderer.draw(CAMERA, pose, head.vertices)
+        rimmed = renderer.draw(CAMERA, pose, head.vertices, rim_px=0.7)
+        monkeypatch.setattr(render, "outline_triangles", lambda triangles, *_: triangles)
+        expected = renderer.draw(CAMERA, pose, head.vertices, rim_px=0.7)
+    rim = (expected != bare).any(2)
+    assert rim.sum() > 300
+    assert (rimmed != expected).any(2).sum() < 0.01 * rim.sum()
 
 
 def test_two_renderers_do_not_disturb_each_other(renderer: Renderer, head: Head) -> None:
