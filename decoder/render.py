@@ -117,7 +117,7 @@ class Renderer:
         opacity = head.opacity[head.triangles]
         self._seen = head.triangles[opacity.max(1) > 0]
         blended = np.unique(head.triangles[opacity.min(1) < 1])
-        self._blended = np.isin(self._seen, blended).any(1)
+        self._blended = np.asarray(np.isin(self._seen, blended).any(1))
         self._shaded: moderngl.VertexArray | None = None
         self._attributes: moderngl.Buffer | None = None
         self._backdrop: moderngl.VertexArray | None = None
