@@ -123,7 +123,7 @@ class LivePurse:
         self._spending, self._purse = spending, Purse(spending)
         self._credit = 0.0
         self._quality = 0
-        self._coarsest_frames = self._coarsest_bits = 0
+        self._frames = self._coarsest_frames = self._coarsest_bits = 0
         # Bits taken beyond what was earned, from the call's start to the ends of its last packets.
         window = ceil(WINDOW_S * spending.fps / spending.frames_per_packet)
         self._debts = deque([0.0], window)
@@ -145,6 +145,7 @@ class LivePurse:
         self._quality, packet = _within(attempt, limit, finest, self._quality)
         self._purse.pay(packet, len(targets))
         self._credit -= packet_bits(packet)
+        self._frames += len(targets)
         self._debts.append(self._debts[-1] + packet_bits(packet) - earned)
         if self._quality == QUALITIES - 1:
             self._coarsest_frames += len(targets)
@@ -153,9 +154,10 @@ class LivePurse:
 
     @property
     def excess(self) -> str | None:
-        """See `Spending.excess`: of a call that owed something all through its last window; a busy
-        end is no rate too low."""
-        if min(self._debts) <= 0:
+        """See `Spending.excess`: of a call that owed something all through its last window, or
+        whose coarsest packets alone take more than all of it may; a busy end is no rate too low."""
+        too_much = self._spending.excess(self._coarsest_bits, self._frames)
+        if min(self._debts) <= 0 and too_much is None:
             return None
         return self._spending.excess(self._coarsest_bits, self._coarsest_frames)
 

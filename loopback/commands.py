@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from loopback.outputs import check_outputs
+from loopback.outputs import check_call_file, check_outputs
 from loopback.profiles import (
     DECODE_LINK_OPTIONS,
     ENCODE_LINK_OPTIONS,
@@ -44,6 +44,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
     from protocol.link import Reach
 
     check_outputs([arguments.source], [arguments.output], [arguments.report])
+    check_call_file(arguments.output)
     profile = chosen_profile(arguments)
     check_startup(arguments)
     over_link = arguments.output is None

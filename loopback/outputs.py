@@ -5,6 +5,9 @@ from pathlib import Path
 
 from shared_model.errors import UserError
 
+# Names of what a decoder writes.
+PICTURES = {".mkv", ".mp4", ".mov", ".avi", ".webm", ".png", ".jpg", ".jpeg"}
+
 
 def check_outputs(
     inputs: Iterable[str | Path | None],
@@ -30,6 +33,13 @@ def check_outputs(
     for path in reported:
         if not path.parent.is_dir():
             raise UserError(f"{path}: there is no folder {path.parent}")
+
+
+def check_call_file(path: Path | None) -> None:
+    """Raise `UserError` where a call would be written under a video's or a picture's name."""
+    if path is not None and path.suffix.lower() in PICTURES:
+        better = path.with_suffix(".rzo")
+        raise UserError(f"{path}: a call is no video; write {better} and decode that")
 
 
 def _same_file(one: Path, other: Path) -> bool:

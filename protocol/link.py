@@ -13,7 +13,8 @@ Say = Callable[[str], None]
 # For how long to try to connect, if nobody says.
 CONNECT_TIMEOUT_S = 10.0
 
-_ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws)/\S+:\d+(\?\S*)?(#\S*)?")
+_ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws)/\S+:(?P<port>\d+)(\?\S*)?(#\S*)?")
+MOST_PORT = 65535
 _CALL_NAME = re.compile(r"[A-Za-z0-9_.-]+")
 
 
@@ -46,8 +47,11 @@ class LinkOptions:
         if not self.listen and not self.connect:
             raise UserError("no endpoint to listen on or to connect to")
         for endpoint in self.listen + self.connect:
-            if not _ENDPOINT.fullmatch(endpoint):
+            parts = _ENDPOINT.fullmatch(endpoint)
+            if parts is None:
                 raise UserError(f"endpoint {endpoint!r}: expected something like tcp/HOST:7447")
+            if int(parts["port"]) > MOST_PORT:
+                raise UserError(f"endpoint {endpoint!r}: ports go up to {MOST_PORT}")
 
 
 class Reach(StrEnum):

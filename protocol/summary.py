@@ -9,6 +9,7 @@ from protocol.messages import (
     CallParameters,
     ControlKind,
     ControlPacket,
+    FramePacket,
     Kind,
     ModelPacket,
     Packet,
@@ -17,7 +18,7 @@ from protocol.messages import (
     parse_packet,
 )
 from protocol.quantise import THESIS_RATE_HZ, thesis_sample_count
-from protocol.recording import CallReader, TruncatedCall
+from protocol.recording import CallReader, TruncatedCall, record
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +35,7 @@ class CallSummary:
     frame_packets: number of frame packets.
     frame_bps: bits of frame payload per second of the time the frame packets are due in.
     packet_bps: the same with byte 0 of each frame packet.
+    record_bps: the same with its length in the file, too: what an encoder's `--bitrate` bounds.
     complete: the call has its END packet.
     trailing_bytes: after the END packet, of no call; `container_bytes` has them in it.
     packet_size: of the frame packets; None without any.
@@ -60,6 +62,7 @@ class CallSummary:
     frame_packets: int
     frame_bps: float
     packet_bps: float
+    record_bps: float
     complete: bool
     trailing_bytes: int
     packet_size: PacketSize | None
@@ -94,12 +97,15 @@ class _Tally:
         self.call: CallParameters | None = None
         self.payload = {kind: 0 for kind in Kind}
         self.packets = {kind: 0 for kind in Kind}
+        self.frame_records = 0  # bytes of frame packets with what the file puts around them
         self.end: int | None = None  # what the END packet says
 
     def add(self, data: bytes) -> Packet:
         packet = parse_packet(data)
         self.payload[packet_kind(data)] += len(data) - 1
         self.packets[packet_kind(data)] += 1
+        if isinstance(packet, FramePacket):
+            self.frame_records += len(record(data))
         if isinstance(packet, ModelPacket):
             self.call = self.call or packet.call
         elif isinstance(packet, ControlPacket) and packet.kind is ControlKind.END:
@@ -139,6 +145,7 @@ class _Tally:
             frame_packets=self.packets[Kind.FRAME],
             frame_bps=frame_bits / seconds,
             packet_bps=(frame_bits + 8 * self.packets[Kind.FRAME]) / seconds,
+            record_bps=8 * self.frame_records / seconds,
             complete=reader.complete,
             trailing_bytes=reader.trailing_bytes,
             packet_size=accounts.packet_size,

@@ -1,8 +1,8 @@
 """Time the decoder's drawing: `python -m scripts.render_speed`.
 
-Prints, for each picture size, median and least milliseconds a frame of animating the head, warping
-the backdrop, setting a new texture, and drawing with readback, and the frames a second of the
-medians together.
+Prints, for each picture size, median and least milliseconds a frame of animating the head of the
+default profile, warping the backdrop, setting a new texture, and drawing with readback, and the
+frames a second of the medians together.
 """
 
 import argparse
@@ -13,12 +13,12 @@ import numpy as np
 
 from decoder.composite import make_backdrop, warp
 from decoder.render import Renderer
-from decoder.scene import edge_samples
+from decoder.scene import RIM_PX, edge_samples
 from scripts.command import run
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, pose_from_euler
-from shared_model.mesh import generic_head
 from shared_model.parameters import AAUS, EAUS
+from shared_model.surround import surrounded_head
 
 SIZES = ((176, 144), (320, 240), (640, 480), (1280, 720))
 FRAMES = 100
@@ -27,7 +27,7 @@ STAGES = ("animate", "warp", "texture", "draw")
 
 def measure(width: int, height: int) -> np.ndarray:
     """(FRAMES, len(STAGES)) milliseconds of each stage of each frame, after a few to warm up."""
-    head, camera = generic_head(), Camera(width, height, 1.3 * height)
+    head, camera = surrounded_head(), Camera(width, height, 1.3 * height)
     face = Face(head, Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices)))
     reference = pose_from_euler(0, 0, 0, np.array([0.0, 0.0, 600.0]))
     backdrop = make_backdrop(camera, reference, head, head.vertices)
@@ -49,7 +49,7 @@ def measure(width: int, height: int) -> np.ndarray:
             row[2] = time.perf_counter()
             renderer.set_texture(atlas)
             row[3] = time.perf_counter()
-            renderer.draw(camera, pose, vertices, grid_px)
+            renderer.draw(camera, pose, vertices, grid_px, rim_px=RIM_PX)
             row[4] = time.perf_counter()
     return np.asarray(1000 * np.diff(times[5:], axis=1))
 

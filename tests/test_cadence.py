@@ -117,7 +117,7 @@ def test_every_kth_frame_is_coded_and_every_frame_is_drawn(
     summary = summarise(path)
     assert (summary.frames, summary.fps) == (FRAMES, 25)
     assert summary.coded_fps == pytest.approx(25 / step)
-    assert summary.packet_bps <= BITRATE
+    assert summary.record_bps <= BITRATE
     packets = packets_of(path)
     model = next(packet for packet in packets if isinstance(packet, ModelPacket))
     assert model.call.frame_step == step

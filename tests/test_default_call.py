@@ -176,7 +176,7 @@ def test_the_decoded_video_is_near_where_there_is_a_face(
 
 def test_the_rate_is_kept(call: Path) -> None:
     summary = summarise(call)
-    assert summary.packet_bps <= BITRATE
+    assert summary.record_bps <= BITRATE
     assert sum(summary.groups.values()) == pytest.approx(summary.frame_bytes)
 
 

@@ -55,3 +55,10 @@ def test_every_command_looks_first(line: str, capsys: Capture) -> None:
     assert main(line.split()) == 2
     (complaint,) = capsys.readouterr().err.splitlines()
     assert "folder" in complaint
+
+
+@pytest.mark.parametrize("name", ["call.mp4", "call.MKV", "call%04d.png"])
+def test_a_call_is_not_written_under_a_videos_name(name: str, capsys: Capture) -> None:
+    assert main(["encode", "me.mp4", "-o", name]) == 2
+    (complaint,) = capsys.readouterr().err.splitlines()
+    assert "a call is no video" in complaint and ".rzo and decode that" in complaint

@@ -199,7 +199,8 @@ def test_the_parts_add_up_and_the_thesis_profile_has_800_bps(tmp_path: Path, fra
     parts = summary.model_bytes + summary.frame_bytes + summary.control_bytes
     assert summary.container_bytes == 4 + sum(len(record(data)) - len(data) + 1 for data in sent)
     assert parts + summary.container_bytes == summary.file_bytes == path.stat().st_size
-    assert summary.frame_bps == pytest.approx(800) and summary.packet_bps == pytest.approx(880)
+    rates = summary.frame_bps, summary.packet_bps, summary.record_bps
+    assert rates == pytest.approx((800, 880, 960))
     assert summary.frames == frames and summary.complete and summary.profile == "thesis"
     assert summary.duration_s == pytest.approx(frames * 1001 / 30000)
     assert (summary.width, summary.height) == (640, 480)
