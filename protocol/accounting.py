@@ -110,9 +110,9 @@ class Accounts:
 
     def _add_layer(self, packet: LayerPacket) -> None:
         """Counts as shape until it is known what it is of."""
+        self._layers.add(packet)
         size = len(serialise(packet)) - 1
         self._model_parts["shape"] = self._model_parts.get("shape", 0) + size
-        self._layers.add(packet)
         self._layers.parts(packet.model)
         self._layered.add(packet.model)
 

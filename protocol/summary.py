@@ -12,7 +12,6 @@ from protocol.messages import (
     FramePacket,
     Kind,
     ModelPacket,
-    Packet,
     ProtocolError,
     packet_kind,
     parse_packet,
@@ -38,6 +37,7 @@ class CallSummary:
     record_bps: the same with its length in the file, too: what an encoder's `--bitrate` bounds.
     complete: the call has its END packet.
     trailing_bytes: after the END packet, of no call; `container_bytes` has them in it.
+    damaged_packets: that are none, or hold what cannot be; their bytes count as container.
     packet_size: of the frame packets; None without any.
     model_parts: bytes by part; they add up to `model_bytes`.
     groups: bytes by group of parameters, see `accounting`; they add up to `frame_bytes`.
@@ -65,6 +65,7 @@ class CallSummary:
     record_bps: float
     complete: bool
     trailing_bytes: int
+    damaged_packets: int
     packet_size: PacketSize | None
     model_parts: dict[str, int]
     groups: dict[str, float]
@@ -72,7 +73,7 @@ class CallSummary:
 
 
 def summarise(path: Path, shown_frames: int | None = None) -> CallSummary:
-    """Account for every byte of the call file at `path`; it may be truncated.
+    """Account for every byte of the call file at `path`; it may be truncated or damaged.
 
     shown_frames: of a truncated call, which does not tell; None: as many as its packets can hold.
     Raises `ProtocolError` if it is no call, `UserError` if it cannot be read.
@@ -81,11 +82,14 @@ def summarise(path: Path, shown_frames: int | None = None) -> CallSummary:
     with CallReader(path) as reader:
         try:
             for data in reader:
-                accounts.add(tally.add(data))
+                tally.add(data, accounts)
         except TruncatedCall:
             # The torn record is no packet and counts as container.
             if tally.call is None:
                 raise
+        except ProtocolError as error:
+            # Where a packet's length is damaged nothing can be told of what follows.
+            tally.note_damage(error)
         return tally.summary(accounts, reader)
 
 
@@ -99,9 +103,20 @@ class _Tally:
         self.packets = {kind: 0 for kind in Kind}
         self.frame_records = 0  # bytes of frame packets with what the file puts around them
         self.end: int | None = None  # what the END packet says
+        self.damaged = 0
+        self.first_damage: ProtocolError | None = None
 
-    def add(self, data: bytes) -> Packet:
-        packet = parse_packet(data)
+    def note_damage(self, error: ProtocolError) -> None:
+        self.damaged += 1
+        self.first_damage = self.first_damage or error
+
+    def add(self, data: bytes, accounts: Accounts) -> None:
+        try:
+            packet = parse_packet(data)
+            accounts.add(packet)
+        except ProtocolError as error:
+            self.note_damage(error)
+            return
         self.payload[packet_kind(data)] += len(data) - 1
         self.packets[packet_kind(data)] += 1
         if isinstance(packet, FramePacket):
@@ -110,7 +125,6 @@ class _Tally:
             self.call = self.call or packet.call
         elif isinstance(packet, ControlPacket) and packet.kind is ControlKind.END:
             self.end = packet.frame
-        return packet
 
     def _frames(self, call: CallParameters) -> int:
         if self.end is not None:
@@ -122,7 +136,7 @@ class _Tally:
     def summary(self, accounts: Accounts, reader: CallReader) -> CallSummary:
         call, groups, file_bytes = self.call, accounts.groups, reader.file_bytes
         if call is None:
-            raise ProtocolError("it has no model packet")
+            raise self.first_damage or ProtocolError("it has no model packet")
         frames = self._frames(call)
         frame_bits = 8 * self.payload[Kind.FRAME]
         seconds = due_s(call.profile, frames, Fraction(call.fps_numerator, call.fps_denominator))
@@ -148,6 +162,7 @@ class _Tally:
             record_bps=8 * self.frame_records / seconds,
             complete=reader.complete,
             trailing_bytes=reader.trailing_bytes,
+            damaged_packets=self.damaged,
             packet_size=accounts.packet_size,
             model_parts=accounts.model_parts,
             groups=groups,

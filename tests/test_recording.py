@@ -235,6 +235,32 @@ def test_the_default_profile_counts_frames_by_packets(
     assert summary.frame_bps == pytest.approx(20 * 8 * 29.97 / 24, rel=1e-4)
 
 
+def test_what_is_damaged_is_counted_and_the_rest_accounted_for(tmp_path: Path) -> None:
+    path = tmp_path / "call.rzo"
+    sent = [record(serialise(packet)) for packet in thesis_call(100)]
+    sent.insert(5, record(serialise(MODEL)[:1] + b"\xff" * 9))
+    path.write_bytes(MAGIC + b"".join(sent))
+    summary = summarise(path)
+    assert summary.damaged_packets == 1 and summary.complete and summary.frames == 100
+    parts = summary.model_bytes + summary.frame_bytes + summary.control_bytes
+    assert parts + summary.container_bytes == summary.file_bytes
+    # A length that cannot be: what follows is not found again.
+    sent[10] = b"\xff" * 9
+    path.write_bytes(MAGIC + b"".join(sent))
+    summary = summarise(path)
+    assert summary.damaged_packets == 2 and not summary.complete and summary.frame_packets == 8
+
+
+def test_a_damaged_model_is_said_to_be_damaged(tmp_path: Path) -> None:
+    path = tmp_path / "call.rzo"
+    damaged = bytearray(serialise(MODEL))
+    damaged[1] = 0xFF
+    path.write_bytes(MAGIC + record(bytes(damaged)) + record(serialise(FramePacket(0, bytes(10)))))
+    with pytest.raises(ProtocolError) as raised:
+        summarise(path)
+    assert "no model packet" not in str(raised.value)
+
+
 def test_a_call_without_a_model_is_refused(tmp_path: Path) -> None:
     write(tmp_path / "call.rzo", [FramePacket(0, bytes(10))])
     with pytest.raises(ProtocolError, match="no model packet"):
