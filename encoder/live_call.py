@@ -8,6 +8,7 @@ frame packet that needs it.
 On a thin link the first model is a first layer only, and updates come in layers, too.
 """
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
@@ -21,7 +22,7 @@ from encoder.beside import threads_beside
 from encoder.cadence import Cadence
 from encoder.capture import Capture
 from encoder.detect import BlazeFaceDetector
-from encoder.epoch import Epoch, Learner
+from encoder.epoch import SPARE_MODES, Epoch, Learner
 from encoder.fit import outline_of
 from encoder.grow import Look
 from encoder.haste import Haste
@@ -51,6 +52,10 @@ LEARN_AFTER_S = {1.0: 0.6, 5.0: 1.0, 12.0: 1.0, 25.0: 1.0, 45.0: 1.0}
 # Frames to learn from, and up to twice as many; fewer where frames do not wait for what is learned:
 # on average of seven clips these cost .02 dB, and half the time.
 TRAINING_FRAMES, TRAINING_FRAMES_BESIDE = 24, 12
+# A model's single modes are spent as this power of the time until the model is learned again: a
+# quarter of it takes half of them.  On all 200 s of franck, .5 dB more than as soon as they can be
+# learned, which leaves none for the second half of a minute and more; a power of .35 gave .4 dB.
+SPENDING_POWER = 0.5
 # Packets before an update holds from which on modes are learned for it: soon enough for the first
 # of them to hold with it.  Until then they are for the model in use.
 GROW_AHEAD = 1
@@ -104,6 +109,7 @@ class LiveCall:
         self._sampler, self._points = Sampler(frames), dict[int, Array]()
         self._faces_seen = 0
         self._due = list(LEARN_AFTER_S.items())
+        self._learned_after_s = 0.0  # of the update before
         self._pool: Executor | None = None if wait else threads_beside(2)
         # More would take the cores from the frames.
         self._workers = None if wait else 1
@@ -303,7 +309,7 @@ class LiveCall:
         assert epoch is not None
         due = len(self._waiting) + self._grow_before >= self._packet_frames
         with self._tally.stage("grow"):
-            found = self._modes.grown(index, epoch.room, due)
+            found = self._modes.grown(index, max(epoch.room - self._kept_room, 0), due)
         for mode in found:
             epoch = epoch.grown(mode)
             self._announcer.grow(epoch, mode.data)
@@ -335,6 +341,14 @@ class LiveCall:
         return self._announcer.in_layers and self._is_due
 
     @property
+    def _kept_room(self) -> int:
+        """How many modes to keep for what is yet to come before the model is learned again."""
+        until_s = self._due[0][0] - self._learned_after_s
+        passed = (self._faces_seen / self._fps - self._learned_after_s) / until_s
+        spent = math.pow(min(max(passed, 0.0), 1.0), SPENDING_POWER)
+        return round(SPARE_MODES * (1 - spent))
+
+    @property
     def _is_due(self) -> bool:
         """Whether it is time to learn again."""
         return self._faces_seen >= self._due[0][0] * self._fps
@@ -342,6 +356,7 @@ class LiveCall:
     def _next_share(self) -> float:
         """What share of the budget the update that is due takes; another is always to come."""
         after_s, share = self._due.pop(0)
+        self._learned_after_s = after_s
         if not self._due:
             self._due.append((2 * after_s, share))
         return share

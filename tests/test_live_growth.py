@@ -14,7 +14,8 @@ from shots import draw, talking
 from decoder.pipeline import DecodeOptions, decode
 from encoder.announce import Announcer
 from encoder.capture import open_source
-from encoder.epoch import Epoch
+from encoder.epoch import SPARE_MODES, Epoch
+from encoder.live_call import SPENDING_POWER
 from encoder.pipeline import EncodeOptions, encode
 from encoder.quantiser import CodedPacket
 from encoder.rate import LivePurse
@@ -203,3 +204,15 @@ def test_frames_without_the_face_repeat_the_one_before_however_it_is_found_again
                 repeated += 1
         index += len(values)
     assert index == FRAMES and repeated > 10
+
+
+def test_modes_are_kept_for_what_is_yet_to_come(
+    clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # After a second of face the model is learned again only after another thousand.
+    monkeypatch.setattr("encoder.live_call.LEARN_AFTER_S", {1.0: 0.6, 1001.0: 1.0})
+    copy = tmp_path / "clip.mkv"
+    copy.write_bytes(clip.read_bytes())
+    sent = send(copy)
+    share = (FRAMES / 25 - 1.0) / 1000
+    assert 0 < len(sent.modes[1]) <= np.ceil(SPARE_MODES * share**SPENDING_POWER) == 2
