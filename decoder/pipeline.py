@@ -11,7 +11,7 @@ from decoder.extent import source_frames
 from decoder.playout import PlayedFrame, Playout
 from decoder.recast import read_model, recast
 from decoder.scene import Scene, StageClock, head_of
-from decoder.sink import Background, PictureSink, open_sink
+from decoder.sink import Background, PictureSink, check_sink, open_sink
 from protocol.layers import is_refined
 from protocol.link import CONNECT_TIMEOUT_S, LinkOptions, PacketSource, Say, silent
 from protocol.messages import Kind, ModelPacket, ProtocolError, packet_kind
@@ -136,6 +136,8 @@ def decode(
     Raises `UserError` if the call cannot be read, drawn or written; with exit code 4 if its encoder
     leaves without a word.
     """
+    if options.output is not None:
+        check_sink(options.output)
     total = _expected_frames(options)
     worn = read_model(options.face) if options.face else None
     playout, tally, clock = Playout(), _Tally(), StageClock()

@@ -87,14 +87,21 @@ def open_sink(
     Raises `UserError` if there is no such kind or it cannot be written, `ValueError` for another
     matrix.
     """
+    check_sink(path)
+    if "%" in path.name:
+        return ImageSequence(path)
+    return VideoFile(path, width, height, fps, matrix)
+
+
+def check_sink(path: Path) -> None:
+    """Raise `UserError` if there is no sink that `path` could ask for, before there is a call."""
     if not path.parent.is_dir():
         raise UserError(f"cannot write {path}: there is no folder {path.parent}")
     if "%" in path.name:
-        return ImageSequence(path)
-    if path.suffix.lower() not in CODECS:
+        ImageSequence(path)
+    elif path.suffix.lower() not in CODECS:
         known = " ".join(sorted(CODECS))
         raise UserError(f"cannot write {path}: name it {known} or, for images, like frame%04d.png")
-    return VideoFile(path, width, height, fps, matrix)
 
 
 class VideoFile:

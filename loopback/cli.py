@@ -23,6 +23,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # Before numpy is loaded: sums must not depend on how many threads share them, or the same clip
     # would give other bytes on another host.  Products here are too small to gain by threads.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    _open_streams()
     try:
         arguments = build_parser().parse_args(argv)
         command: Callable[[argparse.Namespace], int] = arguments.run
@@ -42,6 +43,25 @@ def main(argv: Sequence[str] | None = None) -> int:
         return complain(str(error), BAD_USAGE)
     except KeyboardInterrupt as interrupt:
         return complain(": ".join(["interrupted", *map(str, interrupt.args)]), INTERRUPTED)
+    except SystemError as error:
+        if not _is_interrupt(error):
+            raise
+        return complain("interrupted", INTERRUPTED)
+
+
+def _open_streams() -> None:
+    """Where they were closed by whoever started us: or else a file that is written takes their
+    number, and gets what libraries say there."""
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w"))  # noqa: SIM115
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Whether an interrupt is behind an error: machine code that was being loaded hides it."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
 
 
 def _drop_output() -> None:

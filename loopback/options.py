@@ -75,15 +75,16 @@ def add_following(parser: argparse.ArgumentParser) -> None:
         "--normalise",
         choices=("none", "retinex"),
         default="none",
-        help="what the full tracker fits its texture to: the luma, or retinex and histogram"
-        " equalisation of it (default: %(default)s)",
+        help="thesis profile: what the full tracker fits its texture to: the luma, or retinex and"
+        " histogram equalisation of it (default: %(default)s)",
     )
     parser.add_argument(
         "--abs",
         choices=("gauss-newton", "mirrored", "matrix"),
         default="gauss-newton",
-        help="how that fit steps: by each picture's gradient, the same with the visible half of a"
-        " turned face mirrored, or by the thesis' prediction matrix (default: %(default)s)",
+        help="thesis profile: how that fit steps: by each picture's gradient, the same with the"
+        " visible half of a turned face mirrored, or by the thesis' prediction matrix"
+        " (default: %(default)s)",
     )
 
 

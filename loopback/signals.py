@@ -12,11 +12,11 @@ Progress = Callable[[int, int | None], None]
 class StopOnSignal:
     """True once the user has asked to stop; the second request interrupts at once.
 
-    Within the `with` block a first SIGINT or SIGTERM only sets the answer, so that the frame at
-    hand and the files are finished.  Before the first frame there is nothing to finish and somebody
-    to wait for, perhaps, and while a call is prepared nothing to keep: it interrupts, as the second
-    does; and is the answer, too, in case that the exception gets lost in a finaliser.  More are not
-    heard: a link whose closing is interrupted leaves threads behind that never end.
+    Within the `with` block a first SIGINT, SIGTERM or SIGHUP only sets the answer, so that the
+    frame at hand and the files are finished.  Before the first frame there is nothing to finish and
+    somebody to wait for, perhaps, and while a call is prepared nothing to keep: it interrupts, as
+    the second does; and is the answer, too, in case that the exception gets lost in a finaliser.
+    More are not heard: a link whose closing is interrupted leaves threads behind that never end.
     The handlers of before come back on leaving.
     """
 
@@ -45,7 +45,10 @@ class StopOnSignal:
         return noted
 
     def __enter__(self) -> Self:
-        self._before = {number: signal.signal(number, self._handle) for number in SIGNALS}
+        # Whoever was started by nohup goes on when the terminal is closed.
+        ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        heard = SIGNALS if ignored else (*SIGNALS, signal.SIGHUP)
+        self._before = {number: signal.signal(number, self._handle) for number in heard}
         return self
 
     def __exit__(self, *exception: object) -> None:

@@ -52,6 +52,8 @@ class LinkOptions:
                 raise UserError(f"endpoint {endpoint!r}: expected something like tcp/HOST:7447")
             if int(parts["port"]) > MOST_PORT:
                 raise UserError(f"endpoint {endpoint!r}: ports go up to {MOST_PORT}")
+            if endpoint in self.connect and not int(parts["port"]):
+                raise UserError(f"endpoint {endpoint!r}: nobody listens on port 0")
 
 
 class Reach(StrEnum):

@@ -61,19 +61,24 @@ class CallWriter:
 
     The file grows under a temporary name beside `path` and takes its place on closing, so that
     `path` is never half a record; leaving the `with` block by an exception closes it too, and what
-    was sent until then is kept.  Nothing is left behind if nothing was sent.
+    was sent until then is kept.  Nothing is left behind if nothing was sent.  Where the disk
+    refuses, what it took stays under the temporary name, and what was at `path` as it is.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = Path(path)
         self._part = self._path.with_name(self._path.name + ".part")
-        self._empty = True
+        self._empty, self._torn = True, False
         try:
             # Unbuffered: what a killed process had sent is in the temporary file.
             self._file = open(self._part, "wb", buffering=0)  # noqa: SIM115 - kept open
-            self._file.write(MAGIC)
         except OSError as error:
             raise UserError(f"cannot write {self._path}: {error.strerror}") from error
+        try:
+            self._write(MAGIC)
+        except UserError:
+            self.close()
+            raise
 
     @property
     def reach(self) -> Reach:
@@ -81,12 +86,20 @@ class CallWriter:
         return Reach.SOMEBODY
 
     def send(self, packet: bytes) -> None:
-        """Append one packet."""
-        try:
-            self._file.write(record(packet))
-        except OSError as error:
-            raise UserError(f"cannot write {self._path}: {error.strerror}") from error
+        """Append one packet.  Raises `UserError` if the disk refuses."""
+        self._write(record(packet))
         self._empty = False
+
+    def _write(self, data: bytes) -> None:
+        left = memoryview(data)
+        try:
+            while left:
+                # A disk that is nearly full takes a part.
+                left = left[self._file.write(left) :]
+        except OSError as error:
+            self._torn = True
+            kept = "" if self._empty else f"; what was sent before is in {self._part}"
+            raise UserError(f"cannot write {self._path}: {error.strerror}{kept}") from error
 
     def close(self) -> None:
         """Put the file in its place; closing twice does nothing more."""
@@ -95,7 +108,7 @@ class CallWriter:
         self._file.close()
         if self._empty:
             self._part.unlink()
-        else:
+        elif not self._torn:
             self._part.replace(self._path)
 
     def __enter__(self) -> Self:

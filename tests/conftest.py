@@ -38,10 +38,13 @@ ClipFrames = Callable[[str, int], list[Frame]]
 
 @pytest.fixture(scope="session", autouse=True)
 def hears_interrupts() -> Iterator[None]:
-    """Ctrl-C interrupts, and children hear it, even if the shell runs the tests in background."""
+    """Ctrl-C interrupts, and children hear it, even if the shell runs the tests in background, and
+    a closed terminal, too."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    hung_up = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     yield
     signal.signal(signal.SIGINT, before)
+    signal.signal(signal.SIGHUP, hung_up)
 
 
 @pytest.fixture(scope="session")

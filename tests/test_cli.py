@@ -396,7 +396,7 @@ def test_a_full_disk_is_one_line(call: Path) -> None:
     assert "No space left" in one_line(process.stderr)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_stopped_encoder_leaves_a_whole_call(
     number: signal.Signals, start: Start, carphone: Path, tmp_path: Path
 ) -> None:
@@ -556,6 +556,60 @@ def test_a_first_signal_asks_and_a_second_interrupts() -> None:
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_whoever_ignores_a_closed_terminal_goes_on() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with StopOnSignal() as stop:
+            signal.raise_signal(signal.SIGHUP)
+            assert not stop()
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_an_interrupt_that_machine_code_hides_is_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    def loading(arguments: object) -> int:
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt as interrupt:
+            raise SystemError("returned a result with an exception set") from interrupt
+
+    monkeypatch.setattr("loopback.commands.run_info", loading)
+    assert main(["info", "call.rzo"]) == 130
+    assert "interrupted" in complaint(capsys)
+
+
+def test_an_error_of_machine_code_is_not_taken_for_an_interrupt(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def failing(arguments: object) -> int:
+        raise SystemError("bad argument to internal function")
+
+    monkeypatch.setattr("loopback.commands.run_info", failing)
+    with pytest.raises(SystemError):
+        main(["info", "call.rzo"])
+
+
+@pytest.mark.parametrize("closed", ["2>&-", ">&-", "<&- >&- 2>&-"])
+def test_closed_streams_are_no_hindrance(closed: str, tmp_path: Path) -> None:
+    script, video = tmp_path / "a.toml", tmp_path / "a.mkv"
+    script.write_text("width = 64\nheight = 48\nfps = 25\nseconds = 0.2\n")
+    command = f'exec "$@" {closed}'
+    line = ["sh", "-c", command, "sh", *PROGRAM, "animate", str(script), "-o", str(video)]
+    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    with open_source(str(video)) as source:
+        assert len(list(source)) == 5
+
+
+def test_a_decoder_does_not_wait_for_a_call_it_could_not_write(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    assert main(["decode", "--listen", "tcp/127.0.0.1:0", "-o", str(tmp_path / "a.txt")]) == 2
+    assert "name it .avi" in complaint(capsys)
 
 
 def test_an_interrupt_is_not_interrupted() -> None:

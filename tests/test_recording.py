@@ -1,6 +1,7 @@
 """Call files: round trip, truncation, and that their parts add up."""
 
 import io
+import resource
 from dataclasses import replace
 from pathlib import Path
 
@@ -169,6 +170,25 @@ def test_files_that_cannot_be_opened_are_the_users_mistake(tmp_path: Path) -> No
         CallReader(tmp_path / "none.rzo")
     with pytest.raises(UserError, match=r"cannot write .*No such file"):
         CallWriter(tmp_path / "none" / "call.rzo")
+
+
+def test_a_disk_that_refuses_leaves_the_old_call_as_it_is(tmp_path: Path) -> None:
+    path, part = tmp_path / "call.rzo", tmp_path / "call.rzo.part"
+    path.write_bytes(b"old")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        with (
+            pytest.raises(UserError, match=r"cannot write .*; what was sent before is in .*part"),
+            CallWriter(path) as writer,
+        ):
+            writer.send(serialise(MODEL))
+            resource.setrlimit(resource.RLIMIT_FSIZE, (part.stat().st_size + 3, limits[1]))
+            writer.send(serialise(MODEL))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert path.read_bytes() == b"old"
+    whole = MAGIC + 2 * record(serialise(MODEL))
+    assert part.read_bytes() == whole[: len(MAGIC) + len(record(serialise(MODEL))) + 3]
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
