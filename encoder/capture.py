@@ -41,6 +41,7 @@ class Capture:
     frame_count: frames the container promises; None where nobody knows before the end.
     is_live: whether frames come in real time and have no end of their own.
     matrix: by which a file's Y'CbCr was made, see `protocol.messages.CallParameters`.
+    is_rate_assumed: the source says no frame rate, or none that can be.
     """
 
     def __init__(
@@ -51,9 +52,10 @@ class Capture:
         frame_count: int | None,
         is_live: bool,
         matrix: str = "bt601",
+        is_rate_assumed: bool = False,
     ) -> None:
         self.name, self.fps, self.frame_count, self.is_live = name, fps, frame_count, is_live
-        self.matrix = matrix
+        self.matrix, self.is_rate_assumed = matrix, is_rate_assumed
         self._reader = reader
         self._first = reader.read()
         if self._first is None:
@@ -153,9 +155,14 @@ def open_source(source: str) -> Capture:
     return _open_video(str(path), video, "{} is not a video OpenCV can read", colour_matrix(path))
 
 
+def is_usable_rate(fps: float) -> bool:
+    """Whether that many frames a second can be."""
+    return math.isfinite(fps) and 1 <= fps <= 240
+
+
 def exact_fps(fps: float) -> Fraction:
     """The exact rate behind a rounded one (29.97 -> 30000/1001); 25 where unknown or absurd."""
-    if not math.isfinite(fps) or not 1 <= fps <= 240:
+    if not is_usable_rate(fps):
         return DEFAULT_FPS
     for denominator in (1, 1001):
         numerator = round(fps * denominator / 1000) * 1000 if denominator > 1 else round(fps)
@@ -206,9 +213,10 @@ def _open_video(
         video.set(cv2.CAP_PROP_BUFFERSIZE, 1)
     count = video.get(cv2.CAP_PROP_FRAME_COUNT)
     frame_count = int(count) if math.isfinite(count) and 0 < count < 2**31 else None
-    fps = exact_fps(video.get(cv2.CAP_PROP_FPS))
+    fps = video.get(cv2.CAP_PROP_FPS)
     is_live = is_remote and frame_count is None
-    return Capture(name, _VideoReader(video), fps, frame_count, is_live, matrix)
+    reader, is_assumed = _VideoReader(video), not is_usable_rate(fps)
+    return Capture(name, reader, exact_fps(fps), frame_count, is_live, matrix, is_assumed)
 
 
 def _open_sequence(pattern: Path) -> Capture:

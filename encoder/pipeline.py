@@ -123,11 +123,17 @@ def encode(
     with ExitStack() as stack:
         stack.enter_context(switching_often())
         capture = stack.enter_context(open_source(options.source))
+        if capture.is_rate_assumed:
+            rate = f"{float(capture.fps):g} frames a second"
+            tally.warn(f"{capture.name} states no usable frame rate: taken as {rate}")
         sink = open_sink(options, stack, say)
         send = send_thesis if options.profile == "thesis" else send_default
         send(options, capture, sink, tally, console)
         if sink.reach in UNHEARD:
             tally.warn(UNHEARD[sink.reach])
+        if tally.lost_frames:
+            frames = len(tally.capture_ns)
+            tally.warn(f"no face in {tally.lost_frames} of {frames} frames")
         return _report(options, capture, tally, sink.reach)
 
 

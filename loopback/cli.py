@@ -40,7 +40,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         # A full disk, a folder that went away: what no part of the program can do anything about.
         _drop_output()
-        return complain(str(error), BAD_USAGE)
+        told = str(error) if error.filename else f"cannot write what is printed: {error.strerror}"
+        return complain(told, BAD_USAGE)
     except KeyboardInterrupt as interrupt:
         return complain(": ".join(["interrupted", *map(str, interrupt.args)]), INTERRUPTED)
     except SystemError as error:

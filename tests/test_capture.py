@@ -66,6 +66,16 @@ def test_rate_is_exact_and_absurd_rates_become_25(reported: float, exact: Fracti
     assert exact_fps(reported) == exact
 
 
+@pytest.mark.parametrize(("fps", "assumed"), [(30.0, False), (0.5, True), (1000.0, True)])
+def test_a_rate_that_cannot_be_is_said_to_be_assumed(
+    fps: float, assumed: bool, tmp_path: Path
+) -> None:
+    write_video(tmp_path / "v.avi", [(64, 48)] * 3, fps)
+    with open_source(str(tmp_path / "v.avi")) as capture:
+        assert capture.is_rate_assumed == assumed
+        assert capture.fps == (25 if assumed else 30)
+
+
 def test_video_file_gives_every_frame_in_order(tmp_path: Path) -> None:
     write_video(tmp_path / "v.mkv", [(64, 48)] * 5)
     with open_source(str(tmp_path / "v.mkv")) as capture:

@@ -393,7 +393,7 @@ def test_a_full_disk_is_one_line(call: Path) -> None:
             check=False,
         )
     assert process.returncode == 2
-    assert "No space left" in one_line(process.stderr)
+    assert "cannot write what is printed: No space left" in one_line(process.stderr)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

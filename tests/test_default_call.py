@@ -4,6 +4,7 @@ The clip has odd sides, begins without a face, and loses it for a while.
 """
 
 import json
+import re
 import os
 import subprocess
 from collections.abc import Iterator
@@ -143,6 +144,15 @@ def test_the_face_moves_as_it_was_drawn(call: Path, clip: Clip) -> None:
     yaw = np.array([euler_deg(sample.face.pose)[1] for sample in found.values()])
     true_yaw = np.array([clip.truth[frame]["pitch_yaw_roll_deg"][1] for frame in found])
     assert np.abs(yaw - true_yaw - np.median(yaw - true_yaw)).max() < 2.5
+
+
+def test_how_many_frames_had_no_face_is_said(
+    clip: Clip, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    encode(clip, tmp_path / "call.rzo")
+    (told,) = re.findall(rf"no face in (\d+) of {FRAMES} frames", capsys.readouterr().err)
+    missed = START + len(LOST)
+    assert missed <= int(told) <= missed + FOUND - LOST.stop
 
 
 def test_a_lost_face_is_held_and_told(call: Path) -> None:
