@@ -4,8 +4,8 @@ The clip has odd sides, begins without a face, and loses it for a while.
 """
 
 import json
-import re
 import os
+import re
 import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass
