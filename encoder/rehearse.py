@@ -1,7 +1,7 @@
 """A live call's first second, gone through before it begins with a face that is not there.
 
 What runs for the first time takes long: compiled loops are loaded then, or compiled on a machine
-that never ran them, which takes a dozen seconds.  No frame shall wait for that.
+that never ran them, which takes some fifteen seconds.  No frame shall wait for that.
 """
 
 from dataclasses import replace
