@@ -25,10 +25,10 @@ Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 # What is drawn, mm before and behind the head's origin; nothing nearer than NEAR_MM.
-# The cosine below which a triangle may be at the outline of the head.
-ASLANT = 0.7
 DEPTH_RANGE_MM = 500.0
 NEAR_MM = 10.0
+# The cosine below which a triangle may be at the outline of the head.
+ASLANT = 0.7
 # An atlas this many times finer than the picture is averaged (mipmaps), else drawn as it is: what
 # has been fitted through plain bilinear sampling must be shown by it.
 COARSE_TEXELS_PER_PX = 3.0
@@ -379,7 +379,7 @@ def outline_triangles(
     triangles: NDArray[np.int32], blended: NDArray[np.bool_], pose: Pose, vertices: Array
 ) -> NDArray[np.int32]:
     """Those of triangles (m, 3) that may show beside what is drawn over them: seen aslant, or
-    `blended` (m,) with what is behind, or neighbours of such.
+    `blended` (m,) with what is behind, neighbours of such included.
 
     vertices: (n, 3) float64, mm, head frame.
     """

@@ -41,7 +41,7 @@ class Capture:
     frame_count: frames the container promises; None where nobody knows before the end.
     is_live: whether frames come in real time and have no end of their own.
     matrix: by which a file's Y'CbCr was made, see `protocol.messages.CallParameters`.
-    is_rate_assumed: the source says no frame rate, or none that can be.
+    is_rate_assumed: a video or camera says no frame rate, or none that can be.
     """
 
     def __init__(

@@ -343,6 +343,9 @@ class LiveCall:
     @property
     def _kept_room(self) -> int:
         """How many modes to keep for what is yet to come before the model is learned again."""
+        if (self._learning is not None or self._next is not None) and not self._grows_next:
+            # The model in use is about to be replaced.
+            return 0
         until_s = self._due[0][0] - self._learned_after_s
         passed = (self._faces_seen / self._fps - self._learned_after_s) / until_s
         spent = math.pow(min(max(passed, 0.0), 1.0), SPENDING_POWER)

@@ -3,9 +3,10 @@
 import time
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
@@ -193,12 +194,8 @@ def send_live(
     cadence = cadence_for(capture.fps, options.fps)
     if not wait:
         console.preparing("getting ready")
-        with ThreadPoolExecutor(1) as beside:
-            rng = np.random.default_rng(0)
-            rehearsal = beside.submit(rehearse, surrounded_head(), capture, cadence, rng)
-            if capture.is_live:
-                capture.skip_while(lambda: not rehearsal.done())
-            rehearsal.result()
+        with skipped_meanwhile(capture):
+            rehearse(surrounded_head(), capture, cadence, np.random.default_rng(0))
         console.preparing("")
     call = LiveCall(
         capture,
@@ -212,6 +209,22 @@ def send_live(
         _pacer(options),
     )
     send_frames(call, options, capture, tally, console)
+
+
+@contextmanager
+def skipped_meanwhile(capture: Capture) -> Iterator[None]:
+    """Nobody is ready for what a live source gives until the `with` block is left."""
+    if not capture.is_live:
+        yield
+        return
+    ready = Event()
+    with ThreadPoolExecutor(1) as beside:
+        skipping = beside.submit(capture.skip_while, lambda: not ready.is_set())
+        try:
+            yield
+        finally:
+            ready.set()
+        skipping.result()
 
 
 def send_frames(

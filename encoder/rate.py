@@ -13,6 +13,7 @@ from encoder.quantiser import CodedPacket, code_packet
 from encoder.search import finest_within
 from protocol.messages import SEQUENCE_MODULUS
 from protocol.predict import FramePredictor
+from protocol.varint import encode_varint
 
 Array = NDArray[np.float64]
 
@@ -29,8 +30,6 @@ CREDIT_S = 2.0
 FINER = 3
 # A call in debt spends this share of what it earns.
 REPAYING = 0.75
-# Byte 0 of a packet and the length before it in a call file.
-OVERHEAD_BYTES = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +70,9 @@ def code_call(values: Array, spreads: NDArray[Any], spending: Spending) -> list[
 
 
 def packet_bits(packet: CodedPacket) -> int:
-    """Bits of a packet in a call file."""
-    return 8 * (len(packet.payload) + OVERHEAD_BYTES)
+    """Bits of a packet in a call file: of its length, byte 0 and payload."""
+    size = 1 + len(packet.payload)
+    return 8 * (len(encode_varint(size)) + size)
 
 
 def packet_quality(level: int, number: int) -> int:

@@ -5,7 +5,6 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from encoder.rate import OVERHEAD_BYTES
 from encoder.silhouette import Still
 from encoder.texture import finest_still
 from protocol.components import parse_components, serialise_components
@@ -17,6 +16,8 @@ from protocol.messages import MAX_LAYER_BYTES, LayerPacket, ModelPacket, seriali
 # That of an update comes when all its other layers are there: nobody sees its pictures.
 FIRST_LAYER_BYTES, UPDATE_LAYER_BYTES = 2000, 1200
 TEXTURE_SHARE = 0.5
+# Byte 0 of a packet and the length before it in a call file, mostly.
+OVERHEAD_BYTES = 2
 # What a layer packet adds to its data: the length before it in a call file, byte 0, its number.
 LAYER_OVERHEAD_BYTES = OVERHEAD_BYTES + 3
 # Pieces of an item are no smaller: their overhead would show.

@@ -5,9 +5,11 @@ quick and an encoder host needs no renderer.
 """
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 
 from loopback.arguments import BAD_USAGE, build_parser
 from loopback.commands import INTERRUPTED
@@ -40,7 +42,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         # A full disk, a folder that went away: what no part of the program can do anything about.
         _drop_output()
-        told = str(error) if error.filename else f"cannot write what is printed: {error.strerror}"
+        is_printed = error.filename is None and error.errno in (errno.ENOSPC, errno.EIO)
+        told = f"cannot write what is printed: {error.strerror}" if is_printed else str(error)
         return complain(told, BAD_USAGE)
     except KeyboardInterrupt as interrupt:
         return complain(": ".join(["interrupted", *map(str, interrupt.args)]), INTERRUPTED)
@@ -75,7 +78,8 @@ def _drop_output() -> None:
 
 def complain(message: str, code: int) -> int:
     """Say what went wrong in one line on stderr and return `code`."""
-    print(f"risorius: {' '.join(message.split())}", file=sys.stderr)
+    with suppress(OSError):
+        print(f"risorius: {' '.join(message.split())}", file=sys.stderr)
     return code
 
 

@@ -167,9 +167,10 @@ def run_info(arguments: argparse.Namespace) -> int:
     except ProtocolError as error:
         raise UserError(f"{path}: {error}") from error
     if not summary.complete:
-        _warn([f"{path} is cut off: these are the figures of what is there"])
+        reason = "damaged" if summary.damaged_packets else "cut off"
+        _warn([f"{path} is {reason}: these are the figures of what is there"])
     if summary.damaged_packets:
-        _warn([f"damaged packets: {summary.damaged_packets}; the other figures are of the rest"])
+        _warn([f"damaged packets, left out: {summary.damaged_packets}"])
     if summary.trailing_bytes:
         _warn([f"{summary.trailing_bytes} bytes after the end of the call are left out"])
     if arguments.json:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from shared_model.errors import UserError
 
-# Names of what a decoder writes.
+# Names of videos and pictures.
 PICTURES = {".mkv", ".mp4", ".mov", ".avi", ".webm", ".png", ".jpg", ".jpeg"}
 
 

@@ -3,6 +3,7 @@
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Self, TextIO
 
 TERMINAL_INTERVAL_S = 0.1
@@ -54,15 +55,13 @@ class ProgressLine:
         if self._quiet:
             return
         erase = "\r\x1b[K" if self._is_terminal and self._state is not None else ""
-        self._stream.write(f"{erase}{self._label}: {line}\n")
-        self._stream.flush()
+        self._put(f"{erase}{self._label}: {line}\n")
 
     def close(self) -> None:
         """Draw the last state and end the line."""
         if self._is_terminal and self._state is not None and not self._quiet:
             self._write(*self._state)
-            self._stream.write("\n")
-            self._stream.flush()
+            self._put("\n")
         self._state = None
 
     def __enter__(self) -> Self:
@@ -76,13 +75,21 @@ class ProgressLine:
         text = f"{self._label} {_amount(done, total)} {rate:.0f}/s"
         if self._doing:
             text += f", {self._doing}"
-        self._stream.write(f"\r\x1b[K{text}" if self._is_terminal else f"{text}\n")
-        self._stream.flush()
+        self._put(f"\r\x1b[K{text}" if self._is_terminal else f"{text}\n")
+
+    def _put(self, text: str) -> None:
+        """Whoever looked may have gone: what is kept must not suffer from that."""
+        try:
+            self._stream.write(text)
+            self._stream.flush()
+        except OSError:
+            self._quiet = True
 
 
 def say(message: str) -> None:
-    """One line about the run, on stderr."""
-    print(message, file=sys.stderr, flush=True)
+    """One line about the run, on stderr, if that still goes anywhere."""
+    with suppress(OSError):
+        print(message, file=sys.stderr, flush=True)
 
 
 def _amount(done: int, total: int | None) -> str:

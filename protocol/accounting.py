@@ -111,9 +111,14 @@ class Accounts:
     def _add_layer(self, packet: LayerPacket) -> None:
         """Counts as shape until it is known what it is of."""
         self._layers.add(packet)
+        try:
+            self._layers.parts(packet.model)
+        except ProtocolError:
+            # Nor will it ever be known what those before are of.
+            self._layered.discard(packet.model)
+            raise
         size = len(serialise(packet)) - 1
         self._model_parts["shape"] = self._model_parts.get("shape", 0) + size
-        self._layers.parts(packet.model)
         self._layered.add(packet.model)
 
     def _settle(self, model: int) -> None:

@@ -13,7 +13,7 @@ Say = Callable[[str], None]
 # For how long to try to connect, if nobody says.
 CONNECT_TIMEOUT_S = 10.0
 
-_ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws)/\S+:(?P<port>\d+)(\?\S*)?(#\S*)?")
+_ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws)/\S+:(?P<port>\d{1,5})(\?\S*)?(#\S*)?")
 MOST_PORT = 65535
 _CALL_NAME = re.compile(r"[A-Za-z0-9_.-]+")
 

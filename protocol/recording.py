@@ -62,7 +62,8 @@ class CallWriter:
     The file grows under a temporary name beside `path` and takes its place on closing, so that
     `path` is never half a record; leaving the `with` block by an exception closes it too, and what
     was sent until then is kept.  Nothing is left behind if nothing was sent.  Where the disk
-    refuses, what it took stays under the temporary name, and what was at `path` as it is.
+    refuses, what it took stays under the temporary name, unless that is no packet, and what was at
+    `path` as it is; no more can be sent.
     """
 
     def __init__(self, path: Path) -> None:
@@ -91,6 +92,8 @@ class CallWriter:
         self._empty = False
 
     def _write(self, data: bytes) -> None:
+        if self._torn:
+            raise UserError(f"cannot write {self._path}: the disk refused before")
         left = memoryview(data)
         try:
             while left:

@@ -32,7 +32,7 @@ from protocol.messages import (
     serialise,
 )
 from protocol.predict import KINDS, FramePredictor
-from protocol.recording import CallWriter
+from protocol.recording import MAGIC, CallWriter, record
 from protocol.summary import summarise
 from shared_model.parameters import EAU_INDEX
 
@@ -199,6 +199,19 @@ def test_layers_alone_are_counted_and_damaged_ones_refused() -> None:
     assert found.model_parts == {"shape": 2, "texture": 2}
     with pytest.raises(ProtocolError):
         found.add(LayerPacket(1, 0, b"\xff\xff\xff\xff"))
+
+
+def test_what_came_before_damaged_layers_is_still_counted(tmp_path: Path) -> None:
+    model = replace(MODEL, call=DEFAULT, extension=serialise_components(components()), layered=True)
+    pieces = [b"\x05ab", b"\xff" * 9, b"cde"]
+    packets: list[Packet] = [model, *(LayerPacket(0, i, data) for i, data in enumerate(pieces))]
+    packets += [replace(model, layer=1, layers=2), FramePacket(0, bytes(4))]
+    path = tmp_path / "call.rzo"
+    path.write_bytes(MAGIC + b"".join(record(serialise(packet)) for packet in packets))
+    summary = summarise(path)
+    assert summary.damaged_packets == 2 and summary.model_packets == 2
+    assert sum(summary.model_parts.values()) == summary.model_bytes
+    assert sum(summary.groups.values()) == pytest.approx(summary.frame_bytes) == 4
 
 
 def test_layers_of_any_number_of_updates_are_counted() -> None:

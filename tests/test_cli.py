@@ -411,6 +411,23 @@ def test_a_stopped_encoder_leaves_a_whole_call(
     assert 0 < summarise(call).frames < 120
 
 
+def test_a_closed_terminal_leaves_a_whole_call(carphone: Path, tmp_path: Path) -> None:
+    call, part = tmp_path / "call.rzo", tmp_path / "call.rzo.part"
+    terminal, stderr = pty.openpty()
+    line = [*PROGRAM, "encode", str(carphone), "-o", str(call), "--profile", "thesis", "--pace"]
+    process = subprocess.Popen(line, stderr=stderr, cwd=ROOT, text=True)
+    os.close(stderr)
+    try:
+        wait_until(lambda: part.exists() and count_packets(part) > 2, process)
+        # Nobody takes what is said from here on.
+        os.close(terminal)
+        process.send_signal(signal.SIGHUP)
+        assert process.wait(LIMIT_S) == 130
+    finally:
+        process.kill()
+    assert summarise(call).complete and 0 < summarise(call).frames < 120
+
+
 def test_an_encoder_that_learns_says_so_and_is_interrupted_at_once(
     carphone: Path, tmp_path: Path
 ) -> None:

@@ -437,6 +437,8 @@ def test_sending_after_closing_is_a_failed_link(endpoint: str) -> None:
         ({"call": "x", "connect": ("host:7447",)}, "expected something like"),
         ({"call": "x", "listen": ("tcp/host",)}, "expected something like"),
         ({"call": "x", "listen": ("tcp/host:65536",)}, "ports go up to 65535"),
+        ({"call": "x", "listen": ("tcp/host:" + 5000 * "1",)}, "expected something like"),
+        ({"call": "x", "connect": ("tcp/host:0",)}, "nobody listens on port 0"),
     ],
 )
 def test_options_are_checked_before_anything_is_opened(
