@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, matrix_from_quaternion
-from shared_model.mesh import PARTS, Head
+from shared_model.mesh import PARTS, Head, open_edges
 from shared_model.normals import vertex_normals
 from shared_model.parameters import Pose
 
@@ -116,8 +116,10 @@ class Renderer:
         self._textured, self._outline = self._head_arrays()
         opacity = head.opacity[head.triangles]
         self._seen = head.triangles[opacity.max(1) > 0]
-        blended = np.unique(head.triangles[opacity.min(1) < 1])
-        self._blended = np.asarray(np.isin(self._seen, blended).any(1))
+        blended = head.triangles[opacity.min(1) < 1].ravel()
+        ends = open_edges(self._seen)
+        near_ends = self._seen[np.isin(self._seen, ends).any(1)].ravel()
+        self._beside_gaps = np.asarray(np.isin(self._seen, [*blended, *near_ends]).any(1))
         self._shaded: moderngl.VertexArray | None = None
         self._attributes: moderngl.Buffer | None = None
         self._backdrop: moderngl.VertexArray | None = None
@@ -222,7 +224,7 @@ class Renderer:
                     widened(clip_from_head(camera, pose), vertices, camera, rim_px),
                 )
                 context.enable_only(moderngl.CULL_FACE | moderngl.BLEND)
-                outline = outline_triangles(self._seen, self._blended, pose, vertices)
+                outline = outline_triangles(self._seen, self._beside_gaps, pose, vertices)
                 self._outline_triangles.write(outline)
                 self._outline.render(vertices=outline.size)
                 _write_uniform(
@@ -376,10 +378,10 @@ class Renderer:
 
 
 def outline_triangles(
-    triangles: NDArray[np.int32], blended: NDArray[np.bool_], pose: Pose, vertices: Array
+    triangles: NDArray[np.int32], beside_gaps: NDArray[np.bool_], pose: Pose, vertices: Array
 ) -> NDArray[np.int32]:
     """Those of triangles (m, 3) that may show beside what is drawn over them: seen aslant, or
-    `blended` (m,) with what is behind, neighbours of such included.
+    `beside_gaps` (m,), where they end or what is behind shines through.
 
     vertices: (n, 3) float64, mm, head frame.
     """
@@ -392,7 +394,7 @@ def outline_triangles(
     towards = _single(camera_mm)[:, None] - first
     facing = (normals * towards).sum(0)
     aslant = facing**2 < ASLANT**2 * (normals**2).sum(0) * (towards**2).sum(0)
-    chosen: NDArray[np.int32] = triangles[(facing > 0) & (aslant | blended)]
+    chosen: NDArray[np.int32] = triangles[(facing > 0) & (aslant | beside_gaps)]
     return chosen
 
 

@@ -1,6 +1,7 @@
 """Coded pictures of the model packet: the atlas with its modes, and the still."""
 
 from itertools import takewhile
+from typing import Any
 
 import cv2
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from protocol.components import parse_components
 from protocol.messages import ModelPacket, ProtocolError
 from protocol.pictures import ModeSeries, decode_still, is_still, still_head
+from shared_model.surround import joined
 
 # An image of a few kilobytes may claim any size; this bounds what decoding it may allocate.
 MAX_IMAGE_SIDE_PX = 4096
@@ -29,6 +31,7 @@ class Wardrobe:
         self._modes: NDArray[np.float32]
         # The picture that could not be decoded; all after it build on it.
         self._damaged: bytes | None = None
+        self._surrounded = model.call.profile == "default"
         self._put_on(model)
         self.refine(model)
 
@@ -63,7 +66,7 @@ class Wardrobe:
                 self._damaged = data
                 image = self._series.decode(f"mode {number}", data)
                 self._damaged = None
-                rows.append(image.astype(np.float32).reshape(1, -1))
+                rows.append(self._worn(image).reshape(1, -1))
         finally:
             # The series cannot go back: what it has decoded counts.
             self._modes = np.concatenate(rows)
@@ -73,9 +76,15 @@ class Wardrobe:
         mean = decode_image("texture", model.texture, MAX_ATLAS_SIDE_PX)
         _check_square("texture", mean)
         series = ModeSeries(len(mean), _relief(model.texture))
-        self._texture, self._mean, self._series = model.texture, mean, series
+        self._texture, self._series = model.texture, series
+        self._mean = np.asarray(self._worn(mean) + 0.5, np.uint8)
         self._damaged = None
         self._modes = np.zeros((0, mean.size), np.float32)
+
+    def _worn(self, image: NDArray[Any]) -> NDArray[np.float32]:
+        """A picture of the packet as the head wears it."""
+        atlas = image.astype(np.float32)
+        return joined(atlas) if self._surrounded else atlas
 
     def texture(self, coefficients: NDArray[np.float64]) -> NDArray[np.uint8]:
         """The atlas (size, size, 3) uint8 BGR; coefficients (m,), or none for the mean.

@@ -83,3 +83,11 @@ def generic_head() -> Head:
     )
     assert head.eau_up.shape[0] == len(EAUS) and head.aau.shape[0] == len(AAUS)
     return head
+
+
+def open_edges(triangles: NDArray[np.int32]) -> NDArray[np.int32]:
+    """(k, 2) the edges that only one of triangles (m, 3) has: where a mesh ends."""
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    edges, count = np.unique(edges, axis=0, return_counts=True)
+    found: NDArray[np.int32] = edges[count == 1]
+    return found

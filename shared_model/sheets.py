@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from shared_model.mesh import PARTS, Head, generic_head
+from shared_model.mesh import PARTS, Head, generic_head, open_edges
 
 Array = NDArray[np.float64]
 
@@ -51,6 +51,8 @@ SHEETS = (MOUTH, *EYES)
 ISLAND = ((0.06, 0.94), (0.9, 0.99))
 # The sheets hang this far behind the rims, so that the rims' own edges are in front, mm.
 BEHIND_MM = 1.5
+# The lips part at most so far from the network's corner of the mouth, mm.
+CORNER_MM = 15.0
 # The face keeps its texture further into the hair than it needs to in the thesis profile.
 OPACITY_GAIN = 2.5
 
@@ -62,7 +64,7 @@ def sheeted_head() -> Head:
     carry = rim_weights(head)
     count = len(head.vertices)
     outer = head.triangles[head.parts[head.triangles[:, 0]] == PARTS.index("skin")]
-    behind = np.array([0.0, 0.0, -BEHIND_MM])
+    behind = np.outer(_depths(), [0.0, 0.0, -1.0])
 
     def extended(values: Array) -> Array:
         return np.concatenate([values, carry @ values], axis=-2)
@@ -90,14 +92,33 @@ def sheeted_head() -> Head:
 def rim_weights(head: Head) -> Array:
     """(r, n) each rim vertex as a weighted mean of the head's vertices.
 
-    Sheet by sheet, the upper rim first.
+    Sheet by sheet, the upper rim first.  At the corners of the mouth the lips part farther aside
+    than the network's points: the rims end where the skin does.
     """
     points = [point for sheet in SHEETS for point in (*sheet.upper, *sheet.lower)]
     weights = np.zeros((len(points), len(head.vertices)))
     for row, point in enumerate(points):
         corners = head.triangles[head.network_triangles[point]]
         weights[row, corners] = head.network_weights[point]
+        if point in (MOUTH.upper[0], MOUTH.upper[-1]):
+            corner = _mouth_corner(head, weights[row])
+            weights[row] = np.arange(len(head.vertices)) == corner
     return weights
+
+
+def _mouth_corner(head: Head, weights: Array) -> int:
+    """The vertex farthest aside of those near a point (n,) weights, at which the skin ends."""
+    skin = head.triangles[head.parts[head.triangles[:, 0]] == PARTS.index("skin")]
+    ends = np.unique(open_edges(skin))
+    distance_mm = np.linalg.norm(head.vertices[ends] - weights @ head.vertices, axis=1)
+    near = ends[distance_mm < CORNER_MM]
+    return int(near[np.abs(head.vertices[near, 0]).argmax()])
+
+
+def _depths() -> Array:
+    """(r,) mm behind its rim of each rim vertex: at the corners there would be a gap."""
+    rims = [rim for sheet in SHEETS for rim in (sheet.upper, sheet.lower)]
+    return np.concatenate([np.pad(np.full(len(rim) - 2, BEHIND_MM), 1) for rim in rims])
 
 
 def _renumbered(head: Head) -> NDArray[np.int32]:

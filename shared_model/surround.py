@@ -19,11 +19,13 @@ Indices = NDArray[np.intp]
 # From where to where it reaches around the face, degrees upwards from straight aside.
 DIRECTIONS_DEG = np.arange(50.0, -90.1, -5.0)
 # Its rings, in radii of the face's outline, and how much of the still behind each hides.
-RINGS = (0.94, 1.06, 1.4)
-OPACITIES = (1.0, 1.0, 0.0)
+# Between the first two it wears the colour of the strip's edge: below a raised chin one sees
+# under the face.
+RINGS = (0.75, 0.94, 1.06, 1.4)
+OPACITIES = (1.0, 1.0, 1.0, 0.0)
 # Where they lie across the strip of the atlas; most of it shows what is next to the face.
-ACROSS = (1.0, 0.4, 0.0)
-# Its width narrows towards the chin: directions, parts of the full width.
+ACROSS = (1.0, 1.0, 0.4, 0.0)
+# But for the first they are nearer to the outline towards the chin: directions, parts of the way.
 NARROWING = ((-90.0, -20.0), (0.4, 1.0))
 # Vertices this near to a direction make the outline there.
 BESIDE_DEG = 6.0
@@ -31,6 +33,8 @@ BESIDE_DEG = 6.0
 STRIP = 0.07
 GAP = 0.006
 ROWS = (0.006, 0.885)
+# Its halves pass into each other under the chin: directions, parts of the other half.
+JOINING = ((-90.0, -65.0), (0.5, 0.0))
 # It hangs this far behind the plane in which the skin ends, mm.
 BEHIND_MM = 1.0
 
@@ -56,6 +60,20 @@ def surrounded_head() -> Head:
         eau_down=head.eau_down[:, carried],
         aau=head.aau[:, carried],
     )
+
+
+def joined(atlas: NDArray[np.float32]) -> NDArray[np.float32]:
+    """An atlas, or a mode of one, whose strips are alike where the sheet's halves meet.
+
+    Each half has seen the neck from its own side only: there would be a seam.
+    atlas: (n, n, channels) float32.
+    """
+    size = len(atlas)
+    rows = np.linspace(*ROWS, len(DIRECTIONS_DEG))
+    directions_deg = np.interp((np.arange(size) + 0.5) / size, rows, DIRECTIONS_DEG)
+    columns = np.minimum(np.arange(size), np.arange(size)[::-1]) < int(STRIP * size)
+    share = np.outer(np.interp(directions_deg, *JOINING), columns).astype(np.float32)
+    return atlas + share[..., None] * (atlas[:, ::-1] - atlas)
 
 
 def sheet_holders(head: Head) -> Indices:
@@ -92,17 +110,19 @@ def _along(side: int) -> Array:
 def _places(head: Head) -> Array:
     _, centre, behind_mm = _skin(head)
     flat = [
-        centre + ((1 + (ring - 1) * _width()) * _outline(head, side)[0])[:, None] * _along(side)
+        centre + (radii * _outline(head, side)[0])[:, None] * _along(side)
         for side in (1, -1)
-        for ring in RINGS
+        for radii in _radii()
     ]
     places = np.concatenate(flat)
     return np.column_stack([places, np.full(len(places), behind_mm - BEHIND_MM)])
 
 
-def _width() -> Array:
-    """Of the sheet in each direction: the neck does not move as the jaw above it does."""
-    return np.asarray(np.interp(DIRECTIONS_DEG, *NARROWING))
+def _radii() -> Array:
+    """(rings, directions) in those of the outline; the neck does not move as the jaw above it."""
+    radii = 1 + np.outer(np.array(RINGS) - 1, np.interp(DIRECTIONS_DEG, *NARROWING))
+    radii[0] = RINGS[0]
+    return radii
 
 
 def _ends() -> Array:

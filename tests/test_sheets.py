@@ -3,7 +3,7 @@
 import numpy as np
 
 from shared_model.animate import Face, Identity
-from shared_model.mesh import PARTS, generic_head
+from shared_model.mesh import PARTS, generic_head, open_edges
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS
 from shared_model.sheets import BEHIND_MM, EYES, MOUTH, SHEETS, Sheet, rim_weights, sheeted_head
 
@@ -46,22 +46,29 @@ def test_nothing_of_the_old_mouth_and_eyes_is_drawn() -> None:
         assert len(triangles_of(sheet)) == 2 * (len(sheet.upper) - 1)
 
 
-def test_rim_weights_find_the_points_of_the_network() -> None:
+def test_rim_weights_find_the_points_of_the_network_or_where_the_skin_ends() -> None:
     weights = rim_weights(HEAD)
     np.testing.assert_allclose(weights.sum(1), 1, atol=1e-5)
     points = [point for sheet in SHEETS for point in (*sheet.upper, *sheet.lower)]
+    ends = open_edges(SHEETED.triangles[(SHEETED.triangles < COUNT).all(1)])
     for row, point in enumerate(points):
+        if point in (MOUTH.upper[0], MOUTH.upper[-1]):
+            assert weights[row].argmax() in ends and weights[row].max() == 1
+            continue
         corners = HEAD.triangles[HEAD.network_triangles[point]]
         expected = HEAD.network_weights[point] @ HEAD.vertices[corners]
         np.testing.assert_allclose(weights[row] @ HEAD.vertices, expected, atol=1e-6)
 
 
-def test_the_sheet_hangs_behind_the_rims_in_every_setting() -> None:
+def test_the_sheet_hangs_behind_the_rims_in_every_setting_but_at_their_corners() -> None:
     weights = rim_weights(HEAD)
+    rims = [rim for sheet in SHEETS for rim in (sheet.upper, sheet.lower)]
+    depths_mm = [[0, *[BEHIND_MM] * (len(rim) - 2), 0] for rim in rims]
+    expected = np.outer(np.concatenate(depths_mm), [0, 0, 1])
     for setting in ({}, {"jaw_drop": 1.0}, {"mouth_corners": 1.0, "lid_left": -0.5}):
         vertices = animated(**setting)
         behind = weights @ vertices[:COUNT] - vertices[COUNT:]
-        np.testing.assert_allclose(behind, np.tile([0, 0, BEHIND_MM], (len(weights), 1)), atol=1e-6)
+        np.testing.assert_allclose(behind, expected, atol=1e-6)
 
 
 def test_closed_lips_fold_the_sheet_to_nothing_and_an_open_jaw_spreads_it() -> None:

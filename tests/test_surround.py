@@ -1,14 +1,18 @@
 """The sheet beside the face: behind the skin, moving with it, in strips of the atlas of its own."""
 
+import cv2
 import numpy as np
+import pytest
 
+from decoder.render import Renderer
 from shared_model.animate import Face, identity_from_controls
 from shared_model.appearance import atlas_of
+from shared_model.geometry import Camera, pose_from_euler
 from shared_model.mesh import PARTS
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS
 from shared_model.residual import residual_basis
 from shared_model.sheets import sheeted_head
-from shared_model.surround import RINGS, sheet_holders, surrounded_head
+from shared_model.surround import RINGS, ROWS, STRIP, joined, sheet_holders, surrounded_head
 
 INNER, HEAD = sheeted_head(), surrounded_head()
 COUNT = len(INNER.vertices)
@@ -65,3 +69,34 @@ def test_its_strips_in_the_atlas_are_its_own() -> None:
     columns = np.unique(atlas.columns[owner])
     assert owner.sum() > 4000
     assert not np.isin(atlas.columns[~owner & (atlas.rows < 220)], columns).any()
+
+
+def test_its_halves_meet_without_a_seam() -> None:
+    atlas = np.random.default_rng(2).uniform(0, 255, (256, 256, 3)).astype(np.float32)
+    result = joined(atlas)
+    rows, columns = np.nonzero((result != atlas).any(2))
+    width, end = int(STRIP * 256), round(ROWS[1] * 256)
+    assert np.all((columns < width) | (columns >= 256 - width))
+    assert 150 < rows.min() < 210 and rows.max() >= end
+    left, right = result[:, :width], result[:, : -width - 1 : -1]
+    np.testing.assert_allclose(left[end], right[end], atol=1e-3)
+    share = (result - atlas)[rows.min() : end, 0, 0] / (atlas[:, -1] - atlas[:, 0])[
+        rows.min() : end, 0
+    ]
+    assert np.all(np.diff(share) > 0) and share[0] < 0.03
+
+
+@pytest.mark.parametrize(("pitch_deg", "yaw_deg"), [(0, 0), (-25, 20), (-25, -20), (20, 0)])
+def test_nothing_behind_shows_within_the_outline(pitch_deg: float, yaw_deg: float) -> None:
+    pose = pose_from_euler(pitch_deg, yaw_deg, 0, np.array([0.0, 0.0, 700.0]))
+    eau = np.zeros(len(EAUS))
+    eau[EAU_INDEX["jaw_drop"]] = 0.7
+    control_mm = np.zeros((len(residual_basis(HEAD)), 3))
+    face = Face(HEAD, identity_from_controls(HEAD, np.zeros(len(AAUS)), control_mm))
+    with Renderer(480, 480, HEAD) as renderer:
+        renderer.set_texture(np.full((64, 64, 3), 255, np.uint8))
+        picture = renderer.draw(Camera(480, 480, 900.0), pose, face.animate(eau))
+    behind = (picture[..., 0] < 128).astype(np.uint8)
+    count, _ = cv2.connectedComponents(behind, connectivity=4)
+    # The drawn head, and one region around it.
+    assert count == 2
