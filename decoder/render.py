@@ -115,7 +115,9 @@ class Renderer:
         self._outline_triangles = self._context.buffer(reserve=head.triangles.nbytes, dynamic=True)
         self._textured, self._outline = self._head_arrays()
         opacity = head.opacity[head.triangles]
-        self._seen = head.triangles[opacity.max(1) > 0]
+        # Skin of opacity 0 hides the inside of the head, but not in a rim, which knows no depth.
+        inside = inside_mouth(head)[head.triangles[:, 0]]
+        self._seen = head.triangles[(opacity.max(1) > 0) & ~inside]
         blended = head.triangles[opacity.min(1) < 1].ravel()
         ends = open_edges(self._seen)
         near_ends = self._seen[np.isin(self._seen, ends).any(1)].ravel()
@@ -279,7 +281,7 @@ class Renderer:
     def _head_arrays(self) -> tuple[moderngl.VertexArray, moderngl.VertexArray]:
         """Of all triangles, and of those in `_outline_triangles`."""
         context, head = self._context, self.head
-        inside = np.isin(head.parts, [PARTS.index(part) for part in INSIDE_MOUTH])
+        inside = inside_mouth(head)
         fading = fading_teeth(head)
         attributes = np.column_stack([head.texture_coordinates, head.opacity, inside, fading])
         names = ("texture_coordinate", "vertex_opacity", "inside_mouth", "fading")
@@ -396,6 +398,11 @@ def outline_triangles(
     aslant = facing**2 < ASLANT**2 * (normals**2).sum(0) * (towards**2).sum(0)
     chosen: NDArray[np.int32] = triangles[(facing > 0) & (aslant | beside_gaps)]
     return chosen
+
+
+def inside_mouth(head: Head) -> NDArray[np.bool_]:
+    """(n,) whether each vertex is one of teeth, tongue or mouth."""
+    return np.isin(head.parts, [PARTS.index(part) for part in INSIDE_MOUTH])
 
 
 def fading_teeth(head: Head) -> Array:

@@ -28,6 +28,14 @@ UNSEEN_COLOURS = {
     "tongue": (75, 70, 135),
     "mouth": (30, 25, 50),
 }
+# In the light in which the white of the eyes, brighter than most of them, has this colour.
+USUAL_WHITE = (130, 140, 165)
+WHITE_PERCENTILE = 90
+LEAST_LIGHT, MOST_LIGHT = 0.4, 1.2
+# What shows through a slit between the lips is as much the lips: of the texels around one, so far
+# in each direction, this share must be seen too.
+AROUND = 2
+SOLID = 0.7
 FACING_COSINE = 0.1
 DEPTH_CELL_MM = 1.5
 DEPTH_TOLERANCE_MM = 2.0
@@ -122,19 +130,42 @@ def extract_texture(
     image = np.zeros((atlas.size, atlas.size, 3), dtype=np.float32)
     worn = head.opacity[atlas.corners].min(1) > 0
     seen = visible_texels(head, atlas, pose, vertices) & worn
+    part = head.parts[atlas.corners[:, 0]]
+    on_skin = part <= PARTS.index("eye_right")
+    seen &= on_skin | _solid(atlas, seen & ~on_skin)
     image[atlas.rows[seen], atlas.columns[seen]] = sample(frame, points_px[seen])
     known[atlas.rows[seen], atlas.columns[seen]] = True
-    part = head.parts[atlas.corners[:, 0]]
     skin = np.zeros_like(known)
-    skin[atlas.rows, atlas.columns] = part <= PARTS.index("eye_right")
+    skin[atlas.rows, atlas.columns] = on_skin
     mirrored = known[:, ::-1] & skin & ~known
     image[mirrored] = image[:, ::-1][mirrored]
     known |= mirrored
-    usual = unseen_colours(head, atlas)
+    eyes = seen & np.isin(part, [PARTS.index("eye_left"), PARTS.index("eye_right")])
+    usual = _light(image[atlas.rows[eyes], atlas.columns[eyes]]) * unseen_colours(head, atlas)
     hidden = np.isfinite(usual[:, 0]) & ~known[atlas.rows, atlas.columns]
     image[atlas.rows[hidden], atlas.columns[hidden]] = usual[hidden]
     known[atlas.rows[hidden], atlas.columns[hidden]] = True
     return np.clip(np.rint(fill(image, known)), 0, 255).astype(np.uint8)
+
+
+def _solid(atlas: Atlas, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(k,) whether most of what is around each texel is `seen`."""
+    image = np.zeros((atlas.size, atlas.size), np.float32)
+    image[atlas.rows, atlas.columns] = seen
+    side = 2 * AROUND + 1
+    share = cv2.boxFilter(image, -1, (side, side), borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(share[atlas.rows, atlas.columns] >= SOLID)
+
+
+def _light(eyes: Texels) -> Texels:
+    """(3,) BGR of the light on eyes of these colours (n, 3), against that of `USUAL_WHITE`.
+
+    Skin is darker or lighter by itself, and tells less of it.
+    """
+    if not len(eyes):
+        return np.ones(3, np.float32)
+    white = np.percentile(eyes, WHITE_PERCENTILE, axis=0) / USUAL_WHITE
+    return np.asarray(np.clip(white, LEAST_LIGHT, MOST_LIGHT), np.float32)
 
 
 def unseen_colours(head: Head, atlas: Atlas) -> Texels:

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.render import INSIDE_MOUTH, part_colours
+from decoder.render import inside_mouth, part_colours
 from shared_model.mesh import OUTER_LIPS, PARTS, Head
 
 Array = NDArray[np.float64]
@@ -100,7 +100,7 @@ def _brows(head: Head) -> Array:
 def _mouth_light(head: Head) -> Array:
     """(n,) what light is left: 1 outside the mouth, less the deeper inside."""
     behind_mm = head.vertices[head.landmarks["sto"], 2] - head.vertices[:, 2]
-    inside = np.isin(head.parts, [PARTS.index(part) for part in INSIDE_MOUTH])
+    inside = inside_mouth(head)
     return np.where(inside, np.clip(1 - DARKER_PER_MM * behind_mm, LEAST_LIGHT, 1), 1)
 
 

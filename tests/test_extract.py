@@ -84,6 +84,22 @@ def test_a_texture_holds_the_pictures_colours(shots: Shots, atlas: Atlas) -> Non
     assert np.median(np.abs(found - expected)) < 4
 
 
+def test_what_shows_through_a_slit_is_not_taken_for_teeth(shots: Shots, atlas: Atlas) -> None:
+    head, face, frame = shots.face.head, shots.faces[0], shots.pictures[0]
+    vertices = shots.face.animate(np.zeros(len(EAUS)))
+    teeth = head.parts[atlas.corners[:, 0]] == PARTS.index("teeth_upper")
+    seen = visible_texels(head, atlas, face.pose, vertices) & teeth
+    assert 0 < seen.sum() < 0.5 * teeth.sum()
+    for light in (1.0, 0.6):
+        dimmed = (light * frame).astype(np.uint8)
+        texture = extract_texture(head, atlas, shots.camera, face.pose, vertices, dimmed)
+        colours = texture[atlas.rows[teeth], atlas.columns[teeth]]
+        np.testing.assert_array_equal(colours, colours[:1].repeat(len(colours), 0))
+        if light == 1:
+            bright = colours[0].astype(float)
+    assert np.all(colours[0] < 0.85 * bright)
+
+
 def test_what_was_never_seen_has_a_usual_colour(shots: Shots, atlas: Atlas) -> None:
     colours = unseen_colours(shots.face.head, atlas)
     part = shots.face.head.parts[atlas.corners[:, 0]]

@@ -9,7 +9,7 @@ from heads import synthetic_head
 from numpy.typing import NDArray
 
 from decoder import render
-from decoder.render import Renderer, fading_teeth, part_colours
+from decoder.render import Renderer, fading_teeth, inside_mouth, part_colours
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS, Head, generic_head
@@ -263,6 +263,21 @@ def test_a_rim_is_that_of_the_whole_head(yaw_deg: float, monkeypatch: pytest.Mon
     rim = (expected != bare).any(2)
     assert rim.sum() > 300
     np.testing.assert_array_equal(rimmed, expected)
+
+
+@pytest.mark.parametrize("pitch_deg", [-20, 0, 25])
+def test_the_inside_of_a_closed_mouth_shows_nowhere(pitch_deg: float) -> None:
+    head, pose = generic_head(), pose_from_euler(pitch_deg, 10, 0, np.array([0.0, 0, 500]))
+    atlas = np.full((128, 128, 3), 200, np.uint8)
+    within = inside_mouth(head)
+    top = int(head.texture_coordinates[within, 1].min() * 128)
+    assert head.texture_coordinates[~within, 1].max() * 128 < top
+    atlas[top:] = 0, 0, 255
+    with Renderer(CAMERA.width, CAMERA.height, head) as renderer:
+        renderer.set_texture(atlas)
+        picture = renderer.draw(CAMERA, pose, head.vertices, rim_px=0.7).astype(int)
+    shown = picture[..., 2] > picture[..., 0] + 60
+    assert (picture > 150).any() and shown.sum() <= 12
 
 
 def test_two_renderers_do_not_disturb_each_other(renderer: Renderer, head: Head) -> None:

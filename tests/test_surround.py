@@ -86,7 +86,9 @@ def test_its_halves_meet_without_a_seam() -> None:
     assert np.all(np.diff(share) > 0) and share[0] < 0.03
 
 
-@pytest.mark.parametrize(("pitch_deg", "yaw_deg"), [(0, 0), (-25, 20), (20, 0), (20, 20), (20, -20)])
+@pytest.mark.parametrize(
+    ("pitch_deg", "yaw_deg"), [(0, 0), (-25, 20), (20, 0), (20, 20), (20, -20)]
+)
 def test_nothing_behind_shows_within_the_outline(pitch_deg: float, yaw_deg: float) -> None:
     pose = pose_from_euler(pitch_deg, yaw_deg, 0, np.array([0.0, 0.0, 700.0]))
     eau = np.zeros(len(EAUS))
