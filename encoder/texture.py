@@ -32,10 +32,14 @@ UNSEEN_COLOURS = {
 USUAL_WHITE = (130, 140, 165)
 WHITE_PERCENTILE = 90
 LEAST_LIGHT, MOST_LIGHT = 0.4, 1.2
-# What shows through a slit between the lips is as much the lips: of the texels around one, so far
-# in each direction, this share must be seen too.
+# What is so far from a texel in each direction is around it.
 AROUND = 2
+# What shows through a slit between the lips is as much the lips: of what is around a texel inside
+# the mouth, this share must be seen too.
 SOLID = 0.7
+# Narrow folds are continued from around, since the other half of the face is lit otherwise: of what
+# is around a mirrored texel, at most this share is known.
+FOLDED = 0.1
 FACING_COSINE = 0.1
 DEPTH_CELL_MM = 1.5
 DEPTH_TOLERANCE_MM = 2.0
@@ -132,12 +136,14 @@ def extract_texture(
     seen = visible_texels(head, atlas, pose, vertices) & worn
     part = head.parts[atlas.corners[:, 0]]
     on_skin = part <= PARTS.index("eye_right")
-    seen &= on_skin | _solid(atlas, seen & ~on_skin)
+    within = np.zeros_like(known)
+    within[atlas.rows, atlas.columns] = seen & ~on_skin
+    seen &= on_skin | (_share_around(within) >= SOLID)[atlas.rows, atlas.columns]
     image[atlas.rows[seen], atlas.columns[seen]] = sample(frame, points_px[seen])
     known[atlas.rows[seen], atlas.columns[seen]] = True
     skin = np.zeros_like(known)
     skin[atlas.rows, atlas.columns] = on_skin
-    mirrored = known[:, ::-1] & skin & ~known
+    mirrored = known[:, ::-1] & skin & ~known & (_share_around(known) <= FOLDED)
     image[mirrored] = image[:, ::-1][mirrored]
     known |= mirrored
     eyes = seen & np.isin(part, [PARTS.index("eye_left"), PARTS.index("eye_right")])
@@ -148,13 +154,13 @@ def extract_texture(
     return np.clip(np.rint(fill(image, known)), 0, 255).astype(np.uint8)
 
 
-def _solid(atlas: Atlas, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(k,) whether most of what is around each texel is `seen`."""
-    image = np.zeros((atlas.size, atlas.size), np.float32)
-    image[atlas.rows, atlas.columns] = seen
+def _share_around(chosen: NDArray[np.bool_]) -> Texels:
+    """(n, n) how much of what is around each texel of an atlas is `chosen` (n, n)."""
     side = 2 * AROUND + 1
-    share = cv2.boxFilter(image, -1, (side, side), borderType=cv2.BORDER_CONSTANT)
-    return np.asarray(share[atlas.rows, atlas.columns] >= SOLID)
+    share = cv2.boxFilter(
+        chosen.astype(np.float32), -1, (side, side), borderType=cv2.BORDER_CONSTANT
+    )
+    return np.asarray(share, np.float32)
 
 
 def _light(eyes: Texels) -> Texels:

@@ -100,6 +100,23 @@ def test_what_shows_through_a_slit_is_not_taken_for_teeth(shots: Shots, atlas: A
     assert np.all(colours[0] < 0.85 * bright)
 
 
+def test_a_narrow_fold_is_lit_as_what_is_around_it(shots: Shots, atlas: Atlas) -> None:
+    head, vertices = shots.face.head, shots.face.neutral
+    pose = pose_from_euler(0, 4, 0, np.array([0.0, 0.0, 500.0]))
+    tip = head.landmarks["prn"]
+    frame = np.zeros((240, 320, 3), np.uint8)
+    frame[:, int(pixel_from_head(shots.camera, pose, vertices)[tip, 0]) :] = 200
+    texture = extract_texture(head, atlas, shots.camera, pose, vertices, frame)
+    points = atlas.points(vertices)
+    about_the_nose = np.linalg.norm(points - vertices[tip], axis=1) < 45
+    folded = about_the_nose & ~visible_texels(head, atlas, pose, vertices)
+    found = texture[atlas.rows, atlas.columns, 0]
+    # The subject's left is on the right of the picture.
+    for side, level in ((points[:, 0] > 10, 200), (points[:, 0] < -10, 0)):
+        assert (folded & side).sum() > 20
+        assert np.all(found[folded & side] == level)
+
+
 def test_what_was_never_seen_has_a_usual_colour(shots: Shots, atlas: Atlas) -> None:
     colours = unseen_colours(shots.face.head, atlas)
     part = shots.face.head.parts[atlas.corners[:, 0]]
