@@ -109,6 +109,7 @@ def test_a_narrow_fold_is_lit_as_what_is_around_it(shots: Shots, atlas: Atlas) -
     texture = extract_texture(head, atlas, shots.camera, pose, vertices, frame)
     points = atlas.points(vertices)
     about_the_nose = np.linalg.norm(points - vertices[tip], axis=1) < 45
+    about_the_nose &= head.parts[atlas.corners[:, 0]] == PARTS.index("skin")
     folded = about_the_nose & ~visible_texels(head, atlas, pose, vertices)
     found = texture[atlas.rows, atlas.columns, 0]
     # The subject's left is on the right of the picture.
