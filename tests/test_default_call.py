@@ -190,6 +190,18 @@ def test_the_rate_is_kept(call: Path) -> None:
     assert sum(summary.groups.values()) == pytest.approx(summary.frame_bytes)
 
 
+@pytest.mark.parametrize("name", ["carphone.mp4", "still.mpg"])
+def test_a_face_takes_eight_kilobytes_and_all_of_a_model_ten(
+    name: str, clips: Path, networks: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "call.rzo"
+    assert main(["encode", str(clips / name), "-o", str(path), "-q"]) == 0
+    parts = summarise(path).model_parts
+    background = parts.pop("background")
+    assert 7000 < sum(parts.values()) <= 8192
+    assert 1000 < background <= 2048
+
+
 def test_the_same_input_gives_the_same_bytes_on_any_number_of_threads(
     clip: Clip, tmp_path: Path
 ) -> None:
