@@ -39,7 +39,7 @@ class Budget:
 
 
 # Of a recorded call in the default profile so much that a minute of it takes 16 kB, and the face,
-# shape included, 8192 bytes: 7920 to 8176 on seven clips, at .1 dB less than 8.1 to 8.4 kB gave.
+# shape included, 8192 bytes: 7728 to 8156 on seven clips, at .1 dB less than 8.1 to 8.4 kB gave.
 BUDGETS = {
     "thesis": Budget(384, 8000, 8000),
     "default": Budget(256, 7540, 1880, 24),
