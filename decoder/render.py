@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, matrix_from_quaternion
-from shared_model.mesh import PARTS, Head, open_edges
+from shared_model.mesh import PARTS, Head, inside_mouth, open_edges
 from shared_model.normals import vertex_normals
 from shared_model.parameters import Pose
 
@@ -34,7 +34,6 @@ ASLANT = 0.7
 COARSE_TEXELS_PER_PX = 3.0
 ATLAS_MM = 200.0
 
-INSIDE_MOUTH = ("teeth_upper", "teeth_lower", "tongue", "mouth")
 # The front teeth reach so far back; behind them light fades to 1 / e within so much more.
 FRONT_TEETH_MM, TEETH_FADE_MM = 12.0, 8.0
 # BGR of the untextured head's parts, in the order of `PARTS`.
@@ -118,10 +117,10 @@ class Renderer:
         # Skin of opacity 0 hides the inside of the head, but not in a rim, which knows no depth.
         inside = inside_mouth(head)[head.triangles[:, 0]]
         self._seen = head.triangles[(opacity.max(1) > 0) & ~inside]
-        blended = head.triangles[opacity.min(1) < 1].ravel()
-        ends = open_edges(self._seen)
-        near_ends = self._seen[np.isin(self._seen, ends).any(1)].ravel()
-        self._beside_gaps = np.asarray(np.isin(self._seen, [*blended, *near_ends]).any(1))
+        blended = head.triangles[opacity.min(1) < 1]
+        near_ends = self._seen[np.isin(self._seen, open_edges(self._seen)).any(1)]
+        gaps = np.concatenate([blended, near_ends])
+        self._beside_gaps = np.asarray(np.isin(self._seen, gaps).any(1))
         self._shaded: moderngl.VertexArray | None = None
         self._attributes: moderngl.Buffer | None = None
         self._backdrop: moderngl.VertexArray | None = None
@@ -398,11 +397,6 @@ def outline_triangles(
     aslant = facing**2 < ASLANT**2 * (normals**2).sum(0) * (towards**2).sum(0)
     chosen: NDArray[np.int32] = triangles[(facing > 0) & (aslant | beside_gaps)]
     return chosen
-
-
-def inside_mouth(head: Head) -> NDArray[np.bool_]:
-    """(n,) whether each vertex is one of teeth, tongue or mouth."""
-    return np.isin(head.parts, [PARTS.index(part) for part in INSIDE_MOUTH])
 
 
 def fading_teeth(head: Head) -> Array:

@@ -14,7 +14,7 @@ from protocol.pictures import MAX_STEP
 from shared_model import geometry
 from shared_model.appearance import Atlas
 from shared_model.geometry import Camera
-from shared_model.mesh import PARTS, Head
+from shared_model.mesh import PARTS, Head, inside_mouth
 from shared_model.parameters import Pose
 
 Array = NDArray[np.float64]
@@ -134,18 +134,18 @@ def extract_texture(
     image = np.zeros((atlas.size, atlas.size, 3), dtype=np.float32)
     worn = head.opacity[atlas.corners].min(1) > 0
     seen = visible_texels(head, atlas, pose, vertices) & worn
-    part = head.parts[atlas.corners[:, 0]]
-    on_skin = part <= PARTS.index("eye_right")
+    inside = inside_mouth(head)[atlas.corners[:, 0]]
     within = np.zeros_like(known)
-    within[atlas.rows, atlas.columns] = seen & ~on_skin
-    seen &= on_skin | (_share_around(within) >= SOLID)[atlas.rows, atlas.columns]
+    within[atlas.rows, atlas.columns] = seen & inside
+    seen &= ~inside | (_share_around(within) >= SOLID)[atlas.rows, atlas.columns]
     image[atlas.rows[seen], atlas.columns[seen]] = sample(frame, points_px[seen])
     known[atlas.rows[seen], atlas.columns[seen]] = True
     skin = np.zeros_like(known)
-    skin[atlas.rows, atlas.columns] = on_skin
+    skin[atlas.rows, atlas.columns] = ~inside
     mirrored = known[:, ::-1] & skin & ~known & (_share_around(known) <= FOLDED)
     image[mirrored] = image[:, ::-1][mirrored]
     known |= mirrored
+    part = head.parts[atlas.corners[:, 0]]
     eyes = seen & np.isin(part, [PARTS.index("eye_left"), PARTS.index("eye_right")])
     usual = _light(image[atlas.rows[eyes], atlas.columns[eyes]]) * unseen_colours(head, atlas)
     hidden = np.isfinite(usual[:, 0]) & ~known[atlas.rows, atlas.columns]

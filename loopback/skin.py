@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.render import inside_mouth, part_colours
-from shared_model.mesh import OUTER_LIPS, PARTS, Head
+from decoder.render import part_colours
+from shared_model.mesh import OUTER_LIPS, PARTS, Head, inside_mouth
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]

@@ -23,6 +23,7 @@ PARTS = (
     "mouth",
     "surround",
 )
+INSIDE_MOUTH = ("teeth_upper", "teeth_lower", "tongue", "mouth")
 # Points of the landmark network around the outer edge of the lips.
 OUTER_LIPS = (
     *(61, 146, 91, 181, 84, 17, 314, 405, 321, 375, 291, 409, 270, 269, 267, 0, 37, 39, 40, 185),
@@ -83,6 +84,11 @@ def generic_head() -> Head:
     )
     assert head.eau_up.shape[0] == len(EAUS) and head.aau.shape[0] == len(AAUS)
     return head
+
+
+def inside_mouth(head: Head) -> NDArray[np.bool_]:
+    """(n,) whether each vertex is one of teeth, tongue or mouth."""
+    return np.isin(head.parts, [PARTS.index(part) for part in INSIDE_MOUTH])
 
 
 def open_edges(triangles: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -63,7 +63,7 @@ def sheeted_head() -> Head:
     head = generic_head()
     carry = rim_weights(head)
     count = len(head.vertices)
-    outer = head.triangles[head.parts[head.triangles[:, 0]] == PARTS.index("skin")]
+    outer = _skin_triangles(head)
     behind = np.outer(_depths(), [0.0, 0.0, -1.0])
 
     def extended(values: Array) -> Array:
@@ -97,20 +97,25 @@ def rim_weights(head: Head) -> Array:
     """
     points = [point for sheet in SHEETS for point in (*sheet.upper, *sheet.lower)]
     weights = np.zeros((len(points), len(head.vertices)))
+    ends = np.unique(open_edges(_skin_triangles(head)))
     for row, point in enumerate(points):
         corners = head.triangles[head.network_triangles[point]]
         weights[row, corners] = head.network_weights[point]
         if point in (MOUTH.upper[0], MOUTH.upper[-1]):
-            corner = _mouth_corner(head, weights[row])
+            corner = _mouth_corner(head, ends, weights[row] @ head.vertices)
             weights[row] = np.arange(len(head.vertices)) == corner
     return weights
 
 
-def _mouth_corner(head: Head, weights: Array) -> int:
-    """The vertex farthest aside of those near a point (n,) weights, at which the skin ends."""
-    skin = head.triangles[head.parts[head.triangles[:, 0]] == PARTS.index("skin")]
-    ends = np.unique(open_edges(skin))
-    distance_mm = np.linalg.norm(head.vertices[ends] - weights @ head.vertices, axis=1)
+def _skin_triangles(head: Head) -> NDArray[np.int32]:
+    on_skin = head.parts[head.triangles[:, 0]] == PARTS.index("skin")
+    found: NDArray[np.int32] = head.triangles[on_skin]
+    return found
+
+
+def _mouth_corner(head: Head, ends: NDArray[np.int32], place_mm: Array) -> int:
+    """The vertex farthest aside of those of `ends`, where the skin ends, near a place."""
+    distance_mm = np.linalg.norm(head.vertices[ends] - place_mm, axis=1)
     near = ends[distance_mm < CORNER_MM]
     return int(near[np.abs(head.vertices[near, 0]).argmax()])
 

@@ -9,10 +9,10 @@ from heads import synthetic_head
 from numpy.typing import NDArray
 
 from decoder import render
-from decoder.render import Renderer, fading_teeth, inside_mouth, part_colours
+from decoder.render import Renderer, fading_teeth, part_colours
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
-from shared_model.mesh import PARTS, Head, generic_head
+from shared_model.mesh import PARTS, Head, generic_head, inside_mouth
 from shared_model.parameters import Pose
 from shared_model.surround import surrounded_head
 
