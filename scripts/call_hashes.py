@@ -1,0 +1,81 @@
+"""Whether a change altered a call: python -m scripts.call_hashes CLIPS [--against FILE]
+
+Encodes four clips of the folder CLIPS in three profiles, decodes each call, and prints the SHA-256
+of each call file and of its decoded pictures.  With --out the list is written to a file; with
+--against it is compared with a list written before.  Run before and after a change that should
+alter nothing.  Hashes are of one machine: another processor's arithmetic rounds differently.
+"""
+
+import argparse
+import hashlib
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from encoder.capture import open_source
+from scripts.command import run
+from shared_model.errors import UserError
+
+# Clip and the number of its frames to encode; None: all.
+CLIPS = {"carphone.mp4": None, "still.mpg": None, "smile.mp4": None, "akiyo.mp4": 250}
+PROFILES = {"thesis": ("--profile", "thesis"), "default": (), "live": ("--live", "--no-pace")}
+
+
+def main(arguments: Sequence[str]) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("clips", type=Path, metavar="CLIPS", help="folder of the clips")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the list to FILE as well")
+    parser.add_argument("--against", type=Path, metavar="FILE", help="compare with this list")
+    options = parser.parse_args(arguments)
+    lines = list(hash_lines(options.clips))
+    if options.out:
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        options.out.write_text("".join(f"{line}\n" for line in lines))
+    if options.against:
+        compare(options.against.read_text().splitlines(), lines)
+
+
+def hash_lines(clips: Path) -> Iterator[str]:
+    """Clip, profile, SHA-256 of the call file and of its decoded pictures; printed as they come."""
+    for clip, frames in CLIPS.items():
+        for profile, options in PROFILES.items():
+            limit = () if frames is None else ("--max-frames", str(frames))
+            line = " ".join([clip, profile, *hashes(clips / clip, (*options, *limit))])
+            print(line, flush=True)
+            yield line
+
+
+def hashes(source: Path, options: Sequence[str]) -> tuple[str, str]:
+    """SHA-256 of one encoded call and of its decoded pictures."""
+    with TemporaryDirectory() as folder:
+        call, video = Path(folder, "call.rzo"), Path(folder, "call.mkv")
+        _run("encoder", str(source), "-o", str(call), "-q", *options)
+        _run("decoder", str(call), "-o", str(video), "-q")
+        return hashlib.sha256(call.read_bytes()).hexdigest(), _picture_hash(video)
+
+
+def _picture_hash(video: Path) -> str:
+    digest = hashlib.sha256()
+    with open_source(str(video)) as frames:
+        for _, picture in frames:
+            digest.update(picture.tobytes())
+    return digest.hexdigest()
+
+
+def _run(package: str, *arguments: str) -> None:
+    subprocess.run([sys.executable, "-m", package, *arguments], check=True)
+
+
+def compare(expected: Sequence[str], found: Sequence[str]) -> None:
+    """Raise `UserError` that names the calls whose hashes differ."""
+    changed = sorted(set(found) - set(expected))
+    if changed:
+        names = ", ".join(" ".join(line.split()[:2]) for line in changed)
+        raise UserError(f"calls have changed: {names}")
+    print("all calls and pictures are as before")
+
+
+if __name__ == "__main__":
+    run(main)
