@@ -15,6 +15,7 @@ COPY protocol ./protocol
 COPY encoder ./encoder
 COPY decoder ./decoder
 COPY loopback ./loopback
+COPY risorius ./risorius
 RUN pip install --no-cache-dir --no-deps --no-build-isolation .
 
 # A new volume belongs to whom its folder belongs to here.

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
-PACKAGES := shared_model protocol encoder decoder loopback
+PACKAGES := shared_model protocol encoder decoder loopback risorius
 
 .PHONY: install demo test lint format lock clean
 
@@ -26,7 +26,7 @@ lint: $(INSTALLED)
 
 test: lint
 	$(BIN)/python -m pytest --cov --cov-report=term
-	$(BIN)/coverage report --include='protocol/*' --omit=protocol/link_zenoh.py --fail-under=100
+	$(BIN)/coverage report --include='protocol/*' --omit=protocol/link/zenoh_link.py --fail-under=100
 
 format: $(INSTALLED)
 	$(BIN)/ruff check --fix .

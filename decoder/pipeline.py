@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 
-from decoder.extent import source_frames
+from decoder.duration import source_frames
+from decoder.frame_sink import Background, PictureSink, check_sink, open_sink
 from decoder.playout import PlayedFrame, Playout
-from decoder.recast import read_model, recast
+from decoder.reenactment import read_model, recast
 from decoder.scene import Scene, StageClock, head_of
-from decoder.sink import Background, PictureSink, check_sink, open_sink
-from protocol.layers import is_refined
-from protocol.link import CONNECT_TIMEOUT_S, LinkOptions, PacketSource, Say, silent
-from protocol.messages import Kind, ModelPacket, ProtocolError, packet_kind
-from protocol.recording import CallReader, TruncatedCall
+from protocol.call_file import CallReader, TruncatedCall
+from protocol.link.interface import CONNECT_TIMEOUT_S, LinkOptions, PacketSource, Say, silent
+from protocol.packets import Kind, ModelPacket, ProtocolError, packet_kind
+from protocol.progressive_model import is_refined
 from shared_model.errors import LINK_FAILED, UserError
 
 Progress = Callable[[int, int | None], None]
@@ -179,7 +179,7 @@ def open_source(options: DecodeOptions, say: Say) -> PacketSource:
     """
     if options.call_file is not None:
         return CallReader(options.call_file)
-    from protocol.link_zenoh import ZenohSource
+    from protocol.link.zenoh_link import ZenohSource
 
     patience_s = options.connect_timeout_s or CONNECT_TIMEOUT_S
     return ZenohSource(LinkOptions(options.call, options.listen, options.connect, patience_s), say)

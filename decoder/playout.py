@@ -13,9 +13,8 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.samples import Sample, SampleDecoder, sample_decoder
-from protocol.layers import Layers
-from protocol.messages import (
+from decoder.frame_decoder import Sample, SampleDecoder, sample_decoder
+from protocol.packets import (
     SEQUENCE_MODULUS,
     CallParameters,
     ControlKind,
@@ -26,6 +25,7 @@ from protocol.messages import (
     ProtocolError,
     parse_packet,
 )
+from protocol.progressive_model import Layers
 from shared_model.geometry import (
     conjugate,
     multiply,

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.composite import Backdrop, drawn_width_px, make_backdrop, mouth_light, warp
-from decoder.cut_out import still_of
+from decoder.appearance import Wardrobe
+from decoder.background_layers import still_of
+from decoder.background_warp import Backdrop, drawn_width_px, make_backdrop, mouth_light, warp
 from decoder.playout import PlayedFrame
-from decoder.render import NEAR_MM, Renderer
-from decoder.texture import Wardrobe
-from protocol.messages import ModelPacket, ProtocolError
-from protocol.quantise import AAU_STEP, EAU_STEP, RESIDUAL_STEP_MM, values_from_codes
+from decoder.renderer import NEAR_MM, Renderer
+from protocol.frames.scalar_quantiser import AAU_STEP, EAU_STEP, RESIDUAL_STEP_MM, values_from_codes
+from protocol.packets import ModelPacket, ProtocolError
 from shared_model.animate import Face, identity_from_controls
 from shared_model.anthropometry import residual_basis
 from shared_model.geometry import Camera, camera_from_head

@@ -11,21 +11,21 @@ from threading import Event
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.cadence import cadence_for
-from encoder.capture import Capture, open_source
-from encoder.console import Console, Progress
-from encoder.default_call import Survey, send_call
-from encoder.follow import FOLLOWED, FollowOptions, open_follower
-from encoder.live_call import LiveCall
-from encoder.model import budget_for
-from encoder.parallel import read_ahead, switching_often
-from encoder.rehearse import rehearse
-from encoder.startup import LayerPacer
-from encoder.tally import Tally
-from encoder.thesis_call import ThesisCall
-from protocol.link import CONNECT_TIMEOUT_S, LinkOptions, PacketSink, Reach, Say, silent
-from protocol.quantise import THESIS_RATE_HZ
-from protocol.recording import CallWriter
+from encoder.calls.live_session import LiveCall
+from encoder.calls.session_callbacks import Console, Progress
+from encoder.calls.session_stats import Tally
+from encoder.calls.thesis_session import ThesisCall
+from encoder.calls.two_pass_session import Survey, send_call
+from encoder.calls.warm_up import rehearse
+from encoder.capture.video_source import Capture, open_source
+from encoder.coding.gop import cadence_for
+from encoder.coding.model_packet import budget_for
+from encoder.coding.progressive_model import LayerPacer
+from encoder.runtime.parallel import read_ahead, switching_often
+from encoder.tracking.trackers import FOLLOWED, FollowOptions, open_follower
+from protocol.call_file import CallWriter
+from protocol.frames.scalar_quantiser import THESIS_RATE_HZ
+from protocol.link.interface import CONNECT_TIMEOUT_S, LinkOptions, PacketSink, Reach, Say, silent
 from shared_model.errors import UserError
 from shared_model.mesh import generic_head
 from shared_model.surround import surrounded_head
@@ -356,7 +356,7 @@ def open_sink(options: EncodeOptions, stack: ExitStack, say: Say) -> PacketSink:
     """
     if options.output is not None:
         return stack.enter_context(CallWriter(options.output))
-    from protocol.link_zenoh import ZenohSink
+    from protocol.link.zenoh_link import ZenohSink
 
     patience_s = options.wait_for_peer_s or CONNECT_TIMEOUT_S
     link = LinkOptions(options.call, options.listen, options.connect, patience_s, options.lossless)

@@ -1,1 +1,1 @@
-"""Everything that needs both ends: the command line, benchmarks, replays, quality."""
+"""What needs both ends: benchmarks, sweeps, replays, quality, reports."""

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from encoder.capture import exact_fps, open_source
-from loopback.likeness import Likeness, compare_faces
+from encoder.capture.video_source import exact_fps, open_source
+from loopback.landmark_metrics import Likeness, compare_faces
+from loopback.process_pair import CallResult, run_call
 from loopback.quality import FaceArea, Quality, face_area_finder, measure
 from loopback.report import figure, html_page, rounded, table
-from loopback.two_processes import CallResult, run_call
 from protocol.summary import due_s
 from shared_model.errors import UserError
 

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.capture import Capture, open_source
-from encoder.detect import BlazeFaceDetector
-from encoder.landmarks import LandmarkTracker
-from encoder.networks import NetworkFilesMissing, find_network_folder
+from encoder.capture.video_source import Capture, open_source
+from encoder.detection.blazeface import BlazeFaceDetector
+from encoder.detection.landmarks import LandmarkTracker
+from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from loopback.report import rounded
 from shared_model.errors import UserError
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from loopback.arguments import build_parser
 from loopback.bench import BenchSettings, bench_clip, is_figure, make_folder, output_names
-from loopback.clips import clip_path
-from loopback.profiles import check_startup, chosen_profile
+from loopback.clip_paths import clip_path
 from loopback.quality import face_area_finder
 from loopback.report import flatten, table
+from risorius.command_line.arguments import build_parser
+from risorius.command_line.option_rules import check_startup, chosen_profile
 from shared_model.errors import UserError
 
 Say = Callable[[str], None]

@@ -15,16 +15,16 @@ import cv2
 import numpy as np
 
 from decoder.pipeline import DecodeOptions, decode
-from encoder.capture import open_source
-from encoder.console import Console
-from encoder.default_call import Survey, send_call
+from encoder.calls.session_callbacks import Console
+from encoder.calls.session_stats import Tally
+from encoder.calls.two_pass_session import Survey, send_call
+from encoder.capture.video_source import open_source
 from encoder.pipeline import EncodeOptions, survey_source
-from encoder.tally import Tally
 from loopback.bench import check_recorded, make_folder, output_names
 from loopback.chart import Chart, Curve, layout, picture, svg
 from loopback.quality import face_area_finder, measure
 from loopback.report import Cell, rounded, table, write_json
-from protocol.recording import CallWriter
+from protocol.call_file import CallWriter
 from protocol.summary import summarise
 from shared_model.errors import UserError
 

@@ -1,1 +1,1 @@
-"""The wire: bytes in, dataclasses out.  No I/O except in `link_zenoh`."""
+"""The wire: bytes in, dataclasses out.  No I/O except call files and `link.zenoh_link`."""

@@ -4,8 +4,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
-from protocol.accounting import Accounts, PacketSize
-from protocol.messages import (
+from protocol.bit_accounting import Accounts, PacketSize
+from protocol.call_file import CallReader, TruncatedCall, record
+from protocol.frames.scalar_quantiser import THESIS_RATE_HZ, thesis_sample_count
+from protocol.packets import (
     CallParameters,
     ControlKind,
     ControlPacket,
@@ -16,8 +18,6 @@ from protocol.messages import (
     packet_kind,
     parse_packet,
 )
-from protocol.quantise import THESIS_RATE_HZ, thesis_sample_count
-from protocol.recording import CallReader, TruncatedCall, record
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.landmarks import FaceMesh
-from encoder.networks import find_network_folder
+from encoder.detection.landmarks import FaceMesh
+from encoder.detection.tflite import find_network_folder
 from scripts.command import run
 from scripts.head_asset.atlas import drawing_order, in_chart, texture_coordinates
 from scripts.head_asset.correspond import find_points, transfer

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from encoder.capture import open_source
+from encoder.capture.video_source import open_source
 from scripts.command import run
 from shared_model.errors import UserError
 
@@ -26,10 +26,11 @@ PROFILES = {"thesis": ("--profile", "thesis"), "default": (), "live": ("--live",
 def main(arguments: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("clips", type=Path, metavar="CLIPS", help="folder of the clips")
+    parser.add_argument("--only", nargs="+", choices=CLIPS, default=list(CLIPS), metavar="CLIP")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the list to FILE as well")
     parser.add_argument("--against", type=Path, metavar="FILE", help="compare with this list")
     options = parser.parse_args(arguments)
-    lines = list(hash_lines(options.clips))
+    lines = list(hash_lines(options.clips, options.only))
     if options.out:
         options.out.parent.mkdir(parents=True, exist_ok=True)
         options.out.write_text("".join(f"{line}\n" for line in lines))
@@ -37,9 +38,10 @@ def main(arguments: Sequence[str]) -> None:
         compare(options.against.read_text().splitlines(), lines)
 
 
-def hash_lines(clips: Path) -> Iterator[str]:
+def hash_lines(clips: Path, names: Sequence[str]) -> Iterator[str]:
     """Clip, profile, SHA-256 of the call file and of its decoded pictures; printed as they come."""
-    for clip, frames in CLIPS.items():
+    for clip in names:
+        frames = CLIPS[clip]
         for profile, options in PROFILES.items():
             limit = () if frames is None else ("--max-frames", str(frames))
             line = " ".join([clip, profile, *hashes(clips / clip, (*options, *limit))])

@@ -19,22 +19,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.cadence import FRAMES_PER_PACKET
-from encoder.caller import learn_caller
-from encoder.capture import open_source
-from encoder.combine import combine, project, sensitivity
-from encoder.crop import crop_face
-from encoder.detect import BlazeFaceDetector
-from encoder.landmarks import LandmarkTracker
-from encoder.model import BUDGETS
-from encoder.networks import find_network_folder
-from encoder.quantiser import code_packet
-from encoder.rate import QUALITIES, packet_spans
-from encoder.two_pass import Sampler, follow_all, smoothed
-from protocol.accounting import component_bits
-from protocol.components import Components, vector_from_face
-from protocol.messages import SEQUENCE_MODULUS, CallParameters
-from protocol.predict import (
+from encoder.capture.face_crop import crop_face
+from encoder.capture.video_source import open_source
+from encoder.coding.gop import FRAMES_PER_PACKET
+from encoder.coding.model_packet import BUDGETS
+from encoder.coding.rate_control import QUALITIES, packet_spans
+from encoder.coding.rdo_quantiser import code_packet
+from encoder.coding.transform import combine, project, sensitivity
+from encoder.detection.blazeface import BlazeFaceDetector
+from encoder.detection.landmarks import LandmarkTracker
+from encoder.detection.tflite import find_network_folder
+from encoder.learning.person_model import learn_caller
+from encoder.learning.two_pass import Sampler, follow_all, smoothed
+from protocol.bit_accounting import component_bits
+from protocol.frames.frame_transform import Components, vector_from_face
+from protocol.frames.temporal_prediction import (
     KINDS,
     UNIT,
     FramePredictor,
@@ -46,6 +45,7 @@ from protocol.predict import (
     reconstruct,
     step,
 )
+from protocol.packets import SEQUENCE_MODULUS, CallParameters
 from scripts.command import run
 from shared_model.parameters import FaceParameters
 from shared_model.surround import surrounded_head

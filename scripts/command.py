@@ -4,8 +4,8 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import NoReturn
 
-from loopback.arguments import BAD_USAGE
-from loopback.cli import complain
+from risorius.command_line.arguments import BAD_USAGE
+from risorius.command_line.cli import complain
 from shared_model.errors import UserError
 
 

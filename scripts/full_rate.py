@@ -15,12 +15,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from decoder.frame_sink import open_sink
 from decoder.playout import PlayedFrame
 from decoder.scene import Scene, StageClock
-from decoder.sink import open_sink
-from encoder.capture import Capture, open_source
-from encoder.follow import FOLLOWED, FollowOptions, open_follower
-from encoder.model import budget_for, build_model, call_parameters
+from encoder.capture.video_source import Capture, open_source
+from encoder.coding.model_packet import budget_for, build_model, call_parameters
+from encoder.tracking.trackers import FOLLOWED, FollowOptions, open_follower
 from loopback.quality import TrackedFaceArea
 from scripts.command import run, warn
 from scripts.track_synthetic import follow_frame

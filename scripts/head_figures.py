@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.render import Renderer, part_colours
-from loopback.skin import painted_colours
+from decoder.renderer import Renderer, part_colours
+from risorius.animation.synthetic_skin import painted_colours
 from scripts.command import run
 from scripts.model_figures import DOCS, save
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.capture import open_source
-from encoder.detect import BlazeFaceDetector
-from encoder.fit import LandmarkModel, fit_frame, landmark_model, personalise
-from encoder.identity import Fitted, fit_identity
-from encoder.landmarks import LandmarkTracker
-from encoder.networks import find_network_folder
+from encoder.capture.video_source import open_source
+from encoder.detection.blazeface import BlazeFaceDetector
+from encoder.detection.landmarks import LandmarkTracker
+from encoder.detection.tflite import find_network_folder
+from encoder.fitting.identity import Fitted, fit_identity
+from encoder.fitting.landmark_fit import LandmarkModel, fit_frame, landmark_model, personalise
 from scripts.command import run
 from shared_model.geometry import pixel_from_head
 from shared_model.mesh import generic_head

@@ -11,9 +11,9 @@ from itertools import zip_longest
 
 import numpy as np
 
-from encoder.capture import open_source
-from loopback.argument_types import seconds
+from encoder.capture.video_source import open_source
 from loopback.quality import TrackedFaceArea, psnr_db, squared_error
+from risorius.command_line.argument_types import seconds
 from scripts.command import run
 from shared_model.errors import UserError
 

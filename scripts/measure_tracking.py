@@ -19,12 +19,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.capture import open_source
-from encoder.ekf import FaceFilter
-from encoder.follow import FOLLOWED, FollowOptions, open_follower
-from encoder.klt import KltTracker
-from encoder.own_texture import OwnTexture
-from encoder.sighting import NetworkSighter
+from encoder.capture.video_source import open_source
+from encoder.fitting.person_texture import OwnTexture
+from encoder.tracking.detection_measurement import NetworkSighter
+from encoder.tracking.ekf import FaceFilter
+from encoder.tracking.klt import KltTracker
+from encoder.tracking.trackers import FOLLOWED, FollowOptions, open_follower
 from scripts.command import run, warn
 from scripts.track_synthetic import CONFIGURATIONS, follow_frame
 from shared_model.geometry import euler_deg

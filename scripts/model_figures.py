@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.render import Renderer
-from loopback.skin import painted_colours
+from decoder.renderer import Renderer
+from risorius.animation.synthetic_skin import painted_colours
 from scripts.command import run
 from scripts.model_tables import aau_table, eau_table, reference_fields, write_tables
 from shared_model.animate import Face, Identity

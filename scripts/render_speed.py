@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from decoder.composite import make_backdrop, warp
-from decoder.render import Renderer
+from decoder.background_warp import make_backdrop, warp
+from decoder.renderer import Renderer
 from decoder.scene import RIM_PX, edge_samples
 from scripts.command import run
 from shared_model.animate import Face, Identity

@@ -15,12 +15,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from decoder.pipeline import DecodeOptions, decode
+from encoder.coding.progressive_model import LayeredModel, LayerPacer
 from encoder.pipeline import EncodeOptions, encode
-from encoder.startup import LayeredModel, LayerPacer
 from loopback.quality import face_area_finder, measure
-from protocol.messages import FramePacket, LayerPacket, ModelPacket, parse_packet, serialise
-from protocol.recording import MAGIC, CallReader, record
-from protocol.varint import decode_varint
+from protocol.call_file import MAGIC, CallReader, record
+from protocol.entropy.varint import decode_varint
+from protocol.packets import FramePacket, LayerPacket, ModelPacket, parse_packet, serialise
 from scripts.command import run
 from shared_model.errors import UserError
 

@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.capture import open_source
-from encoder.follow import FOLLOWED, FollowOptions, open_follower
-from encoder.photometric import NORMALISATIONS
+from encoder.appearance.photometric import NORMALISATIONS
+from encoder.capture.video_source import open_source
+from encoder.tracking.trackers import FOLLOWED, FollowOptions, open_follower
 from scripts.command import run, warn
 from scripts.track_synthetic import follow_frame
 from shared_model.geometry import Camera, euler_deg, pixel_from_head

@@ -16,9 +16,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.capture import open_source
-from encoder.follow import FOLLOWED, Follower, FollowOptions, open_follower
-from loopback.animate import AnimateOptions, animate
+from encoder.capture.video_source import open_source
+from encoder.tracking.trackers import FOLLOWED, Follower, FollowOptions, open_follower
+from risorius.animation.animate import AnimateOptions, animate
 from scripts.command import run, warn
 from scripts.line_charts import Chart, draw_charts
 from shared_model.geometry import euler_deg

@@ -19,10 +19,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.coefficients import STEP_OUTPUTS, UNARY
-from protocol.components import parse_components
-from protocol.entropy import WHOLE
-from protocol.foresee import (
+from protocol.call_file import CallReader
+from protocol.entropy.range_coder import WHOLE
+from protocol.frames.frame_transform import parse_components
+from protocol.packets import ModelPacket, parse_packet
+from protocol.pictures.coefficient_coding import STEP_OUTPUTS, UNARY
+from protocol.pictures.coefficient_context import Surroundings, Turn, by_tile
+from protocol.pictures.foreground_mask import parse_background
+from protocol.pictures.picture_codec import plane_shapes, still_head
+from protocol.pictures.probability_model import (
     CLASSES,
     HIDDEN_BITS,
     LEAST,
@@ -34,12 +39,7 @@ from protocol.foresee import (
     Networks,
     Site,
 )
-from protocol.messages import ModelPacket, parse_packet
-from protocol.pictures import plane_shapes, still_head
-from protocol.recording import CallReader
-from protocol.silhouette import parse_background
-from protocol.subbands import Pyramid, Series, read
-from protocol.surroundings import Surroundings, Turn, by_tile
+from protocol.pictures.subband_coding import Pyramid, Series, read
 from scripts.command import run
 
 Array = NDArray[np.float32]

@@ -15,7 +15,7 @@ from shared_model.curves import smooth_curve
 from shared_model.mesh import PARTS
 from shared_model.muscles import fall, rise
 from shared_model.parameters import AAUS
-from shared_model.residual import control_points, residual_basis
+from shared_model.shape_residual import control_points, residual_basis
 
 __all__ = [
     "MEASUREMENTS",

@@ -14,15 +14,19 @@ import numpy as np
 import pytest
 from shots import Shots, draw_shots
 
-from decoder.sink import open_sink
-from encoder.capture import Frame, exact_fps, open_source
-from encoder.networks import NetworkFilesMissing, find_network_folder
-from loopback.cli import main
-from loopback.clips import CARPHONE, clip_path
+from decoder.frame_sink import open_sink
+from encoder.capture.video_source import Frame, exact_fps, open_source
+from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
+from loopback.clip_paths import CARPHONE, clip_path
+from risorius.command_line.cli import main
 from shared_model.errors import UserError
 
 ROOT = Path(__file__).resolve().parent.parent
-PROGRAM = (sys.executable, "-c", "from loopback.cli import main; raise SystemExit(main())")
+PROGRAM = (
+    sys.executable,
+    "-c",
+    "from risorius.command_line.cli import main; exit(main())",
+)
 NOISE_FRAMES = 8
 
 # As on a server, in every process that a test starts: no display, and no test needs two cores.

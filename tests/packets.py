@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from protocol.messages import (
+from protocol.packets import (
     CallParameters,
     ControlKind,
     ControlPacket,

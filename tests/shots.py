@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.crop import Crop
-from loopback.animate import AnimateOptions, AnimateReport, animate
+from encoder.capture.face_crop import Crop
+from risorius.animation.animate import AnimateOptions, AnimateReport, animate
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera
 from shared_model.mesh import generic_head

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from loopback.animate import AnimateOptions, animate, degrade, side_light
-from loopback.cli import main
-from loopback.script import parse_script
-from loopback.skin import painted_colours
-from protocol.messages import CallParameters, ControlKind, ControlPacket, ModelPacket, serialise
-from protocol.recording import CallWriter
+from protocol.call_file import CallWriter
+from protocol.packets import CallParameters, ControlKind, ControlPacket, ModelPacket, serialise
+from risorius.animation.animate import AnimateOptions, animate, degrade, side_light
+from risorius.animation.animation_script import parse_script
+from risorius.animation.synthetic_skin import painted_colours
+from risorius.command_line.cli import main
 from shared_model.animate import Face, Identity
 from shared_model.anthropometry import control_points
 from shared_model.errors import UserError

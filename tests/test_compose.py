@@ -14,9 +14,9 @@ import pytest
 import yaml
 from conftest import PROGRAM, ROOT, Start
 
-from encoder.capture import open_source
-from loopback.arguments import build_parser
-from loopback.two_processes import free_port
+from encoder.capture.video_source import open_source
+from loopback.process_pair import free_port
+from risorius.command_line.arguments import build_parser
 
 COMPOSE = ROOT / "docker-compose.yml"
 DOCKERFILE = ROOT / "Dockerfile"

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from decoder import pipeline, scene
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
-from protocol.messages import (
+from protocol.call_file import MAGIC, CallReader, record
+from protocol.frames.scalar_quantiser import encode_thesis, thesis_sample_count
+from protocol.packets import (
     CallParameters,
     ControlKind,
     ControlPacket,
@@ -19,8 +21,6 @@ from protocol.messages import (
     ModelPacket,
     serialise,
 )
-from protocol.quantise import encode_thesis, thesis_sample_count
-from protocol.recording import MAGIC, CallReader, record
 from shared_model.animate import Face, Identity
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, pixel_from_head, pose_from_euler

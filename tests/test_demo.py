@@ -5,11 +5,11 @@ from pathlib import Path
 import cv2
 import pytest
 
-from encoder.capture import open_source
-from loopback.cli import main
-from loopback.clips import clip_path
-from loopback.demo import demo
+from encoder.capture.video_source import open_source
+from loopback.clip_paths import clip_path
 from protocol.summary import summarise
+from risorius.command_line.cli import main
+from risorius.demo import demo
 from shared_model.errors import UserError
 
 
@@ -38,7 +38,7 @@ def test_without_the_landmark_networks_the_demo_is_of_the_thesis_profile(
     def missing(name: str) -> None:
         """No package of networks."""
 
-    monkeypatch.setattr("encoder.networks.find_spec", missing)
+    monkeypatch.setattr("encoder.detection.tflite.find_spec", missing)
     said = list[str]()
     demo(tmp_path, said.append, lambda: False)
     assert summarise(tmp_path / "call.rzo").profile == "thesis"

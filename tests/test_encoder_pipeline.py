@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from encoder.capture import Capture, open_source
+from encoder.calls.session_stats import Tally
+from encoder.capture.video_source import Capture, open_source
 from encoder.pipeline import EncodeOptions, with_coming
-from encoder.tally import Tally
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from shots import Shots
 
-from encoder.texture import (
+from encoder.appearance.texture import (
     compress,
     compress_background,
     extract_texture,

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from encoder.capture import open_source
+from encoder.capture.video_source import open_source
 from scripts.full_rate import main, relit
 from shared_model.errors import UserError
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from conftest import ClipFrames
 
-from encoder.capture import Frame
-from encoder.detect import BlazeFaceDetector
-from encoder.iris import LIDS, TRAINED_CROP, WIDER_CROP, IrisFinder
-from encoder.landmarks import FaceMesh, LandmarkTracker
-from encoder.square import square_from_landmarks
+from encoder.capture.video_source import Frame
+from encoder.detection.blazeface import BlazeFaceDetector
+from encoder.detection.iris import LIDS, TRAINED_CROP, WIDER_CROP, IrisFinder
+from encoder.detection.landmarks import FaceMesh, LandmarkTracker
+from encoder.detection.roi import square_from_landmarks
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from conftest import ClipFrames
 
-from encoder.capture import Frame
-from encoder.detect import BlazeFaceDetector, Detection
-from encoder.landmarks import FaceMesh, Landmarks, LandmarkTracker
-from encoder.square import (
+from encoder.capture.video_source import Frame
+from encoder.detection.blazeface import BlazeFaceDetector, Detection
+from encoder.detection.landmarks import FaceMesh, Landmarks, LandmarkTracker
+from encoder.detection.roi import (
     EYE_CORNERS,
     Square,
     square_from_detection,

@@ -7,9 +7,10 @@ import pytest
 from test_layers import FIRST, GROWN, ITEMS, KNOWN, STREAM, WHOLE, expected, grown, pieces
 
 from decoder.playout import PlayedFrame, Playout
-from encoder.quantiser import code_packet
-from protocol.components import parse_components
-from protocol.messages import (
+from encoder.coding.rdo_quantiser import code_packet
+from protocol.frames.frame_transform import parse_components
+from protocol.frames.temporal_prediction import FramePredictor
+from protocol.packets import (
     ControlKind,
     ControlPacket,
     FramePacket,
@@ -18,7 +19,6 @@ from protocol.messages import (
     ProtocolError,
     serialise,
 )
-from protocol.predict import FramePredictor
 
 PACKED = FIRST.call.frames_per_packet
 LAYERS = pieces(STREAM, [6, 31, 90])

@@ -10,15 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from packets import CALL, MODEL
 
-from protocol.components import (
+from protocol.entropy.varint import encode_varint
+from protocol.frames.frame_transform import (
     GEOMETRY,
     Components,
     parse_components,
     serialise_components,
     with_spare,
 )
-from protocol.layers import MAX_ITEMS, Layers, is_refined, item
-from protocol.messages import (
+from protocol.frames.temporal_prediction import KINDS
+from protocol.packets import (
     MAX_EXTENSION_BYTES,
     MAX_IMAGE_BYTES,
     MAX_LAYER_BYTES,
@@ -28,8 +29,7 @@ from protocol.messages import (
     parse_packet,
     serialise,
 )
-from protocol.predict import KINDS
-from protocol.varint import encode_varint
+from protocol.progressive_model import MAX_ITEMS, Layers, is_refined, item
 
 ITEMS = (b"whole texture", b"whole background", b"first mode" * 20, b"second", b"third")
 MODES = len(ITEMS) - 2

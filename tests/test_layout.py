@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-OURS = ("shared_model", "protocol", "encoder", "decoder", "loopback")
+OURS = ("shared_model", "protocol", "encoder", "decoder", "loopback", "risorius")
 MAY_IMPORT = {
     "shared_model": {"shared_model"},
     "protocol": {
@@ -19,17 +19,18 @@ MAY_IMPORT = {
     },
     "encoder": {"encoder", "protocol", "shared_model"},
     "decoder": {"decoder", "protocol", "shared_model"},
-    "loopback": set(OURS),
+    "loopback": {"loopback", "shared_model", "protocol", "encoder", "decoder"},
+    "risorius": set(OURS),
 }
 IMPORTERS = {
-    "ai_edge_litert": {"encoder/networks.py"},
-    "av": {"encoder/capture.py", "decoder/sink.py"},
-    "filterpy": {"encoder/ekf.py"},
-    "numba": {"encoder/compiled.py"},
-    "moderngl": {"decoder/render.py"},
-    "zenoh": {"protocol/link_zenoh.py"},
+    "ai_edge_litert": {"encoder/detection/tflite.py"},
+    "av": {"encoder/capture/video_source.py", "decoder/frame_sink.py"},
+    "filterpy": {"encoder/tracking/ekf.py"},
+    "numba": {"encoder/runtime/jit.py"},
+    "moderngl": {"decoder/renderer.py"},
+    "zenoh": {"protocol/link/zenoh_link.py"},
 }
-CV2_PACKAGES = {"encoder", "decoder", "loopback"}
+CV2_PACKAGES = {"encoder", "decoder", "loopback", "risorius"}
 
 
 def modules() -> list[Path]:

@@ -7,10 +7,10 @@ import pytest
 from shots import draw
 
 from decoder.playout import PlayedFrame, Playout
-from encoder.follow import FollowOptions
 from encoder.pipeline import EncodeOptions, encode
-from protocol.messages import LIDS_VERSION, ModelPacket, parse_packet
-from protocol.recording import CallReader
+from encoder.tracking.trackers import FollowOptions
+from protocol.call_file import CallReader
+from protocol.packets import LIDS_VERSION, ModelPacket, parse_packet
 from protocol.summary import summarise
 from shared_model.parameters import EAU_INDEX, LID_EAUS
 

@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 from shots import draw, talking
 
 from decoder.pipeline import DecodeOptions, decode
-from encoder.announce import Announcer
-from encoder.capture import open_source
-from encoder.epoch import SPARE_MODES, Epoch
-from encoder.live_call import SPENDING_POWER
+from encoder.calls.live_session import SPENDING_POWER
+from encoder.calls.model_updates import Announcer
+from encoder.calls.model_version import SPARE_MODES, Epoch
+from encoder.capture.video_source import open_source
+from encoder.coding.rate_control import LivePurse
+from encoder.coding.rdo_quantiser import CodedPacket
 from encoder.pipeline import EncodeOptions, encode
-from encoder.quantiser import CodedPacket
-from encoder.rate import LivePurse
-from protocol.components import parse_components
-from protocol.layers import Layers
-from protocol.messages import FramePacket, LayerPacket, ModelPacket, Packet, parse_packet, serialise
-from protocol.predict import FramePredictor, decode_packet
-from protocol.recording import MAGIC, CallReader, record
+from protocol.call_file import MAGIC, CallReader, record
+from protocol.frames.frame_transform import parse_components
+from protocol.frames.temporal_prediction import FramePredictor, decode_packet
+from protocol.packets import FramePacket, LayerPacket, ModelPacket, Packet, parse_packet, serialise
+from protocol.progressive_model import Layers
 
 # Light comes from one side once the update that is learned early is in use.
 FRAMES, LATE = 75, 55
@@ -85,8 +85,8 @@ def send(clip: Path, startup_bitrate: float | None = None) -> Sent:
         str(clip), found.path, live=True, startup_bitrate=startup_bitrate, model_bytes=6000
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("encoder.live_call.Announcer", Notes)
-        patch.setattr("encoder.live_call.LivePurse", Purse)
+        patch.setattr("encoder.calls.live_session.Announcer", Notes)
+        patch.setattr("encoder.calls.live_session.LivePurse", Purse)
         encode(options, lambda done, total: None, lambda: False)
     return found
 
@@ -210,7 +210,7 @@ def test_modes_are_kept_for_what_is_yet_to_come(
     clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # After a second of face the model is learned again only after another thousand.
-    monkeypatch.setattr("encoder.live_call.LEARN_AFTER_S", {1.0: 0.6, 1001.0: 1.0})
+    monkeypatch.setattr("encoder.calls.live_session.LEARN_AFTER_S", {1.0: 0.6, 1001.0: 1.0})
     copy = tmp_path / "clip.mkv"
     copy.write_bytes(clip.read_bytes())
     sent = send(copy)

@@ -8,19 +8,19 @@ from shots import draw, talking
 
 from decoder.pipeline import DecodeOptions, decode
 from decoder.playout import Playout
-from encoder.announce import AHEAD, ENOUGH_ITEMS, packets_ahead
+from encoder.calls.model_updates import AHEAD, ENOUGH_ITEMS, packets_ahead
+from encoder.coding.progressive_model import FIRST_LAYER_BYTES, UPDATE_LAYER_BYTES
 from encoder.pipeline import EncodeOptions, EncodeReport, encode
-from encoder.startup import FIRST_LAYER_BYTES, UPDATE_LAYER_BYTES
-from protocol.components import parse_components
-from protocol.layers import Layers
-from protocol.messages import (
+from protocol.call_file import CallReader, record
+from protocol.frames.frame_transform import parse_components
+from protocol.packets import (
     SEQUENCE_MODULUS,
     FramePacket,
     LayerPacket,
     ModelPacket,
     parse_packet,
 )
-from protocol.recording import CallReader, record
+from protocol.progressive_model import Layers
 from protocol.summary import summarise
 
 FRAMES, FPS, PACKED = 90, 25, 8

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from encoder.parallel import SWITCH_S, on_cores, read_ahead, usable_cores, workers_beside
+from encoder.runtime.parallel import SWITCH_S, on_cores, read_ahead, usable_cores, workers_beside
 
 
 @pytest.mark.parametrize("workers", [1, 3, None])

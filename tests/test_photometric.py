@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from shots import Shots
 
-from encoder.photometric import NORMALISATIONS, equalised, retinex
-from encoder.refine import luma
+from encoder.appearance.photometric import NORMALISATIONS, equalised, retinex
+from encoder.fitting.analysis_by_synthesis import luma
 
 RANDOM = np.random.default_rng(6)
 

@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from decoder.playout import PlayedFrame, Playout, interpolate
-from protocol.messages import (
+from protocol.frames.scalar_quantiser import encode_thesis, thesis_sample_count
+from protocol.packets import (
     CallParameters,
     ControlKind,
     ControlPacket,
@@ -15,7 +16,6 @@ from protocol.messages import (
     ProtocolError,
     serialise,
 )
-from protocol.quantise import encode_thesis, thesis_sample_count
 from shared_model.geometry import (
     matrix_from_quaternion,
     pose_from_euler,

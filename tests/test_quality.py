@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from decoder.sink import open_sink
+from decoder.frame_sink import open_sink
 from loopback.quality import (
     FACE_OVAL,
     Mask,

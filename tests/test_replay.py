@@ -10,7 +10,6 @@ from conftest import ROOT, Start
 from processes import LIMIT_S, wait_until
 
 from loopback.bench import BenchSettings
-from loopback.cli import main
 from loopback.replay import (
     Check,
     Clip,
@@ -21,6 +20,7 @@ from loopback.replay import (
     read_suite,
     replay_table,
 )
+from risorius.command_line.cli import main
 from shared_model.errors import UserError
 
 DEMO_SUITE = ROOT / "tests" / "suites" / "demo.toml"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from shots import Shots
 
-from encoder.shape_free import ShapeFree, moved
+from encoder.appearance.shape_free import ShapeFree, moved
 from shared_model.appearance import atlas_of
 from shared_model.geometry import pixel_from_head
 from shared_model.parameters import EAU_INDEX, EAUS

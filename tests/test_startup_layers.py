@@ -6,9 +6,9 @@ import pytest
 from test_layered_playout import BASE, frames
 from test_layers import ITEMS
 
-from protocol.layers import item
-from protocol.messages import LayerPacket, serialise
-from protocol.recording import read_records, record
+from protocol.call_file import read_records, record
+from protocol.packets import LayerPacket, serialise
+from protocol.progressive_model import item
 from scripts.startup_layers import LayeredCall, Row, arrivals_s, markdown, whole_bytes
 from shared_model.errors import UserError
 

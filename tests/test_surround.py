@@ -4,13 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
-from decoder.render import Renderer
+from decoder.renderer import Renderer
 from shared_model.animate import Face, identity_from_controls
 from shared_model.appearance import atlas_of
 from shared_model.geometry import Camera, pose_from_euler
 from shared_model.mesh import PARTS
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS
-from shared_model.residual import residual_basis
+from shared_model.shape_residual import residual_basis
 from shared_model.sheets import sheeted_head
 from shared_model.surround import RINGS, ROWS, STRIP, joined, sheet_holders, surrounded_head
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import cv2
 import pytest
 
-from loopback.cli import main
 from loopback.sweep import SweepSettings, mean_curve, sweep, sweep_table
+from risorius.command_line.cli import main
 
 FRAMES = 24
 

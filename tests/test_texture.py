@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from decoder.texture import MAX_CODED_SIDE_PX, decode_image
-from encoder.code_picture import draft_still
-from protocol.messages import ProtocolError
-from protocol.varint import encode_varint
+from decoder.appearance import MAX_CODED_SIDE_PX, decode_image
+from encoder.picture_coding.picture_encoder import draft_still
+from protocol.entropy.varint import encode_varint
+from protocol.packets import ProtocolError
 
 
 def webp(width: int, height: int, quality: int = 90) -> bytes:

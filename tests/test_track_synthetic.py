@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from loopback.script import parse_script
+from risorius.animation.animation_script import parse_script
 from scripts.line_charts import Chart, draw_charts
 from scripts.measure_tracking import jitter
 from scripts.track_synthetic import (

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from encoder.landmarks import FaceMesh
+from encoder.detection.landmarks import FaceMesh
 from scripts.head_asset.mesh_parts import SKIN, Mesh
 from scripts.head_asset.network import CAMERA, POINTS, Sight, see, vertex_normals
 from shared_model.geometry import camera_from_head, pixel_from_head

@@ -1,0 +1,160 @@
+"""Coded pictures of the model packet: the atlas with its modes, and the still."""
+
+from itertools import takewhile
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from protocol.frames.frame_transform import parse_components
+from protocol.packets import ModelPacket, ProtocolError
+from protocol.pictures.picture_codec import ModeSeries, decode_still, is_still, still_head
+from shared_model.surround import joined
+
+# An image of a few kilobytes may claim any size; this bounds what decoding it may allocate.
+MAX_IMAGE_SIDE_PX = 4096
+MAX_ATLAS_SIDE_PX = 1024
+# Of a picture of `protocol.pictures.picture_codec`, which takes its time for each pixel.
+MAX_CODED_SIDE_PX = 1024
+# All modes together; each texel takes 12 bytes.
+MAX_MODE_TEXELS = 4 * 1024 * 1024
+
+
+class Wardrobe:
+    """What the caller wears in each frame: mean + modes x coefficients (eq. 2.17).
+
+    Raises `ProtocolError` if an image of the model packet is damaged or of another size.
+    """
+
+    def __init__(self, model: ModelPacket) -> None:
+        self._modes: NDArray[np.float32]
+        # The picture that could not be decoded; all after it build on it.
+        self._damaged: bytes | None = None
+        self._surrounded = model.call.profile == "default"
+        self._put_on(model)
+        self.refine(model)
+
+    @property
+    def changes(self) -> bool:
+        """Whether there are any modes."""
+        return bool(len(self._modes))
+
+    def refine(self, model: ModelPacket) -> None:
+        """Take in what more layers of the same model bring.
+
+        Raises as the constructor does, for each damaged picture once.
+        """
+        if model.texture != self._texture:
+            if model.texture == self._damaged:
+                return
+            self._put_on(model)
+        coded = parse_components(model.extension).modes if model.extension else ()
+        if model.layered or model.growing:
+            coded = tuple(takewhile(bool, coded))
+        size = len(self._mean)
+        if len(coded) * size * size > MAX_MODE_TEXELS:
+            raise ProtocolError(
+                f"{len(coded)} modes of {size}x{size}, limit {MAX_MODE_TEXELS} texels"
+            )
+        known = len(self._modes)
+        rows = [self._modes]
+        try:
+            for number, data in enumerate(coded[known:], known):
+                if data == self._damaged:
+                    break
+                self._damaged = data
+                image = self._series.decode(f"mode {number}", data)
+                self._damaged = None
+                rows.append(self._worn(image).reshape(1, -1))
+        finally:
+            # The series cannot go back: what it has decoded counts.
+            self._modes = np.concatenate(rows)
+
+    def _put_on(self, model: ModelPacket) -> None:
+        self._damaged = model.texture
+        mean = decode_image("texture", model.texture, MAX_ATLAS_SIDE_PX)
+        _check_square("texture", mean)
+        series = ModeSeries(len(mean), _relief(model.texture))
+        self._texture, self._series = model.texture, series
+        self._mean = np.asarray(self._worn(mean) + 0.5, np.uint8)
+        self._damaged = None
+        self._modes = np.zeros((0, mean.size), np.float32)
+
+    def _worn(self, image: NDArray[Any]) -> NDArray[np.float32]:
+        """A picture of the packet as the head wears it."""
+        atlas = image.astype(np.float32)
+        return joined(atlas) if self._surrounded else atlas
+
+    def texture(self, coefficients: NDArray[np.float64]) -> NDArray[np.uint8]:
+        """The atlas (size, size, 3) uint8 BGR; coefficients (m,), or none for the mean.
+
+        Coefficients of modes that have not come yet add nothing.
+        """
+        if not coefficients.size:
+            return self._mean
+        flat = coefficients[: len(self._modes)].astype(np.float32) @ self._modes
+        flat += self._mean.ravel()
+        # Half a level up, then cut: rounding at a fraction of its price.
+        flat += np.float32(0.5)
+        return np.asarray(np.clip(flat, 0, 255), np.uint8).reshape(self._mean.shape)
+
+
+def decode_image(name: str, data: bytes, limit_px: int = MAX_IMAGE_SIDE_PX) -> NDArray[np.uint8]:
+    """The picture in `data`, of the picture codec or a WebP file: (h, w, 3) uint8 BGR.
+
+    name: what the picture is, for the message.  limit_px: longest side allowed.
+    Raises `ProtocolError` if it is neither, is damaged, or is too large.
+    """
+    own = is_still(data)
+    limit_px = min(limit_px, MAX_CODED_SIDE_PX) if own else limit_px
+    width, height = _coded_size(name, data) if own else _webp_size(name, data)
+    if not (1 <= width <= limit_px and 1 <= height <= limit_px):
+        raise ProtocolError(f"{name} is {width}x{height}, limit {limit_px} a side")
+    if own:
+        return np.asarray(np.clip(decode_still(name, data) + 0.5, 0, 255), np.uint8)
+    try:
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error as error:
+        raise ProtocolError(f"{name} is a damaged image of {len(data)} bytes") from error
+    if picture is None:
+        raise ProtocolError(f"{name} is a damaged image of {len(data)} bytes")
+    return np.asarray(picture, dtype=np.uint8)
+
+
+def _relief(texture: bytes) -> bytes:
+    """The relief that a texture's modes share with it; WebP has none."""
+    return still_head("texture", texture).relief if is_still(texture) else b""
+
+
+def _check_square(name: str, image: NDArray[np.uint8]) -> None:
+    height, width = image.shape[:2]
+    if width != height or width < 2:
+        raise ProtocolError(f"{name} is {width}x{height}, expected a square of at least 2x2")
+
+
+def _coded_size(name: str, data: bytes) -> tuple[int, int]:
+    head = still_head(name, data)
+    return head.width, head.height
+
+
+def _webp_size(name: str, data: bytes) -> tuple[int, int]:
+    """Width and height that the file's first chunk states (RFC 9649, 2.5 to 2.7)."""
+    if len(data) < 30 or data[:4] != b"RIFF" or data[8:12] != b"WEBP":
+        raise ProtocolError(f"{name} is no WebP image: {len(data)} bytes")
+    chunk = data[12:16]
+    if chunk == b"VP8 ":
+        return _u16(data, 26) & 0x3FFF, _u16(data, 28) & 0x3FFF
+    if chunk == b"VP8L":
+        bits = int.from_bytes(data[21:25], "little")
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    if chunk == b"VP8X":
+        return (
+            int.from_bytes(data[24:27], "little") + 1,
+            int.from_bytes(data[27:30], "little") + 1,
+        )
+    raise ProtocolError(f"{name} is a WebP image of unknown kind {chunk!r}")
+
+
+def _u16(data: bytes, offset: int) -> int:
+    return int.from_bytes(data[offset : offset + 2], "little")

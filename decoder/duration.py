@@ -1,0 +1,28 @@
+"""How many pictures a call file holds, without drawing any."""
+
+from contextlib import suppress
+from pathlib import Path
+
+from decoder.playout import Playout
+from protocol.call_file import CallReader
+from protocol.packets import ControlPacket, ProtocolError, parse_packet
+
+
+def source_frames(path: Path) -> int:
+    """Told by the END packet; of a call that is cut off, as many as its packets show.
+
+    Raises `UserError` if the file cannot be read.
+    """
+    packets = list[bytes]()
+    with CallReader(path) as reader, suppress(ProtocolError):
+        for packet in reader:
+            packets.append(packet)
+        last = parse_packet(packets[-1]) if reader.complete else None
+        if isinstance(last, ControlPacket):
+            return last.frame
+    playout, shown = Playout(), 0
+    for packet in packets:
+        with suppress(ProtocolError):
+            for _ in playout.receive(packet):
+                shown += 1
+    return shown

@@ -1,0 +1,93 @@
+"""What a frame packet's payload says, by the call's profile: faces, each at its place in time."""
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from math import ceil
+from typing import Protocol
+
+from protocol.frames.frame_transform import face_from_components, parse_components
+from protocol.frames.scalar_quantiser import (
+    EAU_STEP,
+    THESIS_RATE_HZ,
+    decode_thesis,
+    sent_eaus,
+    values_from_codes,
+)
+from protocol.frames.temporal_prediction import FramePredictor, decode_packet
+from protocol.packets import SEQUENCE_MODULUS, CallParameters, ModelPacket, ProtocolError
+from shared_model.parameters import EAU_INDEX, FaceParameters
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A face that was sent, and its place in source frames."""
+
+    place: Fraction
+    face: FaceParameters
+
+
+class SampleDecoder(Protocol):
+    """Decodes the frame packets of one call."""
+
+    def decode(self, number: int, payload: bytes) -> list[Sample]:
+        """The samples of packet `number` (0 = the call's first).  Raises `ProtocolError`."""
+
+    def number_at(self, frame: int) -> int:
+        """The packet in which the first sample at or after source frame `frame` is sent."""
+
+
+def sample_decoder(model: ModelPacket) -> SampleDecoder:
+    """The decoder for a call's profile.  Raises `ProtocolError` if its model is damaged."""
+    return ThesisSamples(model) if model.call.profile == "thesis" else DefaultSamples(model)
+
+
+class ThesisSamples:
+    """One face in each packet, ten a second."""
+
+    def __init__(self, model: ModelPacket) -> None:
+        self._model = model
+        call: CallParameters = model.call
+        self._spacing = Fraction(call.fps_numerator, call.fps_denominator) / THESIS_RATE_HZ
+
+    def decode(self, number: int, payload: bytes) -> list[Sample]:
+        """See `SampleDecoder`."""
+        lids = self._model.call.lids
+        face = decode_thesis(payload, self._model.reference_pose, lids)
+        # What the profile does not send stays as it was in the still.
+        eau = values_from_codes(self._model.reference_eau, EAU_STEP)
+        sent = [EAU_INDEX[name] for name in sent_eaus(lids)]
+        eau[sent] = face.eau[sent]
+        place = self._model.call.start_frame + number * self._spacing
+        return [Sample(place, replace(face, eau=eau))]
+
+    def number_at(self, frame: int) -> int:
+        """See `SampleDecoder`."""
+        return ceil((frame - self._model.call.start_frame) / self._spacing)
+
+
+class DefaultSamples:
+    """Every coded frame: the first alone in packet 0, then as many a packet as the call says."""
+
+    def __init__(self, model: ModelPacket) -> None:
+        self._model = model
+        self._components = parse_components(model.extension)
+        if bool(self._components.spare) != model.growing:
+            raise ProtocolError(f"{self._components.spare} spare modes, growing: {model.growing}")
+        self._predictor = FramePredictor(self._components.spreads, self._components.spare)
+
+    def decode(self, number: int, payload: bytes) -> list[Sample]:
+        """See `SampleDecoder`."""
+        call, reference = self._model.call, self._model.reference_pose
+        usual = call.frames_per_packet
+        frames = decode_packet(self._predictor, number % SEQUENCE_MODULUS, usual, payload)
+        first = 1 + (number - 1) * usual if number else 0
+        places = [call.start_frame + (first + i) * call.frame_step for i in range(len(frames))]
+        return [
+            Sample(Fraction(place), face_from_components(self._components, coded, reference))
+            for place, coded in zip(places, frames, strict=True)
+        ]
+
+    def number_at(self, frame: int) -> int:
+        """See `SampleDecoder`."""
+        call = self._model.call
+        return max(0, ceil((frame - call.start_frame) / (call.frame_step * call.frames_per_packet)))

@@ -1,0 +1,70 @@
+"""Another's face for a call: its identity, texture and still, moved by this call's stream."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from decoder.playout import PlayedFrame
+from protocol.call_file import CallReader, TruncatedCall
+from protocol.frames.scalar_quantiser import motion_from_pose, pose_from_motion
+from protocol.packets import (
+    Kind,
+    LayerPacket,
+    ModelPacket,
+    ProtocolError,
+    packet_kind,
+    parse_packet,
+)
+from protocol.progressive_model import Layers, is_refined
+from shared_model.errors import UserError
+from shared_model.parameters import FaceParameters
+
+
+def read_model(path: Path) -> ModelPacket:
+    """The newest model of a call file, with what came of its layers.
+
+    Raises `UserError` if there is none.
+    """
+    models, pieces, layers = list[ModelPacket](), list[LayerPacket](), Layers()
+    try:
+        with CallReader(path) as reader:
+            try:
+                for data in reader:
+                    if packet_kind(data) not in (Kind.MODEL, Kind.LAYER):
+                        continue
+                    packet = parse_packet(data)
+                    if isinstance(packet, ModelPacket):
+                        models.append(packet)
+                    elif isinstance(packet, LayerPacket):
+                        pieces.append(packet)
+            except TruncatedCall:
+                if not models:
+                    raise
+        if models:
+            # Any may be repeated for who joins late.
+            models.sort(key=lambda model: model.layer)
+            # An update without a background leaves the one before.
+            backgrounds = [model.background for model in models if model.background]
+            newest = replace(models[-1], background=[b"", *backgrounds][-1])
+            for piece in pieces:
+                if piece.model == newest.layer:
+                    layers.add(piece)
+            return layers.refine(newest)
+    except ProtocolError as error:
+        raise UserError(f"{path}: {error}") from error
+    raise UserError(f"{path} has no model packet: nobody to draw")
+
+
+def recast(frame: PlayedFrame, sender: ModelPacket, worn: ModelPacket) -> PlayedFrame:
+    """The frame of `sender`'s stream as the face of `worn` plays it.
+
+    Its head moves from its own reference pose as the sender's does from theirs; actuators are
+    everybody's.  Modes are of one caller: unless both are the same model, the mean is worn.
+    """
+    if is_refined(worn, sender):
+        return frame
+    face = frame.face
+    motion = motion_from_pose(face.pose, sender.reference_pose)
+    pose = pose_from_motion(motion, worn.reference_pose)
+    return replace(frame, face=FaceParameters(pose, face.eau, modes=np.zeros(0)))

@@ -1,0 +1,1 @@
+"""The shape-free frame: textures sampled from pictures, texel by texel."""

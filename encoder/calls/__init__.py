@@ -1,0 +1,1 @@
+"""Whole calls: what is learned, announced and sent when."""

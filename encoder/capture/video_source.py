@@ -1,0 +1,243 @@
+"""Pictures from whatever OpenCV opens: file, image sequence, camera index, network stream."""
+
+import math
+import os
+import re
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+import av
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from shared_model.errors import UserError
+
+Frame = NDArray[np.uint8]
+
+DEFAULT_FPS = Fraction(25)
+_OPEN_TIMEOUT_MS = 10_000
+# FFmpeg's number of BT.709 among the colour matrices, as in ITU-T H.273.
+_BT709 = 1
+_NUMBER_FIELD = re.compile(r"%0?\d*d")
+
+
+class _Reader(Protocol):
+    """What `Capture` needs of a source of frames: None at the end."""
+
+    def read(self) -> Frame | None: ...
+
+    def close(self) -> None: ...
+
+
+class Capture:
+    """An open source of frames, all of one size; a context manager that can be iterated once.
+
+    width, height: pixels, of the frames as delivered (after rotation metadata).
+    fps: exact frame rate, frames per second.
+    frame_count: frames the container promises; None where nobody knows before the end.
+    is_live: whether frames come in real time and have no end of their own.
+    matrix: by which a file's Y'CbCr was made, see `protocol.packets.CallParameters`.
+    is_rate_assumed: a video or camera says no frame rate, or none that can be.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        reader: _Reader,
+        fps: Fraction,
+        frame_count: int | None,
+        is_live: bool,
+        matrix: str = "bt601",
+        is_rate_assumed: bool = False,
+    ) -> None:
+        self.name, self.fps, self.frame_count, self.is_live = name, fps, frame_count, is_live
+        self.matrix, self.is_rate_assumed = matrix, is_rate_assumed
+        self._reader = reader
+        self._first = reader.read()
+        if self._first is None:
+            reader.close()
+            raise UserError(f"{name} has no readable frame; check that it is a video")
+        self.height, self.width = self._first.shape[:2]
+
+    def __iter__(self) -> Iterator[tuple[int, Frame]]:
+        """Yield (index, frame): frame (height, width, 3) uint8, BGR.
+
+        Raises UserError where the frames' size changes on the way.
+        """
+        index, frame, self._first = 0, self._first, None
+        while frame is not None:
+            if frame.shape != (self.height, self.width, 3):
+                raise UserError(
+                    f"{self.name}: frame {index} is {frame.shape[1]}x{frame.shape[0]} but the first"
+                    f" was {self.width}x{self.height}; convert it to one size first"
+                )
+            yield index, frame
+            index, frame = index + 1, self._reader.read()
+
+    def skip_while(self, busy: Callable[[], bool]) -> None:
+        """Drop the frames that a live source gives meanwhile: the first one is the next to come."""
+        while busy() and (frame := self._reader.read()) is not None:
+            self._first = frame
+
+    def close(self) -> None:
+        """Release the device or file."""
+        self._reader.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+class _VideoReader:
+    """Frames of a `cv2.VideoCapture`."""
+
+    def __init__(self, video: cv2.VideoCapture) -> None:
+        self._video = video
+
+    def read(self) -> Frame | None:
+        ok, frame = self._video.read()
+        return np.asarray(frame, dtype=np.uint8) if ok else None
+
+    def close(self) -> None:
+        self._video.release()
+
+
+class _SequenceReader:
+    """Image files one after the other."""
+
+    def __init__(self, paths: list[Path]) -> None:
+        self._paths = iter(paths)
+
+    def read(self) -> Frame | None:
+        path = next(self._paths, None)
+        if path is None:
+            return None
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if image is None:
+            raise UserError(f"{path} is not a readable image")
+        return np.asarray(image, dtype=np.uint8)
+
+    def close(self) -> None:
+        pass
+
+
+def open_source(source: str) -> Capture:
+    """Open a video file, an image sequence pattern (frame_%04d.png), a camera index or a URL.
+
+    Raises UserError, one line, where there is nothing to read.
+    """
+    _silence_opencv()
+    if source.isdecimal():
+        return _open_video(source, cv2.VideoCapture(int(source)), "camera {} does not open")
+    if "://" in source and not source.startswith("file://"):
+        return _open_stream(source)
+    path = Path(source.removeprefix("file://"))
+    if "%" in path.name and not path.exists():
+        return _open_sequence(path)
+    if not path.exists():
+        raise UserError(f"{path}: no such file")
+    if path.is_dir():
+        raise UserError(f"{path} is a folder; give a pattern such as {path}/frame_%04d.png")
+    if not os.access(path, os.R_OK):
+        raise UserError(f"{path}: no permission to read it")
+    video = cv2.VideoCapture(str(path))
+    return _open_video(str(path), video, "{} is not a video OpenCV can read", colour_matrix(path))
+
+
+def is_usable_rate(fps: float) -> bool:
+    """Whether that many frames a second can be."""
+    return math.isfinite(fps) and 1 <= fps <= 240
+
+
+def exact_fps(fps: float) -> Fraction:
+    """The exact rate behind a rounded one (29.97 -> 30000/1001); 25 where unknown or absurd."""
+    if not is_usable_rate(fps):
+        return DEFAULT_FPS
+    for denominator in (1, 1001):
+        numerator = round(fps * denominator / 1000) * 1000 if denominator > 1 else round(fps)
+        if abs(numerator / denominator - fps) < 0.004:
+            return Fraction(numerator, denominator)
+    return Fraction(fps).limit_denominator(1001)
+
+
+def colour_matrix(path: Path) -> str:
+    """The matrix of `protocol.packets.MATRICES` that a video file says its Y'CbCr was made by.
+
+    bt601 for a file that says nothing of it or of another matrix, and for what is not a plain file.
+    OpenCV turns what is tagged BT.2020, with its wider gamut, into BT.709's RGB by itself.
+    """
+    # A pipe or device can be read but once.
+    if not path.is_file():
+        return "bt601"
+    try:
+        with av.open(str(path), metadata_errors="ignore") as container:
+            streams = container.streams.video
+            context = streams[0].codec_context if streams else None
+            return "bt709" if context and context.colorspace == _BT709 else "bt601"
+    except av.FFmpegError:
+        return "bt601"
+
+
+def _silence_opencv() -> None:
+    """Keep FFmpeg and OpenCV off the terminal: `UserError` says it in one line."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+
+
+def _open_stream(url: str) -> Capture:
+    options = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _OPEN_TIMEOUT_MS]
+    options += [cv2.CAP_PROP_READ_TIMEOUT_MSEC, _OPEN_TIMEOUT_MS]
+    video = cv2.VideoCapture(url, cv2.CAP_FFMPEG, options)
+    return _open_video(url, video, "{} does not answer or is not a video stream")
+
+
+def _open_video(
+    name: str, video: cv2.VideoCapture, complaint: str, matrix: str = "bt601"
+) -> Capture:
+    if not video.isOpened():
+        raise UserError(complaint.format(name))
+    is_remote = name.isdecimal() or "://" in name
+    if name.isdecimal():
+        # A queue in the driver would only add latency.
+        video.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+    count = video.get(cv2.CAP_PROP_FRAME_COUNT)
+    frame_count = int(count) if math.isfinite(count) and 0 < count < 2**31 else None
+    fps = video.get(cv2.CAP_PROP_FPS)
+    is_live = is_remote and frame_count is None
+    reader, is_assumed = _VideoReader(video), not is_usable_rate(fps)
+    return Capture(name, reader, exact_fps(fps), frame_count, is_live, matrix, is_assumed)
+
+
+def _open_sequence(pattern: Path) -> Capture:
+    """Read numbered images from the lowest number there is; their rate is unknown, hence 25."""
+    paths = _sequence_paths(pattern)
+    return Capture(str(pattern), _SequenceReader(paths), DEFAULT_FPS, len(paths), is_live=False)
+
+
+def _sequence_paths(pattern: Path) -> list[Path]:
+    fields = _NUMBER_FIELD.findall(pattern.name)
+    if len(fields) != 1 or pattern.name.count("%") != 1:
+        raise UserError(f"{pattern}: a sequence pattern has one number, such as frame_%04d.png")
+    before, after = pattern.name.split(fields[0])
+    shape = re.compile(re.escape(before) + r"(\d+)" + re.escape(after))
+    matches = map(shape.fullmatch, os.listdir(pattern.parent) if pattern.parent.is_dir() else [])
+    numbers = sorted({int(m[1]) for m in matches if m and pattern.name % int(m[1]) == m[0]})
+    if not numbers:
+        raise UserError(f"{pattern}: no file matches this pattern")
+    for expected, number in enumerate(numbers, start=numbers[0]):
+        if number != expected:
+            raise UserError(
+                f"{pattern.parent / (pattern.name % expected)} is missing in the sequence"
+            )
+    return [pattern.parent / (pattern.name % number) for number in numbers]

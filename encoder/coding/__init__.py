@@ -1,0 +1,1 @@
+"""From faces to the bytes of packets at a given rate."""

@@ -1,0 +1,1 @@
+"""Where the face is: detectors, landmark networks, segmentation."""

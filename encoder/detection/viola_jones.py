@@ -1,0 +1,117 @@
+"""Viola-Jones face detection (thesis 5.1): cascades for face and eyes, proportions for the rest."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.detection.blazeface import Array, Detection, Frame, largest_first
+
+Grey = NDArray[np.uint8]
+
+# (longer side of the picture searched, roll tried): what is usual and quick comes first.
+_LOOKS = ((480, 0), (480, 20), (480, -20), (480, 40), (480, -40), (1280, 0))
+_EYE_WORKING_PX = 160
+
+# Where the eyes' middle lies in a face box that shows no eyes; fractions of the box.
+_EYE_LEVEL, _EYE_OFFSET = 0.39, 0.19
+# No nose cascade ships with OpenCV: nose tip, mouth and ears from the eyes' line, in units of the
+# distance between the eyes: (along it, across it towards the chin), order of `KEYPOINTS`[2:].
+_FROM_EYES = np.array([[0.0, 0.59], [0.0, 1.08], [-1.07, 0.28], [1.07, 0.28]])
+
+
+class HaarDetector:
+    """Finds upright and moderately rolled frontal faces without any network."""
+
+    def __init__(self) -> None:
+        self._face = _cascade("haarcascade_frontalface_alt2.xml")
+        self._eyes = [
+            _cascade("haarcascade_eye_tree_eyeglasses.xml"),
+            _cascade("haarcascade_eye.xml"),
+        ]
+
+    def detect(self, frame: Frame) -> list[Detection]:
+        """Faces in `frame` (h, w, 3) uint8 BGR, the largest first; upright ones before rolled."""
+        for long_px, roll_deg in _LOOKS:
+            small = _grey(frame, long_px)
+            found = self._detect_rolled(small, roll_deg)
+            if found:
+                height, width = frame.shape[:2]
+                factor = np.array([width / small.shape[1], height / small.shape[0]])
+                return largest_first([_scaled(face, factor) for face in found])
+        return []
+
+    def _detect_rolled(self, grey: Grey, roll_deg: float) -> list[Detection]:
+        """Faces in `grey` turned by `roll_deg`, in `grey`'s own pixels."""
+        middle = ((grey.shape[1] - 1) / 2, (grey.shape[0] - 1) / 2)
+        upright_from_grey = cv2.getRotationMatrix2D(middle, roll_deg, 1.0)
+        upright = cv2.warpAffine(grey, upright_from_grey, grey.shape[::-1])
+        back = np.asarray(cv2.invertAffineTransform(upright_from_grey), np.float64)
+        boxes, counts = self._face.detectMultiScale2(upright, 1.1, 4, minSize=(36, 36))
+        found = []
+        for (left, top, width, height), count in zip(boxes, counts, strict=True):
+            face = np.asarray(upright[top : top + height, left : left + width], np.uint8)
+            keypoints = _keypoints(self._find_eyes(face) + np.array([left, top]))
+            centre = np.array([left, top]) + (np.array([width, height]) - 1) / 2
+            half = np.array([width, height]) / 2
+            turned = back[:, :2] @ centre + back[:, 2]
+            box = np.concatenate([turned - half, turned + half])
+            score = float(count) / (float(count) + 4)
+            found.append(Detection(box, keypoints @ back[:, :2].T + back[:, 2], score))
+        return found
+
+    def _find_eyes(self, face: Grey) -> Array:
+        """(2, 2) pixels in `face`: the subject's right eye (left in the picture), then the left."""
+        side = face.shape[0]
+        zoom = _EYE_WORKING_PX / side
+        large = cv2.resize(face, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_LINEAR)
+        usual = np.array([[0.5 - _EYE_OFFSET, _EYE_LEVEL], [0.5 + _EYE_OFFSET, _EYE_LEVEL]])
+        eyes = [self._find_eye(np.asarray(large, np.uint8), place) for place in usual]
+        return np.asarray((np.array(eyes) + 0.5) / zoom - 0.5)
+
+    def _find_eye(self, face: Grey, usual: Array) -> Array:
+        """The eye's centre, pixels, in the quarter around `usual` (fractions); else `usual`."""
+        side = face.shape[0]
+        expected: Array = usual * side
+        start = np.round(expected - 0.2 * side).astype(int)
+        stop = np.round(expected + 0.2 * side).astype(int)
+        area = face[max(start[1], 0) : stop[1], max(start[0], 0) : stop[0]]
+        least = (round(0.12 * side), round(0.12 * side))
+        for cascade in self._eyes:
+            boxes, counts = cascade.detectMultiScale2(area, 1.05, 3, minSize=least)
+            if len(boxes):
+                left, top, width, height = boxes[int(np.argmax(counts))]
+                return np.array(
+                    [start[0] + left + (width - 1) / 2, start[1] + top + (height - 1) / 2]
+                )
+        return expected
+
+
+def _grey(frame: Frame, long_px: int) -> Grey:
+    """`frame` in grey, contrast evened out, its longer side `long_px`."""
+    scale = long_px / max(frame.shape[:2])
+    method = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    small = cv2.resize(frame, None, fx=scale, fy=scale, interpolation=method)
+    return np.asarray(cv2.equalizeHist(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY)), np.uint8)
+
+
+def _keypoints(eyes: Array) -> Array:
+    """(6, 2) pixels: the eyes and what a face's proportions put around them."""
+    along = eyes[1] - eyes[0]
+    across = np.array([-along[1], along[0]])
+    return np.concatenate([eyes, eyes.mean(0) + _FROM_EYES @ np.stack([along, across])])
+
+
+def _scaled(face: Detection, factor: Array) -> Detection:
+    """`face` in the pixels of a picture `factor` (2,) times as large."""
+    box = (face.box.reshape(2, 2) + 0.5) * factor - 0.5
+    return Detection(box.ravel(), (face.keypoints + 0.5) * factor - 0.5, face.score)
+
+
+def _cascade(name: str) -> cv2.CascadeClassifier:
+    path = Path(cv2.__file__).parent / "data" / name
+    cascade = cv2.CascadeClassifier(str(path))
+    if cascade.empty():
+        raise RuntimeError(f"OpenCV's installation lacks {path}")
+    return cascade

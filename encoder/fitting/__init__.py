@@ -1,0 +1,1 @@
+"""Parameters of the model that explain landmarks and pictures."""

@@ -1,0 +1,320 @@
+"""Analysis by synthesis (thesis 2.4.3, 4.4): pose, actuators and coefficients that explain a face.
+
+The residual r = g_image - g_model lives in the shape-free frame (eq. 2.22).  Each step solves the
+normal equations of eq. 2.27 for pose, actuators and appearance coefficients together; the
+derivative of the residual is the picture's own gradient carried along the texels' motion, so it
+holds at any pose.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.appearance.shape_free import ShapeFree, moved
+from encoder.appearance.texture import DEPTH_CELL_MM, sample, visible_texels
+from encoder.capture.face_crop import Crop, in_luma
+from shared_model.animate import Face
+from shared_model.appearance import Atlas
+from shared_model.mesh import Head
+from shared_model.parameters import EAUS, FaceParameters
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+Picture = NDArray[np.uint8]
+Indices = NDArray[np.intp]
+
+# Grey levels beyond which a texel counts less (a hand, a highlight); an actuator's usual motion.
+ROBUST_GREY = 25.0
+EAU_SIGMA = 0.25
+NOISE_GREY = 6.0
+# Where fits leave less, outliers begin at so many standard deviations of it (Cauchy's usual
+# constant); a picture is never taken to be better than this.
+ROBUST_SIGMAS = 2.4
+LEAST_NOISE_GREY = 2.0
+# How much a step is damped after one that led astray.
+FIRST_DAMPING = 0.1
+LONGEST_TURN_RAD, LONGEST_WAY_MM = 0.3, 100.0
+# A step that changes the cost by no more than this share is the last.
+SETTLED = 0.001
+# Keeps equations solvable that no texel takes part in.
+TINY = 1e-9
+# Neighbouring texels err together; this many texels count as one.
+CORRELATED_TEXELS = 10.0
+# Texels that a fit looks at.
+TEXELS = 5000
+
+
+@dataclass(frozen=True, slots=True)
+class Template:
+    """The luma that texels should have: mean (k,) + coefficients @ modes (m, k); weight (k,)."""
+
+    mean: Single
+    modes: Single
+    weight: Single
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """What to fit: the texels' places, and what they should look like."""
+
+    shape: ShapeFree
+    template: Template
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """A picture to explain.
+
+    stack: (h, w, 3) the crop's luma and its gradients, grey levels per pixel of the crop.
+    shown: (k,) the texels' weights, 0 where they are not seen.  precision: see `Refiner`.
+    """
+
+    target: Target
+    crop: Crop
+    stack: Single
+    shown: Single
+    precision: float
+
+
+@dataclass(frozen=True, slots=True)
+class Explained:
+    """A fit: the face with its coefficients; luma (k,) and weight (k,) of the texels seen."""
+
+    face: FaceParameters
+    grey: Single
+    shown: Single
+
+
+def luma(picture: Picture) -> Single:
+    """The same as `in_luma`, (h, w) float32."""
+    return np.asarray(in_luma(picture), dtype=np.float32)
+
+
+class Refiner:
+    """Fits one caller's textured model to pictures, at about `TEXELS` of its texels.
+
+    shape: all texels.  template: what they should look like.
+    grey: what of a BGR picture they show.  cell_mm: see `visible_texels`, for all texels.
+    """
+
+    def __init__(
+        self,
+        head: Head,
+        face: Face,
+        shape: ShapeFree,
+        template: Template,
+        grey: Callable[[Picture], Single] = luma,
+        cell_mm: float = DEPTH_CELL_MM,
+    ) -> None:
+        self._head, self._face, self._grey = head, face, grey
+        stride = max(1, round(np.sqrt(len(shape) / TEXELS)))
+        atlas = shape.atlas
+        self._noise_grey, self._robust_grey = NOISE_GREY, ROBUST_GREY
+        self._kept = kept = (atlas.rows % stride == 0) & (atlas.columns % stride == 0)
+        thin = Atlas(
+            atlas.size,
+            atlas.rows[kept],
+            atlas.columns[kept],
+            atlas.corners[kept],
+            atlas.weights[kept],
+        )
+        self._cell_mm = cell_mm * stride
+        self.shape = ShapeFree(face, thin, shape.camera)
+        self.template = Template(
+            template.mean[kept], template.modes[:, kept], template.weight[kept]
+        )
+
+    def teach(self, mode: Single) -> None:
+        """Add one more mode, luma (k,) of all texels, to the template."""
+        before = self.template
+        self.template = replace(
+            before, modes=np.concatenate([before.modes, mode[None, self._kept]])
+        )
+
+    def expect(self, noise_grey: float) -> None:
+        """Fits leave so much, a standard deviation: the less, the sooner a motion is evident."""
+        least = max(noise_grey, LEAST_NOISE_GREY)
+        self._noise_grey = min(least, NOISE_GREY)
+        self._robust_grey = min(ROBUST_SIGMAS * least, ROBUST_GREY)
+
+    def seen(self, face: FaceParameters) -> NDArray[np.bool_]:
+        """(k,) which texels the camera sees."""
+        return self._seen(self.shape.atlas, face)
+
+    def _seen(self, atlas: Atlas, face: FaceParameters) -> NDArray[np.bool_]:
+        vertices = self._face.animate(face.eau)
+        return visible_texels(self._head, atlas, face.pose, vertices, self._cell_mm)
+
+    def refine(
+        self,
+        crop: Crop,
+        start: FaceParameters,
+        iterations: int,
+        active: Sequence[int] = range(len(EAUS)),
+    ) -> FaceParameters:
+        """The face near `start` that the template explains best, with its coefficients.
+
+        active: the actuators that may move; the others stay where `start` has them.
+        """
+        return self.explain(self.look(crop, start), start, iterations, active).face
+
+    def look(self, crop: Crop, near: FaceParameters) -> "View":
+        """What a picture shows of a face about like `near`: what fits start from."""
+        return self._look(Target(self.shape, self.template), crop, near)
+
+    def explain(
+        self, view: "View", start: FaceParameters, iterations: int, active: Sequence[int]
+    ) -> Explained:
+        """See `refine`; coefficients are sought from `start.modes` on, if it has as many."""
+        template, free = view.target.template, np.asarray(active, np.intp)
+        modes = len(template.modes)
+        light = start.modes if len(start.modes) == modes else np.zeros(modes)
+        best = descend(
+            lambda face: self._attempt(view, face, start.eau, free),
+            replace(start, modes=light),
+            free,
+            iterations,
+        )
+        grey = best.seen[:, 0]
+        modes_found = coefficients(template, grey, view.shown)
+        return Explained(replace(best.face, modes=modes_found), grey, view.shown)
+
+    def learn(self, crop: Crop, face: FaceParameters) -> None:
+        """Take notice of a picture whose face is known; derivatives of each picture need none."""
+
+    def precision(self, shown: Single) -> float:
+        """What an actuator one unit off its first guess costs, `shown` (k,) being the weights."""
+        return CORRELATED_TEXELS * float(shown.mean()) * (self._noise_grey / EAU_SIGMA) ** 2
+
+    def _look(self, target: Target, crop: Crop, near: FaceParameters) -> "View":
+        grey = self._grey(crop.picture)
+        shown = target.template.weight * self._seen(target.shape.atlas, near)
+        stack = np.asarray(cv2.merge([grey, *gradients(grey)]), np.float32)
+        return View(target, crop, stack, shown, self.precision(shown))
+
+    def _attempt(
+        self, view: "View", face: FaceParameters, expected_eau: Array, free: Indices
+    ) -> "_Tried":
+        template, shape = view.target.template, view.target.shape
+        placed = shape.placed(face)
+        seen = sample(view.stack, view.crop.from_frame(placed.pixels))
+        residual = seen[:, 0] - template.mean
+        left = residual - face.modes.astype(np.float32) @ template.modes
+        away = (expected_eau - face.eau)[free]
+        scale = self._robust_grey
+        cost = float(view.shown @ robust_cost(left, scale))
+        cost += view.precision * float(away @ away)
+
+        def equations() -> tuple[Array, Array]:
+            root = np.sqrt(view.shown * robust(left, scale))
+            across, down = view.crop.scale.astype(np.float32)
+            slope = np.stack([seen[:, 1] * (across * root), seen[:, 2] * (down * root)])
+            rows = np.concatenate([shape.change(placed, slope, free), template.modes * -root])
+            normal = (rows @ rows.T).astype(np.float64)
+            gradient = -(rows @ (root * residual)).astype(np.float64)
+            eau = np.arange(6, 6 + len(free))
+            normal[eau, eau] += view.precision
+            gradient[eau] += view.precision * away
+            return normal, gradient
+
+        return _Tried(face, cost, equations, seen)
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """A face that was tried.
+
+    equations: the normal equations (eq. 2.27) at it, of pose, the actuators that may move, and the
+        coefficients themselves: a matrix, and the right side.
+    """
+
+    face: FaceParameters
+    cost: float
+    equations: Callable[[], tuple[Array, Array]]
+
+
+AnyTrial = TypeVar("AnyTrial", bound=Trial)
+
+
+@dataclass(frozen=True, slots=True)
+class _Tried(Trial):
+    """With the texels' luma and its gradient (k, 3)."""
+
+    seen: Single
+
+
+def descend(
+    attempt: Callable[[FaceParameters], AnyTrial], start: FaceParameters, free: Indices, steps: int
+) -> AnyTrial:
+    """The best of the faces that Levenberg-Marquardt steps lead to.
+
+    start: with its coefficients; one of infinite cost leads nowhere.
+    free: (a,) actuators that may move.
+    """
+    best, damping = attempt(start), 0.0
+    if not np.isfinite(best.cost):
+        return best
+    equations: tuple[Array, Array] | None = None
+    for _ in range(steps):
+        equations = equations or best.equations()
+        trial = attempt(_stepped(best.face, equations, free, damping))
+        settled = abs(best.cost - trial.cost) < SETTLED * best.cost
+        if trial.cost <= best.cost:
+            best, damping, equations = trial, damping / 10, None
+        else:
+            damping = max(10 * damping, FIRST_DAMPING)
+        if settled:
+            break
+    return best
+
+
+def _stepped(
+    face: FaceParameters, equations: tuple[Array, Array], free: Indices, damping: float
+) -> FaceParameters:
+    """Where the normal equations lead, damped after Marquardt; coefficients are not damped."""
+    normal, gradient = equations
+    size = 6 + len(free)
+    more = np.full(len(normal), 1e-6)
+    more[:size] += damping
+    damped = normal + np.diag(more * np.diag(normal) + TINY)
+    found = np.asarray(np.linalg.solve(damped, gradient), np.float64)
+    step = np.zeros(6 + len(EAUS))
+    step[:3] = np.clip(found[:3], -LONGEST_TURN_RAD, LONGEST_TURN_RAD)
+    step[3:6] = np.clip(found[3:6], -LONGEST_WAY_MM, LONGEST_WAY_MM)
+    step[6 + free] = np.clip(found[6:size], -1, 1)
+    return replace(moved(face, step), modes=found[size:])
+
+
+def coefficients(template: Template, grey: Single, weight: Single) -> Array:
+    """(m,) least-squares coefficients of the template's modes; grey, weight: (k,)."""
+    modes = template.modes
+    if not len(modes):
+        return np.zeros(0)
+    weighted = modes * weight
+    normal = (weighted @ modes.T).astype(np.float64)
+    normal[np.diag_indices(len(normal))] *= 1 + 1e-4
+    normal[np.diag_indices(len(normal))] += TINY
+    right = weighted @ (grey - template.mean)
+    return np.asarray(np.linalg.solve(normal, right.astype(np.float64)))
+
+
+def gradients(grey: Single) -> tuple[Single, Single]:
+    """d grey / du and d grey / dv, grey levels per pixel."""
+    u = cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
+    v = cv2.Sobel(grey, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
+    return np.asarray(u, np.float32), np.asarray(v, np.float32)
+
+
+def robust_cost(residual: Single, scale_grey: float = ROBUST_GREY) -> Single:
+    """Squared grey levels (k,), of outliers only their logarithm: what `robust` minimises."""
+    square = np.float32(scale_grey**2)
+    return np.asarray(square * np.log1p(residual**2 / square))
+
+
+def robust(residual: Single, scale_grey: float = ROBUST_GREY) -> Single:
+    """Cauchy weights (k,)."""
+    return np.asarray(1 / (1 + (residual / np.float32(scale_grey)) ** 2))

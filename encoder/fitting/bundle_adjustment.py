@@ -1,0 +1,232 @@
+"""Who it is, from textures: shape, lens and the faces of several frames, adjusted together.
+
+One frame's landmarks say little of depth.  Here the first frame's texture is fitted to several
+frames at once, the residual of eq. 2.22 in each of them, by what they share as well: photometric
+bundle adjustment.  The texture stays as it was taken, texel by texel, as a receiver has it; the
+frame that it was taken from weighs as much as all others together and holds the shape in place.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.appearance.shape_free import ShapeFree, rigid_change
+from encoder.appearance.texture import sample
+from encoder.fitting.analysis_by_synthesis import (
+    CORRELATED_TEXELS,
+    Target,
+    Template,
+    View,
+    coefficients,
+    robust,
+    robust_cost,
+)
+from encoder.fitting.identity import AT_REST_SIGMA, Fitted, shared_parameters, stepped_identity
+from encoder.fitting.landmark_fit import EAU_SIGMA
+from shared_model import geometry
+from shared_model.animate import Face
+from shared_model.anthropometry import residual_basis
+from shared_model.appearance import Atlas
+from shared_model.mesh import Head
+from shared_model.parameters import EAUS
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+# Grey levels that fits of real faces leave, a standard deviation, and beyond which texels count
+# less.
+NOISE_GREY, ROBUST_GREY = 8.0, 20.0
+# What the first frame's landmarks are worth: they err together, and more than they scatter.
+LANDMARKS_SHARE = 0.2
+# The expression of the first frame stays, or faults of the shape would pass for it.
+HELD_SIGMA = 0.01
+# The lens is known from the first frame to so much of its logarithm: what faces do in front of it
+# would pass for its perspective.
+LOG_FOCAL_SIGMA = 0.03
+STEPS = 8
+FIRST_DAMPING = 1e-3
+# A step that changes the cost by no more than this share is the last.
+SETTLED = 1e-3
+# Turns of weighing outliers in what the light is made of.
+LIGHT_TURNS = 3
+PER_FRAME = 6 + len(EAUS)
+
+
+@dataclass(frozen=True, slots=True)
+class Adjusted:
+    """What it came to.
+
+    left_grey2: mean square of what the views but the first leave, outliers less, grey levels.
+    """
+
+    fitted: Fitted
+    left_grey2: float
+
+
+class Bundle:
+    """One caller's first frame with its texture, and what else may be learned of it.
+
+    origin: the caller in that frame alone, with its information.
+    target: the texture; its modes are gain, offset and slopes of light.
+    active: actuators that move from frame to frame.
+    """
+
+    def __init__(self, head: Head, origin: Fitted, target: Target, active: Sequence[int]) -> None:
+        if origin.information is None:
+            raise ValueError("origin has no information, expected that of one frame's landmarks")
+        self._head, self._origin, self._active = head, origin, np.asarray(active, np.intp)
+        self._atlas: Atlas = target.shape.atlas
+        self._template: Template = target.template
+        corners, weights = self._atlas.corners, self._atlas.weights
+        aau = np.einsum("kc,akcd->adk", weights, head.aau[:, corners])
+        self._aau = aau.astype(np.float32)
+        controls = np.einsum("kc,nkc->nk", weights, residual_basis(head)[:, corners])
+        self._controls = controls.astype(np.float32)
+        self._prior = _held(origin.information)
+
+    def adjust(self, fitted: Fitted, views: Sequence[View]) -> Adjusted:
+        """Shape, lens and faces that explain all views best.
+
+        fitted: where to start; its frames are the views', the origin's first.
+        """
+        return self._descend(fitted, views, 0)
+
+    def settle(self, fitted: Fitted, views: Sequence[View]) -> Adjusted:
+        """The same with shape, lens and the first face as they are."""
+        return self._descend(fitted, views, len(self._prior))
+
+    def _descend(self, fitted: Fitted, views: Sequence[View], fixed: int) -> Adjusted:
+        """Levenberg-Marquardt over all parameters from number `fixed` on."""
+        best, damping = self._attempt(fitted, views), FIRST_DAMPING
+        for _ in range(STEPS):
+            normal = best.normal[fixed:, fixed:]
+            step = np.zeros(len(best.normal))
+            step[fixed:] = np.linalg.solve(
+                normal + damping * np.diag(np.diag(normal)), best.gradient[fixed:]
+            )
+            trial = self._attempt(stepped_identity(self._head, best.fitted, step), views)
+            settled = abs(best.cost - trial.cost) < SETTLED * best.cost
+            if trial.cost < best.cost:
+                best, damping = trial, damping / 5
+            else:
+                damping *= 10
+            if settled:
+                break
+        return Adjusted(best.fitted, best.left_grey2)
+
+    def _attempt(self, fitted: Fitted, views: Sequence[View]) -> "_Tried":
+        shape = ShapeFree(Face(self._head, fitted.identity), self._atlas, fitted.camera)
+        shared = shared_parameters(fitted)
+        size = shared + PER_FRAME * len(views)
+        normal, gradient = np.zeros((size, size)), np.zeros(size)
+        away, first = _difference(fitted, self._origin), slice(0, len(self._prior))
+        normal[first, first] = self._prior
+        gradient[first] = -self._prior @ away
+        cost, left_grey2 = float(away @ self._prior @ away), 0.0
+        share = 1 / (CORRELATED_TEXELS * NOISE_GREY**2)
+        others = len(views) - 1
+        for number, view in enumerate(views):
+            seen = self._compared(shape, fitted, number, view)
+            worth = share if number else max(others, 1) * share
+            own = shared + PER_FRAME * number
+            place = np.r_[:shared, own : own + 6, own + 6 + self._active]
+            normal[np.ix_(place, place)] += worth * seen.normal
+            gradient[place] += worth * seen.gradient
+            cost += worth * seen.cost
+            if number:
+                left_grey2 += seen.cost / float(view.shown.sum()) / others
+                cost += self._expect_rest(fitted.frames[number].eau, normal, gradient, own + 6)
+        return _Tried(fitted, cost, left_grey2, normal, gradient)
+
+    def _expect_rest(self, eau: Array, normal: Array, gradient: Array, at: int) -> float:
+        """Add what is known of actuators, those from number `at` on, to the equations; its cost."""
+        every, own = at + np.arange(len(eau)), at + self._active
+        precision = np.full(len(eau), 1 / AT_REST_SIGMA**2)
+        precision[self._active] = 1 / EAU_SIGMA**2
+        normal[every, every] += precision
+        gradient[own] -= eau[self._active] / EAU_SIGMA**2
+        return float(np.sum(eau[self._active] ** 2)) / EAU_SIGMA**2
+
+    def _compared(self, shape: ShapeFree, fitted: Fitted, number: int, view: View) -> "_Compared":
+        """What one view says of all that is shared, of its pose and of active actuators."""
+        placed = shape.placed(fitted.frames[number])
+        seen = sample(view.stack, view.crop.from_frame(placed.pixels))
+        left, weight = self._unlit(seen[:, 0], view.shown)
+        cost = float(view.shown @ robust_cost(left, ROBUST_GREY))
+        root = np.sqrt(weight)
+        slope = np.ascontiguousarray((seen[:, 1:] * view.crop.scale.astype(np.float32)).T) * root
+        rigid = rigid_change(placed.turned, placed.seen, placed.per_mm, slope)
+        back = placed.rotation.T @ rigid[3:]
+        depth_mm = np.float32(fitted.frames[number].pose.translation_mm[2])
+        centre = fitted.camera.centre.astype(np.float32)[:, None]
+        # The face goes away with the focal length, see `refocused`.
+        focal = ((placed.pixels.T - centre) * slope).sum(0) + rigid[5] * depth_mm
+        aau = (self._aau * back).sum(1)
+        controls = (self._controls[:, None] * back).reshape(-1, len(root))
+        own = shape.change(placed, slope, self._active)
+        rows = np.concatenate([focal[None], aau, controls, own])
+        light = self._template.modes * root
+        normal = (rows @ rows.T).astype(np.float64)
+        across = (rows @ light.T).astype(np.float64)
+        among = (light @ light.T).astype(np.float64)
+        # The light is whatever suits the rest best.
+        normal -= across @ np.linalg.lstsq(among, across.T, rcond=None)[0]
+        return _Compared(normal, -(rows @ (root * left)).astype(np.float64), cost)
+
+    def _unlit(self, grey: Single, shown: Single) -> tuple[Single, Single]:
+        """(k,) what texture and light leave of a view's luma, and the texels' weights."""
+        weight = shown
+        for _ in range(LIGHT_TURNS):
+            light = coefficients(self._template, grey, weight).astype(np.float32)
+            left = grey - self._template.mean - light @ self._template.modes
+            weight = shown * robust(left, ROBUST_GREY)
+        return left, weight
+
+
+@dataclass(frozen=True, slots=True)
+class _Compared:
+    """Normal equations over shared and own parameters, (n, n) and (n,), and robust cost."""
+
+    normal: Array
+    gradient: Array
+    cost: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Tried:
+    """An identity with its frames' faces, and the normal equations at it."""
+
+    fitted: Fitted
+    cost: float
+    left_grey2: float
+    normal: Array
+    gradient: Array
+
+
+def _held(information: Array) -> Array:
+    """What the first frame's landmarks are believed: less, with expression and lens held."""
+    prior = LANDMARKS_SHARE * information
+    prior[0, 0] += 1 / LOG_FOCAL_SIGMA**2
+    expression = np.arange(len(prior) - len(EAUS), len(prior))
+    prior[expression, expression] += 1 / HELD_SIGMA**2
+    return prior
+
+
+def _difference(fitted: Fitted, origin: Fitted) -> Array:
+    """The step that leads from `origin` to `fitted` and its first face."""
+    ratio = fitted.camera.focal_px / origin.camera.focal_px
+    here, there = fitted.frames[0], origin.frames[0]
+    turn = geometry.multiply(here.pose.rotation, geometry.conjugate(there.pose.rotation))
+    way = here.pose.translation_mm - there.pose.translation_mm * [1.0, 1.0, ratio]
+    return np.concatenate(
+        [
+            [np.log(ratio)],
+            fitted.identity.aau - origin.identity.aau,
+            (fitted.control_mm - origin.control_mm).ravel(),
+            geometry.vector_from_quaternion(turn),
+            way,
+            here.eau - there.eau,
+        ]
+    )

@@ -1,0 +1,296 @@
+"""The face that draws best: analysis by synthesis in the picture, the last step of a fit.
+
+`refine` compares texels, which is quick and finds its way from afar.  A receiver sees pixels: where
+a surface is foreshortened many texels share one, along outlines neighbours lie on different
+surfaces, and what is drawn has been interpolated.  Here the pixels of the face are drawn as a
+decoder draws them, and their squared error is made least.
+"""
+
+from copy import copy
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.appearance.rasteriser import Surface, front_surface
+from encoder.appearance.shape_free import rigid_change
+from encoder.appearance.texture_samples import hull_mask
+from encoder.capture.face_crop import Crop
+from encoder.fitting.analysis_by_synthesis import Trial, descend, gradients, luma, robust
+from encoder.learning.appearance_encoder import Appearance
+from encoder.runtime.jit import compiled
+from protocol.frames.frame_transform import GEOMETRY
+from protocol.pictures.picture_codec import to_luma
+from shared_model.animate import Face
+from shared_model.geometry import Camera, matrix_from_quaternion
+from shared_model.parameters import EAUS, LID_EAUS, FaceParameters
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+# Pixels of the face that are looked at; half as many cost .07 dB.
+MOST_PIXELS = 6000
+# What an actuator one unit off its first guess costs, squared grey levels.  Lids stay: what PSNR
+# gains by a lid that is half closed, people lose.
+HELD_GREY2 = np.array([400.0 if eau.name in LID_EAUS else 6.0 for eau in EAUS])
+STEPS = 1
+# Less of the face's own colour than this in a pixel, and it says little about the face.
+LEAST_OPACITY = 0.5
+# A face that shows in less than this share of the pixels has gone astray; none is nearer than this.
+LEAST_SHOWN = 0.5
+NEAREST_MM = 10.0
+# The side of what is called all around a pixel, in widths of the face.
+WIDE = 0.1
+EVERY = np.arange(len(EAUS))
+
+
+class Drawing:
+    """Draws one caller's face in luma, and fits it to pictures.
+
+    mean: (size, size) luma of the texture.  modes: (m, size, size), per unit coefficient.
+    most_pixels: of a larger face every second, third, ... pixel of each row and column is looked
+        at.
+    """
+
+    def __init__(
+        self,
+        face: Face,
+        camera: Camera,
+        mean: Single,
+        modes: Single,
+        most_pixels: int = MOST_PIXELS,
+    ) -> None:
+        head, size = face.head, len(mean)
+        self._face, self._camera, self._size = face, camera, size
+        self._most_pixels = most_pixels
+        layers = np.concatenate([mean[None], modes]).reshape(1 + len(modes), -1)
+        self._layers = np.ascontiguousarray(layers.T, np.float32)
+        places = head.texture_coordinates * size - 0.5
+        self._worn = np.vstack([places.T, head.opacity]).astype(np.float32)
+        self._fields = [
+            np.ascontiguousarray(field.transpose(1, 0, 2), np.float32).reshape(-1, 3 * len(EAUS))
+            for field in (head.eau_up, -head.eau_down)
+        ]
+
+    def taught(self, mode: Single) -> "Drawing":
+        """The same with one mode more, (size, size) luma per unit coefficient."""
+        taught = copy(self)
+        taught._layers = np.column_stack([self._layers, mode.ravel()])
+        return taught
+
+    def fit(
+        self, crop: Crop, start: FaceParameters, outline_px: Array, steps: int = STEPS
+    ) -> FaceParameters:
+        """The face near `start` whose drawn pixels within the outline are nearest to the crop's.
+
+        start: with as many coefficients as there are modes.  One that does not show stays.
+        outline_px: (n, 2) of the face, pixels of the frame.
+        """
+        view = _view(crop, start, outline_px, self._most_pixels)
+        first = self._look(view, start)
+        trust = _trust(view, first)
+
+        def attempt(face: FaceParameters) -> Trial:
+            look = first if face is start else self._look(view, face)
+            return self._tried(view, look, trust[look.surface.pixels])
+
+        return descend(attempt, start, EVERY, steps).face
+
+    def _look(self, view: "_View", face: FaceParameters) -> "_Look":
+        rotation = matrix_from_quaternion(face.pose.rotation)
+        turned = self._face.animate(face.eau) @ rotation.T
+        seen = turned + face.pose.translation_mm
+        depth = np.maximum(seen[:, 2:], NEAREST_MM)
+        frame_px = self._camera.centre + seen[:, :2] * (self._camera.focal_px / depth)
+        at_px = view.from_frame(frame_px.astype(np.float32)).astype(np.float64)
+        surface = front_surface(at_px, depth[:, 0], self._face.head.triangles, view.wanted)
+        worn = surface.points(self._worn)
+        kept = worn[2] > LEAST_OPACITY
+        surface = surface.of(kept)
+        places, opacity = worn[:2, kept], worn[2, kept]
+        values = np.append(1, face.modes).astype(np.float32)
+        drawn = _shaded(places, self._layers, values, self._size)
+        # Where the face is not opaque it is taken to cover what is right.
+        error = opacity * (view.grey[surface.pixels] - drawn)
+        return _Look(face, rotation, turned, surface, places, opacity, error)
+
+    def _tried(self, view: "_View", look: "_Look", trust: Single) -> Trial:
+        face, surface, error = look.face, look.surface, look.error
+        away = view.start.eau - face.eau
+        shown = len(error) > LEAST_SHOWN * view.wanted.sum()
+        cost = float((trust * error**2).sum() / trust.sum()) if shown else np.inf
+
+        def equations() -> tuple[Array, Array]:
+            at = surface.points(look.turned.T.astype(np.float32))
+            place = at + face.pose.translation_mm.astype(np.float32)[:, None]
+            # What a pixel shows changes as if the picture stood still and the point moved back.
+            slope = -view.slopes[:, surface.pixels]
+            per_mm = np.float32(self._camera.focal_px) / place[2]
+            rigid = rigid_change(at, place, per_mm, slope)
+            back = look.rotation.astype(np.float32).T @ rigid[3:]
+            rows = np.empty((len(error), GEOMETRY + len(face.modes)), np.float32)
+            rows[:, :6] = rigid.T
+            rows[:, 6:GEOMETRY] = self._driven(surface, face.eau, back.T)
+            rows[:, GEOMETRY:] = _textured(look.places, self._layers, self._size)[:, 1:]
+            root = np.sqrt(trust)
+            rows *= (look.opacity * root)[:, None]
+            normal = (rows.T @ rows).astype(np.float64)
+            gradient = (rows.T @ (root * error)).astype(np.float64)
+            # Coefficients are sought themselves, not by how much they change.
+            gradient += normal[:, GEOMETRY:] @ face.modes
+            eau, held = np.arange(6, GEOMETRY), HELD_GREY2 * float(trust.sum())
+            normal[eau, eau] += held
+            gradient[eau] += held * away
+            return normal, gradient
+
+        return Trial(face, cost + float(HELD_GREY2 @ away**2), equations)
+
+    def _driven(self, surface: Surface, eau: Array, back: Single) -> Single:
+        """(p, EAUs) what each actuator changes; back: (p, 3) per mm of motion, head frame."""
+        up, down = self._fields
+        fields = np.where(np.repeat(eau >= 0, 3), up, down)
+        return _driven(fields, surface.corners, surface.weights, back)
+
+
+@compiled
+def _textured(places: Single, layers: Single, size: int) -> Single:
+    """(p, m) texels (size * size, m) at places (2, p), column and row, bilinear."""
+    found = np.empty((places.shape[1], layers.shape[1]), np.float32)
+    for pixel in range(len(found)):
+        first, a, b, c, d = _corners(places[0, pixel], places[1, pixel], size)
+        for layer in range(layers.shape[1]):
+            found[pixel, layer] = (
+                a * layers[first, layer]
+                + b * layers[first + 1, layer]
+                + c * layers[first + size, layer]
+                + d * layers[first + size + 1, layer]
+            )
+    return found
+
+
+@compiled
+def _shaded(places: Single, layers: Single, values: Single, size: int) -> Single:
+    """(p,) the sum of what `_textured` gives, `values` (m,) being how much of each."""
+    found = np.empty(places.shape[1], np.float32)
+    for pixel in range(len(found)):
+        first, a, b, c, d = _corners(places[0, pixel], places[1, pixel], size)
+        total = np.float32(0)
+        for layer in range(layers.shape[1]):
+            total += values[layer] * (
+                a * layers[first, layer]
+                + b * layers[first + 1, layer]
+                + c * layers[first + size, layer]
+                + d * layers[first + size + 1, layer]
+            )
+        found[pixel] = total
+    return found
+
+
+@compiled
+def _corners(
+    u: np.float32, v: np.float32, size: int
+) -> tuple[int, np.float32, np.float32, np.float32, np.float32]:
+    """The texel up and left of a place, row by row, and the shares in the place of it, of those to
+    its right, below, and both."""
+    most, least, one = np.float32(size - 1.001), np.float32(0), np.float32(1)
+    u, v = np.float32(min(max(u, least), most)), np.float32(min(max(v, least), most))
+    column, row = int(u), int(v)
+    x, y = u - np.float32(column), v - np.float32(row)
+    return row * size + column, (one - x) * (one - y), x * (one - y), (one - x) * y, x * y
+
+
+@compiled
+def _driven(fields: Single, corners: NDArray[np.integer], weights: Single, back: Single) -> Single:
+    """(p, a) how far each point moves along `back` (p, 3), by fields (n, 3 a) of the vertices."""
+    count = fields.shape[1] // 3
+    found = np.empty((corners.shape[1], count), np.float32)
+    for pixel in range(len(found)):
+        i, j, k = corners[0, pixel], corners[1, pixel], corners[2, pixel]
+        a, b, c = weights[0, pixel], weights[1, pixel], weights[2, pixel]
+        x, y, z = back[pixel]
+        for number in range(count):
+            at = 3 * number
+            found[pixel, number] = (
+                (a * fields[i, at] + b * fields[j, at] + c * fields[k, at]) * x
+                + (a * fields[i, at + 1] + b * fields[j, at + 1] + c * fields[k, at + 1]) * y
+                + (a * fields[i, at + 2] + b * fields[j, at + 2] + c * fields[k, at + 2]) * z
+            )
+    return found
+
+
+def drawing_of(
+    face: Face, camera: Camera, appearance: Appearance, most_pixels: int = MOST_PIXELS
+) -> Drawing:
+    """What a decoder draws of a caller's coded appearance.  most_pixels: see `Drawing`."""
+    modes = to_luma(appearance.mode_images)
+    return Drawing(face, camera, to_luma(appearance.mean), modes, most_pixels)
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    """The pixels of a crop that are looked at, as a picture of their own.
+
+    crop: where they are from.  corner: (2,) of the picture in the crop.  step: crop pixels between.
+    wanted: (h, w) which of them are the face's.  grey: (h w,).  slopes: (2, h w), grey levels per
+    pixel of the frame.  start: the first guess.
+    """
+
+    crop: Crop
+    corner: NDArray[np.intp]
+    step: int
+    wanted: NDArray[np.bool_]
+    grey: Single
+    slopes: Single
+    start: FaceParameters
+
+    def from_frame(self, positions_px: Single) -> Single:
+        """Positions (k, 2) in the frame to positions among these pixels."""
+        return np.asarray((self.crop.from_frame(positions_px) - self.corner) / self.step)
+
+
+@dataclass(frozen=True, slots=True)
+class _Look:
+    """A face as it would be drawn.
+
+    rotation: of its pose.  turned: (n, 3) vertices, mm, camera axes, before its translation.
+    surface: what the pixels show.  places: (2, p) where in the texture, column and row.
+    opacity: (p,).  error: (p,) grey levels that the picture is brighter.
+    """
+
+    face: FaceParameters
+    rotation: Array
+    turned: Array
+    surface: Surface
+    places: Single
+    opacity: Single
+    error: Single
+
+
+def _view(crop: Crop, start: FaceParameters, outline_px: Array, most_pixels: int) -> _View:
+    grey = luma(crop.picture)
+    outline = crop.from_frame(outline_px.astype(np.float32))
+    low = np.maximum(np.floor(outline.min(0)), 0).astype(np.intp)
+    high = np.minimum(np.ceil(outline.max(0)) + 1, grey.shape[::-1]).astype(np.intp)
+    rows, columns = (slice(low[i], max(low[i], high[i])) for i in (1, 0))
+    inside = hull_mask(outline - low, grey[rows, columns].shape) > 0
+    step = max(1, int(np.ceil(np.sqrt(inside.sum() / most_pixels))))
+    thin = (each[rows, columns][::step, ::step].ravel() for each in (grey, *gradients(grey)))
+    seen, *slopes = thin
+    scaled = np.stack(slopes) * crop.scale.astype(np.float32)[:, None]
+    wanted = np.ascontiguousarray(inside[::step, ::step])
+    return _View(crop, low, step, wanted, seen, scaled, start)
+
+
+def _trust(view: _View, look: _Look) -> Single:
+    """(h w,) how much each pixel counts: less where all around it is far off, behind a hand.
+
+    An edge that is drawn a pixel off is thin, and counts.
+    """
+    height, width = view.wanted.shape
+    away = np.zeros(height * width, np.float32)
+    away[look.surface.pixels] = np.abs(look.error)
+    side = 2 * round(WIDE * width / 2) + 1
+    around = cv2.blur(away.reshape(height, width), (side, side)) if len(away) else away
+    # Squared: a large area that is far off must not pull at all.
+    return robust(np.asarray(around, np.float32).ravel()) ** 2

@@ -1,0 +1,1 @@
+"""The person-specific appearance model: mean and modes, coded."""

@@ -1,0 +1,1 @@
+"""The picture codec, encoding side: quantise and code pictures within a size."""

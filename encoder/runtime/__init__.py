@@ -1,0 +1,1 @@
+"""Leaf helpers: compiled loops, threads."""

@@ -1,0 +1,197 @@
+"""Call files (.rzo): the packets of a call, each after its length.
+
+`RZO1`, then records of a varint length and a packet.  A whole call ends with an END control packet;
+one without is truncated, as after a Ctrl-C, and is still good up to there.
+"""
+
+from collections.abc import Iterator
+from os import fstat
+from pathlib import Path
+from typing import BinaryIO, Self
+
+from protocol.entropy.varint import decode_varint, encode_varint
+from protocol.link.interface import Reach
+from protocol.packets import (
+    MAX_MODEL_PACKET_BYTES,
+    ProtocolError,
+    is_end,
+    max_packet_bytes,
+    packet_kind,
+)
+from shared_model.errors import UserError
+
+MAGIC = b"RZO1"
+MAX_LENGTH_BYTES = 3
+
+
+class TruncatedCall(ProtocolError):
+    """The file ends in the middle of a record; all packets before it were good."""
+
+    def __init__(self, place: int, reason: str) -> None:
+        super().__init__(f"the call is cut off: byte {place}: {reason}")
+
+
+def record(packet: bytes) -> bytes:
+    """One packet as it stands in a call file."""
+    return encode_varint(len(packet)) + packet
+
+
+def read_records(file: BinaryIO) -> Iterator[bytes]:
+    """Packets of the call file open in `file`; holds no more than one of them in memory.
+
+    The END packet is the last.  Raises `ProtocolError` if it is no call file or a length is out of
+    bounds, and `TruncatedCall` if it stops inside a record.
+    """
+    head = file.read(len(MAGIC))
+    if head != MAGIC:
+        raise ProtocolError(f"no call file: it does not begin with {MAGIC.decode()}")
+    packet, place = b"", len(MAGIC)
+    while not is_end(packet) and (length := _read_length(file, place)) is not None:
+        packet = file.read(length)
+        if len(packet) < length:
+            raise TruncatedCall(place, f"packet has {len(packet)} bytes of {length}")
+        if length > max_packet_bytes(packet_kind(packet)):
+            raise ProtocolError(f"byte {place}: packet of {length} bytes is too long for its kind")
+        place += len(encode_varint(length)) + length
+        yield packet
+
+
+class CallWriter:
+    """Writes a call file: a `PacketSink`.
+
+    The file grows under a temporary name beside `path` and takes its place on closing, so that
+    `path` is never half a record; leaving the `with` block by an exception closes it too, and what
+    was sent until then is kept.  Nothing is left behind if nothing was sent.  Where the disk
+    refuses, what it took stays under the temporary name, unless that is no packet, and what was at
+    `path` as it is; no more can be sent.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = Path(path)
+        self._part = self._path.with_name(self._path.name + ".part")
+        self._empty, self._torn = True, False
+        try:
+            # Unbuffered: what a killed process had sent is in the temporary file.
+            self._file = open(self._part, "wb", buffering=0)  # noqa: SIM115 - kept open
+        except OSError as error:
+            raise UserError(f"cannot write {self._path}: {error.strerror}") from error
+        try:
+            self._write(MAGIC)
+        except UserError:
+            self.close()
+            raise
+
+    @property
+    def reach(self) -> Reach:
+        """Whoever reads the file."""
+        return Reach.SOMEBODY
+
+    def send(self, packet: bytes) -> None:
+        """Append one packet.  Raises `UserError` if the disk refuses."""
+        self._write(record(packet))
+        self._empty = False
+
+    def _write(self, data: bytes) -> None:
+        if self._torn:
+            raise UserError(f"cannot write {self._path}: the disk refused before")
+        left = memoryview(data)
+        try:
+            while left:
+                # A disk that is nearly full takes a part.
+                left = left[self._file.write(left) :]
+        except OSError as error:
+            self._torn = True
+            kept = "" if self._empty else f"; what was sent before is in {self._part}"
+            raise UserError(f"cannot write {self._path}: {error.strerror}{kept}") from error
+
+    def close(self) -> None:
+        """Put the file in its place; closing twice does nothing more."""
+        if self._file.closed:
+            return
+        self._file.close()
+        if self._empty:
+            self._part.unlink()
+        elif not self._torn:
+            self._part.replace(self._path)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+class CallReader:
+    """Reads a call file: a `PacketSource` that never waits."""
+
+    def __init__(self, path: Path) -> None:
+        try:
+            self._file = open(path, "rb")  # noqa: SIM115 - kept open
+        except OSError as error:
+            raise UserError(f"cannot read {path}: {error.strerror}") from error
+        self._records = read_records(self._file)
+        self._complete = False
+        self._ended = False
+
+    @property
+    def file_bytes(self) -> int:
+        """Size of the file."""
+        return fstat(self._file.fileno()).st_size
+
+    @property
+    def complete(self) -> bool:
+        """The END packet has been handed out."""
+        return self._complete
+
+    @property
+    def trailing_bytes(self) -> int:
+        """Bytes after the END packet, once that has been handed out: they are of no call."""
+        return self.file_bytes - self._file.tell() if self._complete else 0
+
+    @property
+    def ended(self) -> bool:
+        """Nothing more will come."""
+        return self._ended
+
+    def receive(self, timeout_s: float | None = None) -> bytes | None:
+        """The next packet, None at the end.  Raises `ProtocolError` as `read_records` does."""
+        try:
+            packet = next(self._records, None)
+        except ProtocolError:
+            self._ended = True
+            raise
+        self._ended = packet is None
+        self._complete = self._complete or (packet is not None and is_end(packet))
+        return packet
+
+    def __iter__(self) -> Iterator[bytes]:
+        while (packet := self.receive()) is not None:
+            yield packet
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def _read_length(file: BinaryIO, place: int) -> int | None:
+    data = b""
+    while not data or (data[-1] >= 0x80 and len(data) < MAX_LENGTH_BYTES):
+        byte = file.read(1)
+        if not byte:
+            if data:
+                raise TruncatedCall(place, "in the length of a record")
+            return None
+        data += byte
+    try:
+        length, _ = decode_varint(data)
+    except ValueError as error:
+        raise ProtocolError(f"byte {place}: length of a record: {error}") from error
+    if not 1 <= length <= MAX_MODEL_PACKET_BYTES:
+        raise ProtocolError(f"byte {place}: record of {length} bytes")
+    return length

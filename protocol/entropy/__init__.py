@@ -1,0 +1,1 @@
+"""Entropy coding: range coder, adaptive models, checked reading of bytes."""

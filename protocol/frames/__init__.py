@@ -1,0 +1,1 @@
+"""Frame packets: quantised values, predicted from the decoded past."""

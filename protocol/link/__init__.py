@@ -1,0 +1,1 @@
+"""Packets between hosts.  One file imports zenoh."""

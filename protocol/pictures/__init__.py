@@ -1,0 +1,1 @@
+"""The picture codec, decoding side: wavelet subbands with a learned context model."""

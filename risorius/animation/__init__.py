@@ -1,0 +1,1 @@
+"""Key-framed faces with their ground truth."""

@@ -1,0 +1,241 @@
+"""`risorius animate`: draws a script and writes the truth beside it (thesis 5.3.1, 5.4.2).
+
+Scene -> light -> blur -> noise -> video.  The head is the generic one with a painted skin, or a
+caller's out of a call file.
+"""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from decoder.frame_sink import open_sink
+from decoder.playout import PlayedFrame
+from decoder.reenactment import read_model
+from decoder.renderer import Renderer
+from decoder.scene import Scene, StageClock, face_from_model, head_of
+from protocol.packets import ModelPacket, ProtocolError
+from risorius.animation.animation_script import Moment, Script, read_script
+from risorius.animation.ground_truth import Shot, frame_truth, script_truth, write_truth
+from risorius.animation.synthetic_skin import painted_colours
+from shared_model.animate import Face, Identity
+from shared_model.errors import UserError
+from shared_model.geometry import (
+    FRONTAL,
+    Camera,
+    conjugate,
+    multiply,
+    normalise,
+    pose_from_euler,
+)
+from shared_model.mesh import Head, generic_head
+from shared_model.parameters import AAUS, FaceParameters, Pose
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+Progress = Callable[[int, int | None], None]
+
+# Focal length of a script that names none, over the picture's longer side.
+TYPICAL_FOCAL = 1.4
+# Light from one side dims the other side by at most this share.
+SIDE_SHARE = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class AnimateOptions:
+    """What to draw and where to put it.
+
+    script: the TOML file.  output: video or image pattern.  call_file: whose face; None: the
+    generic head.  truth: JSON file of the ground truth; None: beside the output.
+    """
+
+    script: Path
+    output: Path
+    call_file: Path | None = None
+    truth: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AnimateReport:
+    """What was written: number of pictures, and the two files."""
+
+    frames: int
+    output: Path
+    truth: Path
+
+
+class Actor(Protocol):
+    """Someone who can be drawn: the generic head, or a caller."""
+
+    head: Head
+
+    def shot(self, moment: Moment) -> Shot:
+        """Where everything is at one moment."""
+
+    def draw(self, moment: Moment, shot: Shot) -> Picture:
+        """The picture of it, (height, width, 3) uint8 BGR, without light, blur and noise."""
+
+    def close(self) -> None:
+        """Free the renderer."""
+
+
+def animate(options: AnimateOptions, progress: Progress, stop: Callable[[], bool]) -> AnimateReport:
+    """Draw the script to its end, or until `stop`.  Raises `UserError` if it cannot."""
+    script = read_script(options.script)
+    truth = options.truth or _beside(options.output)
+    frames: list[dict[str, Any]] = []
+    with ExitStack() as stack:
+        actor = open_actor(script, options.call_file)
+        stack.callback(actor.close)
+        camera = actor.shot(script.at(0)).camera
+        size = camera.width, camera.height
+        sink = stack.enter_context(open_sink(options.output, *size, script.fps))
+        random = np.random.default_rng(script.seed)
+        for index in range(script.frames):
+            if stop():
+                break
+            time_s = float(index / script.fps)
+            moment = script.at(time_s)
+            shot = actor.shot(moment)
+            sink.write(degrade(actor.draw(moment, shot), script, moment, random))
+            frames.append(frame_truth(time_s, moment, shot, actor.head))
+            progress(len(frames), script.frames)
+    who = options.call_file.name if options.call_file else None
+    names = {"script": options.script.name, "call": who, "video": options.output.name}
+    write_truth(truth, {**names, **script_truth(script, camera)}, frames)
+    return AnimateReport(len(frames), options.output, truth)
+
+
+class GenericActor:
+    """The generic head with a painted skin, before a plain or a given background."""
+
+    def __init__(self, script: Script, head: Head) -> None:
+        self.head, self._script = head, script
+        none = Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices))
+        self._face = Face(head, none)
+        focal = script.focal_px or TYPICAL_FOCAL * max(script.width, script.height)
+        self._camera = Camera(script.width, script.height, focal)
+        self._colours = painted_colours(head, script.mottle, script.seed)
+        self._renderer = Renderer(script.width, script.height, head, samples=4)
+        self._background = _background(script)
+
+    def shot(self, moment: Moment) -> Shot:
+        """The camera zooms; the head keeps its distance."""
+        home = Pose(np.array(FRONTAL), np.array([0.0, 0.0, self._script.distance_mm]))
+        rest = self._camera
+        camera = Camera(rest.width, rest.height, rest.focal_px * moment.zoom)
+        vertices = self._face.reshaped(moment.aau).animate(moment.eau)
+        return Shot(camera, _posed(home, moment), vertices)
+
+    def draw(self, moment: Moment, shot: Shot) -> Picture:
+        """The shaded head over the background."""
+        drawn = self._renderer.draw_shaded(shot.camera, shot.pose, shot.vertices, self._colours)
+        if self._background is None:
+            return drawn
+        # Black paint on the renderer's grey tells how much of each pixel the head covers.
+        black = np.zeros_like(self._colours)
+        mask = self._renderer.draw_shaded(shot.camera, shot.pose, shot.vertices, black)
+        open_share = mask.astype(np.float32) / max(int(mask.max()), 1)
+        mixed = drawn - open_share * mask.max() + open_share * self._background
+        return np.asarray(np.clip(np.rint(mixed), 0, 255), dtype=np.uint8)
+
+    def close(self) -> None:
+        """Free the renderer."""
+        self._renderer.close()
+
+
+class CallerActor:
+    """A caller as the decoder draws them: their shape, texture, camera and still background."""
+
+    def __init__(self, model: ModelPacket) -> None:
+        self.head, self._model = head_of(model), model
+        self._face = face_from_model(model, self.head)
+        self._scene = Scene(model, self.head)
+        self._clock = StageClock()
+
+    def shot(self, moment: Moment) -> Shot:
+        """Poses are relative to that of the caller's still picture, AAUs to their own."""
+        pose = _posed(self._model.reference_pose, moment)
+        vertices = self._face.reshaped(moment.aau).animate(moment.eau)
+        return Shot(self._model.call.camera, pose, vertices)
+
+    def draw(self, moment: Moment, shot: Shot) -> Picture:
+        """As the decoder draws a frame of a call."""
+        self._scene.reshape(moment.aau)
+        frame = PlayedFrame(0, FaceParameters(shot.pose, moment.eau), held=False)
+        return self._scene.draw(frame, self._clock)
+
+    def close(self) -> None:
+        """Free the renderer."""
+        self._scene.close()
+
+
+def degrade(
+    picture: Picture, script: Script, moment: Moment, random: np.random.Generator
+) -> Picture:
+    """What the camera adds: light, then blur, then noise; (h, w, 3) uint8 in and out."""
+    light = moment.brightness * side_light(picture.shape[1], moment.side)
+    value = picture.astype(np.float32) * light[None, :, None]
+    if script.blur_px:
+        value = cv2.GaussianBlur(value, (0, 0), script.blur_px)
+    if script.noise:
+        value = value + script.noise * random.standard_normal(value.shape, dtype=np.float32)
+    return np.asarray(np.clip(np.rint(value), 0, 255), dtype=np.uint8)
+
+
+def side_light(width: int, side: float) -> NDArray[np.float32]:
+    """(width,) gain of light from the picture's left (side -1) or right (+1); 1 in the middle."""
+    return (1 + side * SIDE_SHARE * np.linspace(-1, 1, width)).astype(np.float32)
+
+
+def open_actor(script: Script, call_file: Path | None) -> Actor:
+    """Whoever plays the script: the generic head, or the caller of a call file.
+
+    Raises `UserError` if the caller cannot be drawn or cannot do what the script asks for.
+    """
+    if call_file is None:
+        return GenericActor(script, generic_head())
+    own = ["camera"] if any(group == "camera" for group, _ in script.tracks) else []
+    own += ["background"] if script.background else []
+    if own:
+        what = " and ".join(own)
+        raise UserError(f"a caller brings their own {what}: leave it out of the script, or --call")
+    try:
+        return CallerActor(read_model(call_file))
+    except ProtocolError as error:
+        raise UserError(f"cannot draw {call_file}: {error}") from error
+
+
+def _posed(home: Pose, moment: Moment) -> Pose:
+    """The home pose, turned in the head's own axes and moved in the camera's."""
+    pose = moment.pose
+    turned = pose_from_euler(pose["pitch"], pose["yaw"], pose["roll"], np.zeros(3)).rotation
+    local = multiply(conjugate(np.array(FRONTAL)), turned)
+    moved = home.translation_mm + np.array([pose["right"], pose["down"], pose["away"]])
+    if moved[2] < 100:
+        raise UserError(f"the script brings the head to {moved[2]:.0f} mm from the camera")
+    return Pose(normalise(multiply(home.rotation, local)), moved)
+
+
+def _background(script: Script) -> NDArray[np.float32] | None:
+    if script.background is None:
+        return None
+    try:
+        data = script.background.read_bytes()
+    except OSError as error:
+        raise UserError(f"cannot read {script.background}: {error.strerror}") from error
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
+    if picture is None:
+        raise UserError(f"the background {script.background} is not a picture OpenCV can read")
+    size = (script.width, script.height)
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+
+def _beside(output: Path) -> Path:
+    """The truth's place: out.mkv -> out.json, out/%04d.png -> out/truth.json."""
+    return output.with_name("truth.json") if "%" in output.name else output.with_suffix(".json")

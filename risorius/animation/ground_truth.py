@@ -1,0 +1,81 @@
+"""The truth beside an animation: where everything was in every picture (docs/animate.md)."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from risorius.animation.animation_script import Moment, Script
+from shared_model.errors import UserError
+from shared_model.geometry import Camera, euler_deg, pixel_from_head
+from shared_model.mesh import Head
+from shared_model.parameters import AAUS, EAUS, Pose
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """One picture's camera, pose and vertices (n, 3) mm."""
+
+    camera: Camera
+    pose: Pose
+    vertices: Array
+
+
+def frame_truth(time_s: float, moment: Moment, shot: Shot, head: Head) -> dict[str, Any]:
+    """All that is known of one picture; see docs/animate.md."""
+    pixels = pixel_from_head(shot.camera, shot.pose, shot.vertices)
+    corners, weights = head.triangles[head.network_triangles], head.network_weights
+    network = (weights[..., None] * pixels[corners]).sum(1)
+    known = head.network_triangles >= 0
+    pitch, yaw, roll = euler_deg(shot.pose)
+    return {
+        "time_s": round(time_s, 6),
+        "focal_px": shot.camera.focal_px,
+        "rotation": _rounded(shot.pose.rotation, 9),
+        "translation_mm": _rounded(shot.pose.translation_mm, 6),
+        "pitch_yaw_roll_deg": _rounded(np.array([pitch, yaw, roll]), 5),
+        "eau": _rounded(moment.eau, 6),
+        "aau": _rounded(moment.aau, 6),
+        "brightness": round(moment.brightness, 6),
+        "side": round(moment.side, 6),
+        "landmarks_px": {
+            name: _rounded(pixels[index], 2) for name, index in sorted(head.landmarks.items())
+        },
+        "network_px": [
+            _rounded(point, 2) if seen else None for point, seen in zip(network, known, strict=True)
+        ],
+    }
+
+
+def script_truth(script: Script, camera: Camera) -> dict[str, Any]:
+    """What holds for every picture of a script."""
+    return {
+        "width": camera.width,
+        "height": camera.height,
+        "fps": [script.fps.numerator, script.fps.denominator],
+        "noise": script.noise,
+        "blur_px": script.blur_px,
+        "seed": script.seed,
+        "eaus": [eau.name for eau in EAUS],
+        "aaus": list(AAUS),
+    }
+
+
+def write_truth(path: Path, whole: Mapping[str, Any], frames: Sequence[Mapping[str, Any]]) -> None:
+    """JSON with one line for each picture.  Raises `UserError` if it cannot be written."""
+    lines = ",\n".join(json.dumps(frame, separators=(",", ":")) for frame in frames)
+    text = json.dumps(whole, indent=2)[:-2] + f',\n  "frames": [\n{lines}\n]\n}}\n'
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _rounded(values: Array, digits: int) -> list[float]:
+    return [round(float(value), digits) for value in values]

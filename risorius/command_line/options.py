@@ -1,0 +1,180 @@
+"""The options of the commands that send and draw calls, by what they are about."""
+
+import argparse
+from pathlib import Path
+
+from risorius.command_line.argument_types import (
+    bitrate,
+    count,
+    frame_rate,
+    model_bytes,
+    parts,
+    seconds,
+)
+
+
+def add_coding(parser: argparse.ArgumentParser) -> None:
+    """What is coded, at what rate and how large: of `encode` and `bench`."""
+    _add_rates(parser)
+    parser.add_argument(
+        "--live",
+        action="store_true",
+        help="default profile: send each frame of a file as if it came from a camera, rather than"
+        " look at the whole file first",
+    )
+    parser.add_argument(
+        "--startup-bitrate",
+        type=bitrate,
+        metavar="BPS",
+        help="default profile: send the model in layers, a first one of 2 kB and the others between"
+        " the frames, so that all packets together keep to BPS, above --bitrate (default: whole,"
+        " at once)",
+    )
+    parser.add_argument(
+        "--model-bytes",
+        type=model_bytes,
+        metavar="N",
+        help="about as large the model packet shall be, 2000 to 100000 (default: 16000 thesis,"
+        " 10000 default)",
+    )
+    parser.add_argument(
+        "--lids",
+        action="store_true",
+        help="thesis profile: also send how far each lid is closed, two values of 8 bits: 960"
+        " bits a second instead of 800",
+    )
+    parser.add_argument(
+        "--refine",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="thesis profile: adjust shape and focal length of all but small faces to the first"
+        " seconds and send them as updates of some 320 bytes (default: yes)",
+    )
+    parser.add_argument(
+        "--detector",
+        choices=("network", "haar"),
+        default="network",
+        help="thesis profile: landmark network (default), or the thesis' Viola-Jones",
+    )
+    parser.add_argument(
+        "--max-frames", type=count, metavar="N", help="stop after N frames of the source"
+    )
+
+
+def add_following(parser: argparse.ArgumentParser) -> None:
+    """How the thesis profile follows the face."""
+    parser.add_argument(
+        "--tracker",
+        choices=("single", "full"),
+        default="full",
+        help="thesis profile: landmarks of each frame by itself, or KLT, filter and the fit of the"
+        " caller's own texture as well (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--without",
+        type=parts,
+        default=frozenset(),
+        metavar="PARTS",
+        help="thesis profile: leave parts out of the full tracker, to measure: some of"
+        " network,klt,ekf,abs",
+    )
+    parser.add_argument(
+        "--normalise",
+        choices=("none", "retinex"),
+        default="none",
+        help="thesis profile: what the full tracker fits its texture to: the luma, or retinex and"
+        " histogram equalisation of it (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--abs",
+        choices=("gauss-newton", "mirrored", "matrix"),
+        default="gauss-newton",
+        help="thesis profile: how that fit steps: by each picture's gradient, the same with the"
+        " visible half of a turned face mirrored, or by the thesis' prediction matrix"
+        " (default: %(default)s)",
+    )
+
+
+def add_sending(parser: argparse.ArgumentParser) -> None:
+    """When and how packets go out."""
+    parser.add_argument(
+        "--pace",
+        action=argparse.BooleanOptionalAction,
+        help="send at the source's own rate (default: over a link yes, into a file no)",
+    )
+    parser.add_argument(
+        "--lossless",
+        action="store_true",
+        help="over a link, drop no packet, however late it comes: to measure, not to talk",
+    )
+    parser.add_argument(
+        "--wait",
+        type=seconds,
+        default=30.0,
+        metavar="S",
+        help="over a link, wait this long for a decoder, and to connect; 0: start at once when"
+        " connected, within 10 seconds (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--look-for-face",
+        type=seconds,
+        default=10.0,
+        metavar="S",
+        help="say so when there is no face in the first S seconds (default: %(default)g)",
+    )
+
+
+def add_likeness(parser: argparse.ArgumentParser) -> None:
+    """Who is drawn, and against what it is measured."""
+    likeness = parser.add_mutually_exclusive_group()
+    likeness.add_argument(
+        "--face",
+        type=Path,
+        metavar="OTHER",
+        help="draw the caller of this call file instead, moved by the call's stream",
+    )
+    likeness.add_argument(
+        "--source", metavar="VIDEO", help="the original: report PSNR against it (thesis eq. 6.1)"
+    )
+
+
+def add_link(parser: argparse.ArgumentParser, where: argparse._MutuallyExclusiveGroup) -> None:
+    """Where the other end is: endpoints into the group `where`, and the name of the call."""
+    for option, example in (("--connect", "tcp/HOST:7447"), ("--listen", "tcp/0.0.0.0:7447")):
+        where.add_argument(
+            option, action="append", metavar="ENDPOINT", help=f"Zenoh endpoint, as {example}"
+        )
+    parser.add_argument(
+        "--call", default="call", metavar="NAME", help="name on the link (default: %(default)s)"
+    )
+
+
+def add_reporting(parser: argparse.ArgumentParser) -> None:
+    """What the command says about the run."""
+    parser.add_argument("--report", type=Path, metavar="FILE", help="write the figures as JSON")
+    parser.add_argument("-q", "--quiet", action="store_true", help="no progress, no summary")
+
+
+def _add_rates(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--profile",
+        choices=("default", "thesis"),
+        help="default: every frame, with the caller's own appearance, entropy-coded; thesis: ten"
+        " values of 8 bits, ten times a second (default: default, unless an option of the thesis"
+        " profile is given or the landmark networks are missing)",
+    )
+    parser.add_argument(
+        "--bitrate",
+        type=bitrate,
+        default=800.0,
+        metavar="BPS",
+        help="default profile: bits a second of frame packets with their heads and their lengths in"
+        " a call file, more than 0 (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--fps",
+        type=frame_rate,
+        metavar="N",
+        help="default profile: code about N frames a second, more than 0, the nearest that is every"
+        " k-th of the source's; the decoder interpolates those between (default: every frame)",
+    )

@@ -1,0 +1,108 @@
+"""A call from end to end on a clip that is at hand."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from itertools import islice
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from decoder.frame_sink import open_sink
+from decoder.pipeline import DecodeOptions, decode
+from encoder.capture.video_source import open_source
+from encoder.pipeline import EncodeOptions, encode
+from loopback.bench import make_folder
+from loopback.clip_paths import CARPHONE, clip_path
+from loopback.quality import Quality, face_area_finder, measure
+from loopback.report import Cell, table
+from protocol.summary import CallSummary, summarise
+from risorius.command_line.option_rules import profile_at_hand
+from shared_model.errors import UserError
+
+Picture = NDArray[np.uint8]
+
+SHEET_COLUMNS = 6
+# Smaller pictures are enlarged by a whole number, to be looked at.
+SHEET_PICTURE_PX = 240
+LABELS = ("source", "decoded")
+
+
+def demo(folder: Path, say: Callable[[str], None], stop: Callable[[], bool]) -> str:
+    """Encode and decode the demo clip, leave a video and a contact sheet in `folder`.
+
+    Returns the table to print.  Raises `UserError` if the clip is not installed.
+    """
+    source = str(clip_path(CARPHONE, Path()))
+    make_folder(folder)
+    call, decoded = folder / "call.rzo", folder / "decoded.mkv"
+    say("demo: encode")
+    report = encode(EncodeOptions(source, call, profile=profile_at_hand()), _ignore, stop)
+    for warning in report.warnings:
+        say(f"risorius: warning: {warning}")
+    say("demo: decode")
+    decode(DecodeOptions(call_file=call, output=decoded), _ignore, stop)
+    say("demo: compare")
+    quality = measure(source, str(decoded), face_area_finder(say), _ignore)
+    write_side_by_side(source, decoded, folder / "side_by_side.mp4")
+    write_contact_sheet(source, decoded, folder / "contact_sheet.png", quality.frames)
+    files = (call, decoded, folder / "side_by_side.mp4", folder / "contact_sheet.png")
+    return f"{_demo_table(summarise(call), quality)}\n\nwritten: {' '.join(map(str, files))}"
+
+
+def write_side_by_side(source: str, decoded: Path, output: Path) -> None:
+    """Write a video of the source, left, and what was decoded, right."""
+    with ExitStack() as stack:
+        originals = stack.enter_context(open_source(source))
+        copies = stack.enter_context(open_source(str(decoded)))
+        size = (originals.width + copies.width, originals.height)
+        sink = stack.enter_context(open_sink(output, *size, originals.fps, originals.matrix))
+        for (_, original), (_, copy) in zip(originals, copies, strict=True):
+            sink.write(np.hstack([original, copy]))
+
+
+def write_contact_sheet(source: str, decoded: Path, output: Path, frames: int) -> None:
+    """Write one picture of frames evenly through the call: source above, decoded below."""
+    chosen = np.linspace(0, frames - 1, SHEET_COLUMNS).round().astype(int).tolist()
+    rows = [
+        np.hstack(
+            [_labelled(picture, f"{label} {index}") for index, picture in _pick(name, chosen)]
+        )
+        for label, name in zip(LABELS, (source, str(decoded)), strict=True)
+    ]
+    if not cv2.imwrite(str(output), np.vstack(rows)):
+        raise UserError(f"cannot write {output}: no place or no permission")
+
+
+def _pick(name: str, chosen: list[int]) -> Iterator[tuple[int, Picture]]:
+    with open_source(name) as capture:
+        for index, picture in islice(capture, max(chosen) + 1):
+            yield from [(index, picture)] * chosen.count(index)
+
+
+def _labelled(picture: Picture, text: str) -> Picture:
+    zoom = -(-SHEET_PICTURE_PX // picture.shape[0])
+    labelled = cv2.resize(picture, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_CUBIC)
+    for colour, thickness in (((0, 0, 0), 3), ((255, 255, 255), 1)):
+        cv2.putText(labelled, text, (5, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, thickness)
+    return np.asarray(labelled, dtype=np.uint8)
+
+
+def _demo_table(summary: CallSummary, quality: Quality) -> str:
+    rows: list[list[Cell]] = [
+        ["frames", summary.frames],
+        ["duration, s", summary.duration_s],
+        ["model packet, bytes", summary.model_bytes],
+        ["frame packets, bytes", summary.frame_bytes],
+        ["frame packets, bit/s", summary.frame_bps],
+        ["call file, bytes", summary.file_bytes],
+        ["PSNR of the face, dB", quality.face_psnr_db],
+        ["PSNR of the face, 5th percentile, dB", quality.face_psnr_p5_db],
+        ["PSNR of the picture, dB", quality.full_psnr_db],
+    ]
+    return table(("carphone, 176x144", "value"), rows)
+
+
+def _ignore(done: int, total: int | None) -> None:
+    """No progress: `say` tells which step it is at."""

@@ -1,0 +1,1 @@
+"""The page that moves every actuator of a face by hand."""

@@ -1,0 +1,209 @@
+"""`risorius view`: one local page with a slider for every actuator, drawn by the real renderer.
+
+page -> request -> the newest of each page -> actor -> JPEG.  Requests come on threads of their own;
+all drawing is done on the thread that calls `view`, since a GL context belongs to one.
+"""
+
+import json
+import sys
+from collections.abc import Callable
+from concurrent.futures import Future
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.resources import files
+from pathlib import Path
+from threading import Condition, Thread
+from typing import Any
+from urllib.parse import urlsplit
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from risorius.animation.animate import Actor, open_actor, side_light
+from risorius.animation.animation_script import Moment, Script, parse_script
+from risorius.view.view_state import description, moment_of
+from shared_model.errors import LINK_FAILED, UserError
+
+HOST = "127.0.0.1"
+JPEG_QUALITY = 92
+NAP_S = 0.2
+# The generic head's studio: a head fills the picture at the distance of a portrait.
+STUDIO = {"width": 720, "height": 800, "distance_mm": 1000, "focal_px": 2750, "mottle": 0}
+
+
+@dataclass(frozen=True, slots=True)
+class ViewOptions:
+    """Whom to show and where.
+
+    call_file: whose face; None: the generic head.  port: TCP port on this host; 0: any free one.
+    """
+
+    call_file: Path | None = None
+    port: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A picture that is waited for: JPEG bytes, or None once a newer one has taken its place."""
+
+    moment: Moment
+    picture: Future[bytes | None] = field(default_factory=Future)
+
+
+class Orders:
+    """Pictures that are asked for: of each page no more than the newest."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[str, Order] = {}
+        self._changed = Condition()
+
+    def ask(self, page: str, moment: Moment) -> bytes | None:
+        """Wait for the picture; None if the same page has asked for another since.
+
+        Raises `UserError` if it cannot be drawn.
+        """
+        order = Order(moment)
+        with self._changed:
+            older = self._waiting.pop(page, None)
+            self._waiting[page] = order
+            self._changed.notify()
+        if older is not None:
+            older.picture.set_result(None)
+        return order.picture.result()
+
+    def pages(self) -> set[str]:
+        """Whoever waits for a picture that nobody draws yet."""
+        with self._changed:
+            return set(self._waiting)
+
+    def take(self) -> Order:
+        """Wait for the next picture to draw: pages take turns."""
+        with self._changed:
+            while not self._waiting:
+                # Now and then it wakes: Ctrl-C that comes as it falls asleep would go unheard.
+                self._changed.wait(NAP_S)
+            return self._waiting.pop(next(iter(self._waiting)))
+
+
+def view(options: ViewOptions, announce: Callable[[str], None]) -> None:
+    """Serve the page until interrupted.
+
+    announce: called with the page's address once it can be opened.
+    Raises `UserError` if there is nobody to show, no EGL, or the port is taken.
+    """
+    studio = parse_script(STUDIO, Path())
+    with ExitStack() as stack:
+        actor = open_actor(studio, options.call_file)
+        stack.callback(actor.close)
+        orders = Orders()
+        server = _server(options, orders, _description(actor, studio, options))
+        stack.callback(server.server_close)
+        Thread(target=server.serve_forever, daemon=True).start()
+        stack.callback(server.shutdown)
+        announce(f"http://{HOST}:{server.server_port}/")
+        while True:
+            fulfil(orders.take(), actor)
+
+
+def fulfil(order: Order, actor: Actor) -> None:
+    """Draw what is asked for; what cannot be drawn is told to whoever asked."""
+    try:
+        shot = actor.shot(order.moment)
+        picture = _lit(actor.draw(order.moment, shot), order.moment)
+    except UserError as error:
+        order.picture.set_exception(error)
+        return
+    done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    assert done
+    order.picture.set_result(data.tobytes())
+
+
+def _lit(picture: NDArray[np.uint8], moment: Moment) -> NDArray[np.uint8]:
+    if moment.brightness == 1 and moment.side == 0:
+        return picture
+    light = moment.brightness * side_light(picture.shape[1], moment.side)
+    return np.asarray(np.clip(picture * light[:, None], 0, 255), dtype=np.uint8)
+
+
+def _description(actor: Actor, studio: Script, options: ViewOptions) -> dict[str, Any]:
+    camera = actor.shot(studio.at(0)).camera
+    caller = options.call_file.name if options.call_file else None
+    return description(camera.width, camera.height, caller)
+
+
+class _Server(ThreadingHTTPServer):
+    # Whoever still waits for a picture must not hold up the end.
+    daemon_threads, block_on_close = True, False
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A page that is closed while its picture is under way is no error."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
+
+
+def _server(options: ViewOptions, orders: Orders, described: dict[str, Any]) -> ThreadingHTTPServer:
+    try:
+        return _Server((HOST, options.port), _handler(orders, described))
+    except OSError as error:
+        reason = f"cannot serve on {HOST}:{options.port}: {error.strerror}"
+        raise UserError(f"{reason}; try another --port", LINK_FAILED) from error
+
+
+def _handler(orders: Orders, described: dict[str, Any]) -> type[BaseHTTPRequestHandler]:
+    page = (files("risorius.view") / "view.html").read_bytes()
+    model = json.dumps(described).encode()
+
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+        # A picture is sent in two writes, and the second must not wait for the first's receipt.
+        disable_nagle_algorithm = True
+
+        def do_GET(self) -> None:
+            """The page, the model's description, or a picture."""
+            where = urlsplit(self.path)
+            if not self._is_local():
+                self._reply(HTTPStatus.FORBIDDEN, "text/plain", b"this page is for its own host\n")
+            elif where.path == "/":
+                self._reply(HTTPStatus.OK, "text/html; charset=utf-8", page)
+            elif where.path == "/model.json":
+                self._reply(HTTPStatus.OK, "application/json", model)
+            elif where.path == "/picture.jpg":
+                self._picture(where.query)
+            else:
+                self._reply(HTTPStatus.NOT_FOUND, "text/plain", b"no such page\n")
+
+        def log_message(self, format: str, *arguments: Any) -> None:
+            """Nothing: a line for each picture would bury the page's address."""
+
+        def _is_local(self) -> bool:
+            """A page from elsewhere that names this host by its own name may not see the caller."""
+            name = self.headers.get("Host", "").rpartition(":")[0]
+            return name in (HOST, "localhost")
+
+        def _page(self) -> str:
+            """Who asks: a page by the name it gives itself, any other client by its connection."""
+            return self.headers.get("X-Page") or str(self.client_address)
+
+        def _picture(self, query: str) -> None:
+            try:
+                data = orders.ask(self._page(), moment_of(query))
+            except (ValueError, UserError) as error:
+                self._reply(HTTPStatus.BAD_REQUEST, "text/plain", f"{error}\n".encode())
+                return
+            if data is None:
+                self._reply(HTTPStatus.NO_CONTENT, "image/jpeg", b"")
+            else:
+                self._reply(HTTPStatus.OK, "image/jpeg", data)
+
+        def _reply(self, status: HTTPStatus, kind: str, body: bytes) -> None:
+            self.send_response(status)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(body)))
+            self.send_header("Cache-Control", "no-store")
+            self.end_headers()
+            self.wfile.write(body)
+
+    return Handler

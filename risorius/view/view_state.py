@@ -1,0 +1,94 @@
+"""What a viewer's page shows and asks for: the actuators as data, a moment out of a query."""
+
+from typing import Any
+from urllib.parse import parse_qsl
+
+import numpy as np
+from numpy.typing import NDArray
+
+from risorius.animation.animation_script import GROUPS, Moment
+from shared_model.anthropometry import MEASUREMENTS
+from shared_model.expressions import DOWN, EMOTIONS, UP
+from shared_model.parameters import EAUS, clip_eau
+
+# Where on the face the page shows an actuator, by the first word of its name.
+REGIONS = {"jaw": "Mouth", "mouth": "Mouth", "lip": "Mouth", "upper": "Mouth", "lower": "Mouth"}
+REGIONS |= {"eyebrow": "Brows", "nose": "Nose", "lid": "Eyes", "gaze": "Eyes"}
+
+
+def moment_of(query: str) -> Moment:
+    """The moment of a query such as `jaw_drop=0.5&happiness=1&yaw=-20`; all else is at rest.
+
+    Names and ranges are those of animation scripts.  Raises ValueError if one is none of them.
+    """
+    values = {
+        group: {name: limits[0] for name, limits in names.items()}
+        for group, names in GROUPS.items()
+    }
+    for name, text in parse_qsl(query, keep_blank_values=True):
+        group = next((group for group, names in GROUPS.items() if name in names), None)
+        if group is None:
+            raise ValueError(f"nothing is called {name!r}")
+        values[group][name] = _number(name, text, GROUPS[group][name])
+    eau = np.array(list(values["eau"].values()))
+    for emotion in EMOTIONS:
+        eau = eau + values["emotion"][emotion.name] * emotion.peak()
+    aau = np.array(list(values["aau"].values()))
+    light = values["light"]
+    zoom = values["camera"]["zoom"]
+    return Moment(clip_eau(eau), aau, values["pose"], light["brightness"], light["side"], zoom)
+
+
+def description(width: int, height: int, caller: str | None) -> dict[str, Any]:
+    """What the page is made of: its picture's size, who is shown, and every actuator.
+
+    caller: name of the call file, None for the generic head.
+    """
+    return {
+        "width": width,
+        "height": height,
+        "caller": caller,
+        "eaus": [_eau(index) for index in range(len(EAUS))],
+        "aaus": _aaus(),
+        "emotions": [{"name": emotion.name, "eau": _named(emotion.peak())} for emotion in EMOTIONS],
+    }
+
+
+def _eau(index: int) -> dict[str, Any]:
+    eau = EAUS[index]
+    return {
+        "name": eau.name,
+        "region": REGIONS[eau.name.split("_")[0]],
+        "low": eau.low,
+        "high": eau.high,
+        "au": eau.au,
+        "works_up": UP[eau.name].works_by,
+        "works_down": DOWN[eau.name].works_by if eau.name in DOWN else "",
+    }
+
+
+def _aaus() -> list[dict[str, Any]]:
+    """Each AAU, its measurement, and the millimetres by which +1 changes it."""
+    return [
+        {
+            "name": measurement.name,
+            "measures": "-".join(measurement.ends),
+            "mm": round(2 * measurement.deviation_mm, 2),
+        }
+        for measurement in MEASUREMENTS
+    ]
+
+
+def _named(eau: NDArray[np.float64]) -> dict[str, float]:
+    return {e.name: float(value) for e, value in zip(EAUS, eau, strict=True) if value}
+
+
+def _number(name: str, text: str, limits: tuple[float, float, float]) -> float:
+    _, low, high = limits
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not low <= value <= high:
+        raise ValueError(f"{name} is {text!r}, expected a number from {low:g} to {high:g}")
+    return value

@@ -1,0 +1,60 @@
+"""The still in two: what moves with the head, and what is behind it."""
+
+import numpy as np
+import pytest
+
+from decoder.background_layers import filled, still_of
+from encoder.detection.segmentation import Still
+from protocol.packets import ProtocolError
+from protocol.pictures.foreground_mask import SIDE, serialise_background
+
+
+def room() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+    """A wall that grows brighter to the right, a dark person before its middle."""
+    picture = np.repeat(np.linspace(60, 200, 128)[None, :, None], 96, 0).repeat(3, 2)
+    picture[30:, 48:80] = 10
+    return np.asarray(np.rint(picture), np.uint8)
+
+
+def somebody() -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    silhouette = np.zeros((SIDE, SIDE), bool)
+    silhouette[30:, 36:60] = True
+    return silhouette
+
+
+def test_a_person_is_opaque_and_the_room_is_not() -> None:
+    still = still_of(Still(room(), somebody()).coded(4000))
+    opacity = still.picture[..., 3]
+    assert (opacity[34:, 52:76] == 255).all()
+    assert (opacity[:20] == 0).all() and (opacity[:, :40] == 0).all()
+
+
+def test_behind_the_person_the_room_goes_on() -> None:
+    still = still_of(Still(room(), somebody()).coded(4000))
+    assert still.behind is not None
+    wall = np.linspace(60, 200, 128)[None, :, None]
+    # The coder's own errors are within a few levels.
+    assert np.abs(still.behind[:20].astype(float) - wall).max() < 12
+    assert np.abs(still.behind.astype(float) - wall).max() < 50
+    assert still.behind.min() > 40
+
+
+def test_what_is_known_stays_and_an_even_picture_stays_even() -> None:
+    rng = np.random.default_rng(2)
+    picture = rng.integers(0, 256, (37, 50, 3), dtype=np.uint8)
+    known = rng.random((37, 50)) < 0.4
+    assert np.array_equal(filled(picture, known)[known], picture[known])
+    even = np.full((37, 50, 3), 90, np.uint8)
+    assert (filled(even, known) == 90).all()
+    assert filled(picture, np.zeros((37, 50), bool)).shape == picture.shape
+
+
+def test_without_a_silhouette_nothing_shows_through() -> None:
+    still = still_of(Still(room()).coded(2000))
+    assert still.picture.shape == (96, 128, 3) and still.behind is None
+    assert still_of(b"").behind is None
+
+
+def test_a_silhouette_without_a_still_is_refused() -> None:
+    with pytest.raises(ProtocolError, match="background"):
+        still_of(serialise_background(somebody(), b""))

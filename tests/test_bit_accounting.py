@@ -1,0 +1,288 @@
+"""Every byte of a call is accounted for, and put down to the parameters that it moved."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from packets import CALL, MODEL
+
+from encoder.coding.rate_control import Spending, code_call
+from encoder.coding.rdo_quantiser import code_packet
+from protocol.bit_accounting import (
+    DAMAGED,
+    GROUPS,
+    OVERHEAD,
+    Accounts,
+    component_bits,
+    group_shares,
+)
+from protocol.call_file import MAGIC, CallWriter, record
+from protocol.frames.frame_transform import (
+    GEOMETRY,
+    UNIT_ZERO,
+    Components,
+    serialise_components,
+    with_spare,
+)
+from protocol.frames.temporal_prediction import KINDS, FramePredictor
+from protocol.packets import (
+    MAX_IMAGE_BYTES,
+    MAX_LAYER_BYTES,
+    ControlKind,
+    ControlPacket,
+    FramePacket,
+    LayerPacket,
+    ModelPacket,
+    Packet,
+    ProtocolError,
+    serialise,
+)
+from protocol.progressive_model import item
+from protocol.summary import summarise
+from risorius.command_line.info_table import summary_table
+from shared_model.parameters import EAU_INDEX
+
+DEFAULT = replace(CALL, profile="default", frames_per_packet=8)
+FRAMES = 81
+# What each component moves: pose, a lid, a mode.
+MOVED = (0, 6 + EAU_INDEX["lid_left"], GEOMETRY)
+
+
+def components() -> Components:
+    d = GEOMETRY + 1
+    basis = np.zeros((len(MOVED), d), np.int8)
+    basis[np.arange(len(MOVED)), MOVED] = 127
+    return Components(
+        (b"mode",),
+        np.full(d, UNIT_ZERO, np.uint8),
+        np.zeros(d, np.int64),
+        basis,
+        np.zeros(len(MOVED), np.int8),
+        np.full((len(MOVED), KINDS), 28, np.uint8),
+    )
+
+
+def growing() -> tuple[ModelPacket, list[bytes]]:
+    """A model with two spare modes, and frame packets that begin to use the first of them."""
+    roomy = with_spare(components(), 2)
+    predictor, sent = FramePredictor(roomy.spreads, roomy.spare), []
+    values = np.random.default_rng(3).normal(size=(8, 8, len(roomy.basis))) * 4
+    values[:4, :, -2] = values[..., -1] = 0
+    for number, frames in enumerate(values):
+        packet = code_packet(predictor, number, 8, frames, 4)
+        predictor.anchor = packet.frames[-1]
+        sent.append(packet.payload)
+    extension = serialise_components(roomy)
+    return replace(MODEL, call=DEFAULT, sequence=0, growing=True, extension=extension), sent
+
+
+def payloads(sizes: tuple[float, ...]) -> list[bytes]:
+    """Frame packets of components that wander by the given sizes, units a frame."""
+    rng = np.random.default_rng(3)
+    values = np.cumsum(rng.normal(size=(FRAMES, len(MOVED))) * sizes, axis=0)
+    packets = code_call(values, components().spreads, Spending(4000, 25, 8))
+    return [packet.payload for packet in packets]
+
+
+def accounts(frames: list[bytes]) -> Accounts:
+    accounts = Accounts()
+    accounts.add(
+        replace(MODEL, call=DEFAULT, sequence=0, extension=serialise_components(components()))
+    )
+    for number, payload in enumerate(frames):
+        accounts.add(FramePacket(number % 64, payload))
+    return accounts
+
+
+def test_groups_add_up_to_the_frame_packets() -> None:
+    sent = payloads((3.0, 1.0, 1.0))
+    groups = accounts(sent).groups
+    assert sum(groups.values()) == pytest.approx(sum(map(len, sent)))
+    assert set(groups) == {*GROUPS, OVERHEAD}
+    assert min(groups.values()) >= 0
+
+
+@pytest.mark.parametrize(("moving", "group"), [*enumerate(("pose", "lids", "modes"))])
+def test_bits_go_to_the_group_that_moves(moving: int, group: str) -> None:
+    sizes = np.full(len(MOVED), 0.05)
+    sizes[moving] = 4.0
+    groups = accounts(payloads(tuple(sizes))).groups
+    assert max(groups, key=lambda name: groups[name]) == group
+    assert groups["expression"] == groups["gaze"] == 0
+
+
+def test_ideal_lengths_are_those_spent() -> None:
+    predictor, spent = FramePredictor(components().spreads), 0.0
+    sent = payloads((3.0, 1.0, 1.0))
+    for number, payload in enumerate(sent):
+        spent += component_bits(predictor, number % 64, 8, payload).sum()
+    total = 8 * sum(map(len, sent))
+    # Five bits of quality and half a byte lost to rounding in each packet.
+    assert total - 12 * len(sent) < spent < total
+
+
+def test_a_component_is_shared_by_harm() -> None:
+    mixed = components()
+    mixed.basis[0, :] = 0
+    mixed.basis[0, 0], mixed.basis[0, GEOMETRY] = 60, 120
+    shares = group_shares(mixed)
+    assert shares.sum(1) == pytest.approx(1)
+    assert shares[0].tolist() == pytest.approx([0.2, 0, 0, 0, 0.8])
+
+
+def test_an_update_of_the_model_is_read_from_its_own_packet_on() -> None:
+    sent = payloads((3.0, 1.0, 1.0))
+    extension = serialise_components(components())
+    first = replace(MODEL, call=DEFAULT, sequence=0, extension=extension)
+    update = replace(first, layer=1, layers=2, sequence=len(sent))
+    whole = Accounts()
+    whole.add(first)
+    for number, payload in enumerate(sent[:-1]):
+        whole.add(FramePacket(number, payload))
+    # Told a packet ahead, and once more for those who join late.
+    whole.add(update)
+    whole.add(FramePacket(len(sent) - 1, sent[-1]))
+    for number, payload in enumerate(sent, len(sent)):
+        whole.add(FramePacket(number % 64, payload))
+        whole.add(update)
+    once = accounts(sent).groups
+    assert whole.groups == pytest.approx({name: 2 * count for name, count in once.items()})
+
+
+def test_parts_of_the_model_add_up() -> None:
+    packet = replace(MODEL, call=DEFAULT, extension=serialise_components(components()))
+    parts = accounts([]).model_parts
+    assert sum(parts.values()) == len(serialise(packet)) - 1
+    assert (parts["background"], parts["modes"]) == (len(MODEL.background), len(b"mode"))
+
+
+def test_layers_are_counted_for_what_they_are_of() -> None:
+    packet = replace(MODEL, call=DEFAULT, extension=serialise_components(components()))
+    found = Accounts()
+    found.add(replace(packet, layered=True))
+    before = found.model_parts
+    stream = item(b"texture") + item(b"still") + item(b"mode one")
+    layers = [LayerPacket(0, 0, stream[:10]), LayerPacket(0, 1, stream[10:])]
+    for layer in layers:
+        found.add(layer)
+    parts = {name: count - before[name] for name, count in found.model_parts.items()}
+    assert (parts["texture"], parts["background"], parts["modes"]) == (7, 5, 8)
+    assert sum(parts.values()) == sum(len(serialise(layer)) - 1 for layer in layers)
+
+
+def test_modes_learned_later_are_counted_as_modes() -> None:
+    model, _ = growing()
+    found = Accounts()
+    found.add(model)
+    before = found.model_parts
+    layers = [LayerPacket(0, 0, item(b"") * 2 + item(b"learned")), LayerPacket(0, 1, item(b"more"))]
+    for layer in layers:
+        found.add(layer)
+    parts = {name: count - before[name] for name, count in found.model_parts.items()}
+    assert (parts["modes"], parts["texture"], parts["background"]) == (11, 0, 0)
+    assert sum(parts.values()) == sum(len(serialise(layer)) - 1 for layer in layers)
+
+
+def test_frames_are_read_whether_or_not_spare_components_are_in_use() -> None:
+    model, sent = growing()
+    halves = []
+    found = Accounts()
+    found.add(model)
+    for number, payload in enumerate(sent):
+        found.add(FramePacket(number, payload))
+        if number % 4 == 3:
+            halves.append(found.groups)
+    assert DAMAGED not in halves[1] and sum(halves[1].values()) == pytest.approx(
+        sum(map(len, sent))
+    )
+    # One mode at first, then two that move as much.
+    assert halves[1]["modes"] > 2.5 * halves[0]["modes"]
+
+
+def test_layers_alone_are_counted_and_damaged_ones_refused() -> None:
+    found = Accounts()
+    found.add(LayerPacket(0, 0, b"\x05ab"))
+    assert found.model_parts == {"shape": 2, "texture": 2}
+    with pytest.raises(ProtocolError):
+        found.add(LayerPacket(1, 0, b"\xff\xff\xff\xff"))
+
+
+def test_what_came_before_damaged_layers_is_still_counted(tmp_path: Path) -> None:
+    model = replace(MODEL, call=DEFAULT, extension=serialise_components(components()), layered=True)
+    pieces = [b"\x05ab", b"\xff" * 9, b"cde"]
+    packets: list[Packet] = [model, *(LayerPacket(0, i, data) for i, data in enumerate(pieces))]
+    packets += [replace(model, layer=1, layers=2), FramePacket(0, bytes(4))]
+    path = tmp_path / "call.rzo"
+    path.write_bytes(MAGIC + b"".join(record(serialise(packet)) for packet in packets))
+    summary = summarise(path)
+    assert summary.damaged_packets == 2 and summary.model_packets == 2
+    assert sum(summary.model_parts.values()) == summary.model_bytes
+    assert sum(summary.groups.values()) == pytest.approx(summary.frame_bytes) == 4
+
+
+def test_layers_of_any_number_of_updates_are_counted() -> None:
+    packet = replace(MODEL, call=DEFAULT, extension=serialise_components(components()))
+    found, sizes = Accounts(), 0
+    stream = item(bytes(MAX_IMAGE_BYTES)) + item(bytes(7)) + item(b"mode one")
+    pieces = [stream[i : i + MAX_LAYER_BYTES] for i in range(0, len(stream), MAX_LAYER_BYTES)]
+    for model in range(5):
+        packets: list[Packet] = [LayerPacket(model, i, data) for i, data in enumerate(pieces)]
+        packets.insert(3, replace(packet, layer=model, layers=model + 1, layered=True))
+        for one in packets:
+            found.add(one)
+            sizes += len(serialise(one)) - 1
+    parts = found.model_parts
+    assert parts["texture"] == 5 * (len(MODEL.texture) + MAX_IMAGE_BYTES)
+    assert parts["modes"] == 5 * (len(b"mode") + len(b"mode one"))
+    assert sum(parts.values()) == sizes
+
+
+def test_sizes_of_packets_are_stated() -> None:
+    size = accounts([bytes(n) for n in (1, 2, 3, 10)]).packet_size
+    assert size is not None
+    assert (size.mean, size.largest) == (4, 10) and 3 < size.p95 < 10
+    assert Accounts().packet_size is None
+
+
+def test_what_cannot_be_decoded_is_damaged() -> None:
+    no_model = Accounts()
+    no_model.add(FramePacket(0, bytes(7)))
+    assert no_model.groups == {DAMAGED: 7}
+    no_components = Accounts()
+    no_components.add(replace(MODEL, call=DEFAULT))
+    no_components.add(FramePacket(0, bytes(5)))
+    assert no_components.groups == {DAMAGED: 5}
+    assert accounts([bytes(1000)]).groups == {DAMAGED: 1000}
+
+
+def test_components_that_are_none_are_a_protocol_error() -> None:
+    with pytest.raises(ProtocolError, match="components"):
+        Accounts().add(replace(MODEL, extension=b"?"))
+
+
+def test_a_summary_splits_a_call_of_the_default_profile(tmp_path: Path) -> None:
+    path, sent = tmp_path / "call.rzo", payloads((3.0, 1.0, 1.0))
+    model = replace(MODEL, call=DEFAULT, sequence=0, extension=serialise_components(components()))
+    with CallWriter(path) as writer:
+        writer.send(serialise(model))
+        for number, payload in enumerate(sent):
+            writer.send(serialise(FramePacket(number % 64, payload)))
+        writer.send(serialise(ControlPacket(0, ControlKind.END, FRAMES)))
+    summary = summarise(path)
+    assert sum(summary.groups.values()) == pytest.approx(summary.frame_bytes)
+    assert sum(summary.group_bits.values()) == pytest.approx(8 * summary.frame_bytes / FRAMES)
+    assert sum(summary.model_parts.values()) == summary.model_bytes
+    text = summary_table(summary)
+    assert all(f"\n{group} " in text for group in (*GROUPS, OVERHEAD))
+
+
+def test_the_thesis_profile_spends_a_byte_on_each_value() -> None:
+    thesis = Accounts()
+    thesis.add(MODEL)
+    thesis.add(FramePacket(0, bytes(10)))
+    assert thesis.groups == {"pose": 6, "expression": 4}
+    with_lids = Accounts()
+    with_lids.add(replace(MODEL, call=replace(CALL, lids=True)))
+    with_lids.add(FramePacket(0, bytes(12)))
+    assert with_lids.groups == pytest.approx({"pose": 6, "expression": 4, "lids": 2})

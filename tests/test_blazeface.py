@@ -1,0 +1,120 @@
+"""Detection: faces of any size and place, by networks and by Viola-Jones."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from encoder.capture.video_source import Frame, open_source
+from encoder.detection.blazeface import (
+    BlazeFaceDetector,
+    Detection,
+    FaceDetector,
+    largest_first,
+    merge,
+)
+from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
+from encoder.detection.viola_jones import HaarDetector
+
+CLIPS = Path(__file__).resolve().parents[2] / "shared" / "clips"
+
+
+def first_frame(name: str) -> Frame:
+    if not CLIPS.is_dir():
+        pytest.skip(f"{CLIPS} is not there")
+    with open_source(str(CLIPS / name)) as capture:
+        return next(iter(capture))[1]
+
+
+@pytest.fixture(scope="module", params=["blazeface", "haar"])
+def detector(request: pytest.FixtureRequest) -> FaceDetector:
+    if request.param == "haar":
+        return HaarDetector()
+    try:
+        return BlazeFaceDetector(find_network_folder())
+    except NetworkFilesMissing as missing:
+        pytest.skip(str(missing))
+
+
+def face(left: float, top: float, side: float, score: float = 0.9) -> Detection:
+    box = np.array([left, top, left + side, top + side])
+    return Detection(box, np.full((6, 2), [left, top], float), score)
+
+
+def test_larger_face_comes_first() -> None:
+    assert [f.size_px for f in largest_first([face(0, 0, 30), face(90, 0, 50)])] == [50, 30]
+
+
+def test_overlapping_detections_become_their_weighted_mean() -> None:
+    (merged,) = merge([face(0, 0, 100, 0.9), face(10, 0, 100, 0.6)])
+    assert merged.score == 0.9
+    assert merged.box[0] == pytest.approx(10 * 0.6 / 1.5)
+    assert merged.keypoints[0, 0] == pytest.approx(10 * 0.6 / 1.5)
+
+
+def test_separate_and_nested_detections_are_told_apart() -> None:
+    assert len(merge([face(0, 0, 100), face(200, 0, 100)])) == 2
+    assert len(merge([face(0, 0, 100), face(20, 20, 40)])) == 1
+
+
+def test_folder_without_networks_is_reported(tmp_path: Path) -> None:
+    with pytest.raises(NetworkFilesMissing, match=r"face_landmark\.tflite"):
+        find_network_folder(tmp_path)
+
+
+def test_no_face_in_noise_and_in_flat_pictures(detector: FaceDetector) -> None:
+    noise = np.random.default_rng(1).integers(0, 255, (240, 320, 3), np.uint8)
+    assert detector.detect(noise) == []
+    assert detector.detect(np.full((90, 160, 3), 127, np.uint8)) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "eyes"),
+    [
+        # The eyes' centres as read off the first frame by hand, pixels.
+        ("akiyo.mp4", [[156, 115], [190, 113]]),
+        ("carphone.mp4", [[76, 60], [98, 55]]),
+        ("smile.mp4", [[258, 170], [330, 168]]),
+    ],
+)
+def test_eyes_are_found_where_they_are(
+    detector: FaceDetector, name: str, eyes: list[list[int]]
+) -> None:
+    (found,) = detector.detect(first_frame(name))
+    distance = np.linalg.norm(np.diff(np.array(eyes), axis=0))
+    error = np.linalg.norm(found.keypoints[:2] - eyes, axis=1)
+    assert error.max() < 0.25 * distance, found.keypoints[:2]
+
+
+@pytest.mark.parametrize("corner", [(80, 150), (820, 1500)])
+def test_small_face_off_centre_in_a_tall_picture_is_found(
+    detector: FaceDetector, corner: tuple[int, int]
+) -> None:
+    picture = np.full((1920, 1080, 3), 110, np.uint8)
+    small = cv2.resize(first_frame("akiyo.mp4"), None, fx=0.7, fy=0.7)
+    x, y = corner
+    picture[y : y + small.shape[0], x : x + small.shape[1]] = small[:, : 1080 - x]
+    (found, *_) = detector.detect(picture)
+    eyes = 0.7 * np.array([[156, 115], [190, 113]]) + corner
+    assert np.abs(found.keypoints[:2] - eyes).max() < 10, found.keypoints[:2]
+
+
+def test_two_faces_are_both_found(detector: FaceDetector) -> None:
+    frame = first_frame("smile.mp4")
+    smaller = cv2.resize(frame, None, fx=0.7, fy=0.7)
+    both = np.zeros((frame.shape[0], frame.shape[1] + smaller.shape[1], 3), np.uint8)
+    both[: smaller.shape[0], : smaller.shape[1]] = smaller
+    both[:, smaller.shape[1] :] = frame
+    large, small = detector.detect(both)
+    assert large.size_px > small.size_px
+    assert large.box[0] > small.box[2]
+
+
+def test_rolled_head_is_found(detector: FaceDetector) -> None:
+    frame = first_frame("smile.mp4")
+    turn = cv2.getRotationMatrix2D((294.0, 168.0), 35, 1.0)
+    rolled = cv2.warpAffine(frame, turn, (frame.shape[1], frame.shape[0]))
+    (found, *_) = detector.detect(np.asarray(rolled, np.uint8))
+    along = found.keypoints[1] - found.keypoints[0]
+    assert np.degrees(np.arctan2(-along[1], along[0])) == pytest.approx(35, abs=12)

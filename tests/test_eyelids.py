@@ -1,0 +1,73 @@
+"""A live caller's lids are as far apart as they are seen, and texels have half a say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from heads import seen_points
+
+from encoder.fitting.eyelids import (
+    CLOSED_GAP,
+    GAZE,
+    between_lids,
+    fit_with_lids,
+    with_seen_lids,
+)
+from encoder.fitting.landmark_fit import LandmarkModel, landmark_model
+from shared_model.geometry import Camera, pose_from_euler
+from shared_model.mesh import Head
+from shared_model.parameters import EAU_INDEX, EAUS, LIDS, FaceParameters
+from shared_model.sheets import sheeted_head
+
+CAMERA = Camera(640, 480, 800.0)
+
+
+@pytest.fixture(scope="module")
+def head() -> Head:
+    return sheeted_head()
+
+
+@pytest.fixture(scope="module")
+def model(head: Head) -> LandmarkModel:
+    return landmark_model(head)
+
+
+def a_face(*lids: float, gaze: float = 0.0) -> FaceParameters:
+    eau = np.zeros(len(EAUS))
+    eau[LIDS], eau[EAU_INDEX["gaze_vertical"]] = lids, gaze
+    return FaceParameters(pose_from_euler(5, 15, -20, np.array([20.0, -10.0, 600.0])), eau)
+
+
+@pytest.mark.parametrize("lids", [(0.0, 0.0), (0.3, 0.6), (-0.3, 0.0)])
+def test_lids_are_as_far_apart_as_they_are_seen(
+    head: Head, model: LandmarkModel, lids: tuple[float, float]
+) -> None:
+    found = with_seen_lids(
+        model, CAMERA, seen_points(head, CAMERA, a_face(*lids)), a_face(0.2, 0.1)
+    )
+    # The network leaves closed margins apart: what it sees as nearly closed is closed.
+    wanted = [lid / (1 - CLOSED_GAP) if lid > 0 else lid for lid in lids]
+    assert found.eau[LIDS] == pytest.approx(wanted, abs=0.12)
+
+
+def test_margins_that_nearly_touch_are_closed(head: Head, model: LandmarkModel) -> None:
+    found = with_seen_lids(
+        model, CAMERA, seen_points(head, CAMERA, a_face(0.85, 0.85)), a_face(0, 0)
+    )
+    assert found.eau[LIDS] == pytest.approx(1, abs=0.1)
+
+
+def test_a_blink_is_no_look_down(head: Head, model: LandmarkModel) -> None:
+    before = a_face(0, 0, gaze=-0.5)
+    found = fit_with_lids(model, CAMERA, seen_points(head, CAMERA, a_face(0.8, 0.8)), before)
+    assert not found.eau[GAZE].any()
+    assert (found.eau[LIDS] > 0.8).all()
+
+
+def test_margins_and_texels_have_as_much_a_say() -> None:
+    seen, refined = a_face(1.0, 0.0), replace(a_face(0.4, -0.3, gaze=0.2), modes=np.ones(2))
+    found = between_lids(seen, refined)
+    wanted = refined.eau.copy()
+    wanted[LIDS] = 0.7, -0.15
+    assert found.eau == pytest.approx(wanted)
+    np.testing.assert_array_equal(found.modes, refined.modes)

@@ -1,0 +1,122 @@
+"""Who is before the background: what is coded is what is decoded; the person, and nobody else."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ClipFrames
+
+from encoder.detection.blazeface import BlazeFaceDetector
+from encoder.detection.landmarks import LandmarkTracker
+from encoder.detection.segmentation import Still, find_silhouette
+from encoder.detection.tflite import find_segmentation
+from encoder.fitting.landmark_fit import outline_of
+from protocol.entropy.varint import encode_varint
+from protocol.packets import ProtocolError
+from protocol.pictures.foreground_mask import (
+    LETTER,
+    MAX_BYTES,
+    SIDE,
+    Map,
+    parse_background,
+    serialise_background,
+)
+
+STILL = b"S and so on"
+
+
+def person() -> Map:
+    """A head upon shoulders."""
+    y, x = np.mgrid[:SIDE, :SIDE] / SIDE - 0.5
+    return np.asarray(
+        (x**2 / 0.03 + (y + 0.1) ** 2 / 0.06 < 1) | (x**2 / 0.12 + (y - 0.6) ** 2 < 1)
+    )
+
+
+@pytest.mark.parametrize(
+    "silhouette",
+    [person(), np.zeros((SIDE, SIDE), bool), np.random.default_rng(1).random((SIDE, SIDE)) < 0.5],
+    ids=["person", "nobody", "noise"],
+)
+def test_a_silhouette_arrives_with_its_still(silhouette: Map) -> None:
+    found, still = parse_background(serialise_background(silhouette, STILL))
+    assert found is not None and np.array_equal(found, silhouette)
+    assert still == STILL
+
+
+def test_a_still_alone_is_sent_as_it_is() -> None:
+    assert serialise_background(None, STILL) == STILL
+    assert parse_background(STILL) == (None, STILL)
+    assert parse_background(b"") == (None, b"")
+
+
+def test_a_persons_silhouette_takes_a_few_dozen_bytes() -> None:
+    assert len(serialise_background(person(), b"")) < 70
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        LETTER,
+        LETTER + b"\x80",
+        LETTER + encode_varint(3) + b"ab",
+        LETTER + encode_varint(MAX_BYTES + 1) + bytes(MAX_BYTES + 1),
+        LETTER + encode_varint(200) + bytes(200),
+    ],
+    ids=["no length", "half a length", "too short", "too long", "bytes too many"],
+)
+def test_what_is_no_silhouette_is_refused(data: bytes) -> None:
+    with pytest.raises(ProtocolError, match="silhouette"):
+        parse_background(data)
+
+
+def test_flipped_bits_give_a_silhouette_or_are_refused() -> None:
+    data = serialise_background(person(), STILL)
+    for place in range(8 * (len(data) - len(STILL))):
+        flipped = bytearray(data)
+        flipped[place // 8] ^= 1 << place % 8
+        try:
+            found, _ = parse_background(bytes(flipped))
+        except ProtocolError:
+            continue
+        assert found is None or found.shape == (SIDE, SIDE)
+
+
+def test_a_still_and_its_silhouette_keep_to_the_bytes_for_both() -> None:
+    noise = np.random.default_rng(3).integers(0, 256, (96, 128, 3), dtype=np.uint8)
+    data = Still(noise, person()).coded(900)
+    assert 700 < len(data) <= 900
+    found, still = parse_background(data)
+    assert found is not None and np.array_equal(found, person())
+    assert still[:1] == b"S"
+
+
+@pytest.fixture
+def segmentation() -> Path:
+    path = find_segmentation()
+    if path is None:
+        pytest.skip("the package mediapipe, which has the network, is not installed")
+    return path
+
+
+def test_a_person_is_told_from_what_is_behind(
+    segmentation: Path, networks: Path, clip_frames: ClipFrames
+) -> None:
+    (frame,) = clip_frames("akiyo.mp4", 1)
+    found = LandmarkTracker(networks, BlazeFaceDetector(networks)).update(frame)
+    assert found is not None
+    silhouette = find_silhouette(segmentation, frame, outline_of(found.points))
+    assert silhouette is not None
+
+    def shown(column_px: int, row_px: int) -> bool:
+        return bool(silhouette[row_px * SIDE // 288, column_px * SIDE // 352])
+
+    # Read off the picture by hand: hair, chin, both shoulders; the screens, what is above the head.
+    assert all(shown(*at) for at in ((180, 60), (175, 155), (90, 240), (270, 240)))
+    assert not any(shown(*at) for at in ((60, 50), (260, 90), (175, 20), (20, 200), (340, 150)))
+
+
+def test_another_ones_silhouette_is_nobodys(segmentation: Path, clip_frames: ClipFrames) -> None:
+    (frame,) = clip_frames("akiyo.mp4", 1)
+    on_the_wall = np.array([[10.0, 10.0], [60.0, 10.0], [60.0, 70.0], [10.0, 70.0]])
+    assert find_silhouette(segmentation, frame, on_the_wall) is None

@@ -1,0 +1,213 @@
+"""The default profile's part of the model packet: exact, bounded, and a face whatever comes."""
+
+import random
+from dataclasses import replace
+
+import msgpack  # type: ignore[import-untyped]
+import numpy as np
+import pytest
+
+from protocol.frames.frame_transform import (
+    GEOMETRY,
+    MAX_BASIS,
+    MAX_CENTRE,
+    MAX_MODES,
+    SPARE_SPREADS,
+    SPARE_UNIT,
+    Components,
+    face_from_components,
+    parse_components,
+    serialise_components,
+    unit_of,
+    vector_from_face,
+    with_spare,
+    without_spare,
+)
+from protocol.frames.temporal_prediction import KINDS, MAX_SPREAD, MAX_VALUE, UNIT
+from protocol.packets import ProtocolError
+from shared_model.geometry import pose_from_euler
+from shared_model.parameters import EAU_HIGH, EAU_LOW, FaceParameters
+
+REFERENCE = pose_from_euler(4.0, -12.0, 3.0, np.array([30.0, -20.0, 650.0]))
+MODES = 2
+D = GEOMETRY + MODES
+
+
+def sample(components: int = 5) -> Components:
+    rng = np.random.default_rng(2)
+    return Components(
+        modes=(b"first mode", b"second"),
+        units=rng.integers(120, 137, D, dtype=np.uint8),
+        centres=rng.integers(-3, 4, D),
+        basis=rng.integers(-MAX_BASIS, MAX_BASIS + 1, (components, D), dtype=np.int8),
+        exponents=rng.integers(-8, 0, components, dtype=np.int8),
+        spreads=2 * rng.integers(0, MAX_SPREAD // 2 + 1, (components, KINDS), dtype=np.uint8),
+    )
+
+
+def grown(spare: int, modes: tuple[bytes, ...], components: int = 5) -> Components:
+    """The sample with room for `spare` modes more, the first of which have come."""
+    roomy = with_spare(sample(components), spare)
+    return replace(roomy, modes=sample().modes + modes + (b"",) * (spare - len(modes)))
+
+
+def same(a: Components, b: Components) -> bool:
+    return serialise_components(a) == serialise_components(b)
+
+
+@pytest.mark.parametrize("count", [1, 5, 40])
+def test_components_survive_the_wire(count: int) -> None:
+    components = sample(count)
+    parsed = parse_components(serialise_components(components))
+    assert same(parsed, components)
+    assert np.array_equal(parsed.matrix, components.matrix)
+    assert np.array_equal(parsed.spreads, components.spreads)
+
+
+@pytest.mark.parametrize("modes", [(), (b"third",), (b"third", b"fourth", b"fifth")])
+def test_spare_modes_survive_the_wire(modes: tuple[bytes, ...]) -> None:
+    components = grown(3, modes)
+    parsed = parse_components(serialise_components(components))
+    assert (parsed.modes, parsed.spare) == (components.modes, 3)
+    assert np.array_equal(parsed.matrix, components.matrix)
+    assert np.array_equal(parsed.centre, components.centre)
+    assert np.array_equal(parsed.spreads, components.spreads)
+
+
+def test_spare_modes_take_no_bytes_until_they_come() -> None:
+    few, many = (len(serialise_components(with_spare(sample(), count))) for count in (1, 40))
+    assert few == many <= len(serialise_components(sample())) + 5
+
+
+def test_components_are_as_before_without_the_spare_ones() -> None:
+    components = grown(3, (b"third", b"fourth"))
+    assert same(without_spare(components), sample())
+    kept = without_spare(components, 2)
+    assert (kept.modes, kept.spare) == (components.modes[:-1], 0)
+    assert np.array_equal(kept.matrix, components.matrix[:-1, :-1])
+    assert kept.spreads[-2:].tolist() == [list(SPARE_SPREADS)] * 2
+
+
+def test_the_component_of_a_spare_mode_moves_nothing_but_it() -> None:
+    coded = np.zeros(5 + 3, np.int64)
+    before = face_from_components(grown(3, ()), coded, REFERENCE)
+    coded[6] = 2 * UNIT
+    after = face_from_components(grown(3, ()), coded, REFERENCE)
+    change = vector_from_face(after, REFERENCE) - vector_from_face(before, REFERENCE)
+    expected = np.zeros(D + 3)
+    expected[D + 1] = 2 * unit_of(np.array([SPARE_UNIT]))[0]
+    assert change == pytest.approx(expected)
+
+
+def test_a_face_is_the_centre_and_its_components() -> None:
+    components = sample()
+    coded = np.array([3, -2, 0, 1, -1]) * UNIT
+    expected = components.centre + (coded / UNIT) @ components.matrix
+    face = face_from_components(components, coded, REFERENCE)
+    inside = np.clip(expected[6:GEOMETRY], EAU_LOW, EAU_HIGH)
+    vector = vector_from_face(face, REFERENCE)
+    assert vector[:6] == pytest.approx(expected[:6], abs=1e-6)
+    assert vector[6:GEOMETRY] == pytest.approx(inside)
+    assert vector[GEOMETRY:] == pytest.approx(expected[GEOMETRY:])
+
+
+@pytest.mark.parametrize("value", [MAX_VALUE, -MAX_VALUE])
+def test_the_largest_values_still_make_a_face(value: int) -> None:
+    components = replace(sample(), exponents=np.full(5, 20, np.int8))
+    face = face_from_components(components, np.full(5, value), REFERENCE)
+    assert is_finite(face)
+    assert (face.eau >= EAU_LOW).all() and (face.eau <= EAU_HIGH).all()
+
+
+def is_finite(face: FaceParameters) -> bool:
+    arrays = (face.pose.rotation, face.pose.translation_mm, face.eau, face.modes)
+    return all(bool(np.isfinite(array).all()) for array in arrays)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"centres": np.full(D, MAX_CENTRE + 1)}, "centre beyond"),
+        ({"basis": np.full((5, D), -128, np.int8)}, "basis beyond"),
+        ({"units": np.ones(D - 1, np.uint8)}, "shapes"),
+        ({"exponents": np.full(5, 21, np.int8)}, "exponent"),
+        ({"exponents": np.zeros(4, np.int8)}, "shapes"),
+        ({"spreads": np.full((5, KINDS), MAX_SPREAD + 1, np.uint8)}, "spreads"),
+        ({"spreads": np.zeros((5, KINDS - 1), np.uint8)}, "spreads"),
+        ({"spreads": np.full((5, KINDS), 7, np.uint8)}, "no multiples"),
+        ({"basis": np.zeros((0, D), np.int8)}, "0 components"),
+        ({"modes": (b"",) * (MAX_MODES + 1)}, "modes"),
+        ({"spare": -1}, "-1 spare modes"),
+        ({"spare": MODES + 1}, "3 spare modes of 2"),
+        ({"spare": 1, "basis": np.zeros((1, D), np.int8)}, "1 components"),
+    ],
+)
+def test_components_out_of_bounds_are_refused(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        replace(sample(), **changes)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"\xc0", b"\x90", b"\x80", msgpack.packb({"m": 1}), msgpack.packb([1, 2])]
+)
+def test_what_is_no_map_of_components_is_refused(data: bytes) -> None:
+    with pytest.raises(ProtocolError):
+        parse_components(data)
+
+
+@pytest.mark.parametrize("modes", [b"x", (1, 2), ["x"]])
+def test_modes_must_be_byte_strings(modes: object) -> None:
+    fields = msgpack.unpackb(serialise_components(sample()), use_list=False)
+    with pytest.raises(ProtocolError):
+        parse_components(msgpack.packb(fields | {"m": modes}))
+
+
+@pytest.mark.parametrize(
+    "counts",
+    [
+        *((-1, 3), (0, -1), (0, MAX_MODES + 1), (2, 1), (MODES + 1, MODES + 1)),
+        *((0, MAX_MODES - MODES + 1), (0.0, 2), (0, 2.0), (False, 2), (0, None)),
+        *((), (0,), (0, 1, 2), 5, None),
+    ],
+)
+def test_counts_of_spare_modes_that_cannot_be_are_refused(counts: object) -> None:
+    fields = msgpack.unpackb(serialise_components(sample()), use_list=False)
+    with pytest.raises(ProtocolError):
+        parse_components(msgpack.packb(fields | {"s": counts}))
+
+
+@pytest.mark.parametrize("components", [sample(2), grown(3, (b"third",), 2)])
+def test_every_truncation_and_bit_flip_is_components_or_a_protocol_error(
+    components: Components,
+) -> None:
+    data = serialise_components(components)
+    for length in range(len(data)):
+        with pytest.raises(ProtocolError):
+            parse_components(data[:length])
+    for bit in range(8 * len(data)):
+        flipped = bytearray(data)
+        flipped[bit // 8] ^= 1 << bit % 8
+        makes_a_face_or_a_protocol_error(bytes(flipped))
+
+
+def test_fuzz_of_mutated_components() -> None:
+    seed = 511
+    print(f"seed {seed}")
+    rng = random.Random(seed)
+    bases = [serialise_components(base) for base in (sample(3), grown(2, (b"third",), 3))]
+    for _ in range(1500):
+        data = bytearray(rng.choice(bases))
+        for _ in range(rng.randint(1, 3)):
+            place = rng.randrange(len(data))
+            data[place : place + rng.randint(0, 2)] = rng.randbytes(rng.randint(0, 2))
+            data = data or bytearray(1)
+        makes_a_face_or_a_protocol_error(bytes(data))
+
+
+def makes_a_face_or_a_protocol_error(data: bytes) -> None:
+    try:
+        components = parse_components(data)
+    except ProtocolError:
+        return
+    coded = np.full(len(components.basis), 100 * UNIT)
+    assert is_finite(face_from_components(components, coded, REFERENCE))

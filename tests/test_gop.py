@@ -1,0 +1,154 @@
+"""Fewer coded frames than the source has, and still one picture for each of them."""
+
+from fractions import Fraction
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from shots import draw
+
+from decoder.pipeline import DecodeOptions, decode
+from decoder.playout import PlayedFrame, Playout
+from encoder.coding.gop import FRAMES_PER_PACKET, Cadence, cadence_for
+from encoder.pipeline import EncodeOptions, EncodeReport, encode
+from loopback.quality import face_area_finder, measure
+from protocol.call_file import CallReader
+from protocol.packets import (
+    MAX_FRAME_STEP,
+    ControlPacket,
+    FramePacket,
+    ModelPacket,
+    Packet,
+    parse_packet,
+)
+from protocol.summary import summarise
+from shared_model.parameters import EAU_INDEX
+
+FRAMES, START, LOST = 52, 1, range(20, 33)
+MODEL_BYTES, BITRATE = 4000, 1500.0
+SCRIPT = """
+width = 160
+height = 120
+fps = 25
+seconds = 2.08
+distance_mm = 420
+noise = 1
+[[key]]
+time = 0
+pose = { yaw = -6 }
+eau = { jaw_drop = 0 }
+[[key]]
+time = 0.6
+pose = { yaw = 6 }
+eau = { jaw_drop = 0.6 }
+[[key]]
+time = 2.08
+pose = { yaw = -4 }
+eau = { jaw_drop = 0.1 }
+"""
+
+
+@given(st.fractions(Fraction(1, 100), 1000), st.floats(0.01, 2000))
+def test_no_other_step_comes_nearer_to_the_rate_asked_for(source: Fraction, wanted: float) -> None:
+    found = cadence_for(source, wanted)
+    error = abs(found.coded_fps(source) - Fraction(wanted))
+    if wanted >= source:
+        assert found == Cadence()
+    for step in {found.frame_step - 1, found.frame_step + 1} & set(range(1, MAX_FRAME_STEP + 1)):
+        if wanted < source:
+            assert abs(source / step - Fraction(wanted)) >= error * Fraction(1 - 1e-9)
+
+
+def test_the_least_rate_there_is_has_the_longest_step() -> None:
+    assert cadence_for(Fraction(30), 5e-324).frame_step == MAX_FRAME_STEP
+
+
+@pytest.mark.parametrize(
+    ("wanted", "step", "coded"), [(None, 1, 8), (30, 1, 8), (15, 2, 4), (10, 3, 3), (2, 15, 1)]
+)
+def test_packets_last_as_long_with_fewer_frames(
+    wanted: float | None, step: int, coded: int
+) -> None:
+    found = cadence_for(Fraction(30000, 1001), wanted)
+    assert found == Cadence(step, coded)
+    assert step > FRAMES_PER_PACKET or abs(step * coded - FRAMES_PER_PACKET) <= 1
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> str:
+    """Its face comes after the first picture and is gone for a while."""
+    folder = tmp_path_factory.mktemp("clip")
+    draw(folder / "frame%03d.png", SCRIPT)
+    for index in (*range(START), *LOST):
+        blank = np.full((120, 160, 3), 90, np.uint8)
+        cv2.imwrite(str(folder / f"frame{index:03d}.png"), blank)
+    return str(folder / "frame%03d.png")
+
+
+def encoded(clip: str, output: Path, fps: float | None, live: bool) -> EncodeReport:
+    options = EncodeOptions(
+        clip,
+        output,
+        profile="default",
+        bitrate=BITRATE,
+        fps=fps,
+        live=live,
+        model_bytes=MODEL_BYTES,
+    )
+    return encode(options, lambda done, total: None, lambda: False)
+
+
+def played(path: Path) -> list[PlayedFrame]:
+    playout = Playout()
+    with CallReader(path) as reader:
+        return [frame for data in reader for frame in playout.receive(data)]
+
+
+@pytest.mark.parametrize(("live", "fps", "step"), [(False, 10, 3), (False, 12.5, 2), (True, 8, 3)])
+def test_every_kth_frame_is_coded_and_every_frame_is_drawn(
+    clip: str, live: bool, fps: float, step: int, tmp_path: Path
+) -> None:
+    path = tmp_path / "call.rzo"
+    report = encoded(clip, path, fps, live)
+    assert report.fps == 25 and report.coded_fps == pytest.approx(25 / step)
+    summary = summarise(path)
+    assert (summary.frames, summary.fps) == (FRAMES, 25)
+    assert summary.coded_fps == pytest.approx(25 / step)
+    assert summary.record_bps <= BITRATE
+    packets = packets_of(path)
+    model = next(packet for packet in packets if isinstance(packet, ModelPacket))
+    assert model.call.frame_step == step
+    per_packet = step * model.call.frames_per_packet
+    coded = 1 + per_packet * (sum(isinstance(packet, FramePacket) for packet in packets) - 1)
+    assert FRAMES - START - step < coded <= FRAMES - START + 2 * per_packet
+    told = [packet.frame for packet in packets if isinstance(packet, ControlPacket)]
+    assert all((frame - START) % step == 0 for frame in told[:-1])
+    frames = played(path)
+    assert [frame.index for frame in frames] == list(range(FRAMES))
+    jaw = [frame.face.eau[EAU_INDEX["jaw_drop"]] for frame in frames]
+    assert jaw[15] > jaw[2] + 0.15
+    # Between coded frames it moves evenly.
+    middle = [START + step * i for i in range(2, 5)]
+    assert jaw[middle[0] + 1] == pytest.approx(
+        jaw[middle[0]] + (jaw[middle[1]] - jaw[middle[0]]) / step
+    )
+    video = tmp_path / "d%03d.png"
+    decoded = decode(DecodeOptions(path, output=video), lambda done, total: None, lambda: False)
+    assert decoded.frames == FRAMES and not decoded.warnings
+    area = face_area_finder(pytest.fail)
+    quality = measure(clip, str(video), area, lambda done, total: None)
+    assert quality.face_psnr_db is not None and quality.face_psnr_db > (22 if live else 26)
+
+
+def packets_of(path: Path) -> list[Packet]:
+    with CallReader(path) as reader:
+        return [parse_packet(data) for data in reader]
+
+
+def test_more_frames_than_the_source_has_are_the_sources(clip: str, tmp_path: Path) -> None:
+    for name, fps in (("all", None), ("more", 60.0)):
+        encoded(clip, tmp_path / name, fps, live=False)
+    assert (tmp_path / "all").read_bytes() == (tmp_path / "more").read_bytes()

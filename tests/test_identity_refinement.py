@@ -1,0 +1,170 @@
+"""Identity from textures: what frames at several angles show of a depth that the first does not."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from numpy.random import default_rng
+
+from decoder.renderer import Renderer
+from encoder.capture.face_crop import in_luma
+from encoder.fitting.bundle_adjustment import Bundle
+from encoder.fitting.identity import AAU_SIGMA, Fitted, shared_parameters
+from encoder.fitting.person_texture import OwnTexture
+from encoder.tracking.identity_refinement import (
+    DUE_S,
+    MOST_VIEWS,
+    TAKES_S,
+    Album,
+    KeptView,
+    Refinement,
+    improved,
+    place_of,
+)
+from shared_model.animate import Face, identity_from_controls
+from shared_model.anthropometry import residual_basis
+from shared_model.geometry import Camera, pose_from_euler
+from shared_model.mesh import generic_head
+from shared_model.parameters import AAUS, EAU_INDEX, EAUS, FaceParameters
+from shared_model.shape_residual import control_points
+
+HEAD = generic_head()
+CAMERA = Camera(256, 224, 360.0)
+ACTIVE = [EAU_INDEX["jaw_drop"], EAU_INDEX["mouth_corners"]]
+CONTROL = np.zeros((len(residual_basis(HEAD)), 3))
+PLACE = np.array([0.0, 0.0, 420.0])
+ANGLES = [(0, 0)] + [(pitch, yaw) for yaw in (-25, 25, -15, 15, -8, 8) for pitch in (-8, 8)]
+TIP = HEAD.landmarks["prn"]
+Picture = np.ndarray
+
+
+def guessed(nose_mm: float) -> Fitted:
+    """A caller whose nose stands out so much farther than in truth, which is the generic head."""
+    control = CONTROL.copy()
+    control[list(control_points(HEAD)).index(nearest_control(TIP)), 2] = nose_mm
+    first = FaceParameters(pose_from_euler(0, 0, 0, PLACE))
+    identity = identity_from_controls(HEAD, np.zeros(len(AAUS)), control)
+    fitted = Fitted(CAMERA, identity, control, (first,))
+    shared = shared_parameters(fitted)
+    # The first frame is known, depths only by what people usually look like.
+    precise = np.r_[1e4, np.full(shared - 1, 0.1), np.full(3, 1e4), np.full(3, 1.0)]
+    precise[1 : 1 + len(AAUS)] = 1 / AAU_SIGMA**2
+    information = np.diag(np.r_[precise, np.full(len(EAUS), 1e4)])
+    return replace(fitted, information=information)
+
+
+def nearest_control(vertex: int) -> int:
+    """The control point nearest to a vertex."""
+    points = control_points(HEAD)
+    away = np.linalg.norm(HEAD.vertices[points] - HEAD.vertices[vertex], axis=1)
+    return int(points[away.argmin()])
+
+
+@pytest.fixture(scope="module")
+def film() -> list[tuple[Picture, FaceParameters]]:
+    """Luma of the generic head at `ANGLES`, with noise, and where it is."""
+    renderer, random = Renderer(CAMERA.width, CAMERA.height, HEAD, samples=4), default_rng(5)
+    # Light that stayed where it is would pass for shape: what the head wears is lit evenly.
+    coarse = random.integers(60, 200, (40, 40, 3), dtype=np.uint8)
+    worn = cv2.resize(coarse, (240, 240), interpolation=cv2.INTER_CUBIC)
+    renderer.set_texture(np.asarray(worn, np.uint8))
+    u, v = np.linspace(-0.5, CAMERA.width - 0.5, 3), np.linspace(-0.5, CAMERA.height - 0.5, 3)
+    renderer.set_backdrop(np.full((8, 8, 3), 130, np.uint8), np.stack(np.meshgrid(u, v), -1))
+    face, shots = Face(HEAD, identity_from_controls(HEAD, np.zeros(len(AAUS)), CONTROL)), []
+    for pitch, yaw in ANGLES:
+        shown = FaceParameters(pose_from_euler(pitch, yaw, 0, PLACE))
+        drawn = renderer.draw(CAMERA, shown.pose, face.animate(shown.eau))
+        noisy = drawn + random.normal(0, 2, drawn.shape)
+        shots.append((in_luma(np.clip(np.rint(noisy), 0, 255).astype(np.uint8)), shown))
+    renderer.close()
+    return shots
+
+
+def own_texture(film: list[tuple[Picture, FaceParameters]], caller: Fitted) -> OwnTexture:
+    face, (grey, start) = Face(HEAD, caller.identity), film[0]
+    return OwnTexture(HEAD, face, caller.camera, grey, start, 56)
+
+
+def kept_views(film: list[tuple[Picture, FaceParameters]], texture: OwnTexture) -> list[KeptView]:
+    return [
+        KeptView(texture.look(grey, face), face, place_of(face, ACTIVE)) for grey, face in film[1:]
+    ]
+
+
+def tip_off_mm(fitted: Fitted) -> float:
+    """How far off the tip of the nose is, along the first camera's axis."""
+    return abs(float(Face(HEAD, fitted.identity).neutral[TIP, 2] - HEAD.vertices[TIP, 2]))
+
+
+@pytest.mark.parametrize("nose_mm", [-6.0, 6.0])
+def test_turned_heads_show_how_long_a_nose_is(
+    film: list[tuple[Picture, FaceParameters]], nose_mm: float
+) -> None:
+    caller = guessed(nose_mm)
+    texture = own_texture(film, caller)
+    first, views = texture.look(*film[0]), kept_views(film, texture)
+    bundle = Bundle(HEAD, caller, first.target, ACTIVE)
+    better = improved(bundle, caller, first, views)
+    assert better is not None
+    assert tip_off_mm(better) < 0.5 * tip_off_mm(caller)
+    assert better.camera.focal_px == pytest.approx(CAMERA.focal_px, rel=0.05)
+
+
+def test_who_is_known_already_stays(film: list[tuple[Picture, FaceParameters]]) -> None:
+    caller = guessed(0.0)
+    texture = own_texture(film, caller)
+    first, views = texture.look(*film[0]), kept_views(film, texture)
+    bundle = Bundle(HEAD, caller, first.target, ACTIVE)
+    better = improved(bundle, caller, first, views) or caller
+    assert tip_off_mm(better) < 1
+    # Nothing is to be gained from the first frame again, nor where no view is left to check it.
+    same = [KeptView(first, film[0][1], views[0].place)] * 6
+    assert improved(bundle, caller, first, same) is None
+    assert improved(bundle, caller, first, views[:2]) is None
+
+
+def test_a_bundle_needs_what_the_first_frame_says(
+    film: list[tuple[Picture, FaceParameters]],
+) -> None:
+    caller = replace(guessed(0.0), information=None)
+    first = own_texture(film, caller).look(*film[0])
+    with pytest.raises(ValueError, match="information"):
+        Bundle(HEAD, caller, first.target, ACTIVE)
+
+
+def test_an_album_keeps_what_differs_most(film: list[tuple[Picture, FaceParameters]]) -> None:
+    texture = own_texture(film, guessed(0.0))
+    view = texture.look(*film[0])
+    album, face = Album(), film[0][1]
+    random = default_rng(1)
+    crowd = [random.normal(0, 0.2, 5) for _ in range(MOST_VIEWS)]
+    apart = [np.eye(5)[axis] * side for axis in range(5) for side in (-3.0, 3.0)]
+    for place in (*crowd, *apart):
+        if album.wants(place):
+            album.add(KeptView(view, face, place))
+    assert len(album.kept) == MOST_VIEWS
+    places = [kept.place.tolist() for kept in album.kept]
+    assert all(place.tolist() in places for place in apart)
+    assert not album.wants(apart[0] + 0.01)
+    before = album.kept[0].face.pose.translation_mm[2]
+    album.refocus(1.1)
+    assert album.kept[0].face.pose.translation_mm[2] == pytest.approx(1.1 * before)
+
+
+def test_an_improvement_comes_once_at_a_fixed_frame_and_faces_are_kept_again_once_it_is_adopted(
+    film: list[tuple[Picture, FaceParameters]],
+) -> None:
+    caller = guessed(6.0)
+    texture = own_texture(film, caller)
+    refinement = Refinement(HEAD, caller, texture, texture.look(*film[0]), ACTIVE)
+    elapsed_s, came = 0.25, []
+    for number in range(round(DUE_S[0] / elapsed_s) + 12):
+        refinement.tick(elapsed_s)
+        refinement.look(*film[1 + number % (len(film) - 1)])
+        better = refinement.improvement()
+        if better is not None:
+            came.append((number, better))
+            assert refinement.improvement() is None
+    assert [number for number, _ in came] == [round((DUE_S[0] + TAKES_S) / elapsed_s) - 1]
+    refinement.adopt(came[0][1])

@@ -1,0 +1,104 @@
+"""A live call: frames go out as they come, and the model is learned again on the way."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from shots import draw, talking
+
+from decoder.pipeline import DecodeOptions, decode
+from decoder.playout import PlayedFrame, Playout
+from encoder.calls.live_session import LEARN_AFTER_S
+from encoder.calls.model_updates import AHEAD
+from encoder.calls.model_version import SPARE_MODES
+from encoder.pipeline import EncodeOptions, encode
+from protocol.call_file import CallReader
+from protocol.frames.frame_transform import parse_components
+from protocol.packets import ControlKind, ControlPacket, FramePacket, ModelPacket, parse_packet
+from shared_model.parameters import EAU_INDEX
+
+FRAMES, FPS = 74, 25
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> Path:
+    folder = tmp_path_factory.mktemp("live")
+    draw(folder / "clip.mkv", talking(2.96))
+    return folder / "clip.mkv"
+
+
+def encode_live(clip: Path, output: Path, pace: bool = False) -> None:
+    options = EncodeOptions(str(clip), output, profile="default", live=True, pace=pace)
+    encode(options, lambda done, total: None, lambda: False)
+
+
+@pytest.fixture(scope="module")
+def call(clip: Path) -> Path:
+    path = clip.with_name("call.rzo")
+    encode_live(clip, path)
+    return path
+
+
+def raw_packets(path: Path) -> list[bytes]:
+    with CallReader(path) as reader:
+        return list(reader)
+
+
+def played(path: Path) -> list[PlayedFrame]:
+    playout = Playout()
+    return [frame for data in raw_packets(path) for frame in playout.receive(data)]
+
+
+def test_an_update_is_announced_ahead_of_its_first_packet(call: Path) -> None:
+    packets = [parse_packet(data) for data in raw_packets(call)]
+    models = [(i, p) for i, p in enumerate(packets) if isinstance(p, ModelPacket)]
+    assert [model.layer for _, model in models] == [0, 1]
+    (_, first), (place, update) = models
+    none_yet, some = (parse_components(model.extension) for model in (first, update))
+    assert none_yet.spare == some.spare == SPARE_MODES == len(none_yet.modes) < len(some.modes)
+    assert not any(none_yet.modes) and first.background and not update.background
+    before = sum(isinstance(packet, FramePacket) for packet in packets[:place])
+    assert update.sequence == before + AHEAD
+    learned = min(LEARN_AFTER_S) * FPS
+    assert update.call.start_frame > learned
+    assert isinstance(packets[-1], ControlPacket) and packets[-1].kind is ControlKind.END
+
+
+def test_an_update_announced_as_the_one_before_takes_effect_counts_its_single_frame(
+    networks: Path, tmp_path: Path
+) -> None:
+    """At so few frames a second the next is due before the one before holds."""
+    draw(tmp_path / "slow.mkv", talking(7, fps=6))
+    encode_live(tmp_path / "slow.mkv", tmp_path / "slow.rzo")
+    packets = [parse_packet(data) for data in raw_packets(tmp_path / "slow.rzo")]
+    models = [packet for packet in packets if isinstance(packet, ModelPacket)]
+    assert len(models) == 3
+    for before, after in pairwise(models):
+        # The first packet of a model holds one frame.
+        number = after.sequence - before.sequence
+        frames = 1 + (number - 1) * before.call.frames_per_packet
+        assert after.call.start_frame == before.call.start_frame + frames
+
+
+def test_every_frame_has_one_face_across_the_update(call: Path, clip: Path) -> None:
+    frames = played(call)
+    assert [frame.index for frame in frames] == list(range(FRAMES))
+    jaw = [frame.face.eau[EAU_INDEX["jaw_drop"]] for frame in frames]
+    assert min(jaw[26:34]) < 0.15 < 0.25 < min(max(jaw[8:18]), max(jaw[70:]))
+    assert not frames[0].face.modes.any() and frames[-1].face.modes.any()
+
+
+def test_a_live_call_is_drawn_with_the_model_of_each_frame(call: Path, tmp_path: Path) -> None:
+    options = DecodeOptions(call_file=call, output=tmp_path / "out.mkv")
+    report = decode(options, lambda done, total: None, lambda: False)
+    assert report.frames == FRAMES and not report.warnings
+
+
+def test_the_same_source_gives_the_same_bytes(call: Path, clip: Path, tmp_path: Path) -> None:
+    encode_live(clip, tmp_path / "again.rzo")
+    assert (tmp_path / "again.rzo").read_bytes() == call.read_bytes()
+
+
+def test_learning_beside_the_frames_loses_none_of_them(clip: Path, tmp_path: Path) -> None:
+    encode_live(clip, tmp_path / "paced.rzo", pace=True)
+    assert [frame.index for frame in played(tmp_path / "paced.rzo")] == list(range(FRAMES))

@@ -1,0 +1,276 @@
+"""The tracker on a drawn caller whose truth is known: it follows, parts can be left out, it finds
+the caller again, and it never shows an absurd face."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from decoder.renderer import Renderer
+from encoder.fitting.analysis_by_synthesis import Refiner
+from encoder.fitting.identity import Fitted
+from encoder.fitting.person_texture import USUAL, Synthesis
+from encoder.fitting.prediction_matrix import MatrixRefiner
+from encoder.tracking.detection_measurement import Sight
+from encoder.tracking.klt import eye_distance_px
+from encoder.tracking.model_tracker import BAD_FRAMES, PARTS, TrackingFollower
+from risorius.animation.synthetic_skin import painted_colours
+from shared_model.animate import Face, identity_from_controls
+from shared_model.anthropometry import residual_basis
+from shared_model.geometry import Camera, euler_deg, pixel_from_head, pose_from_euler
+from shared_model.mesh import generic_head
+from shared_model.parameters import AAUS, EAU_INDEX, EAUS, THESIS_EAUS, FaceParameters
+from shared_model.shape_residual import control_points
+
+HEAD = generic_head()
+CAMERA = Camera(256, 224, 360.0)
+ACTIVE = [EAU_INDEX[name] for name in THESIS_EAUS]
+STEP_S = float(Fraction(1, 25))
+CONTROL = np.zeros((len(residual_basis(HEAD)), 3))
+IDENTITY = identity_from_controls(HEAD, np.zeros(len(AAUS)), CONTROL)
+FACE = Face(HEAD, IDENTITY)
+Picture = np.ndarray
+
+
+def face_at(step: int) -> FaceParameters:
+    """Turns, tilts, opens and closes the mouth; straight and at rest at step 0."""
+    t = step * STEP_S
+    eau = np.zeros(len(EAUS))
+    eau[EAU_INDEX["jaw_drop"]] = 0.5 * np.sin(np.pi * t / 0.9) ** 2
+    eau[EAU_INDEX["mouth_corners"]] = 0.5 * np.sin(2 * np.pi * t / 1.3)
+    place = np.array([12 * np.sin(3 * t), 6 * np.sin(4 * t), 520 + 25 * np.sin(2 * t)])
+    pose = pose_from_euler(8 * np.sin(4 * t), 20 * np.sin(3.3 * t), 9 * np.sin(2.7 * t), place)
+    return FaceParameters(pose, eau)
+
+
+@pytest.fixture(scope="module")
+def film() -> list[Picture]:
+    """40 pictures of `face_at`, with noise and a light that goes up and down."""
+    renderer = Renderer(CAMERA.width, CAMERA.height, HEAD, samples=4)
+    colours, random = painted_colours(HEAD, mottle=0.15, seed=3), np.random.default_rng(5)
+    frames = []
+    for step in range(40):
+        face = face_at(step)
+        drawn = renderer.draw_shaded(CAMERA, face.pose, FACE.animate(face.eau), colours)
+        light = 1 + 0.1 * np.sin(step / 5)
+        noisy = light * drawn.astype(np.float64) + random.normal(0, 2, drawn.shape)
+        frames.append(np.clip(np.rint(noisy), 0, 255).astype(np.uint8))
+    renderer.close()
+    return frames
+
+
+class Eyewitness:
+    """A `Sighter` that knows the truth, apart from `error_px`, where it is not blind."""
+
+    def __init__(
+        self, error_px: float = 0.5, points: int = 30, blind: frozenset[int] = frozenset()
+    ):
+        self.point_count, self.step, self._blind = points, -1, blind
+        self._error_px, self._random = error_px, np.random.default_rng(1)
+        skin = np.flatnonzero((HEAD.parts == 0) & (HEAD.opacity > 0.9))
+        self._index = skin[:: len(skin) // max(points, 1)][:points]
+        self.lies: FaceParameters | None = None
+
+    def first(self, frame: Picture) -> Fitted | None:
+        return None if self.step in self._blind else Fitted(CAMERA, IDENTITY, CONTROL, (self.face,))
+
+    def sight(
+        self, frame: Picture, near: FaceParameters | None, coming: Picture | None = None
+    ) -> Sight | None:
+        if self.step in self._blind:
+            return None
+        face = self.lies or self.face
+        points = FACE.animate(face.eau)[self._index]
+        pixels = pixel_from_head(CAMERA, face.pose, points)
+        pixels = pixels + self._random.normal(0, self._error_px, pixels.shape)
+        return Sight(face, points, pixels, np.full(len(points), self._error_px**2))
+
+    def know(self, fitted: Fitted) -> None:
+        self.known = fitted
+
+    @property
+    def face(self) -> FaceParameters:
+        return face_at(self.step)
+
+
+def follow(
+    film: list[Picture],
+    witness: Eyewitness,
+    without: frozenset[str] = frozenset(),
+    synthesis: Synthesis = USUAL,
+) -> list[FaceParameters | None]:
+    follower = TrackingFollower(HEAD, ACTIVE, STEP_S, witness, without, synthesis)
+    found = []
+    for step, frame in enumerate(film):
+        witness.step = step
+        found.append(follower.update(frame))
+    return found
+
+
+def degrees_off(found: list[FaceParameters | None], first: int = 0) -> float:
+    """Root mean square error of the three angles from step `first` on."""
+    pairs = [(f, face_at(i)) for i, f in enumerate(found) if f is not None and i >= first]
+    off = np.array([np.subtract(euler_deg(f.pose), euler_deg(t.pose)) for f, t in pairs])
+    return float(np.sqrt(np.mean(off**2)))
+
+
+def actuators_off(found: list[FaceParameters | None]) -> float:
+    off = [f.eau[ACTIVE[:2]] - face_at(i).eau[ACTIVE[:2]] for i, f in enumerate(found) if f]
+    return float(np.sqrt(np.mean(np.square(off))))
+
+
+def test_pose_and_mouth_are_followed_from_pictures_alone(film: list[Picture]) -> None:
+    found = follow(film, Eyewitness(), frozenset({"network"}))
+    assert None not in found
+    assert degrees_off(found) < 1.0
+    assert actuators_off(found) < 0.08
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_any_part_can_be_left_out(film: list[Picture], part: str) -> None:
+    found = follow(film, Eyewitness(), frozenset({part}))
+    assert None not in found
+    assert degrees_off(found) < 2.0
+
+
+def test_the_thesis_prediction_matrix_follows_pose_and_mouth(film: list[Picture]) -> None:
+    found = follow(film, Eyewitness(), frozenset({"network"}), Synthesis(refiner=MatrixRefiner))
+    assert None not in found
+    assert degrees_off(found) < 2.0
+    assert actuators_off(found) < 0.1
+
+
+def test_the_fit_of_the_texture_mends_what_the_landmarks_get_wrong(film: list[Picture]) -> None:
+    alone = degrees_off(follow(film, Eyewitness(4.0), frozenset({"abs", "klt"})))
+    assert degrees_off(follow(film, Eyewitness(4.0))) < 0.5 * alone
+
+
+def test_a_face_that_leaves_is_given_up_and_found_again(film: list[Picture]) -> None:
+    gone = frozenset(range(12, 22))
+    empty = np.full_like(film[0], 90)
+    seen = [empty if step in gone else frame for step, frame in enumerate(film)]
+    found = follow(seen, Eyewitness(blind=gone))
+    assert [f is None for f in found[12 : 12 + BAD_FRAMES]] == [False, False, True]
+    assert found[15:22] == [None] * 7
+    assert None not in found[22:]
+    assert degrees_off(found, 22) < 1.0
+
+
+def test_a_picture_frozen_over_is_held_before_it_is_given_up(film: list[Picture]) -> None:
+    empty = np.full_like(film[0], 90)
+    seen = [*film[:10], *[empty] * (BAD_FRAMES - 1), *film[12:16]]
+    found = follow(seen, Eyewitness(blind=frozenset({10, 11})))
+    assert found[10] is found[9] and found[11] is found[9]
+    assert None not in found
+
+
+def test_an_absurd_sight_is_not_believed(film: list[Picture]) -> None:
+    witness = Eyewitness()
+    follower = TrackingFollower(HEAD, ACTIVE, STEP_S, witness)
+    for step, frame in enumerate(film[:12]):
+        witness.step = step
+        if step >= 6:
+            pose = witness.face.pose
+            behind = replace(pose, translation_mm=pose.translation_mm * [1, 1, -1])
+            witness.lies = replace(witness.face, pose=behind)
+        found = follower.update(frame)
+        assert found is not None
+        assert np.linalg.norm(np.subtract(euler_deg(found.pose), euler_deg(face_at(step).pose))) < 3
+
+
+def test_landmarks_that_would_have_a_face_far_aside_count_little(film: list[Picture]) -> None:
+    witness = Eyewitness()
+    follower = TrackingFollower(HEAD, ACTIVE, STEP_S, witness, frozenset({"abs"}))
+    for step, frame in enumerate(film[:10]):
+        witness.step = step
+        aside = pose_from_euler(0, 60, 0, witness.face.pose.translation_mm)
+        witness.lies = replace(witness.face, pose=aside) if step else None
+        found = follower.update(frame)
+        assert found is not None
+        assert np.linalg.norm(np.subtract(euler_deg(found.pose), euler_deg(face_at(step).pose))) < 6
+
+
+def test_no_face_no_identity(film: list[Picture]) -> None:
+    witness = Eyewitness(blind=frozenset({0}))
+    follower = TrackingFollower(HEAD, ACTIVE, STEP_S, witness)
+    witness.step = 0
+    assert follower.update(film[0]) is None
+    with pytest.raises(ValueError, match="no face has been seen"):
+        _ = follower.fitted
+    witness.step = 1
+    assert follower.update(film[1]) is not None
+    assert follower.fitted.camera == CAMERA
+
+
+def test_an_unknown_part_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"without is \['eyes'\]"):
+        TrackingFollower(HEAD, ACTIVE, STEP_S, Eyewitness(), frozenset({"eyes"}))
+
+
+class Doubter(Eyewitness):
+    """Takes the caller for somebody with a longer nose, and knows how sure that is."""
+
+    def first(self, frame: Picture) -> Fitted | None:
+        control = CONTROL.copy()
+        points = HEAD.vertices[control_points(HEAD)]
+        nearest = np.linalg.norm(points - HEAD.vertices[HEAD.landmarks["prn"]], axis=1).argmin()
+        control[nearest, 2] = 8.0
+        identity = identity_from_controls(HEAD, np.zeros(len(AAUS)), control)
+        # Log f, AAUs, controls, turn, way, actuators.
+        sure = [1e4] + [4.0] * len(AAUS) + [0.1] * control.size + [1e4] * 3 + [1.0] * 3
+        information = np.diag(np.array([*sure, *[1e4] * len(EAUS)]))
+        return Fitted(CAMERA, identity, control, (self.face,), information)
+
+
+@pytest.mark.parametrize("step", [Refiner, MatrixRefiner])
+def test_a_better_identity_is_found_and_the_face_followed_on_with_it(
+    film: list[Picture], step: type[Refiner]
+) -> None:
+    witness = Doubter()
+    follower = TrackingFollower(
+        HEAD, ACTIVE, 4 * STEP_S, witness, synthesis=Synthesis(refiner=step), refines=True
+    )
+    found, adopted = [], None
+    for number, frame in enumerate(film):
+        witness.step = number
+        found.append(follower.update(frame))
+        better = follower.improvement()
+        if better is not None:
+            before, adopted = follower.fitted, number
+            follower.adopt(better)
+            assert follower.fitted is better and witness.known is better
+    assert adopted is not None and adopted < len(film) - 5
+    assert np.abs(follower.fitted.control_mm - before.control_mm).max() > 0.1
+    assert None not in found
+    assert degrees_off(found, adopted + 1) < 1.5
+
+
+def test_nothing_is_improved_unless_it_is_asked_for_and_there_is_evidence(
+    film: list[Picture],
+) -> None:
+    for witness, without, asked in (
+        (Eyewitness(), frozenset[str](), True),
+        (Doubter(), frozenset({"abs"}), True),
+        (Doubter(), frozenset[str](), False),
+    ):
+        follower = TrackingFollower(HEAD, ACTIVE, 4 * STEP_S, witness, without, refines=asked)
+        for number, frame in enumerate(film):
+            witness.step = number
+            follower.update(frame)
+            assert follower.improvement() is None
+        with pytest.raises(ValueError, match="improvement"):
+            follower.adopt(follower.fitted)
+
+
+def test_the_identity_of_a_small_face_stays_as_it_is(
+    film: list[Picture], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    smaller = eye_distance_px(CAMERA, Doubter().face.pose) + 1
+    monkeypatch.setattr("encoder.tracking.model_tracker.LEAST_EYES_PX", smaller)
+    witness = Doubter()
+    follower = TrackingFollower(HEAD, ACTIVE, 4 * STEP_S, witness, refines=True)
+    for number, frame in enumerate(film):
+        witness.step = number
+        follower.update(frame)
+        assert follower.improvement() is None

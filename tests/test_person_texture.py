@@ -1,0 +1,159 @@
+"""The caller's own textured model: recovers known motion under changed light, knows a stranger."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from decoder.renderer import Renderer
+from encoder.appearance.photometric import retinex
+from encoder.fitting.analysis_by_synthesis import NOISE_GREY
+from encoder.fitting.person_texture import LEARN_EVERY, OwnTexture, Refined, Synthesis
+from encoder.tracking.model_tracker import LEFT_LESS, across_rest
+from risorius.animation.synthetic_skin import painted_colours
+from shared_model.animate import Face, Identity
+from shared_model.geometry import Camera, euler_deg, pose_from_euler
+from shared_model.mesh import generic_head
+from shared_model.parameters import AAUS, EAU_INDEX, EAUS, FaceParameters
+
+HEAD = generic_head()
+FACE = Face(HEAD, Identity(np.zeros(len(AAUS)), np.zeros_like(HEAD.vertices)))
+CAMERA = Camera(256, 224, 360.0)
+PLACE = np.array([5.0, -4.0, 520.0])
+REST = FaceParameters(pose_from_euler(0, 0, 0, PLACE))
+JAW, BROW = EAU_INDEX["jaw_drop"], EAU_INDEX["eyebrow_inner"]
+
+
+class Studio:
+    """Draws the painted head with noise."""
+
+    def __init__(self) -> None:
+        self._renderer = Renderer(CAMERA.width, CAMERA.height, HEAD, samples=4)
+        self._colours = painted_colours(HEAD, mottle=0.15, seed=3)
+        self._random = np.random.default_rng(2)
+
+    def draw(self, face: FaceParameters, light: float = 1.0) -> np.ndarray:
+        vertices = FACE.animate(face.eau)
+        drawn = self._renderer.draw_shaded(CAMERA, face.pose, vertices, self._colours)
+        noisy = light * drawn + self._random.normal(0, 2, drawn.shape)
+        return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def studio() -> Studio:
+    return Studio()
+
+
+def own_texture(studio: Studio) -> OwnTexture:
+    return OwnTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96)
+
+
+def moved_face() -> FaceParameters:
+    eau = np.zeros(len(EAUS))
+    eau[JAW] = 0.3
+    return FaceParameters(pose_from_euler(1.5, 2, -2, PLACE + np.array([2, -1.5, 6])), eau)
+
+
+def fitted(
+    texture: OwnTexture, picture: np.ndarray, start: FaceParameters, active: list[int], steps: int
+) -> Refined:
+    return texture.refine(texture.look(picture, start), start, active, steps)
+
+
+def off_deg(found: FaceParameters, truth: FaceParameters) -> float:
+    return float(np.abs(np.subtract(euler_deg(found.pose), euler_deg(truth.pose))).max())
+
+
+@pytest.mark.parametrize("light", [1.0, 0.75, 1.2])
+def test_a_known_motion_is_recovered_under_any_light(studio: Studio, light: float) -> None:
+    truth = moved_face()
+    found = fitted(own_texture(studio), studio.draw(truth, light), REST, [JAW], 12)
+    assert found.correlation > 0.9
+    assert off_deg(found.face, truth) < 0.7
+    assert found.face.eau[JAW] == pytest.approx(0.3, abs=0.06)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_shadow_over_half_the_face_misleads_the_luma_alone(studio: Studio, side: int) -> None:
+    truth = moved_face()
+    away_px = side * (np.arange(CAMERA.width) - CAMERA.width / 2)
+    gain = 0.35 + 0.65 / (1 + np.exp(-np.clip(away_px / 8, -30, 30)))
+    picture = np.asarray(np.rint(studio.draw(truth) * gain[None, :, None]), np.uint8)
+    by_luma = own_texture(studio)
+    by_retinex = OwnTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96, Synthesis(retinex))
+    off = [
+        off_deg(fitted(texture, picture, REST, [JAW], 12).face, truth)
+        for texture in (by_luma, by_retinex)
+    ]
+    assert off[1] < 2 and off[1] < 0.4 * off[0]
+
+
+def test_actuators_that_are_not_followed_stay_where_they_were(studio: Studio) -> None:
+    brow = EAU_INDEX["eyebrow_inner"]
+    start = replace(REST, eau=np.where(np.arange(len(EAUS)) == brow, 0.2, 0.0))
+    found = fitted(own_texture(studio), studio.draw(moved_face()), start, [JAW], 6)
+    assert found.face.eau[brow] == 0.2
+
+
+def test_what_a_fit_leaves_is_the_noise_of_its_picture(studio: Studio) -> None:
+    clear, texture = studio.draw(REST), own_texture(studio)
+    grain = np.random.default_rng(4).normal(0, 25, clear.shape[:2])[..., None]
+    noisy = np.clip(np.rint(clear + grain), 0, 255).astype(np.uint8)
+    found = [fitted(texture, picture, REST, [], 2) for picture in (clear, noisy)]
+    assert found[0].noise_grey < 0.7 * NOISE_GREY
+    assert found[1].noise_grey == pytest.approx(25, rel=0.2)
+    assert found[1].left_grey2 > 5 * found[0].left_grey2
+
+
+def test_where_pictures_are_clear_a_first_guess_holds_less(studio: Studio) -> None:
+    """An actuator that the fit is nearly sure of is not held back by where it was."""
+    truth = replace(REST, eau=np.where(np.arange(len(EAUS)) == BROW, 0.5, 0.0))
+    texture, picture = own_texture(studio), studio.draw(truth)
+
+    def off() -> float:
+        return float(abs(fitted(texture, picture, REST, [BROW], 12).face.eau[BROW] - 0.5))
+
+    before, fit = off(), fitted(texture, picture, truth, [BROW], 2)
+    for _ in range(50):
+        texture.expect(fit)
+    assert off() < before
+
+
+@pytest.mark.parametrize("corners", [-0.5, 0.6])
+def test_corners_held_on_the_wrong_side_of_rest_are_found_from_the_other(
+    studio: Studio, corners: float
+) -> None:
+    index = EAU_INDEX["mouth_corners"]
+    truth = replace(REST, eau=np.where(np.arange(len(EAUS)) == index, corners, 0.0))
+    held = replace(REST, eau=-0.1 * truth.eau)
+    texture, picture = own_texture(studio), studio.draw(truth)
+    # An actuator that may not move is what a fit that halts is.
+    halted = fitted(texture, picture, held, [], 6)
+    freed = fitted(texture, picture, across_rest(held), [index], 6)
+    assert freed.left_grey2 < (1 - LEFT_LESS) * halted.left_grey2
+    assert freed.face.eau[index] == pytest.approx(corners, abs=0.06)
+
+
+def test_a_wall_does_not_look_like_the_caller(studio: Studio) -> None:
+    random = np.random.default_rng(4)
+    wall = random.integers(0, 256, (CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
+    assert fitted(own_texture(studio), wall, REST, [JAW], 4).correlation < 0.4
+
+
+def test_a_face_outside_the_picture_is_no_error_and_no_match(studio: Studio) -> None:
+    away = replace(REST, pose=replace(REST.pose, translation_mm=np.array([4000.0, 0, 520])))
+    found = fitted(own_texture(studio), studio.draw(REST), away, [JAW], 4)
+    assert np.isfinite(found.face.pose.translation_mm).all()
+    assert found.correlation < 0.4
+
+
+def test_what_the_first_picture_hid_is_learned_as_the_head_turns(studio: Studio) -> None:
+    texture = own_texture(studio)
+    turned = replace(REST, pose=pose_from_euler(0, 32, 0, PLACE))
+    picture = studio.draw(turned, 0.9)
+    before = texture.texels_known
+    for _ in range(LEARN_EVERY):
+        texture.learn(picture, fitted(texture, picture, turned, [JAW], 3))
+    assert texture.texels_known > before
+    again = fitted(texture, picture, turned, [JAW], 3)
+    assert again.correlation > 0.85 and off_deg(again.face, turned) < 1.5

@@ -1,0 +1,132 @@
+"""The prediction matrix: it foretells the displacements it was made of, and finds a face."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from shots import Shots, whole
+
+from encoder.appearance.shape_free import ShapeFree, moved
+from encoder.appearance.texture import sample
+from encoder.fitting.analysis_by_synthesis import Refiner, Template, luma
+from encoder.fitting.prediction_matrix import MatrixRefiner
+from shared_model.appearance import atlas_of
+from shared_model.geometry import (
+    euler_deg,
+    matrix_from_quaternion,
+    multiply,
+    normalise,
+    quaternion_from_vector,
+)
+from shared_model.parameters import EAU_INDEX, EAUS, FaceParameters, Pose
+
+MOVED = [EAU_INDEX[name] for name in ("jaw_drop", "mouth_corners", "eyebrow_middle")]
+JAW, CORNERS = 6 + EAU_INDEX["jaw_drop"], 6 + EAU_INDEX["mouth_corners"]
+NUMBER = 0
+
+
+def made(kind: type[Refiner], shots: Shots, number: int = NUMBER) -> Refiner:
+    """Fits what one picture shows of the face."""
+    head, face = shots.face.head, shots.faces[number]
+    shape = ShapeFree(shots.face, atlas_of(head, 72), shots.camera)
+    worn = (head.opacity[shape.atlas.corners].min(1) > 0.99).astype(np.float32)
+    mean = sample(luma(shots.pictures[number]), shape.positions(face))[:, 0]
+    light = np.stack([mean - mean.mean(), np.ones_like(mean)])
+    refiner = kind(head, shots.face, shape, Template(mean, light, worn))
+    seen = refiner.seen(face)
+    template = refiner.template
+    refiner.template = replace(template, weight=template.weight * seen)
+    return refiner
+
+
+@pytest.fixture(scope="module")
+def refiner(shots: Shots) -> MatrixRefiner:
+    refiner = made(MatrixRefiner, shots)
+    assert isinstance(refiner, MatrixRefiner)
+    refiner.learn(whole(shots.pictures[NUMBER]), shots.faces[NUMBER])
+    return refiner
+
+
+def displaced(face: FaceParameters, index: int, by: float) -> FaceParameters:
+    return moved(face, by * np.eye(6 + len(EAUS))[index])
+
+
+def off(found: FaceParameters, truth: FaceParameters) -> tuple[float, float]:
+    """Largest difference of angles, degrees, and of actuators."""
+    angles = np.subtract(euler_deg(found.pose), euler_deg(truth.pose))
+    return float(np.abs(angles).max()), float(np.abs((found.eau - truth.eau)[MOVED]).max())
+
+
+@pytest.mark.parametrize(
+    ("index", "by"),
+    [
+        *[(turn, np.radians(degrees)) for turn in range(3) for degrees in (-5.0, 5.0)],
+        *[(way, mm) for way in (3, 4) for mm in (-6.0, 6.0)],
+        *[(5, mm) for mm in (-25.0, 25.0)],
+        *[(JAW, 0.3), (CORNERS, -0.3), (CORNERS, 0.3)],
+    ],
+)
+def test_one_prediction_takes_back_part_of_a_learned_displacement(
+    shots: Shots, refiner: MatrixRefiner, index: int, by: float
+) -> None:
+    truth = shots.faces[NUMBER]
+    start = displaced(truth, index, by)
+    found = refiner.refine(whole(shots.pictures[NUMBER]), start, 1, MOVED)
+    if index < 3:
+        left, was = off(found, truth)[0], off(start, truth)[0]
+    elif index < 6:
+        ways = [face.pose.translation_mm[index - 3] for face in (found, start)]
+        left, was = np.abs(np.array(ways) - truth.pose.translation_mm[index - 3])
+    else:
+        left, was = off(found, truth)[1], off(start, truth)[1]
+    assert left < 0.85 * was
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_face_that_has_moved_is_found(shots: Shots, refiner: MatrixRefiner, number: int) -> None:
+    truth = shots.faces[number]
+    step = np.zeros(6 + len(EAUS))
+    step[:5] = [0.05, -0.05, 0.04, 2, -2]
+    found = refiner.refine(whole(shots.pictures[number]), moved(truth, step), 8, MOVED)
+    angle, eau = off(found, truth)
+    assert angle < 1.5 and eau < 0.1
+
+
+def test_brighter_light_is_explained_by_its_coefficients(
+    shots: Shots, refiner: MatrixRefiner
+) -> None:
+    truth = shots.faces[NUMBER]
+    picture = np.clip(1.25 * shots.pictures[NUMBER].astype(float), 0, 255).astype(np.uint8)
+    found = refiner.refine(whole(picture), displaced(truth, 1, np.radians(4)), 8, MOVED)
+    assert found.modes[0] == pytest.approx(0.25, abs=0.04)
+    assert off(found, truth)[0] < 0.5
+
+
+@pytest.mark.parametrize("degrees", [-60.0, 45.0])
+def test_a_tilted_head_is_found_like_an_upright_one(
+    shots: Shots, refiner: MatrixRefiner, degrees: float
+) -> None:
+    turn = quaternion_from_vector(np.array([0, 0, np.radians(degrees)]))
+    matrix, centre = matrix_from_quaternion(turn), shots.camera.centre
+
+    def tilted(face: FaceParameters) -> FaceParameters:
+        rotation = normalise(multiply(turn, face.pose.rotation))
+        return replace(face, pose=Pose(rotation, matrix @ face.pose.translation_mm))
+
+    picture = shots.pictures[NUMBER]
+    about = np.c_[matrix[:2, :2], centre - matrix[:2, :2] @ centre]
+    size = (shots.camera.width, shots.camera.height)
+    turned = np.asarray(cv2.warpAffine(picture, about, size, flags=cv2.INTER_CUBIC), np.uint8)
+    start = displaced(shots.faces[NUMBER], 1, np.radians(5))
+    upright = tilted(refiner.refine(whole(picture), start, 2, MOVED))
+    found = refiner.refine(whole(turned), tilted(start), 2, MOVED)
+    assert off(upright, tilted(start))[0] > 1
+    assert off(found, upright)[0] < 0.5 and off(found, upright)[1] < 0.03
+    assert found.pose.translation_mm[:2] == pytest.approx(upright.pose.translation_mm[:2], abs=0.5)
+
+
+def test_nothing_is_predicted_before_a_face_is_known(shots: Shots) -> None:
+    fresh = made(MatrixRefiner, shots)
+    with pytest.raises(ValueError, match="no matrix has been trained"):
+        fresh.refine(whole(shots.pictures[NUMBER]), shots.faces[NUMBER], 1, MOVED)

@@ -1,0 +1,58 @@
+"""Triangles drawn without a graphics card: the nearest one shows, as far as it faces us."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.appearance.rasteriser import front_surface
+
+Array = NDArray[np.float64]
+
+FOCAL_PX = 100.0
+
+
+def project(points: Array) -> Array:
+    return np.asarray(FOCAL_PX * points[:, :2] / points[:, 2:])
+
+
+# Two rectangles that lean away from the camera, the second behind the first but wider; y is down.
+FIRST = np.array([[2.0, 2, 100], [2, 20, 130], [20, 20, 130], [20, 2, 100]])
+SECOND = FIRST * [1, 1, 0] * 2 + [0, 0, 180]
+POINTS = np.concatenate([FIRST, SECOND])
+# Counter-clockwise seen from the camera, whose y points down.
+TRIANGLES = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]], np.int32)
+WHOLE = np.ones((24, 24), bool)
+
+
+def shown_points(wanted: NDArray[np.bool_], triangles: NDArray[np.int32]) -> dict[int, Array]:
+    """What each pixel shows: a place in space."""
+    surface = front_surface(project(POINTS), POINTS[:, 2], triangles, wanted)
+    places = surface.points(POINTS.T.astype(np.float32)).T.astype(np.float64)
+    return dict(zip(surface.pixels.tolist(), places, strict=True))
+
+
+def test_every_pixel_shows_the_point_that_projects_onto_it() -> None:
+    shown = shown_points(WHOLE, TRIANGLES)
+    assert len(shown) > 250 and list(shown) == sorted(shown)
+    pixels, places = np.array(list(shown)), np.array(list(shown.values()))
+    expected = np.stack([pixels % 24, pixels // 24], 1)
+    np.testing.assert_allclose(project(places), expected, atol=1e-4)
+
+
+def test_the_nearer_one_of_two_shows_whichever_comes_first() -> None:
+    for triangles in (TRIANGLES, TRIANGLES[::-1]):
+        shown = shown_points(WHOLE, triangles)
+        assert shown[10 * 24 + 10][2] < 150
+        assert shown[21 * 24 + 21][2] > 170
+
+
+def test_backs_do_not_show() -> None:
+    backs = TRIANGLES[:, ::-1].copy()
+    assert not shown_points(WHOLE, backs)
+    mixed = np.concatenate([backs[:2], TRIANGLES[2:]])
+    assert min(place[2] for place in shown_points(WHOLE, mixed).values()) > 170
+
+
+def test_only_wanted_pixels_are_looked_at() -> None:
+    wanted = np.zeros((24, 24), bool)
+    wanted[9:12, 9:12] = True
+    assert list(shown_points(wanted, TRIANGLES)) == np.flatnonzero(wanted).tolist()

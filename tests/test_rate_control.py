@@ -1,0 +1,204 @@
+"""The rate controller: no window above the rate, little of it left unused, coarse where it must."""
+
+import numpy as np
+import pytest
+
+from encoder.coding.rate_control import (
+    QUALITIES,
+    TURNS,
+    WINDOW_S,
+    LivePurse,
+    Purse,
+    Spending,
+    code_call,
+    packet_bits,
+    packet_quality,
+    packet_spans,
+)
+from encoder.coding.rdo_quantiser import CodedPacket
+from encoder.coding.transform import measure_spreads
+from protocol.frames.temporal_prediction import UNIT, FramePredictor, decode_packet
+from protocol.packets import SEQUENCE_MODULUS
+
+FPS, USUAL, COMPONENTS = 25.0, 8, 8
+
+
+def busy_values(seconds: float, seed: int = 1) -> np.ndarray:
+    """(t, n) values that could use any rate; for a third of the time they move five times more."""
+    rng = np.random.default_rng(seed)
+    count = int(seconds * FPS)
+    kicks = rng.normal(size=(count, COMPONENTS)) * 0.7 ** np.arange(COMPONENTS) * 40
+    kicks[count // 3 : 2 * count // 3] *= 5
+    values = np.zeros_like(kicks)
+    for t in range(1, count):
+        values[t] = 0.95 * values[t - 1] + kicks[t]
+    return values
+
+
+def code(values: np.ndarray, bitrate: float) -> list[CodedPacket]:
+    return code_call(values, measure_spreads(values, USUAL), Spending(bitrate, FPS, USUAL))
+
+
+def window_rates(packets: list[CodedPacket], frames: int) -> list[float]:
+    """Bits a second of every run of whole packets that is as long as a window, or just shorter."""
+    spans = packet_spans(frames, USUAL)
+    bits = [packet_bits(packet) for packet in packets]
+    rates = []
+    for first, (start, _) in enumerate(spans):
+        inside = [n for n in range(first, len(spans)) if spans[n][1] - start <= WINDOW_S * FPS]
+        if spans[-1][1] - start >= WINDOW_S * FPS:
+            rates.append(sum(bits[n] for n in inside) / WINDOW_S)
+    return rates
+
+
+@pytest.mark.parametrize("bitrate", [600.0, 1200.0])
+def test_no_window_takes_more_than_the_rate_and_the_busiest_use_it(bitrate: float) -> None:
+    values = busy_values(18)
+    rates = window_rates(code(values, bitrate), len(values))
+    assert max(rates) <= bitrate
+    # A packet more would not fit: the busy third is held within three hundredths.
+    assert max(rates) >= 0.97 * bitrate
+
+
+@pytest.mark.parametrize("bitrate", [500.0, 1000.0])
+def test_a_steady_call_uses_its_rate(bitrate: float) -> None:
+    values = busy_values(30)[: int(10 * FPS)]
+    packets = code(values, bitrate)
+    spent = sum(map(packet_bits, packets)) / (len(values) / FPS)
+    assert 0.97 * bitrate <= spent <= bitrate
+    assert min(window_rates(packets, len(values))) > 0.8 * bitrate
+
+
+def test_more_bits_bring_the_decoded_values_nearer() -> None:
+    values, errors = busy_values(5), []
+    for bitrate in (300.0, 800.0, 2400.0):
+        frames = np.concatenate([packet.frames for packet in code(values, bitrate)]) / UNIT
+        errors.append(float(((frames - values) ** 2).mean()))
+    assert errors[0] > 2 * errors[1] > 4 * errors[2]
+
+
+def test_a_decoder_gets_what_the_encoder_has_throughout_a_call() -> None:
+    values = busy_values(12)
+    spreads = measure_spreads(values, USUAL)
+    receiver = FramePredictor(spreads)
+    for number, packet in enumerate(code_call(values, spreads, Spending(800, FPS, USUAL))):
+        frames = decode_packet(receiver, number % SEQUENCE_MODULUS, USUAL, packet.payload)
+        assert np.array_equal(frames, packet.frames)
+
+
+def test_a_still_face_needs_next_to_nothing() -> None:
+    values = np.zeros((int(8 * FPS), COMPONENTS))
+    packets = code_call(values, measure_spreads(busy_values(8), USUAL), Spending(800, FPS, USUAL))
+    assert sum(len(packet.payload) for packet in packets[1:]) < 3 * len(packets)
+
+
+def test_a_rate_too_low_for_anything_gets_the_coarsest() -> None:
+    values = busy_values(4)
+    packets = code(values, 1.0)
+    assert len(packets) == len(packet_spans(len(values), USUAL))
+    assert sum(map(packet_bits, packets)) < 0.2 * sum(map(packet_bits, code(values, 3000)))
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_a_rate_too_low_for_anything_is_said_with_what_it_takes(live: bool) -> None:
+    values = busy_values(12)
+    spreads = measure_spreads(values, USUAL)
+
+    def packets_and_excess(bitrate: float) -> tuple[list[CodedPacket], str | None]:
+        spending = Spending(bitrate, FPS, USUAL)
+        if not live:
+            packets = code_call(values, spreads, spending)
+            return packets, spending.excess(sum(map(packet_bits, packets)), len(values))
+        purse, predictor, packets = LivePurse(spending), FramePredictor(spreads), []
+        for number, span in enumerate(packet_spans(len(values), USUAL)):
+            packets.append(purse.code(predictor, number, values[slice(*span)]))
+            predictor.anchor = packets[-1].frames[-1]
+        return packets, purse.excess
+
+    packets, excess = packets_and_excess(20.0)
+    taken = sum(map(packet_bits, packets)) * FPS / len(values)
+    assert excess is not None and "--bitrate 20 is" in excess
+    assert f"takes {np.ceil(taken):.0f} bits a second" in excess
+    assert packets_and_excess(800.0)[1] is None
+
+
+def test_what_a_live_call_still_owes_is_no_rate_too_low() -> None:
+    spending, values = Spending(200.0, FPS, USUAL), busy_values(12)[100:109]
+    purse, predictor = LivePurse(spending), FramePredictor(measure_spreads(values, USUAL))
+    # The first frame comes whole, more than what a packet earns; the packet after it pays for it.
+    first = purse.code(predictor, 0, values[:1])
+    predictor.anchor = first.frames[-1]
+    second = purse.code(predictor, 1, np.repeat(values[:1], USUAL, axis=0))
+    taken = packet_bits(first) + packet_bits(second)
+    assert packet_bits(second) < 200 * USUAL / FPS and taken > 200 * (1 + USUAL) / FPS
+    assert purse.excess is None
+
+
+def test_a_busy_stretch_at_the_end_is_no_rate_too_low() -> None:
+    spending, busy = Spending(400.0, FPS, USUAL), busy_values(12)[100:109]
+    wild = busy[0] + 9 * (busy[1:] - busy[0])
+    values = np.concatenate([np.repeat(busy[:1], 1 + 3 * USUAL, axis=0), wild])
+    purse, predictor = LivePurse(spending), FramePredictor(measure_spreads(busy, USUAL))
+    bits = []
+    for number, span in enumerate(packet_spans(len(values), USUAL)):
+        packet = purse.code(predictor, number, values[slice(*span)])
+        predictor.anchor = packet.frames[-1]
+        bits.append(packet_bits(packet))
+    # As coarse as can be it takes more than it earns, and it comes too late to be paid for.
+    assert bits[-1] > 400 * USUAL / FPS and sum(bits) > 400 * len(values) / FPS
+    assert purse.excess is None
+
+
+def test_stretches_that_are_never_paid_for_are_a_rate_too_low() -> None:
+    spending, busy = Spending(400.0, FPS, USUAL), busy_values(12)[100:109]
+    wild = busy[0] + 9 * (busy[1:] - busy[0])
+    stretch = [*[wild] * 6, *[np.repeat(busy[:1], USUAL, axis=0)] * 36]
+    purse, predictor = LivePurse(spending), FramePredictor(measure_spreads(busy, USUAL))
+    packets = [busy[:1], *stretch * 3]
+    taken = 0
+    for number, values in enumerate(packets):
+        packet = purse.code(predictor, number, values)
+        predictor.anchor = packet.frames[-1]
+        taken += packet_bits(packet)
+    assert taken > 1.1 * 400 * sum(map(len, packets)) / FPS
+    assert purse.excess is not None and "too little" in purse.excess
+
+
+def test_levels_run_from_the_finest_to_the_coarsest_quality() -> None:
+    numbers = range(3 * TURNS)
+    assert {packet_quality(0, n) for n in numbers} == {0}
+    assert {packet_quality(TURNS * (QUALITIES - 1), n) for n in numbers} == {QUALITIES - 1}
+    for level in range(TURNS * (QUALITIES - 1) + 1):
+        mean = np.mean([packet_quality(level, n) for n in numbers])
+        assert mean == pytest.approx(level / TURNS)
+
+
+@pytest.mark.parametrize("frames", [1, 2, 8, 9, 10, 100])
+def test_spans_cover_every_frame_once(frames: int) -> None:
+    spans = packet_spans(frames, USUAL)
+    assert [i for start, end in spans for i in range(start, end)] == list(range(frames))
+    assert spans[0] == (0, 1) and all(end - start <= USUAL for start, end in spans)
+
+
+def test_a_purse_pays_the_first_packet_in_full_and_saves_afterwards() -> None:
+    def attempt(quality: int) -> CodedPacket:
+        return CodedPacket(bytes(320 >> quality), np.zeros((8, 1), np.int64))
+
+    purse = Purse(Spending(800, FPS, USUAL))
+    sizes = [len(purse.buy(attempt, 0, USUAL).payload) for _ in range(4)]
+    assert sizes[0] == 320
+    assert 8 * sum(sizes) <= 800 * WINDOW_S and sizes == sorted(sizes, reverse=True)
+
+
+@pytest.mark.parametrize("seconds", [3, 48])
+def test_a_live_call_uses_its_rate_from_the_start_and_keeps_it(seconds: int) -> None:
+    rng = np.random.default_rng(5)
+    values = np.cumsum(rng.normal(size=(25 * seconds + 1, 6)), axis=0) * 3
+    spreads = measure_spreads(values, 8)
+    spending = Spending(800.0, 25.0, 8)
+    purse, predictor, bits = LivePurse(spending), FramePredictor(spreads), 0
+    for number, (start, end) in enumerate(packet_spans(len(values), 8)):
+        packet = purse.code(predictor, number, values[start:end])
+        predictor.anchor = packet.frames[-1]
+        bits += packet_bits(packet)
+    assert 0.97 * 800 < bits / (len(values) / 25) <= 800

@@ -1,0 +1,133 @@
+"""The face that draws best: what a renderer has drawn is found again, outline and all."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from shots import Shots, whole
+
+from decoder.renderer import Renderer
+from encoder.appearance.shape_free import moved
+from encoder.appearance.texture_samples import hull_mask
+from encoder.fitting.analysis_by_synthesis import luma
+from encoder.fitting.landmark_fit import OUTLINE
+from encoder.fitting.render_and_compare import Drawing
+from shared_model.parameters import EAU_INDEX, EAUS, FaceParameters
+
+Single = NDArray[np.float32]
+
+SIZE = 96
+JAW = EAU_INDEX["jaw_drop"]
+
+
+def blotches(seed: int, contrast: float) -> Single:
+    """(SIZE, SIZE) of smooth noise."""
+    noise = np.random.default_rng(seed).normal(size=(SIZE, SIZE)).astype(np.float32)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2)
+    return np.asarray(contrast * smooth / smooth.std(), np.float32)
+
+
+MEAN, MODE = 128 + blotches(1, 25), blotches(2, 12)
+
+
+def picture_of(shots: Shots, face: FaceParameters) -> NDArray[np.uint8]:
+    """What the renderer draws of a face that wears MEAN and its share of MODE, on black."""
+    camera = shots.camera
+    worn = MEAN + (face.modes[0] if len(face.modes) else 0) * MODE
+    grey = np.clip(np.rint(worn), 0, 255).astype(np.uint8)
+    with Renderer(camera.width, camera.height, shots.face.head) as renderer:
+        renderer.set_texture(np.repeat(grey[..., None], 3, 2))
+        return renderer.draw(camera, face.pose, shots.face.animate(face.eau))
+
+
+def astray(face: FaceParameters) -> FaceParameters:
+    """The face, off by half a degree, half a millimetre and a little of the jaw."""
+    step = np.zeros(6 + len(EAUS))
+    step[:3] = np.radians([0.5, -0.4, 0.3])
+    step[3:6] = 0.4, -0.5, 1.5
+    step[6 + JAW] = 0.05
+    return moved(face, step)
+
+
+def error(shots: Shots, number: int, face: FaceParameters, wanted: NDArray[np.uint8]) -> float:
+    """Mean squared error within the outline, two pixels from where it ends in black."""
+    mask = cv2.erode(hull_mask(outline_of(shots, number), wanted.shape[:2]), np.ones((5, 5)))
+    return float(np.square(luma(picture_of(shots, face)) - luma(wanted))[mask > 0].mean())
+
+
+def outline_of(shots: Shots, number: int) -> NDArray[np.float64]:
+    points = shots.points[number][list(OUTLINE)]
+    return np.asarray(points[np.isfinite(points[:, 0])])
+
+
+def drawing_of(shots: Shots, modes: int = 1) -> Drawing:
+    return Drawing(shots.face, shots.camera, MEAN, MODE[None][:modes])
+
+
+@pytest.mark.parametrize("number", [0, 3, 6])
+def test_what_was_drawn_is_found_again(shots: Shots, number: int) -> None:
+    truth = replace(shots.faces[number], modes=np.array([0.8]))
+    picture = picture_of(shots, truth)
+    start = replace(astray(truth), modes=np.zeros(1))
+    found = drawing_of(shots).fit(whole(picture), start, outline_of(shots, number), 5)
+    assert found.eau[JAW] == pytest.approx(truth.eau[JAW], abs=0.05)
+    assert found.modes == pytest.approx([0.8], abs=0.05)
+    assert error(shots, number, found, picture) < 0.1 * error(shots, number, start, picture)
+
+
+def test_a_mode_taught_later_is_found_as_the_others_are(shots: Shots) -> None:
+    truth = replace(shots.faces[3], modes=np.array([0.8]))
+    picture, start = picture_of(shots, truth), replace(astray(truth), modes=np.zeros(1))
+    before = drawing_of(shots, 0)
+    found, known = (
+        drawing.fit(whole(picture), start, outline_of(shots, 3), 2)
+        for drawing in (before.taught(MODE), drawing_of(shots))
+    )
+    assert found.modes == pytest.approx(known.modes)
+
+
+def test_teaching_leaves_the_drawing_before_as_it_was(shots: Shots) -> None:
+    picture, before = picture_of(shots, shots.faces[3]), drawing_of(shots, 0)
+    before.taught(MODE)
+    assert len(before.fit(whole(picture), shots.faces[3], outline_of(shots, 3)).modes) == 0
+
+
+def test_one_step_draws_better_than_none(shots: Shots) -> None:
+    truth = replace(shots.faces[3], modes=np.zeros(0))
+    picture, start = picture_of(shots, truth), astray(truth)
+    found = drawing_of(shots, 0).fit(whole(picture), start, outline_of(shots, 3))
+    assert error(shots, 3, found, picture) < 0.2 * error(shots, 3, start, picture)
+
+
+def test_a_hand_before_the_face_does_not_pull_at_it(shots: Shots) -> None:
+    truth = replace(shots.faces[3], modes=np.zeros(1))
+    picture = picture_of(shots, truth)
+    hidden = picture.copy()
+    low, high = outline_of(shots, 3).min(0).astype(int), outline_of(shots, 3).max(0).astype(int)
+    hidden[(low + high)[1] // 2 :, low[0] : (low + high)[0] // 2] = 230
+    found = drawing_of(shots).fit(whole(hidden), astray(truth), outline_of(shots, 3))
+    assert error(shots, 3, found, picture) < 0.5 * error(shots, 3, astray(truth), picture)
+
+
+def test_a_face_that_does_not_show_stays(shots: Shots) -> None:
+    truth = replace(shots.faces[3], modes=np.zeros(1))
+    picture = whole(picture_of(shots, truth))
+    gone = replace(truth, pose=replace(truth.pose, translation_mm=np.array([900.0, 0, 500])))
+    behind = replace(truth, pose=replace(truth.pose, translation_mm=np.array([0.0, 0, -50])))
+    outline = outline_of(shots, 3)
+    drawing = drawing_of(shots)
+    assert drawing.fit(picture, gone, outline) is gone
+    assert drawing.fit(picture, behind, outline) is behind
+    # Nor is there anything to see where the outline has left the picture.
+    assert drawing.fit(picture, truth, outline + 5000) is truth
+
+
+def test_a_large_face_is_looked_at_here_and_there(shots: Shots) -> None:
+    truth = replace(shots.faces[3], modes=np.zeros(0))
+    picture, start = picture_of(shots, truth), astray(truth)
+    large = cv2.resize(picture, None, fx=3, fy=3, interpolation=cv2.INTER_CUBIC)
+    crop = replace(whole(np.asarray(large, np.uint8)), scale=np.array([3.0, 3.0]))
+    found = drawing_of(shots, 0).fit(crop, start, outline_of(shots, 3), 4)
+    assert error(shots, 3, found, picture) < 0.2 * error(shots, 3, start, picture)

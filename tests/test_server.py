@@ -1,0 +1,235 @@
+"""The viewer: a real server, the real renderer, and a real browser where there is one."""
+
+import json
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from http.client import HTTPConnection
+from pathlib import Path
+from threading import Thread
+from urllib.parse import urlsplit
+
+import cv2
+import numpy as np
+import pytest
+from browser import Browser, find_browser
+from conftest import PROGRAM, ROOT, Start
+from numpy.typing import NDArray
+from test_animate import call_file
+
+from risorius.animation.animation_script import Moment
+from risorius.view.server import Orders
+from risorius.view.view_state import description, moment_of
+from shared_model.errors import UserError
+from shared_model.expressions import EMOTIONS
+from shared_model.parameters import AAUS, EAU_INDEX, EAUS
+
+Picture = NDArray[np.uint8]
+LIMIT_S = 60.0
+
+
+class Server:
+    """A running `risorius view`."""
+
+    def __init__(self, url: str) -> None:
+        self.url, self.port = url, urlsplit(url).port
+
+    def get(self, path: str, **headers: str) -> tuple[int, bytes]:
+        """Status and body of one request."""
+        connection = HTTPConnection("127.0.0.1", self.port, timeout=LIMIT_S)
+        try:
+            connection.request("GET", path, headers=headers)
+            answer = connection.getresponse()
+            return answer.status, answer.read()
+        finally:
+            connection.close()
+
+    def picture(self, query: str = "") -> Picture:
+        """The picture of a query, (h, w, 3) uint8 BGR."""
+        status, body = self.get(f"/picture.jpg?{query}")
+        assert status == 200, body
+        picture = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_COLOR)
+        assert picture is not None
+        return np.asarray(picture, dtype=np.uint8)
+
+
+def started(process: "subprocess.Popen[str]") -> Server:
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    assert line.startswith("http://127.0.0.1:"), process.communicate()
+    return Server(line.strip())
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Server]:
+    with subprocess.Popen(
+        [*PROGRAM, "view"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
+    ) as process:
+        yield started(process)
+        process.send_signal(signal.SIGINT)
+        _, stderr = process.communicate(timeout=LIMIT_S)
+        assert (process.returncode, stderr) == (0, "")
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[Browser]:
+    program = find_browser()
+    if program is None:
+        pytest.skip("needs Chromium: apt-get install chromium")
+    with Browser(program, tmp_path) as opened:
+        yield opened
+
+
+def difference(a: Picture, b: Picture) -> float:
+    """Mean absolute difference, grey levels."""
+    return float(np.abs(a.astype(float) - b).mean())
+
+
+def test_the_page_needs_nothing_from_elsewhere(server: Server) -> None:
+    status, body = server.get("/")
+    assert status == 200 and b"<title>Risorius</title>" in body
+    assert b"http://" not in body and b"https://" not in body
+
+
+def test_every_actuator_moves_the_picture(server: Server) -> None:
+    rest = server.picture()
+    for query in [f"{eau.name}={eau.high}" for eau in EAUS] + [f"{name}=1" for name in AAUS]:
+        assert difference(rest, server.picture(query)) > 0.03, query
+    assert difference(rest, server.picture("yaw=30")) > 2
+    assert difference(rest, server.picture("brightness=0.5")) > 5
+
+
+def test_the_head_turns_towards_the_side_that_is_asked_for(server: Server) -> None:
+    head = server.picture("yaw=60").max(2) > 60
+    profile = [np.flatnonzero(row) for row in head[300:560]]
+    # The nose of a head that looks to the picture's right is its rightmost point.
+    tip = max(range(len(profile)), key=lambda i: profile[i][-1])
+    assert 0.2 < tip / len(profile) < 0.9
+
+
+def test_the_description_has_all_that_the_sliders_show(server: Server) -> None:
+    model = json.loads(server.get("/model.json")[1])
+    assert [eau["name"] for eau in model["eaus"]] == [eau.name for eau in EAUS]
+    assert [aau["name"] for aau in model["aaus"]] == list(AAUS)
+    assert {e["name"] for e in model["emotions"]} == {e.name for e in EMOTIONS}
+    assert model == description(model["width"], model["height"], None)
+    assert all(eau["au"].startswith("AU") and eau["works_up"] for eau in model["eaus"])
+
+
+@pytest.mark.parametrize("query", ["grin=1", "jaw_drop=2", "jaw_drop=wide", "yaw=nan", "away=-950"])
+def test_what_cannot_be_drawn_is_told_and_the_server_goes_on(server: Server, query: str) -> None:
+    status, body = server.get(f"/picture.jpg?{query}")
+    assert status == 400 and len(body.splitlines()) == 1
+    assert server.picture().shape[2] == 3
+
+
+def test_other_paths_and_other_hosts_get_nothing(server: Server) -> None:
+    assert server.get("/view.py")[0] == 404
+    assert server.get("/picture.jpg", Host="elsewhere.example")[0] == 403
+
+
+def test_a_query_adds_emotions_to_actuators() -> None:
+    moment = moment_of("happiness=1&jaw_drop=0.2&zoom=2")
+    assert moment.eau[EAU_INDEX["mouth_corners"]] == pytest.approx(0.9)
+    assert moment.eau[EAU_INDEX["jaw_drop"]] == pytest.approx(0.7)
+    assert moment.zoom == 2 and moment.pose["yaw"] == 0
+
+
+def until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + LIMIT_S
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def test_of_one_page_only_the_newest_request_is_drawn_and_pages_take_turns() -> None:
+    orders, answers = Orders(), dict[str, bytes | None]()
+    moments = {name: moment_of(f"jaw_drop={i / 10}") for i, name in enumerate(["a1", "a2", "b1"])}
+
+    def ask(name: str, moment: Moment) -> None:
+        answers[name] = orders.ask(name[0], moment)
+
+    first = Thread(target=ask, args=("a1", moments["a1"]))
+    first.start()
+    until(lambda: "a" in orders.pages())
+    others = [Thread(target=ask, args=(name, moments[name])) for name in ("a2", "b1")]
+    for thread in others:
+        thread.start()
+    until(lambda: "a1" in answers and orders.pages() == {"a", "b"})
+    for _ in range(2):
+        order = orders.take()
+        order.picture.set_result(str(order.moment.eau[0]).encode())
+    for thread in [first, *others]:
+        thread.join(LIMIT_S)
+    assert answers == {"a1": None, "a2": b"0.1", "b1": b"0.2"}
+
+
+def test_a_picture_that_fails_fails_for_whoever_asked() -> None:
+    orders = Orders()
+    asked = Thread(target=lambda: orders.take().picture.set_exception(UserError("no")))
+    asked.start()
+    with pytest.raises(UserError, match="no"):
+        orders.ask("a", moment_of(""))
+    asked.join(LIMIT_S)
+
+
+def test_a_caller_is_shown_in_their_own_picture_and_may_be_reshaped(
+    tmp_path: Path, start: Start
+) -> None:
+    server = started(start("view", "--call", call_file(tmp_path / "call.rzo")))
+    assert json.loads(server.get("/model.json")[1])["caller"] == "call.rzo"
+    rest = server.picture()
+    assert rest.shape == (120, 160, 3)
+    # Their green face before their blue wall.
+    assert rest[60, 80].argmax() == 1 and rest[3, 3].argmax() == 0
+    assert difference(rest, server.picture("cranial_width=1")) > 0.5
+
+
+def test_a_port_in_use_is_one_line_and_exit_code_4(start: Start) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        process = start("view", "--port", str(taken.getsockname()[1]))
+        stdout, stderr = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 4 and not stdout
+    assert len(stderr.splitlines()) == 1 and "another --port" in stderr
+
+
+def test_moving_a_slider_and_dragging_the_face_change_what_the_browser_shows(
+    server: Server, browser: Browser
+) -> None:
+    browser.call("Page.navigate", url=server.url)
+    browser.wait("document.querySelectorAll('input[type=range]').length == 25")
+    left, top, width, height = map(int, browser.box("#picture"))
+
+    def shown(after: int) -> Picture:
+        """The face once a picture later than `after` is there and no other is under way."""
+        browser.wait(f"+(picture.dataset.shown || 0) > {after} && !busy && !stale")
+        return browser.screenshot()[top : top + height, left : left + width]
+
+    def count() -> int:
+        return int(browser.value("+(picture.dataset.shown || 0)"))
+
+    rest, before = shown(0), count()
+    assert rest.std() > 20
+    browser.click("#jaw_drop", across=0.9)
+    opened, before = shown(before), count()
+    assert float(browser.value("values.jaw_drop")) == pytest.approx(0.9, abs=0.05)
+    assert browser.value("rows.get('jaw_drop').output.textContent").startswith("+0.")
+    assert difference(rest, opened) > 1
+    x, y = left + width / 2, top + height / 2
+    browser.mouse("mousePressed", x, y)
+    for step in range(1, 5):
+        browser.mouse("mouseMoved", x + 25 * step, y)
+    browser.mouse("mouseReleased", x + 100, y)
+    turned, before = shown(before), count()
+    assert float(browser.value("values.yaw")) > 20
+    assert difference(opened, turned) > 3
+    browser.click("#reset")
+    browser.wait("!values.jaw_drop && !values.yaw")
+    assert difference(rest, shown(before)) < 0.5
+    browser.click("#emotions button")
+    browser.wait("values.mouth_corners == 0.9")
+    assert browser.value("document.querySelector('#emotions button').ariaPressed") == "true"

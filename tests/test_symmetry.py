@@ -1,0 +1,92 @@
+"""A turned face of which only the near half is looked at, and seen twice."""
+
+import numpy as np
+import pytest
+from test_person_texture import CAMERA, FACE, HEAD, JAW, PLACE, REST, Studio, fitted, off_deg
+
+from encoder.fitting.person_texture import USUAL, OwnTexture, Synthesis
+from encoder.fitting.symmetry import MIRROR_DEG, MirroredRefiner, twins
+from shared_model.appearance import atlas_of
+from shared_model.geometry import pixel_from_head, pose_from_euler
+from shared_model.mesh import PARTS
+from shared_model.parameters import FaceParameters
+
+MIRRORED = Synthesis(refiner=MirroredRefiner)
+
+
+@pytest.fixture(scope="module")
+def studio() -> Studio:
+    return Studio()
+
+
+def own_texture(studio: Studio, synthesis: Synthesis) -> OwnTexture:
+    return OwnTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96, synthesis)
+
+
+def turned(yaw: float, off: float = 0.0) -> FaceParameters:
+    return FaceParameters(pose_from_euler(off, yaw + off, off, PLACE))
+
+
+def half_hidden(picture: np.ndarray, face: FaceParameters, near: bool) -> np.ndarray:
+    """A white card over one half of a turned face, at some distance from its middle."""
+    yaw_right = pixel_from_head(CAMERA, face.pose, np.array([[0.0, -20, 90]]))[0, 0]
+    middle = pixel_from_head(CAMERA, face.pose, np.zeros((1, 3)))[0, 0]
+    # The nose points to where the far half is.
+    to_the_right = (yaw_right > middle) != near
+    edge = round(float(yaw_right + (14 if to_the_right else -14)))
+    hidden = picture.copy()
+    hidden[:, slice(edge, None) if to_the_right else slice(0, edge)] = 255
+    return hidden
+
+
+def test_twins_lie_opposite_of_each_other() -> None:
+    atlas = atlas_of(HEAD, 96)
+    twin = twins(atlas)[atlas.rows, atlas.columns]
+    skin = HEAD.parts[atlas.corners[:, 0]] == PARTS.index("skin")
+    kept = np.flatnonzero((twin >= 0) & skin & skin[twin])
+    assert len(kept) > 0.95 * skin.sum()
+    assert np.array_equal(twin[twin[kept]], kept)
+    points = atlas.points(FACE.neutral)
+    apart = np.linalg.norm(points[twin[kept]] * [-1, 1, 1] - points[kept], axis=1)
+    assert np.percentile(apart, 95) < 1
+
+
+@pytest.mark.parametrize("yaw", [-MIRROR_DEG + 4, MIRROR_DEG - 4])
+def test_little_turned_nothing_is_mirrored(studio: Studio, yaw: float) -> None:
+    first, picture = studio.draw(REST), studio.draw(turned(yaw))
+    textures = (OwnTexture(HEAD, FACE, CAMERA, first, REST, 96, kind) for kind in (MIRRORED, USUAL))
+    one, other = (
+        fitted(texture, picture, turned(yaw, 1.5), [JAW], 3).face.pose for texture in textures
+    )
+    assert one.rotation == pytest.approx(other.rotation, abs=1e-12)
+
+
+@pytest.mark.parametrize("yaw", [-32.0, 32.0])
+def test_what_lies_over_the_far_half_is_not_looked_at(studio: Studio, yaw: float) -> None:
+    picture, start = studio.draw(turned(yaw)), turned(yaw, 1.0)
+    texture = own_texture(studio, MIRRORED)
+
+    def found(seen: np.ndarray) -> FaceParameters:
+        return fitted(texture, seen, start, [JAW], 1).face
+
+    clear = found(picture)
+    assert off_deg(found(half_hidden(picture, start, near=False)), clear) < 0.05
+    assert off_deg(found(half_hidden(picture, start, near=True)), clear) > 0.5
+
+
+@pytest.mark.parametrize("yaw", [-32.0, -25.0, 25.0, 32.0])
+def test_the_near_half_stands_for_the_far_one(studio: Studio, yaw: float) -> None:
+    """Of a face that is the same on both sides, as is its light."""
+
+    def even(degrees: float) -> FaceParameters:
+        return FaceParameters(pose_from_euler(0, degrees, 0, PLACE * [0, 1, 1]))
+
+    def drawn(degrees: float) -> np.ndarray:
+        sides = studio.draw(even(degrees)), studio.draw(even(-degrees))[:, ::-1]
+        return np.asarray(np.rint(np.mean(sides, axis=0)), np.uint8)
+
+    texture = OwnTexture(HEAD, FACE, CAMERA, drawn(0), even(0), 96, MIRRORED)
+    found = fitted(texture, drawn(yaw), even(yaw), [JAW], 0)
+    assert found.correlation > 0.78
+    ahead = fitted(texture, drawn(0), even(0), [JAW], 0)
+    assert len(found.face.modes) == len(ahead.face.modes)

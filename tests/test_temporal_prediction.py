@@ -1,0 +1,276 @@
+"""Frame packets of the default profile: both ends in step, loss forgotten, bad bytes refused."""
+
+import random
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from protocol.entropy.range_coder import RangeEncoder
+from protocol.frames.temporal_prediction import (
+    ANCHOR,
+    KINDS,
+    MAX_SPREAD,
+    MAX_VALUE,
+    REFRESH,
+    UNIT,
+    FramePredictor,
+    Integers,
+    PacketHead,
+    Place,
+    coding_order,
+    decode_packet,
+    encode_packet,
+    interpolate,
+    parents,
+    reconstruct,
+    step,
+)
+from protocol.frames.value_coding import MAX_SIZE, code_bits
+from protocol.packets import MAX_FRAME_PAYLOAD_BYTES, SEQUENCE_MODULUS, ProtocolError
+
+VECTORS = Path(__file__).parent / "vectors"
+USUAL, SPARE = 8, 6
+SPREADS = np.clip(np.arange(20)[:, None] * -1 + np.array([40, 30, 28, 26, 24]), 0, MAX_SPREAD)
+
+
+def predictor(spare: int = 0) -> FramePredictor:
+    return FramePredictor(SPREADS, spare)
+
+
+def walk(seed: int, count: int) -> Integers:
+    """(count, n) frames, in 1 / UNIT, of components that wander about."""
+    rng = np.random.default_rng(seed)
+    noise = rng.normal(size=(count, len(SPREADS))) * 2.0 ** (SPREADS[:, 1] / 4 - 4)
+    state, frames = np.zeros(len(SPREADS)), []
+    for kick in noise:
+        state = 0.9 * state + 0.5 * kick
+        frames.append(state)
+    return np.asarray(np.rint(np.array(frames) * UNIT), dtype=np.int64)
+
+
+def send(
+    sender: FramePredictor,
+    sequence: int,
+    wanted: Integers,
+    quality: int = 12,
+    fresh: bool = False,
+    idle: int = 0,
+) -> tuple[bytes, Integers]:
+    """Quantise and code plainly; returns the payload and the frames a receiver gets."""
+    head = PacketHead(quality, len(wanted), fresh, idle)
+    known, values = {0: sender.anchor}, []
+    for place in coding_order(len(wanted)):
+        kinds = sender.kinds(place, sequence, fresh)
+        steps = np.array([step(quality, kind) for kind in range(KINDS)])[kinds]
+        error = wanted[place.index - 1] - sender.predict(place, kinds, known)
+        values.append((place, np.rint(error / steps).astype(np.int64)))
+        known[place.index] = reconstruct(sender, place, kinds, known, quality, values[-1][1])
+    payload = encode_packet(sender, sequence, USUAL, head, values)
+    sender.anchor = known[len(wanted)]
+    return payload, np.array([known[index] for index in range(1, len(wanted) + 1)])
+
+
+def packets(seed: int, count: int) -> list[tuple[int, bytes, Integers]]:
+    """(sequence, payload, frames) of a call."""
+    sender, frames = predictor(), walk(seed, 1 + USUAL * count)
+    call = [(0, *send(sender, 0, frames[:1], fresh=True))]
+    for number in range(1, count + 1):
+        sequence = number % SEQUENCE_MODULUS
+        part = frames[1 + USUAL * (number - 1) : 1 + USUAL * number]
+        call.append((sequence, *send(sender, sequence, part)))
+    return call
+
+
+def growing(seed: int) -> list[tuple[int, bytes, Integers]]:
+    """(sequence, payload, frames) of a call whose spare components come into use two by two."""
+    sender, frames, call = predictor(SPARE), walk(seed, 4 * USUAL), []
+    for sequence, idle in enumerate((6, 4, 2, 0)):
+        part = frames[USUAL * sequence : USUAL * (sequence + 1)]
+        part[:, len(SPREADS) - idle :] = 0
+        call.append((sequence, *send(sender, sequence, part, 2, not sequence, idle)))
+    return call
+
+
+@pytest.mark.parametrize(
+    ("name", "call"), [("frames_default", packets(1, 5)), ("frames_spare", growing(1))]
+)
+def test_golden_packets_have_not_changed(
+    name: str, call: list[tuple[int, bytes, Integers]]
+) -> None:
+    data = [bytes.fromhex(line) for line in (VECTORS / f"{name}.hex").read_text().split()]
+    assert data == [payload for _, payload, _ in call]
+
+
+def test_components_come_into_use_while_the_call_goes_on() -> None:
+    receiver = predictor(SPARE)
+    for sequence, payload, frames in growing(3):
+        assert np.array_equal(decode_packet(receiver, sequence, USUAL, payload), frames)
+        used = len(SPREADS) - SPARE + 2 * sequence
+        assert frames[:, :used].any(0).all() and not frames[:, used:].any()
+
+
+def test_idle_components_take_no_bytes() -> None:
+    saved = 0
+    for seed in range(5):
+        wanted = walk(seed, USUAL)
+        wanted[:, -SPARE:] = 0
+        resting, awake = (send(predictor(SPARE), 0, wanted, idle=idle)[0] for idle in (SPARE, 0))
+        fewer = send(FramePredictor(SPREADS[:-SPARE]), 0, wanted[:, :-SPARE])[0]
+        # Three bits say how many are idle.
+        assert len(fewer) <= len(resting) <= len(fewer) + 1
+        saved += len(awake) - len(resting)
+    assert saved > 0
+
+
+def test_frames_between_are_expected_on_a_cubic() -> None:
+    polynomials = np.array([[5, -70, 900, 4000], [0, 40, -300, 100], [0, 0, 77, 9], [0, 0, 0, 3]])
+    frames = np.array([[np.polyval(p, t) for p in polynomials] for t in range(9)], np.int64)
+    known = {index: frames[index] for index in range(0, 9, 2)}
+    for index in (3, 5):
+        place = Place(index, index - 1, index + 1, KINDS - 1)
+        assert np.abs(interpolate(place, known) - frames[index]).max() <= 1
+    # Nothing is known beyond the ends: what moves straight is met all the same.
+    for index in (1, 7):
+        place = Place(index, index - 1, index + 1, KINDS - 1)
+        assert np.array_equal(interpolate(place, known)[2:], frames[index, 2:])
+    alone = {0: frames[0], 8: frames[8]}
+    middle = interpolate(Place(4, 0, 8, ANCHOR + 1), alone)
+    assert np.array_equal(middle, (frames[0] + frames[8]) // 2)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_both_ends_stay_in_step_throughout_a_call(seed: int) -> None:
+    receiver = predictor()
+    for sequence, payload, frames in packets(seed, 70):
+        assert np.array_equal(decode_packet(receiver, sequence, USUAL, payload), frames)
+
+
+@pytest.mark.parametrize("lost", [{3}, {5, 6}, {2, 9, 20}, {61, 62}])
+def test_a_lost_packet_is_forgotten_once_all_has_been_refreshed(lost: set[int]) -> None:
+    receiver, call = predictor(), packets(4, 70)
+    for number, (sequence, payload, frames) in enumerate(call):
+        if number in lost:
+            continue
+        decoded = np.array(decode_packet(receiver, sequence, USUAL, payload))
+        # Where the sequence number wraps, one packet more.
+        if not any(number - REFRESH - 1 <= gone < number for gone in lost):
+            assert np.array_equal(decoded[-1], frames[-1])
+
+
+def test_a_fresh_packet_needs_no_past() -> None:
+    sender, receiver = predictor(), predictor()
+    send(sender, 0, walk(5, USUAL))
+    receiver.anchor = receiver.anchor + 12345
+    payload, frames = send(sender, 1, walk(6, USUAL), fresh=True)
+    assert np.array_equal(decode_packet(receiver, 1, USUAL, payload)[-1], frames[-1])
+
+
+def test_a_still_face_costs_hardly_a_byte() -> None:
+    sender = predictor()
+    sender.anchor = np.zeros(len(SPREADS), dtype=np.int64)
+    payload, _ = send(sender, 1, np.zeros((USUAL, len(SPREADS)), dtype=np.int64), quality=8)
+    assert len(payload) <= 6
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5, 8, 16, 64])
+def test_every_frame_is_coded_once_after_those_it_is_between(count: int) -> None:
+    order = coding_order(count)
+    assert sorted(place.index for place in order) == list(range(1, count + 1))
+    known = {0}
+    for place in order:
+        assert {place.left, place.right} <= known and place.kind < KINDS
+        assert place.left <= place.index
+        known.add(place.index)
+
+
+def test_steps_double_every_four_qualities() -> None:
+    for kind in range(KINDS):
+        assert [step(q + 4, kind) for q in range(28)] == [2 * step(q, kind) for q in range(28)]
+    assert step(8, 0) == UNIT
+
+
+def test_parents_are_the_frames_within_the_packet() -> None:
+    sizes = {8: np.array([1, 2]), 4: np.array([3, 4])}
+    assert parents(Place(8, 0, 0, 1), {}) is None
+    between, first = parents(Place(6, 4, 8, 3), sizes), parents(Place(2, 0, 4, 3), sizes)
+    assert between is not None and between.tolist() == [4, 6]
+    assert first is not None and first.tolist() == [3, 4]
+
+
+@pytest.mark.parametrize(("spare", "call"), [(0, packets(7, 3)), (SPARE, growing(7))])
+def test_every_truncation_and_bit_flip_is_frames_or_a_protocol_error(
+    spare: int, call: list[tuple[int, bytes, Integers]]
+) -> None:
+    for sequence, payload, _ in call:
+        for length in range(len(payload)):
+            decodes_or_protocol_error(sequence, payload[:length], spare)
+        for bit in range(8 * len(payload)):
+            flipped = bytearray(payload)
+            flipped[bit // 8] ^= 1 << bit % 8
+            decodes_or_protocol_error(sequence, bytes(flipped), spare)
+
+
+def test_fuzz_of_random_payloads() -> None:
+    seed = 8128
+    print(f"seed {seed}")
+    rng = random.Random(seed)
+    for _ in range(1500):
+        payload = rng.randbytes(rng.randint(0, 60))
+        decodes_or_protocol_error(rng.randrange(64), payload, rng.choice((0, SPARE)))
+    decodes_or_protocol_error(0, b"\xff" * MAX_FRAME_PAYLOAD_BYTES)
+
+
+def decodes_or_protocol_error(sequence: int, payload: bytes, spare: int = 0) -> None:
+    """Fails by any other exception, and if frames are more or larger than allowed."""
+    receiver = predictor(spare)
+    before = receiver.anchor
+    try:
+        frames = decode_packet(receiver, sequence, USUAL, payload)
+    except ProtocolError:
+        assert receiver.anchor is before
+        return
+    assert 1 <= len(frames) <= USUAL
+    assert all(np.abs(frame).max() <= MAX_VALUE for frame in frames)
+
+
+def test_too_many_frames_are_refused() -> None:
+    coder = RangeEncoder()
+    code_bits(coder, 0, 5)
+    coder.code_bit(0, 65536 - 512)
+    coder.code_bit(1, 65536 - 512)
+    code_bits(coder, USUAL, 6)
+    with pytest.raises(ProtocolError, match="9 frames, limit 8"):
+        decode_packet(predictor(), 0, USUAL, coder.finish())
+
+
+def test_more_idle_components_than_spare_ones_are_refused() -> None:
+    coder = RangeEncoder()
+    code_bits(coder, 0, 5)
+    coder.code_bit(0, 65536 - 512)
+    coder.code_bit(0, 65536 - 512)
+    code_bits(coder, SPARE + 1, 3)
+    with pytest.raises(ProtocolError, match="7 components idle, limit 6"):
+        decode_packet(predictor(SPARE), 0, USUAL, coder.finish())
+
+
+def test_bytes_too_many_are_refused() -> None:
+    sequence, payload, _ = packets(9, 1)[1]
+    with pytest.raises(ProtocolError, match="bytes too many"):
+        decode_packet(predictor(), sequence, USUAL, payload + bytes(8))
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 31), st.integers(1, USUAL), st.integers(0, 63), st.integers(0, 2**32))
+def test_any_quality_and_length_round_trips(
+    quality: int, count: int, sequence: int, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    wanted = rng.integers(-(2**20), 2**20, size=(count, len(SPREADS)))
+    limit = MAX_SIZE * step(quality, 0)
+    wanted = np.clip(wanted, -limit // 2, limit // 2)
+    sender, receiver = predictor(), predictor()
+    payload, frames = send(sender, sequence, wanted, quality)
+    assert np.array_equal(decode_packet(receiver, sequence, USUAL, payload), frames)

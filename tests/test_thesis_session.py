@@ -1,0 +1,121 @@
+"""The thesis profile's sender: samples at their times, also under an update of the shape."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from packets import MODEL
+
+from decoder.playout import PlayedFrame, Playout
+from encoder.calls.model_updates import AHEAD
+from encoder.calls.session_stats import Tally
+from encoder.calls.thesis_session import ThesisSender
+from protocol.call_file import CallReader, CallWriter
+from protocol.link.model_cache import Kept
+from protocol.packets import ControlKind, ModelPacket, parse_packet
+from shared_model.parameters import FaceParameters, Pose, refocused
+
+LONGER = 1.25
+ANNOUNCED, FRAMES = 31, 90
+
+
+def model(fps: tuple[int, int]) -> ModelPacket:
+    call = replace(MODEL.call, fps_numerator=fps[0], fps_denominator=fps[1], start_frame=2)
+    return replace(MODEL, call=call, sequence=0)
+
+
+def longer(before: ModelPacket) -> ModelPacket:
+    """An update of the shape: another lens, the face as much farther away, no pictures."""
+    call = replace(before.call, focal_px=LONGER * before.call.focal_px)
+    x, y, z = before.reference_translation_mm
+    return replace(
+        before,
+        call=call,
+        reference_translation_mm=(x, y, LONGER * z),
+        texture=b"",
+        background=b"",
+    )
+
+
+def face(index: int, focal: float = 1.0) -> FaceParameters:
+    """The caller goes aside by a millimetre a frame."""
+    place = np.add(MODEL.reference_translation_mm, (index, 0, 0))
+    return refocused(FaceParameters(Pose(MODEL.reference_pose.rotation, place)), focal)
+
+
+def call(
+    path: Path, fps: tuple[int, int] = (25, 1), lost: range = range(0)
+) -> tuple[list[bytes], list[tuple[PlayedFrame, ModelPacket]], int]:
+    """A call with an update: its packets, what is played by which model, and where it begins."""
+    start = FRAMES
+    with CallWriter(path / "call.rzo") as file:
+        sender = ThesisSender(file, model(fps), Tally())
+        for index in range(2, FRAMES):
+            if index in lost:
+                if index == lost[0]:
+                    sender.send_control(ControlKind.LOST, index)
+                continue
+            if lost and index == lost[-1] + 1:
+                sender.send_control(ControlKind.FOUND, index)
+            sender.send_face(index, face(index, LONGER if index >= start else 1.0))
+            if index == ANNOUNCED:
+                start = sender.announce(longer(sender.model))
+        sender.send_control(ControlKind.END, FRAMES)
+    with CallReader(path / "call.rzo") as file_again:
+        sent = list(file_again)
+    playout, shown = Playout(), []
+    for packet in sent:
+        for frame in playout.receive(packet):
+            assert playout.model is not None
+            shown.append((frame, playout.model))
+    return sent, shown, start
+
+
+@pytest.mark.parametrize("fps", [(25, 1), (30000, 1001), (24, 1), (60, 1), (12, 1), (4, 1), (7, 2)])
+def test_every_frame_is_played_at_its_time_under_the_shape_that_it_is_of(
+    fps: tuple[int, int], tmp_path: Path
+) -> None:
+    _, shown, start = call(tmp_path, fps)
+    assert [frame.index for frame, _ in shown] == list(range(FRAMES))
+    samples = 10 * (start - ANNOUNCED) * fps[1] / fps[0]
+    assert AHEAD - 1 < samples <= AHEAD + 2 + 10 * fps[1] / fps[0]
+    last = max(frame.index for frame, _ in shown if frame.index < FRAMES - fps[0] / fps[1] / 10)
+    for frame, drawn_by in shown:
+        assert drawn_by.texture == MODEL.texture and drawn_by.background == MODEL.background
+        focal = drawn_by.call.focal_px / MODEL.call.focal_px
+        expected = face(min(max(frame.index, 2), last), focal).pose.translation_mm
+        np.testing.assert_allclose(frame.face.pose.translation_mm, expected, rtol=0.02, atol=3)
+    assert shown[start][1].layer == 1 and shown[ANNOUNCED - 1][1].layer == 0
+
+
+@pytest.mark.parametrize("lost", [range(33, 40), range(33, 60), range(25, 31)])
+def test_an_update_outlives_a_loss(lost: range, tmp_path: Path) -> None:
+    _, shown, start = call(tmp_path, lost=lost)
+    assert [frame.index for frame, _ in shown] == list(range(FRAMES))
+    assert [frame.index for frame, _ in shown if frame.held and frame.index >= 2] == list(lost)
+    for frame, drawn_by in shown[max(start, lost[-1] + 4) :]:
+        assert drawn_by.layer == 1
+        expected = face(min(frame.index, FRAMES - 2), LONGER).pose.translation_mm
+        np.testing.assert_allclose(frame.face.pose.translation_mm, expected, rtol=0.02, atol=3)
+
+
+def test_who_joins_after_an_update_gets_the_pictures_that_stayed(tmp_path: Path) -> None:
+    sent, _, _ = call(tmp_path, lost=range(33, 60))
+    kept = Kept()
+    for data in sent:
+        kept.note(data)
+    (whole,) = kept.packets
+    packet = parse_packet(whole)
+    assert isinstance(packet, ModelPacket) and packet.layer == 1
+    assert packet.texture == MODEL.texture and packet.background == MODEL.background
+    playout = Playout()
+    assert not list(playout.receive(whole))
+    assert playout.model == packet
+
+
+def test_an_update_weighs_little(tmp_path: Path) -> None:
+    sent, _, _ = call(tmp_path)
+    models = [p for p in map(parse_packet, sent) if isinstance(p, ModelPacket)]
+    assert [len(p.texture) + len(p.background) for p in models][1:] == [0]
+    assert [p.layers for p in models] == [1, 2]

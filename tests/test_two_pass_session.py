@@ -1,0 +1,315 @@
+"""The default profile from pictures to pictures, on a clip whose truth is known.
+
+The clip has odd sides, begins without a face, and loses it for a while.
+"""
+
+import json
+import os
+import re
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from conftest import PROGRAM, ROOT
+from numpy.typing import NDArray
+from shots import draw
+
+from decoder.frame_decoder import Sample, sample_decoder
+from encoder.calls.session_stats import Tally
+from encoder.calls.two_pass_session import CodedCall, held_numbers, send_call
+from encoder.coding.gop import FRAMES_PER_PACKET
+from encoder.learning.two_pass import TRAINING_FRAMES, Sampler, smoothed, spread_frames
+from encoder.pipeline import EncodeOptions
+from encoder.pipeline import encode as encode_clip
+from loopback.quality import face_area_finder, measure
+from protocol.call_file import CallReader, CallWriter
+from protocol.packets import (
+    ControlKind,
+    ControlPacket,
+    FramePacket,
+    ModelPacket,
+    Packet,
+    parse_packet,
+)
+from protocol.summary import summarise
+from risorius.command_line.cli import main
+from shared_model.geometry import euler_deg
+from shared_model.parameters import EAU_INDEX
+
+FRAMES, START = 54, 2
+LOST = range(19, 30)
+# A lost face is looked for less and less often.
+FOUND = LOST.stop + 8
+FPS = 25
+BITRATE = 1500
+# A small model is learned faster.
+MODEL_BYTES = "5000"
+SCRIPT = """
+width = 161
+height = 121
+fps = 25
+seconds = 2.16
+distance_mm = 420
+noise = 1
+[[key]]
+time = 0
+pose = { yaw = -6 }
+eau = { jaw_drop = 0, mouth_corners = 0 }
+[[key]]
+time = 0.4
+eau = { jaw_drop = 0.6 }
+[[key]]
+time = 0.7
+pose = { yaw = 6, pitch = 3 }
+eau = { jaw_drop = 0.05, mouth_corners = 0.5 }
+[[key]]
+time = 2.16
+pose = { yaw = -2, pitch = 0 }
+eau = { jaw_drop = 0.5, mouth_corners = 0 }
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Clip:
+    """Where its pictures are, and what is true in each."""
+
+    pattern: str
+    truth: list[dict[str, Any]]
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> Clip:
+    folder = tmp_path_factory.mktemp("clip")
+    report = draw(folder / "frame%03d.png", SCRIPT)
+    for index in (*range(START), *LOST):
+        path = str(folder / f"frame{index:03d}.png")
+        cv2.imwrite(path, np.full((121, 161, 3), 90, np.uint8))
+    truth = json.loads(report.truth.read_text())["frames"]
+    assert len(truth) == FRAMES
+    return Clip(str(folder / "frame%03d.png"), truth)
+
+
+def encode(clip: Clip, output: Path, *more: str) -> None:
+    options = ["--profile", "default", "--bitrate", str(BITRATE), "-q", *more]
+    options += ["--model-bytes", MODEL_BYTES]
+    assert main(["encode", clip.pattern, "-o", str(output), *options]) == 0
+
+
+@pytest.fixture(scope="module")
+def call(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("call") / "call.rzo"
+    encode(clip, path)
+    return path
+
+
+def packets(path: Path) -> list[Packet]:
+    with CallReader(path) as reader:
+        return [parse_packet(data) for data in reader]
+
+
+def samples(path: Path) -> Iterator[Sample]:
+    first, *rest = packets(path)
+    assert isinstance(first, ModelPacket)
+    decoder, number = sample_decoder(first), 0
+    for packet in rest:
+        if isinstance(packet, FramePacket):
+            yield from decoder.decode(number, packet.payload)
+            number += 1
+
+
+def seen_samples(path: Path) -> dict[int, Sample]:
+    """By source frame, where there was a face."""
+    found = {int(sample.place): sample for sample in samples(path)}
+    return {
+        frame: sample for frame, sample in found.items() if frame < LOST.start or frame >= FOUND
+    }
+
+
+def test_every_frame_from_the_first_face_on_is_sent_once(call: Path) -> None:
+    places = [sample.place for sample in samples(call)]
+    assert places == [Fraction(frame) for frame in range(START, FRAMES)]
+
+
+def test_the_face_moves_as_it_was_drawn(call: Path, clip: Clip) -> None:
+    found = seen_samples(call)
+    jaw = [sample.face.eau[EAU_INDEX["jaw_drop"]] for sample in found.values()]
+    true_jaw = [clip.truth[frame]["eau"][EAU_INDEX["jaw_drop"]] for frame in found]
+    assert np.corrcoef(jaw, true_jaw)[0, 1] > 0.9
+    yaw = np.array([euler_deg(sample.face.pose)[1] for sample in found.values()])
+    true_yaw = np.array([clip.truth[frame]["pitch_yaw_roll_deg"][1] for frame in found])
+    assert np.abs(yaw - true_yaw - np.median(yaw - true_yaw)).max() < 2.5
+
+
+def test_how_many_frames_had_no_face_is_said(
+    clip: Clip, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    encode(clip, tmp_path / "call.rzo")
+    (told,) = re.findall(rf"no face in (\d+) of {FRAMES} frames", capsys.readouterr().err)
+    missed = START + len(LOST)
+    assert missed <= int(told) <= missed + FOUND - LOST.stop
+
+
+def test_a_lost_face_is_held_and_told(call: Path) -> None:
+    control = [packet for packet in packets(call) if isinstance(packet, ControlPacket)]
+    kinds = [packet.kind for packet in control]
+    assert kinds == [ControlKind.LOST, ControlKind.FOUND, ControlKind.END]
+    lost, found, end = (packet.frame for packet in control)
+    # Told with the first packet that has no face, and the first that has one again.
+    assert LOST.start <= lost < LOST.start + FRAMES_PER_PACKET
+    assert LOST.stop - FRAMES_PER_PACKET < found <= FOUND and end == FRAMES
+    faces = {int(sample.place): sample.face for sample in samples(call)}
+    held = [faces[frame] for frame in LOST]
+    for face in held[:-1]:
+        shift = face.pose.translation_mm - faces[LOST.start - 1].pose.translation_mm
+        assert np.abs(shift).max() < 6
+
+
+def test_the_decoded_video_is_near_where_there_is_a_face(
+    call: Path, clip: Clip, tmp_path: Path
+) -> None:
+    assert main(["decode", str(call), "-o", str(tmp_path / "d%03d.png"), "-q"]) == 0
+    pattern = str(tmp_path / "d%03d.png")
+    area = face_area_finder(pytest.fail)
+    quality = measure(clip.pattern, pattern, area, lambda done, total: None)
+    assert quality.frames == FRAMES
+    assert FRAMES - START - 8 <= quality.face_frames + len(LOST) <= FRAMES - START
+    assert quality.face_psnr_db is not None and quality.face_psnr_db > 30
+    first = cv2.imread(pattern % 0)
+    assert first is not None and first.shape == (121, 161, 3)
+
+
+def test_the_rate_is_kept(call: Path) -> None:
+    summary = summarise(call)
+    assert summary.record_bps <= BITRATE
+    assert sum(summary.groups.values()) == pytest.approx(summary.frame_bytes)
+
+
+@pytest.mark.parametrize("name", ["carphone.mp4", "still.mpg"])
+def test_a_face_takes_eight_kilobytes_and_all_of_a_model_ten(
+    name: str, clips: Path, networks: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "call.rzo"
+    assert main(["encode", str(clips / name), "-o", str(path), "-q"]) == 0
+    parts = summarise(path).model_parts
+    background = parts.pop("background")
+    assert 7000 < sum(parts.values()) <= 8192
+    assert 1000 < background <= 2048
+
+
+def test_the_same_input_gives_the_same_bytes_on_any_number_of_threads(
+    clip: Clip, tmp_path: Path
+) -> None:
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
+    options = ("--profile", "default", "--max-frames", "6", "--model-bytes", MODEL_BYTES, "-q")
+    encoded = []
+    for threads in ("1", "2"):
+        path = tmp_path / f"{threads}.rzo"
+        subprocess.run(
+            [*PROGRAM, "encode", clip.pattern, "-o", str(path), *options],
+            check=True,
+            cwd=ROOT,
+            env={**os.environ, **dict.fromkeys(names, threads)},
+        )
+        encoded.append(path.read_bytes())
+    assert encoded[0] == encoded[1]
+
+
+@pytest.mark.parametrize("count", [START + 1, START + 2])
+def test_the_shortest_clips_are_calls(clip: Clip, count: int, tmp_path: Path) -> None:
+    path = tmp_path / "short.rzo"
+    encode(clip, path, "--max-frames", str(count))
+    assert [sample.place for sample in samples(path)] == list(range(START, count))
+
+
+@pytest.mark.parametrize("frames", [5, FRAMES + 9])
+def test_stopped_in_the_second_pass_a_call_is_kept_and_in_the_first_there_is_none(
+    clip: Clip, frames: int, tmp_path: Path
+) -> None:
+    output, done = tmp_path / "stopped.rzo", 0
+
+    def progress(_: int, total: int | None) -> None:
+        nonlocal done
+        done += 1
+
+    options = EncodeOptions(clip.pattern, output, profile="default")
+    if frames < FRAMES:
+        with pytest.raises(KeyboardInterrupt):
+            encode_clip(options, progress, lambda: done >= frames)
+        assert list(tmp_path.iterdir()) == []
+        return
+    report = encode_clip(options, progress, lambda: done >= frames)
+    assert [sample.place for sample in samples(output)] == list(range(START, frames - FRAMES))
+    assert report.frames == summarise(output).frames == frames - FRAMES
+
+
+def test_a_call_that_stops_while_it_is_sent_ends_where_it_stopped(
+    call: Path, tmp_path: Path
+) -> None:
+    output, tally = tmp_path / "part.rzo", Tally()
+    model, *rest = packets(call)
+    assert isinstance(model, ModelPacket)
+    payloads = tuple(packet.payload for packet in rest if isinstance(packet, FramePacket))
+    asked = iter([False, False, True])
+    with CallWriter(output) as sink:
+        whole = CodedCall(model, payloads, FRAMES, frozenset())
+        send_call(whole, sink, tally, None, lambda: next(asked))
+    frames = START + 1 + 2 * FRAMES_PER_PACKET
+    assert [sample.place for sample in samples(output)] == list(range(START, frames))
+    assert tally.frames == summarise(output).frames == frames
+
+
+def test_a_clip_without_a_face_has_its_own_exit_code(
+    noise: Path, networks: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "none.rzo"
+    assert main(["encode", str(noise), "-o", str(output), "--profile", "default"]) == 3
+    assert "no face found" in capsys.readouterr().err
+    assert not output.exists()
+
+
+def test_a_frame_without_a_face_holds_the_one_before() -> None:
+    assert held_numbers({3: 0, 4: 1, 7: 2}, 3, 9) == [0, 1, 1, 1, 2, 2]
+
+
+@pytest.mark.parametrize("count", [1, 10, TRAINING_FRAMES, 2 * TRAINING_FRAMES, 5000])
+def test_a_sample_is_spread_over_a_source_of_any_length(count: int) -> None:
+    sampler, made = Sampler(), []
+    picture: NDArray[np.uint8] = np.zeros((1, 1, 3), np.uint8)
+
+    def window() -> NDArray[np.uint8]:
+        made.append(1)
+        return picture
+
+    for number in range(count):
+        sampler.offer(number, window)
+    numbers = [number for number, _ in sampler.frames]
+    assert min(count, TRAINING_FRAMES) <= len(numbers) < 2 * TRAINING_FRAMES
+    assert numbers[0] == 0 and numbers[-1] >= 0.97 * (count - 1) - 1
+    assert len(set(np.diff(numbers))) <= 1
+    assert len(made) < 15 * TRAINING_FRAMES
+
+
+def test_smoothing_calms_noise_and_keeps_the_length() -> None:
+    rng = np.random.default_rng(1)
+    points = rng.normal(size=(40, 468, 3))
+    calm = smoothed(points)
+    assert calm.shape == points.shape and calm.std() < 0.6 * points.std()
+    still = np.tile(points[:1], (9, 1, 1))
+    assert np.allclose(smoothed(still), still)
+    assert np.array_equal(smoothed(points[:2]), points[:2])
+
+
+def test_identity_frames_are_spread_over_the_turns() -> None:
+    points = np.zeros((100, 468, 3))
+    points[:, 1, 0] = np.sin(np.arange(100) / 7)
+    points[:, 1, 1] = np.cos(np.arange(100) / 5)
+    chosen = spread_frames(points)
+    turns = points[chosen, 1, :2]
+    assert len(chosen) <= 10 and turns.min() < -0.9 and turns.max() > 0.9
+    assert spread_frames(points[:1]) == [0]
