@@ -8,19 +8,12 @@ from numpy.typing import NDArray
 
 from encoder.capture.video_source import open_source
 from encoder.detection.blazeface import BlazeFaceDetector
-from encoder.detection.landmarks import COUNT, LandmarkTracker
-from encoder.detection.roi import EYE_CORNERS
+from encoder.detection.landmark_indices import COUNT, EYE_CORNERS, GAPS
+from encoder.detection.landmarks import LandmarkTracker
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from loopback.report import rounded
 
 Array = NDArray[np.float64]
-
-# Pairs of landmarks whose distance is a gesture, those of the lids by the iris network.
-GAPS = {
-    "mouth": ((13, 14),),
-    "brow": ((105, 159), (334, 386)),
-    "blink": ((159, 145), (386, 374)),
-}
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,9 +7,12 @@ import pytest
 from shots import Shots, whole
 
 from encoder.appearance.shape_free import ShapeFree, moved
-from encoder.appearance.texture import sample, visible_texels
+from encoder.appearance.template import Template
+from encoder.appearance.texel_visibility import visible_texels
+from encoder.appearance.texture import sample
+from encoder.capture.colour import luma
 from encoder.capture.face_crop import crop_face
-from encoder.fitting.analysis_by_synthesis import Refiner, Template, luma
+from encoder.fitting.analysis_by_synthesis import Refiner
 from shared_model.appearance import atlas_of
 from shared_model.geometry import euler_deg
 from shared_model.parameters import EAU_INDEX, EAUS, FaceParameters, Pose

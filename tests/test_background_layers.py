@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from decoder.background_layers import filled, still_of
-from encoder.detection.segmentation import Still
+from encoder.coding.background import Still
 from protocol.packets import ProtocolError
 from protocol.pictures.foreground_mask import SIDE, serialise_background
 

@@ -5,17 +5,16 @@ import numpy as np
 import pytest
 from shots import Shots
 
+from encoder.appearance.inpaint import fill
+from encoder.appearance.texel_visibility import visible_texels
 from encoder.appearance.texture import (
-    compress,
-    compress_background,
     extract_texture,
-    fill,
     fitting_size,
     sample,
     texel_pixels,
     unseen_colours,
-    visible_texels,
 )
+from encoder.picture_coding.image_budget import compress, compress_background
 from shared_model.appearance import Atlas, atlas_of
 from shared_model.geometry import camera_from_head, pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from encoder.appearance.texture import sample
-from encoder.capture.face_crop import MARGIN, crop_face, in_luma
+from encoder.capture.colour import in_luma
+from encoder.capture.face_crop import MARGIN, crop_face
 
 POINTS = np.array([(60.0, 40.0, 0.0), (120.0, 40.0, 3.0), (90.0, 110.0, 1.0)])
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from conftest import ClipFrames
 
+from encoder.coding.background import Still
 from encoder.detection.blazeface import BlazeFaceDetector
+from encoder.detection.landmark_indices import outline_of
 from encoder.detection.landmarks import LandmarkTracker
-from encoder.detection.segmentation import Still, find_silhouette
+from encoder.detection.segmentation import find_silhouette
 from encoder.detection.tflite import find_segmentation
-from encoder.fitting.landmark_fit import outline_of
 from protocol.entropy.varint import encode_varint
 from protocol.packets import ProtocolError
 from protocol.pictures.foreground_mask import (

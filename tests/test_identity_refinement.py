@@ -8,7 +8,7 @@ import pytest
 from numpy.random import default_rng
 
 from decoder.renderer import Renderer
-from encoder.capture.face_crop import in_luma
+from encoder.capture.colour import in_luma
 from encoder.fitting.bundle_adjustment import Bundle
 from encoder.fitting.identity import AAU_SIGMA, Fitted, shared_parameters
 from encoder.fitting.person_texture import OwnTexture

@@ -8,7 +8,8 @@ from conftest import ClipFrames
 
 from encoder.capture.video_source import Frame
 from encoder.detection.blazeface import BlazeFaceDetector
-from encoder.detection.iris import LIDS, TRAINED_CROP, WIDER_CROP, IrisFinder
+from encoder.detection.iris import TRAINED_CROP, WIDER_CROP, IrisFinder
+from encoder.detection.landmark_indices import LIDS
 from encoder.detection.landmarks import FaceMesh, LandmarkTracker
 from encoder.detection.roi import square_from_landmarks
 

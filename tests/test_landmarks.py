@@ -10,13 +10,9 @@ from conftest import ClipFrames
 
 from encoder.capture.video_source import Frame
 from encoder.detection.blazeface import BlazeFaceDetector, Detection
+from encoder.detection.landmark_indices import EYE_CORNERS
 from encoder.detection.landmarks import FaceMesh, Landmarks, LandmarkTracker
-from encoder.detection.roi import (
-    EYE_CORNERS,
-    Square,
-    square_from_detection,
-    square_from_landmarks,
-)
+from encoder.detection.roi import Square, square_from_detection, square_from_landmarks
 
 
 def test_crop_corners_lie_on_the_square() -> None:

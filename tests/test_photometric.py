@@ -5,7 +5,7 @@ import pytest
 from shots import Shots
 
 from encoder.appearance.photometric import NORMALISATIONS, equalised, retinex
-from encoder.fitting.analysis_by_synthesis import luma
+from encoder.capture.colour import luma
 
 RANDOM = np.random.default_rng(6)
 

@@ -8,8 +8,10 @@ import pytest
 from shots import Shots, whole
 
 from encoder.appearance.shape_free import ShapeFree, moved
+from encoder.appearance.template import Template
 from encoder.appearance.texture import sample
-from encoder.fitting.analysis_by_synthesis import Refiner, Template, luma
+from encoder.capture.colour import luma
+from encoder.fitting.analysis_by_synthesis import Refiner
 from encoder.fitting.prediction_matrix import MatrixRefiner
 from shared_model.appearance import atlas_of
 from shared_model.geometry import (

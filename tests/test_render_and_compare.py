@@ -10,10 +10,10 @@ from shots import Shots, whole
 
 from decoder.renderer import Renderer
 from encoder.appearance.shape_free import moved
-from encoder.appearance.texture_samples import hull_mask
-from encoder.fitting.analysis_by_synthesis import luma
-from encoder.fitting.landmark_fit import OUTLINE
+from encoder.capture.colour import luma
+from encoder.detection.landmark_indices import OUTLINE
 from encoder.fitting.render_and_compare import Drawing
+from encoder.runtime.image_ops import hull_mask
 from shared_model.parameters import EAU_INDEX, EAUS, FaceParameters
 
 Single = NDArray[np.float32]

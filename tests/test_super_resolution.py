@@ -7,7 +7,8 @@ from shots import Shots, whole
 
 from encoder.appearance.shape_free import ShapeFree
 from encoder.appearance.super_resolution import pixel_texels, sharpened
-from encoder.appearance.texture import sample, visible_texels
+from encoder.appearance.texel_visibility import visible_texels
+from encoder.appearance.texture import sample
 from protocol.pictures.picture_codec import to_luma
 from shared_model.appearance import atlas_of
 

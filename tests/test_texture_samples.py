@@ -7,21 +7,12 @@ import pytest
 from numpy.typing import NDArray
 from shots import Shots, whole
 
+from encoder.appearance.masks import MOUTH, OUTSIDE, face_mask, mouth_weight
 from encoder.appearance.shape_free import ShapeFree
 from encoder.appearance.texture import unseen_colours
-from encoder.appearance.texture_samples import (
-    MOUTH,
-    OUTSIDE,
-    Stack,
-    face_mask,
-    luma_modes,
-    mean_colours,
-    mouth_weight,
-    shape_free_stack,
-    template_of,
-    texel_areas,
-)
+from encoder.appearance.texture_samples import Stack, mean_colours, shape_free_stack, texel_areas
 from encoder.learning.appearance_encoder import MODE_OVERHEAD, Appearance, code_appearance
+from encoder.learning.pca import luma_modes, template_of
 from encoder.learning.person_model import OPEN_SHARE, opened
 from protocol.pictures.picture_codec import to_luma
 from shared_model.animate import Face, Identity

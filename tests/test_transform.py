@@ -5,7 +5,9 @@ import pytest
 from shots import Shots, whole
 
 from encoder.appearance.shape_free import ShapeFree
+from encoder.appearance.template import Template
 from encoder.appearance.texture import sample
+from encoder.capture.colour import luma
 from encoder.coding.transform import (
     LEAST_SPREAD,
     LID_HARM,
@@ -14,7 +16,7 @@ from encoder.coding.transform import (
     project,
     sensitivity,
 )
-from encoder.fitting.analysis_by_synthesis import Refiner, Template, luma
+from encoder.fitting.analysis_by_synthesis import Refiner
 from protocol.frames.frame_transform import GEOMETRY, face_from_components, vector_from_face
 from protocol.frames.scalar_quantiser import pose_from_motion
 from protocol.frames.temporal_prediction import KINDS, MAX_SPREAD, UNIT

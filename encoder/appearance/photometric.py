@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.fitting.analysis_by_synthesis import luma
+from encoder.capture.colour import luma
 
 Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]

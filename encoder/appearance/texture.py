@@ -6,11 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.picture_coding.picture_encoder import draft_still
-from encoder.picture_coding.quantiser_search import finest_within
-from encoder.runtime.jit import compiled
-from protocol.pictures.picture_codec import MAX_STEP
-from protocol.pictures.probability_model import STILL
+from encoder.appearance.inpaint import fill
+from encoder.appearance.texel_visibility import visible_texels
 from shared_model import geometry
 from shared_model.appearance import Atlas
 from shared_model.geometry import Camera
@@ -40,16 +37,8 @@ SOLID = 0.7
 # Narrow folds are continued from around, since the other half of the face is lit otherwise: of what
 # is around a mirrored texel, at most this share is known.
 FOLDED = 0.1
-FACING_COSINE = 0.1
-DEPTH_CELL_MM = 1.5
-DEPTH_TOLERANCE_MM = 2.0
-CELLS_ASIDE = 192
 # Denser than pixels: what is sampled and drawn again is interpolated twice, and blurs.
 TEXELS_PER_PIXEL = 1.8
-QUALITIES = (1, 95)
-BACKGROUND_SIDES_PX = (640, 448, 320, 224)
-# So many steps of the quantiser coarser a still takes about half the bytes.
-STEPS_PER_HALVING = 8
 
 
 def sample(frame: NDArray[Any], positions_px: NDArray[Any]) -> Texels:
@@ -63,61 +52,6 @@ def sample(frame: NDArray[Any], positions_px: NDArray[Any]) -> Texels:
     channels = 1 if frame.ndim == 2 else frame.shape[2]
     flat = sampled.reshape(rows * columns, channels)[: len(positions_px)]
     return np.asarray(flat, dtype=np.float32)
-
-
-def visible_texels(
-    head: Head, atlas: Atlas, pose: Pose, vertices: Array, cell_mm: float = DEPTH_CELL_MM
-) -> NDArray[np.bool_]:
-    """(k,) whether the camera sees each texel: facing it, and nothing nearer before it.
-
-    vertices: (n, 3) mm, head frame.
-    cell_mm: what counts as before it; no less than texels' spacing.
-    """
-    seen = geometry.camera_from_head(pose, vertices)
-    return _visible(seen, atlas.corners, atlas.weights, pose.translation_mm, cell_mm)
-
-
-@compiled
-def _visible(
-    seen: Array, corners: NDArray[np.int32], weights: Array, at_mm: Array, cell_mm: float
-) -> NDArray[np.bool_]:
-    count = len(corners)
-    nearest = np.full((2 * CELLS_ASIDE) ** 2, np.inf)
-    cells = np.zeros(count, np.int32)
-    depths = np.empty(count)
-    # How far behind what is nearest in its cell a texel may be; none turned away is seen at all.
-    slack = np.empty(count)
-    aside_x, aside_y = np.floor(at_mm[0] / cell_mm), np.floor(at_mm[1] / cell_mm)
-    for k in range(count):
-        ax, ay, az = seen[corners[k, 0]]
-        bx, by, bz = seen[corners[k, 1]]
-        cx, cy, cz = seen[corners[k, 2]]
-        wa, wb, wc = weights[k]
-        x, y = wa * ax + wb * bx + wc * cx, wa * ay + wb * by + wc * cy
-        z = wa * az + wb * bz + wc * cz
-        bx, by, bz, cx, cy, cz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
-        nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
-        lengths = np.sqrt((nx * nx + ny * ny + nz * nz) * (x * x + y * y + z * z))
-        facing = -(nx * x + ny * y + nz * z) / max(lengths, 1e-12)
-        depths[k] = z
-        slack[k] = -np.inf
-        if z > 1:
-            column = np.floor(x / z * at_mm[2] / cell_mm) - aside_x
-            row = np.floor(y / z * at_mm[2] / cell_mm) - aside_y
-            # A pose gone astray may bring the head into the camera: what is far aside shares a
-            # cell.
-            column = min(max(column, -CELLS_ASIDE), CELLS_ASIDE - 1) + CELLS_ASIDE
-            row = min(max(row, -CELLS_ASIDE), CELLS_ASIDE - 1) + CELLS_ASIDE
-            cells[k] = int(column) * 2 * CELLS_ASIDE + int(row)
-            nearest[cells[k]] = min(nearest[cells[k]], z)
-            if facing > FACING_COSINE:
-                # Depth changes by this much within a cell of a slanting surface.
-                slant = cell_mm * np.sqrt(1 - min(facing * facing, 1.0)) / facing
-                slack[k] = DEPTH_TOLERANCE_MM + slant
-    found = np.empty(count, np.bool_)
-    for k in range(count):
-        found[k] = depths[k] <= nearest[cells[k]] + slack[k]
-    return found
 
 
 def extract_texture(
@@ -212,88 +146,3 @@ def _at_texel_scale(frame: Picture, points_px: Array, atlas: Atlas) -> tuple[Pic
     small = cv2.resize(frame, None, fx=1 / span_px, fy=1 / span_px, interpolation=cv2.INTER_AREA)
     ratio = np.array([small.shape[1] / frame.shape[1], small.shape[0] / frame.shape[0]])
     return np.asarray(small, dtype=np.uint8), (points_px + 0.5) * ratio - 0.5
-
-
-def fill(image: Texels, known: NDArray[np.bool_]) -> Texels:
-    """Smoothly continue an image into where it is unknown: averages from ever coarser scales."""
-    weight = known.astype(np.float32)
-    if known.all() or min(known.shape) <= 2:
-        mean = image[known].mean(0) if known.any() else np.zeros(image.shape[2], np.float32)
-        return np.where(known[..., None], image, mean)
-    half = (-(-image.shape[1] // 2), -(-image.shape[0] // 2))
-    size = (image.shape[1], image.shape[0])
-    share = cv2.resize(weight, half, interpolation=cv2.INTER_AREA)
-    total = cv2.resize(image * weight[..., None], half, interpolation=cv2.INTER_AREA)
-    # OpenCV drops the axis of a single channel.
-    coarse = total.reshape(*share.shape, -1) / np.maximum(share, 1e-6)[..., None]
-    filled = fill(coarse.astype(np.float32), share > 1e-6)
-    around = cv2.resize(filled, size, interpolation=cv2.INTER_LINEAR).reshape(image.shape)
-    return np.where(known[..., None], image, around).astype(np.float32)
-
-
-def compress(picture: Picture, max_bytes: int) -> bytes:
-    """The best WebP file of at most `max_bytes`; at the lowest quality even if that is larger."""
-    low, high = QUALITIES
-    best = _webp(picture, low)
-    while low < high:
-        middle = (low + high + 1) // 2
-        data = _webp(picture, middle)
-        if len(data) <= max_bytes:
-            low, best = middle, data
-        else:
-            high = middle - 1
-    return best
-
-
-def compress_background(frame: Picture, max_bytes: int) -> bytes:
-    """The WebP file within `max_bytes` nearest to `frame`, scaled down as far as that helps."""
-    longest = max(frame.shape[:2])
-    reach = min(longest, BACKGROUND_SIDES_PX[0])
-    judged = _scaled(frame, reach / longest).astype(np.float32)
-    best, least = b"", np.inf
-    for side in (reach, *(s for s in BACKGROUND_SIDES_PX if s < reach)):
-        data = compress(_scaled(frame, side / longest), max_bytes)
-        decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-        assert decoded is not None
-        shown = cv2.resize(decoded, judged.shape[1::-1], interpolation=cv2.INTER_LINEAR)
-        error = float(((shown - judged) ** 2).mean()) + 1e6 * (len(data) > max_bytes)
-        if error < least:
-            best, least = data, error
-    return best
-
-
-def code_background(frame: Picture, max_bytes: int) -> bytes:
-    """The still of at most `max_bytes` nearest to `frame`, its longer side at most 640 pixels."""
-    small = _scaled(frame, BACKGROUND_SIDES_PX[0] / max(frame.shape[:2]))
-    return finest_still(small.astype(np.float32), max_bytes)[0]
-
-
-def finest_still(
-    colours: Texels, max_bytes: int, relief: bytes = b"", kind: int = STILL
-) -> tuple[bytes, Texels]:
-    """The best coding of a picture (h, w, 3) within `max_bytes`, and what it decodes to.
-
-    At the coarsest step even if that is larger.  relief, kind: see `draft_still`.
-    """
-    best = finest_within(
-        lambda step: draft_still(colours, step, relief, kind),
-        lambda draft: draft.size_bytes,
-        max_bytes,
-        range(MAX_STEP + 1),
-        MAX_STEP // 2,
-        STEPS_PER_HALVING,
-    )[1]
-    return best.write(), best.colours
-
-
-def _scaled(frame: Picture, ratio: float) -> Picture:
-    if ratio >= 1:
-        return frame
-    size = (max(1, round(frame.shape[1] * ratio)), max(1, round(frame.shape[0] * ratio)))
-    return np.asarray(cv2.resize(frame, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
-def _webp(picture: Picture, quality: int) -> bytes:
-    done, data = cv2.imencode(".webp", picture, [cv2.IMWRITE_WEBP_QUALITY, quality])
-    assert done
-    return data.tobytes()

@@ -22,20 +22,20 @@ from encoder.calls.model_version import SPARE_MODES, Epoch, Learner
 from encoder.calls.overload import Haste
 from encoder.calls.session_stats import Tally
 from encoder.capture.video_source import Capture
+from encoder.coding.background import still_of
 from encoder.coding.gop import Cadence
 from encoder.coding.model_packet import Budget
 from encoder.coding.progressive_model import UPDATE_LAYER_BYTES, LayerPacer
 from encoder.coding.rate_control import LivePurse, Spending
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.iris import WIDER_CROP
+from encoder.detection.landmark_indices import outline_of
 from encoder.detection.landmarks import LandmarkTracker
-from encoder.detection.segmentation import still_of
 from encoder.detection.tflite import find_network_folder
-from encoder.fitting.landmark_fit import outline_of
 from encoder.learning.incremental_modes import Look
 from encoder.learning.mode_scheduler import LiveModes
 from encoder.learning.two_pass import Sampler
-from encoder.runtime.background_work import threads_beside
+from encoder.runtime.parallel import threads_beside
 from protocol.frames.temporal_prediction import FramePredictor
 from protocol.link.interface import PacketSink
 from protocol.packets import SEQUENCE_MODULUS, ControlKind, ControlPacket, FramePacket

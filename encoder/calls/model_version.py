@@ -9,18 +9,18 @@ from numpy.typing import NDArray
 
 from encoder.capture.face_crop import crop_face
 from encoder.capture.video_source import Capture
+from encoder.coding.background import Still
 from encoder.coding.gop import Cadence
 from encoder.coding.model_packet import BUDGETS, Budget, call_parameters
 from encoder.coding.motion_prior import expected_components
 from encoder.coding.progressive_model import FIRST_LAYER_BYTES, LayeredModel, layered
 from encoder.coding.transform import Sensitivity, project
-from encoder.detection.segmentation import Still
+from encoder.detection.landmark_indices import outline_of
 from encoder.fitting.eyelids import between_lids, fit_with_lids
 from encoder.fitting.identity import Fitted
 from encoder.fitting.landmark_fit import (
     LandmarkModel,
     landmark_model,
-    outline_of,
     personalise,
     start_parameters,
 )

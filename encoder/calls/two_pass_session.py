@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from encoder.calls.session_stats import Tally
 from encoder.capture.face_crop import Crop, crop_face
 from encoder.capture.video_source import Capture
+from encoder.coding.background import Still, still_of
 from encoder.coding.gop import Cadence
 from encoder.coding.model_packet import Budget, call_parameters
 from encoder.coding.progressive_model import LayeredModel, LayerPacer, layered
 from encoder.coding.rate_control import Spending, code_call, packet_bits, packet_spans
 from encoder.detection.blazeface import BlazeFaceDetector
+from encoder.detection.landmark_indices import outline_of
 from encoder.detection.landmarks import LandmarkTracker
-from encoder.detection.segmentation import Still, still_of
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
-from encoder.fitting.landmark_fit import outline_of
 from encoder.fitting.render_and_compare import drawing_of
 from encoder.learning.person_model import Learned, learn_caller
 from encoder.learning.two_pass import (

@@ -10,10 +10,10 @@ import numpy as np
 
 from encoder.calls.model_version import Learner
 from encoder.capture.video_source import Capture
+from encoder.coding.background import Still
 from encoder.coding.gop import Cadence
 from encoder.coding.model_packet import BUDGETS
-from encoder.detection.landmarks import COUNT
-from encoder.detection.segmentation import Still
+from encoder.detection.landmark_indices import COUNT
 from encoder.fitting.identity import TYPICAL_FOCAL
 from encoder.fitting.landmark_fit import landmark_model
 from encoder.learning.incremental_modes import Grower

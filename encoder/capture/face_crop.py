@@ -43,13 +43,6 @@ class Crop:
         return np.asarray((positions_px - corner) * self.scale.astype(np.float32) - np.float32(0.5))
 
 
-def in_luma(picture: Picture) -> Picture:
-    """(h, w) uint8 luma of a BGR picture (h, w, 3), as PSNR sees it; what is luma stays."""
-    if picture.ndim == 2:
-        return picture
-    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
-
-
 def crop_face(frame: Picture, points_px: Array, pixels_per_texel: float) -> Crop:
     """The window on `frame` that holds `points_px` (m, >= 2), at about one pixel per texel."""
     low, high = points_px[:, :2].min(0), points_px[:, :2].max(0)

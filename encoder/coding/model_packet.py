@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.texture import compress, compress_background, extract_texture, fitting_size
+from encoder.appearance.texture import extract_texture, fitting_size
 from encoder.capture.video_source import Capture
 from encoder.fitting.identity import Fitted
+from encoder.picture_coding.image_budget import compress, compress_background
 from protocol.frames.scalar_quantiser import (
     AAU_STEP,
     EAU_STEP,

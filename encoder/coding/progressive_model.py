@@ -5,8 +5,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from encoder.appearance.texture import finest_still
-from encoder.detection.segmentation import Still
+from encoder.coding.background import Still
+from encoder.picture_coding.image_budget import finest_still
 from protocol.frames.frame_transform import parse_components, serialise_components
 from protocol.packets import MAX_LAYER_BYTES, LayerPacket, ModelPacket, serialise
 from protocol.pictures.probability_model import TEXTURE

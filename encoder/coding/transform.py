@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from encoder.appearance.shape_free import ShapeFree
 from encoder.appearance.texture import sample
+from encoder.capture.colour import luma
 from encoder.capture.face_crop import Crop
-from encoder.fitting.analysis_by_synthesis import Refiner, luma
+from encoder.fitting.analysis_by_synthesis import Refiner
 from protocol.frames.frame_transform import (
     CENTRE_STEPS,
     GEOMETRY,

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.detection.landmark_indices import CORNERS, LIDS
 from encoder.detection.roi import Square, cut_out
 from encoder.detection.tflite import IRIS, Network
 
@@ -18,14 +19,6 @@ Frame = NDArray[np.uint8]
 
 INPUT_PX = 64
 CONTOUR, IRIS_POINTS = 71, 5
-# Landmarks at the corners of the subject's right and left eye: outer, inner.
-CORNERS = ((33, 133), (263, 362))
-# Landmarks on the margins of the subject's right and left lids, the lower ones first, as they stand
-# at the beginning of a contour; the corners, at 0 and 8 there, the mesh knows as well.
-LIDS = (
-    (7, 163, 144, 145, 153, 154, 155, 246, 161, 160, 159, 158, 157, 173),
-    (249, 390, 373, 374, 380, 381, 382, 466, 388, 387, 386, 385, 384, 398),
-)
 _ON_CONTOUR = (*range(1, 8), *range(9, 16))
 # The network was trained on crops this many times an eye's width; somewhat wider ones tell open
 # from closed better in hard pictures (small and coarse ones, glasses), but closed margins stay

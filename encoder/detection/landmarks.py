@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from encoder.detection.blazeface import FaceDetector
 from encoder.detection.iris import TRAINED_CROP, IrisFinder
+from encoder.detection.landmark_indices import COUNT
 from encoder.detection.roi import Square, cut_out, square_from_detection, square_from_landmarks
 from encoder.detection.tflite import Network, find_face_mesh
 
 Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
 
-COUNT = 468
 INPUT_PX = 192
 # The detector takes long where there is no face: after a few vain searches it rests one frame more
 # after each, up to so many.

@@ -7,12 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.detection.blazeface import Detection
+from encoder.detection.landmark_indices import EYE_CORNERS
 
 Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
 
-# Outer corners of the subject's right and left eye among the landmarks.
-EYE_CORNERS = (33, 263)
 # The networks were trained on crops this many times the face's box.
 _MARGIN = 1.5
 # Squares show the face alike whose centres and sides together differ by less than this share of the

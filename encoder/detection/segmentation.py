@@ -1,16 +1,14 @@
 """Who is before the background of a still: MediaPipe's selfie segmentation."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.texture import code_background
-from encoder.appearance.texture_samples import hull_mask
-from encoder.detection.tflite import Network, find_segmentation
-from protocol.pictures.foreground_mask import SIDE, Map, serialise_background
+from encoder.detection.tflite import Network
+from encoder.runtime.image_ops import hull_mask
+from protocol.pictures.foreground_mask import SIDE, Map
 
 Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
@@ -20,29 +18,6 @@ INPUT_PX = 256
 LEAST_FACE = 0.9
 # Holes and cracks of this many places are closed.
 CLOSED = 5
-
-
-@dataclass(frozen=True, slots=True)
-class Still:
-    """What the background shows: a picture (h, w, 3) BGR, and who is in it, if known."""
-
-    picture: Frame
-    silhouette: Map | None = None
-
-    def coded(self, max_bytes: int) -> bytes:
-        """The background of a model packet: the nearest to it of at most `max_bytes`."""
-        before = len(serialise_background(self.silhouette, b""))
-        still = code_background(self.picture, max_bytes - before)
-        return serialise_background(self.silhouette, still)
-
-
-def still_of(frame: Frame, outline_px: Array) -> Still:
-    """The still of a caller's first picture (h, w, 3) BGR.
-
-    outline_px: (n, 2) of the face.  Without the network nobody is told from what is behind.
-    """
-    path = find_segmentation()
-    return Still(frame, find_silhouette(path, frame, outline_px) if path else None)
 
 
 def find_silhouette(path: Path, frame: Frame, outline_px: Array) -> Map | None:

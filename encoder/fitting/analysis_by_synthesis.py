@@ -15,8 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.appearance.shape_free import ShapeFree, moved
-from encoder.appearance.texture import DEPTH_CELL_MM, sample, visible_texels
-from encoder.capture.face_crop import Crop, in_luma
+from encoder.appearance.template import Template
+from encoder.appearance.texel_visibility import DEPTH_CELL_MM, visible_texels
+from encoder.appearance.texture import sample
+from encoder.capture.colour import luma
+from encoder.capture.face_crop import Crop
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
 from shared_model.mesh import Head
@@ -49,15 +52,6 @@ TEXELS = 5000
 
 
 @dataclass(frozen=True, slots=True)
-class Template:
-    """The luma that texels should have: mean (k,) + coefficients @ modes (m, k); weight (k,)."""
-
-    mean: Single
-    modes: Single
-    weight: Single
-
-
-@dataclass(frozen=True, slots=True)
 class Target:
     """What to fit: the texels' places, and what they should look like."""
 
@@ -87,11 +81,6 @@ class Explained:
     face: FaceParameters
     grey: Single
     shown: Single
-
-
-def luma(picture: Picture) -> Single:
-    """The same as `in_luma`, (h, w) float32."""
-    return np.asarray(in_luma(picture), dtype=np.float32)
 
 
 class Refiner:

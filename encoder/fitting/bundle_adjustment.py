@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.appearance.shape_free import ShapeFree, rigid_change
+from encoder.appearance.template import Template
 from encoder.appearance.texture import sample
 from encoder.fitting.analysis_by_synthesis import (
     CORRELATED_TEXELS,
     Target,
-    Template,
     View,
     coefficients,
     robust,

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.appearance.shape_free import moved
-from encoder.detection.roi import EYE_CORNERS
+from encoder.detection.landmark_indices import EYE_CORNERS, OUTLINE, RIGID
 from encoder.runtime.jit import compiled
 from shared_model import geometry
 from shared_model.anthropometry import residual_basis
@@ -25,14 +25,7 @@ LONGEST_TURN_RAD = 0.5
 # coordinate, is the last.
 SETTLED = 0.5
 
-# Points of the face's outline.  They slide as the head turns, but where they are not met the
-# picture shows background on the face: full weight measured better than less (carphone +0.8 dB).
-OUTLINE = (
-    *(10, 338, 297, 332, 284, 251, 389, 356, 454, 323, 361, 288, 397, 365, 379, 378, 400, 377),
-    *(152, 148, 176, 149, 150, 136, 172, 58, 132, 93, 234, 127, 162, 21, 54, 103, 67, 109),
-)
 OUTLINE_WEIGHT = 1.0
-RIGID = (33, 133, 362, 263, 168, 6, 197, 195, 5, 4, 1, 2, 98, 327, 129, 358, 9, 151, 234, 454, 152)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,11 +115,6 @@ def stepped(state: FaceParameters, step: Array) -> FaceParameters:
     """Add a step, see `shape_free.moved`, that turns by no more than `LONGEST_TURN_RAD` an axis."""
     turn = np.clip(step[:3], -LONGEST_TURN_RAD, LONGEST_TURN_RAD)
     return moved(state, np.append(turn, step[3:]))
-
-
-def outline_of(points: Array) -> Array:
-    """(n, 2) the face's outline among landmarks (468, >= 2)."""
-    return points[list(OUTLINE), :2]
 
 
 def start_parameters(model: LandmarkModel, camera: Camera, points_px: Array) -> FaceParameters:

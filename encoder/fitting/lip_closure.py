@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.detection.landmark_indices import MARGINS
+
 Array = NDArray[np.float64]
 
-# The landmark network's points along the inner margins of the lips, upper and lower that meet.
-MARGINS = (13, 82, 312, 81, 311), (14, 87, 317, 178, 402)
 SIGMA_MM = 0.3
 
 

@@ -6,20 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.appearance.masks import face_mask
 from encoder.appearance.photometric import Grey
 from encoder.appearance.shape_free import ShapeFree
+from encoder.appearance.template import Template
 from encoder.appearance.texture import fitting_size, sample, texel_pixels
-from encoder.appearance.texture_samples import face_mask
+from encoder.capture.colour import luma
 from encoder.capture.face_crop import Crop, crop_face
-from encoder.fitting.analysis_by_synthesis import (
-    NOISE_GREY,
-    Explained,
-    Refiner,
-    Template,
-    View,
-    luma,
-    robust_cost,
-)
+from encoder.fitting.analysis_by_synthesis import NOISE_GREY, Explained, Refiner, View, robust_cost
 from shared_model.animate import Face
 from shared_model.appearance import atlas_of
 from shared_model.geometry import Camera

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from encoder.appearance.rasteriser import Surface, front_surface
 from encoder.appearance.shape_free import rigid_change
-from encoder.appearance.texture_samples import hull_mask
+from encoder.capture.colour import luma
 from encoder.capture.face_crop import Crop
-from encoder.fitting.analysis_by_synthesis import Trial, descend, gradients, luma, robust
+from encoder.fitting.analysis_by_synthesis import Trial, descend, gradients, robust
 from encoder.learning.appearance_encoder import Appearance
+from encoder.runtime.image_ops import hull_mask
 from encoder.runtime.jit import compiled
 from protocol.frames.frame_transform import GEOMETRY
 from protocol.pictures.picture_codec import to_luma

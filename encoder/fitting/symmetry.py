@@ -7,17 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.appearance.shape_free import ShapeFree
+from encoder.appearance.template import Template
+from encoder.capture.colour import luma
 from encoder.capture.face_crop import Crop
-from encoder.fitting.analysis_by_synthesis import (
-    Explained,
-    Picture,
-    Refiner,
-    Single,
-    Target,
-    Template,
-    View,
-    luma,
-)
+from encoder.fitting.analysis_by_synthesis import Explained, Picture, Refiner, Single, Target, View
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
 from shared_model.geometry import euler_deg, matrix_from_quaternion

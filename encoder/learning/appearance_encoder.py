@@ -10,10 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.appearance.inpaint import fill
+from encoder.appearance.masks import weighting
 from encoder.appearance.shape_free import ShapeFree
-from encoder.appearance.texture import fill, finest_still
-from encoder.appearance.texture_samples import OUTSIDE, Stack
+from encoder.appearance.texture_samples import Stack
 from encoder.learning.orthogonal_residual import Remainder
+from encoder.picture_coding.image_budget import finest_still
 from encoder.picture_coding.picture_encoder import Draft, draft_mode, draft_still
 from protocol.pictures.picture_codec import MAX_STEP, ModeSeries, to_planes
 from protocol.pictures.probability_model import TEXTURE
@@ -111,15 +113,6 @@ def _vertex(before: float, after: float) -> int:
     before, after: by how much more the others cost; the vertex is between even if one is no use.
     """
     return round(STRIDE / 2 * (before - after) / max(before + after, 1e-9))
-
-
-def weighting(weight: Single, mask: Single) -> tuple[Single, Single]:
-    """(k, 1) roots of what errors count, and where modes paint how much.
-
-    weight: (k,) see `Caller`.  mask: see `face_mask`.
-    """
-    root = np.sqrt(np.maximum(weight, 1e-6))
-    return root[:, None], np.where(mask > 2 * OUTSIDE, mask, 0)[:, None]
 
 
 def fineness(atlas: Atlas, weight: Single) -> Array:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.appearance.masks import weighting
 from encoder.capture.face_crop import Crop
-from encoder.learning.appearance_encoder import weighting
 from encoder.learning.orthogonal_residual import Remainder
 from encoder.learning.person_model import Caller, shape_free_views, sharpened_stack
 from encoder.picture_coding.picture_encoder import draft_mode, held_share

@@ -6,33 +6,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.appearance.masks import face_mask, mouth_weight, within_outline
 from encoder.appearance.shape_free import ShapeFree
 from encoder.appearance.super_resolution import sharpened
-from encoder.appearance.texture import (
-    DEPTH_CELL_MM,
-    fitting_size,
-    texel_pixels,
-    unseen_colours,
-    visible_texels,
-)
-from encoder.appearance.texture_samples import (
-    Stack,
-    face_mask,
-    luma_modes,
-    mean_colours,
-    mouth_weight,
-    shape_free_stack,
-    template_of,
-    texel_areas,
-    within_outline,
-)
+from encoder.appearance.template import Template
+from encoder.appearance.texel_visibility import DEPTH_CELL_MM, visible_texels
+from encoder.appearance.texture import fitting_size, texel_pixels, unseen_colours
+from encoder.appearance.texture_samples import Stack, mean_colours, shape_free_stack, texel_areas
 from encoder.capture.face_crop import Crop, crop_face
 from encoder.coding.model_packet import Budget, identity_of, shape_packet
-from encoder.fitting.analysis_by_synthesis import TEXELS, Refiner, Template, coefficients
+from encoder.detection.landmark_indices import outline_of
+from encoder.fitting.analysis_by_synthesis import TEXELS, Refiner, coefficients
 from encoder.fitting.identity import Fitted
-from encoder.fitting.landmark_fit import outline_of
 from encoder.fitting.render_and_compare import Drawing
 from encoder.learning.appearance_encoder import Appearance, code_appearance, whole_atlas
+from encoder.learning.pca import luma_modes, template_of
 from encoder.runtime.parallel import on_cores
 from protocol.packets import CallParameters
 from protocol.pictures.picture_codec import to_luma

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from encoder.coding.model_packet import shape_packet
 from encoder.coding.transform import Sensitivity, combine, project, sensitivity
-from encoder.detection.roi import EYE_CORNERS
+from encoder.detection.landmark_indices import EYE_CORNERS
 from encoder.fitting.identity import Fitted, fit_identity
 from encoder.fitting.landmark_fit import fit_frame, landmark_model, personalise, start_parameters
 from encoder.learning.person_model import Caller, Learned

@@ -2,9 +2,10 @@
 
 import os
 import sys
+import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TypeVar
 
 Item = TypeVar("Item")
@@ -13,6 +14,10 @@ Result = TypeVar("Result")
 # A thread that wants the interpreter has it after this time.  Work in NumPy hands it over again and
 # again, and to wait the usual 5 ms each time takes as long as the work.
 SWITCH_S = 0.0002
+
+
+# How much the frames go before, as the system counts niceness.
+NICE = 5
 
 
 def on_cores(
@@ -71,3 +76,15 @@ def usable_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def threads_beside(count: int) -> ThreadPoolExecutor:
+    """Threads that let others go first, where the system tells threads apart."""
+    return ThreadPoolExecutor(count, initializer=_step_back)
+
+
+def _step_back() -> None:
+    if sys.platform == "linux":
+        nice = os.getpriority(os.PRIO_PROCESS, 0) + NICE
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), nice)

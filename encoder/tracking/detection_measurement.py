@@ -7,8 +7,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.detection.landmarks import COUNT, LandmarkTracker
-from encoder.detection.roi import EYE_CORNERS, Square, square_from_landmarks
+from encoder.detection.landmark_indices import COUNT, EYE_CORNERS
+from encoder.detection.landmarks import LandmarkTracker
+from encoder.detection.roi import Square, square_from_landmarks
 from encoder.detection.viola_jones import HaarDetector
 from encoder.fitting.identity import TYPICAL_FOCAL, Fitted, fit_identity
 from encoder.fitting.landmark_fit import (

@@ -16,7 +16,7 @@ from encoder.fitting.analysis_by_synthesis import View
 from encoder.fitting.bundle_adjustment import Bundle
 from encoder.fitting.identity import Fitted
 from encoder.fitting.person_texture import OwnTexture
-from encoder.runtime.background_work import threads_beside
+from encoder.runtime.parallel import threads_beside
 from shared_model import geometry
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters, refocused

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.capture.face_crop import in_luma
+from encoder.capture.colour import in_luma
 from encoder.tracking.vertex_visibility import Visibility
 from shared_model.animate import Face
 from shared_model.geometry import Camera, pixel_from_head

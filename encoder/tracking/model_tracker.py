@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.capture.face_crop import in_luma
+from encoder.capture.colour import in_luma
 from encoder.fitting.analysis_by_synthesis import LEAST_NOISE_GREY, NOISE_GREY, View
 from encoder.fitting.identity import Fitted
 from encoder.fitting.person_texture import (

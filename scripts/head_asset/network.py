@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.detection.landmarks import COUNT, FaceMesh
+from encoder.detection.landmark_indices import COUNT
+from encoder.detection.landmarks import FaceMesh
 from encoder.detection.roi import Square, square_from_landmarks
 from scripts.head_asset.mesh_parts import SKIN, Mesh
 from scripts.head_asset.paint import pixel_colours
