@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+BROWSER := $(VENV)/.browser
 PACKAGES := shared_model protocol encoder decoder loopback risorius
 
 .PHONY: install demo test lint format lock clean
@@ -16,6 +17,10 @@ $(INSTALLED): requirements.lock pyproject.toml scripts/system_libraries.sh
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	touch $@
 
+$(BROWSER): scripts/system_libraries.sh | $(INSTALLED)
+	sh scripts/system_libraries.sh $(PYTHON) browser
+	touch $@
+
 demo: $(INSTALLED)
 	$(BIN)/risorius demo --out out/demo
 
@@ -24,8 +29,8 @@ lint: $(INSTALLED)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-test: lint
-	$(BIN)/python -m pytest --cov --cov-report=term
+test: lint $(BROWSER)
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --cov --cov-report=term
 	$(BIN)/coverage report --include='protocol/*' --omit=protocol/link/zenoh_link.py --fail-under=100
 
 format: $(INSTALLED)

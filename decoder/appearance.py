@@ -7,9 +7,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.frames.frame_transform import parse_components
-from protocol.packets import ModelPacket, ProtocolError
-from protocol.pictures.picture_codec import ModeSeries, decode_still, is_still, still_head
+from protocol.errors import ProtocolError
+from protocol.frames.frame_transform import parse_transform
+from protocol.model_packet import ModelPacket
+from protocol.pictures.picture_codec import (
+    ModeDecoder,
+    decode_picture,
+    is_picture,
+    parse_picture_header,
+)
 from shared_model.surround import joined
 
 # An image of a few kilobytes may claim any size; this bounds what decoding it may allocate.
@@ -49,8 +55,8 @@ class Wardrobe:
             if model.texture == self._damaged:
                 return
             self._put_on(model)
-        coded = parse_components(model.extension).modes if model.extension else ()
-        if model.layered or model.growing:
+        coded = parse_transform(model.profile_data).modes if model.profile_data else ()
+        if model.progressive or model.extensible:
             coded = tuple(takewhile(bool, coded))
         size = len(self._mean)
         if len(coded) * size * size > MAX_MODE_TEXELS:
@@ -75,7 +81,7 @@ class Wardrobe:
         self._damaged = model.texture
         mean = decode_image("texture", model.texture, MAX_ATLAS_SIDE_PX)
         _check_square("texture", mean)
-        series = ModeSeries(len(mean), _relief(model.texture))
+        series = ModeDecoder(len(mean), _relief(model.texture))
         self._texture, self._series = model.texture, series
         self._mean = np.asarray(self._worn(mean) + 0.5, np.uint8)
         self._damaged = None
@@ -106,13 +112,13 @@ def decode_image(name: str, data: bytes, limit_px: int = MAX_IMAGE_SIDE_PX) -> N
     name: what the picture is, for the message.  limit_px: longest side allowed.
     Raises `ProtocolError` if it is neither, is damaged, or is too large.
     """
-    own = is_still(data)
+    own = is_picture(data)
     limit_px = min(limit_px, MAX_CODED_SIDE_PX) if own else limit_px
     width, height = _coded_size(name, data) if own else _webp_size(name, data)
     if not (1 <= width <= limit_px and 1 <= height <= limit_px):
         raise ProtocolError(f"{name} is {width}x{height}, limit {limit_px} a side")
     if own:
-        return np.asarray(np.clip(decode_still(name, data) + 0.5, 0, 255), np.uint8)
+        return np.asarray(np.clip(decode_picture(name, data) + 0.5, 0, 255), np.uint8)
     try:
         picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     except cv2.error as error:
@@ -124,7 +130,7 @@ def decode_image(name: str, data: bytes, limit_px: int = MAX_IMAGE_SIDE_PX) -> N
 
 def _relief(texture: bytes) -> bytes:
     """The relief that a texture's modes share with it; WebP has none."""
-    return still_head("texture", texture).relief if is_still(texture) else b""
+    return parse_picture_header("texture", texture).weight_map if is_picture(texture) else b""
 
 
 def _check_square(name: str, image: NDArray[np.uint8]) -> None:
@@ -134,7 +140,7 @@ def _check_square(name: str, image: NDArray[np.uint8]) -> None:
 
 
 def _coded_size(name: str, data: bytes) -> tuple[int, int]:
-    head = still_head(name, data)
+    head = parse_picture_header(name, data)
     return head.width, head.height
 
 

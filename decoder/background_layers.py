@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.appearance import decode_image
-from protocol.pictures.foreground_mask import Map, parse_background
+from protocol.pictures.foreground_mask import Mask, parse_background
 
 Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]
@@ -77,7 +77,7 @@ def _doubled(image: Single) -> tuple[int, int]:
     return 2 * image.shape[1], 2 * image.shape[0]
 
 
-def _softened(silhouette: Map, width: int, height: int) -> Single:
+def _softened(silhouette: Mask, width: int, height: int) -> Single:
     """(height, width) 1 well within the silhouette, 0 well beyond it."""
     soft = cv2.GaussianBlur(silhouette.astype(np.float32), (0, 0), SOFT)
     return np.asarray(cv2.resize(soft, (width, height), interpolation=cv2.INTER_LINEAR))

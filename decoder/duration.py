@@ -5,7 +5,8 @@ from pathlib import Path
 
 from decoder.playout import Playout
 from protocol.call_file import CallReader
-from protocol.packets import ControlPacket, ProtocolError, parse_packet
+from protocol.errors import ProtocolError
+from protocol.packets import ControlPacket, parse_packet
 
 
 def source_frames(path: Path) -> int:

@@ -5,7 +5,10 @@ from fractions import Fraction
 from math import ceil
 from typing import Protocol
 
-from protocol.frames.frame_transform import face_from_components, parse_components
+from protocol.call_parameters import CallParameters
+from protocol.errors import ProtocolError
+from protocol.frames.frame_transform import face_from_coefficients, parse_transform
+from protocol.frames.payload_coding import decode_payload
 from protocol.frames.scalar_quantiser import (
     EAU_STEP,
     THESIS_RATE_HZ,
@@ -13,8 +16,9 @@ from protocol.frames.scalar_quantiser import (
     sent_eaus,
     values_from_codes,
 )
-from protocol.frames.temporal_prediction import FramePredictor, decode_packet
-from protocol.packets import SEQUENCE_MODULUS, CallParameters, ModelPacket, ProtocolError
+from protocol.frames.temporal_prediction import FramePredictor
+from protocol.limits import SEQUENCE_MODULUS
+from protocol.model_packet import ModelPacket
 from shared_model.parameters import EAU_INDEX, FaceParameters
 
 
@@ -51,7 +55,7 @@ class ThesisSamples:
 
     def decode(self, number: int, payload: bytes) -> list[Sample]:
         """See `SampleDecoder`."""
-        lids = self._model.call.lids
+        lids = self._model.call.has_eyelids
         face = decode_thesis(payload, self._model.reference_pose, lids)
         # What the profile does not send stays as it was in the still.
         eau = values_from_codes(self._model.reference_eau, EAU_STEP)
@@ -70,20 +74,24 @@ class DefaultSamples:
 
     def __init__(self, model: ModelPacket) -> None:
         self._model = model
-        self._components = parse_components(model.extension)
-        if bool(self._components.spare) != model.growing:
-            raise ProtocolError(f"{self._components.spare} spare modes, growing: {model.growing}")
-        self._predictor = FramePredictor(self._components.spreads, self._components.spare)
+        self._components = parse_transform(model.profile_data)
+        if bool(self._components.reserved_modes) != model.extensible:
+            raise ProtocolError(
+                f"{self._components.reserved_modes} spare modes, growing: {model.extensible}"
+            )
+        self._predictor = FramePredictor(
+            self._components.scale_codes, self._components.reserved_modes
+        )
 
     def decode(self, number: int, payload: bytes) -> list[Sample]:
         """See `SampleDecoder`."""
         call, reference = self._model.call, self._model.reference_pose
         usual = call.frames_per_packet
-        frames = decode_packet(self._predictor, number % SEQUENCE_MODULUS, usual, payload)
+        frames = decode_payload(self._predictor, number % SEQUENCE_MODULUS, usual, payload)
         first = 1 + (number - 1) * usual if number else 0
         places = [call.start_frame + (first + i) * call.frame_step for i in range(len(frames))]
         return [
-            Sample(Fraction(place), face_from_components(self._components, coded, reference))
+            Sample(Fraction(place), face_from_coefficients(self._components, coded, reference))
             for place, coded in zip(places, frames, strict=True)
         ]
 

@@ -1,4 +1,4 @@
-"""Where decoded pictures go: a video file or a sequence of image files."""
+"""Where decoded pictures go: a video file, a sequence of image files, or a raw stream."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -7,7 +7,7 @@ from fractions import Fraction
 from pathlib import Path
 from queue import Queue
 from threading import Thread
-from typing import Literal, Protocol, Self
+from typing import BinaryIO, Literal, Protocol, Self
 
 import av
 import cv2
@@ -22,6 +22,7 @@ from av.video.reformatter import (
 from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
+from decoder.y4m_stream import Y4mStream
 from shared_model.errors import UserError
 
 Picture = NDArray[np.uint8]
@@ -65,6 +66,12 @@ class PictureSink(Protocol):
     def write(self, picture: Picture) -> None:
         """Add one picture, (height, width, 3) uint8 BGR."""
 
+    def mark_incomplete(self) -> Path | None:
+        """Say that the call goes on after these pictures: an older file of the same name stays.
+
+        Returns where the pictures will be instead; None: under their own name.
+        """
+
     def close(self) -> None:
         """Finish the files; what was written is kept."""
 
@@ -72,13 +79,15 @@ class PictureSink(Protocol):
         """Itself; closed on leaving the block, whatever happened in it."""
 
     def __exit__(self, *exception: object) -> None:
-        """Close."""
+        """Close; after an exception the pictures are incomplete."""
 
 
 def open_sink(
-    path: Path, width: int, height: int, fps: Fraction, matrix: str = "bt601"
+    path: Path | BinaryIO, width: int, height: int, fps: Fraction, matrix: str = "bt601"
 ) -> PictureSink:
     """The sink that `path` asks for: .mkv, .avi, .mp4, .mov, or images such as out/%04d.png.
+
+    An open stream gets YUV4MPEG2.
 
     matrix: of the source, see `CallParameters`.  The pictures of bt601 stand in .mkv losslessly, as
     RGB; those of another as that matrix' Y'CbCr in 8 bits, tagged with it, so that a comparison of
@@ -87,6 +96,8 @@ def open_sink(
     Raises `UserError` if there is no such kind or it cannot be written, `ValueError` for another
     matrix.
     """
+    if not isinstance(path, Path):
+        return Y4mStream(path, width, height, fps, matrix)
     check_sink(path)
     if "%" in path.name:
         return ImageSequence(path)
@@ -105,9 +116,10 @@ def check_sink(path: Path) -> None:
 
 
 class VideoFile:
-    """Writes a video file; it stands under a temporary name until it is finished.
+    """Writes a video file under a temporary name, and gives it its own once it is finished.
 
-    Leaving the `with` block by an exception finishes it too, so that a stopped recording plays.
+    Leaving the `with` block by an exception finishes it too, so that a stopped recording plays; it
+    keeps the temporary name if there is an older file, which may be complete.
     Nothing is left behind if nothing was written.
     """
 
@@ -116,7 +128,7 @@ class VideoFile:
         self._part = path.with_name(f"{path.stem}.part{path.suffix}")
         self._reformatter, self._colours = VideoReformatter(), _colours(path, matrix)
         self._luma = LUMA_RANGE * np.array([LUMA[self._colours.matrix]], np.float32)
-        self._written, self._is_open = 0, True
+        self._written, self._is_open, self._replaces = 0, True, True
         with ExitStack() as undo, _as_user_error(path):
             undo.callback(self._part.unlink, missing_ok=True)
             self._container = undo.enter_context(av.open(str(self._part), "w"))
@@ -156,15 +168,22 @@ class VideoFile:
             with _as_user_error(self._path), self._container:
                 self._container.mux(self._stream.encode(None))
         finally:
-            if self._written:
-                self._part.replace(self._path)
-            else:
+            if not self._written:
                 self._part.unlink(missing_ok=True)
+            elif self._replaces:
+                self._part.replace(self._path)
+
+    def mark_incomplete(self) -> Path | None:
+        """See `PictureSink`."""
+        self._replaces = not (self._is_open and self._path.exists())
+        return None if self._replaces else self._part
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *exception: object) -> None:
+        if any(exception):
+            self.mark_incomplete()
         self.close()
 
     def _brighten(self, frame: av.VideoFrame, picture: Picture) -> None:
@@ -215,11 +234,17 @@ class Background:
         self._raise_error()
         self._queue.put(picture)
 
+    def mark_incomplete(self) -> Path | None:
+        """See `PictureSink`."""
+        return self._sink.mark_incomplete()
+
     def close(self) -> None:
         """Write what is waiting and finish; closing twice does nothing more."""
         if self._thread.is_alive():
             self._queue.put(None)
             self._thread.join()
+        if self._error is not None:
+            self._sink.mark_incomplete()
         self._sink.close()
         self._raise_error()
 
@@ -227,6 +252,8 @@ class Background:
         return self
 
     def __exit__(self, *exception: object) -> None:
+        if any(exception):
+            self.mark_incomplete()
         self.close()
 
     def _work(self) -> None:
@@ -262,8 +289,12 @@ class ImageSequence:
         """Write the next image.  Raises `UserError` if the disk refuses."""
         path = self._pattern.with_name(self._pattern.name % self._count)
         if not cv2.imwrite(str(path), picture):
-            raise UserError(f"cannot write {path}: no place or no permission")
+            raise UserError(f"cannot write {path}: no space or no permission")
         self._count += 1
+
+    def mark_incomplete(self) -> Path | None:
+        """See `PictureSink`: each image has replaced an older one already."""
+        return None
 
     def close(self) -> None:
         """Nothing is open between two images."""

@@ -6,6 +6,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
+from typing import BinaryIO
 
 from decoder.duration import source_frames
 from decoder.frame_sink import Background, PictureSink, check_sink, open_sink
@@ -13,9 +14,17 @@ from decoder.playout import PlayedFrame, Playout
 from decoder.reenactment import read_model, recast
 from decoder.scene import Scene, StageClock, head_of
 from protocol.call_file import CallReader, TruncatedCall
-from protocol.link.interface import CONNECT_TIMEOUT_S, LinkOptions, PacketSource, Say, silent
-from protocol.packets import Kind, ModelPacket, ProtocolError, packet_kind
-from protocol.progressive_model import is_refined
+from protocol.errors import ProtocolError
+from protocol.link.interface import (
+    CONNECT_TIMEOUT_S,
+    LinkOptions,
+    MessageCallback,
+    PacketSource,
+    ignore_message,
+)
+from protocol.model_packet import ModelPacket
+from protocol.packets import PacketKind, packet_kind
+from protocol.progressive_model import is_same_model
 from shared_model.errors import LINK_FAILED, UserError
 
 Progress = Callable[[int, int | None], None]
@@ -28,19 +37,19 @@ POLL_S = 0.1
 class DecodeOptions:
     """What to decode and where to put it.
 
-    call_file: a recorded call; None: over the network.
+    call_file: a recorded call, or an open stream of one; None: over the network.
     listen, connect: Zenoh endpoints such as tcp/0.0.0.0:7447; call: name of the call.
     connect_timeout_s: for how long to try to connect; 0: as long as is usual.
-    output: video file or image pattern; None: only measured.
+    output: video file, image pattern, or an open stream for YUV4MPEG2; None: only measured.
     face: call file whose caller is drawn instead; None: the call's own.
     """
 
-    call_file: Path | None = None
+    call_file: Path | BinaryIO | None = None
     listen: tuple[str, ...] = ()
     connect: tuple[str, ...] = ()
     call: str = "call"
     connect_timeout_s: float = 0.0
-    output: Path | None = None
+    output: Path | BinaryIO | None = None
     face: Path | None = None
 
 
@@ -127,7 +136,10 @@ class _Show:
 
 
 def decode(
-    options: DecodeOptions, progress: Progress, stop: Callable[[], bool], say: Say = silent
+    options: DecodeOptions,
+    progress: Progress,
+    stop: Callable[[], bool],
+    say: MessageCallback = ignore_message,
 ) -> DecodeReport:
     """Decode one call to its end, or until `stop`; what was decoded by then is kept.
 
@@ -136,7 +148,7 @@ def decode(
     Raises `UserError` if the call cannot be read, drawn or written; with exit code 4 if its encoder
     leaves without a word.
     """
-    if options.output is not None:
+    if isinstance(options.output, Path):
         check_sink(options.output)
     total = _expected_frames(options)
     worn = read_model(options.face) if options.face else None
@@ -144,6 +156,7 @@ def decode(
     with ExitStack() as stack:
         source = stack.enter_context(open_source(options, say))
         show: _Show | None = None
+        sink: PictureSink | None = None
         for frame in played_frames(source, playout, tally, stop):
             if frame is None:
                 if show is not None:
@@ -162,17 +175,17 @@ def decode(
             show.add(recast(frame, sender, shown))
         if show is not None:
             show.finish()
+        if not playout.ended and (stop() or options.call_file is None):
+            tally.warnings += _unfinished(options, sink, stop())
         if isinstance(source, CallReader) and source.trailing_bytes:
             excess = source.trailing_bytes
             tally.warnings.append(f"{excess} bytes after the end of the call are left out")
     if playout.model is None:
         raise _nothing(options, tally, source.ended)
-    if stop() and not playout.ended:
-        tally.warnings.append("stopped before the end of the call: decoded up to there")
     return _report(playout, playout.model, worn, tally, clock)
 
 
-def open_source(options: DecodeOptions, say: Say) -> PacketSource:
+def open_source(options: DecodeOptions, say: MessageCallback) -> PacketSource:
     """The call file or the network, whichever the options name.  Raises `UserError`.
 
     say: see `decode`.
@@ -224,9 +237,9 @@ def _packets(source: PacketSource, tally: _Tally, stop: Callable[[], bool]) -> I
 def _count(data: bytes, tally: _Tally) -> None:
     with suppress(ProtocolError):
         kind = packet_kind(data)
-        if kind in (Kind.MODEL, Kind.LAYER):
+        if kind in (PacketKind.MODEL, PacketKind.LAYER):
             tally.model_bytes += len(data) - 1
-        elif kind is Kind.FRAME:
+        elif kind is PacketKind.FRAME:
             tally.frame_bytes += len(data) - 1
 
 
@@ -237,7 +250,7 @@ def _change_scene(
     tally: _Tally,
     stack: ExitStack,
 ) -> Scene:
-    if before is not None and is_refined(before.model, model):
+    if before is not None and is_same_model(before.model, model):
         try:
             before.refine(model)
         except ProtocolError as error:
@@ -263,16 +276,32 @@ def _open_sink(
     if options.output is None:
         return None
     fps = Fraction(sender.call.fps_numerator, sender.call.fps_denominator)
-    sink = open_sink(options.output, call.width, call.height, fps, call.matrix)
+    sink = open_sink(options.output, call.width, call.height, fps, call.colour_matrix)
     return stack.enter_context(Background(sink))
 
 
+def _unfinished(options: DecodeOptions, sink: PictureSink | None, stopped: bool) -> list[str]:
+    """Keep an older video that may be complete; what to say of a call whose end did not come."""
+    if stopped:
+        said = ["stopped before the end of the call: decoded up to there"]
+    else:
+        said = ["the call has no end: decoded up to its last packet"]
+    aside = sink.mark_incomplete() if sink is not None else None
+    if aside is not None:
+        said.append(f"{options.output} is older and stays; what was decoded is in {aside}")
+    return said
+
+
 def _expected_frames(options: DecodeOptions) -> int | None:
-    return None if options.call_file is None else source_frames(options.call_file)
+    return source_frames(options.call_file) if isinstance(options.call_file, Path) else None
 
 
 def _name(options: DecodeOptions) -> str:
-    return str(options.call_file) if options.call_file else f"call {options.call}"
+    if options.call_file is None:
+        return f"call {options.call}"
+    if isinstance(options.call_file, Path):
+        return str(options.call_file)
+    return str(getattr(options.call_file, "name", "the stream"))
 
 
 def _nothing(options: DecodeOptions, tally: _Tally, ended: bool) -> UserError:

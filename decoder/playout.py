@@ -14,18 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.frame_decoder import Sample, SampleDecoder, sample_decoder
+from protocol.call_parameters import CallParameters
+from protocol.errors import ProtocolError
+from protocol.limits import SEQUENCE_MODULUS
+from protocol.model_packet import ModelPacket
 from protocol.packets import (
-    SEQUENCE_MODULUS,
-    CallParameters,
     ControlKind,
     ControlPacket,
     FramePacket,
     LayerPacket,
-    ModelPacket,
-    ProtocolError,
     parse_packet,
 )
-from protocol.progressive_model import Layers
+from protocol.progressive_model import LayerBuffer
 from shared_model.geometry import (
     conjugate,
     multiply,
@@ -76,7 +76,7 @@ class Playout:
         self._decoder: SampleDecoder | None = None
         self._first = 0  # number of the model's first frame packet
         self._update: tuple[ModelPacket, SampleDecoder, int] | None = None
-        self._layers = Layers()
+        self._layers = LayerBuffer()
         self._face_lost = False
 
     def receive(self, data: bytes) -> Iterator[PlayedFrame]:
@@ -103,33 +103,33 @@ class Playout:
         if newest is None:
             self.model, self._decoder = packet, sample_decoder(packet)
             self._first, self._number = packet.sequence, packet.sequence - 1
-            if packet.layer:
+            if packet.version:
                 self._join_late()
-            self.model = self._layers.refine(packet)
-        elif packet.layer > newest.layer:
+            self.model = self._layers.apply(packet)
+        elif packet.version > newest.version:
             check_update(newest.call, packet.call)
             ahead = (packet.sequence - self._number) % SEQUENCE_MODULUS
             self._update = packet, sample_decoder(packet), self._number + ahead
             self._refine_update()
-        elif self.model is not None and self.model.completed(packet) != self.model:
+        elif self.model is not None and self.model.with_missing_pictures_from(packet) != self.model:
             # Who joined at an update learns later what that left as it was.
             check_update(self.model.call, packet.call)
-            self.model = self.model.completed(packet)
+            self.model = self.model.with_missing_pictures_from(packet)
 
     def _receive_layer(self, packet: LayerPacket) -> None:
         """Layers may come before the model that they refine, to who joins late."""
-        if self.model is None or packet.model >= self.model.layer:
+        if self.model is None or packet.model_version >= self.model.version:
             self._layers.add(packet)
-        if self.model is not None and packet.model == self.model.layer:
-            self.model = self._layers.refine(self.model)
-        elif self._update is not None and packet.model == self._update[0].layer:
+        if self.model is not None and packet.model_version == self.model.version:
+            self.model = self._layers.apply(self.model)
+        elif self._update is not None and packet.model_version == self._update[0].version:
             self._refine_update()
 
     def _refine_update(self) -> None:
         """Before the update holds: its first frame packet must not suffer from damaged layers."""
         assert self._update is not None
         model, decoder, first = self._update
-        self._update = self._layers.refine(model), decoder, first
+        self._update = self._layers.apply(model), decoder, first
 
     def _receive_frame(self, packet: FramePacket) -> Iterator[PlayedFrame]:
         number = self._unwrap(packet.sequence)
@@ -157,9 +157,9 @@ class Playout:
             longer = update.call.focal_px / self.model.call.focal_px
             bare = replace(refocused(self._sample.face, longer), modes=np.zeros(0))
             self._sample = replace(self._sample, face=bare)
-        self.model, self._update = update.completed(self.model), None
+        self.model, self._update = update.with_missing_pictures_from(self.model), None
         self._decoder, self._first = decoder, first
-        self._layers.forget_before(update.layer)
+        self._layers.drop_before(update.version)
 
     def _unwrap(self, sequence: int) -> int | None:
         """The sample's number in the call; None if it is late or a repetition."""
@@ -199,7 +199,7 @@ class Playout:
         yield from self._hold_until(call, packet.frame)
         if packet.kind is ControlKind.END:
             self.ended = True
-        elif packet.kind is ControlKind.LOST:
+        elif packet.kind is ControlKind.FACE_LOST:
             self._face_lost = True
         else:
             self._face_lost = False

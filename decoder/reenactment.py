@@ -7,16 +7,11 @@ import numpy as np
 
 from decoder.playout import PlayedFrame
 from protocol.call_file import CallReader, TruncatedCall
+from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import motion_from_pose, pose_from_motion
-from protocol.packets import (
-    Kind,
-    LayerPacket,
-    ModelPacket,
-    ProtocolError,
-    packet_kind,
-    parse_packet,
-)
-from protocol.progressive_model import Layers, is_refined
+from protocol.model_packet import ModelPacket
+from protocol.packets import LayerPacket, PacketKind, packet_kind, parse_packet
+from protocol.progressive_model import LayerBuffer, is_same_model
 from shared_model.errors import UserError
 from shared_model.parameters import FaceParameters
 
@@ -26,12 +21,12 @@ def read_model(path: Path) -> ModelPacket:
 
     Raises `UserError` if there is none.
     """
-    models, pieces, layers = list[ModelPacket](), list[LayerPacket](), Layers()
+    models, pieces, layers = list[ModelPacket](), list[LayerPacket](), LayerBuffer()
     try:
         with CallReader(path) as reader:
             try:
                 for data in reader:
-                    if packet_kind(data) not in (Kind.MODEL, Kind.LAYER):
+                    if packet_kind(data) not in (PacketKind.MODEL, PacketKind.LAYER):
                         continue
                     packet = parse_packet(data)
                     if isinstance(packet, ModelPacket):
@@ -43,14 +38,14 @@ def read_model(path: Path) -> ModelPacket:
                     raise
         if models:
             # Any may be repeated for who joins late.
-            models.sort(key=lambda model: model.layer)
+            models.sort(key=lambda model: model.version)
             # An update without a background leaves the one before.
             backgrounds = [model.background for model in models if model.background]
             newest = replace(models[-1], background=[b"", *backgrounds][-1])
             for piece in pieces:
-                if piece.model == newest.layer:
+                if piece.model_version == newest.version:
                     layers.add(piece)
-            return layers.refine(newest)
+            return layers.apply(newest)
     except ProtocolError as error:
         raise UserError(f"{path}: {error}") from error
     raise UserError(f"{path} has no model packet: nobody to draw")
@@ -62,7 +57,7 @@ def recast(frame: PlayedFrame, sender: ModelPacket, worn: ModelPacket) -> Played
     Its head moves from its own reference pose as the sender's does from theirs; actuators are
     everybody's.  Modes are of one caller: unless both are the same model, the mean is worn.
     """
-    if is_refined(worn, sender):
+    if is_same_model(worn, sender):
         return frame
     face = frame.face
     motion = motion_from_pose(face.pose, sender.reference_pose)

@@ -16,8 +16,9 @@ from decoder.background_layers import still_of
 from decoder.background_warp import Backdrop, drawn_width_px, make_backdrop, mouth_light, warp
 from decoder.playout import PlayedFrame
 from decoder.renderer import NEAR_MM, Renderer
+from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import AAU_STEP, EAU_STEP, RESIDUAL_STEP_MM, values_from_codes
-from protocol.packets import ModelPacket, ProtocolError
+from protocol.model_packet import ModelPacket
 from shared_model.animate import Face, identity_from_controls
 from shared_model.anthropometry import residual_basis
 from shared_model.geometry import Camera, camera_from_head

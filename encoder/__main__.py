@@ -3,6 +3,6 @@
 import sys
 
 if __name__ == "__main__":
-    from risorius.command_line.cli import main
+    from risorius.cli import main
 
     sys.exit(main(["encode", *sys.argv[1:]]))

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 
 from encoder.capture.video_source import exact_fps, open_source
-from loopback.landmark_metrics import Likeness, compare_faces
+from loopback.landmark_metrics import LandmarkMetrics, compare_faces
 from loopback.process_pair import CallResult, run_call
-from loopback.quality import FaceArea, Quality, face_area_finder, measure
+from loopback.quality import FaceMaskFinder, Quality, face_mask_finder, measure_quality
 from loopback.report import figure, html_page, rounded, table
-from protocol.summary import due_s
+from protocol.summary import nominal_duration_s
 from shared_model.errors import UserError
 
 # Per frame of the source, and to start the processes and fit the model.
 LIMIT_S_PER_FRAME = 3.0
 LIMIT_START_S = 120.0
-COLUMNS = {
+TABLE_COLUMNS = {
     "source": "clip",
     "frames": "frames",
     "model_bytes": "model B",
@@ -42,7 +42,7 @@ CALL_FIGURES = (
 )
 STAGES = ("encoder_ms.", "decoder_ms.")
 # Figures that have a mean over clips.
-MEANS = (
+AVERAGED_FIGURES = (
     *("model_bytes", "frame_bps", "face_psnr_db", "face_psnr_p5_db", "full_psnr_db"),
     *("nme_percent", "face_found", "mouth_corr", "brow_corr", "blink_corr"),
 )
@@ -80,27 +80,44 @@ class BenchSettings:
         return options + ([] if self.max_frames is None else ["--max-frames", str(self.max_frames)])
 
 
+@dataclass(frozen=True, slots=True)
+class ClipFailure:
+    """A source whose call failed, and why."""
+
+    source: str
+    error: UserError
+
+
 def bench(
     sources: Sequence[str], settings: BenchSettings, folder: Path, say: Callable[[str], None]
-) -> Iterator[dict[str, Any]]:
-    """Measure each source: its figures by name, as soon as they are there.
+) -> Iterator[dict[str, Any] | ClipFailure]:
+    """Measure each source: its figures by name, or why there are none, one after the other.
 
     Decoded videos stay in `folder`.  Raises `UserError` as `check_recorded` does, before anything
-    runs, or if a call fails.
+    runs.
     """
     check_recorded(sources)
     for source, name in zip(sources, output_names(sources), strict=True):
         say(f"bench: {source}")
-        yield bench_clip(source, settings, folder / f"{name}.mkv", face_area_finder(say))
+        try:
+            yield bench_clip(source, settings, folder / f"{name}.mkv", face_mask_finder(say))
+        except UserError as error:
+            yield ClipFailure(source, error)
 
 
-def bench_report(settings: BenchSettings, clips: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """What report.json says: `clips`, the figures of each, and `mean` over them."""
-    return {"settings": asdict(settings), "clips": clips, "mean": mean_figures(clips)}
+def bench_report(
+    settings: BenchSettings,
+    clips: Sequence[Mapping[str, Any]],
+    failures: Sequence[ClipFailure] = (),
+) -> dict[str, Any]:
+    """What report.json says: `clips`, the figures of each, `failed` and `mean` over the clips."""
+    failed = [{"source": item.source, "error": str(item.error)} for item in failures]
+    mean = mean_figures(clips)
+    return {"settings": asdict(settings), "clips": clips, "failed": failed, "mean": mean}
 
 
 def bench_clip(
-    source: str, settings: BenchSettings, output: Path, face_area: FaceArea
+    source: str, settings: BenchSettings, output: Path, find_face_mask: FaceMaskFinder
 ) -> dict[str, Any]:
     """The figures of one source, sent from one process to another; decoded into `output`."""
     check_recorded([source])
@@ -109,22 +126,24 @@ def bench_clip(
     make_folder(output.parent)
     limit_s = LIMIT_START_S + LIMIT_S_PER_FRAME * frames
     result = run_call(source, output, settings.encoder_options(), limit_s)
-    quality = measure(source, str(output), face_area, lambda done, total: None, settings.max_frames)
-    alike = compare_faces(source, str(output), settings.max_frames)
+    quality = measure_quality(
+        source, str(output), find_face_mask, lambda done, total: None, settings.max_frames
+    )
+    metrics = compare_faces(source, str(output), settings.max_frames)
     figures = call_figures(result, settings.profile)
-    return {"source": Path(source).name, **figures, **asdict(quality), **asdict(alike)}
+    return {"source": Path(source).name, **figures, **asdict(quality), **asdict(metrics)}
 
 
 def is_figure(name: str) -> bool:
     """Whether a clip's report has a figure of this dotted name."""
-    of_pictures = {item.name for kind in (Quality, Likeness) for item in fields(kind)}
+    of_pictures = {item.name for kind in (Quality, LandmarkMetrics) for item in fields(kind)}
     return name in of_pictures.union(CALL_FIGURES) or name.startswith(STAGES)
 
 
 def call_figures(result: CallResult, profile: str) -> dict[str, Any]:
     """What the two ends' reports say together."""
     sent, shown = result.encoder, result.decoder
-    seconds = due_s(profile, sent["frames"], exact_fps(sent["fps"]))
+    seconds = nominal_duration_s(profile, sent["frames"], exact_fps(sent["fps"]))
     return {
         "profile": profile,
         "frames": sent["frames"],
@@ -165,25 +184,27 @@ def latency_ms(
 
 def mean_figures(clips: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
     """Mean over the clips of the figures that have one."""
-    columns = {name: [clip[name] for clip in clips if clip[name] is not None] for name in MEANS}
+    columns = {
+        name: [clip[name] for clip in clips if clip[name] is not None] for name in AVERAGED_FIGURES
+    }
     return {name: rounded(float(np.mean(c))) if c else None for name, c in columns.items()}
 
 
 def bench_table(clips: Sequence[Mapping[str, Any]]) -> str:
     """The main figures of each clip and their mean, as a table."""
-    return table(list(COLUMNS.values()), _rows(clips))
+    return table(list(TABLE_COLUMNS.values()), _rows(clips))
 
 
 def bench_page(clips: Sequence[Mapping[str, Any]]) -> str:
     """The same as an HTML page."""
-    return html_page("risorius bench", list(COLUMNS.values()), _rows(clips))
+    return html_page("risorius bench", list(TABLE_COLUMNS.values()), _rows(clips))
 
 
 def _rows(clips: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
-    rows: list[list[Any]] = [[figure(clip, name) for name in COLUMNS] for clip in clips]
+    rows: list[list[Any]] = [[figure(clip, name) for name in TABLE_COLUMNS] for clip in clips]
     if len(clips) > 1:
         mean = {"source": "mean", **mean_figures(clips)}
-        rows.append([mean.get(name) for name in COLUMNS])
+        rows.append([mean.get(name) for name in TABLE_COLUMNS])
     return rows
 
 

@@ -7,17 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture.video_source import open_source
-from encoder.detection.blazeface import BlazeFaceDetector
-from encoder.detection.landmark_indices import COUNT, EYE_CORNERS, GAPS
-from encoder.detection.landmarks import LandmarkTracker
-from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
+from encoder.detection.landmark_indices import LANDMARK_COUNT, LANDMARK_DISTANCES, OUTER_EYE_CORNERS
+from encoder.detection.landmarks import open_landmark_tracker
+from encoder.detection.tflite import NetworkFilesMissing
 from loopback.report import rounded
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Likeness:
+class LandmarkMetrics:
     """How alike two videos of a face are; figures are None where nothing can be said.
 
     face_found: share of the frames with a face whose copy has one as well.
@@ -32,7 +31,7 @@ class Likeness:
     blink_corr: float | None = None
 
 
-def compare_faces(source: str, decoded: str, max_frames: int | None = None) -> Likeness:
+def compare_faces(source: str, decoded: str, max_frames: int | None = None) -> LandmarkMetrics:
     """Follow the face in both videos and compare.
 
     source, decoded: anything `open_source` opens, of equally many frames.
@@ -42,8 +41,8 @@ def compare_faces(source: str, decoded: str, max_frames: int | None = None) -> L
     try:
         first, second = (face_points(name, max_frames) for name in (source, decoded))
     except NetworkFilesMissing:
-        return Likeness()
-    return likeness(first, second)
+        return LandmarkMetrics()
+    return landmark_metrics(first, second)
 
 
 def face_points(source: str, max_frames: int | None) -> Array:
@@ -51,19 +50,22 @@ def face_points(source: str, max_frames: int | None) -> Array:
 
     Raises `NetworkFilesMissing`.
     """
-    return np.array(list(_followed(source, max_frames))).reshape(-1, COUNT, 2)
+    return np.array(list(_tracked_points(source, max_frames))).reshape(-1, LANDMARK_COUNT, 2)
 
 
-def likeness(source: Array, decoded: Array) -> Likeness:
+def landmark_metrics(source: Array, decoded: Array) -> LandmarkMetrics:
     """Compare landmarks (t, 468, 2) of two videos; nan: no face."""
     there, kept = (np.isfinite(points[:, 0, 0]) for points in (source, decoded))
     both = there & kept
     if not both.any():
-        return Likeness(face_found=0.0 if there.any() else None)
+        return LandmarkMetrics(face_found=0.0 if there.any() else None)
     a, b = source[both], decoded[both]
     distance = np.linalg.norm(a - b, axis=2).mean(1) / _eye_distance(a)
-    gaps = {name: correlation(_gap(a, name), _gap(b, name)) for name in GAPS}
-    return Likeness(
+    gaps = {
+        name: correlation(_landmark_distance(a, name), _landmark_distance(b, name))
+        for name in LANDMARK_DISTANCES
+    }
+    return LandmarkMetrics(
         face_found=rounded(float(kept[there].mean()), 3),
         nme_percent=rounded(100 * float(distance.mean())),
         mouth_corr=gaps["mouth"],
@@ -79,10 +81,9 @@ def correlation(first: Array, second: Array) -> float | None:
     return rounded(float(np.corrcoef(first, second)[0, 1]), 3)
 
 
-def _followed(source: str, max_frames: int | None) -> Iterator[Array]:
-    folder = find_network_folder()
-    tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
-    nothing = np.full((COUNT, 2), np.nan)
+def _tracked_points(source: str, max_frames: int | None) -> Iterator[Array]:
+    tracker = open_landmark_tracker()
+    nothing = np.full((LANDMARK_COUNT, 2), np.nan)
     with open_source(source) as capture:
         for index, frame in capture:
             if index == max_frames:
@@ -92,11 +93,13 @@ def _followed(source: str, max_frames: int | None) -> Iterator[Array]:
 
 
 def _eye_distance(points: Array) -> Array:
-    left, right = (points[:, corner] for corner in EYE_CORNERS)
+    left, right = (points[:, corner] for corner in OUTER_EYE_CORNERS)
     return np.asarray(np.linalg.norm(left - right, axis=1))
 
 
-def _gap(points: Array, name: str) -> Array:
+def _landmark_distance(points: Array, name: str) -> Array:
     """(t,) how far the gesture is open, in the eyes' distance."""
-    gaps = [np.linalg.norm(points[:, a] - points[:, b], axis=1) for a, b in GAPS[name]]
+    gaps = [
+        np.linalg.norm(points[:, a] - points[:, b], axis=1) for a, b in LANDMARK_DISTANCES[name]
+    ]
     return np.asarray(np.mean(gaps, axis=0) / _eye_distance(points))

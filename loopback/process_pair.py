@@ -14,9 +14,9 @@ from shared_model.errors import LINK_FAILED, UserError
 
 CALL = "bench"
 # How long the encoder may wait for the decoder to be there.
-PATIENCE_S = 30
+PEER_WAIT_S = 30
 POLL_S = 0.05
-GRACE_S = 5.0
+TERMINATION_GRACE_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class _Process:
     process: subprocess.Popen[bytes]
     log: Path
 
-    def complaint(self) -> str:
+    def error_text(self) -> str:
         """The process's last word, without the program's name."""
         lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
         last = lines[-1].removeprefix("risorius: ") if lines else "it said nothing"
@@ -53,7 +53,7 @@ def run_call(
     # The encoder waits for the decoder by itself; it may then look at all of the source first.
     options = {
         "decoder": ["--listen", endpoint, "-o", str(output), "--timeout", str(limit_s)],
-        "encoder": [source, "--connect", endpoint, "--wait", str(PATIENCE_S), *encoder_options],
+        "encoder": [source, "--connect", endpoint, "--wait", str(PEER_WAIT_S), *encoder_options],
     }
     processes: list[_Process] = []
     try:
@@ -62,7 +62,7 @@ def run_call(
         _wait(processes, time.monotonic() + limit_s)
     finally:
         for item in processes:
-            _end(item.process)
+            _terminate(item.process)
     return CallResult(
         **{end: json.loads(_report(output, end).read_text("utf-8")) for end in options}
     )
@@ -97,21 +97,21 @@ def _wait(processes: list[_Process], deadline: float) -> None:
         for item in processes:
             code = item.process.poll()
             if code:
-                raise UserError(item.complaint(), code if 0 < code < 128 else LINK_FAILED)
+                raise UserError(item.error_text(), code if 0 < code < 128 else LINK_FAILED)
         if time.monotonic() > deadline:
             names = " and ".join(item.name for item in processes if item.process.poll() is None)
             raise UserError(f"the {names} did not end in time", LINK_FAILED)
         time.sleep(POLL_S)
     for item in processes:
         if item.process.returncode:
-            raise UserError(item.complaint(), item.process.returncode)
+            raise UserError(item.error_text(), item.process.returncode)
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
+def _terminate(process: subprocess.Popen[bytes]) -> None:
     if process.poll() is None:
         process.terminate()
         try:
-            process.wait(GRACE_S)
+            process.wait(TERMINATION_GRACE_S)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()

@@ -1,4 +1,4 @@
-"""How near a decoded video is to its source: PSNR over the face and over the whole picture."""
+"""PSNR of a decoded video against its source, over the face and over the whole picture."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,17 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture.video_source import Capture, open_source
-from encoder.detection.blazeface import BlazeFaceDetector
-from encoder.detection.landmarks import LandmarkTracker
-from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
+from encoder.detection.landmarks import open_landmark_tracker
+from encoder.detection.tflite import NetworkFilesMissing
 from loopback.report import rounded
 from shared_model.errors import UserError
 
 Picture = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 Progress = Callable[[int, int | None], None]
-# The face area of a picture, (height, width) bool; None: no face.
-FaceArea = Callable[[Picture], Mask | None]
+# The face of a picture as a mask, (height, width) bool; None: no face.
+FaceMaskFinder = Callable[[Picture], Mask | None]
 
 # The points of the 468-point face mesh on the outline of the face.
 FACE_OVAL = (
@@ -36,7 +35,7 @@ class Quality:
     """PSNR of luma (eq. 6.1), dB: mean over the frames and 5th percentile.
 
     frames: compared; face_frames: those of them whose source shows a face.
-    face_*: over the face area of the source, None without any face; full_*: over the whole picture.
+    face_*: over the face mask of the source, None without any face; full_*: over the whole picture.
     """
 
     frames: int
@@ -47,41 +46,40 @@ class Quality:
     full_psnr_p5_db: float | None
 
 
-class TrackedFaceArea:
-    """The face area of one picture after another, from the landmark network.
+class TrackedFaceMask:
+    """Finds the face mask of one picture after another by the landmark network.
 
     Raises `NetworkFilesMissing` where it is not installed.
     """
 
     def __init__(self) -> None:
-        folder = find_network_folder()
-        self._tracker = LandmarkTracker(folder, BlazeFaceDetector(folder), look_at_lids=False)
+        self._tracker = open_landmark_tracker(refine_eyelids=False)
 
     def __call__(self, picture: Picture) -> Mask | None:
-        """The area inside the outline of the face in `picture`; None if there is no face."""
+        """The mask inside the outline of the face in `picture`; None if there is no face."""
         found = self._tracker.update(picture)
-        return None if found is None else oval_area(found.points, *picture.shape[:2])
+        return None if found is None else face_oval_mask(found.points, *picture.shape[:2])
 
 
-def measure(
+def measure_quality(
     source: str,
     decoded: str,
-    face_area: FaceArea,
+    find_face_mask: FaceMaskFinder,
     progress: Progress,
     max_frames: int | None = None,
 ) -> Quality:
     """Compare a decoded video with its source, frame by frame.
 
-    source, decoded: anything `open_source` opens.  max_frames: the part of the source that was
-    encoded.
-    Raises `UserError` if they have different sizes or numbers of frames.
+    source, decoded: anything `open_source` opens.  max_frames: compare no more frames.
+    Raises `UserError` if they have different sizes, or if one ends before the other and before
+    `max_frames`.
     """
     face: list[float] = []
     full: list[float] = []
     with open_source(source) as originals, open_source(decoded) as copies:
         check_size(originals, copies.name, copies.width, copies.height)
         for index, (original, copy) in enumerate(zip_longest(originals, copies)):
-            if index == max_frames and copy is None:
+            if index == max_frames:
                 break
             if original is None or copy is None:
                 raise UserError(
@@ -89,11 +87,21 @@ def measure(
                 )
             error = squared_error(original[1], copy[1])
             full.append(psnr_db(error))
-            area = face_area(original[1])
-            if area is not None and area.any():
-                face.append(psnr_db(error[area]))
-            progress(index + 1, originals.frame_count)
+            mask = find_face_mask(original[1])
+            if mask is not None and mask.any():
+                face.append(psnr_db(error[mask]))
+            progress(index + 1, max_frames or originals.frame_count)
     return Quality(len(full), len(face), *_mean_and_p5(face), *_mean_and_p5(full))
+
+
+def source_frame_count(source: str, expected: int) -> int:
+    """Number of frames of a recorded video.
+
+    expected: where the container states this number, it is believed.  Any other number may be a
+    guess of the container's: the frames are counted.
+    """
+    with open_source(source) as capture:
+        return expected if capture.frame_count == expected else sum(1 for _ in capture)
 
 
 def squared_error(original: Picture, copy: Picture) -> NDArray[np.float64]:
@@ -109,8 +117,8 @@ def psnr_db(error: NDArray[np.float64]) -> float:
     return float(10 * np.log10(255.0**2 / max(float(error.mean()), LEAST_SQUARED_ERROR)))
 
 
-def oval_area(points_px: NDArray[np.floating], height: int, width: int) -> Mask:
-    """The area inside the face's outline.  points_px: (468 or more, 2 or more), pixels."""
+def face_oval_mask(points_px: NDArray[np.floating], height: int, width: int) -> Mask:
+    """The mask inside the face's outline.  points_px: (468 or more, 2 or more), pixels."""
     outline = np.round(points_px[list(FACE_OVAL), :2]).astype(np.int32)
     mask = np.zeros((height, width), np.uint8)
     cv2.fillConvexPoly(mask, cv2.convexHull(outline), 1)
@@ -132,10 +140,10 @@ def _mean_and_p5(values: list[float]) -> tuple[float | None, float | None]:
     return rounded(float(np.mean(values))), rounded(float(np.percentile(values, 5)))
 
 
-def face_area_finder(warn: Callable[[str], None]) -> FaceArea:
-    """The best finder that is installed; without the landmark network no face is measured."""
+def face_mask_finder(warn: Callable[[str], None]) -> FaceMaskFinder:
+    """A finder with the landmark network; where that is not installed, one that finds no face."""
     try:
-        return TrackedFaceArea()
+        return TrackedFaceMask()
     except NetworkFilesMissing as error:
         warn(f"risorius: warning: {error}; no PSNR over the face")
         return lambda picture: None

@@ -1,20 +1,27 @@
 """Suites of recorded clips with thresholds: what a CI runs to see that nothing got worse."""
 
 import hashlib
+import json
 import tomllib
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from loopback.bench import BenchSettings, bench_clip, is_figure, make_folder, output_names
+from encoder.option_rules import check_value, chosen_profile
+from loopback.bench import (
+    BenchSettings,
+    bench_clip,
+    check_recorded,
+    is_figure,
+    make_folder,
+    output_names,
+)
 from loopback.clip_paths import clip_path
-from loopback.quality import face_area_finder
+from loopback.quality import face_mask_finder
 from loopback.report import flatten, table
-from risorius.command_line.arguments import build_parser
-from risorius.command_line.option_rules import check_startup, chosen_profile
-from shared_model.errors import UserError
+from shared_model.errors import UserError, cannot_read
 
 Say = Callable[[str], None]
 
@@ -73,7 +80,7 @@ def read_suite(path: Path) -> Suite:
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise UserError(f"cannot read {path}: {error.strerror}") from error
+        raise cannot_read(path, error) from error
     except ValueError as error:
         raise UserError(f"{path} is no TOML file: {error}") from error
     entries = content.get("clip")
@@ -87,12 +94,29 @@ def read_suite(path: Path) -> Suite:
 
 
 def replay(suite: Suite, folder: Path, say: Say) -> Iterator[ClipResult]:
-    """Measure one clip of the suite after the other; decoded videos stay in `folder`."""
+    """Measure one clip of the suite after the other; decoded videos stay in `folder`.
+
+    Raises `UserError` as `check_inputs` does, before anything runs.
+    """
+    check_inputs(suite)
     names = output_names([clip.name for clip in suite.clips])
     make_folder(folder)
     for clip, name in zip(suite.clips, names, strict=True):
         say(f"replay: {clip.name}")
         yield _replay_clip(clip, folder / f"{name}.mkv", say)
+
+
+def check_inputs(suite: Suite) -> None:
+    """Raise `UserError` that names each clip that cannot be read or is not the one meant."""
+    faults = list[str]()
+    for clip in suite.clips:
+        try:
+            check_recorded([clip.path])
+            _check_sha256(clip)
+        except UserError as error:
+            faults.append(f"clip {clip.name}: {error}")
+    if faults:
+        raise UserError("; ".join(faults))
 
 
 def check(clip: Clip, figures: Mapping[str, Any]) -> tuple[Check, ...]:
@@ -137,8 +161,7 @@ def junit_xml(suite: Suite, results: list[ClipResult]) -> bytes:
 
 def _replay_clip(clip: Clip, output: Path, say: Say) -> ClipResult:
     try:
-        _check_sha256(clip)
-        figures = bench_clip(clip.path, clip.settings, output, face_area_finder(say))
+        figures = bench_clip(clip.path, clip.settings, output, face_mask_finder(say))
     except UserError as error:
         return ClipResult(clip.name, {"source": clip.name}, (), str(error))
     return ClipResult(clip.name, figures, check(clip, figures), None)
@@ -147,11 +170,8 @@ def _replay_clip(clip: Clip, output: Path, say: Say) -> ClipResult:
 def _check_sha256(clip: Clip) -> None:
     if clip.sha256 is None:
         return
-    try:
-        with open(clip.path, "rb") as file:
-            actual = hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise UserError(f"cannot read {clip.path}: {error.strerror}") from error
+    with open(clip.path, "rb") as file:
+        actual = hashlib.file_digest(file, "sha256").hexdigest()
     if actual != clip.sha256.lower():
         raise UserError(f"{clip.path} is another file than the suite means: sha256 is {actual}")
 
@@ -202,14 +222,20 @@ def _settings(content: Mapping[str, Any], place: str) -> BenchSettings:
             kind = "true or false" if is_switch else "neither true nor false"
             raise UserError(f"{place}: expected {kind} for {item.name}")
     settings = BenchSettings(**content)
-    line = ["encode", place, "--connect", place, *settings.encoder_options()]
+    for name, value in content.items():
+        try:
+            check_value(name, value)
+        except ValueError as error:
+            raise UserError(f"{place}: {name}: {error}") from error
     try:
-        arguments = build_parser().parse_args(line)
-        check_startup(arguments)
-        chosen_profile(arguments)
+        chosen_profile(asdict(settings), _as_setting)
     except UserError as error:
         raise UserError(f"{place}: {error}") from error
     return settings
+
+
+def _as_setting(name: str, value: object) -> str:
+    return f"{name} = {json.dumps(value)}"
 
 
 def _thresholds(content: Mapping[str, Any], key: str, place: str) -> dict[str, float]:

@@ -15,20 +15,22 @@ import cv2
 import numpy as np
 
 from decoder.pipeline import DecodeOptions, decode
-from encoder.calls.session_callbacks import Console
-from encoder.calls.session_stats import Tally
-from encoder.calls.two_pass_session import Survey, send_call
+from encoder.calls.packet_sender import PacketSender
+from encoder.calls.session_callbacks import SessionCallbacks
+from encoder.calls.session_stats import SessionStats
+from encoder.calls.two_pass_session import TwoPassEncoder, send_call
 from encoder.capture.video_source import open_source
-from encoder.pipeline import EncodeOptions, survey_source
+from encoder.options import EncodeOptions
+from encoder.pipeline import first_and_second_pass
 from loopback.bench import check_recorded, make_folder, output_names
 from loopback.chart import Chart, Curve, layout, picture, svg
-from loopback.quality import face_area_finder, measure
+from loopback.quality import face_mask_finder, measure_quality
 from loopback.report import Cell, rounded, table, write_json
 from protocol.call_file import CallWriter
 from protocol.summary import summarise
 from shared_model.errors import UserError
 
-MEAN = "mean"
+MEAN_CURVE = "mean"
 FIGURES = ("frame_bps", "face_psnr_db", "face_psnr_p5_db", "full_psnr_db")
 
 
@@ -66,7 +68,7 @@ def sweep(
         for source, name in zip(sources, output_names(sources), strict=True)
     }
     mean = mean_curve(list(curves.values()))
-    report = {"settings": asdict(settings), "curves": curves, MEAN: mean}
+    report = {"settings": asdict(settings), "curves": curves, MEAN_CURVE: mean}
     write_json(folder / "report.json", report)
     draw(report, folder)
     return report
@@ -82,7 +84,7 @@ def measure_curve(
     """The points of one source; they are kept in the file `stem`.json as they come."""
     notes = stem.with_name(f"{stem.name}.json")
     curve = source_identity(source, settings) | {"points": []}
-    old = _read(notes)
+    old = _read_notes(notes)
     if all(old.get(key) == value for key, value in curve.items() if key != "points"):
         curve["points"] = old["points"]
     measured = {point["bitrate"] for point in curve["points"]}
@@ -94,7 +96,7 @@ def measure_curve(
             path = stem.with_name(f"{stem.name}-{rate:g}.rzo")
             point = measure_point(survey, tally, rate, source, path, settings, say, progress)
             curve["points"].append(point)
-            _save(notes, curve)
+            _write_notes(notes, curve)
     else:
         say(f"sweep: {stem.name}: measured already")
     asked = [point for point in curve["points"] if point["bitrate"] in settings.bitrates]
@@ -102,8 +104,8 @@ def measure_curve(
 
 
 def measure_point(
-    survey: Survey,
-    tally: Tally,
+    survey: TwoPassEncoder,
+    tally: SessionStats,
     rate: float,
     source: str,
     path: Path,
@@ -113,14 +115,16 @@ def measure_point(
 ) -> dict[str, Any]:
     """Code at `rate` into the call file `path`, decode it, and compare it with the source."""
     with CallWriter(path) as sink:
-        send_call(survey.code(rate), sink, tally, None, lambda: False)
+        send_call(survey.encode(rate), PacketSender(sink, tally), None, lambda: False)
     decoded = path.with_suffix(".mkv")
     try:
         with progress("decode") as shown:
             decode(DecodeOptions(call_file=path, output=decoded), shown, lambda: False)
         with progress("compare") as shown:
-            area = face_area_finder(say)
-            quality = measure(source, str(decoded), area, shown, settings.max_frames)
+            find_face_mask = face_mask_finder(say)
+            quality = measure_quality(
+                source, str(decoded), find_face_mask, shown, settings.max_frames
+            )
     finally:
         decoded.unlink(missing_ok=True)
     summary = summarise(path)
@@ -153,7 +157,7 @@ def sweep_table(report: Mapping[str, Any]) -> str:
     """Each point of each clip, and the means, as a table."""
     header = ("clip", "rate", "model B", "bps", "face dB", "p5", "full dB")
     rows: list[list[Cell]] = []
-    for name, points in [*_points(report), (MEAN, report[MEAN])]:
+    for name, points in [*_points(report), (MEAN_CURVE, report[MEAN_CURVE])]:
         rows += [
             [name, point["bitrate"], point.get("model_bytes"), *(point[f] for f in FIGURES)]
             for point in points
@@ -166,9 +170,9 @@ def draw(report: Mapping[str, Any], folder: Path) -> None:
 
     Raises `UserError` if they cannot be written.
     """
-    named = [(MEAN, report[MEAN])] if len(report["curves"]) > 1 else []
+    named = [(MEAN_CURVE, report[MEAN_CURVE])] if len(report["curves"]) > 1 else []
     curves = tuple(
-        Curve(name, found, 4 if name == MEAN else 2)
+        Curve(name, found, 4 if name == MEAN_CURVE else 2)
         for name, points in [*named, *_points(report)]
         if (found := _face_points(points))
     )
@@ -199,8 +203,8 @@ def source_identity(source: str, settings: SweepSettings) -> dict[str, Any]:
     }
 
 
-def _read(notes: Path) -> dict[str, Any]:
-    """What `_save` has written; nothing if there is no such file."""
+def _read_notes(notes: Path) -> dict[str, Any]:
+    """What `_write_notes` has written; empty if there is no such file."""
     try:
         curve = json.loads(notes.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -208,7 +212,7 @@ def _read(notes: Path) -> dict[str, Any]:
     return curve if isinstance(curve, dict) else {}
 
 
-def _save(notes: Path, curve: Mapping[str, Any]) -> None:
+def _write_notes(notes: Path, curve: Mapping[str, Any]) -> None:
     """Write whole or not at all, so that a sweep that is stopped leaves what was before."""
     draft = notes.with_suffix(".part")
     write_json(draft, curve)
@@ -219,11 +223,13 @@ def _survey(
     source: str,
     settings: SweepSettings,
     progress: AbstractContextManager[Callable[[int, int | None], None]],
-) -> tuple[Survey, Tally]:
+) -> tuple[TwoPassEncoder, SessionStats]:
     options = EncodeOptions(source=source, profile="default", max_frames=settings.max_frames)
-    tally = Tally()
+    tally = SessionStats()
     with open_source(source) as capture, progress as shown:
-        return survey_source(options, capture, tally, Console(shown, lambda: False)), tally
+        return first_and_second_pass(
+            options, capture, tally, SessionCallbacks(shown, lambda: False)
+        ), tally
 
 
 def _points(report: Mapping[str, Any]) -> list[tuple[str, list[dict[str, Any]]]]:

@@ -11,19 +11,15 @@ from math import log2
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.entropy.range_coder import WHOLE
-from protocol.frames.frame_transform import GEOMETRY, Components, parse_components
-from protocol.frames.temporal_prediction import FramePredictor, encoding, read_packet
-from protocol.packets import (
-    SEQUENCE_MODULUS,
-    FramePacket,
-    LayerPacket,
-    ModelPacket,
-    Packet,
-    ProtocolError,
-    serialise,
-)
-from protocol.progressive_model import Layers
+from protocol.entropy.range_coder import PROBABILITY_ONE
+from protocol.errors import ProtocolError
+from protocol.frames.frame_transform import GEOMETRY_SIZE, FrameTransform, parse_transform
+from protocol.frames.payload_coding import code_payload_stepwise, parse_payload
+from protocol.frames.temporal_prediction import FramePredictor
+from protocol.limits import SEQUENCE_MODULUS
+from protocol.model_packet import ModelPacket
+from protocol.packets import FramePacket, LayerPacket, Packet, serialise
+from protocol.progressive_model import LayerBuffer
 from shared_model.parameters import EAUS, LID_EAUS, THESIS_EAUS
 
 Array = NDArray[np.float64]
@@ -43,24 +39,24 @@ class PacketSize:
     largest: int
 
 
-class Accounts:
+class BitAccounting:
     """Adds up what the packets of one call, given in order, spend their bytes on."""
 
     def __init__(self) -> None:
         self._model_parts: dict[str, int] = {}
-        self._layers, self._layered = Layers(), set[int]()
+        self._layers, self._layered = LayerBuffer(), set[int]()
         self._groups: dict[str, float] = {}
         self._sizes: list[int] = []
         self._model: ModelPacket | None = None
-        self._reading: _Reading | None = None
-        self._waiting: _Reading | None = None
+        self._reading: _FrameContext | None = None
+        self._waiting: _FrameContext | None = None
 
     @property
     def model_parts(self) -> dict[str, int]:
         """Bytes of each part of model and layer packets; they add up to these without byte 0."""
         found = dict(self._model_parts)
         for model in self._layered:
-            _tell_apart(found, self._layers.parts(model))
+            _reclassify(found, self._layers.bytes_by_item(model))
         return found
 
     @property
@@ -90,14 +86,14 @@ class Accounts:
 
     def _add_model(self, packet: ModelPacket) -> None:
         modes: tuple[bytes, ...] = ()
-        if packet.extension:
-            components = parse_components(packet.extension)
+        if packet.profile_data:
+            components = parse_transform(packet.profile_data)
             modes = components.modes
-            if self._model is None or packet.layer > self._model.layer:
-                self._waiting = _Reading(components, packet.sequence)
-        if self._model is None or packet.layer > self._model.layer:
+            if self._model is None or packet.version > self._model.version:
+                self._waiting = _FrameContext(components, packet.sequence)
+        if self._model is None or packet.version > self._model.version:
             # The one before may be in use for a while, those before that are not.
-            self._settle(self._model.layer if self._model else 0)
+            self._close_layers(self._model.version if self._model else 0)
             self._model = packet
         parts = {
             "background": len(packet.background),
@@ -112,21 +108,21 @@ class Accounts:
         """Counts as shape until it is known what it is of."""
         self._layers.add(packet)
         try:
-            self._layers.parts(packet.model)
+            self._layers.bytes_by_item(packet.model_version)
         except ProtocolError:
             # Nor will it ever be known what those before are of.
-            self._layered.discard(packet.model)
+            self._layered.discard(packet.model_version)
             raise
         size = len(serialise(packet)) - 1
         self._model_parts["shape"] = self._model_parts.get("shape", 0) + size
-        self._layered.add(packet.model)
+        self._layered.add(packet.model_version)
 
-    def _settle(self, model: int) -> None:
+    def _close_layers(self, model: int) -> None:
         """Let go of the layers of older models: all that came of them has come."""
         for older in {number for number in self._layered if number < model}:
-            _tell_apart(self._model_parts, self._layers.parts(older))
+            _reclassify(self._model_parts, self._layers.bytes_by_item(older))
             self._layered.remove(older)
-        self._layers.forget_before(model)
+        self._layers.drop_before(model)
 
     def _add_frame(self, packet: FramePacket) -> None:
         size = len(packet.payload)
@@ -142,12 +138,14 @@ class Accounts:
         if self._model is None:
             raise ProtocolError("a frame packet before the model packet")
         if self._model.call.profile == "thesis":
-            values = _THESIS_VALUES | ({"lids": len(LID_EAUS)} if self._model.call.lids else {})
+            values = _THESIS_VALUES | (
+                {"lids": len(LID_EAUS)} if self._model.call.has_eyelids else {}
+            )
             total = sum(values.values())
             return {name: count / total for name, count in values.items()}
         if self._waiting and self._waiting.number(packet) < SEQUENCE_MODULUS // 2:
             self._reading, self._waiting = self._waiting, None
-            self._settle(self._model.layer)
+            self._close_layers(self._model.version)
         reading = self._reading
         if reading is None:
             raise ProtocolError("the model packet has no components")
@@ -161,20 +159,20 @@ class Accounts:
         return shares | {OVERHEAD: 1 - sum(shares.values())}
 
 
-def _tell_apart(found: dict[str, int], parts: dict[str, int]) -> None:
+def _reclassify(found: dict[str, int], parts: dict[str, int]) -> None:
     """Enter what counted as shape as the parts it is of."""
     for name, count in parts.items():
         found[name] = found.get(name, 0) + count
         found["shape"] = found.get("shape", 0) - count
 
 
-class _Reading:
+class _FrameContext:
     """How frame packets are read from the one numbered `first` on."""
 
-    def __init__(self, components: Components, first: int) -> None:
+    def __init__(self, components: FrameTransform, first: int) -> None:
         self.components, self.predictor = (
             components,
-            FramePredictor(components.spreads, components.spare),
+            FramePredictor(components.scale_codes, components.reserved_modes),
         )
         self._first = first
 
@@ -190,9 +188,11 @@ def component_bits(
 
     Raises `ProtocolError` as `decode_packet` does.
     """
-    packet = read_packet(predictor, sequence, usual_frames, payload)
-    meter, bits, before = _Meter(), np.zeros(predictor.components), 0.0
-    steps = encoding(meter, predictor, sequence, usual_frames, packet.head, packet.values)
+    packet = parse_payload(predictor, sequence, usual_frames, payload)
+    meter, bits, before = _IdealLengthCoder(), np.zeros(predictor.component_count), 0.0
+    steps = code_payload_stepwise(
+        meter, predictor, sequence, usual_frames, packet.header, packet.values
+    )
     for component in steps:
         if component is not None:
             bits[component] += meter.bits - before
@@ -201,28 +201,28 @@ def component_bits(
     return bits
 
 
-def group_shares(components: Components) -> Array:
+def group_shares(components: FrameTransform) -> Array:
     """(n, GROUPS) share of each group in the harm that each component does; rows add up to 1."""
     squares = components.basis.astype(np.float64) ** 2
     grouped = np.stack([squares[:, _group_of(components) == g].sum(1) for g in GROUPS], 1)
     return np.asarray(grouped / np.maximum(grouped.sum(1, keepdims=True), 1))
 
 
-class _Meter:
+class _IdealLengthCoder:
     """A coder that writes nothing and adds up ideal lengths."""
 
     def __init__(self) -> None:
         self.bits = 0.0
 
     def code_bit(self, bit: int, zero: int) -> int:
-        self.bits -= log2((WHOLE - zero if bit else zero) / WHOLE)
+        self.bits -= log2((PROBABILITY_ONE - zero if bit else zero) / PROBABILITY_ONE)
         return bit
 
 
-def _group_of(components: Components) -> NDArray[np.str_]:
+def _group_of(components: FrameTransform) -> NDArray[np.str_]:
     """(d,) the group of each value of y, see `Components`."""
     names = [eau.name.split("_")[0] for eau in EAUS]
     actuators = [{"lid": "lids", "gaze": "gaze"}.get(name, "expression") for name in names]
     return np.array(
-        ["pose"] * (GEOMETRY - len(EAUS)) + actuators + ["modes"] * len(components.modes)
+        ["pose"] * (GEOMETRY_SIZE - len(EAUS)) + actuators + ["modes"] * len(components.modes)
     )

@@ -10,15 +10,11 @@ from pathlib import Path
 from typing import BinaryIO, Self
 
 from protocol.entropy.varint import decode_varint, encode_varint
-from protocol.link.interface import Reach
-from protocol.packets import (
-    MAX_MODEL_PACKET_BYTES,
-    ProtocolError,
-    is_end,
-    max_packet_bytes,
-    packet_kind,
-)
-from shared_model.errors import UserError
+from protocol.errors import ProtocolError
+from protocol.limits import MAX_MODEL_PACKET_BYTES
+from protocol.link.interface import Reachability
+from protocol.packets import is_end, max_packet_bytes, packet_kind
+from shared_model.errors import UserError, cannot_read, cannot_write
 
 MAGIC = b"RZO1"
 MAX_LENGTH_BYTES = 3
@@ -31,7 +27,7 @@ class TruncatedCall(ProtocolError):
         super().__init__(f"the call is cut off: byte {place}: {reason}")
 
 
-def record(packet: bytes) -> bytes:
+def serialise_record(packet: bytes) -> bytes:
     """One packet as it stands in a call file."""
     return encode_varint(len(packet)) + packet
 
@@ -69,12 +65,12 @@ class CallWriter:
     def __init__(self, path: Path) -> None:
         self._path = Path(path)
         self._part = self._path.with_name(self._path.name + ".part")
-        self._empty, self._torn = True, False
+        self._empty, self._write_failed = True, False
         try:
             # Unbuffered: what a killed process had sent is in the temporary file.
             self._file = open(self._part, "wb", buffering=0)  # noqa: SIM115 - kept open
         except OSError as error:
-            raise UserError(f"cannot write {self._path}: {error.strerror}") from error
+            raise cannot_write(self._path, error) from error
         try:
             self._write(MAGIC)
         except UserError:
@@ -82,17 +78,17 @@ class CallWriter:
             raise
 
     @property
-    def reach(self) -> Reach:
+    def reachability(self) -> Reachability:
         """Whoever reads the file."""
-        return Reach.SOMEBODY
+        return Reachability.HAS_PEER
 
     def send(self, packet: bytes) -> None:
         """Append one packet.  Raises `UserError` if the disk refuses."""
-        self._write(record(packet))
+        self._write(serialise_record(packet))
         self._empty = False
 
     def _write(self, data: bytes) -> None:
-        if self._torn:
+        if self._write_failed:
             raise UserError(f"cannot write {self._path}: the disk refused before")
         left = memoryview(data)
         try:
@@ -100,7 +96,7 @@ class CallWriter:
                 # A disk that is nearly full takes a part.
                 left = left[self._file.write(left) :]
         except OSError as error:
-            self._torn = True
+            self._write_failed = True
             kept = "" if self._empty else f"; what was sent before is in {self._part}"
             raise UserError(f"cannot write {self._path}: {error.strerror}{kept}") from error
 
@@ -111,7 +107,7 @@ class CallWriter:
         self._file.close()
         if self._empty:
             self._part.unlink()
-        elif not self._torn:
+        elif not self._write_failed:
             self._part.replace(self._path)
 
     def __enter__(self) -> Self:
@@ -121,14 +117,52 @@ class CallWriter:
         self.close()
 
 
-class CallReader:
-    """Reads a call file: a `PacketSource` that never waits."""
+class CallStreamWriter:
+    """Writes a call to an open stream, such as standard output: a `PacketSink`.
 
-    def __init__(self, path: Path) -> None:
+    The stream stays open.  What it refuses raises `OSError`.
+    """
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+        self._write(MAGIC)
+
+    @property
+    def reachability(self) -> Reachability:
+        """Whoever reads the stream."""
+        return Reachability.HAS_PEER
+
+    def send(self, packet: bytes) -> None:
+        """Write one packet."""
+        self._write(serialise_record(packet))
+
+    def close(self) -> None:
+        """Nothing waits to be written."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def _write(self, data: bytes) -> None:
+        self._stream.write(data)
+        self._stream.flush()
+
+
+class CallReader:
+    """Reads a call file, or the same bytes from an open stream: a `PacketSource`.
+
+    It waits for nothing but the stream, and leaves that open.
+    """
+
+    def __init__(self, source: Path | BinaryIO) -> None:
+        self._is_own = isinstance(source, str | Path)
         try:
-            self._file = open(path, "rb")  # noqa: SIM115 - kept open
+            # Open until `close`.
+            self._file = open(source, "rb") if isinstance(source, str | Path) else source  # noqa: SIM115
         except OSError as error:
-            raise UserError(f"cannot read {path}: {error.strerror}") from error
+            raise cannot_read(source, error) from error
         self._records = read_records(self._file)
         self._complete = False
         self._ended = False
@@ -145,8 +179,10 @@ class CallReader:
 
     @property
     def trailing_bytes(self) -> int:
-        """Bytes after the END packet, once that has been handed out: they are of no call."""
-        return self.file_bytes - self._file.tell() if self._complete else 0
+        """Bytes of a file after the END packet, once that has been handed out: of no call."""
+        if not self._complete or not self._is_own:
+            return 0
+        return self.file_bytes - self._file.tell()
 
     @property
     def ended(self) -> bool:
@@ -170,7 +206,8 @@ class CallReader:
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        if self._is_own:
+            self._file.close()
 
     def __enter__(self) -> Self:
         return self

@@ -14,27 +14,24 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from protocol.entropy.varint import decode_varint, encode_varint
-from protocol.frames.frame_transform import MAX_MODES, parse_components, serialise_components
-from protocol.packets import (
-    MAX_IMAGE_BYTES,
-    MAX_MODEL_PACKET_BYTES,
-    LayerPacket,
-    ModelPacket,
-    ProtocolError,
-)
+from protocol.errors import ProtocolError
+from protocol.frames.frame_transform import MAX_MODES, parse_transform, serialise_transform
+from protocol.limits import MAX_IMAGE_BYTES, MAX_MODEL_PACKET_BYTES
+from protocol.model_packet import ModelPacket
+from protocol.packets import LayerPacket
 
-PICTURES = ("texture", "background")
-MAX_ITEMS = len(PICTURES) + MAX_MODES
+PICTURE_ITEMS = ("texture", "background")
+MAX_ITEMS = len(PICTURE_ITEMS) + MAX_MODES
 # A length is at most this long; longer ones are out of bounds.
 LENGTH_BYTES = 3
 
 
-def item(data: bytes) -> bytes:
+def stream_item(data: bytes) -> bytes:
     """One picture or mode as it stands in the stream."""
     return encode_varint(len(data)) + data
 
 
-class Layers:
+class LayerBuffer:
     """The layer packets of a call, in any order of arrival, by the model that they refine.
 
     Keeps no more than `limit_bytes`; every packet counts as `COST_BYTES` beside its data.
@@ -52,7 +49,7 @@ class Layers:
 
         Raises `ProtocolError` if there are more than can be kept.
         """
-        pieces = self._pieces.setdefault(packet.model, {})
+        pieces = self._pieces.setdefault(packet.model_version, {})
         cost = len(packet.data) + self.COST_BYTES
         if packet.number in pieces:
             return
@@ -61,45 +58,45 @@ class Layers:
         pieces[packet.number] = packet.data
         self._bytes += cost
 
-    def forget_before(self, model: int) -> None:
+    def drop_before(self, model: int) -> None:
         """Let go of what refines models older than number `model`."""
         for number in [number for number in self._pieces if number < model]:
             gone = self._pieces.pop(number).values()
             self._bytes -= sum(len(data) + self.COST_BYTES for data in gone)
 
-    def refine(self, model: ModelPacket) -> ModelPacket:
+    def apply(self, model: ModelPacket) -> ModelPacket:
         """`model` with all that has come without a gap; itself if that is nothing new.
 
         Raises `ProtocolError` if the stream is none or too large, or `model` is not in layers.
         """
-        found = [data for _, data, whole in self._items(model.layer) if whole]
+        found = [data for _, data, whole in self._items(model.version) if whole]
         if not found:
             return model
-        components = parse_components(model.extension) if model.extension else None
-        if components is None or not (model.layered or components.spare):
-            raise ProtocolError(f"layer packets for model {model.layer}, which has no layers")
+        components = parse_transform(model.profile_data) if model.profile_data else None
+        if components is None or not (model.progressive or components.reserved_modes):
+            raise ProtocolError(f"layer packets for model {model.version}, which has no layers")
         # What came whole, in the model packet.
-        known = () if model.layered else components.modes[: -components.spare]
-        modes, room = tuple(found[len(PICTURES) :]), len(components.modes) - len(known)
+        known = () if model.progressive else components.modes[: -components.reserved_modes]
+        modes, room = tuple(found[len(PICTURE_ITEMS) :]), len(components.modes) - len(known)
         if len(modes) > room or not all(modes):
             raise ProtocolError(f"{len(modes)} modes in layers, expected {room}")
-        texture, background = [*found, b""][: len(PICTURES)]
-        if not model.layered and (texture or background):
-            raise ProtocolError(f"pictures in layers for model {model.layer}, which has its own")
+        texture, background = [*found, b""][: len(PICTURE_ITEMS)]
+        if not model.progressive and (texture or background):
+            raise ProtocolError(f"pictures in layers for model {model.version}, which has its own")
         missing = (b"",) * (room - len(modes))
-        extension = serialise_components(replace(components, modes=known + modes + missing))
+        extension = serialise_transform(replace(components, modes=known + modes + missing))
         try:
             refined = replace(
                 model,
                 texture=texture or model.texture,
                 background=background or model.background,
-                extension=extension,
+                profile_data=extension,
             )
         except ValueError as error:
-            raise ProtocolError(f"layers of model {model.layer}: {error}") from error
+            raise ProtocolError(f"layers of model {model.version}: {error}") from error
         return model if refined == model else refined
 
-    def parts(self, model: int) -> dict[str, int]:
+    def bytes_by_item(self, model: int) -> dict[str, int]:
         """Bytes of texture, background and modes that have come without a gap."""
         parts: dict[str, int] = {}
         for name, data, _ in self._items(model):
@@ -121,7 +118,7 @@ class Layers:
             if length > MAX_IMAGE_BYTES:
                 raise ProtocolError(f"item {count} of the layers has {length} bytes")
             start, place = place + used, place + used + length
-            name = PICTURES[count] if count < len(PICTURES) else "modes"
+            name = PICTURE_ITEMS[count] if count < len(PICTURE_ITEMS) else "modes"
             yield name, stream[start:place], place <= len(stream)
             count += 1
 
@@ -133,14 +130,14 @@ class Layers:
         return b"".join(found)
 
 
-def is_refined(model: ModelPacket, other: ModelPacket) -> bool:
+def is_same_model(model: ModelPacket, other: ModelPacket) -> bool:
     """Whether both are the same model, perhaps with more or fewer of its layers.
 
     A background may not have come yet to who joined at an update without one.
     """
-    refined = replace(model, extension=other.extension)
-    if model.layered or not (model.background and other.background):
+    refined = replace(model, profile_data=other.profile_data)
+    if model.progressive or not (model.background and other.background):
         refined = replace(refined, background=other.background)
-    if model.layered:
+    if model.progressive:
         refined = replace(refined, texture=other.texture)
     return other == refined

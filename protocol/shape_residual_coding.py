@@ -20,6 +20,6 @@ def parse_residual(data: bytes) -> tuple[int, ...]:
         return ()
     coder, integers = RangeDecoder(data[1:]), AdaptiveIntegers(AXES)
     codes = tuple(integers.code(coder, number % AXES, 0) for number in range(AXES * data[0]))
-    if coder.surplus:
-        raise ValueError(f"residual has {coder.surplus} bytes too many")
+    if coder.unread_bytes:
+        raise ValueError(f"residual has {coder.unread_bytes} bytes too many")
     return codes

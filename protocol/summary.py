@@ -4,17 +4,17 @@ from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 
-from protocol.bit_accounting import Accounts, PacketSize
-from protocol.call_file import CallReader, TruncatedCall, record
+from protocol.bit_accounting import BitAccounting, PacketSize
+from protocol.call_file import CallReader, TruncatedCall, serialise_record
+from protocol.call_parameters import CallParameters
+from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import THESIS_RATE_HZ, thesis_sample_count
+from protocol.model_packet import ModelPacket
 from protocol.packets import (
-    CallParameters,
     ControlKind,
     ControlPacket,
     FramePacket,
-    Kind,
-    ModelPacket,
-    ProtocolError,
+    PacketKind,
     packet_kind,
     parse_packet,
 )
@@ -51,7 +51,7 @@ class CallSummary:
     duration_s: float
     width: int
     height: int
-    matrix: str
+    colour_matrix: str
     model_bytes: int
     frame_bytes: int
     control_bytes: int
@@ -78,7 +78,7 @@ def summarise(path: Path, shown_frames: int | None = None) -> CallSummary:
     shown_frames: of a truncated call, which does not tell; None: as many as its packets can hold.
     Raises `ProtocolError` if it is no call, `UserError` if it cannot be read.
     """
-    tally, accounts = _Tally(shown_frames), Accounts()
+    tally, accounts = _ByteCounter(shown_frames), BitAccounting()
     with CallReader(path) as reader:
         try:
             for data in reader:
@@ -93,14 +93,14 @@ def summarise(path: Path, shown_frames: int | None = None) -> CallSummary:
         return tally.summary(accounts, reader)
 
 
-class _Tally:
+class _ByteCounter:
     """Adds up packets."""
 
     def __init__(self, shown_frames: int | None) -> None:
         self.shown_frames = shown_frames
         self.call: CallParameters | None = None
-        self.payload = {kind: 0 for kind in Kind}
-        self.packets = {kind: 0 for kind in Kind}
+        self.payload = {kind: 0 for kind in PacketKind}
+        self.packets = {kind: 0 for kind in PacketKind}
         self.frame_records = 0  # bytes of frame packets with what the file puts around them
         self.end: int | None = None  # what the END packet says
         self.damaged = 0
@@ -110,7 +110,7 @@ class _Tally:
         self.damaged += 1
         self.first_damage = self.first_damage or error
 
-    def add(self, data: bytes, accounts: Accounts) -> None:
+    def add(self, data: bytes, accounts: BitAccounting) -> None:
         try:
             packet = parse_packet(data)
             accounts.add(packet)
@@ -120,7 +120,7 @@ class _Tally:
         self.payload[packet_kind(data)] += len(data) - 1
         self.packets[packet_kind(data)] += 1
         if isinstance(packet, FramePacket):
-            self.frame_records += len(record(data))
+            self.frame_records += len(serialise_record(data))
         if isinstance(packet, ModelPacket):
             self.call = self.call or packet.call
         elif isinstance(packet, ControlPacket) and packet.kind is ControlKind.END:
@@ -131,15 +131,17 @@ class _Tally:
             return self.end
         if self.shown_frames is not None:
             return self.shown_frames
-        return _frames_of(call, self.packets[Kind.FRAME])
+        return _frames_of(call, self.packets[PacketKind.FRAME])
 
-    def summary(self, accounts: Accounts, reader: CallReader) -> CallSummary:
+    def summary(self, accounts: BitAccounting, reader: CallReader) -> CallSummary:
         call, groups, file_bytes = self.call, accounts.groups, reader.file_bytes
         if call is None:
             raise self.first_damage or ProtocolError("it has no model packet")
         frames = self._frames(call)
-        frame_bits = 8 * self.payload[Kind.FRAME]
-        seconds = due_s(call.profile, frames, Fraction(call.fps_numerator, call.fps_denominator))
+        frame_bits = 8 * self.payload[PacketKind.FRAME]
+        seconds = nominal_duration_s(
+            call.profile, frames, Fraction(call.fps_numerator, call.fps_denominator)
+        )
         return CallSummary(
             profile=call.profile,
             frames=frames,
@@ -148,17 +150,17 @@ class _Tally:
             duration_s=frames / call.fps,
             width=call.width,
             height=call.height,
-            matrix=call.matrix,
-            model_bytes=self.payload[Kind.MODEL] + self.payload[Kind.LAYER],
-            frame_bytes=self.payload[Kind.FRAME],
-            control_bytes=self.payload[Kind.CONTROL],
+            colour_matrix=call.colour_matrix,
+            model_bytes=self.payload[PacketKind.MODEL] + self.payload[PacketKind.LAYER],
+            frame_bytes=self.payload[PacketKind.FRAME],
+            control_bytes=self.payload[PacketKind.CONTROL],
             container_bytes=file_bytes - sum(self.payload.values()),
             file_bytes=file_bytes,
-            model_packets=self.packets[Kind.MODEL],
-            layer_packets=self.packets[Kind.LAYER],
-            frame_packets=self.packets[Kind.FRAME],
+            model_packets=self.packets[PacketKind.MODEL],
+            layer_packets=self.packets[PacketKind.LAYER],
+            frame_packets=self.packets[PacketKind.FRAME],
             frame_bps=frame_bits / seconds,
-            packet_bps=(frame_bits + 8 * self.packets[Kind.FRAME]) / seconds,
+            packet_bps=(frame_bits + 8 * self.packets[PacketKind.FRAME]) / seconds,
             record_bps=8 * self.frame_records / seconds,
             complete=reader.complete,
             trailing_bytes=reader.trailing_bytes,
@@ -181,7 +183,7 @@ def _coded_fps(call: CallParameters) -> float:
     return THESIS_RATE_HZ if call.profile == "thesis" else call.fps / call.frame_step
 
 
-def due_s(profile: str, frames: int, fps: Fraction) -> float:
+def nominal_duration_s(profile: str, frames: int, fps: Fraction) -> float:
     """Time that the frame packets of `frames` source frames stand for, more than 0.
 
     A thesis sample stands for a tenth of a second, the last one too, so a whole stream of them has

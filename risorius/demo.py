@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from decoder.frame_sink import open_sink
 from decoder.pipeline import DecodeOptions, decode
 from encoder.capture.video_source import open_source
-from encoder.pipeline import EncodeOptions, encode
+from encoder.option_rules import available_profile
+from encoder.options import EncodeOptions
+from encoder.pipeline import encode
 from loopback.bench import make_folder
 from loopback.clip_paths import CARPHONE, clip_path
-from loopback.quality import Quality, face_area_finder, measure
+from loopback.quality import Quality, face_mask_finder, measure_quality
 from loopback.report import Cell, table
 from protocol.summary import CallSummary, summarise
-from risorius.command_line.option_rules import profile_at_hand
 from shared_model.errors import UserError
 
 Picture = NDArray[np.uint8]
@@ -38,13 +39,13 @@ def demo(folder: Path, say: Callable[[str], None], stop: Callable[[], bool]) -> 
     make_folder(folder)
     call, decoded = folder / "call.rzo", folder / "decoded.mkv"
     say("demo: encode")
-    report = encode(EncodeOptions(source, call, profile=profile_at_hand()), _ignore, stop)
+    report = encode(EncodeOptions(source, call, profile=available_profile()), _ignore, stop)
     for warning in report.warnings:
         say(f"risorius: warning: {warning}")
     say("demo: decode")
     decode(DecodeOptions(call_file=call, output=decoded), _ignore, stop)
     say("demo: compare")
-    quality = measure(source, str(decoded), face_area_finder(say), _ignore)
+    quality = measure_quality(source, str(decoded), face_mask_finder(say), _ignore)
     write_side_by_side(source, decoded, folder / "side_by_side.mp4")
     write_contact_sheet(source, decoded, folder / "contact_sheet.png", quality.frames)
     files = (call, decoded, folder / "side_by_side.mp4", folder / "contact_sheet.png")
@@ -57,7 +58,7 @@ def write_side_by_side(source: str, decoded: Path, output: Path) -> None:
         originals = stack.enter_context(open_source(source))
         copies = stack.enter_context(open_source(str(decoded)))
         size = (originals.width + copies.width, originals.height)
-        sink = stack.enter_context(open_sink(output, *size, originals.fps, originals.matrix))
+        sink = stack.enter_context(open_sink(output, *size, originals.fps, originals.colour_matrix))
         for (_, original), (_, copy) in zip(originals, copies, strict=True):
             sink.write(np.hstack([original, copy]))
 
@@ -72,7 +73,7 @@ def write_contact_sheet(source: str, decoded: Path, output: Path, frames: int) -
         for label, name in zip(LABELS, (source, str(decoded)), strict=True)
     ]
     if not cv2.imwrite(str(output), np.vstack(rows)):
-        raise UserError(f"cannot write {output}: no place or no permission")
+        raise UserError(f"cannot write {output}: no space or no permission")
 
 
 def _pick(name: str, chosen: list[int]) -> Iterator[tuple[int, Picture]]:

@@ -21,31 +21,32 @@ from numpy.typing import NDArray
 
 from encoder.capture.face_crop import crop_face
 from encoder.capture.video_source import open_source
+from encoder.coding.distortion import measure_distortion
 from encoder.coding.gop import FRAMES_PER_PACKET
 from encoder.coding.model_packet import BUDGETS
 from encoder.coding.rate_control import QUALITIES, packet_spans
 from encoder.coding.rdo_quantiser import code_packet
-from encoder.coding.transform import combine, project, sensitivity
+from encoder.coding.transform import design_transform, project
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.landmarks import LandmarkTracker
 from encoder.detection.tflite import find_network_folder
-from encoder.learning.person_model import learn_caller
-from encoder.learning.two_pass import Sampler, follow_all, smoothed
+from encoder.fitting.sequence_fit import follow_all, smoothed
+from encoder.learning.frame_sampler import UniformSubsampler
+from encoder.learning.person_model import build_person_model
 from protocol.bit_accounting import component_bits
-from protocol.frames.frame_transform import Components, vector_from_face
+from protocol.frames.frame_transform import FrameTransform, vector_from_face
+from protocol.frames.payload_coding import PayloadHeader, encode_payload
 from protocol.frames.temporal_prediction import (
-    KINDS,
-    UNIT,
+    PREDICTION_KINDS,
+    STEPS_PER_UNIT,
+    CodedFrame,
     FramePredictor,
     Integers,
-    PacketHead,
-    Place,
     coding_order,
-    encode_packet,
     reconstruct,
     step,
 )
-from protocol.packets import SEQUENCE_MODULUS, CallParameters
+from protocol.limits import SEQUENCE_MODULUS
 from scripts.command import run
 from shared_model.parameters import FaceParameters
 from shared_model.surround import surrounded_head
@@ -69,7 +70,7 @@ class Material:
 
     vectors: Array
     harm: Array
-    components: Components
+    components: FrameTransform
     values: Array
     fps: float
 
@@ -80,7 +81,7 @@ class Material:
 
     def harm_of_values(self, values: Array) -> float:
         """Mean harm of component values (t, n) that come out instead."""
-        return self.harm_of(self.components.centre + values @ self.components.matrix)
+        return self.harm_of(self.components.mean + values @ self.components.matrix)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +94,8 @@ class Point:
 
 def read_material(source: str) -> Material:
     """Learn a clip's caller and follow the face through it, as the two-pass encoder does."""
-    folder, sampler = find_network_folder(), Sampler()
-    tracker = LandmarkTracker(folder, BlazeFaceDetector(folder), look_at_lids=False)
+    folder, sampler = find_network_folder(), UniformSubsampler()
+    tracker = LandmarkTracker(folder, BlazeFaceDetector(folder), refine_eyelids=False)
     with open_source(source) as capture:
         size, fps = (capture.width, capture.height), capture.fps
         points: list[Array] = []
@@ -104,21 +105,30 @@ def read_material(source: str) -> Material:
                 points.append(found.points)
     head = surrounded_head()
     fitted, faces = follow_all(head, size, list(smoothed(np.array(points))))
-    call = CallParameters("default", *size, fps.numerator, fps.denominator, fitted.camera.focal_px)
-    learned = learn_caller(head, fitted, faces, sampler.frames, points, call, BUDGETS["default"])
-    caller, refined = learned.caller, list[FaceParameters]()
-    tracker = LandmarkTracker(folder, BlazeFaceDetector(folder), look_at_lids=False)
+    budget = BUDGETS["default"]
+    learned = build_person_model(
+        head,
+        fitted,
+        faces,
+        sampler.frames,
+        points,
+        texture_size=budget.texture_size,
+        appearance_bytes=budget.appearance_bytes,
+        max_modes=budget.max_modes,
+    )
+    caller, refined = learned.person, list[FaceParameters]()
+    tracker = LandmarkTracker(folder, BlazeFaceDetector(folder), refine_eyelids=False)
     with open_source(source) as capture:
         for _, frame in capture:
             if tracker.update(frame) is not None:
                 number = len(refined)
                 crop = crop_face(frame, points[number], caller.pixels_per_texel)
-                refined.append(caller.tracker.refine(crop, faces[number], 3))
+                refined.append(caller.texel_fitter.refine(crop, faces[number], 3))
     pose = caller.reference.pose
-    measured = sensitivity(caller.tracker, learned.crops[::8], learned.faces[::8], pose)
-    harm = measured.harm(caller.tracker.template.modes)
+    measured = measure_distortion(caller.texel_fitter, learned.crops[::8], learned.faces[::8], pose)
+    harm = measured.distortion_matrix(caller.texel_fitter.template.modes)
     vectors = np.array([vector_from_face(face, pose) for face in refined])
-    components = combine(vectors, harm, caller.appearance.modes, FRAMES_PER_PACKET)
+    components = design_transform(vectors, harm, caller.appearance.modes, FRAMES_PER_PACKET)
     values = project(components, vectors, harm)
     return Material(vectors, harm, components, values, float(fps))
 
@@ -165,32 +175,32 @@ def plain_rows(material: Material, harm: float) -> dict[str, float]:
 
 def predicted(material: Material, quality: int) -> Point:
     """Plain rounding of what prediction leaves, coded in two ways."""
-    predictor = FramePredictor(material.components.spreads)
-    listener = FramePredictor(material.components.spreads)
+    predictor = FramePredictor(material.components.scale_codes)
+    listener = FramePredictor(material.components.scale_codes)
     frames, symbols, by_context = [], list[Integers](), 0.0
     for number, (start, end) in enumerate(packet_spans(len(material.values), FRAMES_PER_PACKET)):
-        wanted = np.rint(material.values[start:end] * UNIT).astype(np.int64)
-        head, sequence = PacketHead(quality, end - start, number == 0), number % SEQUENCE_MODULUS
+        wanted = np.rint(material.values[start:end] * STEPS_PER_UNIT).astype(np.int64)
+        head, sequence = PayloadHeader(quality, end - start, number == 0), number % SEQUENCE_MODULUS
         coded, known = round_packet(predictor, wanted, head, sequence)
         symbols += [differences for _, differences in coded]
-        payload = encode_packet(predictor, sequence, FRAMES_PER_PACKET, head, coded)
+        payload = encode_payload(predictor, sequence, FRAMES_PER_PACKET, head, coded)
         by_context += component_bits(listener, sequence, FRAMES_PER_PACKET, payload).sum()
         frames += [known[index] for index in range(1, end - start + 1)]
         predictor.anchor = frames[-1]
     per_second = material.fps / len(frames)
     spent = dict(zip(ROWS[3:5], (static_bits(symbols), by_context), strict=True))
-    harm = material.harm_of_values(np.array(frames) / UNIT)
+    harm = material.harm_of_values(np.array(frames) / STEPS_PER_UNIT)
     return Point(harm, {row: count * per_second for row, count in spent.items()})
 
 
 def round_packet(
-    predictor: FramePredictor, wanted: Integers, head: PacketHead, sequence: int
-) -> tuple[list[tuple[Place, Integers]], dict[int, Integers]]:
+    predictor: FramePredictor, wanted: Integers, head: PayloadHeader, sequence: int
+) -> tuple[list[tuple[CodedFrame, Integers]], dict[int, Integers]]:
     """Differences of the frames (count, n) by place, each rounded to the nearest; the frames."""
-    steps = np.array([step(head.quality, kind) for kind in range(KINDS)])
+    steps = np.array([step(head.quality, kind) for kind in range(PREDICTION_KINDS)])
     values, known = [], {0: predictor.anchor}
     for place in coding_order(len(wanted)):
-        kinds = predictor.kinds(place, sequence, head.fresh)
+        kinds = predictor.kinds(place, sequence, head.intra)
         error = wanted[place.index - 1] - predictor.predict(place, kinds, known)
         differences = np.rint(error / steps[kinds]).astype(np.int64)
         values.append((place, differences))
@@ -206,20 +216,20 @@ def static_bits(symbols: list[Integers]) -> float:
 
 def optimised(material: Material, quality: int) -> Point:
     """The encoder's own choice of values, at one quality."""
-    predictor = FramePredictor(material.components.spreads)
-    listener = FramePredictor(material.components.spreads)
+    predictor = FramePredictor(material.components.scale_codes)
+    listener = FramePredictor(material.components.scale_codes)
     frames, ideal, payload = [], 0.0, 0
     for number, (start, end) in enumerate(packet_spans(len(material.values), FRAMES_PER_PACKET)):
         targets = material.values[start:end]
         sequence = number % SEQUENCE_MODULUS
         packet = code_packet(
-            predictor, sequence, FRAMES_PER_PACKET, targets, quality, fresh=number == 0
+            predictor, sequence, FRAMES_PER_PACKET, targets, quality, intra=number == 0
         )
         predictor.anchor = packet.frames[-1]
         frames.append(packet.frames)
         payload += len(packet.payload)
         ideal += component_bits(listener, sequence, FRAMES_PER_PACKET, packet.payload).sum()
-    harm = material.harm_of_values(np.concatenate(frames) / UNIT)
+    harm = material.harm_of_values(np.concatenate(frames) / STEPS_PER_UNIT)
     per_second = material.fps / len(material.values)
     return Point(harm, {ROWS[5]: ideal * per_second, ROWS[6]: 8 * payload * per_second})
 

@@ -4,8 +4,8 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import NoReturn
 
-from risorius.command_line.arguments import BAD_USAGE
-from risorius.command_line.cli import complain
+from risorius.cli import print_error
+from risorius.command_line.parser import BAD_USAGE
 from shared_model.errors import UserError
 
 
@@ -19,5 +19,5 @@ def run(main: Callable[[Sequence[str]], None]) -> NoReturn:
     try:
         main(sys.argv[1:])
     except (UserError, OSError) as error:
-        sys.exit(complain(str(error), BAD_USAGE))
+        sys.exit(print_error(str(error), BAD_USAGE))
     sys.exit(0)

@@ -19,9 +19,9 @@ from decoder.frame_sink import open_sink
 from decoder.playout import PlayedFrame
 from decoder.scene import Scene, StageClock
 from encoder.capture.video_source import Capture, open_source
-from encoder.coding.model_packet import budget_for, build_model, call_parameters
+from encoder.coding.model_packet import budget_for, build_thesis_model_packet, call_parameters
 from encoder.tracking.trackers import FOLLOWED, FollowOptions, open_follower
-from loopback.quality import TrackedFaceArea
+from loopback.quality import TrackedFaceMask
 from scripts.command import run, warn
 from scripts.track_synthetic import follow_frame
 from shared_model.errors import UserError
@@ -48,8 +48,10 @@ def main(arguments: Sequence[str]) -> None:
     with ExitStack() as stack:
         capture = stack.enter_context(open_source(options.source))
         size = capture.width, capture.height
-        sink = stack.enter_context(open_sink(options.video, *size, capture.fps, capture.matrix))
-        area = TrackedFaceArea() if options.light else None
+        sink = stack.enter_context(
+            open_sink(options.video, *size, capture.fps, capture.colour_matrix)
+        )
+        area = TrackedFaceMask() if options.light else None
         for original, drawn in drawings(capture, follow, options.frames, stack):
             face = area(original) if area else None
             sink.write(drawn if face is None else relit(drawn, original, face))
@@ -71,7 +73,9 @@ def drawings(
                 raise UserError(f"{capture.name} begins without a face")
             fitted = follower.fitted
             call = call_parameters(capture, "thesis", fitted.camera.focal_px, index)
-            model = build_model(head, fitted, face, frame, call, budget_for("thesis", None))
+            model = build_thesis_model_packet(
+                head, fitted, face, frame, call, budget_for("thesis", None)
+            )
             scene = Scene(model, head)
             stack.callback(scene.close)
         last = face or last

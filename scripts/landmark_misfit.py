@@ -16,7 +16,8 @@ from encoder.capture.video_source import open_source
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.landmarks import LandmarkTracker
 from encoder.detection.tflite import find_network_folder
-from encoder.fitting.identity import Fitted, fit_identity
+from encoder.fitting.fit_results import Fitted
+from encoder.fitting.identity import fit_identity
 from encoder.fitting.landmark_fit import LandmarkModel, fit_frame, landmark_model, personalise
 from scripts.command import run
 from shared_model.geometry import pixel_from_head

@@ -12,7 +12,7 @@ from itertools import zip_longest
 import numpy as np
 
 from encoder.capture.video_source import open_source
-from loopback.quality import TrackedFaceArea, psnr_db, squared_error
+from loopback.quality import TrackedFaceMask, psnr_db, squared_error
 from risorius.command_line.argument_types import seconds
 from scripts.command import run
 from shared_model.errors import UserError
@@ -63,7 +63,7 @@ def face_psnr_db(source: str, decoded: str) -> list[float]:
 
     Raises `UserError` if one of the videos ends before the other.
     """
-    area, found = TrackedFaceArea(), list[float]()
+    area, found = TrackedFaceMask(), list[float]()
     with open_source(source) as originals, open_source(decoded) as copies:
         for first, second in zip_longest(originals, copies):
             if first is None or second is None:

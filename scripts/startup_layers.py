@@ -15,12 +15,15 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from decoder.pipeline import DecodeOptions, decode
-from encoder.coding.progressive_model import LayeredModel, LayerPacer
-from encoder.pipeline import EncodeOptions, encode
-from loopback.quality import face_area_finder, measure
-from protocol.call_file import MAGIC, CallReader, record
+from encoder.coding.pacer import LayerPacer
+from encoder.coding.progressive_model import LayeredModel
+from encoder.options import EncodeOptions
+from encoder.pipeline import encode
+from loopback.quality import face_mask_finder, measure_quality
+from protocol.call_file import MAGIC, CallReader, serialise_record
 from protocol.entropy.varint import decode_varint
-from protocol.packets import FramePacket, LayerPacket, ModelPacket, parse_packet, serialise
+from protocol.model_packet import ModelPacket
+from protocol.packets import FramePacket, LayerPacket, parse_packet, serialise
 from scripts.command import run
 from shared_model.errors import UserError
 
@@ -47,11 +50,13 @@ class LayeredCall:
 
     def cut(self, count: int) -> bytes:
         """A call file with the first `count` layers, all before the frames."""
-        return MAGIC + b"".join(map(record, (self.first, *self.layers[:count], *self.frames)))
+        return MAGIC + b"".join(
+            map(serialise_record, (self.first, *self.layers[:count], *self.frames))
+        )
 
     def bytes_until(self, count: int) -> int:
         """What the first layer and `count` more take in a call file."""
-        return len(self.cut(count)) - len(self.cut(0)) + len(record(self.first))
+        return len(self.cut(count)) - len(self.cut(0)) + len(serialise_record(self.first))
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,19 +84,19 @@ def encoded(clip: str, path: Path, max_frames: int | None) -> LayeredCall:
 def arrivals_s(call: LayeredCall, bitrate: float) -> list[float]:
     """When the first layer and each of the others has come over a link of `bitrate`."""
     pacer, model = LayerPacer(bitrate), call.model
-    pacer.begin(model)
-    pacer.spent(len(call.first))
-    parameters = model.first.call
+    pacer.start(model)
+    pacer.on_packet_sent(len(call.first))
+    parameters = model.base.call
     slot_s = parameters.frames_per_packet * parameters.frame_step / parameters.fps
     frames = [data for data in call.frames if isinstance(parse_packet(data), FramePacket)]
-    found, slots = [8 * len(record(call.first)) / bitrate], 0
+    found, slots = [8 * len(serialise_record(call.first)) / bitrate], 0
     for data in cycle(frames):
-        if not pacer.items_waiting:
+        if not pacer.pending_items:
             return found
-        slots, before = slots + 1, pacer.items_waiting
-        pacer.spent(len(data))
-        pacer.due(slot_s)
-        found += [slots * slot_s] * (before - pacer.items_waiting)
+        slots, before = slots + 1, pacer.pending_items
+        pacer.on_packet_sent(len(data))
+        pacer.packets_due(slot_s)
+        found += [slots * slot_s] * (before - pacer.pending_items)
     raise UserError("the call has no frame packets")
 
 
@@ -102,8 +107,8 @@ def measured(clip: str, call: LayeredCall, bitrate: float, folder: Path) -> list
         path, video = folder / "cut.rzo", folder / "cut.mkv"
         path.write_bytes(call.cut(count))
         report = decode(DecodeOptions(path, output=video), lambda done, total: None, lambda: False)
-        area = face_area_finder(lambda message: print(message, file=sys.stderr))
-        quality = measure(clip, str(video), area, lambda done, total: None, report.frames)
+        area = face_mask_finder(lambda message: print(message, file=sys.stderr))
+        quality = measure_quality(clip, str(video), area, lambda done, total: None, report.frames)
         assert quality.face_psnr_db is not None
         rows.append(Row(count, call.bytes_until(count), times[count], quality.face_psnr_db))
     return rows
@@ -112,8 +117,8 @@ def measured(clip: str, call: LayeredCall, bitrate: float, folder: Path) -> list
 def whole_bytes(call: LayeredCall) -> int:
     """About what the model takes if it is sent whole."""
     model = call.model
-    rough = len(model.first.texture) + len(model.first.background)
-    return len(serialise(model.first)) - rough + sum(map(len, model.items))
+    rough = len(model.base.texture) + len(model.base.background)
+    return len(serialise(model.base)) - rough + sum(map(len, model.items))
 
 
 def markdown(tables: dict[str, list[Row]]) -> str:

@@ -1,8 +1,10 @@
 #!/bin/sh
-# Makes sure of what pip cannot install: a Python that makes environments, and EGL in software.
-# usage: system_libraries.sh PYTHON
+# Makes sure of what pip cannot install: a Python that makes environments, and EGL in software; with
+# "browser" also Chromium, which only the test of the viewer's page needs.
+# usage: system_libraries.sh [PYTHON [browser]]
 set -eu
 python=${1:-python3}
+purpose=${2:-run}
 
 if ! "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then
     echo "risorius needs Python 3.11 or later; name one: make PYTHON=python3.12" >&2
@@ -19,6 +21,10 @@ missing() {
     else
         "$python" -c 'import ctypes; ctypes.CDLL("libEGL.so.1"); ctypes.CDLL("libGL.so.1")' \
             2>/dev/null || echo "libEGL.so.1 libGL.so.1"
+    fi
+    if [ "$purpose" = browser ]; then
+        command -v chromium >/dev/null || command -v chromium-browser >/dev/null \
+            || command -v google-chrome >/dev/null || echo chromium
     fi
 }
 

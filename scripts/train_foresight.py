@@ -20,26 +20,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.call_file import CallReader
-from protocol.entropy.range_coder import WHOLE
-from protocol.frames.frame_transform import parse_components
-from protocol.packets import ModelPacket, parse_packet
-from protocol.pictures.coefficient_coding import STEP_OUTPUTS, UNARY
-from protocol.pictures.coefficient_context import Surroundings, Turn, by_tile
+from protocol.entropy.range_coder import PROBABILITY_ONE
+from protocol.frames.frame_transform import parse_transform
+from protocol.model_packet import ModelPacket
+from protocol.packets import parse_packet
+from protocol.pictures.coefficient_coding import STEP_OUTPUTS, UNARY_LIMIT
+from protocol.pictures.coefficient_context import CodingPass, CoefficientContext, tile_sums
 from protocol.pictures.foreground_mask import parse_background
-from protocol.pictures.picture_codec import plane_shapes, still_head
+from protocol.pictures.picture_codec import parse_picture_header, plane_shapes
 from protocol.pictures.probability_model import (
-    CLASSES,
+    CLASS_COUNT,
+    CLASS_STARTS,
     HIDDEN_BITS,
-    LEAST,
     LOGIT_BITS,
+    MIN_PROBABILITY,
     MODE,
-    PARTS,
-    STARTS,
+    WEIGHT_ARRAYS,
     WEIGHT_BITS,
-    Networks,
-    Site,
+    BandPosition,
+    ProbabilityModels,
 )
-from protocol.pictures.subband_coding import Pyramid, Series, read
+from protocol.pictures.subband_coding import PictureSequence, SubbandPyramid, decode_planes
 from scripts.command import run
 
 Array = NDArray[np.float32]
@@ -76,47 +77,55 @@ def joined(samples: Sequence[Samples]) -> Samples:
     )
 
 
-class Recorder(Series):
+class Recorder(PictureSequence):
     """A series that keeps what its networks were asked."""
 
     def __init__(self, kind: int) -> None:
         super().__init__(kind)
-        self.asked: list[tuple[int, Site, Turn, NDArray[np.float64]]] = []
+        self.asked: list[tuple[int, BandPosition, CodingPass, NDArray[np.float64]]] = []
 
-    def foretold_tiles(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
-        self.asked.append((0, site, turn, around.around_sizes(turn)))
-        return super().foretold_tiles(around, site, turn)
+    def foretold_tiles(
+        self, around: CoefficientContext, site: BandPosition, turn: CodingPass
+    ) -> Integers:
+        self.asked.append((0, site, turn, around.magnitude_features(turn)))
+        return super().predict_tiles(around, site, turn)
 
-    def foretold_sizes(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
-        self.asked.append((1, site, turn, around.around_sizes(turn)))
-        return super().foretold_sizes(around, site, turn)
+    def foretold_sizes(
+        self, around: CoefficientContext, site: BandPosition, turn: CodingPass
+    ) -> Integers:
+        self.asked.append((1, site, turn, around.magnitude_features(turn)))
+        return super().predict_magnitudes(around, site, turn)
 
-    def foretold_signs(self, around: Surroundings, site: Site, turn: Turn) -> Integers:
-        self.asked.append((2, site, turn, around.around_signs(turn)))
-        return super().foretold_signs(around, site, turn)
+    def foretold_signs(
+        self, around: CoefficientContext, site: BandPosition, turn: CodingPass
+    ) -> Integers:
+        self.asked.append((2, site, turn, around.sign_features(turn)))
+        return super().predict_signs(around, site, turn)
 
-    def samples(self, pyramids: Sequence[Pyramid]) -> Iterator[tuple[int, Samples]]:
+    def samples(self, pyramids: Sequence[SubbandPyramid]) -> Iterator[tuple[int, Samples]]:
         """What was asked since, and what the answers were in the picture that was read."""
         for network, site, turn, features in self.asked:
             band = pyramids[site.plane].band(site)
             if network == 0:
-                found = by_tile(np.abs(band))[turn.rows, turn.columns] > 0
+                found = tile_sums(np.abs(band))[turn.rows, turn.columns] > 0
             else:
                 values = band[turn.rows, turn.columns]
                 found = values < 0 if network == 2 else np.abs(values)
             known = _all_features(features, site, turn), _classes(site, turn)
-            yield network, Samples(*known, np.minimum(found, UNARY).astype(np.uint8))
+            yield network, Samples(*known, np.minimum(found, UNARY_LIMIT).astype(np.uint8))
         self.asked.clear()
 
 
-def _all_features(features: NDArray[np.float64], site: Site, turn: Turn) -> NDArray[np.int16]:
-    whole = np.array([site.features(turn)] * len(features))
+def _all_features(
+    features: NDArray[np.float64], site: BandPosition, turn: CodingPass
+) -> NDArray[np.int16]:
+    whole = np.array([site.pass_features(turn)] * len(features))
     return np.concatenate([features, whole], 1).astype(np.int16)
 
 
-def _classes(site: Site, turn: Turn) -> NDArray[np.uint8]:
-    same = np.array([site.classes(turn)] * len(turn.rows))
-    cells = np.column_stack(turn.cells) + np.array(STARTS[-2:])
+def _classes(site: BandPosition, turn: CodingPass) -> NDArray[np.uint8]:
+    same = np.array([site.class_rows(turn)] * len(turn.rows))
+    cells = np.column_stack(turn.cells) + np.array(CLASS_STARTS[-2:])
     return np.concatenate([same, cells], 1).astype(np.uint8)
 
 
@@ -124,7 +133,7 @@ def read_call(path: Path) -> tuple[list[Samples], ...]:
     """What the pictures of a call file's model packets hold, for each network."""
     found: tuple[list[Samples], ...] = ([], [], [])
 
-    def keep(recorder: Recorder, pyramids: Sequence[Pyramid]) -> None:
+    def keep(recorder: Recorder, pyramids: Sequence[SubbandPyramid]) -> None:
         for network, samples in recorder.samples(pyramids):
             found[network].append(samples)
 
@@ -136,13 +145,13 @@ def read_call(path: Path) -> tuple[list[Samples], ...]:
         if packet.call.profile != "default":
             raise SystemExit(f"{path} is of the {packet.call.profile} profile, expected default")
         for still in (parse_background(packet.background)[1], packet.texture):
-            head = still_head("still", still)
+            head = parse_picture_header("still", still)
             recorder = Recorder(head.kind)
             shapes = plane_shapes(head.height, head.width)
-            keep(recorder, read(recorder, "still", still[head.start + 1 :], shapes))
+            keep(recorder, decode_planes(recorder, "still", still[head.start + 1 :], shapes))
         recorder = Recorder(MODE)
-        for mode in parse_components(packet.extension).modes:
-            keep(recorder, read(recorder, "mode", mode[1:], shapes))
+        for mode in parse_transform(packet.profile_data).modes:
+            keep(recorder, decode_planes(recorder, "mode", mode[1:], shapes))
     return found
 
 
@@ -160,8 +169,8 @@ class Weights:
 def train(samples: Samples, hidden: int, outputs: int, rounds: int, decay: float) -> Weights:
     """The weights under which the samples take the fewest bits."""
     rng = np.random.default_rng(SEED)
-    inputs = samples.features.shape[1] + CLASSES
-    scales = np.where(np.arange(inputs) < inputs - CLASSES, 0.15, 0.05)[:, None]
+    inputs = samples.features.shape[1] + CLASS_COUNT
+    scales = np.where(np.arange(inputs) < inputs - CLASS_COUNT, 0.15, 0.05)[:, None]
     weights = Weights(
         (scales * rng.normal(size=(inputs, hidden))).astype(np.float32),
         (0.2 * rng.normal(size=(hidden + 1, outputs))).astype(np.float32),
@@ -199,7 +208,7 @@ def gradient(weights: Weights, samples: Samples, chosen: Integers) -> tuple[Arra
 def forward(weights: Weights, samples: Samples, chosen: Integers) -> tuple[Array, Array, Array]:
     """Inputs (n, i), hidden values (n, h) and probabilities (n, outputs) of zeros."""
     count = samples.features.shape[1]
-    given = np.zeros((len(chosen), count + CLASSES), np.float32)
+    given = np.zeros((len(chosen), count + CLASS_COUNT), np.float32)
     given[:, :count] = samples.features[chosen] / np.float32(SCALE)
     given[np.arange(len(chosen))[:, None], count + samples.classes[chosen]] = 1
     hidden = np.maximum(given @ weights.first, 0)
@@ -212,7 +221,7 @@ def outcomes(sizes: NDArray[np.uint8], outputs: int) -> tuple[Array, Array]:
     if outputs == 1:
         return (sizes == 0)[:, None].astype(np.float32), np.ones((len(sizes), 1), np.float32)
     steps = np.eye(outputs, dtype=np.float32)[list(STEP_OUTPUTS)]
-    unary = np.minimum(sizes, UNARY - 1)
+    unary = np.minimum(sizes, UNARY_LIMIT - 1)
     return steps[unary], np.cumsum(steps, axis=0)[unary]
 
 
@@ -221,7 +230,11 @@ def bits(weights: Weights, samples: Samples) -> float:
     total = 0.0
     for start in range(0, len(samples), 8 * BATCH):
         chosen = np.arange(start, min(start + 8 * BATCH, len(samples)))
-        stops = np.clip(forward(weights, samples, chosen)[2], LEAST / WHOLE, 1 - LEAST / WHOLE)
+        stops = np.clip(
+            forward(weights, samples, chosen)[2],
+            MIN_PROBABILITY / PROBABILITY_ONE,
+            1 - MIN_PROBABILITY / PROBABILITY_ONE,
+        )
         stopped, asked = outcomes(samples.sizes[chosen], weights.last.shape[1])
         total -= float((stopped * np.log2(stops) + (asked - stopped) * np.log2(1 - stops)).sum())
     return total
@@ -229,13 +242,16 @@ def bits(weights: Weights, samples: Samples) -> float:
 
 def rounded(weights: Weights) -> dict[str, NDArray[np.int32]]:
     """The weights as `foresee.Network` takes them."""
-    count = len(weights.first) - CLASSES
+    count = len(weights.first) - CLASS_COUNT
     unit, hidden_unit = 2**WEIGHT_BITS, 2**HIDDEN_BITS
     logit_unit = 2 ** (LOGIT_BITS + WEIGHT_BITS)
     last = weights.last * logit_unit
     last[:-1] /= hidden_unit
     parts = (weights.first[:count] * unit / SCALE, weights.first[count:] * unit, last)
-    return {name: np.rint(part).astype(np.int32) for name, part in zip(PARTS, parts, strict=True)}
+    return {
+        name: np.rint(part).astype(np.int32)
+        for name, part in zip(WEIGHT_ARRAYS, parts, strict=True)
+    }
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -249,7 +265,7 @@ def main(arguments: Sequence[str]) -> None:
     calls, others = ([read_call(p) for p in ps] for ps in (options.calls, options.held_out))
     stored: dict[str, NDArray[np.int32]] = {}
     outputs = (1, len(set(STEP_OUTPUTS)), 1)
-    for index, name in enumerate(Networks.__slots__):
+    for index, name in enumerate(ProbabilityModels.__slots__):
         ours = joined([samples for call in calls for samples in call[index]])
         weights = train(ours, HIDDEN[index], outputs[index], ROUNDS[index], DECAY[index])
         stored |= {f"{name}_{part}": values for part, values in rounded(weights).items()}

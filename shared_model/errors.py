@@ -1,5 +1,7 @@
 """The one error whose message is shown to the user as it is."""
 
+from pathlib import Path
+
 # The exit code of a link that cannot be made, or breaks.
 LINK_FAILED = 4
 
@@ -13,3 +15,23 @@ class UserError(Exception):
     def __init__(self, message: str, exit_code: int = 2) -> None:
         super().__init__(message)
         self.exit_code = exit_code
+
+
+def cannot_read(path: object, error: OSError) -> UserError:
+    """What to raise for a file that the system does not let us read; path: its name."""
+    reasons = {
+        FileNotFoundError: "no such file",
+        IsADirectoryError: "it is a folder",
+        PermissionError: "no permission",
+    }
+    return UserError(f"cannot read {path}: {reasons.get(type(error), error.strerror)}")
+
+
+def cannot_write(path: Path, error: OSError) -> UserError:
+    """What to raise for a file that the system does not let us write."""
+    reasons = {
+        FileNotFoundError: f"there is no folder {path.parent}",
+        IsADirectoryError: "it is a folder",
+        PermissionError: "no permission",
+    }
+    return UserError(f"cannot write {path}: {reasons.get(type(error), error.strerror)}")

@@ -18,14 +18,14 @@ from decoder.frame_sink import open_sink
 from encoder.capture.video_source import Frame, exact_fps, open_source
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from loopback.clip_paths import CARPHONE, clip_path
-from risorius.command_line.cli import main
+from risorius.cli import main
 from shared_model.errors import UserError
 
 ROOT = Path(__file__).resolve().parent.parent
 PROGRAM = (
     sys.executable,
     "-c",
-    "from risorius.command_line.cli import main; exit(main())",
+    "from risorius.cli import main; exit(main())",
 )
 NOISE_FRAMES = 8
 

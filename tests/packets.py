@@ -3,13 +3,13 @@
 from dataclasses import replace
 from pathlib import Path
 
+from protocol.call_parameters import CallParameters
+from protocol.model_packet import ModelPacket
 from protocol.packets import (
-    CallParameters,
     ControlKind,
     ControlPacket,
     FramePacket,
     LayerPacket,
-    ModelPacket,
     Packet,
 )
 
@@ -34,20 +34,20 @@ GOLDEN: dict[str, Packet] = {
         call=replace(CALL, profile="default", frames_per_packet=6, start_frame=300),
         residual=(),
         background=b"",
-        extension=b"modes",
-        layer=2,
-        layers=5,
+        profile_data=b"modes",
+        version=2,
+        version_count=5,
     ),
     "model_step": replace(MODEL, call=replace(CALL, profile="default", frame_step=3)),
-    "model_layered": replace(MODEL, layered=True),
-    "model_growing": replace(MODEL, growing=True),
-    "model_lids": replace(MODEL, call=replace(CALL, lids=True)),
-    "model_bt709": replace(MODEL, call=replace(CALL, profile="default", matrix="bt709")),
+    "model_layered": replace(MODEL, progressive=True),
+    "model_growing": replace(MODEL, extensible=True),
+    "model_lids": replace(MODEL, call=replace(CALL, has_eyelids=True)),
+    "model_bt709": replace(MODEL, call=replace(CALL, profile="default", colour_matrix="bt709")),
     "layer": LayerPacket(2, 300, b"a piece"),
     "frame_thesis": FramePacket(63, bytes(range(123, 133))),
     "frame_lids": FramePacket(0, bytes(range(120, 132))),
     "frame_empty": FramePacket(1, b""),
     "control_end": ControlPacket(7, ControlKind.END, 382),
-    "control_lost": ControlPacket(0, ControlKind.LOST, 0),
-    "control_found": ControlPacket(33, ControlKind.FOUND, 2**32 - 1),
+    "control_lost": ControlPacket(0, ControlKind.FACE_LOST, 0),
+    "control_found": ControlPacket(33, ControlKind.FACE_FOUND, 2**32 - 1),
 }

@@ -4,6 +4,8 @@ import subprocess
 import time
 from collections.abc import Callable
 
+import pytest
+
 # What takes a process longer is stuck.
 LIMIT_S = 60.0
 
@@ -14,6 +16,11 @@ def one_line(stderr: str) -> str:
     assert len(lines) == 1, stderr
     assert lines[0].startswith("risorius: ")
     return lines[0]
+
+
+def error_line(capsys: pytest.CaptureFixture[str]) -> str:
+    """What the program has written on stderr, one line."""
+    return one_line(capsys.readouterr().err)
 
 
 def first_line(process: subprocess.Popen[str]) -> str:

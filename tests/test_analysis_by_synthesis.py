@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from shots import Shots, whole
 
-from encoder.appearance.shape_free import ShapeFree, moved
+from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.appearance.template import Template
 from encoder.appearance.texel_visibility import visible_texels
-from encoder.appearance.texture import sample
-from encoder.capture.colour import luma
+from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import crop_face
 from encoder.fitting.analysis_by_synthesis import Refiner
+from encoder.fitting.increments import apply_increment
+from encoder.runtime.image_ops import sample_bicubic
 from shared_model.appearance import atlas_of
 from shared_model.geometry import euler_deg
 from shared_model.parameters import EAU_INDEX, EAUS, FaceParameters, Pose
@@ -21,21 +22,21 @@ MOVED = [EAU_INDEX[name] for name in ("jaw_drop", "mouth_corners", "eyebrow_midd
 
 
 @pytest.fixture(scope="module")
-def shape(shots: Shots) -> ShapeFree:
-    return ShapeFree(shots.face, atlas_of(shots.face.head, 128), shots.camera)
+def shape(shots: Shots) -> ShapeFreeFrame:
+    return ShapeFreeFrame(shots.face, atlas_of(shots.face.head, 128), shots.camera)
 
 
-def template_of(shots: Shots, shape: ShapeFree, number: int) -> Template:
+def template_of(shots: Shots, shape: ShapeFreeFrame, number: int) -> Template:
     """What one picture shows of the face; what it does not show has no weight."""
     face = shots.faces[number]
     vertices = shots.face.animate(face.eau)
     seen = visible_texels(shots.face.head, shape.atlas, face.pose, vertices)
     worn = shots.face.head.opacity[shape.atlas.corners].min(1) > 0.99
-    mean = sample(luma(shots.pictures[number]), shape.positions(face))[:, 0]
+    mean = sample_bicubic(luma_f32(shots.pictures[number]), shape.positions(face))[:, 0]
     return Template(mean, np.zeros((0, len(shape)), np.float32), (worn & seen).astype(np.float32))
 
 
-def refiner_of(shots: Shots, shape: ShapeFree, number: int) -> Refiner:
+def refiner_of(shots: Shots, shape: ShapeFreeFrame, number: int) -> Refiner:
     return Refiner(shots.face.head, shots.face, shape, template_of(shots, shape, number))
 
 
@@ -46,7 +47,7 @@ def astray(face: FaceParameters, seed: int) -> FaceParameters:
     step[:3] = rng.normal(size=3) * np.radians(1.0)
     step[3:6] = rng.normal(size=3) * (1.0, 1.0, 4.0)
     step[6 + np.array(MOVED)] = rng.normal(size=len(MOVED)) * 0.1
-    return moved(face, step)
+    return apply_increment(face, step)
 
 
 def angle_deg(one: Pose, other: Pose) -> float:
@@ -54,7 +55,7 @@ def angle_deg(one: Pose, other: Pose) -> float:
 
 
 @pytest.mark.parametrize("number", range(0, 7, 2))
-def test_pose_and_actuators_are_recovered(shots: Shots, shape: ShapeFree, number: int) -> None:
+def test_pose_and_actuators_are_recovered(shots: Shots, shape: ShapeFreeFrame, number: int) -> None:
     truth = shots.faces[number]
     start = astray(truth, number)
     refiner = refiner_of(shots, shape, number)
@@ -65,7 +66,7 @@ def test_pose_and_actuators_are_recovered(shots: Shots, shape: ShapeFree, number
     assert np.abs((found.eau - truth.eau)[MOVED]).max() < 0.06
 
 
-def test_a_crop_is_as_good_as_the_whole_picture(shots: Shots, shape: ShapeFree) -> None:
+def test_a_crop_is_as_good_as_the_whole_picture(shots: Shots, shape: ShapeFreeFrame) -> None:
     truth, picture = shots.faces[4], shots.pictures[4]
     crop = crop_face(picture, np.nan_to_num(shots.points[4], nan=160.0), 1.0)
     refiner = refiner_of(shots, shape, 4)
@@ -74,7 +75,7 @@ def test_a_crop_is_as_good_as_the_whole_picture(shots: Shots, shape: ShapeFree) 
     assert found[0].eau == pytest.approx(found[1].eau, abs=0.01)
 
 
-def test_actuators_that_may_not_move_stay(shots: Shots, shape: ShapeFree) -> None:
+def test_actuators_that_may_not_move_stay(shots: Shots, shape: ShapeFreeFrame) -> None:
     start = astray(shots.faces[2], 5)
     refiner = refiner_of(shots, shape, 2)
     found = refiner.refine(whole(shots.pictures[2]), start, 3, [EAU_INDEX["jaw_drop"]])
@@ -83,7 +84,7 @@ def test_actuators_that_may_not_move_stay(shots: Shots, shape: ShapeFree) -> Non
     assert found.eau[EAU_INDEX["jaw_drop"]] != start.eau[EAU_INDEX["jaw_drop"]]
 
 
-def test_a_light_is_explained_by_its_coefficient(shots: Shots, shape: ShapeFree) -> None:
+def test_a_light_is_explained_by_its_coefficient(shots: Shots, shape: ShapeFreeFrame) -> None:
     template = template_of(shots, shape, 3)
     brighter = replace(template, modes=np.full((1, len(shape)), 2.0, np.float32))
     refiner = Refiner(shots.face.head, shots.face, shape, brighter)
@@ -93,8 +94,8 @@ def test_a_light_is_explained_by_its_coefficient(shots: Shots, shape: ShapeFree)
     assert angle_deg(found.pose, shots.faces[3].pose) < 0.5
 
 
-def test_a_mode_that_is_taught_later_is_found_as_one_known_from_the_start(
-    shots: Shots, shape: ShapeFree
+def test_a_mode_that_is_added_later_is_found_as_one_known_from_the_start(
+    shots: Shots, shape: ShapeFreeFrame
 ) -> None:
     rows = np.asarray(np.random.default_rng(5).normal(size=(2, len(shape))) * 3, np.float32)
     template = template_of(shots, shape, 3)
@@ -104,14 +105,15 @@ def test_a_mode_that_is_taught_later_is_found_as_one_known_from_the_start(
     ]
     picture = whole(shots.pictures[3])
     start = refiners[1].refine(picture, shots.faces[3], 1, MOVED)
-    refiners[1].teach(rows[1])
+    fewer, refiners[1] = refiners[1], refiners[1].with_mode(rows[1])
     found = [refiner.refine(picture, start, 3, MOVED) for refiner in refiners]
     assert len(start.modes) == 1 and len(found[1].modes) == 2
     assert found[1].modes == pytest.approx(found[0].modes)
     assert found[1].eau == pytest.approx(found[0].eau)
+    assert len(fewer.template.modes) == 1
 
 
-def test_a_hand_before_the_face_is_borne(shots: Shots, shape: ShapeFree) -> None:
+def test_a_hand_before_the_face_is_borne(shots: Shots, shape: ShapeFreeFrame) -> None:
     picture, truth = shots.pictures[3].copy(), shots.faces[3]
     picture[150:190, 100:150] = (40, 200, 40)
     found = refiner_of(shots, shape, 3).refine(whole(picture), astray(truth, 1), 8, MOVED)
@@ -119,7 +121,7 @@ def test_a_hand_before_the_face_is_borne(shots: Shots, shape: ShapeFree) -> None
 
 
 def test_another_picture_is_explained_though_its_light_differs(
-    shots: Shots, shape: ShapeFree
+    shots: Shots, shape: ShapeFreeFrame
 ) -> None:
     truth = shots.faces[4]
     found = refiner_of(shots, shape, 3).refine(whole(shots.pictures[4]), shots.faces[3], 8, MOVED)
@@ -128,11 +130,11 @@ def test_another_picture_is_explained_though_its_light_differs(
 
 
 def test_texels_are_thinned_to_a_few_thousand(shots: Shots) -> None:
-    shape = ShapeFree(shots.face, atlas_of(shots.face.head, 256), shots.camera)
+    shape = ShapeFreeFrame(shots.face, atlas_of(shots.face.head, 256), shots.camera)
     refiner = refiner_of(shots, shape, 0)
     assert len(shape) > 20000
     assert 1000 < len(refiner.shape) < 10000
     assert refiner.template.mean.shape == (len(refiner.shape),)
-    refiner.teach(np.arange(len(shape), dtype=np.float32))
+    refiner = refiner.with_mode(np.arange(len(shape), dtype=np.float32))
     assert refiner.template.modes.shape == (1, len(refiner.shape))
     assert (np.diff(refiner.template.modes[0]) > 0).all()

@@ -10,11 +10,13 @@ import pytest
 from numpy.typing import NDArray
 
 from protocol.call_file import CallWriter
-from protocol.packets import CallParameters, ControlKind, ControlPacket, ModelPacket, serialise
+from protocol.call_parameters import CallParameters
+from protocol.model_packet import ModelPacket
+from protocol.packets import ControlKind, ControlPacket, serialise
 from risorius.animation.animate import AnimateOptions, animate, degrade, side_light
 from risorius.animation.animation_script import parse_script
 from risorius.animation.synthetic_skin import painted_colours
-from risorius.command_line.cli import main
+from risorius.cli import main
 from shared_model.animate import Face, Identity
 from shared_model.anthropometry import control_points
 from shared_model.errors import UserError

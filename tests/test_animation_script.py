@@ -31,9 +31,9 @@ def test_values_are_held_before_the_first_and_after_the_last_key() -> None:
 
 
 def test_what_no_key_sets_is_at_rest() -> None:
-    moment = parse_script({}, Path()).at(1)
-    assert not moment.eau.any() and not moment.aau.any() and not any(moment.pose.values())
-    assert (moment.brightness, moment.side, moment.zoom) == (1, 0, 1)
+    state = parse_script({}, Path()).at(1)
+    assert not state.eau.any() and not state.aau.any() and not any(state.pose.values())
+    assert (state.brightness, state.side, state.zoom) == (1, 0, 1)
 
 
 def test_an_emotion_is_its_peak_and_adds_to_actuators_within_their_ranges() -> None:
@@ -91,7 +91,7 @@ def test_four_scripts_come_along() -> None:
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda p: p.stem)
 def test_a_script_that_comes_along_reads_and_moves(path: Path) -> None:
     script = read_script(path)
-    moments = [script.at(t) for t in np.linspace(0, script.seconds, 50)]
-    moved = np.ptp([m.eau for m in moments], axis=0).max()
-    turned = np.ptp([m.pose["yaw"] for m in moments])
+    states = [script.at(t) for t in np.linspace(0, script.seconds, 50)]
+    moved = np.ptp([m.eau for m in states], axis=0).max()
+    turned = np.ptp([m.pose["yaw"] for m in states])
     assert moved > 0.5 or turned > 20

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from decoder.background_layers import filled, still_of
-from encoder.coding.background import Still
-from protocol.packets import ProtocolError
-from protocol.pictures.foreground_mask import SIDE, serialise_background
+from encoder.coding.background import BackgroundImage
+from protocol.errors import ProtocolError
+from protocol.pictures.foreground_mask import MASK_SIDE, serialise_background
 
 
 def room() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
@@ -17,20 +17,20 @@ def room() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
 
 
 def somebody() -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    silhouette = np.zeros((SIDE, SIDE), bool)
+    silhouette = np.zeros((MASK_SIDE, MASK_SIDE), bool)
     silhouette[30:, 36:60] = True
     return silhouette
 
 
 def test_a_person_is_opaque_and_the_room_is_not() -> None:
-    still = still_of(Still(room(), somebody()).coded(4000))
+    still = still_of(BackgroundImage(room(), somebody()).encode(4000))
     opacity = still.picture[..., 3]
     assert (opacity[34:, 52:76] == 255).all()
     assert (opacity[:20] == 0).all() and (opacity[:, :40] == 0).all()
 
 
 def test_behind_the_person_the_room_goes_on() -> None:
-    still = still_of(Still(room(), somebody()).coded(4000))
+    still = still_of(BackgroundImage(room(), somebody()).encode(4000))
     assert still.behind is not None
     wall = np.linspace(60, 200, 128)[None, :, None]
     # The coder's own errors are within a few levels.
@@ -50,7 +50,7 @@ def test_what_is_known_stays_and_an_even_picture_stays_even() -> None:
 
 
 def test_without_a_silhouette_nothing_shows_through() -> None:
-    still = still_of(Still(room()).coded(2000))
+    still = still_of(BackgroundImage(room()).encode(2000))
     assert still.picture.shape == (96, 128, 3) and still.behind is None
     assert still_of(b"").behind is None
 

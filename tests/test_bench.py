@@ -11,8 +11,8 @@ from processes import LIMIT_S, wait_until
 
 from encoder.capture.video_source import open_source
 from loopback.bench import (
+    AVERAGED_FIGURES,
     CALL_FIGURES,
-    MEANS,
     BenchSettings,
     bench_clip,
     bench_table,
@@ -22,10 +22,10 @@ from loopback.bench import (
     output_names,
 )
 from loopback.process_pair import free_port, run_call
-from loopback.quality import face_area_finder
+from loopback.quality import face_mask_finder
 from loopback.report import figure, flatten, rounded, table
 from loopback.timing_tables import timings_tables
-from risorius.command_line.cli import main
+from risorius.cli import main
 from shared_model.errors import UserError
 
 MS = 1_000_000
@@ -48,7 +48,7 @@ def test_clips_of_one_name_do_not_overwrite_each_other() -> None:
 
 
 def test_means_leave_out_what_a_clip_does_not_have() -> None:
-    clip = {name: 1.0 for name in MEANS} | {"frame_bps": 800.0}
+    clip = {name: 1.0 for name in AVERAGED_FIGURES} | {"frame_bps": 800.0}
     clips = [
         {**clip, "face_psnr_db": 24.0, "face_psnr_p5_db": None},
         {**clip, "face_psnr_db": None, "face_psnr_p5_db": None},
@@ -158,18 +158,21 @@ def test_what_is_no_video_is_said_before_anything_runs(
     assert not out.exists()
 
 
-def test_a_clip_that_fails_does_not_cost_those_before_it(
+def test_a_clip_that_fails_does_not_cost_the_others(
     carphone: Path, noise: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     options = ["--profile", "thesis", "--max-frames", "9", "--out", str(tmp_path)]
-    assert main(["bench", str(carphone), str(noise), *options]) == 3
+    assert main(["bench", str(noise), str(carphone), *options]) == 3
     printed = capsys.readouterr()
     report = json.loads((tmp_path / "report.json").read_text())
     assert [clip["source"] for clip in report["clips"]] == [carphone.name]
     assert report["mean"]["frame_bps"] == 800
     assert bench_table(report["clips"]) in printed.out
-    *_, where, why = printed.err.splitlines()
-    assert str(tmp_path) in where and "report.json" in where and "no face found" in why
+    (failed,) = report["failed"]
+    assert failed["source"] == str(noise) and "no face found" in failed["error"]
+    assert f"warning: {noise} failed: " in printed.err
+    last = printed.err.splitlines()[-1]
+    assert str(tmp_path) in last and "report.json" in last
 
 
 def test_an_interrupted_bench_keeps_the_clips_that_were_finished(
@@ -195,7 +198,7 @@ def test_bench_and_file_decode_to_the_same_pictures(carphone: Path, tmp_path: Pa
     options = ["--profile", "thesis", "--max-frames", "12", "-q"]
     assert main(["encode", str(carphone), "-o", str(call), *options]) == 0
     assert main(["decode", str(call), "-o", str(over_file), "-q"]) == 0
-    bench_clip(str(carphone), settings, over_link, face_area_finder(pytest.fail))
+    bench_clip(str(carphone), settings, over_link, face_mask_finder(pytest.fail))
     with open_source(str(over_file)) as file, open_source(str(over_link)) as link:
         pairs = zip(file, link, strict=True)
         assert all(np.array_equal(ours[1], theirs[1]) for ours, theirs in pairs)

@@ -7,88 +7,87 @@ import numpy as np
 import pytest
 from packets import CALL, MODEL
 
-from encoder.coding.rate_control import Spending, code_call
+from encoder.coding.rate_control import RateTarget, code_call
 from encoder.coding.rdo_quantiser import code_packet
 from protocol.bit_accounting import (
     DAMAGED,
     GROUPS,
     OVERHEAD,
-    Accounts,
+    BitAccounting,
     component_bits,
     group_shares,
 )
-from protocol.call_file import MAGIC, CallWriter, record
+from protocol.call_file import MAGIC, CallWriter, serialise_record
+from protocol.errors import ProtocolError
 from protocol.frames.frame_transform import (
-    GEOMETRY,
-    UNIT_ZERO,
-    Components,
-    serialise_components,
-    with_spare,
+    GEOMETRY_SIZE,
+    UNIT_CODE_OF_ONE,
+    FrameTransform,
+    serialise_transform,
+    with_reserved_modes,
 )
-from protocol.frames.temporal_prediction import KINDS, FramePredictor
+from protocol.frames.temporal_prediction import PREDICTION_KINDS, FramePredictor
+from protocol.limits import MAX_IMAGE_BYTES, MAX_LAYER_BYTES
+from protocol.model_packet import ModelPacket
 from protocol.packets import (
-    MAX_IMAGE_BYTES,
-    MAX_LAYER_BYTES,
     ControlKind,
     ControlPacket,
     FramePacket,
     LayerPacket,
-    ModelPacket,
     Packet,
-    ProtocolError,
     serialise,
 )
-from protocol.progressive_model import item
+from protocol.progressive_model import stream_item
 from protocol.summary import summarise
-from risorius.command_line.info_table import summary_table
+from risorius.commands.info import summary_table
 from shared_model.parameters import EAU_INDEX
 
 DEFAULT = replace(CALL, profile="default", frames_per_packet=8)
 FRAMES = 81
 # What each component moves: pose, a lid, a mode.
-MOVED = (0, 6 + EAU_INDEX["lid_left"], GEOMETRY)
+MOVED = (0, 6 + EAU_INDEX["lid_left"], GEOMETRY_SIZE)
 
 
-def components() -> Components:
-    d = GEOMETRY + 1
+def components() -> FrameTransform:
+    d = GEOMETRY_SIZE + 1
     basis = np.zeros((len(MOVED), d), np.int8)
     basis[np.arange(len(MOVED)), MOVED] = 127
-    return Components(
+    return FrameTransform(
         (b"mode",),
-        np.full(d, UNIT_ZERO, np.uint8),
+        np.full(d, UNIT_CODE_OF_ONE, np.uint8),
         np.zeros(d, np.int64),
         basis,
         np.zeros(len(MOVED), np.int8),
-        np.full((len(MOVED), KINDS), 28, np.uint8),
+        np.full((len(MOVED), PREDICTION_KINDS), 28, np.uint8),
     )
 
 
 def growing() -> tuple[ModelPacket, list[bytes]]:
     """A model with two spare modes, and frame packets that begin to use the first of them."""
-    roomy = with_spare(components(), 2)
-    predictor, sent = FramePredictor(roomy.spreads, roomy.spare), []
+    roomy = with_reserved_modes(components(), 2)
+    predictor, sent = FramePredictor(roomy.scale_codes, roomy.reserved_modes), []
     values = np.random.default_rng(3).normal(size=(8, 8, len(roomy.basis))) * 4
     values[:4, :, -2] = values[..., -1] = 0
     for number, frames in enumerate(values):
         packet = code_packet(predictor, number, 8, frames, 4)
         predictor.anchor = packet.frames[-1]
         sent.append(packet.payload)
-    extension = serialise_components(roomy)
-    return replace(MODEL, call=DEFAULT, sequence=0, growing=True, extension=extension), sent
+    extension = serialise_transform(roomy)
+    return replace(MODEL, call=DEFAULT, sequence=0, extensible=True, profile_data=extension), sent
 
 
 def payloads(sizes: tuple[float, ...]) -> list[bytes]:
     """Frame packets of components that wander by the given sizes, units a frame."""
     rng = np.random.default_rng(3)
     values = np.cumsum(rng.normal(size=(FRAMES, len(MOVED))) * sizes, axis=0)
-    packets = code_call(values, components().spreads, Spending(4000, 25, 8))
+    packets = code_call(values, components().scale_codes, RateTarget(4000, 25, 8))
     return [packet.payload for packet in packets]
 
 
-def accounts(frames: list[bytes]) -> Accounts:
-    accounts = Accounts()
+def accounts(frames: list[bytes]) -> BitAccounting:
+    accounts = BitAccounting()
     accounts.add(
-        replace(MODEL, call=DEFAULT, sequence=0, extension=serialise_components(components()))
+        replace(MODEL, call=DEFAULT, sequence=0, profile_data=serialise_transform(components()))
     )
     for number, payload in enumerate(frames):
         accounts.add(FramePacket(number % 64, payload))
@@ -113,7 +112,7 @@ def test_bits_go_to_the_group_that_moves(moving: int, group: str) -> None:
 
 
 def test_ideal_lengths_are_those_spent() -> None:
-    predictor, spent = FramePredictor(components().spreads), 0.0
+    predictor, spent = FramePredictor(components().scale_codes), 0.0
     sent = payloads((3.0, 1.0, 1.0))
     for number, payload in enumerate(sent):
         spent += component_bits(predictor, number % 64, 8, payload).sum()
@@ -125,7 +124,7 @@ def test_ideal_lengths_are_those_spent() -> None:
 def test_a_component_is_shared_by_harm() -> None:
     mixed = components()
     mixed.basis[0, :] = 0
-    mixed.basis[0, 0], mixed.basis[0, GEOMETRY] = 60, 120
+    mixed.basis[0, 0], mixed.basis[0, GEOMETRY_SIZE] = 60, 120
     shares = group_shares(mixed)
     assert shares.sum(1) == pytest.approx(1)
     assert shares[0].tolist() == pytest.approx([0.2, 0, 0, 0, 0.8])
@@ -133,10 +132,10 @@ def test_a_component_is_shared_by_harm() -> None:
 
 def test_an_update_of_the_model_is_read_from_its_own_packet_on() -> None:
     sent = payloads((3.0, 1.0, 1.0))
-    extension = serialise_components(components())
-    first = replace(MODEL, call=DEFAULT, sequence=0, extension=extension)
-    update = replace(first, layer=1, layers=2, sequence=len(sent))
-    whole = Accounts()
+    extension = serialise_transform(components())
+    first = replace(MODEL, call=DEFAULT, sequence=0, profile_data=extension)
+    update = replace(first, version=1, version_count=2, sequence=len(sent))
+    whole = BitAccounting()
     whole.add(first)
     for number, payload in enumerate(sent[:-1]):
         whole.add(FramePacket(number, payload))
@@ -151,18 +150,18 @@ def test_an_update_of_the_model_is_read_from_its_own_packet_on() -> None:
 
 
 def test_parts_of_the_model_add_up() -> None:
-    packet = replace(MODEL, call=DEFAULT, extension=serialise_components(components()))
+    packet = replace(MODEL, call=DEFAULT, profile_data=serialise_transform(components()))
     parts = accounts([]).model_parts
     assert sum(parts.values()) == len(serialise(packet)) - 1
     assert (parts["background"], parts["modes"]) == (len(MODEL.background), len(b"mode"))
 
 
 def test_layers_are_counted_for_what_they_are_of() -> None:
-    packet = replace(MODEL, call=DEFAULT, extension=serialise_components(components()))
-    found = Accounts()
-    found.add(replace(packet, layered=True))
+    packet = replace(MODEL, call=DEFAULT, profile_data=serialise_transform(components()))
+    found = BitAccounting()
+    found.add(replace(packet, progressive=True))
     before = found.model_parts
-    stream = item(b"texture") + item(b"still") + item(b"mode one")
+    stream = stream_item(b"texture") + stream_item(b"still") + stream_item(b"mode one")
     layers = [LayerPacket(0, 0, stream[:10]), LayerPacket(0, 1, stream[10:])]
     for layer in layers:
         found.add(layer)
@@ -173,10 +172,13 @@ def test_layers_are_counted_for_what_they_are_of() -> None:
 
 def test_modes_learned_later_are_counted_as_modes() -> None:
     model, _ = growing()
-    found = Accounts()
+    found = BitAccounting()
     found.add(model)
     before = found.model_parts
-    layers = [LayerPacket(0, 0, item(b"") * 2 + item(b"learned")), LayerPacket(0, 1, item(b"more"))]
+    layers = [
+        LayerPacket(0, 0, stream_item(b"") * 2 + stream_item(b"learned")),
+        LayerPacket(0, 1, stream_item(b"more")),
+    ]
     for layer in layers:
         found.add(layer)
     parts = {name: count - before[name] for name, count in found.model_parts.items()}
@@ -187,7 +189,7 @@ def test_modes_learned_later_are_counted_as_modes() -> None:
 def test_frames_are_read_whether_or_not_spare_components_are_in_use() -> None:
     model, sent = growing()
     halves = []
-    found = Accounts()
+    found = BitAccounting()
     found.add(model)
     for number, payload in enumerate(sent):
         found.add(FramePacket(number, payload))
@@ -201,7 +203,7 @@ def test_frames_are_read_whether_or_not_spare_components_are_in_use() -> None:
 
 
 def test_layers_alone_are_counted_and_damaged_ones_refused() -> None:
-    found = Accounts()
+    found = BitAccounting()
     found.add(LayerPacket(0, 0, b"\x05ab"))
     assert found.model_parts == {"shape": 2, "texture": 2}
     with pytest.raises(ProtocolError):
@@ -209,12 +211,14 @@ def test_layers_alone_are_counted_and_damaged_ones_refused() -> None:
 
 
 def test_what_came_before_damaged_layers_is_still_counted(tmp_path: Path) -> None:
-    model = replace(MODEL, call=DEFAULT, extension=serialise_components(components()), layered=True)
+    model = replace(
+        MODEL, call=DEFAULT, profile_data=serialise_transform(components()), progressive=True
+    )
     pieces = [b"\x05ab", b"\xff" * 9, b"cde"]
     packets: list[Packet] = [model, *(LayerPacket(0, i, data) for i, data in enumerate(pieces))]
-    packets += [replace(model, layer=1, layers=2), FramePacket(0, bytes(4))]
+    packets += [replace(model, version=1, version_count=2), FramePacket(0, bytes(4))]
     path = tmp_path / "call.rzo"
-    path.write_bytes(MAGIC + b"".join(record(serialise(packet)) for packet in packets))
+    path.write_bytes(MAGIC + b"".join(serialise_record(serialise(packet)) for packet in packets))
     summary = summarise(path)
     assert summary.damaged_packets == 2 and summary.model_packets == 2
     assert sum(summary.model_parts.values()) == summary.model_bytes
@@ -222,13 +226,13 @@ def test_what_came_before_damaged_layers_is_still_counted(tmp_path: Path) -> Non
 
 
 def test_layers_of_any_number_of_updates_are_counted() -> None:
-    packet = replace(MODEL, call=DEFAULT, extension=serialise_components(components()))
-    found, sizes = Accounts(), 0
-    stream = item(bytes(MAX_IMAGE_BYTES)) + item(bytes(7)) + item(b"mode one")
+    packet = replace(MODEL, call=DEFAULT, profile_data=serialise_transform(components()))
+    found, sizes = BitAccounting(), 0
+    stream = stream_item(bytes(MAX_IMAGE_BYTES)) + stream_item(bytes(7)) + stream_item(b"mode one")
     pieces = [stream[i : i + MAX_LAYER_BYTES] for i in range(0, len(stream), MAX_LAYER_BYTES)]
     for model in range(5):
         packets: list[Packet] = [LayerPacket(model, i, data) for i, data in enumerate(pieces)]
-        packets.insert(3, replace(packet, layer=model, layers=model + 1, layered=True))
+        packets.insert(3, replace(packet, version=model, version_count=model + 1, progressive=True))
         for one in packets:
             found.add(one)
             sizes += len(serialise(one)) - 1
@@ -242,14 +246,14 @@ def test_sizes_of_packets_are_stated() -> None:
     size = accounts([bytes(n) for n in (1, 2, 3, 10)]).packet_size
     assert size is not None
     assert (size.mean, size.largest) == (4, 10) and 3 < size.p95 < 10
-    assert Accounts().packet_size is None
+    assert BitAccounting().packet_size is None
 
 
 def test_what_cannot_be_decoded_is_damaged() -> None:
-    no_model = Accounts()
+    no_model = BitAccounting()
     no_model.add(FramePacket(0, bytes(7)))
     assert no_model.groups == {DAMAGED: 7}
-    no_components = Accounts()
+    no_components = BitAccounting()
     no_components.add(replace(MODEL, call=DEFAULT))
     no_components.add(FramePacket(0, bytes(5)))
     assert no_components.groups == {DAMAGED: 5}
@@ -258,12 +262,12 @@ def test_what_cannot_be_decoded_is_damaged() -> None:
 
 def test_components_that_are_none_are_a_protocol_error() -> None:
     with pytest.raises(ProtocolError, match="components"):
-        Accounts().add(replace(MODEL, extension=b"?"))
+        BitAccounting().add(replace(MODEL, profile_data=b"?"))
 
 
 def test_a_summary_splits_a_call_of_the_default_profile(tmp_path: Path) -> None:
     path, sent = tmp_path / "call.rzo", payloads((3.0, 1.0, 1.0))
-    model = replace(MODEL, call=DEFAULT, sequence=0, extension=serialise_components(components()))
+    model = replace(MODEL, call=DEFAULT, sequence=0, profile_data=serialise_transform(components()))
     with CallWriter(path) as writer:
         writer.send(serialise(model))
         for number, payload in enumerate(sent):
@@ -278,11 +282,11 @@ def test_a_summary_splits_a_call_of_the_default_profile(tmp_path: Path) -> None:
 
 
 def test_the_thesis_profile_spends_a_byte_on_each_value() -> None:
-    thesis = Accounts()
+    thesis = BitAccounting()
     thesis.add(MODEL)
     thesis.add(FramePacket(0, bytes(10)))
     assert thesis.groups == {"pose": 6, "expression": 4}
-    with_lids = Accounts()
-    with_lids.add(replace(MODEL, call=replace(CALL, lids=True)))
+    with_lids = BitAccounting()
+    with_lids.add(replace(MODEL, call=replace(CALL, has_eyelids=True)))
     with_lids.add(FramePacket(0, bytes(12)))
     assert with_lids.groups == pytest.approx({"pose": 6, "expression": 4, "lids": 2})

@@ -7,13 +7,8 @@ import numpy as np
 import pytest
 
 from encoder.capture.video_source import Frame, open_source
-from encoder.detection.blazeface import (
-    BlazeFaceDetector,
-    Detection,
-    FaceDetector,
-    largest_first,
-    merge,
-)
+from encoder.detection.blazeface import BlazeFaceDetector, weighted_nms
+from encoder.detection.detector import Detection, FaceDetector, by_size
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.detection.viola_jones import HaarDetector
 
@@ -43,19 +38,19 @@ def face(left: float, top: float, side: float, score: float = 0.9) -> Detection:
 
 
 def test_larger_face_comes_first() -> None:
-    assert [f.size_px for f in largest_first([face(0, 0, 30), face(90, 0, 50)])] == [50, 30]
+    assert [f.size_px for f in by_size([face(0, 0, 30), face(90, 0, 50)])] == [50, 30]
 
 
 def test_overlapping_detections_become_their_weighted_mean() -> None:
-    (merged,) = merge([face(0, 0, 100, 0.9), face(10, 0, 100, 0.6)])
+    (merged,) = weighted_nms([face(0, 0, 100, 0.9), face(10, 0, 100, 0.6)])
     assert merged.score == 0.9
     assert merged.box[0] == pytest.approx(10 * 0.6 / 1.5)
     assert merged.keypoints[0, 0] == pytest.approx(10 * 0.6 / 1.5)
 
 
 def test_separate_and_nested_detections_are_told_apart() -> None:
-    assert len(merge([face(0, 0, 100), face(200, 0, 100)])) == 2
-    assert len(merge([face(0, 0, 100), face(20, 20, 40)])) == 1
+    assert len(weighted_nms([face(0, 0, 100), face(200, 0, 100)])) == 2
+    assert len(weighted_nms([face(0, 0, 100), face(20, 20, 40)])) == 1
 
 
 def test_folder_without_networks_is_reported(tmp_path: Path) -> None:

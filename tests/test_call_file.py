@@ -10,19 +10,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from packets import CALL, MODEL
 
-from protocol.call_file import MAGIC, CallReader, CallWriter, TruncatedCall, read_records, record
-from protocol.entropy.varint import encode_varint
-from protocol.frames.scalar_quantiser import thesis_sample_count
-from protocol.link.interface import PacketSink, PacketSource, Reach
-from protocol.packets import (
-    MAX_MODEL_PACKET_BYTES,
-    ControlKind,
-    ControlPacket,
-    FramePacket,
-    Packet,
-    ProtocolError,
-    serialise,
+from protocol.call_file import (
+    MAGIC,
+    CallReader,
+    CallWriter,
+    TruncatedCall,
+    read_records,
+    serialise_record,
 )
+from protocol.entropy.varint import encode_varint
+from protocol.errors import ProtocolError
+from protocol.frames.scalar_quantiser import thesis_sample_count
+from protocol.limits import MAX_MODEL_PACKET_BYTES
+from protocol.link.interface import PacketSink, PacketSource, Reachability
+from protocol.packets import ControlKind, ControlPacket, FramePacket, Packet, serialise
 from protocol.summary import summarise
 from shared_model.errors import UserError
 
@@ -58,7 +59,7 @@ def test_a_call_comes_back_whole(tmp_path: Path) -> None:
 
 @given(st.lists(st.binary(min_size=1, max_size=200).map(lambda data: b"\x3f" + data)))
 def test_records_round_trip(packets: list[bytes]) -> None:
-    file = io.BytesIO(MAGIC + b"".join(map(record, packets)))
+    file = io.BytesIO(MAGIC + b"".join(map(serialise_record, packets)))
     assert list(read_records(file)) == packets
 
 
@@ -66,7 +67,7 @@ def test_files_carry_a_call_as_any_link_does(tmp_path: Path) -> None:
     sink: PacketSink = CallWriter(tmp_path / "call.rzo")
     with sink:
         sink.send(serialise(MODEL))
-        assert sink.reach is Reach.SOMEBODY
+        assert sink.reachability is Reachability.HAS_PEER
     source: PacketSource = CallReader(tmp_path / "call.rzo")
     with source:
         assert source.receive(timeout_s=0) == serialise(MODEL)
@@ -83,7 +84,9 @@ def test_a_call_without_an_end_is_read_and_reported(tmp_path: Path) -> None:
 def test_every_truncation_yields_the_whole_packets_before_it(tmp_path: Path) -> None:
     sent = write(tmp_path / "call.rzo", thesis_call(12))
     data = (tmp_path / "call.rzo").read_bytes()
-    boundaries = {len(MAGIC + b"".join(map(record, sent[:n]))): n for n in range(len(sent) + 1)}
+    boundaries = {
+        len(MAGIC + b"".join(map(serialise_record, sent[:n]))): n for n in range(len(sent) + 1)
+    }
     for length in range(len(MAGIC), len(data)):
         records = read_records(io.BytesIO(data[:length]))
         if length in boundaries:
@@ -109,7 +112,7 @@ def test_another_kind_of_file_is_named(data: bytes) -> None:
         (encode_varint(MAX_MODEL_PACKET_BYTES + 1), "record of 262145 bytes"),
         (b"\xff\xff\xff\xff", "bad number"),
         (b"\x81\0x", "bad number"),
-        (record(bytes(2000)), "too long for its kind"),
+        (serialise_record(bytes(2000)), "too long for its kind"),
     ],
 )
 def test_bad_records_are_named(records: bytes, message: str) -> None:
@@ -156,7 +159,7 @@ def test_the_old_file_stays_until_the_new_one_is_whole(tmp_path: Path) -> None:
     assert path.read_bytes() == b"old"
     writer.close()
     writer.close()
-    assert path.read_bytes() == MAGIC + record(serialise(MODEL))
+    assert path.read_bytes() == MAGIC + serialise_record(serialise(MODEL))
 
 
 def test_nothing_sent_leaves_nothing_behind(tmp_path: Path) -> None:
@@ -187,8 +190,8 @@ def test_a_disk_that_refuses_leaves_the_old_call_as_it_is(tmp_path: Path) -> Non
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert path.read_bytes() == b"old"
-    whole = MAGIC + 2 * record(serialise(MODEL))
-    assert part.read_bytes() == whole[: len(MAGIC) + len(record(serialise(MODEL))) + 3]
+    whole = MAGIC + 2 * serialise_record(serialise(MODEL))
+    assert part.read_bytes() == whole[: len(MAGIC) + len(serialise_record(serialise(MODEL))) + 3]
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
@@ -217,7 +220,9 @@ def test_the_parts_add_up_and_the_thesis_profile_has_800_bps(tmp_path: Path, fra
     sent = write(path, thesis_call(frames))
     summary = summarise(path)
     parts = summary.model_bytes + summary.frame_bytes + summary.control_bytes
-    assert summary.container_bytes == 4 + sum(len(record(data)) - len(data) + 1 for data in sent)
+    assert summary.container_bytes == 4 + sum(
+        len(serialise_record(data)) - len(data) + 1 for data in sent
+    )
     assert parts + summary.container_bytes == summary.file_bytes == path.stat().st_size
     rates = summary.frame_bps, summary.packet_bps, summary.record_bps
     assert rates == pytest.approx((800, 880, 960))
@@ -247,8 +252,8 @@ def test_the_default_profile_counts_frames_by_packets(
 ) -> None:
     path = tmp_path / "call.rzo"
     call = replace(CALL, profile="default", frames_per_packet=packed, frame_step=step)
-    lost = ControlPacket(0, ControlKind.LOST, 3)
-    models = [replace(MODEL, call=call, layer=n, layers=2) for n in range(2)]
+    lost = ControlPacket(0, ControlKind.FACE_LOST, 3)
+    models = [replace(MODEL, call=call, version=n, version_count=2) for n in range(2)]
     write(path, [*models, lost, *[FramePacket(n, bytes(5)) for n in range(4)]])
     summary = summarise(path)
     assert summary.frames == 24 and summary.frame_bytes == 20 and summary.control_bytes == 2
@@ -257,8 +262,8 @@ def test_the_default_profile_counts_frames_by_packets(
 
 def test_what_is_damaged_is_counted_and_the_rest_accounted_for(tmp_path: Path) -> None:
     path = tmp_path / "call.rzo"
-    sent = [record(serialise(packet)) for packet in thesis_call(100)]
-    sent.insert(5, record(serialise(MODEL)[:1] + b"\xff" * 9))
+    sent = [serialise_record(serialise(packet)) for packet in thesis_call(100)]
+    sent.insert(5, serialise_record(serialise(MODEL)[:1] + b"\xff" * 9))
     path.write_bytes(MAGIC + b"".join(sent))
     summary = summarise(path)
     assert summary.damaged_packets == 1 and summary.complete and summary.frames == 100
@@ -275,7 +280,11 @@ def test_a_damaged_model_is_said_to_be_damaged(tmp_path: Path) -> None:
     path = tmp_path / "call.rzo"
     damaged = bytearray(serialise(MODEL))
     damaged[1] = 0xFF
-    path.write_bytes(MAGIC + record(bytes(damaged)) + record(serialise(FramePacket(0, bytes(10)))))
+    path.write_bytes(
+        MAGIC
+        + serialise_record(bytes(damaged))
+        + serialise_record(serialise(FramePacket(0, bytes(10))))
+    )
     with pytest.raises(ProtocolError) as raised:
         summarise(path)
     assert "no model packet" not in str(raised.value)

@@ -172,7 +172,7 @@ def test_both_ends_fail_if_the_relay_between_them_stops(
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_a_relay_stops_whichever_thread_takes_the_signal(endpoint: str) -> None:
     code = (
-        "import os, signal, sys, threading; from risorius.command_line.cli import main\n"
+        "import os, signal, sys, threading; from risorius.cli import main\n"
         "def interrupt():\n"
         "    sys.stdin.read()\n"
         "    asleep = 0\n"

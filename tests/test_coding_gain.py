@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from encoder.coding.transform import combine, project
-from protocol.frames.frame_transform import GEOMETRY
+from encoder.coding.transform import design_transform, project
+from protocol.frames.frame_transform import GEOMETRY_SIZE
 from scripts.coding_gain import ROWS, Material, between, gains, markdown, optimised, predicted
 
 
@@ -14,13 +14,13 @@ from scripts.coding_gain import ROWS, Material, between, gains, markdown, optimi
 def material() -> Material:
     """Seven seconds of values that move together, three at a time."""
     rng = np.random.default_rng(5)
-    d, count = GEOMETRY + 2, 180
+    d, count = GEOMETRY_SIZE + 2, 180
     sources = np.zeros((count, 3))
     for t in range(1, count):
         sources[t] = 0.95 * sources[t - 1] + rng.normal(size=3)
     vectors = sources @ rng.normal(size=(3, d)) * 0.3 + rng.normal(size=(count, d)) * 0.02
     harm = np.diag(rng.uniform(50, 500, d))
-    components = combine(vectors, harm, (b"one", b"two"), 8)
+    components = design_transform(vectors, harm, (b"one", b"two"), 8)
     return Material(vectors, harm, components, project(components, vectors, harm), 25.0)
 
 

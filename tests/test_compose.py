@@ -16,7 +16,7 @@ from conftest import PROGRAM, ROOT, Start
 
 from encoder.capture.video_source import open_source
 from loopback.process_pair import free_port
-from risorius.command_line.arguments import build_parser
+from risorius.cli import build_parser
 
 COMPOSE = ROOT / "docker-compose.yml"
 DOCKERFILE = ROOT / "Dockerfile"

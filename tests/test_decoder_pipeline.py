@@ -11,16 +11,11 @@ from numpy.typing import NDArray
 
 from decoder import pipeline, scene
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
-from protocol.call_file import MAGIC, CallReader, record
+from protocol.call_file import MAGIC, CallReader, serialise_record
+from protocol.call_parameters import CallParameters
 from protocol.frames.scalar_quantiser import encode_thesis, thesis_sample_count
-from protocol.packets import (
-    CallParameters,
-    ControlKind,
-    ControlPacket,
-    FramePacket,
-    ModelPacket,
-    serialise,
-)
+from protocol.model_packet import ModelPacket
+from protocol.packets import ControlKind, ControlPacket, FramePacket, serialise
 from shared_model.animate import Face, Identity
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, pixel_from_head, pose_from_euler
@@ -70,7 +65,7 @@ def end(frames: int = FRAMES) -> bytes:
 
 
 def write_call(path: Path, packets: list[bytes]) -> Path:
-    path.write_bytes(MAGIC + b"".join(map(record, packets)))
+    path.write_bytes(MAGIC + b"".join(map(serialise_record, packets)))
     return path
 
 
@@ -147,7 +142,7 @@ def test_call_becomes_one_picture_per_source_frame(tmp_path: Path) -> None:
 
 def test_before_its_background_is_known_a_call_is_drawn_on_black(tmp_path: Path) -> None:
     """As to who joined at an update that leaves the background as it was."""
-    update, first = model(background=b"", layer=1, layers=2), model()
+    update, first = model(background=b"", version=1, version_count=2), model()
     packets = [update, *samples()[:6], first, *samples()[6:], end()]
     call, video = write_call(tmp_path / "call.rzo", packets), tmp_path / "out.mkv"
     assert run(call, video).frames == FRAMES - 1
@@ -219,10 +214,13 @@ def test_ctrl_c_keeps_the_pictures_so_far(tmp_path: Path) -> None:
         (b"", "no call file"),
         (b"RIFF....AVI ", "no call file"),
         (MAGIC, "no model packet"),
-        (MAGIC + record(end()), "no model packet"),
-        (MAGIC + record(model()[:-1]), "model packet"),
-        (MAGIC + record(model(texture=b"RIFFxxxx")) + record(samples()[0]), "texture is no WebP"),
-        (MAGIC + record(model()[:1] + b"\x63" + model()[2:]), "format version is 99"),
+        (MAGIC + serialise_record(end()), "no model packet"),
+        (MAGIC + serialise_record(model()[:-1]), "model packet"),
+        (
+            MAGIC + serialise_record(model(texture=b"RIFFxxxx")) + serialise_record(samples()[0]),
+            "texture is no WebP",
+        ),
+        (MAGIC + serialise_record(model()[:1] + b"\x63" + model()[2:]), "format version is 99"),
     ],
 )
 def test_unusable_call_is_one_line_to_the_user(tmp_path: Path, data: bytes, reason: str) -> None:

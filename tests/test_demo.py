@@ -8,7 +8,7 @@ import pytest
 from encoder.capture.video_source import open_source
 from loopback.clip_paths import clip_path
 from protocol.summary import summarise
-from risorius.command_line.cli import main
+from risorius.cli import main
 from risorius.demo import demo
 from shared_model.errors import UserError
 

@@ -5,16 +5,16 @@ import numpy as np
 import pytest
 from shots import Shots
 
-from encoder.appearance.inpaint import fill
+from encoder.appearance.inpaint import pull_push_fill
 from encoder.appearance.texel_visibility import visible_texels
 from encoder.appearance.texture import (
+    atlas_size_for,
+    default_colours,
     extract_texture,
-    fitting_size,
-    sample,
-    texel_pixels,
-    unseen_colours,
+    pixels_per_texel,
 )
-from encoder.picture_coding.image_budget import compress, compress_background
+from encoder.picture_coding.image_budget import encode_background_webp_within, encode_webp_within
+from encoder.runtime.image_ops import sample_bicubic
 from shared_model.appearance import Atlas, atlas_of
 from shared_model.geometry import camera_from_head, pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS
@@ -29,9 +29,9 @@ def atlas(shots: Shots) -> Atlas:
 def test_samples_at_pixel_centres_are_the_pixels() -> None:
     picture = np.random.default_rng(1).integers(0, 256, (30, 40, 3), dtype=np.uint8)
     places = np.array([(x, y) for y in range(30) for x in range(40)], np.float32)
-    assert np.array_equal(sample(picture, places), picture.reshape(-1, 3))
-    assert sample(picture[..., 0], places[:5]).shape == (5, 1)
-    assert np.array_equal(sample(picture, np.array([(-9.0, -9.0)])), picture[:1, 0])
+    assert np.array_equal(sample_bicubic(picture, places), picture.reshape(-1, 3))
+    assert sample_bicubic(picture[..., 0], places[:5]).shape == (5, 1)
+    assert np.array_equal(sample_bicubic(picture, np.array([(-9.0, -9.0)])), picture[:1, 0])
 
 
 def test_a_turned_head_hides_its_far_side(shots: Shots, atlas: Atlas) -> None:
@@ -78,7 +78,7 @@ def test_a_texture_holds_the_pictures_colours(shots: Shots, atlas: Atlas) -> Non
     seen = visible_texels(head, atlas, face.pose, vertices)
     seen &= head.opacity[atlas.corners].min(1) > 0
     there = pixel_from_head(shots.camera, face.pose, atlas.points(vertices))
-    expected = sample(cv2.blur(shots.pictures[2], (3, 3)), there)[seen]
+    expected = sample_bicubic(cv2.blur(shots.pictures[2], (3, 3)), there)[seen]
     found = texture[atlas.rows[seen], atlas.columns[seen]]
     assert np.median(np.abs(found - expected)) < 4
 
@@ -118,7 +118,7 @@ def test_a_narrow_fold_is_lit_as_what_is_around_it(shots: Shots, atlas: Atlas) -
 
 
 def test_what_was_never_seen_has_a_usual_colour(shots: Shots, atlas: Atlas) -> None:
-    colours = unseen_colours(shots.face.head, atlas)
+    colours = default_colours(shots.face.head, atlas)
     part = shots.face.head.parts[atlas.corners[:, 0]]
     assert np.isnan(colours[part == PARTS.index("skin")]).all()
     assert np.isfinite(colours[part == PARTS.index("teeth_upper")]).all()
@@ -129,10 +129,10 @@ def test_filling_continues_smoothly_and_keeps_what_is_known() -> None:
     image[...] = np.linspace(0, 255, 47)[None, :, None]
     known = np.zeros((33, 47), bool)
     known[:, :8] = known[:, -8:] = True
-    filled = fill(np.where(known[..., None], image, 999).astype(np.float32), known)
+    filled = pull_push_fill(np.where(known[..., None], image, 999).astype(np.float32), known)
     assert np.array_equal(filled[known], image[known])
     assert filled.min() >= 0 and filled.max() <= 255.001
-    nothing = fill(image, np.zeros((33, 47), bool))
+    nothing = pull_push_fill(image, np.zeros((33, 47), bool))
     assert np.isfinite(nothing).all()
 
 
@@ -141,8 +141,8 @@ def test_a_larger_face_gets_a_larger_texture(shots: Shots) -> None:
     sizes, spacings = [], []
     for depth_mm in (2500.0, 1000.0, 500.0):
         pose = pose_from_euler(0, 0, 0, np.array([0.0, 0.0, depth_mm]))
-        sizes.append(fitting_size(atlas, shots.camera, pose, rest, 320))
-        spacings.append(texel_pixels(atlas, shots.camera, pose, rest))
+        sizes.append(atlas_size_for(atlas, shots.camera, pose, rest, 320))
+        spacings.append(pixels_per_texel(atlas, shots.camera, pose, rest))
     assert sizes == sorted(sizes) and sizes[0] < sizes[2] <= 320
     assert all(size % 16 == 0 for size in sizes)
     assert spacings[2] == pytest.approx(2 * spacings[1], rel=0.2)
@@ -150,10 +150,10 @@ def test_a_larger_face_gets_a_larger_texture(shots: Shots) -> None:
 
 def test_pictures_are_coded_within_their_bytes(shots: Shots) -> None:
     picture = shots.pictures[0]
-    small, large = compress(picture, 1500), compress(picture, 6000)
+    small, large = encode_webp_within(picture, 1500), encode_webp_within(picture, 6000)
     assert len(small) <= 1500 < len(large) <= 6000
     for limit in (800, 4000):
-        data = compress_background(picture, limit)
+        data = encode_background_webp_within(picture, limit)
         assert len(data) <= limit
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
         assert image is not None

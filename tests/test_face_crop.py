@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from encoder.appearance.texture import sample
-from encoder.capture.colour import in_luma
+from encoder.capture.colour import luma_u8
 from encoder.capture.face_crop import MARGIN, crop_face
+from encoder.runtime.image_ops import sample_bicubic
 
 POINTS = np.array([(60.0, 40.0, 0.0), (120.0, 40.0, 3.0), (90.0, 110.0, 1.0)])
 
@@ -31,7 +31,7 @@ def test_the_window_holds_the_face_and_a_margin() -> None:
 def test_positions_in_the_frame_are_found_in_the_window(texel_px: float) -> None:
     crop = crop_face(ramp(), POINTS, texel_px)
     places = np.array([(70.0, 50.0), (100.5, 77.25), (118.0, 60.0)], np.float32)
-    colours = sample(crop.picture, crop.from_frame(places))
+    colours = sample_bicubic(crop.picture, crop.to_crop_px(places))
     # The picture's own levels are whole numbers.
     assert np.abs(colours[:, :2] - places).max() <= 1
 
@@ -54,8 +54,8 @@ def test_a_face_at_or_beyond_the_border_still_has_a_window(shift: tuple[int, int
 
 def test_a_crop_in_luma_shows_the_same_window() -> None:
     crop = crop_face(ramp(), POINTS, 2.0)
-    grey = crop.grey
-    assert grey.picture.shape == crop.picture.shape[:2] and grey.grey is grey
+    grey = crop.as_luma
+    assert grey.picture.shape == crop.picture.shape[:2] and grey.as_luma is grey
     assert (grey.left, grey.top) == (crop.left, crop.top)
     assert np.abs(grey.picture - cv2.cvtColor(crop.picture, cv2.COLOR_BGR2GRAY)).max() < 1
 
@@ -63,10 +63,10 @@ def test_a_crop_in_luma_shows_the_same_window() -> None:
 @pytest.mark.parametrize("texel_px", [1.0, 2.5])
 def test_a_window_of_luma_is_the_luma_of_a_window(texel_px: float) -> None:
     picture = ramp()
-    grey = in_luma(picture)
-    assert in_luma(grey) is grey
+    grey = luma_u8(picture)
+    assert luma_u8(grey) is grey
     window, expected = crop_face(grey, POINTS, texel_px), crop_face(picture, POINTS, texel_px)
     assert (window.left, window.top) == (expected.left, expected.top)
     # Either is rounded to whole grey levels before and after it is shrunk.
-    difference = window.picture.astype(int) - in_luma(expected.picture)
+    difference = window.picture.astype(int) - luma_u8(expected.picture)
     assert np.abs(difference).max() <= (0 if texel_px == 1 else 1)

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from conftest import ClipFrames
 
-from encoder.coding.background import Still
+from encoder.coding.background import BackgroundImage
 from encoder.detection.blazeface import BlazeFaceDetector
-from encoder.detection.landmark_indices import outline_of
+from encoder.detection.landmark_indices import face_outline
 from encoder.detection.landmarks import LandmarkTracker
-from encoder.detection.segmentation import find_silhouette
-from encoder.detection.tflite import find_segmentation
+from encoder.detection.segmentation import segment_person
+from encoder.detection.tflite import find_segmentation_network
 from protocol.entropy.varint import encode_varint
-from protocol.packets import ProtocolError
+from protocol.errors import ProtocolError
 from protocol.pictures.foreground_mask import (
-    LETTER,
-    MAX_BYTES,
-    SIDE,
-    Map,
+    MASK_SIDE,
+    MAX_MASK_BYTES,
+    TAG,
+    Mask,
     parse_background,
     serialise_background,
 )
@@ -26,9 +26,9 @@ from protocol.pictures.foreground_mask import (
 STILL = b"S and so on"
 
 
-def person() -> Map:
+def person() -> Mask:
     """A head upon shoulders."""
-    y, x = np.mgrid[:SIDE, :SIDE] / SIDE - 0.5
+    y, x = np.mgrid[:MASK_SIDE, :MASK_SIDE] / MASK_SIDE - 0.5
     return np.asarray(
         (x**2 / 0.03 + (y + 0.1) ** 2 / 0.06 < 1) | (x**2 / 0.12 + (y - 0.6) ** 2 < 1)
     )
@@ -36,10 +36,14 @@ def person() -> Map:
 
 @pytest.mark.parametrize(
     "silhouette",
-    [person(), np.zeros((SIDE, SIDE), bool), np.random.default_rng(1).random((SIDE, SIDE)) < 0.5],
+    [
+        person(),
+        np.zeros((MASK_SIDE, MASK_SIDE), bool),
+        np.random.default_rng(1).random((MASK_SIDE, MASK_SIDE)) < 0.5,
+    ],
     ids=["person", "nobody", "noise"],
 )
-def test_a_silhouette_arrives_with_its_still(silhouette: Map) -> None:
+def test_a_silhouette_arrives_with_its_still(silhouette: Mask) -> None:
     found, still = parse_background(serialise_background(silhouette, STILL))
     assert found is not None and np.array_equal(found, silhouette)
     assert still == STILL
@@ -58,11 +62,11 @@ def test_a_persons_silhouette_takes_a_few_dozen_bytes() -> None:
 @pytest.mark.parametrize(
     "data",
     [
-        LETTER,
-        LETTER + b"\x80",
-        LETTER + encode_varint(3) + b"ab",
-        LETTER + encode_varint(MAX_BYTES + 1) + bytes(MAX_BYTES + 1),
-        LETTER + encode_varint(200) + bytes(200),
+        TAG,
+        TAG + b"\x80",
+        TAG + encode_varint(3) + b"ab",
+        TAG + encode_varint(MAX_MASK_BYTES + 1) + bytes(MAX_MASK_BYTES + 1),
+        TAG + encode_varint(200) + bytes(200),
     ],
     ids=["no length", "half a length", "too short", "too long", "bytes too many"],
 )
@@ -80,12 +84,12 @@ def test_flipped_bits_give_a_silhouette_or_are_refused() -> None:
             found, _ = parse_background(bytes(flipped))
         except ProtocolError:
             continue
-        assert found is None or found.shape == (SIDE, SIDE)
+        assert found is None or found.shape == (MASK_SIDE, MASK_SIDE)
 
 
 def test_a_still_and_its_silhouette_keep_to_the_bytes_for_both() -> None:
     noise = np.random.default_rng(3).integers(0, 256, (96, 128, 3), dtype=np.uint8)
-    data = Still(noise, person()).coded(900)
+    data = BackgroundImage(noise, person()).encode(900)
     assert 700 < len(data) <= 900
     found, still = parse_background(data)
     assert found is not None and np.array_equal(found, person())
@@ -94,7 +98,7 @@ def test_a_still_and_its_silhouette_keep_to_the_bytes_for_both() -> None:
 
 @pytest.fixture
 def segmentation() -> Path:
-    path = find_segmentation()
+    path = find_segmentation_network()
     if path is None:
         pytest.skip("the package mediapipe, which has the network, is not installed")
     return path
@@ -106,11 +110,11 @@ def test_a_person_is_told_from_what_is_behind(
     (frame,) = clip_frames("akiyo.mp4", 1)
     found = LandmarkTracker(networks, BlazeFaceDetector(networks)).update(frame)
     assert found is not None
-    silhouette = find_silhouette(segmentation, frame, outline_of(found.points))
+    silhouette = segment_person(segmentation, frame, face_outline(found.points))
     assert silhouette is not None
 
     def shown(column_px: int, row_px: int) -> bool:
-        return bool(silhouette[row_px * SIDE // 288, column_px * SIDE // 352])
+        return bool(silhouette[row_px * MASK_SIDE // 288, column_px * MASK_SIDE // 352])
 
     # Read off the picture by hand: hair, chin, both shoulders; the screens, what is above the head.
     assert all(shown(*at) for at in ((180, 60), (175, 155), (90, 240), (270, 240)))
@@ -120,4 +124,4 @@ def test_a_person_is_told_from_what_is_behind(
 def test_another_ones_silhouette_is_nobodys(segmentation: Path, clip_frames: ClipFrames) -> None:
     (frame,) = clip_frames("akiyo.mp4", 1)
     on_the_wall = np.array([[10.0, 10.0], [60.0, 10.0], [60.0, 70.0], [10.0, 70.0]])
-    assert find_silhouette(segmentation, frame, on_the_wall) is None
+    assert segment_person(segmentation, frame, on_the_wall) is None

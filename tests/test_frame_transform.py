@@ -7,114 +7,122 @@ import msgpack  # type: ignore[import-untyped]
 import numpy as np
 import pytest
 
+from protocol.errors import ProtocolError
 from protocol.frames.frame_transform import (
-    GEOMETRY,
-    MAX_BASIS,
-    MAX_CENTRE,
+    GEOMETRY_SIZE,
+    MAX_BASIS_CODE,
+    MAX_MEAN_CODE,
     MAX_MODES,
-    SPARE_SPREADS,
-    SPARE_UNIT,
-    Components,
-    face_from_components,
-    parse_components,
-    serialise_components,
-    unit_of,
+    RESERVED_SCALE_CODES,
+    RESERVED_UNIT_CODE,
+    FrameTransform,
+    face_from_coefficients,
+    parse_transform,
+    serialise_transform,
+    units_from_codes,
     vector_from_face,
-    with_spare,
-    without_spare,
+    with_reserved_modes,
+    without_reserved_modes,
 )
-from protocol.frames.temporal_prediction import KINDS, MAX_SPREAD, MAX_VALUE, UNIT
-from protocol.packets import ProtocolError
+from protocol.frames.temporal_prediction import (
+    MAX_SCALE_CODE,
+    MAX_VALUE,
+    PREDICTION_KINDS,
+    STEPS_PER_UNIT,
+)
 from shared_model.geometry import pose_from_euler
 from shared_model.parameters import EAU_HIGH, EAU_LOW, FaceParameters
 
 REFERENCE = pose_from_euler(4.0, -12.0, 3.0, np.array([30.0, -20.0, 650.0]))
 MODES = 2
-D = GEOMETRY + MODES
+D = GEOMETRY_SIZE + MODES
 
 
-def sample(components: int = 5) -> Components:
+def sample(components: int = 5) -> FrameTransform:
     rng = np.random.default_rng(2)
-    return Components(
+    return FrameTransform(
         modes=(b"first mode", b"second"),
-        units=rng.integers(120, 137, D, dtype=np.uint8),
-        centres=rng.integers(-3, 4, D),
-        basis=rng.integers(-MAX_BASIS, MAX_BASIS + 1, (components, D), dtype=np.int8),
+        unit_codes=rng.integers(120, 137, D, dtype=np.uint8),
+        mean_codes=rng.integers(-3, 4, D),
+        basis=rng.integers(-MAX_BASIS_CODE, MAX_BASIS_CODE + 1, (components, D), dtype=np.int8),
         exponents=rng.integers(-8, 0, components, dtype=np.int8),
-        spreads=2 * rng.integers(0, MAX_SPREAD // 2 + 1, (components, KINDS), dtype=np.uint8),
+        scale_codes=2
+        * rng.integers(0, MAX_SCALE_CODE // 2 + 1, (components, PREDICTION_KINDS), dtype=np.uint8),
     )
 
 
-def grown(spare: int, modes: tuple[bytes, ...], components: int = 5) -> Components:
+def grown(spare: int, modes: tuple[bytes, ...], components: int = 5) -> FrameTransform:
     """The sample with room for `spare` modes more, the first of which have come."""
-    roomy = with_spare(sample(components), spare)
+    roomy = with_reserved_modes(sample(components), spare)
     return replace(roomy, modes=sample().modes + modes + (b"",) * (spare - len(modes)))
 
 
-def same(a: Components, b: Components) -> bool:
-    return serialise_components(a) == serialise_components(b)
+def same(a: FrameTransform, b: FrameTransform) -> bool:
+    return serialise_transform(a) == serialise_transform(b)
 
 
 @pytest.mark.parametrize("count", [1, 5, 40])
 def test_components_survive_the_wire(count: int) -> None:
     components = sample(count)
-    parsed = parse_components(serialise_components(components))
+    parsed = parse_transform(serialise_transform(components))
     assert same(parsed, components)
     assert np.array_equal(parsed.matrix, components.matrix)
-    assert np.array_equal(parsed.spreads, components.spreads)
+    assert np.array_equal(parsed.scale_codes, components.scale_codes)
 
 
 @pytest.mark.parametrize("modes", [(), (b"third",), (b"third", b"fourth", b"fifth")])
 def test_spare_modes_survive_the_wire(modes: tuple[bytes, ...]) -> None:
     components = grown(3, modes)
-    parsed = parse_components(serialise_components(components))
-    assert (parsed.modes, parsed.spare) == (components.modes, 3)
+    parsed = parse_transform(serialise_transform(components))
+    assert (parsed.modes, parsed.reserved_modes) == (components.modes, 3)
     assert np.array_equal(parsed.matrix, components.matrix)
-    assert np.array_equal(parsed.centre, components.centre)
-    assert np.array_equal(parsed.spreads, components.spreads)
+    assert np.array_equal(parsed.mean, components.mean)
+    assert np.array_equal(parsed.scale_codes, components.scale_codes)
 
 
 def test_spare_modes_take_no_bytes_until_they_come() -> None:
-    few, many = (len(serialise_components(with_spare(sample(), count))) for count in (1, 40))
-    assert few == many <= len(serialise_components(sample())) + 5
+    few, many = (
+        len(serialise_transform(with_reserved_modes(sample(), count))) for count in (1, 40)
+    )
+    assert few == many <= len(serialise_transform(sample())) + 5
 
 
 def test_components_are_as_before_without_the_spare_ones() -> None:
     components = grown(3, (b"third", b"fourth"))
-    assert same(without_spare(components), sample())
-    kept = without_spare(components, 2)
-    assert (kept.modes, kept.spare) == (components.modes[:-1], 0)
+    assert same(without_reserved_modes(components), sample())
+    kept = without_reserved_modes(components, 2)
+    assert (kept.modes, kept.reserved_modes) == (components.modes[:-1], 0)
     assert np.array_equal(kept.matrix, components.matrix[:-1, :-1])
-    assert kept.spreads[-2:].tolist() == [list(SPARE_SPREADS)] * 2
+    assert kept.scale_codes[-2:].tolist() == [list(RESERVED_SCALE_CODES)] * 2
 
 
 def test_the_component_of_a_spare_mode_moves_nothing_but_it() -> None:
     coded = np.zeros(5 + 3, np.int64)
-    before = face_from_components(grown(3, ()), coded, REFERENCE)
-    coded[6] = 2 * UNIT
-    after = face_from_components(grown(3, ()), coded, REFERENCE)
+    before = face_from_coefficients(grown(3, ()), coded, REFERENCE)
+    coded[6] = 2 * STEPS_PER_UNIT
+    after = face_from_coefficients(grown(3, ()), coded, REFERENCE)
     change = vector_from_face(after, REFERENCE) - vector_from_face(before, REFERENCE)
     expected = np.zeros(D + 3)
-    expected[D + 1] = 2 * unit_of(np.array([SPARE_UNIT]))[0]
+    expected[D + 1] = 2 * units_from_codes(np.array([RESERVED_UNIT_CODE]))[0]
     assert change == pytest.approx(expected)
 
 
 def test_a_face_is_the_centre_and_its_components() -> None:
     components = sample()
-    coded = np.array([3, -2, 0, 1, -1]) * UNIT
-    expected = components.centre + (coded / UNIT) @ components.matrix
-    face = face_from_components(components, coded, REFERENCE)
-    inside = np.clip(expected[6:GEOMETRY], EAU_LOW, EAU_HIGH)
+    coded = np.array([3, -2, 0, 1, -1]) * STEPS_PER_UNIT
+    expected = components.mean + (coded / STEPS_PER_UNIT) @ components.matrix
+    face = face_from_coefficients(components, coded, REFERENCE)
+    inside = np.clip(expected[6:GEOMETRY_SIZE], EAU_LOW, EAU_HIGH)
     vector = vector_from_face(face, REFERENCE)
     assert vector[:6] == pytest.approx(expected[:6], abs=1e-6)
-    assert vector[6:GEOMETRY] == pytest.approx(inside)
-    assert vector[GEOMETRY:] == pytest.approx(expected[GEOMETRY:])
+    assert vector[6:GEOMETRY_SIZE] == pytest.approx(inside)
+    assert vector[GEOMETRY_SIZE:] == pytest.approx(expected[GEOMETRY_SIZE:])
 
 
 @pytest.mark.parametrize("value", [MAX_VALUE, -MAX_VALUE])
 def test_the_largest_values_still_make_a_face(value: int) -> None:
     components = replace(sample(), exponents=np.full(5, 20, np.int8))
-    face = face_from_components(components, np.full(5, value), REFERENCE)
+    face = face_from_coefficients(components, np.full(5, value), REFERENCE)
     assert is_finite(face)
     assert (face.eau >= EAU_LOW).all() and (face.eau <= EAU_HIGH).all()
 
@@ -127,19 +135,22 @@ def is_finite(face: FaceParameters) -> bool:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"centres": np.full(D, MAX_CENTRE + 1)}, "centre beyond"),
+        ({"mean_codes": np.full(D, MAX_MEAN_CODE + 1)}, "mean beyond"),
         ({"basis": np.full((5, D), -128, np.int8)}, "basis beyond"),
-        ({"units": np.ones(D - 1, np.uint8)}, "shapes"),
+        ({"unit_codes": np.ones(D - 1, np.uint8)}, "shapes"),
         ({"exponents": np.full(5, 21, np.int8)}, "exponent"),
         ({"exponents": np.zeros(4, np.int8)}, "shapes"),
-        ({"spreads": np.full((5, KINDS), MAX_SPREAD + 1, np.uint8)}, "spreads"),
-        ({"spreads": np.zeros((5, KINDS - 1), np.uint8)}, "spreads"),
-        ({"spreads": np.full((5, KINDS), 7, np.uint8)}, "no multiples"),
+        (
+            {"scale_codes": np.full((5, PREDICTION_KINDS), MAX_SCALE_CODE + 1, np.uint8)},
+            "scale codes",
+        ),
+        ({"scale_codes": np.zeros((5, PREDICTION_KINDS - 1), np.uint8)}, "scale codes"),
+        ({"scale_codes": np.full((5, PREDICTION_KINDS), 7, np.uint8)}, "no multiples"),
         ({"basis": np.zeros((0, D), np.int8)}, "0 components"),
         ({"modes": (b"",) * (MAX_MODES + 1)}, "modes"),
-        ({"spare": -1}, "-1 spare modes"),
-        ({"spare": MODES + 1}, "3 spare modes of 2"),
-        ({"spare": 1, "basis": np.zeros((1, D), np.int8)}, "1 components"),
+        ({"reserved_modes": -1}, "-1 reserved modes"),
+        ({"reserved_modes": MODES + 1}, "3 reserved modes of 2"),
+        ({"reserved_modes": 1, "basis": np.zeros((1, D), np.int8)}, "1 components"),
     ],
 )
 def test_components_out_of_bounds_are_refused(changes: dict[str, object], message: str) -> None:
@@ -152,14 +163,14 @@ def test_components_out_of_bounds_are_refused(changes: dict[str, object], messag
 )
 def test_what_is_no_map_of_components_is_refused(data: bytes) -> None:
     with pytest.raises(ProtocolError):
-        parse_components(data)
+        parse_transform(data)
 
 
 @pytest.mark.parametrize("modes", [b"x", (1, 2), ["x"]])
 def test_modes_must_be_byte_strings(modes: object) -> None:
-    fields = msgpack.unpackb(serialise_components(sample()), use_list=False)
+    fields = msgpack.unpackb(serialise_transform(sample()), use_list=False)
     with pytest.raises(ProtocolError):
-        parse_components(msgpack.packb(fields | {"m": modes}))
+        parse_transform(msgpack.packb(fields | {"m": modes}))
 
 
 @pytest.mark.parametrize(
@@ -171,19 +182,19 @@ def test_modes_must_be_byte_strings(modes: object) -> None:
     ],
 )
 def test_counts_of_spare_modes_that_cannot_be_are_refused(counts: object) -> None:
-    fields = msgpack.unpackb(serialise_components(sample()), use_list=False)
+    fields = msgpack.unpackb(serialise_transform(sample()), use_list=False)
     with pytest.raises(ProtocolError):
-        parse_components(msgpack.packb(fields | {"s": counts}))
+        parse_transform(msgpack.packb(fields | {"s": counts}))
 
 
 @pytest.mark.parametrize("components", [sample(2), grown(3, (b"third",), 2)])
 def test_every_truncation_and_bit_flip_is_components_or_a_protocol_error(
-    components: Components,
+    components: FrameTransform,
 ) -> None:
-    data = serialise_components(components)
+    data = serialise_transform(components)
     for length in range(len(data)):
         with pytest.raises(ProtocolError):
-            parse_components(data[:length])
+            parse_transform(data[:length])
     for bit in range(8 * len(data)):
         flipped = bytearray(data)
         flipped[bit // 8] ^= 1 << bit % 8
@@ -194,7 +205,7 @@ def test_fuzz_of_mutated_components() -> None:
     seed = 511
     print(f"seed {seed}")
     rng = random.Random(seed)
-    bases = [serialise_components(base) for base in (sample(3), grown(2, (b"third",), 3))]
+    bases = [serialise_transform(base) for base in (sample(3), grown(2, (b"third",), 3))]
     for _ in range(1500):
         data = bytearray(rng.choice(bases))
         for _ in range(rng.randint(1, 3)):
@@ -206,8 +217,8 @@ def test_fuzz_of_mutated_components() -> None:
 
 def makes_a_face_or_a_protocol_error(data: bytes) -> None:
     try:
-        components = parse_components(data)
+        components = parse_transform(data)
     except ProtocolError:
         return
-    coded = np.full(len(components.basis), 100 * UNIT)
-    assert is_finite(face_from_components(components, coded, REFERENCE))
+    coded = np.full(len(components.basis), 100 * STEPS_PER_UNIT)
+    assert is_finite(face_from_coefficients(components, coded, REFERENCE))

@@ -12,18 +12,14 @@ from shots import draw
 
 from decoder.pipeline import DecodeOptions, decode
 from decoder.playout import PlayedFrame, Playout
-from encoder.coding.gop import FRAMES_PER_PACKET, Cadence, cadence_for
-from encoder.pipeline import EncodeOptions, EncodeReport, encode
-from loopback.quality import face_area_finder, measure
+from encoder.coding.gop import FRAMES_PER_PACKET, GopStructure, gop_for_fps
+from encoder.options import EncodeOptions, EncodeReport
+from encoder.pipeline import encode
+from loopback.quality import face_mask_finder, measure_quality
 from protocol.call_file import CallReader
-from protocol.packets import (
-    MAX_FRAME_STEP,
-    ControlPacket,
-    FramePacket,
-    ModelPacket,
-    Packet,
-    parse_packet,
-)
+from protocol.limits import MAX_FRAME_STEP
+from protocol.model_packet import ModelPacket
+from protocol.packets import ControlPacket, FramePacket, Packet, parse_packet
 from protocol.summary import summarise
 from shared_model.parameters import EAU_INDEX
 
@@ -53,17 +49,17 @@ eau = { jaw_drop = 0.1 }
 
 @given(st.fractions(Fraction(1, 100), 1000), st.floats(0.01, 2000))
 def test_no_other_step_comes_nearer_to_the_rate_asked_for(source: Fraction, wanted: float) -> None:
-    found = cadence_for(source, wanted)
+    found = gop_for_fps(source, wanted)
     error = abs(found.coded_fps(source) - Fraction(wanted))
     if wanted >= source:
-        assert found == Cadence()
+        assert found == GopStructure()
     for step in {found.frame_step - 1, found.frame_step + 1} & set(range(1, MAX_FRAME_STEP + 1)):
         if wanted < source:
             assert abs(source / step - Fraction(wanted)) >= error * Fraction(1 - 1e-9)
 
 
 def test_the_least_rate_there_is_has_the_longest_step() -> None:
-    assert cadence_for(Fraction(30), 5e-324).frame_step == MAX_FRAME_STEP
+    assert gop_for_fps(Fraction(30), 5e-324).frame_step == MAX_FRAME_STEP
 
 
 @pytest.mark.parametrize(
@@ -72,8 +68,8 @@ def test_the_least_rate_there_is_has_the_longest_step() -> None:
 def test_packets_last_as_long_with_fewer_frames(
     wanted: float | None, step: int, coded: int
 ) -> None:
-    found = cadence_for(Fraction(30000, 1001), wanted)
-    assert found == Cadence(step, coded)
+    found = gop_for_fps(Fraction(30000, 1001), wanted)
+    assert found == GopStructure(step, coded)
     assert step > FRAMES_PER_PACKET or abs(step * coded - FRAMES_PER_PACKET) <= 1
 
 
@@ -138,8 +134,8 @@ def test_every_kth_frame_is_coded_and_every_frame_is_drawn(
     video = tmp_path / "d%03d.png"
     decoded = decode(DecodeOptions(path, output=video), lambda done, total: None, lambda: False)
     assert decoded.frames == FRAMES and not decoded.warnings
-    area = face_area_finder(pytest.fail)
-    quality = measure(clip, str(video), area, lambda done, total: None)
+    find_face_mask = face_mask_finder(pytest.fail)
+    quality = measure_quality(clip, str(video), find_face_mask, lambda done, total: None)
     assert quality.face_psnr_db is not None and quality.face_psnr_db > (22 if live else 26)
 
 

@@ -8,9 +8,11 @@ import pytest
 from numpy.random import default_rng
 
 from decoder.renderer import Renderer
-from encoder.capture.colour import in_luma
+from encoder.capture.colour import luma_u8
 from encoder.fitting.bundle_adjustment import Bundle
-from encoder.fitting.identity import AAU_SIGMA, Fitted, shared_parameters
+from encoder.fitting.fit_results import Fitted
+from encoder.fitting.identity import AAU_SIGMA
+from encoder.fitting.increments import shared_parameters
 from encoder.fitting.person_texture import OwnTexture
 from encoder.tracking.identity_refinement import (
     DUE_S,
@@ -76,7 +78,7 @@ def film() -> list[tuple[Picture, FaceParameters]]:
         shown = FaceParameters(pose_from_euler(pitch, yaw, 0, PLACE))
         drawn = renderer.draw(CAMERA, shown.pose, face.animate(shown.eau))
         noisy = drawn + random.normal(0, 2, drawn.shape)
-        shots.append((in_luma(np.clip(np.rint(noisy), 0, 255).astype(np.uint8)), shown))
+        shots.append((luma_u8(np.clip(np.rint(noisy), 0, 255).astype(np.uint8)), shown))
     renderer.close()
     return shots
 

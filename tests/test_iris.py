@@ -8,10 +8,10 @@ from conftest import ClipFrames
 
 from encoder.capture.video_source import Frame
 from encoder.detection.blazeface import BlazeFaceDetector
-from encoder.detection.iris import TRAINED_CROP, WIDER_CROP, IrisFinder
-from encoder.detection.landmark_indices import LIDS
+from encoder.detection.iris import TRAINED_CROP_SCALE, WIDE_CROP_SCALE, IrisLandmarker
+from encoder.detection.landmark_indices import EYELID_MARGINS
 from encoder.detection.landmarks import FaceMesh, LandmarkTracker
-from encoder.detection.roi import square_from_landmarks
+from encoder.detection.roi import roi_from_landmarks
 
 
 @pytest.mark.parametrize(
@@ -28,14 +28,14 @@ def test_irises_are_where_the_pupils_are(
     (frame,) = clip_frames(name, 1)
     found = LandmarkTracker(networks, BlazeFaceDetector(networks)).update(frame)
     assert found is not None
-    centres = IrisFinder(networks).find(frame, found.points).irises[:, 0]
+    centres = IrisLandmarker(networks).find(frame, found.points).irises[:, 0]
     eyes = np.linalg.norm(np.diff(pupils, axis=0))
     assert np.linalg.norm(centres - pupils, axis=1).max() < 0.05 * eyes, centres
 
 
-@pytest.mark.parametrize("crop", [TRAINED_CROP, WIDER_CROP])
+@pytest.mark.parametrize("crop", [TRAINED_CROP_SCALE, WIDE_CROP_SCALE])
 def test_lids_close_in_a_blink(crop: float, networks: Path, clip_frames: ClipFrames) -> None:
-    tracker = LandmarkTracker(networks, BlazeFaceDetector(networks), eye_crop=crop)
+    tracker = LandmarkTracker(networks, BlazeFaceDetector(networks), eye_crop_scale=crop)
     # The caller blinks in frame 42.
     opening = [eyes_opening(tracker, frame) for frame in clip_frames("carphone.mp4", 45)]
     assert min(opening) == opening[42] < 0.4 * np.median(opening)
@@ -54,10 +54,10 @@ def test_only_the_lids_are_seen_anew(networks: Path, clip_frames: ClipFrames) ->
     tracker = LandmarkTracker(networks, BlazeFaceDetector(networks))
     found = tracker.update(frame)
     assert found is not None
-    mesh = FaceMesh(networks).find(frame, square_from_landmarks(found.points))
-    again = IrisFinder(networks).with_lids(frame, mesh.points)
+    mesh = FaceMesh(networks).find(frame, roi_from_landmarks(found.points))
+    again = IrisLandmarker(networks).replace_eyelids(frame, mesh.points)
     moved = np.flatnonzero((again != mesh.points).any(1))
-    assert set(moved) <= set(np.ravel(LIDS))
+    assert set(moved) <= set(np.ravel(EYELID_MARGINS))
     assert len(moved) > 20
     eyes = np.linalg.norm(mesh.points[263, :2] - mesh.points[33, :2])
     assert np.linalg.norm(again - mesh.points, axis=1).max() < 0.15 * eyes

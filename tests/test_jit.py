@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from encoder.runtime.jit import compiled
+from encoder.runtime.jit import jit
 
 LOOP = """
 def ratios(over, under):
@@ -19,12 +19,12 @@ def test_a_loop_for_which_there_is_no_folder_is_compiled_all_the_same() -> None:
     exec(LOOP, names)
     ratios = names["ratios"]
     assert callable(ratios)
-    found = compiled(ratios)(np.array([1.0, 3.0]), np.array([2.0, 4.0]))
+    found = jit(ratios)(np.array([1.0, 3.0]), np.array([2.0, 4.0]))
     np.testing.assert_array_equal(found, [0.5, 0.75])
 
 
 def test_what_is_divided_by_nothing_is_infinite_as_in_numpy() -> None:
-    @compiled
+    @jit
     def inverse(value: float) -> float:
         return 1 / value
 

@@ -7,7 +7,8 @@ import pytest
 from heads import seen_points
 from numpy.typing import NDArray
 
-from encoder.fitting.identity import Fitted, fit_identity
+from encoder.fitting.fit_results import Fitted
+from encoder.fitting.identity import fit_identity
 from encoder.fitting.landmark_fit import (
     LandmarkModel,
     fit_frame,

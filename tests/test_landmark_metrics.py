@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from encoder.detection.tflite import NetworkFilesMissing
 from loopback import landmark_metrics as module
-from loopback.landmark_metrics import Likeness, compare_faces, correlation, likeness
+from loopback.landmark_metrics import LandmarkMetrics, compare_faces, correlation, landmark_metrics
 from shared_model.errors import UserError
 
 EYES_PX = 60.0
@@ -24,12 +24,12 @@ def talking(count: int = 30) -> NDArray[np.float64]:
 
 
 def test_a_face_is_like_itself() -> None:
-    assert likeness(talking(), talking()) == Likeness(1.0, 0.0, 1.0, None, None)
+    assert landmark_metrics(talking(), talking()) == LandmarkMetrics(1.0, 0.0, 1.0, None, None)
 
 
 def test_landmarks_apart_are_measured_by_the_eyes_distance() -> None:
     shifted = talking() + np.array([0.6, 0.8])
-    found = likeness(talking(), shifted)
+    found = landmark_metrics(talking(), shifted)
     assert found.nme_percent == pytest.approx(100 / EYES_PX, abs=0.01)
     assert found.mouth_corr == 1.0
 
@@ -37,17 +37,17 @@ def test_landmarks_apart_are_measured_by_the_eyes_distance() -> None:
 def test_a_mouth_that_moves_otherwise_correlates_less() -> None:
     other = talking()
     other[:, 14, 1] = 205 - other[:, 14, 1]
-    found = likeness(talking(), other)
+    found = landmark_metrics(talking(), other)
     assert found.mouth_corr is not None and found.mouth_corr < 0
 
 
 def test_faces_that_are_lost_are_counted_and_left_out() -> None:
     source, decoded = talking(), talking()
     source[:6], decoded[:12] = np.nan, np.nan
-    assert likeness(source, decoded).face_found == 0.75
-    assert likeness(source, decoded).nme_percent == 0
-    assert likeness(source, np.full_like(source, np.nan)) == Likeness(face_found=0.0)
-    assert likeness(np.full_like(source, np.nan), source) == Likeness()
+    assert landmark_metrics(source, decoded).face_found == 0.75
+    assert landmark_metrics(source, decoded).nme_percent == 0
+    assert landmark_metrics(source, np.full_like(source, np.nan)) == LandmarkMetrics(face_found=0.0)
+    assert landmark_metrics(np.full_like(source, np.nan), source) == LandmarkMetrics()
 
 
 def test_what_stands_still_has_no_correlation() -> None:
@@ -68,7 +68,7 @@ def test_nothing_is_said_without_the_landmark_networks(
         raise NetworkFilesMissing("gone")
 
     monkeypatch.setattr(module, "find_network_folder", missing)
-    assert compare_faces(str(noise), str(noise)) == Likeness()
+    assert compare_faces(str(noise), str(noise)) == LandmarkMetrics()
 
 
 def test_a_missing_video_is_the_users_mistake(networks: Path) -> None:

@@ -9,14 +9,15 @@ import pytest
 from conftest import ClipFrames
 
 from encoder.capture.video_source import Frame
-from encoder.detection.blazeface import BlazeFaceDetector, Detection
-from encoder.detection.landmark_indices import EYE_CORNERS
+from encoder.detection.blazeface import BlazeFaceDetector
+from encoder.detection.detector import Detection
+from encoder.detection.landmark_indices import OUTER_EYE_CORNERS
 from encoder.detection.landmarks import FaceMesh, Landmarks, LandmarkTracker
-from encoder.detection.roi import Square, square_from_detection, square_from_landmarks
+from encoder.detection.roi import RotatedRoi, roi_from_detection, roi_from_landmarks
 
 
 def test_crop_corners_lie_on_the_square() -> None:
-    square = Square(np.array([100.0, 50.0]), 40.0, np.radians(90))
+    square = RotatedRoi(np.array([100.0, 50.0]), 40.0, np.radians(90))
     affine = square.pixel_from_crop(192)
     corners = np.array([[-0.5, -0.5], [191.5, -0.5]]) @ affine[:, :2].T + affine[:, 2]
     assert corners == pytest.approx(np.array([[120.0, 30.0], [120.0, 70.0]]))
@@ -24,9 +25,9 @@ def test_crop_corners_lie_on_the_square() -> None:
 
 def test_square_of_landmarks_follows_shift_scale_and_roll() -> None:
     points = np.random.default_rng(3).uniform(0, 100, (468, 3))
-    points[EYE_CORNERS[0]], points[EYE_CORNERS[1]] = [20, 50, 0], [80, 50, 0]
-    before = square_from_landmarks(points)
-    after = square_from_landmarks(points * 2 + [7.0, -3.0, 0.0])
+    points[OUTER_EYE_CORNERS[0]], points[OUTER_EYE_CORNERS[1]] = [20, 50, 0], [80, 50, 0]
+    before = roi_from_landmarks(points)
+    after = roi_from_landmarks(points * 2 + [7.0, -3.0, 0.0])
     assert after.centre == pytest.approx(before.centre * 2 + [7, -3])
     assert after.side == pytest.approx(before.side * 2)
     assert after.roll_rad == before.roll_rad == 0
@@ -35,7 +36,7 @@ def test_square_of_landmarks_follows_shift_scale_and_roll() -> None:
 def test_square_of_a_rolled_detection_is_rolled() -> None:
     keypoints = np.zeros((6, 2))
     keypoints[1] = [10, 10]
-    square = square_from_detection(Detection(np.array([0.0, 0, 30, 40]), keypoints, 0.9))
+    square = roi_from_detection(Detection(np.array([0.0, 0, 30, 40]), keypoints, 0.9))
     assert square.roll_rad == pytest.approx(np.radians(45))
     assert square.side == 60
     assert square.centre == pytest.approx([15, 20])
@@ -44,7 +45,7 @@ def test_square_of_a_rolled_detection_is_rolled() -> None:
 def test_nothing_is_found_where_no_face_is(networks: Path) -> None:
     tracker = LandmarkTracker(networks, BlazeFaceDetector(networks))
     assert tracker.update(np.full((120, 160, 3), 90, np.uint8)) is None
-    assert tracker.faces_seen == 0
+    assert tracker.face_count == 0
 
 
 def test_mirrored_faces_give_mirrored_landmarks(networks: Path, clip_frames: ClipFrames) -> None:
@@ -54,9 +55,9 @@ def test_mirrored_faces_give_mirrored_landmarks(networks: Path, clip_frames: Cli
         for frame in clip_frames(name, 6):
             found = tracker.update(frame)
             assert found is not None
-            square, last = square_from_landmarks(found.points), frame.shape[1] - 1
+            square, last = roi_from_landmarks(found.points), frame.shape[1] - 1
             centre = np.array([last - square.centre[0], square.centre[1]])
-            other = Square(centre, square.side, -square.roll_rad)
+            other = RotatedRoi(centre, square.side, -square.roll_rad)
             mirrored = mesh.find(np.ascontiguousarray(frame[:, ::-1]), other).points[:, 0]
             # The set of points is symmetric, hence so is its mean.
             middle = (mesh.find(frame, square).points[:, 0].mean() + mirrored.mean()) / 2
@@ -76,7 +77,7 @@ def test_tracking_follows_a_face_moved_and_scaled(networks: Path, clip_frames: C
     assert first is not None and second is not None
     expected = first.points[:, :2] @ move[:, :2].T + move[:, 2]
     distance = np.linalg.norm(expected - second.points[:, :2], axis=1)
-    eyes = np.linalg.norm(np.diff(expected[list(EYE_CORNERS)], axis=0))
+    eyes = np.linalg.norm(np.diff(expected[list(OUTER_EYE_CORNERS)], axis=0))
     assert distance.mean() < 0.01 * eyes
 
 
@@ -103,7 +104,7 @@ def test_a_frame_looked_at_ahead_gives_the_same_landmarks(
     looks: list[tuple[int, bool]] = []
     find = FaceMesh.find
 
-    def noted(mesh: FaceMesh, frame: Frame, square: Square) -> Landmarks:
+    def noted(mesh: FaceMesh, frame: Frame, square: RotatedRoi) -> Landmarks:
         looks.append((id(frame), threading.current_thread() is threading.main_thread()))
         return find(mesh, frame, square)
 
@@ -124,22 +125,24 @@ def test_what_was_seen_ahead_elsewhere_is_not_believed(
     first, second = clip_frames("akiyo.mp4", 2)
     found = LandmarkTracker(networks, BlazeFaceDetector(networks)).update(first)
     assert found is not None
-    square, nobody = square_from_landmarks(found.points), Nobody()
+    square, nobody = roi_from_landmarks(found.points), Nobody()
     tracker = LandmarkTracker(networks, nobody)
-    tracker.steer(square)
+    tracker.set_roi(square)
     assert tracker.update(first, second) is not None
-    tracker.steer(beside(square, 2.0))
+    tracker.set_roi(beside(square, 2.0))
     assert tracker.update(second) is None and nobody.asked == 1
 
 
-def beside(square: Square, sides: float) -> Square:
+def beside(square: RotatedRoi, sides: float) -> RotatedRoi:
     """The square so many of its sides to the right."""
-    return Square(square.centre + np.array([sides * square.side, 0]), square.side, square.roll_rad)
+    return RotatedRoi(
+        square.centre + np.array([sides * square.side, 0]), square.side, square.roll_rad
+    )
 
 
-def turned(square: Square, rad: float) -> Square:
+def turned(square: RotatedRoi, rad: float) -> RotatedRoi:
     """The square, turned once around and by so much."""
-    return Square(square.centre, square.side, square.roll_rad + 2 * np.pi + rad)
+    return RotatedRoi(square.centre, square.side, square.roll_rad + 2 * np.pi + rad)
 
 
 def test_steering_close_by_changes_nothing(networks: Path, clip_frames: ClipFrames) -> None:
@@ -147,9 +150,11 @@ def test_steering_close_by_changes_nothing(networks: Path, clip_frames: ClipFram
     plain, steered = (LandmarkTracker(networks, BlazeFaceDetector(networks)) for _ in range(2))
     found, same = plain.update(first), steered.update(first)
     assert found is not None and same is not None
-    square = square_from_landmarks(found.points)
-    steered.steer(beside(square, 0.05))
-    assert square.is_near(beside(square, 0.05)) and not square.is_near(turned(square, 0.5))
+    square = roi_from_landmarks(found.points)
+    steered.set_roi(beside(square, 0.05))
+    assert square.overlaps_closely(beside(square, 0.05)) and not square.overlaps_closely(
+        turned(square, 0.5)
+    )
     expected, after = plain.update(second), steered.update(second)
     assert expected is not None and after is not None
     assert (after.points == expected.points).all()
@@ -185,8 +190,11 @@ def test_steered_landmarks_need_no_detector(networks: Path, clip_frames: ClipFra
     nobody = Nobody()
     tracker = LandmarkTracker(networks, nobody)
     known = np.full((468, 3), np.nan)
-    known[::3], known[list(EYE_CORNERS)] = first.points[::3], first.points[list(EYE_CORNERS)]
-    tracker.steer(square_from_landmarks(known))
+    known[::3], known[list(OUTER_EYE_CORNERS)] = (
+        first.points[::3],
+        first.points[list(OUTER_EYE_CORNERS)],
+    )
+    tracker.set_roi(roi_from_landmarks(known))
     found = tracker.update(frame)
     assert found is not None and nobody.asked == 0
     assert np.abs(found.points[:, :2] - first.points[:, :2]).mean() < 1

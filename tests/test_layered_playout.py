@@ -8,15 +8,15 @@ from test_layers import FIRST, GROWN, ITEMS, KNOWN, STREAM, WHOLE, expected, gro
 
 from decoder.playout import PlayedFrame, Playout
 from encoder.coding.rdo_quantiser import code_packet
-from protocol.frames.frame_transform import parse_components
+from protocol.errors import ProtocolError
+from protocol.frames.frame_transform import parse_transform
 from protocol.frames.temporal_prediction import FramePredictor
+from protocol.model_packet import ModelPacket
 from protocol.packets import (
     ControlKind,
     ControlPacket,
     FramePacket,
     LayerPacket,
-    ModelPacket,
-    ProtocolError,
     serialise,
 )
 
@@ -27,8 +27,8 @@ BASE = replace(FIRST, call=replace(FIRST.call, start_frame=0), sequence=0)
 
 def frames(count: int, first: int = 0, model: ModelPacket = FIRST) -> list[bytes]:
     """Frame packets of a face that moves evenly, numbered from `first`."""
-    components = parse_components(model.extension)
-    predictor = FramePredictor(components.spreads, components.spare)
+    components = parse_transform(model.profile_data)
+    predictor = FramePredictor(components.scale_codes, components.reserved_modes)
     speed = np.zeros(len(components.basis))
     speed[:2] = 0.5, -0.3
     packets, start = [], 0
@@ -36,7 +36,7 @@ def frames(count: int, first: int = 0, model: ModelPacket = FIRST) -> list[bytes
         places = np.arange(start, start + (PACKED if number else 1))
         start = int(places[-1]) + 1
         values = places[:, None] * speed
-        packet = code_packet(predictor, first + number, PACKED, values, 0, fresh=number == 0)
+        packet = code_packet(predictor, first + number, PACKED, values, 0, intra=number == 0)
         predictor.anchor = packet.frames[-1]
         packets.append(serialise(FramePacket((first + number) % 64, packet.payload)))
     return packets
@@ -61,9 +61,9 @@ def test_frames_flow_on_through_layers() -> None:
         np.testing.assert_array_equal(one.face.modes, other.face.modes)
     models = [model for _, model in played]
     assert models[0] == BASE and models[-1].texture == ITEMS[0]
-    assert parse_components(models[-1].extension).modes == ITEMS[2:]
+    assert parse_transform(models[-1].profile_data).modes == ITEMS[2:]
     # Every layer counts from the next frame on.
-    assert len({model.extension for model in models}) > 1
+    assert len({model.profile_data for model in models}) > 1
 
 
 def test_layers_that_come_before_their_model_are_kept() -> None:
@@ -73,7 +73,7 @@ def test_layers_that_come_before_their_model_are_kept() -> None:
 
 
 def test_layers_of_an_update_wait_for_it() -> None:
-    older = replace(BASE, layer=2, layers=3, texture=b"older")
+    older = replace(BASE, version=2, version_count=3, texture=b"older")
     update = replace(BASE, sequence=3, call=replace(BASE.call, start_frame=1 + 2 * PACKED))
     playout = Playout()
     sent = [serialise(older), *frames(2), *map(serialise, LAYERS), serialise(update)]
@@ -89,8 +89,8 @@ def following() -> ModelPacket:
     return replace(
         BASE,
         sequence=2,
-        layer=BASE.layer + 1,
-        layers=BASE.layers + 1,
+        version=BASE.version + 1,
+        version_count=BASE.version_count + 1,
         call=replace(BASE.call, start_frame=1 + PACKED),
     )
 
@@ -98,10 +98,10 @@ def following() -> ModelPacket:
 def test_under_an_update_nobody_has_coefficients_of_the_modes_before() -> None:
     """Neither a face held while it is lost, nor one between the last sample and the next."""
     update = following()
-    lost = serialise(ControlPacket(0, ControlKind.LOST, 1 + PACKED))
+    lost = serialise(ControlPacket(0, ControlKind.FACE_LOST, 1 + PACKED))
     for control in ([lost], []):
         sent = [serialise(BASE), *frames(2), *control, serialise(update), *frames(3, first=2)]
-        held = [frame for frame, model in play(Playout(), sent) if model.layer == update.layer]
+        held = [frame for frame, model in play(Playout(), sent) if model.version == update.version]
         own = [frame for frame, _ in play(Playout(), [serialise(update), *frames(3, first=2)])]
         assert len(held) == 1 + 2 * PACKED
         for frame, alone in zip(held, own[-len(held) :], strict=True):
@@ -111,8 +111,10 @@ def test_under_an_update_nobody_has_coefficients_of_the_modes_before() -> None:
 
 def test_an_update_without_a_background_keeps_the_one_before_it() -> None:
     start = replace(BASE.call, start_frame=1 + PACKED)
-    layer = BASE.layer + 1
-    update = replace(BASE, sequence=2, layer=layer, layers=layer + 1, call=start, background=b"")
+    layer = BASE.version + 1
+    update = replace(
+        BASE, sequence=2, version=layer, version_count=layer + 1, call=start, background=b""
+    )
     sent = [serialise(BASE), *frames(2), serialise(update), *frames(2, first=2)]
     shown = [model for _, model in play(Playout(), sent)]
     assert shown[-1] == replace(update, background=BASE.background)
@@ -124,7 +126,9 @@ def test_an_update_without_a_background_keeps_the_one_before_it() -> None:
 def test_who_joined_at_an_update_without_a_background_learns_it_from_a_model_that_comes_later() -> (
     None
 ):
-    update = replace(BASE, layer=BASE.layer + 1, layers=BASE.layers + 1, background=b"")
+    update = replace(
+        BASE, version=BASE.version + 1, version_count=BASE.version_count + 1, background=b""
+    )
     for later in (BASE, replace(update, background=BASE.background)):
         sent = [serialise(update), *frames(2), serialise(later), serialise(BASE)]
         shown = [model for _, model in play(Playout(), [*sent, *frames(2, first=2)])]
@@ -137,7 +141,7 @@ def test_modes_learned_in_a_call_count_from_the_next_frame_on() -> None:
     sent, playout = frames(3, model=model), Playout()
     first, second = map(serialise, grown(*GROWN))
     shown = play(playout, [serialise(model), sent[0], first, sent[1], second, sent[2]])
-    modes = [parse_components(model.extension).modes for _, model in shown]
+    modes = [parse_transform(model.profile_data).modes for _, model in shown]
     assert modes[0] == (*KNOWN, *[b""] * 3) and modes[1] == (*KNOWN, GROWN[0], b"", b"")
     assert modes[-1] == (*KNOWN, *GROWN, b"")
     assert all(len(frame.face.modes) == 5 for frame, _ in shown)
@@ -147,7 +151,7 @@ def test_a_damaged_layer_harms_nothing() -> None:
     playout, sent = Playout(), frames(3)
     play(playout, [serialise(BASE), *sent[:2]])
     with pytest.raises(ProtocolError, match="bad number"):
-        play(playout, [serialise(LayerPacket(BASE.layer, 0, b"\xff\xff\xff\xff"))])
+        play(playout, [serialise(LayerPacket(BASE.version, 0, b"\xff\xff\xff\xff"))])
     assert [frame.index for frame, _ in play(playout, sent[2:])] == list(
         range(1 + PACKED, 1 + 2 * PACKED)
     )
@@ -157,7 +161,7 @@ def test_a_damaged_layer_harms_nothing() -> None:
 @pytest.mark.parametrize("late", [False, True])
 def test_an_update_holds_even_if_layers_ahead_of_it_were_damaged(late: bool) -> None:
     update = following()
-    layer = serialise(LayerPacket(update.layer, 0, b"\xff\xff\xff\xff"))
+    layer = serialise(LayerPacket(update.version, 0, b"\xff\xff\xff\xff"))
     playout = Playout()
     play(playout, [serialise(BASE), *frames(2)])
     first, second = (serialise(update), layer) if late else (layer, serialise(update))
@@ -170,7 +174,7 @@ def test_an_update_holds_even_if_layers_ahead_of_it_were_damaged(late: bool) -> 
 
 def test_a_model_is_drawn_even_if_its_early_layers_were_damaged() -> None:
     playout = Playout()
-    play(playout, [serialise(LayerPacket(BASE.layer, 0, b"\xff\xff\xff\xff"))])
+    play(playout, [serialise(LayerPacket(BASE.version, 0, b"\xff\xff\xff\xff"))])
     with pytest.raises(ProtocolError):
         play(playout, [serialise(BASE)])
     assert len(play(playout, frames(2))) == 1 + PACKED

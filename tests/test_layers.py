@@ -11,75 +11,69 @@ from hypothesis import strategies as st
 from packets import CALL, MODEL
 
 from protocol.entropy.varint import encode_varint
+from protocol.errors import ProtocolError
 from protocol.frames.frame_transform import (
-    GEOMETRY,
-    Components,
-    parse_components,
-    serialise_components,
-    with_spare,
+    GEOMETRY_SIZE,
+    FrameTransform,
+    parse_transform,
+    serialise_transform,
+    with_reserved_modes,
 )
-from protocol.frames.temporal_prediction import KINDS
-from protocol.packets import (
-    MAX_EXTENSION_BYTES,
-    MAX_IMAGE_BYTES,
-    MAX_LAYER_BYTES,
-    LayerPacket,
-    ModelPacket,
-    ProtocolError,
-    parse_packet,
-    serialise,
-)
-from protocol.progressive_model import MAX_ITEMS, Layers, is_refined, item
+from protocol.frames.temporal_prediction import PREDICTION_KINDS
+from protocol.limits import MAX_IMAGE_BYTES, MAX_LAYER_BYTES, MAX_PROFILE_DATA_BYTES
+from protocol.model_packet import ModelPacket
+from protocol.packets import LayerPacket, parse_packet, serialise
+from protocol.progressive_model import MAX_ITEMS, LayerBuffer, is_same_model, stream_item
 
 ITEMS = (b"whole texture", b"whole background", b"first mode" * 20, b"second", b"third")
 MODES = len(ITEMS) - 2
 
 
 def components(modes: tuple[bytes, ...], spare: int = 0) -> bytes:
-    d = GEOMETRY + len(modes)
-    tables = Components(
+    d = GEOMETRY_SIZE + len(modes)
+    tables = FrameTransform(
         modes,
         np.full(d, 128, np.uint8),
         np.zeros(d, np.int64),
         np.ones((2, d), np.int8),
         np.zeros(2, np.int8),
-        np.full((2, KINDS), 8, np.uint8),
+        np.full((2, PREDICTION_KINDS), 8, np.uint8),
     )
-    return serialise_components(with_spare(tables, spare))
+    return serialise_transform(with_reserved_modes(tables, spare))
 
 
 FIRST = replace(
     MODEL,
     call=replace(CALL, profile="default", frames_per_packet=8),
-    layer=3,
-    layers=4,
-    layered=True,
+    version=3,
+    version_count=4,
+    progressive=True,
     texture=b"rough",
     background=b"rough, too",
-    extension=components((b"",) * MODES),
+    profile_data=components((b"",) * MODES),
 )
-STREAM = b"".join(map(item, ITEMS))
+STREAM = b"".join(map(stream_item, ITEMS))
 # A live call's model that was sent whole, and the modes that it learns later.
 KNOWN, GROWN = (b"known", b"known, too"), (b"learned", b"learned later")
-WHOLE = replace(FIRST, layered=False, growing=True, extension=components(KNOWN, 3))
+WHOLE = replace(FIRST, progressive=False, extensible=True, profile_data=components(KNOWN, 3))
 
 
 def test_a_growing_model_takes_no_pictures_from_layers() -> None:
     for pictures in ((b"junk", b""), (b"", b"junk")):
-        stream = b"".join(map(item, (*pictures, GROWN[0])))
+        stream = b"".join(map(stream_item, (*pictures, GROWN[0])))
         with pytest.raises(ProtocolError, match="its own"):
             received([LayerPacket(3, 0, stream)], WHOLE)
 
 
 def test_a_background_that_comes_late_is_of_the_same_model() -> None:
     bare = replace(WHOLE, background=b"")
-    assert is_refined(bare, WHOLE) and is_refined(WHOLE, bare)
-    assert not is_refined(WHOLE, replace(WHOLE, background=b"another"))
+    assert is_same_model(bare, WHOLE) and is_same_model(WHOLE, bare)
+    assert not is_same_model(WHOLE, replace(WHOLE, background=b"another"))
 
 
 def grown(*modes: bytes) -> list[LayerPacket]:
     """What the call sends of them: no picture, and each mode when it is learned."""
-    datas = [item(b"") * 2 + item(modes[0]), *map(item, modes[1:])]
+    datas = [stream_item(b"") * 2 + stream_item(modes[0]), *map(stream_item, modes[1:])]
     return [LayerPacket(3, number, data) for number, data in enumerate(datas)]
 
 
@@ -96,20 +90,20 @@ def expected(count: int) -> ModelPacket:
         FIRST,
         texture=found[0] or FIRST.texture,
         background=found[1] or FIRST.background,
-        extension=components(tuple(found[2:])),
+        profile_data=components(tuple(found[2:])),
     )
 
 
 def received(packets: list[LayerPacket], model: ModelPacket = FIRST) -> ModelPacket:
-    layers = Layers()
+    layers = LayerBuffer()
     for packet in packets:
         layers.add(packet)
-    return layers.refine(model)
+    return layers.apply(model)
 
 
 @given(st.lists(st.integers(0, 1000), max_size=12))
 def test_every_prefix_is_a_model_with_what_came_whole(cuts: list[int]) -> None:
-    packets, ends = pieces(STREAM, cuts), np.cumsum([len(item(data)) for data in ITEMS])
+    packets, ends = pieces(STREAM, cuts), np.cumsum([len(stream_item(data)) for data in ITEMS])
     for count in range(len(packets) + 1):
         length = sum(len(packet.data) for packet in packets[:count])
         assert received(packets[:count]) == expected(int((ends <= length).sum()))
@@ -119,13 +113,13 @@ def test_every_prefix_is_a_model_with_what_came_whole(cuts: list[int]) -> None:
 def test_order_and_repetition_change_nothing(cuts: list[int], rng: random.Random) -> None:
     packets = [*pieces(STREAM, cuts), *pieces(STREAM, cuts)]
     rng.shuffle(packets)
-    layers, model, sizes = Layers(), FIRST, []
+    layers, model, sizes = LayerBuffer(), FIRST, []
     for packet in packets:
         layers.add(packet)
-        model = layers.refine(model)
+        model = layers.apply(model)
         sizes.append(len(serialise(model)))
     assert model == expected(len(ITEMS)) and sizes == sorted(sizes)
-    assert layers.refine(model) is model
+    assert layers.apply(model) is model
 
 
 def test_a_gap_waits_for_its_piece() -> None:
@@ -134,10 +128,10 @@ def test_a_gap_waits_for_its_piece() -> None:
 
 
 def test_an_empty_picture_leaves_the_rough_one() -> None:
-    stream = b"".join(map(item, (b"", b"", *ITEMS[2:])))
+    stream = b"".join(map(stream_item, (b"", b"", *ITEMS[2:])))
     model = received(pieces(stream, []))
     assert (model.texture, model.background) == (FIRST.texture, FIRST.background)
-    assert parse_components(model.extension).modes == ITEMS[2:]
+    assert parse_transform(model.profile_data).modes == ITEMS[2:]
 
 
 def test_layers_of_another_model_are_none_of_this_one() -> None:
@@ -145,11 +139,11 @@ def test_layers_of_another_model_are_none_of_this_one() -> None:
 
 
 def test_parts_add_up_to_what_came() -> None:
-    layers = Layers()
-    assert layers.parts(3) == {}
+    layers = LayerBuffer()
+    assert layers.bytes_by_item(3) == {}
     for packet in pieces(STREAM, [50]):
         layers.add(packet)
-        parts = layers.parts(3)
+        parts = layers.bytes_by_item(3)
     assert parts == {
         "texture": len(ITEMS[0]),
         "background": len(ITEMS[1]),
@@ -160,11 +154,11 @@ def test_parts_add_up_to_what_came() -> None:
 @pytest.mark.parametrize(
     ("stream", "message"),
     [
-        (STREAM + item(b"fourth"), "4 modes"),
-        (b"".join(map(item, (*ITEMS[:2], b""))), "modes"),
+        (STREAM + stream_item(b"fourth"), "4 modes"),
+        (b"".join(map(stream_item, (*ITEMS[:2], b""))), "modes"),
         (encode_varint(MAX_IMAGE_BYTES + 1), "item 0"),
-        (item(b"x") + b"\xff\xff\xff\xff", "item 1"),
-        (item(b"x") + b"\x80\x00\x00", "bad number"),
+        (stream_item(b"x") + b"\xff\xff\xff\xff", "item 1"),
+        (stream_item(b"x") + b"\x80\x00\x00", "bad number"),
         (bytes(MAX_ITEMS + 1), f"more than {MAX_ITEMS} items"),
     ],
 )
@@ -174,41 +168,47 @@ def test_a_stream_that_is_none_is_named(stream: bytes, message: str) -> None:
 
 
 def test_modes_that_no_model_has_room_for_are_refused() -> None:
-    stream = b"".join(map(item, (b"", b"", *[bytes(MAX_EXTENSION_BYTES // 2)] * 2)))
-    with pytest.raises(ProtocolError, match="extension has"):
+    stream = b"".join(map(stream_item, (b"", b"", *[bytes(MAX_PROFILE_DATA_BYTES // 2)] * 2)))
+    with pytest.raises(ProtocolError, match="profile data has"):
         received(pieces(stream, list(range(0, len(stream), MAX_LAYER_BYTES))))
 
 
 def test_a_length_that_is_cut_off_waits() -> None:
-    assert received([LayerPacket(3, 0, item(ITEMS[0]) + b"\x80")]) == expected(1)
+    assert received([LayerPacket(3, 0, stream_item(ITEMS[0]) + b"\x80")]) == expected(1)
 
 
 def test_a_model_that_is_whole_takes_no_layers() -> None:
     with pytest.raises(ProtocolError, match="no layers"):
-        received([LayerPacket(3, 0, STREAM)], replace(FIRST, layered=False))
+        received([LayerPacket(3, 0, STREAM)], replace(FIRST, progressive=False))
 
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_modes_learned_later_come_after_those_that_came_whole(count: int) -> None:
     model = received(grown(*GROWN)[:count], WHOLE)
-    assert parse_components(model.extension).modes == (*KNOWN, *GROWN[:count], *[b""] * (3 - count))
-    assert parse_components(model.extension).spare == 3
-    assert replace(model, extension=WHOLE.extension) == WHOLE
+    assert parse_transform(model.profile_data).modes == (
+        *KNOWN,
+        *GROWN[:count],
+        *[b""] * (3 - count),
+    )
+    assert parse_transform(model.profile_data).reserved_modes == 3
+    assert replace(model, profile_data=WHOLE.profile_data) == WHOLE
 
 
 def test_refining_again_changes_nothing_and_what_comes_later_goes_on() -> None:
-    layers, (first, second) = Layers(), grown(*GROWN)
+    layers, (first, second) = LayerBuffer(), grown(*GROWN)
     layers.add(first)
-    model = layers.refine(WHOLE)
-    assert layers.refine(model) is model
+    model = layers.apply(WHOLE)
+    assert layers.apply(model) is model
     layers.add(second)
-    assert layers.refine(model) == layers.refine(WHOLE) == received([first, second], WHOLE)
+    assert layers.apply(model) == layers.apply(WHOLE) == received([first, second], WHOLE)
 
 
 def test_a_layered_models_spare_modes_come_after_all_others() -> None:
-    blank = replace(FIRST, extension=components((b"",) * len(KNOWN), 3))
-    model = received([LayerPacket(3, 0, b"".join(map(item, (b"", b"", *KNOWN, *GROWN))))], blank)
-    assert parse_components(model.extension).modes == (*KNOWN, *GROWN, b"")
+    blank = replace(FIRST, profile_data=components((b"",) * len(KNOWN), 3))
+    model = received(
+        [LayerPacket(3, 0, b"".join(map(stream_item, (b"", b"", *KNOWN, *GROWN))))], blank
+    )
+    assert parse_transform(model.profile_data).modes == (*KNOWN, *GROWN, b"")
 
 
 @pytest.mark.parametrize("modes", [(*GROWN, b"third", b"fourth"), (*GROWN, b"")])
@@ -220,35 +220,37 @@ def test_modes_that_there_is_no_room_for_are_refused(modes: tuple[bytes, ...]) -
 @pytest.mark.parametrize("extension", [components(KNOWN), b""])
 def test_a_whole_model_without_spare_modes_takes_none(extension: bytes) -> None:
     with pytest.raises(ProtocolError, match="no layers"):
-        received(grown(*GROWN), replace(WHOLE, extension=extension))
+        received(grown(*GROWN), replace(WHOLE, profile_data=extension))
 
 
 def test_what_is_kept_is_bounded_and_what_is_forgotten_makes_room() -> None:
-    layers = Layers(limit_bytes=1000)
+    layers = LayerBuffer(limit_bytes=1000)
     layers.add(LayerPacket(1, 0, bytes(400)))
     layers.add(LayerPacket(2, 7, bytes(400)))
     with pytest.raises(ProtocolError, match="more than 1000"):
         layers.add(LayerPacket(3, 0, STREAM))
-    layers.forget_before(2)
+    layers.drop_before(2)
     layers.add(LayerPacket(3, 0, STREAM))
-    assert layers.refine(FIRST) == expected(len(ITEMS))
+    assert layers.apply(FIRST) == expected(len(ITEMS))
 
 
 def test_small_packets_count_for_more_than_their_bytes() -> None:
-    layers = Layers(limit_bytes=1000)
+    layers = LayerBuffer(limit_bytes=1000)
     with pytest.raises(ProtocolError):
-        for number in range(1000 // Layers.COST_BYTES + 1):
+        for number in range(1000 // LayerBuffer.COST_BYTES + 1):
             layers.add(LayerPacket(1, number, b"x"))
 
 
 def test_the_same_model_is_known_by_all_but_its_layers() -> None:
     whole = expected(len(ITEMS))
-    assert is_refined(FIRST, whole) and is_refined(whole, FIRST)
-    assert not is_refined(FIRST, replace(whole, layer=2))
+    assert is_same_model(FIRST, whole) and is_same_model(whole, FIRST)
+    assert not is_same_model(FIRST, replace(whole, version=2))
     more = received(grown(*GROWN), WHOLE)
-    assert is_refined(WHOLE, more) and is_refined(more, WHOLE)
-    assert not is_refined(WHOLE, replace(more, texture=b"another"))
-    assert is_refined(MODEL, replace(MODEL)) and not is_refined(MODEL, replace(MODEL, texture=b""))
+    assert is_same_model(WHOLE, more) and is_same_model(more, WHOLE)
+    assert not is_same_model(WHOLE, replace(more, texture=b"another"))
+    assert is_same_model(MODEL, replace(MODEL)) and not is_same_model(
+        MODEL, replace(MODEL, texture=b"")
+    )
 
 
 def test_fuzz_of_mutated_layers() -> None:
@@ -260,12 +262,12 @@ def test_fuzz_of_mutated_layers() -> None:
         for _ in range(rng.randint(1, 4)):
             place = rng.randrange(len(stream))
             stream[place : place + rng.randint(0, 2)] = rng.randbytes(rng.randint(0, 2))
-        layers, model = Layers(), FIRST
+        layers, model = LayerBuffer(), FIRST
         for packet in pieces(bytes(stream), [rng.randrange(1000) for _ in range(3)]):
             try:
                 layers.add(packet)
-                model = layers.refine(model)
+                model = layers.apply(model)
             except ProtocolError:
                 continue
         again = parse_packet(serialise(model))
-        assert again == model and len(parse_components(model.extension).modes) == MODES
+        assert again == model and len(parse_transform(model.profile_data).modes) == MODES

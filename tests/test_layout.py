@@ -3,6 +3,8 @@
 import ast
 import sys
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
+from itertools import accumulate
 from pathlib import Path
 
 import pytest
@@ -31,6 +33,19 @@ IMPORTERS = {
     "zenoh": {"protocol/link/zenoh_link.py"},
 }
 CV2_PACKAGES = {"encoder", "decoder", "loopback", "risorius"}
+# The encoder's packages in the order of the data; each may import those before it.
+ENCODER_PACKAGES = (
+    "runtime",
+    "picture_coding",
+    "capture",
+    "detection",
+    "appearance",
+    "fitting",
+    "tracking",
+    "learning",
+    "coding",
+    "calls",
+)
 
 
 def modules() -> list[Path]:
@@ -64,6 +79,46 @@ def test_imports_point_one_way(path: Path) -> None:
     ours = [module for module in imports(path) if module.split(".")[0] in OURS]
     wrong = [module for module in ours if not is_within(module, MAY_IMPORT[package])]
     assert not wrong, f"{name(path)} imports {wrong}"
+
+
+def test_the_encoder_has_no_package_outside_the_order() -> None:
+    folders = {path.parent.name for path in (ROOT / "encoder").glob("*/__init__.py")}
+    assert folders == set(ENCODER_PACKAGES)
+
+
+@pytest.mark.parametrize("package", ENCODER_PACKAGES)
+def test_a_package_of_the_encoder_imports_only_those_before_it(package: str) -> None:
+    before = ENCODER_PACKAGES[: ENCODER_PACKAGES.index(package) + 1]
+    allowed = {f"encoder.{each}" for each in before}
+    for path in sorted((ROOT / "encoder" / package).rglob("*.py")):
+        own = [module for module in imports(path) if module.split(".")[0] == "encoder"]
+        wrong = [module for module in own if not is_within(module, allowed)]
+        assert not wrong, f"{name(path)} imports {wrong}"
+
+
+def part_of(module: str) -> str:
+    """A package within ours; a module that is in none counts by itself."""
+    *_, part = (
+        prefix for prefix in accumulate(module.split(".")[:2], "{}.{}".format) if exists(prefix)
+    )
+    return part
+
+
+def exists(module: str) -> bool:
+    path = ROOT / module.replace(".", "/")
+    return path.is_dir() or path.with_suffix(".py").is_file()
+
+
+def test_no_packages_import_each_other_in_a_circle() -> None:
+    imported: dict[str, set[str]] = {}
+    for path in modules():
+        if path.name == "__main__.py":
+            continue
+        own = part_of(name(path).removesuffix(".py").removesuffix("/__init__").replace("/", "."))
+        ours = {part_of(module) for module in imports(path) if module.split(".")[0] in OURS}
+        imported.setdefault(own, set()).update(ours - {own})
+    # Raises `CycleError`, which names a circle.
+    assert len(list(TopologicalSorter(imported).static_order())) >= len(imported)
 
 
 @pytest.mark.parametrize("library", IMPORTERS)

@@ -7,10 +7,12 @@ import pytest
 from shots import draw
 
 from decoder.playout import PlayedFrame, Playout
-from encoder.pipeline import EncodeOptions, encode
+from encoder.options import EncodeOptions
+from encoder.pipeline import encode
 from encoder.tracking.trackers import FollowOptions
 from protocol.call_file import CallReader
-from protocol.packets import LIDS_VERSION, ModelPacket, parse_packet
+from protocol.model_packet import EYELIDS_FORMAT, ModelPacket
+from protocol.packets import parse_packet
 from protocol.summary import summarise
 from shared_model.parameters import EAU_INDEX, LID_EAUS
 
@@ -74,7 +76,7 @@ def test_a_call_with_lids_says_so_and_is_accounted_for(film: str, tmp_path: Path
     with CallReader(path) as reader:
         first = next(iter(reader))
     model = parse_packet(first)
-    assert isinstance(model, ModelPacket) and model.call.lids and first[1] == LIDS_VERSION
+    assert isinstance(model, ModelPacket) and model.call.has_eyelids and first[1] == EYELIDS_FORMAT
     summary = summarise(path)
     assert summary.profile == "thesis" and summary.frame_bps == 960
     packets = summary.frame_packets

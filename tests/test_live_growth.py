@@ -12,18 +12,21 @@ from numpy.typing import NDArray
 from shots import draw, talking
 
 from decoder.pipeline import DecodeOptions, decode
-from encoder.calls.live_session import SPENDING_POWER
-from encoder.calls.model_updates import Announcer
-from encoder.calls.model_version import SPARE_MODES, Epoch
+from encoder.calls.model_schedule import MODE_SPENDING_EXPONENT
+from encoder.calls.model_updates import ModelUpdateSender
+from encoder.calls.model_version import RESERVED_MODES, ModelVersion
 from encoder.capture.video_source import open_source
-from encoder.coding.rate_control import LivePurse
+from encoder.coding.rate_control import OnlineRateController
 from encoder.coding.rdo_quantiser import CodedPacket
-from encoder.pipeline import EncodeOptions, encode
-from protocol.call_file import MAGIC, CallReader, record
-from protocol.frames.frame_transform import parse_components
-from protocol.frames.temporal_prediction import FramePredictor, decode_packet
-from protocol.packets import FramePacket, LayerPacket, ModelPacket, Packet, parse_packet, serialise
-from protocol.progressive_model import Layers
+from encoder.options import EncodeOptions
+from encoder.pipeline import encode
+from protocol.call_file import MAGIC, CallReader, serialise_record
+from protocol.frames.frame_transform import parse_transform
+from protocol.frames.payload_coding import decode_payload
+from protocol.frames.temporal_prediction import FramePredictor
+from protocol.model_packet import ModelPacket
+from protocol.packets import FramePacket, LayerPacket, Packet, parse_packet, serialise
+from protocol.progressive_model import LayerBuffer
 
 # Light comes from one side once the update that is learned early is in use.
 FRAMES, LATE = 75, 55
@@ -69,14 +72,16 @@ def sent(clip: Path, request: pytest.FixtureRequest) -> Sent:
 def send(clip: Path, startup_bitrate: float | None = None) -> Sent:
     found = Sent(clip.with_suffix(".rzo"))
 
-    class Notes(Announcer):
-        def grow(self, epoch: Epoch, mode: bytes) -> None:
-            found.modes.setdefault(epoch.model.layer, []).append(mode)
-            super().grow(epoch, mode)
+    class NotingSender(ModelUpdateSender):
+        def send_mode(self, version: ModelVersion, mode: bytes) -> None:
+            found.modes.setdefault(version.number, []).append(mode)
+            super().send_mode(version, mode)
 
-    class Purse(LivePurse):
-        def code(self, predictor: FramePredictor, number: int, targets: Any) -> CodedPacket:
-            packet = super().code(predictor, number, targets)
+    class NotingRateController(OnlineRateController):
+        def encode_packet(
+            self, predictor: FramePredictor, number: int, targets: Any
+        ) -> CodedPacket:
+            packet = super().encode_packet(predictor, number, targets)
             found.wanted.append(targets)
             found.frames.append(packet.frames)
             return packet
@@ -85,14 +90,14 @@ def send(clip: Path, startup_bitrate: float | None = None) -> Sent:
         str(clip), found.path, live=True, startup_bitrate=startup_bitrate, model_bytes=6000
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("encoder.calls.live_session.Announcer", Notes)
-        patch.setattr("encoder.calls.live_session.LivePurse", Purse)
+        patch.setattr("encoder.calls.live_session.ModelUpdateSender", NotingSender)
+        patch.setattr("encoder.calls.live_session.OnlineRateController", NotingRateController)
         encode(options, lambda done, total: None, lambda: False)
     return found
 
 
 def drawn(packets: Sequence[Packet], path: Path) -> list[NDArray[np.uint8]]:
-    path.write_bytes(MAGIC + b"".join(record(serialise(packet)) for packet in packets))
+    path.write_bytes(MAGIC + b"".join(serialise_record(serialise(packet)) for packet in packets))
     video = path.with_suffix(".mkv")
     report = decode(DecodeOptions(path, output=video), lambda done, total: None, lambda: False)
     assert report.frames == FRAMES and not report.warnings
@@ -115,18 +120,18 @@ def late_face_psnr_db(wanted: list[NDArray[np.uint8]], found: list[NDArray[np.ui
 
 
 def test_the_decoder_has_the_encoders_modes_of_each_model(sent: Sent) -> None:
-    layers, models = Layers(), list[ModelPacket]()
+    layers, models = LayerBuffer(), list[ModelPacket]()
     for packet in sent.packets():
         if isinstance(packet, LayerPacket):
             layers.add(packet)
         elif isinstance(packet, ModelPacket):
             models.append(packet)
-    assert [model.layer for model in models] == [0, 1] and sent.modes[0] and sent.modes[1]
+    assert [model.version for model in models] == [0, 1] and sent.modes[0] and sent.modes[1]
     for model in models:
-        components = parse_components(layers.refine(model).extension)
-        found = components.modes[len(components.modes) - components.spare :]
-        assert found == (*sent.modes[model.layer], *found[len(sent.modes[model.layer]) :])
-        assert not any(found[len(sent.modes[model.layer]) :])
+        components = parse_transform(layers.apply(model).profile_data)
+        found = components.modes[len(components.modes) - components.reserved_modes :]
+        assert found == (*sent.modes[model.version], *found[len(sent.modes[model.version]) :])
+        assert not any(found[len(sent.modes[model.version]) :])
 
 
 def frames_and_modes(packets: Sequence[Packet]) -> list[tuple[NDArray[np.int64], int]]:
@@ -140,12 +145,12 @@ def frames_and_modes(packets: Sequence[Packet]) -> list[tuple[NDArray[np.int64],
         elif isinstance(packet, FramePacket):
             if coming and packet.sequence == coming[0].sequence:
                 model, first = coming.pop(0), len(found)
-                components = parse_components(model.extension)
-                predictor = FramePredictor(components.spreads, components.spare)
-            frames = decode_packet(
+                components = parse_transform(model.profile_data)
+                predictor = FramePredictor(components.scale_codes, components.reserved_modes)
+            frames = decode_payload(
                 predictor, len(found) - first, model.call.frames_per_packet, packet.payload
             )
-            found.append((np.array(frames), components.spare))
+            found.append((np.array(frames), components.reserved_modes))
     assert not coming
     return found
 
@@ -163,7 +168,7 @@ def test_the_decoder_has_the_encoders_frames_while_modes_come_into_use(sent: Sen
 def test_all_faces_of_a_packet_have_the_modes_that_its_end_has_taught(sent: Sent) -> None:
     models = [packet for packet in sent.packets() if isinstance(packet, ModelPacket)]
     entries = [model.sequence for model in models]
-    spare = parse_components(models[0].extension).spare
+    spare = parse_transform(models[0].profile_data).reserved_modes
     used, first_faces = 0, list[bool]()
     for number, wanted in enumerate(sent.wanted):
         learned = wanted[:, -spare:] != 0
@@ -210,9 +215,9 @@ def test_modes_are_kept_for_what_is_yet_to_come(
     clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # After a second of face the model is learned again only after another thousand.
-    monkeypatch.setattr("encoder.calls.live_session.LEARN_AFTER_S", {1.0: 0.6, 1001.0: 1.0})
+    monkeypatch.setattr("encoder.calls.model_schedule.TRAINING_SCHEDULE", {1.0: 0.6, 1001.0: 1.0})
     copy = tmp_path / "clip.mkv"
     copy.write_bytes(clip.read_bytes())
     sent = send(copy)
     share = (FRAMES / 25 - 1.0) / 1000
-    assert 0 < len(sent.modes[1]) <= np.ceil(SPARE_MODES * share**SPENDING_POWER) == 2
+    assert 0 < len(sent.modes[1]) <= np.ceil(RESERVED_MODES * share**MODE_SPENDING_EXPONENT) == 2

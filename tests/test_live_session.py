@@ -8,13 +8,15 @@ from shots import draw, talking
 
 from decoder.pipeline import DecodeOptions, decode
 from decoder.playout import PlayedFrame, Playout
-from encoder.calls.live_session import LEARN_AFTER_S
-from encoder.calls.model_updates import AHEAD
-from encoder.calls.model_version import SPARE_MODES
-from encoder.pipeline import EncodeOptions, encode
+from encoder.calls.model_schedule import TRAINING_SCHEDULE
+from encoder.calls.model_version import RESERVED_MODES
+from encoder.calls.packet_sender import LEAD_PACKETS
+from encoder.options import EncodeOptions
+from encoder.pipeline import encode
 from protocol.call_file import CallReader
-from protocol.frames.frame_transform import parse_components
-from protocol.packets import ControlKind, ControlPacket, FramePacket, ModelPacket, parse_packet
+from protocol.frames.frame_transform import parse_transform
+from protocol.model_packet import ModelPacket
+from protocol.packets import ControlKind, ControlPacket, FramePacket, parse_packet
 from shared_model.parameters import EAU_INDEX
 
 FRAMES, FPS = 74, 25
@@ -52,14 +54,20 @@ def played(path: Path) -> list[PlayedFrame]:
 def test_an_update_is_announced_ahead_of_its_first_packet(call: Path) -> None:
     packets = [parse_packet(data) for data in raw_packets(call)]
     models = [(i, p) for i, p in enumerate(packets) if isinstance(p, ModelPacket)]
-    assert [model.layer for _, model in models] == [0, 1]
+    assert [model.version for _, model in models] == [0, 1]
     (_, first), (place, update) = models
-    none_yet, some = (parse_components(model.extension) for model in (first, update))
-    assert none_yet.spare == some.spare == SPARE_MODES == len(none_yet.modes) < len(some.modes)
+    none_yet, some = (parse_transform(model.profile_data) for model in (first, update))
+    assert (
+        none_yet.reserved_modes
+        == some.reserved_modes
+        == RESERVED_MODES
+        == len(none_yet.modes)
+        < len(some.modes)
+    )
     assert not any(none_yet.modes) and first.background and not update.background
     before = sum(isinstance(packet, FramePacket) for packet in packets[:place])
-    assert update.sequence == before + AHEAD
-    learned = min(LEARN_AFTER_S) * FPS
+    assert update.sequence == before + LEAD_PACKETS
+    learned = min(TRAINING_SCHEDULE) * FPS
     assert update.call.start_frame > learned
     assert isinstance(packets[-1], ControlPacket) and packets[-1].kind is ControlKind.END
 

@@ -8,19 +8,17 @@ from shots import draw, talking
 
 from decoder.pipeline import DecodeOptions, decode
 from decoder.playout import Playout
-from encoder.calls.model_updates import AHEAD, ENOUGH_ITEMS, packets_ahead
-from encoder.coding.progressive_model import FIRST_LAYER_BYTES, UPDATE_LAYER_BYTES
-from encoder.pipeline import EncodeOptions, EncodeReport, encode
-from protocol.call_file import CallReader, record
-from protocol.frames.frame_transform import parse_components
-from protocol.packets import (
-    SEQUENCE_MODULUS,
-    FramePacket,
-    LayerPacket,
-    ModelPacket,
-    parse_packet,
-)
-from protocol.progressive_model import Layers
+from encoder.calls.model_updates import MIN_ITEMS_BEFORE_SWITCH, lead_packets
+from encoder.calls.packet_sender import LEAD_PACKETS
+from encoder.coding.progressive_model import BASE_LAYER_BYTES, UPDATE_BASE_LAYER_BYTES
+from encoder.options import EncodeOptions, EncodeReport
+from encoder.pipeline import encode
+from protocol.call_file import CallReader, serialise_record
+from protocol.frames.frame_transform import parse_transform
+from protocol.limits import SEQUENCE_MODULUS
+from protocol.model_packet import ModelPacket
+from protocol.packets import FramePacket, LayerPacket, parse_packet
+from protocol.progressive_model import LayerBuffer
 from protocol.summary import summarise
 
 FRAMES, FPS, PACKED = 90, 25, 8
@@ -62,42 +60,42 @@ def raw_packets(path: Path) -> list[bytes]:
 
 def known_modes(model: ModelPacket) -> tuple[bytes, ...]:
     """The modes that a model was learned with, empty where they have not come."""
-    components = parse_components(model.extension)
-    return components.modes[: len(components.modes) - components.spare]
+    components = parse_transform(model.profile_data)
+    return components.modes[: len(components.modes) - components.reserved_modes]
 
 
 def test_an_updates_first_layers_go_before_its_model_the_other_modes_after(call: Path) -> None:
     packets = [parse_packet(data) for data in raw_packets(call)]
-    models = {p.layer: i for i, p in enumerate(packets) if isinstance(p, ModelPacket)}
+    models = {p.version: i for i, p in enumerate(packets) if isinstance(p, ModelPacket)}
     assert list(models) == [0, 1] and models[0] == 0
     first, update = (packets[place] for place in models.values())
     assert isinstance(first, ModelPacket) and isinstance(update, ModelPacket)
-    assert first.layered and update.layered
-    assert len(raw_packets(call)[0]) <= FIRST_LAYER_BYTES
-    assert len(raw_packets(call)[models[1]]) <= UPDATE_LAYER_BYTES
-    layers, early = Layers(), Layers()
+    assert first.progressive and update.progressive
+    assert len(raw_packets(call)[0]) <= BASE_LAYER_BYTES
+    assert len(raw_packets(call)[models[1]]) <= UPDATE_BASE_LAYER_BYTES
+    layers, early = LayerBuffer(), LayerBuffer()
     for place, packet in enumerate(packets):
         if isinstance(packet, LayerPacket):
             layers.add(packet)
             if place < models[1]:
                 early.add(packet)
-    modes, ahead = (known_modes(came.refine(update)) for came in (layers, early))
+    modes, ahead = (known_modes(came.apply(update)) for came in (layers, early))
     assert modes and all(modes)
-    assert early.refine(update).texture == layers.refine(update).texture != update.texture
-    assert sum(map(bool, ahead)) >= min(ENOUGH_ITEMS - 2, len(modes))
+    assert early.apply(update).texture == layers.apply(update).texture != update.texture
+    assert sum(map(bool, ahead)) >= min(MIN_ITEMS_BEFORE_SWITCH - 2, len(modes))
     before = sum(isinstance(packet, FramePacket) for packet in packets[: models[1]])
-    assert update.sequence >= before + AHEAD
+    assert update.sequence >= before + LEAD_PACKETS
     assert update.call.start_frame == 1 + (update.sequence - 1) * PACKED
 
 
 @pytest.mark.parametrize(
     ("carried_s", "packets"),
-    [(0.1, AHEAD + 1), (1.2, AHEAD + 4), (24.0, SEQUENCE_MODULUS // 2 - 1)],
+    [(0.1, LEAD_PACKETS + 1), (1.2, LEAD_PACKETS + 4), (24.0, SEQUENCE_MODULUS // 2 - 1)],
 )
 def test_an_update_is_announced_no_farther_than_its_number_tells(
     carried_s: float, packets: int
 ) -> None:
-    assert packets_ahead(carried_s, PACKED / FPS) == packets
+    assert lead_packets(carried_s, PACKED / FPS) == packets
 
 
 def test_an_update_takes_effect_with_its_pictures_and_modes(call: Path) -> None:
@@ -107,12 +105,12 @@ def test_an_update_takes_effect_with_its_pictures_and_modes(call: Path) -> None:
             assert playout.model is not None
             shown.append((frame.index, playout.model))
     assert [index for index, _ in shown] == list(range(FRAMES))
-    rough = next(model for _, model in shown if model.layer == 0)
-    updated = [model for _, model in shown if model.layer == 1]
+    rough = next(model for _, model in shown if model.version == 0)
+    updated = [model for _, model in shown if model.version == 1]
     for model in (updated[0], updated[-1]):
         assert len(model.texture) > len(rough.texture)
         assert len(model.background) > len(rough.background)
-        assert all(known_modes(model)[: ENOUGH_ITEMS - 2])
+        assert all(known_modes(model)[: MIN_ITEMS_BEFORE_SWITCH - 2])
 
 
 def test_frames_layers_and_models_keep_to_the_rate(call: Path) -> None:
@@ -122,10 +120,10 @@ def test_frames_layers_and_models_keep_to_the_rate(call: Path) -> None:
         if isinstance(packet, FramePacket):
             slots.append(bits)
             bits = 0
-        bits += 8 * len(record(data))
+        bits += 8 * len(serialise_record(data))
     slot_bits = STARTUP * PACKED / FPS
     # An update's model packet goes at once, as a debt that the slots after it pay.
-    debt = 8 * UPDATE_LAYER_BYTES
+    debt = 8 * UPDATE_BASE_LAYER_BYTES
     for first, end in combinations(range(2, len(slots) + 1), 2):
         assert sum(slots[first:end]) <= (end - first) * slot_bits + debt + 8 * 64
     assert max(slots[2:]) > slot_bits / 2

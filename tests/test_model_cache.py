@@ -6,8 +6,8 @@ from packets import MODEL
 
 from decoder.playout import Playout
 from protocol.frames.scalar_quantiser import sent_eaus
-from protocol.link.model_cache import Kept
-from protocol.link.receive_queue import Arrivals
+from protocol.link.model_cache import ModelCache
+from protocol.link.receive_queue import ReceiveQueue
 from protocol.packets import (
     ControlKind,
     ControlPacket,
@@ -18,7 +18,7 @@ from protocol.packets import (
 
 
 def model(layer: int, sequence: int, background: bytes = MODEL.background) -> bytes:
-    numbered = replace(MODEL, layer=layer, layers=layer + 1, sequence=sequence)
+    numbered = replace(MODEL, version=layer, version_count=layer + 1, sequence=sequence)
     return serialise(replace(numbered, background=background))
 
 
@@ -27,18 +27,20 @@ def layer(of: int, number: int) -> bytes:
 
 
 def frame(number: int) -> bytes:
-    return serialise(FramePacket(number % 64, bytes([123] * (6 + len(sent_eaus(lids=False))))))
+    return serialise(
+        FramePacket(number % 64, bytes([123] * (6 + len(sent_eaus(with_eyelids=False)))))
+    )
 
 
 def kept(packets: list[bytes]) -> tuple[bytes, ...]:
-    found = Kept()
+    found = ModelCache()
     for packet in packets:
-        found.note(packet)
+        found.on_sent(packet)
     return found.packets
 
 
 def test_the_first_model_is_kept_with_its_layers() -> None:
-    control = serialise(ControlPacket(0, ControlKind.LOST, 3))
+    control = serialise(ControlPacket(0, ControlKind.FACE_LOST, 3))
     sent = [model(0, 0), frame(0), layer(0, 0), control, frame(1), layer(0, 1)]
     assert kept([*sent, *map(frame, range(2, 70))]) == (sent[0], sent[2], sent[5])
 
@@ -66,12 +68,12 @@ def test_an_update_without_a_background_gets_the_one_before_once_it_is_in_use() 
 def test_who_joins_after_updates_draws_every_frame_by_the_newest() -> None:
     sent = [model(0, 0), *map(frame, range(8)), model(1, 10), *map(frame, range(8, 72))]
     sent += [model(2, 75 % 64), *map(frame, range(72, 100))]
-    arrivals, playout, shown = Arrivals(), Playout(), set[int]()
+    arrivals, playout, shown = ReceiveQueue(), Playout(), set[int]()
     # Frames come while the reply with the models is under way.
     for packet in (frame(100), frame(101), *kept(sent), frame(102)):
         arrivals.put(packet)
     while (data := arrivals.take(0)) is not None:
         for _ in playout.receive(data):
             assert playout.model is not None
-            shown.add(playout.model.layer)
+            shown.add(playout.model.version)
     assert shown == {2}

@@ -9,7 +9,7 @@ import pytest
 
 from decoder.renderer import Renderer
 from encoder.fitting.analysis_by_synthesis import Refiner
-from encoder.fitting.identity import Fitted
+from encoder.fitting.fit_results import Fitted
 from encoder.fitting.person_texture import USUAL, Synthesis
 from encoder.fitting.prediction_matrix import MatrixRefiner
 from encoder.tracking.detection_measurement import Sight

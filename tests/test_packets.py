@@ -9,28 +9,30 @@ from hypothesis import given
 from hypothesis import strategies as st
 from packets import CALL, GOLDEN, MODEL, VECTORS
 
+from protocol.call_parameters import COLOUR_MATRICES, PROFILES, CallParameters
 from protocol.entropy.varint import decode_varint, encode_varint
-from protocol.packets import (
-    GROWING_VERSION,
-    LAYERED_VERSION,
-    LIDS_VERSION,
-    MATRICES,
+from protocol.errors import ProtocolError
+from protocol.limits import (
     MAX_FRAME_PAYLOAD_BYTES,
     MAX_IMAGE_BYTES,
     MAX_LAYER_BYTES,
     MAX_MODEL_PACKET_BYTES,
-    PLAIN_VERSION,
-    PROFILES,
-    THESIS_VERSION,
-    CallParameters,
+)
+from protocol.model_packet import (
+    DEFAULT_FORMAT,
+    EXTENSIBLE_FORMAT,
+    EYELIDS_FORMAT,
+    PROGRESSIVE_FORMAT,
+    THESIS_FORMAT,
+    ModelPacket,
+)
+from protocol.packets import (
     ControlKind,
     ControlPacket,
     FramePacket,
-    Kind,
     LayerPacket,
-    ModelPacket,
     Packet,
-    ProtocolError,
+    PacketKind,
     is_end,
     packet_kind,
     parse_packet,
@@ -75,7 +77,7 @@ def test_every_bit_flip_is_a_packet_or_a_protocol_error(packet: Packet) -> None:
 @pytest.mark.parametrize("packet", GOLDEN.values(), ids=GOLDEN)
 def test_an_added_byte_never_goes_unnoticed(packet: Packet) -> None:
     data = serialise(packet) + b"\0"
-    if packet_kind(data) in (Kind.FRAME, Kind.LAYER):
+    if packet_kind(data) in (PacketKind.FRAME, PacketKind.LAYER):
         assert parse_packet(data) != packet
     else:
         with pytest.raises(ProtocolError):
@@ -125,8 +127,8 @@ def model_of_fields(changes: dict[str, object], model: Packet = MODEL) -> bytes:
         ({"n": 0}, "frames per packet"),
         ({"n": True}, "frames per packet"),
         ({"o": -1}, "start frame"),
-        ({"l": (1, 1)}, "layer"),
-        ({"l": (0, 65)}, "layers"),
+        ({"l": (1, 1)}, "model version"),
+        ({"l": (0, 65)}, "number of model versions"),
         ({"a": bytes(10)}, "aau"),
         ({"a": (0,) * 4}, "aau"),
         ({"d": bytes(4)}, "three per point"),
@@ -140,7 +142,7 @@ def model_of_fields(changes: dict[str, object], model: Packet = MODEL) -> bytes:
         ({"b": None}, "background"),
         ({"b": bytes(MAX_IMAGE_BYTES + 1)}, "exceeds"),
         ({"x": 5}, "texture"),
-        ({"m": "x"}, "extension"),
+        ({"m": "x"}, "profile data"),
         ({"z": 1}, "."),
     ],
 )
@@ -159,7 +161,7 @@ def test_a_step_out_of_bounds_is_named(step: int, message: str) -> None:
 
 
 def test_layered_is_yes_or_no() -> None:
-    with pytest.raises(ProtocolError, match="layered"):
+    with pytest.raises(ProtocolError, match="progressive"):
         parse_packet(model_of_fields({"y": 1}, GOLDEN["model_step"]))
     # What the older version can say is said in it.
     with pytest.raises(ProtocolError, match="one encoding"):
@@ -167,14 +169,14 @@ def test_layered_is_yes_or_no() -> None:
 
 
 def test_growing_is_yes_or_no() -> None:
-    with pytest.raises(ProtocolError, match="growing"):
+    with pytest.raises(ProtocolError, match="extensible"):
         parse_packet(model_of_fields({"g": 1}, GOLDEN["model_growing"]))
     with pytest.raises(ProtocolError, match="one encoding"):
         parse_packet(model_of_fields({"g": False}, GOLDEN["model_growing"]))
 
 
 def test_lids_are_yes_or_no_and_of_the_thesis_profile() -> None:
-    with pytest.raises(ProtocolError, match="lids"):
+    with pytest.raises(ProtocolError, match="eyelids"):
         parse_packet(model_of_fields({"i": 1}, GOLDEN["model_lids"]))
     with pytest.raises(ProtocolError, match="one encoding"):
         parse_packet(model_of_fields({"i": False}, GOLDEN["model_lids"]))
@@ -183,8 +185,8 @@ def test_lids_are_yes_or_no_and_of_the_thesis_profile() -> None:
 
 
 def test_a_program_that_knows_no_lids_refuses_their_model_by_its_version() -> None:
-    assert serialise(MODEL)[1] == THESIS_VERSION
-    assert serialise(GOLDEN["model_lids"])[1] == LIDS_VERSION
+    assert serialise(MODEL)[1] == THESIS_FORMAT
+    assert serialise(GOLDEN["model_lids"])[1] == EYELIDS_FORMAT
 
 
 def test_the_default_profile_of_an_older_program_is_refused_by_its_version() -> None:
@@ -199,7 +201,7 @@ def test_a_program_that_knows_no_matrix_refuses_all_but_bt601_by_its_profile() -
     for profile in PROFILES:
         call = replace(CALL, profile=profile)
         assert profile_field(call) < len(PROFILES)
-        assert profile_field(replace(call, matrix="bt709")) >= len(PROFILES)
+        assert profile_field(replace(call, colour_matrix="bt709")) >= len(PROFILES)
 
 
 def profile_field(call: CallParameters) -> int:
@@ -209,13 +211,13 @@ def profile_field(call: CallParameters) -> int:
 
 def test_a_version_has_its_own_fields_only() -> None:
     for model, version in (
-        (MODEL, LAYERED_VERSION),
-        (MODEL, GROWING_VERSION),
-        (GOLDEN["model_step"], PLAIN_VERSION),
-        (GOLDEN["model_step"], GROWING_VERSION),
-        (GOLDEN["model_growing"], LAYERED_VERSION),
-        (MODEL, LIDS_VERSION),
-        (GOLDEN["model_lids"], GROWING_VERSION),
+        (MODEL, PROGRESSIVE_FORMAT),
+        (MODEL, EXTENSIBLE_FORMAT),
+        (GOLDEN["model_step"], DEFAULT_FORMAT),
+        (GOLDEN["model_step"], EXTENSIBLE_FORMAT),
+        (GOLDEN["model_growing"], PROGRESSIVE_FORMAT),
+        (MODEL, EYELIDS_FORMAT),
+        (GOLDEN["model_lids"], EXTENSIBLE_FORMAT),
     ):
         data = bytearray(serialise(model))
         data[1] = version
@@ -264,7 +266,7 @@ def test_misuse_is_a_value_error_that_names_the_field() -> None:
     with pytest.raises(ValueError, match="profile is 'x'"):
         replace(CALL, profile="x")
     with pytest.raises(ValueError, match="matrix is 'x'"):
-        replace(CALL, matrix="x")
+        replace(CALL, colour_matrix="x")
     with pytest.raises(ValueError, match="bytearray, expected bytes"):
         FramePacket(0, bytearray(1))  # type: ignore[arg-type]
 
@@ -285,7 +287,7 @@ def test_the_packet_knows_camera_rate_and_pose() -> None:
 
 def test_only_an_end_packet_is_an_end() -> None:
     assert is_end(serialise(ControlPacket(63, ControlKind.END, 1)))
-    assert not is_end(serialise(ControlPacket(0, ControlKind.LOST, 1)))
+    assert not is_end(serialise(ControlPacket(0, ControlKind.FACE_LOST, 1)))
     assert not is_end(serialise(FramePacket(0, b"\0\0")))
     assert not is_end(b"\x80")
 
@@ -309,9 +311,9 @@ images = st.binary(max_size=40)
             st.integers(1, 64),
             st.integers(0, 2**32 - 1),
             st.integers(1, 255),
-            matrix=st.sampled_from(MATRICES),
+            colour_matrix=st.sampled_from(COLOUR_MATRICES),
         )
-        | st.builds(replace, st.just(CALL), lids=st.booleans()),
+        | st.builds(replace, st.just(CALL), has_eyelids=st.booleans()),
         aau=st.tuples(*[codes] * len(AAUS)),
         reference_rotation=st.just((0.6, 0.0, 0.8, 0.0)),
         reference_translation_mm=st.tuples(floats, floats, st.floats(1, 1e5)),
@@ -321,12 +323,12 @@ images = st.binary(max_size=40)
         residual=st.lists(st.tuples(codes, codes, codes), max_size=5).map(
             lambda points: tuple(code for point in points for code in point)
         ),
-        extension=images,
-        layers=st.just(64),
-        layer=st.integers(0, 63),
+        profile_data=images,
+        version_count=st.just(64),
+        version=st.integers(0, 63),
         sequence=st.integers(0, 63),
-        layered=st.booleans(),
-        growing=st.booleans(),
+        progressive=st.booleans(),
+        extensible=st.booleans(),
     )
     | st.builds(FramePacket, st.integers(0, 63), st.binary(max_size=64))
     | st.builds(

@@ -8,18 +8,24 @@ from collections.abc import Iterator
 
 import pytest
 
-from encoder.runtime.parallel import SWITCH_S, on_cores, read_ahead, usable_cores, workers_beside
+from encoder.runtime.parallel import (
+    SWITCH_INTERVAL_S,
+    available_cores,
+    parallel_map,
+    prefetch,
+    worker_pool,
+)
 
 
 @pytest.mark.parametrize("workers", [1, 3, None])
 def test_results_keep_their_order(workers: int | None) -> None:
-    assert on_cores(lambda item: item**2, range(20), workers) == [item**2 for item in range(20)]
+    assert parallel_map(lambda item: item**2, range(20), workers) == [item**2 for item in range(20)]
 
 
 @pytest.mark.parametrize("workers", [1, 3])
 def test_the_first_exception_is_raised(workers: int) -> None:
     with pytest.raises(ZeroDivisionError):
-        on_cores(lambda item: 1 / item, [1, 0, 2], workers)
+        parallel_map(lambda item: 1 / item, [1, 0, 2], workers)
 
 
 def test_nothing_goes_on_when_a_block_with_workers_beside_fails() -> None:
@@ -29,7 +35,7 @@ def test_nothing_goes_on_when_a_block_with_workers_beside_fails() -> None:
         running.set()
         release.wait()
 
-    with pytest.raises(RuntimeError), workers_beside() as pool:
+    with pytest.raises(RuntimeError), worker_pool() as pool:
         futures = [pool.submit(work) for _ in range(1000)]
         running.wait()
         release.set()
@@ -39,14 +45,16 @@ def test_nothing_goes_on_when_a_block_with_workers_beside_fails() -> None:
 
 def test_workers_beside_take_turns_quickly() -> None:
     before = sys.getswitchinterval()
-    with workers_beside() as pool:
+    with worker_pool() as pool:
         assert pool.submit(sys.getswitchinterval).result() <= before
-        assert sys.getswitchinterval() <= SWITCH_S * 1.01
+        assert sys.getswitchinterval() <= SWITCH_INTERVAL_S * 1.01
     assert sys.getswitchinterval() == before
 
 
 def test_one_worker_is_the_caller_itself() -> None:
-    assert set(on_cores(lambda _: threading.get_ident(), range(4), 1)) == {threading.get_ident()}
+    assert set(parallel_map(lambda _: threading.get_ident(), range(4), 1)) == {
+        threading.get_ident()
+    }
 
 
 def test_items_are_read_beside_what_is_done_with_the_one_before() -> None:
@@ -58,14 +66,14 @@ def test_items_are_read_beside_what_is_done_with_the_one_before() -> None:
             yield number
 
     found = []
-    for number in read_ahead(items()):
+    for number in prefetch(items()):
         assert all(event.wait(10) for event in made[: number + 2])
         found.append(number)
     assert found == [0, 1, 2, 3]
 
 
 def test_an_item_that_cannot_be_read_is_missed_where_it_would_be() -> None:
-    items = read_ahead(1 // (2 - number) for number in range(4))
+    items = prefetch(1 // (2 - number) for number in range(4))
     assert [next(items), next(items)] == [0, 1]
     with pytest.raises(ZeroDivisionError):
         next(items)
@@ -81,7 +89,7 @@ def test_nothing_is_being_read_once_reading_ahead_is_closed() -> None:
         done.set()
         yield 1
 
-    reading = read_ahead(items())
+    reading = prefetch(items())
     next(reading)
     begun.wait(10)
     reading.close()
@@ -91,6 +99,6 @@ def test_nothing_is_being_read_once_reading_ahead_is_closed() -> None:
 def test_only_cores_that_the_process_may_use_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {2, 5}, raising=False)
     monkeypatch.setattr(os, "cpu_count", lambda: 64)
-    assert usable_cores() == 2
+    assert available_cores() == 2
     monkeypatch.delattr(os, "sched_getaffinity")
-    assert usable_cores() == 64
+    assert available_cores() == 64

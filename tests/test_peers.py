@@ -2,60 +2,60 @@
 
 import threading
 
-from protocol.link.peers import Audience
+from protocol.link.peers import PeerMonitor
 
 
 def test_nothing_is_said_while_somebody_listens() -> None:
     said: list[str] = []
-    audience = Audience(said.append)
+    audience = PeerMonitor(said.append)
     for who in ("one", "two"):
-        audience.came(who)
-        assert audience.look()
-    audience.went("one")
-    assert audience.look() and len(audience) == 1
+        audience.on_join(who)
+        assert audience.poll()
+    audience.on_leave("one")
+    assert audience.poll() and len(audience) == 1
     assert said == []
 
 
 def test_the_last_that_goes_and_the_first_that_is_back_are_said_once() -> None:
     said: list[str] = []
-    audience = Audience(said.append)
-    audience.came("one")
-    audience.went("one")
+    audience = PeerMonitor(said.append)
+    audience.on_join("one")
+    audience.on_leave("one")
     assert said == []  # until the sender looks
-    assert not audience.look() and not audience.look()
+    assert not audience.poll() and not audience.poll()
     assert said == ["nobody listens any more; sending on"]
-    audience.came("two")
-    assert audience.look() and audience.look()
+    audience.on_join("two")
+    assert audience.poll() and audience.poll()
     assert said[1:] == ["somebody listens again"]
-    audience.went("two")
-    assert not audience.look()
+    audience.on_leave("two")
+    assert not audience.poll()
     assert said[2:] == ["nobody listens any more; sending on"]
 
 
 def test_nobody_is_missed_who_never_came() -> None:
     said: list[str] = []
-    audience = Audience(said.append)
-    assert not audience.look()
-    audience.went("somebody else")
-    assert not audience.look()
-    audience.came("one")
-    assert audience.look()
+    audience = PeerMonitor(said.append)
+    assert not audience.poll()
+    audience.on_leave("somebody else")
+    assert not audience.poll()
+    audience.on_join("one")
+    assert audience.poll()
     assert said == []
 
 
 def test_who_is_told_of_twice_is_there_once() -> None:
-    audience = Audience(lambda line: None)
-    audience.came("one")
-    audience.came("one")
+    audience = PeerMonitor(lambda line: None)
+    audience.on_join("one")
+    audience.on_join("one")
     assert len(audience) == 1
-    audience.went("one")
-    assert not audience.look()
+    audience.on_leave("one")
+    assert not audience.poll()
 
 
 def test_waiting_ends_with_who_comes_or_with_the_time() -> None:
-    audience = Audience(lambda line: None)
+    audience = PeerMonitor(lambda line: None)
     assert not audience.wait(0)
-    thread = threading.Thread(target=audience.came, args=("one",))
+    thread = threading.Thread(target=audience.on_join, args=("one",))
     thread.start()
     assert audience.wait(20)
     thread.join()

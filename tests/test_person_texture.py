@@ -8,7 +8,8 @@ import pytest
 from decoder.renderer import Renderer
 from encoder.appearance.photometric import retinex
 from encoder.fitting.analysis_by_synthesis import NOISE_GREY
-from encoder.fitting.person_texture import LEARN_EVERY, OwnTexture, Refined, Synthesis
+from encoder.fitting.fit_results import Refined
+from encoder.fitting.person_texture import LEARN_EVERY, OwnTexture, Synthesis
 from encoder.tracking.model_tracker import LEFT_LESS, across_rest
 from risorius.animation.synthetic_skin import painted_colours
 from shared_model.animate import Face, Identity

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from shots import Shots
 
-from encoder.appearance.photometric import NORMALISATIONS, equalised, retinex
-from encoder.capture.colour import luma
+from encoder.appearance.photometric import NORMALISATIONS, equalise_histogram, retinex
+from encoder.capture.colour import luma_f32
 
 RANDOM = np.random.default_rng(6)
 
@@ -16,7 +16,7 @@ def correlation(one: np.ndarray, other: np.ndarray) -> float:
 
 def test_every_level_is_as_frequent_after_equalisation() -> None:
     skewed = RANDOM.gamma(2, 10, (80, 90)).astype(np.float32)
-    flat = equalised(skewed)
+    flat = equalise_histogram(skewed)
     share, _ = np.histogram(flat, 8, (0, 255))
     assert share == pytest.approx(np.full(8, flat.size / 8), rel=0.1)
 
@@ -24,7 +24,7 @@ def test_every_level_is_as_frequent_after_equalisation() -> None:
 def test_equalisation_keeps_the_order_of_levels() -> None:
     values = RANDOM.normal(size=(40, 50)).astype(np.float32)
     order = np.argsort(values, axis=None)
-    assert (np.diff(equalised(values).ravel()[order]) >= 0).all()
+    assert (np.diff(equalise_histogram(values).ravel()[order]) >= 0).all()
 
 
 @pytest.mark.parametrize("level", [0, 128, 255])
@@ -39,9 +39,9 @@ def test_a_light_from_the_side_hardly_changes_the_retinex(shots: Shots) -> None:
     shadowed = np.asarray(np.rint(picture * across), np.uint8)
     before, after = retinex(picture), retinex(shadowed)
     assert correlation(before, after) > 0.95
-    assert correlation(before, after) > correlation(luma(picture), luma(shadowed)) + 0.02
+    assert correlation(before, after) > correlation(luma_f32(picture), luma_f32(shadowed)) + 0.02
 
 
 def test_nothing_is_normalised_unless_it_is_asked_for(shots: Shots) -> None:
     picture = shots.pictures[0]
-    assert np.array_equal(NORMALISATIONS["none"](picture), luma(picture))
+    assert np.array_equal(NORMALISATIONS["none"](picture), luma_f32(picture))

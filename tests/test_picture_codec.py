@@ -4,25 +4,25 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from encoder.picture_coding.picture_encoder import draft_mode, draft_still, held_share
-from protocol.packets import ProtocolError
+from encoder.picture_coding.picture_encoder import encode_mode, encode_picture, retained_energy
+from protocol.errors import ProtocolError
 from protocol.pictures.picture_codec import (
-    MAX_STEP,
-    ModeSeries,
-    decode_still,
+    MAX_STEP_CODE,
+    ModeDecoder,
+    decode_picture,
     from_planes,
+    parse_picture_header,
     step_size,
-    still_head,
     to_luma,
     to_planes,
 )
-from protocol.pictures.probability_model import STILL, TEXTURE
+from protocol.pictures.probability_model import BACKGROUND, TEXTURE
 from protocol.pictures.weight_map import (
+    GRID_SIDE,
     RANGE_OCTAVES,
-    SIDE,
     STEP_OCTAVES,
-    decode_relief,
-    encode_relief,
+    decode_weight_map,
+    encode_weight_map,
 )
 
 Single = NDArray[np.float32]
@@ -37,19 +37,19 @@ def painting(height: int, width: int) -> Single:
 
 
 def encode_still(
-    colours: Single, step: int, relief: bytes = b"", kind: int = STILL
+    colours: Single, step: int, relief: bytes = b"", kind: int = BACKGROUND
 ) -> tuple[bytes, Single]:
     """The bytes of a picture (h, w, 3), and what they decode to."""
-    draft = draft_still(colours, step, relief, kind)
-    return draft.write(), draft.colours
+    draft = encode_picture(colours, step, relief, kind)
+    return draft.serialise(), draft.decoded
 
 
-def coded(series: ModeSeries, mode: Single, step: int) -> tuple[bytes, Single]:
+def coded(series: ModeDecoder, mode: Single, step: int) -> tuple[bytes, Single]:
     """A mode as the next of a series: its bytes, and what they decode to."""
-    draft = draft_mode(series, mode, step)
-    data = draft.write()
+    draft = encode_mode(series, mode, step)
+    data = draft.serialise()
     assert len(data) <= draft.size_bytes <= len(data) + 3
-    return data, draft.colours
+    return data, draft.decoded
 
 
 def error(one: Single, other: Single) -> float:
@@ -72,23 +72,23 @@ def test_steps_double_every_octave() -> None:
 def test_a_still_decodes_to_what_its_encoder_says(height: int, width: int) -> None:
     picture = painting(height, width)
     data, stated = encode_still(picture, 8)
-    head = still_head("still", data)
-    assert (head.width, head.height, head.relief) == (width, height, b"")
-    decoded = decode_still("still", data)
+    head = parse_picture_header("still", data)
+    assert (head.width, head.height, head.weight_map) == (width, height, b"")
+    decoded = decode_picture("still", data)
     assert np.array_equal(decoded, stated) and decoded.shape == picture.shape
     assert error(decoded, picture) < 4
 
 
-@pytest.mark.parametrize("kind", [STILL, TEXTURE])
+@pytest.mark.parametrize("kind", [BACKGROUND, TEXTURE])
 def test_a_texture_is_told_from_another_still(kind: int) -> None:
     data, stated = encode_still(painting(64, 64), 16, kind=kind)
-    assert still_head("still", data).kind == kind
-    assert np.array_equal(decode_still("still", data), stated)
+    assert parse_picture_header("still", data).kind == kind
+    assert np.array_equal(decode_picture("still", data), stated)
 
 
 def test_coarser_stills_are_smaller_and_worse() -> None:
     picture = painting(96, 96)
-    found = [encode_still(picture, step) for step in (0, 16, 32, 48, MAX_STEP)]
+    found = [encode_still(picture, step) for step in (0, 16, 32, 48, MAX_STEP_CODE)]
     sizes = [len(data) for data, _ in found]
     errors = [error(decoded, picture) for _, decoded in found]
     assert sizes == sorted(sizes, reverse=True) and errors == sorted(errors)
@@ -96,7 +96,7 @@ def test_coarser_stills_are_smaller_and_worse() -> None:
 
 def test_modes_decode_in_their_order() -> None:
     rng = np.random.default_rng(4)
-    sender, receiver = ModeSeries(48), ModeSeries(48)
+    sender, receiver = ModeDecoder(48), ModeDecoder(48)
     for number in range(4):
         mode = np.zeros((48, 48, 3), np.float32)
         mode[10:20, 5:40] = rng.normal(size=(10, 35, 3)) * 30
@@ -123,7 +123,7 @@ def test_modes_decode_in_their_order() -> None:
 )
 def test_what_is_no_still_is_refused(data: bytes, message: str) -> None:
     with pytest.raises(ProtocolError, match=message):
-        decode_still("still", data)
+        decode_picture("still", data)
 
 
 def test_a_harsh_picture_at_the_finest_step_is_coded() -> None:
@@ -131,27 +131,27 @@ def test_a_harsh_picture_at_the_finest_step_is_coded() -> None:
     squares = rng.integers(0, 2, (4, 4, 3)) * 255.0
     picture = np.kron(squares, np.ones((32, 32, 1))).astype(np.float32)
     data, stated = encode_still(picture, 0)
-    assert np.array_equal(decode_still("still", data), stated)
+    assert np.array_equal(decode_picture("still", data), stated)
     assert error(stated, picture) < 2
 
 
 def test_a_mode_is_cheaper_after_others_that_are_busy_in_the_same_places() -> None:
     rng = np.random.default_rng(8)
-    series, sizes, alone = ModeSeries(64), [], []
+    series, sizes, alone = ModeDecoder(64), [], []
     for _ in range(3):
         mode = np.zeros((64, 64, 3), np.float32)
         mode[20:34, 8:56] = rng.normal(size=(14, 48, 3)) * 30
         sizes.append(len(coded(series, mode, 28)[0]))
-        alone.append(len(coded(ModeSeries(64), mode, 28)[0]))
+        alone.append(len(coded(ModeDecoder(64), mode, 28)[0]))
     assert sizes[0] == alone[0] and sizes[2] < 0.95 * alone[2]
 
 
 def test_a_mode_of_another_series_is_a_mode_or_a_protocol_error() -> None:
     rng = np.random.default_rng(9)
     modes = [rng.normal(size=(24, 24, 3)).astype(np.float32) * 30 for _ in range(4)]
-    series = ModeSeries(24)
+    series = ModeDecoder(24)
     packets = [coded(series, mode, 20)[0] for mode in modes]
-    out_of_order = ModeSeries(24)
+    out_of_order = ModeDecoder(24)
     for data in reversed(packets):
         try:
             decoded = out_of_order.decode("mode", data)
@@ -162,43 +162,43 @@ def test_a_mode_of_another_series_is_a_mode_or_a_protocol_error() -> None:
 
 def test_what_is_no_mode_is_refused() -> None:
     with pytest.raises(ProtocolError, match="no step"):
-        ModeSeries(16).decode("mode 0", b"")
+        ModeDecoder(16).decode("mode 0", b"")
 
 
 def test_every_truncation_and_bit_flip_is_a_still_or_a_protocol_error() -> None:
-    data, _ = encode_still(painting(12, 14), 32, encode_relief(hill()))
+    data, _ = encode_still(painting(12, 14), 32, encode_weight_map(hill()))
     for place in range(len(data)):
         for damaged in (data[:place], *(flip(data, place, bit) for bit in range(8))):
             try:
-                head = still_head("still", damaged)
+                head = parse_picture_header("still", damaged)
                 if head.width * head.height > 10_000:
                     continue
-                assert np.isfinite(decode_still("still", damaged)).all()
+                assert np.isfinite(decode_picture("still", damaged)).all()
             except ProtocolError:
                 pass
 
 
 def test_a_relief_makes_the_picture_finer_where_it_is_high() -> None:
     picture = np.random.default_rng(2).uniform(0, 255, (96, 96, 3)).astype(np.float32)
-    relief = encode_relief(hill())
+    relief = encode_weight_map(hill())
     data, stated = encode_still(picture, 40, relief)
-    assert still_head("still", data).relief == relief
-    assert np.array_equal(decode_still("still", data), stated)
+    assert parse_picture_header("still", data).weight_map == relief
+    assert np.array_equal(decode_picture("still", data), stated)
     middle, rim = np.s_[40:56, 40:56], np.s_[:16, :16]
     assert error(stated[middle], picture[middle]) < 0.5 * error(stated[rim], picture[rim])
 
 
 def test_modes_share_the_relief_of_their_texture() -> None:
     mode = np.random.default_rng(3).normal(size=(48, 48, 3)).astype(np.float32) * 40
-    relief = encode_relief(hill())
-    data, stated = coded(ModeSeries(48, relief), mode, 24)
-    assert np.array_equal(ModeSeries(48, relief).decode("mode", data), stated)
-    assert not np.allclose(ModeSeries(48).decode("mode", data), stated)
+    relief = encode_weight_map(hill())
+    data, stated = coded(ModeDecoder(48, relief), mode, 24)
+    assert np.array_equal(ModeDecoder(48, relief).decode("mode", data), stated)
+    assert not np.allclose(ModeDecoder(48).decode("mode", data), stated)
 
 
 def hill() -> NDArray[np.float64]:
     """A relief with its summit in the middle."""
-    y, x = np.mgrid[:SIDE, :SIDE] - (SIDE - 1) / 2
+    y, x = np.mgrid[:GRID_SIDE, :GRID_SIDE] - (GRID_SIDE - 1) / 2
     return np.asarray(np.exp2(1.5 - (x**2 + y**2) / 20))
 
 
@@ -210,14 +210,14 @@ def flip(data: bytes, place: int, bit: int) -> bytes:
     ("data", "message"), [(b"\xff" * 200, "texture: relief: .* too large"), (None, "too many")]
 )
 def test_what_is_no_relief_is_refused(data: bytes | None, message: str) -> None:
-    damaged = encode_relief(hill()) + bytes(20) if data is None else data
+    damaged = encode_weight_map(hill()) + bytes(20) if data is None else data
     with pytest.raises(ProtocolError, match=message):
-        decode_relief("texture", damaged, 16, 16)
+        decode_weight_map("texture", damaged, 16, 16)
 
 
 def test_a_relief_comes_back_within_half_a_step() -> None:
-    fineness = np.exp2(np.random.default_rng(5).uniform(*RANGE_OCTAVES, (SIDE, SIDE)))
-    found = np.log2(decode_relief("texture", encode_relief(fineness), SIDE, SIDE))
+    fineness = np.exp2(np.random.default_rng(5).uniform(*RANGE_OCTAVES, (GRID_SIDE, GRID_SIDE)))
+    found = np.log2(decode_weight_map("texture", encode_weight_map(fineness), GRID_SIDE, GRID_SIDE))
     assert np.abs(found - np.log2(fineness)).max() <= STEP_OCTAVES / 2 + 1e-9
 
 
@@ -226,10 +226,10 @@ def test_what_share_of_a_mode_its_picture_would_hold_is_known_before() -> None:
     y, x = np.mgrid[:64, :64] / 64
     smooth = 12 * np.sin(7 * x) * np.cos(5 * y) + rng.normal(0, 1.5, (64, 64))
     planes = np.stack([smooth, 0.3 * smooth, -0.2 * smooth], -1).astype(np.float32)
-    series, shares = ModeSeries(64), []
-    for step in (8, 20, 32, 44, MAX_STEP):
-        shares.append(held_share(series, planes, step))
-        found = to_planes(draft_mode(series.copy(), planes, step).colours)
+    series, shares = ModeDecoder(64), []
+    for step in (8, 20, 32, 44, MAX_STEP_CODE):
+        shares.append(retained_energy(series, planes, step))
+        found = to_planes(encode_mode(series.copy(), planes, step).decoded)
         left = float(np.square(planes - found).sum() / np.square(planes).sum())
         # Coefficients that are too unlikely for their size are left out as well.
         assert 1 - left < shares[-1] + 0.05

@@ -6,16 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from decoder.playout import PlayedFrame, Playout, interpolate
+from protocol.call_parameters import CallParameters
+from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import encode_thesis, thesis_sample_count
-from protocol.packets import (
-    CallParameters,
-    ControlKind,
-    ControlPacket,
-    FramePacket,
-    ModelPacket,
-    ProtocolError,
-    serialise,
-)
+from protocol.model_packet import ModelPacket
+from protocol.packets import ControlKind, ControlPacket, FramePacket, serialise
 from shared_model.geometry import (
     matrix_from_quaternion,
     pose_from_euler,
@@ -122,15 +117,20 @@ def test_sequence_numbers_wrap_without_a_jump() -> None:
 
 
 def test_lost_face_is_held_and_marked_while_samples_go_on() -> None:
-    packets = [sample(0), sample(1), control(ControlKind.LOST, 2), sample(2), sample(3)]
-    packets += [control(ControlKind.FOUND, 4), sample(4), control(ControlKind.END, 5)]
+    packets = [sample(0), sample(1), control(ControlKind.FACE_LOST, 2), sample(2), sample(3)]
+    packets += [control(ControlKind.FACE_FOUND, 4), sample(4), control(ControlKind.END, 5)]
     played = play([model((10, 1)), *packets])
     assert jaw(played) == pytest.approx([0, 1, 1, 1, 4])
     assert [frame.held for frame in played] == [False, False, True, True, False]
 
 
 def test_lost_face_is_held_when_no_samples_come_for_longer_than_the_numbers_reach() -> None:
-    packets = [sample(0), sample(1), control(ControlKind.LOST, 2), control(ControlKind.FOUND, 100)]
+    packets = [
+        sample(0),
+        sample(1),
+        control(ControlKind.FACE_LOST, 2),
+        control(ControlKind.FACE_FOUND, 100),
+    ]
     packets += [sample(100), sample(101), control(ControlKind.END, 102)]
     playout = Playout()
     played = play([model((10, 1)), *packets], playout)
@@ -140,7 +140,7 @@ def test_lost_face_is_held_when_no_samples_come_for_longer_than_the_numbers_reac
 
 
 def test_call_that_ends_without_a_face_holds_the_last_one() -> None:
-    packets = [sample(0), control(ControlKind.LOST, 1), control(ControlKind.END, 30)]
+    packets = [sample(0), control(ControlKind.FACE_LOST, 1), control(ControlKind.END, 30)]
     played = play([model((10, 1)), *packets])
     assert [frame.held for frame in played] == [False] + [True] * 29
 
@@ -168,7 +168,7 @@ def test_a_call_that_never_had_a_face_has_no_frames() -> None:
     "packets",
     [
         [sample(0), control(ControlKind.END, 2**28 - 1)],
-        [sample(0), control(ControlKind.LOST, 2**28 - 1)],
+        [sample(0), control(ControlKind.FACE_LOST, 2**28 - 1)],
     ],
 )
 def test_no_packet_makes_the_decoder_draw_without_bound(packets: list[bytes]) -> None:
@@ -226,7 +226,14 @@ def update(layer: int, sequence: int, start: int, width: int = 176) -> bytes:
     rotation, translation = map(tuple, (REFERENCE.rotation, REFERENCE.translation_mm))
     aau, eau = (layer, *[0] * (len(AAUS) - 1)), (0,) * len(EAUS)
     packet = ModelPacket(
-        call, aau, rotation, translation, eau, layer=layer, layers=layer + 1, sequence=sequence
+        call,
+        aau,
+        rotation,
+        translation,
+        eau,
+        version=layer,
+        version_count=layer + 1,
+        sequence=sequence,
     )
     return serialise(packet)
 
@@ -237,7 +244,7 @@ def layers(packets: list[bytes], playout: Playout) -> list[int]:
     for data in packets:
         for _ in playout.receive(data):
             assert playout.model is not None
-            found.append(playout.model.layer)
+            found.append(playout.model.version)
     return found
 
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from encoder.detection.blazeface import Detection
+from encoder.detection.detector import Detection
 from encoder.fitting.pose_initialisation import (
     anchor_points,
     pose_from_points,

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from shots import Shots, whole
 
-from encoder.appearance.shape_free import ShapeFree, moved
+from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.appearance.template import Template
-from encoder.appearance.texture import sample
-from encoder.capture.colour import luma
+from encoder.capture.colour import luma_f32
 from encoder.fitting.analysis_by_synthesis import Refiner
+from encoder.fitting.increments import apply_increment
 from encoder.fitting.prediction_matrix import MatrixRefiner
+from encoder.runtime.image_ops import sample_bicubic
 from shared_model.appearance import atlas_of
 from shared_model.geometry import (
     euler_deg,
@@ -31,9 +32,9 @@ NUMBER = 0
 def made(kind: type[Refiner], shots: Shots, number: int = NUMBER) -> Refiner:
     """Fits what one picture shows of the face."""
     head, face = shots.face.head, shots.faces[number]
-    shape = ShapeFree(shots.face, atlas_of(head, 72), shots.camera)
+    shape = ShapeFreeFrame(shots.face, atlas_of(head, 72), shots.camera)
     worn = (head.opacity[shape.atlas.corners].min(1) > 0.99).astype(np.float32)
-    mean = sample(luma(shots.pictures[number]), shape.positions(face))[:, 0]
+    mean = sample_bicubic(luma_f32(shots.pictures[number]), shape.positions(face))[:, 0]
     light = np.stack([mean - mean.mean(), np.ones_like(mean)])
     refiner = kind(head, shots.face, shape, Template(mean, light, worn))
     seen = refiner.seen(face)
@@ -51,7 +52,7 @@ def refiner(shots: Shots) -> MatrixRefiner:
 
 
 def displaced(face: FaceParameters, index: int, by: float) -> FaceParameters:
-    return moved(face, by * np.eye(6 + len(EAUS))[index])
+    return apply_increment(face, by * np.eye(6 + len(EAUS))[index])
 
 
 def off(found: FaceParameters, truth: FaceParameters) -> tuple[float, float]:
@@ -90,7 +91,7 @@ def test_a_face_that_has_moved_is_found(shots: Shots, refiner: MatrixRefiner, nu
     truth = shots.faces[number]
     step = np.zeros(6 + len(EAUS))
     step[:5] = [0.05, -0.05, 0.04, 2, -2]
-    found = refiner.refine(whole(shots.pictures[number]), moved(truth, step), 8, MOVED)
+    found = refiner.refine(whole(shots.pictures[number]), apply_increment(truth, step), 8, MOVED)
     angle, eau = off(found, truth)
     assert angle < 1.5 and eau < 0.1
 

@@ -15,22 +15,18 @@ from test_decoder_pipeline import read
 from decoder.appearance import Wardrobe
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
 from decoder.reenactment import read_model
-from encoder.coding.progressive_model import FIRST_LAYER_BYTES, LayeredModel, LayerPacer
-from encoder.pipeline import EncodeOptions, EncodeReport, encode
-from loopback.quality import face_area_finder, measure
-from protocol.call_file import MAGIC, CallReader, record
+from encoder.coding.pacer import LayerPacer
+from encoder.coding.progressive_model import BASE_LAYER_BYTES, LayeredModel
+from encoder.options import EncodeOptions, EncodeReport
+from encoder.pipeline import encode
+from loopback.quality import face_mask_finder, measure_quality
+from protocol.call_file import MAGIC, CallReader, serialise_record
 from protocol.entropy.varint import decode_varint
-from protocol.frames.frame_transform import parse_components, serialise_components
-from protocol.packets import (
-    FramePacket,
-    LayerPacket,
-    ModelPacket,
-    Packet,
-    ProtocolError,
-    parse_packet,
-    serialise,
-)
-from protocol.progressive_model import Layers, item
+from protocol.errors import ProtocolError
+from protocol.frames.frame_transform import parse_transform, serialise_transform
+from protocol.model_packet import ModelPacket
+from protocol.packets import FramePacket, LayerPacket, Packet, parse_packet, serialise
+from protocol.progressive_model import LayerBuffer, stream_item
 from protocol.summary import summarise
 
 FRAMES, FPS = 60, 25
@@ -70,24 +66,24 @@ def test_layers_and_frames_keep_to_the_rate(
     items: list[bytes], bitrate: float, frames: list[int]
 ) -> None:
     pacer, slot_s, sent_bits = LayerPacer(bitrate), 8 / 30, 0
-    pacer.begin(LayeredModel(MODEL, tuple(items)))
+    pacer.start(LayeredModel(MODEL, tuple(items)))
     stream = b""
     for turn, size in enumerate(frames, start=1):
-        pacer.spent(size)
+        pacer.on_packet_sent(size)
         sent_bits += 8 * (size + 1)
-        for layer in pacer.due(slot_s):
-            sent_bits += 8 * len(record(serialise(layer)))
+        for layer in pacer.packets_due(slot_s):
+            sent_bits += 8 * len(serialise_record(serialise(layer)))
             stream += layer.data
             assert sent_bits <= turn * slot_s * bitrate + 1e-6
-    assert b"".join(map(item, items)).startswith(stream)
-    assert pacer.items_waiting == 0 or sent_bits > 0.6 * len(frames) * slot_s * bitrate
+    assert b"".join(map(stream_item, items)).startswith(stream)
+    assert pacer.pending_items == 0 or sent_bits > 0.6 * len(frames) * slot_s * bitrate
 
 
 def test_a_first_layer_is_a_debt_that_is_paid_before_anything_else() -> None:
     pacer = LayerPacer(8000)
-    pacer.begin(LayeredModel(MODEL, (bytes(500), bytes(500))))
-    pacer.spent(2000)
-    due = [sum(len(layer.data) for layer in pacer.due(0.25)) for _ in range(20)]
+    pacer.start(LayeredModel(MODEL, (bytes(500), bytes(500))))
+    pacer.on_packet_sent(2000)
+    due = [sum(len(layer.data) for layer in pacer.packets_due(0.25)) for _ in range(20)]
     assert due[:8] == [0] * 8 and sum(due) == 2 * (500 + 2)
     assert max(due) <= 0.25 * 8000 / 8
 
@@ -103,32 +99,32 @@ def test_a_rate_that_leaves_nothing_for_layers_is_refused(tmp_path: Path, noise:
 
 def test_time_counts_even_if_nobody_looks_at_what_is_due() -> None:
     pacer = LayerPacer(8000)
-    pacer.begin(LayeredModel(MODEL, (bytes(500),)))
-    pacer.spent(1000)
-    pacer.due(1)
-    assert pacer.due(1)
+    pacer.start(LayeredModel(MODEL, (bytes(500),)))
+    pacer.on_packet_sent(1000)
+    pacer.packets_due(1)
+    assert pacer.packets_due(1)
 
 
 def test_modes_that_are_added_go_on_with_the_same_stream() -> None:
     pacer, sent = LayerPacer(80_000), list[LayerPacket]()
-    pacer.begin(LayeredModel(MODEL, (b"", b"", bytes(300))))
+    pacer.start(LayeredModel(MODEL, (b"", b"", bytes(300))))
     for added in (b"", b"one mode", b"another"):
         if added:
-            pacer.add(added)
+            pacer.add_mode(added)
             assert pacer.busy
         while pacer.busy:
-            sent += pacer.due(0.1)
-    assert pacer.items_sent == 5
+            sent += pacer.packets_due(0.1)
+    assert pacer.sent_items == 5
     assert [layer.number for layer in sent] == list(range(len(sent)))
     stream = b"".join(layer.data for layer in sent)
-    assert stream == b"".join(map(item, (b"", b"", bytes(300), b"one mode", b"another")))
+    assert stream == b"".join(map(stream_item, (b"", b"", bytes(300), b"one mode", b"another")))
 
 
 def test_a_new_model_takes_the_place_of_what_was_waiting() -> None:
     pacer = LayerPacer(8000)
-    pacer.begin(LayeredModel(MODEL, (bytes(500), bytes(500))))
-    pacer.begin(LayeredModel(MODEL, (b"a", b"b")))
-    assert [layer.data for layer in pacer.due(1)] == [item(b"a"), item(b"b")]
+    pacer.start(LayeredModel(MODEL, (bytes(500), bytes(500))))
+    pacer.start(LayeredModel(MODEL, (b"a", b"b")))
+    assert [layer.data for layer in pacer.packets_due(1)] == [stream_item(b"a"), stream_item(b"b")]
 
 
 @pytest.fixture(scope="module")
@@ -182,7 +178,7 @@ def packets(path: Path) -> list[Packet]:
 
 
 def write(path: Path, given: list[bytes]) -> Path:
-    path.write_bytes(MAGIC + b"".join(map(record, given)))
+    path.write_bytes(MAGIC + b"".join(map(serialise_record, given)))
     return path
 
 
@@ -192,32 +188,32 @@ def decoded(path: Path, video: Path) -> DecodeReport:
 
 
 def face_psnr_db(clip: str, video: Path) -> float:
-    area = face_area_finder(pytest.fail)
-    quality = measure(clip, str(video), area, lambda done, total: None)
+    find_face_mask = face_mask_finder(pytest.fail)
+    quality = measure_quality(clip, str(video), find_face_mask, lambda done, total: None)
     assert quality.face_psnr_db is not None
     return quality.face_psnr_db
 
 
 def test_the_first_layer_is_small_and_has_no_modes(call: Path) -> None:
     first, *rest = packets(call)
-    assert isinstance(first, ModelPacket) and first.layered
-    assert len(raw_packets(call)[0]) <= FIRST_LAYER_BYTES
-    modes = parse_components(first.extension).modes
+    assert isinstance(first, ModelPacket) and first.progressive
+    assert len(raw_packets(call)[0]) <= BASE_LAYER_BYTES
+    modes = parse_transform(first.profile_data).modes
     assert modes and not any(modes)
     assert isinstance(rest[0], FramePacket)
 
 
 def test_the_layers_make_the_model_that_is_otherwise_sent_whole(at_once: Path, whole: Path) -> None:
-    model, layers = None, Layers()
+    model, layers = None, LayerBuffer()
     for packet in packets(at_once):
         if isinstance(packet, ModelPacket):
             model = packet
         elif isinstance(packet, LayerPacket):
             layers.add(packet)
     assert model is not None
-    refined, (expected, *_) = layers.refine(model), packets(whole)
-    assert isinstance(expected, ModelPacket) and not expected.layered
-    assert refined.extension == expected.extension
+    refined, (expected, *_) = layers.apply(model), packets(whole)
+    assert isinstance(expected, ModelPacket) and not expected.progressive
+    assert refined.profile_data == expected.profile_data
     assert (refined.texture, refined.background) == (expected.texture, expected.background)
     frames = [[p for p in packets(path) if isinstance(p, FramePacket)] for path in (at_once, whole)]
     assert frames[0] == frames[1]
@@ -230,7 +226,7 @@ def test_no_second_of_the_call_takes_more_than_the_rate(call: Path) -> None:
         packet = parse_packet(data)
         if isinstance(packet, FramePacket):
             time_s += (8 if sizes else 1) / FPS
-        sizes.append((time_s, 8 * len(record(data))))
+        sizes.append((time_s, 8 * len(serialise_record(data))))
     slot_s = 8 / FPS
     for start, _ in sizes:
         window = sum(bits for at, bits in sizes if start <= at < start + 1)
@@ -282,16 +278,16 @@ def test_who_draws_layer_by_layer_draws_the_same(at_once: Path, whole: Path) -> 
     """Decoding modes one after the other is decoding all of them."""
     first, *rest = packets(at_once)
     assert isinstance(first, ModelPacket)
-    wardrobe, layers, model = Wardrobe(first), Layers(), first
+    wardrobe, layers, model = Wardrobe(first), LayerBuffer(), first
     assert not wardrobe.changes
     for packet in rest:
         if isinstance(packet, LayerPacket):
             layers.add(packet)
-            model = layers.refine(model)
+            model = layers.apply(model)
             wardrobe.refine(model)
     expected = packets(whole)[0]
     assert isinstance(expected, ModelPacket) and wardrobe.changes
-    coefficients = np.linspace(-3, 3, len(parse_components(expected.extension).modes))
+    coefficients = np.linspace(-3, 3, len(parse_transform(expected.profile_data).modes))
     np.testing.assert_array_equal(
         wardrobe.texture(coefficients), Wardrobe(expected).texture(coefficients)
     )
@@ -330,13 +326,13 @@ def test_a_damaged_texture_is_told_once_and_the_one_before_worn(whole: Path) -> 
 def test_modes_before_a_damaged_one_are_worn_and_not_decoded_again(whole: Path) -> None:
     model = packets(whole)[0]
     assert isinstance(model, ModelPacket)
-    components = parse_components(model.extension)
+    components = parse_transform(model.profile_data)
     assert len(components.modes) > 1
 
     def with_modes(*modes: bytes) -> ModelPacket:
         missing = (b"",) * (len(components.modes) - len(modes))
-        extension = serialise_components(replace(components, modes=modes + missing))
-        return replace(model, extension=extension, layered=True)
+        extension = serialise_transform(replace(components, modes=modes + missing))
+        return replace(model, profile_data=extension, progressive=True)
 
     wardrobe = Wardrobe(with_modes())
     with pytest.raises(ProtocolError, match="mode 1 has no step"):
@@ -349,7 +345,7 @@ def test_modes_before_a_damaged_one_are_worn_and_not_decoded_again(whole: Path) 
 
 def test_whose_face_is_worn_has_all_layers(at_once: Path, whole: Path) -> None:
     worn, expected = read_model(at_once), read_model(whole)
-    assert replace(worn, layered=False) == expected
+    assert replace(worn, progressive=False) == expected
 
 
 def test_the_parts_of_a_layered_call_add_up(call: Path) -> None:
@@ -361,7 +357,7 @@ def test_the_parts_of_a_layered_call_add_up(call: Path) -> None:
     assert min(summary.model_parts.values()) >= 0
     parts = summary.model_bytes + summary.frame_bytes + summary.control_bytes
     assert parts + summary.container_bytes == summary.file_bytes
-    assert summary.container_bytes == 4 + sum(len(record(p)) - len(p) + 1 for p in given)
+    assert summary.container_bytes == 4 + sum(len(serialise_record(p)) - len(p) + 1 for p in given)
 
 
 def test_a_call_too_short_for_its_model_says_so(clip: str, tmp_path: Path) -> None:
@@ -374,7 +370,7 @@ def test_sizes_of_layers_grow_with_the_rate() -> None:
     sizes = []
     for bitrate in (4000, 8000, 16000):
         pacer = LayerPacer(bitrate)
-        pacer.begin(LayeredModel(MODEL, (bytes(9000), b"")))
-        total = accumulate(sum(len(p.data) for p in pacer.due(0.25)) for _ in range(8))
+        pacer.start(LayeredModel(MODEL, (bytes(9000), b"")))
+        total = accumulate(sum(len(p.data) for p in pacer.packets_due(0.25)) for _ in range(8))
         sizes.append(list(total)[-1])
     assert sizes == sorted(sizes) and sizes[0] < 0.6 * sizes[1]

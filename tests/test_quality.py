@@ -12,9 +12,9 @@ from loopback.quality import (
     FACE_OVAL,
     Mask,
     Picture,
-    face_area_finder,
-    measure,
-    oval_area,
+    face_mask_finder,
+    face_oval_mask,
+    measure_quality,
     psnr_db,
     squared_error,
 )
@@ -62,7 +62,7 @@ def test_only_the_face_area_counts_for_the_face(tmp_path: Path) -> None:
     copy = flat(100)
     copy[:, : WIDTH // 2] = 110
     source = write(tmp_path / "a.mkv", [flat(100)] * 3)
-    quality = measure(source, write(tmp_path / "b.mkv", [copy] * 3), left_half, ignore)
+    quality = measure_quality(source, write(tmp_path / "b.mkv", [copy] * 3), left_half, ignore)
     assert quality.frames == quality.face_frames == 3
     assert quality.face_psnr_db == pytest.approx(28.13, abs=0.01)
     assert quality.full_psnr_db == pytest.approx(31.14, abs=0.01)
@@ -71,14 +71,14 @@ def test_only_the_face_area_counts_for_the_face(tmp_path: Path) -> None:
 def test_the_fifth_percentile_shows_a_bad_frame(tmp_path: Path) -> None:
     source = write(tmp_path / "a.mkv", [flat(100)] * 10)
     decoded = write(tmp_path / "b.mkv", [flat(105)] * 9 + [flat(150)])
-    quality = measure(source, decoded, left_half, ignore)
+    quality = measure_quality(source, decoded, left_half, ignore)
     assert quality.face_psnr_db is not None and quality.face_psnr_p5_db is not None
     assert quality.face_psnr_p5_db < quality.face_psnr_db - 5
 
 
 def test_without_a_face_only_the_picture_is_measured(tmp_path: Path) -> None:
     source = write(tmp_path / "a.mkv", [flat(100)] * 2)
-    quality = measure(source, write(tmp_path / "b.mkv", [flat(101)] * 2), no_face, ignore)
+    quality = measure_quality(source, write(tmp_path / "b.mkv", [flat(101)] * 2), no_face, ignore)
     assert quality.face_frames == 0
     assert quality.face_psnr_db is None and quality.face_psnr_p5_db is None
     assert quality.full_psnr_db == pytest.approx(48.13, abs=0.01)
@@ -87,28 +87,28 @@ def test_without_a_face_only_the_picture_is_measured(tmp_path: Path) -> None:
 def test_odd_pictures_are_compared_to_their_edges(tmp_path: Path) -> None:
     source = write(tmp_path / "%d.png", [flat(100, 63, 47)] * 2)
     decoded = write(tmp_path / "b.mkv", [flat(105, 63, 47)] * 2)
-    quality = measure(source, decoded, left_half, ignore)
+    quality = measure_quality(source, decoded, left_half, ignore)
     assert quality.full_psnr_db == pytest.approx(34.15, abs=0.01)
 
 
 def test_only_the_encoded_part_of_a_source_is_compared(tmp_path: Path) -> None:
     source = write(tmp_path / "a.mkv", [flat(100)] * 5)
     decoded = write(tmp_path / "b.mkv", [flat(105)] * 2)
-    assert measure(source, decoded, no_face, ignore, max_frames=2).frames == 2
+    assert measure_quality(source, decoded, no_face, ignore, max_frames=2).frames == 2
 
 
 def test_another_number_of_frames_is_refused(tmp_path: Path) -> None:
     source = write(tmp_path / "a.mkv", [flat(100)] * 5)
     decoded = write(tmp_path / "b.mkv", [flat(105)] * 4)
     with pytest.raises(UserError, match="different numbers of frames"):
-        measure(source, decoded, no_face, ignore)
+        measure_quality(source, decoded, no_face, ignore)
 
 
 def test_another_size_is_refused(tmp_path: Path) -> None:
     source = write(tmp_path / "a.mkv", [flat(100)])
     decoded = write(tmp_path / "b.mkv", [flat(100, 32, 32)])
     with pytest.raises(UserError, match="32x32"):
-        measure(source, decoded, no_face, ignore)
+        measure_quality(source, decoded, no_face, ignore)
 
 
 def test_the_oval_is_the_hull_of_its_points() -> None:
@@ -116,13 +116,16 @@ def test_the_oval_is_the_hull_of_its_points() -> None:
     points: NDArray[np.float64] = np.zeros((468, 3))
     points[list(FACE_OVAL), 0] = 32 + 20 * np.cos(angles)
     points[list(FACE_OVAL), 1] = 24 + 15 * np.sin(angles)
-    area = oval_area(points, HEIGHT, WIDTH)
+    area = face_oval_mask(points, HEIGHT, WIDTH)
     assert area[24, 32] and not area[2, 2]
     assert area.sum() == pytest.approx(np.pi * 20 * 15, rel=0.07)
 
 
 def test_a_real_face_is_found_and_noise_has_none(carphone: Path, noise: Path) -> None:
-    finder = face_area_finder(pytest.fail)
-    face = measure(str(carphone), str(carphone), finder, ignore)
+    finder = face_mask_finder(pytest.fail)
+    face = measure_quality(str(carphone), str(carphone), finder, ignore)
     assert face.face_frames >= 118
-    assert measure(str(noise), str(noise), face_area_finder(pytest.fail), ignore).face_frames == 0
+    assert (
+        measure_quality(str(noise), str(noise), face_mask_finder(pytest.fail), ignore).face_frames
+        == 0
+    )

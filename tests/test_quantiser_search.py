@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from encoder.picture_coding.quantiser_search import finest_within
+from encoder.picture_coding.quantiser_search import finest_quantiser_within
 
 LEAST, LAST = 3, 80
 
@@ -27,7 +27,7 @@ def test_the_finest_that_fits_is_found_whatever_the_sizes(
         return number, sizes[number]
 
     numbers = range(LEAST, LAST + 1)
-    found = finest_within(make, lambda item: item[1], most, numbers, first, halving)
+    found = finest_quantiser_within(make, lambda item: item[1], most, numbers, first, halving)
     assert found == (expected, (expected, sizes[expected]))
     assert len(tried) == len(set(tried)) <= 12
 
@@ -41,7 +41,7 @@ def test_sizes_that_halve_evenly_take_few_trials() -> None:
             return float(40_000 * 2 ** (-number / 9))
 
         numbers = range(LAST + 1)
-        found, size = finest_within(make, float, most, numbers, LAST // 2, 8)
+        found, size = finest_quantiser_within(make, float, most, numbers, LAST // 2, 8)
         assert len(tried) <= 5
         assert size == make(found) <= most and (not found or make(found - 1) > most)
 
@@ -49,4 +49,4 @@ def test_sizes_that_halve_evenly_take_few_trials() -> None:
 @pytest.mark.parametrize("numbers", [range(0), range(0, 10, 2), range(5, 0, -1)])
 def test_numbers_that_are_not_consecutive_are_refused(numbers: range) -> None:
     with pytest.raises(ValueError, match="steps of 1"):
-        finest_within(float, float, 1.0, numbers, 0, 8)
+        finest_quantiser_within(float, float, 1.0, numbers, 0, 8)

@@ -7,9 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.entropy.range_coder import WHOLE, RangeDecoder, RangeEncoder
+from protocol.entropy.range_coder import PROBABILITY_ONE, RangeDecoder, RangeEncoder
 
-decisions = st.lists(st.tuples(st.integers(0, 1), st.integers(1, WHOLE - 1)), max_size=200)
+decisions = st.lists(
+    st.tuples(st.integers(0, 1), st.integers(1, PROBABILITY_ONE - 1)), max_size=200
+)
 
 
 def encode(pairs: list[tuple[int, int]]) -> bytes:
@@ -22,14 +24,20 @@ def encode(pairs: list[tuple[int, int]]) -> bytes:
 
 def information(pairs: list[tuple[int, int]]) -> float:
     """Bits that the decisions hold under their probabilities."""
-    return -sum(math.log2((WHOLE - zero if bit else zero) / WHOLE) for bit, zero in pairs)
+    return -sum(
+        math.log2((PROBABILITY_ONE - zero if bit else zero) / PROBABILITY_ONE)
+        for bit, zero in pairs
+    )
 
 
 def drawn(seed: int, count: int) -> list[tuple[int, int]]:
     """Decisions that keep to their probabilities, most of them unequal."""
     rng = random.Random(seed)
-    zeros = [min(max(int(WHOLE * rng.betavariate(0.5, 0.5)), 1), WHOLE - 1) for _ in range(count)]
-    return [(int(rng.random() * WHOLE >= zero), zero) for zero in zeros]
+    zeros = [
+        min(max(int(PROBABILITY_ONE * rng.betavariate(0.5, 0.5)), 1), PROBABILITY_ONE - 1)
+        for _ in range(count)
+    ]
+    return [(int(rng.random() * PROBABILITY_ONE >= zero), zero) for zero in zeros]
 
 
 def test_golden_bytes_have_not_changed() -> None:
@@ -40,7 +48,7 @@ def test_golden_bytes_have_not_changed() -> None:
 def test_every_decision_comes_back(pairs: list[tuple[int, int]]) -> None:
     decoder = RangeDecoder(encode(pairs))
     assert [decoder.code_bit(0, zero) for _, zero in pairs] == [bit for bit, _ in pairs]
-    assert decoder.surplus == 0
+    assert decoder.unread_bytes == 0
 
 
 @given(decisions)
@@ -57,10 +65,10 @@ def test_likely_zeros_cost_no_byte() -> None:
 
 
 def test_carries_run_through_the_whole_string() -> None:
-    ones, last = [(1, WHOLE // 2)] * 400, (0, WHOLE - 1)
+    ones, last = [(1, PROBABILITY_ONE // 2)] * 400, (0, PROBABILITY_ONE - 1)
     data = encode([*ones, last])
     assert data == b"\xff" * 50
-    assert encode([*ones[:-1], (1, WHOLE // 2 - 1), (1, 1)]) == b"\xff" * 50
+    assert encode([*ones[:-1], (1, PROBABILITY_ONE // 2 - 1), (1, 1)]) == b"\xff" * 50
     decoder = RangeDecoder(data)
     assert [decoder.code_bit(0, zero) for _, zero in [*ones, last]] == [1] * 400 + [0]
 
@@ -72,7 +80,7 @@ def test_long_strings_are_coded_in_time_by_their_length() -> None:
 
 
 def test_the_worst_case_costs_sixteen_bits_a_decision() -> None:
-    assert len(encode([(0, 1), (1, WHOLE - 1)] * 50)) <= 201
+    assert len(encode([(0, 1), (1, PROBABILITY_ONE - 1)] * 50)) <= 201
 
 
 @pytest.mark.parametrize("count", [10, 100, 1000])
@@ -84,7 +92,7 @@ def test_packets_are_as_short_as_their_information(count: int) -> None:
     assert sum(excess) / len(excess) < 4.8
 
 
-@given(st.binary(max_size=40), st.lists(st.integers(1, WHOLE - 1), max_size=300))
+@given(st.binary(max_size=40), st.lists(st.integers(1, PROBABILITY_ONE - 1), max_size=300))
 def test_any_bytes_decode_to_something(data: bytes, zeros: list[int]) -> None:
     decoder = RangeDecoder(data)
     bits = [decoder.code_bit(0, zero) for zero in zeros]
@@ -99,4 +107,4 @@ def test_bytes_that_nothing_depends_on_are_counted() -> None:
     decoder = RangeDecoder(data + bytes(20))
     for _, zero in pairs:
         decoder.code_bit(0, zero)
-    assert 20 - 6 <= decoder.surplus <= 20
+    assert 20 - 6 <= decoder.unread_bytes <= 20

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.rasteriser import front_surface
+from encoder.appearance.rasteriser import rasterise
 
 Array = NDArray[np.float64]
 
@@ -25,8 +25,8 @@ WHOLE = np.ones((24, 24), bool)
 
 def shown_points(wanted: NDArray[np.bool_], triangles: NDArray[np.int32]) -> dict[int, Array]:
     """What each pixel shows: a place in space."""
-    surface = front_surface(project(POINTS), POINTS[:, 2], triangles, wanted)
-    places = surface.points(POINTS.T.astype(np.float32)).T.astype(np.float64)
+    surface = rasterise(project(POINTS), POINTS[:, 2], triangles, wanted)
+    places = surface.interpolate(POINTS.T.astype(np.float32)).T.astype(np.float64)
     return dict(zip(surface.pixels.tolist(), places, strict=True))
 
 

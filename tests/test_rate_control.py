@@ -5,20 +5,21 @@ import pytest
 
 from encoder.coding.rate_control import (
     QUALITIES,
-    TURNS,
+    QUALITY_INTERLEAVE,
     WINDOW_S,
-    LivePurse,
-    Purse,
-    Spending,
+    OnlineRateController,
+    RateTarget,
+    SlidingWindowBudget,
     code_call,
     packet_bits,
     packet_quality,
     packet_spans,
 )
 from encoder.coding.rdo_quantiser import CodedPacket
-from encoder.coding.transform import measure_spreads
-from protocol.frames.temporal_prediction import UNIT, FramePredictor, decode_packet
-from protocol.packets import SEQUENCE_MODULUS
+from encoder.coding.transform import estimate_scales
+from protocol.frames.payload_coding import decode_payload
+from protocol.frames.temporal_prediction import STEPS_PER_UNIT, FramePredictor
+from protocol.limits import SEQUENCE_MODULUS
 
 FPS, USUAL, COMPONENTS = 25.0, 8, 8
 
@@ -36,7 +37,7 @@ def busy_values(seconds: float, seed: int = 1) -> np.ndarray:
 
 
 def code(values: np.ndarray, bitrate: float) -> list[CodedPacket]:
-    return code_call(values, measure_spreads(values, USUAL), Spending(bitrate, FPS, USUAL))
+    return code_call(values, estimate_scales(values, USUAL), RateTarget(bitrate, FPS, USUAL))
 
 
 def window_rates(packets: list[CodedPacket], frames: int) -> list[float]:
@@ -72,23 +73,25 @@ def test_a_steady_call_uses_its_rate(bitrate: float) -> None:
 def test_more_bits_bring_the_decoded_values_nearer() -> None:
     values, errors = busy_values(5), []
     for bitrate in (300.0, 800.0, 2400.0):
-        frames = np.concatenate([packet.frames for packet in code(values, bitrate)]) / UNIT
+        frames = (
+            np.concatenate([packet.frames for packet in code(values, bitrate)]) / STEPS_PER_UNIT
+        )
         errors.append(float(((frames - values) ** 2).mean()))
     assert errors[0] > 2 * errors[1] > 4 * errors[2]
 
 
 def test_a_decoder_gets_what_the_encoder_has_throughout_a_call() -> None:
     values = busy_values(12)
-    spreads = measure_spreads(values, USUAL)
+    spreads = estimate_scales(values, USUAL)
     receiver = FramePredictor(spreads)
-    for number, packet in enumerate(code_call(values, spreads, Spending(800, FPS, USUAL))):
-        frames = decode_packet(receiver, number % SEQUENCE_MODULUS, USUAL, packet.payload)
+    for number, packet in enumerate(code_call(values, spreads, RateTarget(800, FPS, USUAL))):
+        frames = decode_payload(receiver, number % SEQUENCE_MODULUS, USUAL, packet.payload)
         assert np.array_equal(frames, packet.frames)
 
 
 def test_a_still_face_needs_next_to_nothing() -> None:
     values = np.zeros((int(8 * FPS), COMPONENTS))
-    packets = code_call(values, measure_spreads(busy_values(8), USUAL), Spending(800, FPS, USUAL))
+    packets = code_call(values, estimate_scales(busy_values(8), USUAL), RateTarget(800, FPS, USUAL))
     assert sum(len(packet.payload) for packet in packets[1:]) < 3 * len(packets)
 
 
@@ -102,18 +105,18 @@ def test_a_rate_too_low_for_anything_gets_the_coarsest() -> None:
 @pytest.mark.parametrize("live", [False, True])
 def test_a_rate_too_low_for_anything_is_said_with_what_it_takes(live: bool) -> None:
     values = busy_values(12)
-    spreads = measure_spreads(values, USUAL)
+    spreads = estimate_scales(values, USUAL)
 
     def packets_and_excess(bitrate: float) -> tuple[list[CodedPacket], str | None]:
-        spending = Spending(bitrate, FPS, USUAL)
+        spending = RateTarget(bitrate, FPS, USUAL)
         if not live:
             packets = code_call(values, spreads, spending)
-            return packets, spending.excess(sum(map(packet_bits, packets)), len(values))
-        purse, predictor, packets = LivePurse(spending), FramePredictor(spreads), []
+            return packets, spending.overshoot_message(sum(map(packet_bits, packets)), len(values))
+        purse, predictor, packets = OnlineRateController(spending), FramePredictor(spreads), []
         for number, span in enumerate(packet_spans(len(values), USUAL)):
-            packets.append(purse.code(predictor, number, values[slice(*span)]))
+            packets.append(purse.encode_packet(predictor, number, values[slice(*span)]))
             predictor.anchor = packets[-1].frames[-1]
-        return packets, purse.excess
+        return packets, purse.overshoot_message
 
     packets, excess = packets_and_excess(20.0)
     taken = sum(map(packet_bits, packets)) * FPS / len(values)
@@ -123,54 +126,59 @@ def test_a_rate_too_low_for_anything_is_said_with_what_it_takes(live: bool) -> N
 
 
 def test_what_a_live_call_still_owes_is_no_rate_too_low() -> None:
-    spending, values = Spending(200.0, FPS, USUAL), busy_values(12)[100:109]
-    purse, predictor = LivePurse(spending), FramePredictor(measure_spreads(values, USUAL))
+    spending, values = RateTarget(200.0, FPS, USUAL), busy_values(12)[100:109]
+    purse, predictor = (
+        OnlineRateController(spending),
+        FramePredictor(estimate_scales(values, USUAL)),
+    )
     # The first frame comes whole, more than what a packet earns; the packet after it pays for it.
-    first = purse.code(predictor, 0, values[:1])
+    first = purse.encode_packet(predictor, 0, values[:1])
     predictor.anchor = first.frames[-1]
-    second = purse.code(predictor, 1, np.repeat(values[:1], USUAL, axis=0))
+    second = purse.encode_packet(predictor, 1, np.repeat(values[:1], USUAL, axis=0))
     taken = packet_bits(first) + packet_bits(second)
     assert packet_bits(second) < 200 * USUAL / FPS and taken > 200 * (1 + USUAL) / FPS
-    assert purse.excess is None
+    assert purse.overshoot_message is None
 
 
 def test_a_busy_stretch_at_the_end_is_no_rate_too_low() -> None:
-    spending, busy = Spending(400.0, FPS, USUAL), busy_values(12)[100:109]
+    spending, busy = RateTarget(400.0, FPS, USUAL), busy_values(12)[100:109]
     wild = busy[0] + 9 * (busy[1:] - busy[0])
     values = np.concatenate([np.repeat(busy[:1], 1 + 3 * USUAL, axis=0), wild])
-    purse, predictor = LivePurse(spending), FramePredictor(measure_spreads(busy, USUAL))
+    purse, predictor = OnlineRateController(spending), FramePredictor(estimate_scales(busy, USUAL))
     bits = []
     for number, span in enumerate(packet_spans(len(values), USUAL)):
-        packet = purse.code(predictor, number, values[slice(*span)])
+        packet = purse.encode_packet(predictor, number, values[slice(*span)])
         predictor.anchor = packet.frames[-1]
         bits.append(packet_bits(packet))
     # As coarse as can be it takes more than it earns, and it comes too late to be paid for.
     assert bits[-1] > 400 * USUAL / FPS and sum(bits) > 400 * len(values) / FPS
-    assert purse.excess is None
+    assert purse.overshoot_message is None
 
 
 def test_stretches_that_are_never_paid_for_are_a_rate_too_low() -> None:
-    spending, busy = Spending(400.0, FPS, USUAL), busy_values(12)[100:109]
+    spending, busy = RateTarget(400.0, FPS, USUAL), busy_values(12)[100:109]
     wild = busy[0] + 9 * (busy[1:] - busy[0])
     stretch = [*[wild] * 6, *[np.repeat(busy[:1], USUAL, axis=0)] * 36]
-    purse, predictor = LivePurse(spending), FramePredictor(measure_spreads(busy, USUAL))
+    purse, predictor = OnlineRateController(spending), FramePredictor(estimate_scales(busy, USUAL))
     packets = [busy[:1], *stretch * 3]
     taken = 0
     for number, values in enumerate(packets):
-        packet = purse.code(predictor, number, values)
+        packet = purse.encode_packet(predictor, number, values)
         predictor.anchor = packet.frames[-1]
         taken += packet_bits(packet)
     assert taken > 1.1 * 400 * sum(map(len, packets)) / FPS
-    assert purse.excess is not None and "too little" in purse.excess
+    assert purse.overshoot_message is not None and "too little" in purse.overshoot_message
 
 
 def test_levels_run_from_the_finest_to_the_coarsest_quality() -> None:
-    numbers = range(3 * TURNS)
+    numbers = range(3 * QUALITY_INTERLEAVE)
     assert {packet_quality(0, n) for n in numbers} == {0}
-    assert {packet_quality(TURNS * (QUALITIES - 1), n) for n in numbers} == {QUALITIES - 1}
-    for level in range(TURNS * (QUALITIES - 1) + 1):
+    assert {packet_quality(QUALITY_INTERLEAVE * (QUALITIES - 1), n) for n in numbers} == {
+        QUALITIES - 1
+    }
+    for level in range(QUALITY_INTERLEAVE * (QUALITIES - 1) + 1):
         mean = np.mean([packet_quality(level, n) for n in numbers])
-        assert mean == pytest.approx(level / TURNS)
+        assert mean == pytest.approx(level / QUALITY_INTERLEAVE)
 
 
 @pytest.mark.parametrize("frames", [1, 2, 8, 9, 10, 100])
@@ -184,8 +192,8 @@ def test_a_purse_pays_the_first_packet_in_full_and_saves_afterwards() -> None:
     def attempt(quality: int) -> CodedPacket:
         return CodedPacket(bytes(320 >> quality), np.zeros((8, 1), np.int64))
 
-    purse = Purse(Spending(800, FPS, USUAL))
-    sizes = [len(purse.buy(attempt, 0, USUAL).payload) for _ in range(4)]
+    purse = SlidingWindowBudget(RateTarget(800, FPS, USUAL))
+    sizes = [len(purse.encode_within_budget(attempt, 0, USUAL).payload) for _ in range(4)]
     assert sizes[0] == 320
     assert 8 * sum(sizes) <= 800 * WINDOW_S and sizes == sorted(sizes, reverse=True)
 
@@ -194,11 +202,11 @@ def test_a_purse_pays_the_first_packet_in_full_and_saves_afterwards() -> None:
 def test_a_live_call_uses_its_rate_from_the_start_and_keeps_it(seconds: int) -> None:
     rng = np.random.default_rng(5)
     values = np.cumsum(rng.normal(size=(25 * seconds + 1, 6)), axis=0) * 3
-    spreads = measure_spreads(values, 8)
-    spending = Spending(800.0, 25.0, 8)
-    purse, predictor, bits = LivePurse(spending), FramePredictor(spreads), 0
+    spreads = estimate_scales(values, 8)
+    spending = RateTarget(800.0, 25.0, 8)
+    purse, predictor, bits = OnlineRateController(spending), FramePredictor(spreads), 0
     for number, (start, end) in enumerate(packet_spans(len(values), 8)):
-        packet = purse.code(predictor, number, values[start:end])
+        packet = purse.encode_packet(predictor, number, values[start:end])
         predictor.anchor = packet.frames[-1]
         bits += packet_bits(packet)
     assert 0.97 * 800 < bits / (len(values) / 25) <= 800

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 from encoder.coding import rdo_quantiser as quantiser
-from encoder.coding.rdo_quantiser import WORTH, code_packet
+from encoder.coding.rdo_quantiser import LAGRANGIAN, code_packet
+from protocol.frames.payload_coding import decode_payload, parse_payload
 from protocol.frames.temporal_prediction import (
     ANCHOR,
-    KINDS,
-    UNIT,
+    PREDICTION_KINDS,
+    STEPS_PER_UNIT,
     FramePredictor,
-    decode_packet,
-    read_packet,
     step,
 )
 
@@ -33,7 +32,7 @@ def test_a_decoder_gets_the_encoders_frames(quality: int) -> None:
     sender, receiver = predictor(), predictor()
     for sequence in range(5):
         packet = code_packet(sender, sequence, USUAL, targets(3, sequence), quality)
-        frames = decode_packet(receiver, sequence, USUAL, packet.payload)
+        frames = decode_payload(receiver, sequence, USUAL, packet.payload)
         assert np.array_equal(frames, packet.frames)
         sender.anchor = packet.frames[-1]
 
@@ -41,11 +40,14 @@ def test_a_decoder_gets_the_encoders_frames(quality: int) -> None:
 @pytest.mark.parametrize("quality", [0, 8, 16])
 def test_no_value_is_further_off_than_its_bits_are_worth(quality: int) -> None:
     wanted = targets(4)
-    packet = code_packet(predictor(), 0, USUAL, wanted, quality, fresh=True)
-    error = np.abs(packet.frames / UNIT - wanted)
+    packet = code_packet(predictor(), 0, USUAL, wanted, quality, intra=True)
+    error = np.abs(packet.frames / STEPS_PER_UNIT - wanted)
     # A value may be a step too small, or zero where a first bit costs more than it mends.
-    assert error.max() <= (1 + np.sqrt(16 * WORTH)) * step(quality, KINDS - 1) / UNIT
-    assert np.sqrt((error**2).mean()) < step(quality, KINDS - 1) / UNIT
+    assert (
+        error.max()
+        <= (1 + np.sqrt(16 * LAGRANGIAN)) * step(quality, PREDICTION_KINDS - 1) / STEPS_PER_UNIT
+    )
+    assert np.sqrt((error**2).mean()) < step(quality, PREDICTION_KINDS - 1) / STEPS_PER_UNIT
 
 
 def test_finer_qualities_cost_more_and_harm_less() -> None:
@@ -53,7 +55,7 @@ def test_finer_qualities_cost_more_and_harm_less() -> None:
     for quality in (0, 8, 16, 24):
         packet = code_packet(predictor(), 0, USUAL, wanted, quality)
         sizes.append(len(packet.payload))
-        errors.append(float(((packet.frames / UNIT - wanted) ** 2).sum()))
+        errors.append(float(((packet.frames / STEPS_PER_UNIT - wanted) ** 2).sum()))
     assert sizes == sorted(sizes, reverse=True) and errors == sorted(errors)
 
 
@@ -66,7 +68,7 @@ def test_what_is_not_worth_its_bits_is_not_sent() -> None:
 
 def test_values_chosen_together_are_worth_more(monkeypatch: pytest.MonkeyPatch) -> None:
     quality = 12
-    bit = WORTH * (step(quality, ANCHOR) / UNIT) ** 2
+    bit = LAGRANGIAN * (step(quality, ANCHOR) / STEPS_PER_UNIT) ** 2
 
     def cost(sweeps: int) -> float:
         monkeypatch.setattr(quantiser, "SWEEPS", sweeps)
@@ -74,11 +76,11 @@ def test_values_chosen_together_are_worth_more(monkeypatch: pytest.MonkeyPatch) 
         for seed in range(20):
             wanted = targets(2, seed)
             packet = code_packet(predictor(), 0, USUAL, wanted, quality)
-            total += float(((packet.frames / UNIT - wanted) ** 2).sum())
+            total += float(((packet.frames / STEPS_PER_UNIT - wanted) ** 2).sum())
             total += 8 * bit * len(packet.payload)
         return total
 
-    assert cost(quantiser.SWEEPS) < 0.95 * cost(0)
+    assert cost(quantiser.ITERATIONS) < 0.95 * cost(0)
 
 
 def test_a_packet_that_knows_the_next_one_serves_it_better() -> None:
@@ -89,12 +91,12 @@ def test_a_packet_that_knows_the_next_one_serves_it_better() -> None:
         total = 0.0
         for call in wanted:
             sender, (first, second) = predictor(), (call[:USUAL], call[USUAL:])
-            packet = code_packet(sender, 1, USUAL, first, 8, coming=second if known else None)
+            packet = code_packet(sender, 1, USUAL, first, 8, next_targets=second if known else None)
             sender.anchor = packet.frames[-1]
             after = code_packet(sender, 2, USUAL, second, 8)
-            found = np.concatenate([packet.frames, after.frames]) / UNIT
+            found = np.concatenate([packet.frames, after.frames]) / STEPS_PER_UNIT
             total += float(((found - call) ** 2).sum())
-            total += 8 * WORTH * (len(packet.payload) + len(after.payload))
+            total += 8 * LAGRANGIAN * (len(packet.payload) + len(after.payload))
         return total
 
     assert harm(known=True) < harm(known=False)
@@ -102,7 +104,7 @@ def test_a_packet_that_knows_the_next_one_serves_it_better() -> None:
 
 def test_a_next_packet_of_one_frame_changes_nothing() -> None:
     packets = [
-        code_packet(predictor(), 0, USUAL, targets(3), 8, coming=coming).payload
+        code_packet(predictor(), 0, USUAL, targets(3), 8, next_targets=coming).payload
         for coming in (None, np.ones((1, COMPONENTS)))
     ]
     assert packets[0] == packets[1]
@@ -121,8 +123,8 @@ def test_spare_components_without_a_value_are_left_out(unused: int) -> None:
     wanted = targets(3)
     wanted[:, COMPONENTS - unused :] = 0
     packet = code_packet(predictor(SPARE), 0, USUAL, wanted, 4)
-    found = read_packet(predictor(SPARE), 0, USUAL, packet.payload)
-    assert found.head.idle == min(unused, SPARE)
+    found = parse_payload(predictor(SPARE), 0, USUAL, packet.payload)
+    assert found.header.unused_components == min(unused, SPARE)
     assert np.array_equal(found.frames, packet.frames)
     assert packet.frames[:, : COMPONENTS - unused].any(0).all()
     assert not packet.frames[:, COMPONENTS - unused :].any()
@@ -134,9 +136,11 @@ def test_a_spare_component_that_returns_to_nothing_is_sent_until_it_is_there() -
     for sequence, last in enumerate((0.0, 40.0, 0.0, 0.0)):
         wanted[:, -1] = last
         packet = code_packet(sender, sequence, USUAL, wanted, 4)
-        idle.append(read_packet(receiver, sequence, USUAL, packet.payload).head.idle)
+        idle.append(
+            parse_payload(receiver, sequence, USUAL, packet.payload).header.unused_components
+        )
         assert np.array_equal(
-            decode_packet(receiver, sequence, USUAL, packet.payload), packet.frames
+            decode_payload(receiver, sequence, USUAL, packet.payload), packet.frames
         )
         sender.anchor = packet.frames[-1]
     assert idle == [SPARE, 0, 0, SPARE]

@@ -13,21 +13,21 @@ from test_layers import FIRST, GROWN, ITEMS, KNOWN, STREAM, WHOLE, expected, gro
 
 from decoder.playout import PlayedFrame
 from decoder.reenactment import read_model, recast
-from protocol.call_file import MAGIC, CallReader, record
-from protocol.frames.frame_transform import parse_components
+from protocol.call_file import MAGIC, CallReader, serialise_record
+from protocol.frames.frame_transform import parse_transform
 from protocol.frames.scalar_quantiser import motion_from_pose
+from protocol.limits import MAX_LAYER_BYTES
+from protocol.model_packet import ModelPacket
 from protocol.packets import (
-    MAX_LAYER_BYTES,
-    Kind,
     LayerPacket,
-    ModelPacket,
     Packet,
+    PacketKind,
     packet_kind,
     parse_packet,
     serialise,
 )
 from protocol.summary import summarise
-from risorius.command_line.cli import main
+from risorius.cli import main
 from shared_model.geometry import FRONTAL, pose_from_euler
 from shared_model.parameters import EAUS, FaceParameters
 
@@ -89,8 +89,8 @@ def test_another_face_is_not_measured_against_the_source(
 def test_the_layers_of_updates_are_none_of_the_first_model(tmp_path: Path) -> None:
     path, more = tmp_path / "call.rzo", bytes(MAX_LAYER_BYTES)
     packets: list[Packet] = [FIRST, *pieces(STREAM, [20])]
-    packets[1:1] = [LayerPacket(FIRST.layer + 1, number, more) for number in range(40)]
-    path.write_bytes(MAGIC + b"".join(record(serialise(packet)) for packet in packets))
+    packets[1:1] = [LayerPacket(FIRST.version + 1, number, more) for number in range(40)]
+    path.write_bytes(MAGIC + b"".join(serialise_record(serialise(packet)) for packet in packets))
     assert read_model(path) == expected(len(ITEMS))
 
 
@@ -99,38 +99,42 @@ def test_of_a_call_with_updates_the_newest_model_is_worn_with_its_layers(
     layered: bool, tmp_path: Path
 ) -> None:
     path = tmp_path / "call.rzo"
-    rough = replace(FIRST, layer=FIRST.layer - 1, texture=b"rougher")
-    update = FIRST if layered else replace(FIRST, layered=False)
+    rough = replace(FIRST, version=FIRST.version - 1, texture=b"rougher")
+    update = FIRST if layered else replace(FIRST, progressive=False)
     layers = pieces(STREAM, [20]) if layered else []
-    packets: list[Packet] = [rough, LayerPacket(rough.layer, 0, bytes(9)), *layers, update, rough]
-    path.write_bytes(MAGIC + b"".join(record(serialise(packet)) for packet in packets))
+    packets: list[Packet] = [rough, LayerPacket(rough.version, 0, bytes(9)), *layers, update, rough]
+    path.write_bytes(MAGIC + b"".join(serialise_record(serialise(packet)) for packet in packets))
     assert read_model(path) == (expected(len(ITEMS)) if layered else update)
 
 
 def test_a_newest_model_without_a_background_wears_the_newest_before_it(tmp_path: Path) -> None:
     path = tmp_path / "call.rzo"
-    models = [replace(MODEL, layer=n, layers=4, background=b"still %d" % n) for n in range(3)]
-    bare = replace(MODEL, layer=3, layers=4, background=b"")
+    models = [
+        replace(MODEL, version=n, version_count=4, background=b"still %d" % n) for n in range(3)
+    ]
+    bare = replace(MODEL, version=3, version_count=4, background=b"")
     # The first is repeated for who joins late.
     for newest, background in ((bare, b"still 2"), (replace(bare, background=b"own"), b"own")):
         packets = [*models, newest, models[0]]
-        path.write_bytes(MAGIC + b"".join(record(serialise(packet)) for packet in packets))
+        path.write_bytes(
+            MAGIC + b"".join(serialise_record(serialise(packet)) for packet in packets)
+        )
         assert read_model(path) == replace(newest, background=background)
 
 
 def test_modes_learned_in_a_call_are_worn(tmp_path: Path) -> None:
     path = tmp_path / "call.rzo"
     packets: list[Packet] = [WHOLE, *grown(*GROWN)]
-    path.write_bytes(MAGIC + b"".join(record(serialise(packet)) for packet in packets))
+    path.write_bytes(MAGIC + b"".join(serialise_record(serialise(packet)) for packet in packets))
     worn = read_model(path)
-    assert parse_components(worn.extension).modes == (*KNOWN, *GROWN, b"")
+    assert parse_transform(worn.profile_data).modes == (*KNOWN, *GROWN, b"")
     sent = frame(np.ones(5))
     assert recast(sent, WHOLE, worn) is sent
 
 
 def test_the_calls_own_file_as_its_face_changes_nothing(call: Path, tmp_path: Path) -> None:
     with CallReader(call) as reader:
-        packets = [parse_packet(data) for data in reader if packet_kind(data) is Kind.MODEL]
+        packets = [parse_packet(data) for data in reader if packet_kind(data) is PacketKind.MODEL]
     assert packets and isinstance(packets[0], ModelPacket)
     plain, same = tmp_path / "plain.mkv", tmp_path / "same.mkv"
     assert main(["decode", str(call), "-o", str(plain), "-q"]) == 0

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from shots import Shots, whole
 
 from decoder.renderer import Renderer
-from encoder.appearance.shape_free import moved
-from encoder.capture.colour import luma
-from encoder.detection.landmark_indices import OUTLINE
+from encoder.capture.colour import luma_f32
+from encoder.detection.landmark_indices import FACE_OVAL
+from encoder.fitting.increments import apply_increment
 from encoder.fitting.render_and_compare import Drawing
 from encoder.runtime.image_ops import hull_mask
 from shared_model.parameters import EAU_INDEX, EAUS, FaceParameters
@@ -48,17 +48,17 @@ def astray(face: FaceParameters) -> FaceParameters:
     step[:3] = np.radians([0.5, -0.4, 0.3])
     step[3:6] = 0.4, -0.5, 1.5
     step[6 + JAW] = 0.05
-    return moved(face, step)
+    return apply_increment(face, step)
 
 
 def error(shots: Shots, number: int, face: FaceParameters, wanted: NDArray[np.uint8]) -> float:
     """Mean squared error within the outline, two pixels from where it ends in black."""
     mask = cv2.erode(hull_mask(outline_of(shots, number), wanted.shape[:2]), np.ones((5, 5)))
-    return float(np.square(luma(picture_of(shots, face)) - luma(wanted))[mask > 0].mean())
+    return float(np.square(luma_f32(picture_of(shots, face)) - luma_f32(wanted))[mask > 0].mean())
 
 
 def outline_of(shots: Shots, number: int) -> NDArray[np.float64]:
-    points = shots.points[number][list(OUTLINE)]
+    points = shots.points[number][list(FACE_OVAL)]
     return np.asarray(points[np.isfinite(points[:, 0])])
 
 

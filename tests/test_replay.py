@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT, Start
-from processes import LIMIT_S, wait_until
+from processes import LIMIT_S, error_line, wait_until
 
 from loopback.bench import BenchSettings
 from loopback.replay import (
@@ -20,7 +20,7 @@ from loopback.replay import (
     read_suite,
     replay_table,
 )
-from risorius.command_line.cli import main
+from risorius.cli import main
 from shared_model.errors import UserError
 
 DEMO_SUITE = ROOT / "tests" / "suites" / "demo.toml"
@@ -82,7 +82,10 @@ def test_a_suite_says_what_to_replay_and_what_to_hold(tmp_path: Path) -> None:
         ("[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\nmax.frame_bpz = 1", "max: .* figure frame_bpz"),
         ("[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\nmin.latency_ms.p5 = 1", "figure latency_ms.p5"),
         ("settings.profile = 'thesys'\n[[clip]]\npath = 'a'\nsha256 = 'a'", "clip a: .*thesys"),
-        ("settings.profile = 3\n[[clip]]\npath = 'a'\nsha256 = 'a'", "--profile: .*3"),
+        (
+            "settings.profile = 3\n[[clip]]\npath = 'a'\nsha256 = 'a'",
+            "profile: 3 is none of default, thesis",
+        ),
         ("settings.bitrate = 'fast'\n[[clip]]\npath = 'a'\nsha256 = 'a'", "fast is not a number"),
         (
             "settings.bitrate = true\n[[clip]]\npath = 'a'\nsha256 = 'a'",
@@ -92,7 +95,7 @@ def test_a_suite_says_what_to_replay_and_what_to_hold(tmp_path: Path) -> None:
             "settings.live = 'no'\n[[clip]]\npath = 'a'\nsha256 = 'a'",
             "true or false for live",
         ),
-        ("settings.lids = true\n[[clip]]\npath = 'a'\nsha256 = 'a'", "--lids is about"),
+        ("settings.lids = true\n[[clip]]\npath = 'a'\nsha256 = 'a'", "lids = true is about"),
         ("[[clip]]\npath = 'package:none_such/a.mp4'\nsha256 = 'a'", "not installed"),
         ("[[clip", "is no TOML file"),
     ],
@@ -151,17 +154,29 @@ def test_junit_counts_each_threshold_and_each_broken_clip() -> None:
     assert "MISSED" in table and "no such file" in table
 
 
-def test_another_file_than_the_suite_means_is_a_failed_clip(
+def test_all_clips_are_looked_at_before_the_first_is_encoded(
+    carphone: Path, noise: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    good = hashlib.sha256(carphone.read_bytes()).hexdigest()
+    clips = [(carphone, good), (noise, "0" * 64), (tmp_path / "none.mkv", "0" * 64)]
+    text = "".join(f"[[clip]]\npath = '{path}'\nsha256 = '{sum_}'\n" for path, sum_ in clips)
+    out = tmp_path / "out"
+    assert main(["replay", str(write_suite(tmp_path, text)), "--out", str(out)]) == 2
+    said = error_line(capsys)
+    assert "noise.mkv is another file than the suite means" in said
+    assert "none.mkv: no such file" in said and not out.exists()
+
+
+def test_a_clip_that_fails_does_not_stop_a_replay(
     noise: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    suite = write_suite(tmp_path, f"[[clip]]\npath = '{noise}'\nsha256 = '{'0' * 64}'\n")
-    junit = tmp_path / "junit.xml"
-    arguments = ["replay", str(suite), "--out", str(tmp_path / "out"), "--junit", str(junit)]
-    assert main(arguments) == 1
-    assert "another file than the suite means" in capsys.readouterr().out
-    assert ElementTree.parse(junit).getroot().get("errors") == "1"
-    assert main([*arguments[:-1], str(tmp_path / "nowhere" / "junit.xml")]) == 2
-    assert "there is no folder" in capsys.readouterr().err
+    sum_ = hashlib.sha256(noise.read_bytes()).hexdigest()
+    text = f"[[clip]]\npath = '{noise}'\nsha256 = '{sum_}'\nsettings.profile = 'thesis'\n"
+    junit = tmp_path / "new" / "junit.xml"
+    suite = write_suite(tmp_path, 2 * text)
+    assert main(["replay", str(suite), "--out", str(tmp_path), "--junit", str(junit)]) == 1
+    assert capsys.readouterr().out.count("no face found") == 2
+    assert ElementTree.parse(junit).getroot().get("errors") == "2"
 
 
 def test_the_demo_suite_passes_in_two_processes_over_zenoh(
@@ -179,15 +194,15 @@ def test_an_interrupted_replay_keeps_the_clips_that_were_finished(
     carphone: Path, tmp_path: Path, start: Start
 ) -> None:
     settings = "settings = { profile = 'thesis', max_frames = 9 }\n"
-    sums = "0" * 64, hashlib.sha256(carphone.read_bytes()).hexdigest()
-    clips = [f"[[clip]]\npath = '{carphone}'\nsha256 = '{sum_}'\n" for sum_ in sums]
-    suite, junit = write_suite(tmp_path, settings + "".join(clips)), tmp_path / "junit.xml"
+    sum_ = hashlib.sha256(carphone.read_bytes()).hexdigest()
+    clip = f"[[clip]]\npath = '{carphone}'\nsha256 = '{sum_}'\n"
+    suite, junit = write_suite(tmp_path, settings + 2 * clip), tmp_path / "junit.xml"
     replay = start("replay", suite, "--out", tmp_path / "out", "--junit", junit)
     wait_until((tmp_path / "out" / f"{carphone.stem}-2.encoder.log").exists, replay)
     replay.send_signal(signal.SIGTERM)
     printed, _ = replay.communicate(timeout=LIMIT_S)
     assert replay.returncode == 130
-    assert "another file than the suite means" in printed
+    assert carphone.name in printed
     assert (tmp_path / "out" / "report.json").exists() and not junit.exists()
 
 

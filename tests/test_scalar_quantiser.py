@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import (
     AAU_STEP,
     EAU_STEP,
@@ -19,7 +20,6 @@ from protocol.frames.scalar_quantiser import (
     thesis_sample_count,
     values_from_codes,
 )
-from protocol.packets import ProtocolError
 from shared_model.geometry import (
     conjugate,
     multiply,
@@ -41,7 +41,7 @@ codes = st.sampled_from([10, 12]).flatmap(
 
 def test_golden_payload_has_not_changed() -> None:
     assert encode_thesis(GOLDEN, REFERENCE).hex() == "9b3fa264a59d014f5e6c"
-    assert encode_thesis(GOLDEN, REFERENCE, lids=True).hex() == "9b3fa264a59d014f5e6c768a"
+    assert encode_thesis(GOLDEN, REFERENCE, with_eyelids=True).hex() == "9b3fa264a59d014f5e6c768a"
 
 
 def test_the_reference_itself_is_all_zero_motion() -> None:
@@ -73,7 +73,7 @@ def test_the_nearest_code_is_taken(
     decoded = decode_thesis(encode_thesis(face, REFERENCE), REFERENCE)
     error = np.abs(motion_from_pose(decoded.pose, REFERENCE) - motion)
     for scale, value, miss in zip(THESIS_TABLE[:6], motion, error, strict=True):
-        code = np.sqrt(scale.finest**2 + 4 * scale.growth * abs(value)) + scale.growth
+        code = np.sqrt(scale.slope**2 + 4 * scale.curvature * abs(value)) + scale.curvature
         assert miss <= code / 2 + 1e-6, scale.name
     places = [EAU_INDEX[name] for name in THESIS_EAUS]
     assert np.abs(decoded.eau - actuators)[places].max() <= 0.5 / 127 + 1e-9
@@ -97,7 +97,7 @@ def test_small_motion_is_precise_and_large_motion_possible() -> None:
     turn = multiply(pose.rotation, conjugate(REFERENCE.rotation))
     assert np.degrees(np.linalg.norm(vector_from_quaternion(turn))) == pytest.approx(0.2, abs=0.01)
     for scale in THESIS_TABLE:
-        assert 127 * scale.finest + 127**2 * scale.growth == pytest.approx(scale.reach)
+        assert 127 * scale.slope + 127**2 * scale.curvature == pytest.approx(scale.range)
 
 
 def test_actuators_reach_their_ends() -> None:
@@ -117,9 +117,9 @@ def test_a_payload_of_another_length_is_refused(lids: bool, expected: int) -> No
 
 
 def test_lids_come_after_what_is_sent_without_them() -> None:
-    with_lids = encode_thesis(GOLDEN, REFERENCE, lids=True)
+    with_lids = encode_thesis(GOLDEN, REFERENCE, with_eyelids=True)
     assert with_lids[:10] == encode_thesis(GOLDEN, REFERENCE)
-    face = decode_thesis(with_lids, REFERENCE, lids=True)
+    face = decode_thesis(with_lids, REFERENCE, with_eyelids=True)
     for name in LID_EAUS:
         assert abs(face.eau[EAU_INDEX[name]] - GOLDEN.eau[EAU_INDEX[name]]) <= 0.375 / 127 + 1e-9
 

@@ -19,9 +19,9 @@ from conftest import PROGRAM, ROOT, Start
 from numpy.typing import NDArray
 from test_animate import call_file
 
-from risorius.animation.animation_script import Moment
-from risorius.view.server import Orders
-from risorius.view.view_state import description, moment_of
+from risorius.animation.animation_script import AnimationState
+from risorius.view.server import RequestQueue
+from risorius.view.view_state import page_description, state_from_query
 from shared_model.errors import UserError
 from shared_model.expressions import EMOTIONS
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS
@@ -114,7 +114,7 @@ def test_the_description_has_all_that_the_sliders_show(server: Server) -> None:
     assert [eau["name"] for eau in model["eaus"]] == [eau.name for eau in EAUS]
     assert [aau["name"] for aau in model["aaus"]] == list(AAUS)
     assert {e["name"] for e in model["emotions"]} == {e.name for e in EMOTIONS}
-    assert model == description(model["width"], model["height"], None)
+    assert model == page_description(model["width"], model["height"], None)
     assert all(eau["au"].startswith("AU") and eau["works_up"] for eau in model["eaus"])
 
 
@@ -131,10 +131,10 @@ def test_other_paths_and_other_hosts_get_nothing(server: Server) -> None:
 
 
 def test_a_query_adds_emotions_to_actuators() -> None:
-    moment = moment_of("happiness=1&jaw_drop=0.2&zoom=2")
-    assert moment.eau[EAU_INDEX["mouth_corners"]] == pytest.approx(0.9)
-    assert moment.eau[EAU_INDEX["jaw_drop"]] == pytest.approx(0.7)
-    assert moment.zoom == 2 and moment.pose["yaw"] == 0
+    state = state_from_query("happiness=1&jaw_drop=0.2&zoom=2")
+    assert state.eau[EAU_INDEX["mouth_corners"]] == pytest.approx(0.9)
+    assert state.eau[EAU_INDEX["jaw_drop"]] == pytest.approx(0.7)
+    assert state.zoom == 2 and state.pose["yaw"] == 0
 
 
 def until(condition: Callable[[], bool]) -> None:
@@ -145,33 +145,35 @@ def until(condition: Callable[[], bool]) -> None:
 
 
 def test_of_one_page_only_the_newest_request_is_drawn_and_pages_take_turns() -> None:
-    orders, answers = Orders(), dict[str, bytes | None]()
-    moments = {name: moment_of(f"jaw_drop={i / 10}") for i, name in enumerate(["a1", "a2", "b1"])}
+    requests, answers = RequestQueue(), dict[str, bytes | None]()
+    states = {
+        name: state_from_query(f"jaw_drop={i / 10}") for i, name in enumerate(["a1", "a2", "b1"])
+    }
 
-    def ask(name: str, moment: Moment) -> None:
-        answers[name] = orders.ask(name[0], moment)
+    def request(name: str, state: AnimationState) -> None:
+        answers[name] = requests.render(name[0], state)
 
-    first = Thread(target=ask, args=("a1", moments["a1"]))
+    first = Thread(target=request, args=("a1", states["a1"]))
     first.start()
-    until(lambda: "a" in orders.pages())
-    others = [Thread(target=ask, args=(name, moments[name])) for name in ("a2", "b1")]
+    until(lambda: "a" in requests.pages())
+    others = [Thread(target=request, args=(name, states[name])) for name in ("a2", "b1")]
     for thread in others:
         thread.start()
-    until(lambda: "a1" in answers and orders.pages() == {"a", "b"})
+    until(lambda: "a1" in answers and requests.pages() == {"a", "b"})
     for _ in range(2):
-        order = orders.take()
-        order.picture.set_result(str(order.moment.eau[0]).encode())
+        taken = requests.take()
+        taken.picture.set_result(str(taken.state.eau[0]).encode())
     for thread in [first, *others]:
         thread.join(LIMIT_S)
     assert answers == {"a1": None, "a2": b"0.1", "b1": b"0.2"}
 
 
 def test_a_picture_that_fails_fails_for_whoever_asked() -> None:
-    orders = Orders()
-    asked = Thread(target=lambda: orders.take().picture.set_exception(UserError("no")))
+    requests = RequestQueue()
+    asked = Thread(target=lambda: requests.take().picture.set_exception(UserError("no")))
     asked.start()
     with pytest.raises(UserError, match="no"):
-        orders.ask("a", moment_of(""))
+        requests.render("a", state_from_query(""))
     asked.join(LIMIT_S)
 
 

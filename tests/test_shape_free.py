@@ -6,18 +6,19 @@ import numpy as np
 import pytest
 from shots import Shots
 
-from encoder.appearance.shape_free import ShapeFree, moved
+from encoder.appearance.shape_free import ShapeFreeFrame
+from encoder.fitting.increments import apply_increment
 from shared_model.appearance import atlas_of
 from shared_model.geometry import pixel_from_head
 from shared_model.parameters import EAU_INDEX, EAUS
 
 
 @pytest.fixture(scope="module")
-def shape(shots: Shots) -> ShapeFree:
-    return ShapeFree(shots.face, atlas_of(shots.face.head, 48), shots.camera)
+def shape(shots: Shots) -> ShapeFreeFrame:
+    return ShapeFreeFrame(shots.face, atlas_of(shots.face.head, 48), shots.camera)
 
 
-def test_texels_lie_where_the_mesh_is_drawn(shots: Shots, shape: ShapeFree) -> None:
+def test_texels_lie_where_the_mesh_is_drawn(shots: Shots, shape: ShapeFreeFrame) -> None:
     for face in shots.faces:
         vertices = shots.face.animate(face.eau)
         expected = pixel_from_head(shots.camera, face.pose, shape.atlas.points(vertices))
@@ -27,36 +28,39 @@ def test_texels_lie_where_the_mesh_is_drawn(shots: Shots, shape: ShapeFree) -> N
 
 @pytest.mark.parametrize("number", range(6 + len(EAUS)))
 def test_change_is_the_derivative_along_the_pictures_slope(
-    shots: Shots, shape: ShapeFree, number: int
+    shots: Shots, shape: ShapeFreeFrame, number: int
 ) -> None:
     # Away from zero and from the limits, where actuators have kinks.
     face = replace(shots.faces[3], eau=np.full(len(EAUS), 0.3))
     size = 1e-3 if number < 3 else 1e-2
     step = np.zeros(6 + len(EAUS))
     step[number] = size
-    ahead, behind = shape.positions(moved(face, step)), shape.positions(moved(face, -step))
+    ahead, behind = (
+        shape.positions(apply_increment(face, step)),
+        shape.positions(apply_increment(face, -step)),
+    )
     measured = (ahead - behind) / (2 * size)
     slope = np.tile(np.array([[0.6], [-0.8]], np.float32), len(shape))
-    stated = shape.change(shape.placed(face), slope, np.arange(len(EAUS)))[number]
+    stated = shape.image_jacobian(shape.project(face), slope, np.arange(len(EAUS)))[number]
     expected = measured @ slope[:, 0]
     assert np.abs(stated - expected).max() < 0.02 * np.abs(measured).max() + 0.1
 
 
-def test_only_actuators_that_may_move_are_asked_for(shots: Shots, shape: ShapeFree) -> None:
+def test_only_actuators_that_may_move_are_asked_for(shots: Shots, shape: ShapeFreeFrame) -> None:
     slope = np.ones((2, len(shape)), np.float32)
-    every = shape.change(shape.placed(shots.faces[1]), slope, np.arange(len(EAUS)))
-    few = shape.change(shape.placed(shots.faces[1]), slope, np.array([2, 0]))
+    every = shape.image_jacobian(shape.project(shots.faces[1]), slope, np.arange(len(EAUS)))
+    few = shape.image_jacobian(shape.project(shots.faces[1]), slope, np.array([2, 0]))
     assert np.allclose(few, every[[*range(6), 8, 6]], rtol=1e-5, atol=1e-3)
 
 
 def test_a_step_keeps_actuators_in_range_and_the_rotation_of_unit_length(shots: Shots) -> None:
     step = np.full(6 + len(EAUS), 0.9)
-    face = moved(moved(shots.faces[0], step), step)
+    face = apply_increment(apply_increment(shots.faces[0], step), step)
     assert np.linalg.norm(face.pose.rotation) == pytest.approx(1)
     assert all(eau.low <= value <= eau.high for eau, value in zip(EAUS, face.eau, strict=True))
 
 
-def test_a_negative_actuator_moves_along_its_own_field(shots: Shots, shape: ShapeFree) -> None:
+def test_a_negative_actuator_moves_along_its_own_field(shots: Shots, shape: ShapeFreeFrame) -> None:
     lowered = np.zeros(len(EAUS))
     lowered[EAU_INDEX["mouth_corners"]] = -0.5
     face = replace(shots.faces[0], eau=lowered)

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from protocol.packets import MAX_RESIDUAL_BYTES, MAX_RESIDUAL_POINTS
+from protocol.limits import MAX_RESIDUAL_BYTES, MAX_RESIDUAL_POINTS
 from protocol.shape_residual_coding import parse_residual, serialise_residual
 
 

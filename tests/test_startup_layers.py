@@ -6,16 +6,18 @@ import pytest
 from test_layered_playout import BASE, frames
 from test_layers import ITEMS
 
-from protocol.call_file import read_records, record
+from protocol.call_file import read_records, serialise_record
 from protocol.packets import LayerPacket, serialise
-from protocol.progressive_model import item
+from protocol.progressive_model import stream_item
 from scripts.startup_layers import LayeredCall, Row, arrivals_s, markdown, whole_bytes
 from shared_model.errors import UserError
 
 BITRATE = 4000.0
 CALL = LayeredCall(
     serialise(BASE),
-    tuple(serialise(LayerPacket(BASE.layer, n, item(data))) for n, data in enumerate(ITEMS)),
+    tuple(
+        serialise(LayerPacket(BASE.version, n, stream_item(data))) for n, data in enumerate(ITEMS)
+    ),
     tuple(frames(4)),
 )
 
@@ -27,8 +29,8 @@ def test_a_cut_call_has_its_first_layers_and_all_frames() -> None:
 
 
 def test_bytes_are_those_of_the_model_in_a_call_file() -> None:
-    assert CALL.bytes_until(0) == len(record(CALL.first))
-    every = sum(len(record(data)) for data in (CALL.first, *CALL.layers))
+    assert CALL.bytes_until(0) == len(serialise_record(CALL.first))
+    every = sum(len(serialise_record(data)) for data in (CALL.first, *CALL.layers))
     assert CALL.bytes_until(len(ITEMS)) == every
     assert CALL.model.items == ITEMS
 

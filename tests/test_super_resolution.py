@@ -5,10 +5,10 @@ import pytest
 from numpy.typing import NDArray
 from shots import Shots, whole
 
-from encoder.appearance.shape_free import ShapeFree
-from encoder.appearance.super_resolution import pixel_texels, sharpened
+from encoder.appearance.shape_free import ShapeFreeFrame
+from encoder.appearance.super_resolution import back_projected, inverse_warp
 from encoder.appearance.texel_visibility import visible_texels
-from encoder.appearance.texture import sample
+from encoder.runtime.image_ops import sample_bicubic
 from protocol.pictures.picture_codec import to_luma
 from shared_model.appearance import atlas_of
 
@@ -16,8 +16,8 @@ Picture = NDArray[np.uint8]
 
 
 @pytest.fixture(scope="module")
-def shape(shots: Shots) -> ShapeFree:
-    return ShapeFree(shots.face, atlas_of(shots.face.head, 192), shots.camera)
+def shape(shots: Shots) -> ShapeFreeFrame:
+    return ShapeFreeFrame(shots.face, atlas_of(shots.face.head, 192), shots.camera)
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def detailed() -> Picture:
 
 
 def drawn(
-    shape: ShapeFree, colours: NDArray[np.float32], texels: NDArray[np.float32]
+    shape: ShapeFreeFrame, colours: NDArray[np.float32], texels: NDArray[np.float32]
 ) -> NDArray[np.float32]:
     """(p, 3) what a bilinear renderer shows at texture places (p, 2)."""
     image = np.zeros((shape.atlas.size, shape.atlas.size, 3), np.float32)
@@ -45,11 +45,11 @@ def sample_bilinear(image: NDArray[np.float32], places: NDArray[np.float32]) -> 
     return np.asarray(top * (1 - y) + bottom * y, np.float32)
 
 
-def test_pixels_find_the_texels_that_they_show(shots: Shots, shape: ShapeFree) -> None:
+def test_pixels_find_the_texels_that_they_show(shots: Shots, shape: ShapeFreeFrame) -> None:
     face = shots.faces[2]
     positions = shape.positions(face)
     seen = visible_texels(shots.face.head, shape.atlas, face.pose, shots.face.animate(face.eau))
-    pixels, texels = pixel_texels(shape, positions, seen, (240, 320))
+    pixels, texels = inverse_warp(shape, positions, seen, (240, 320))
     assert len(np.unique(pixels)) == len(pixels) > 5000
     grid = np.full((shape.atlas.size, shape.atlas.size, 2), np.nan, np.float32)
     grid[shape.atlas.rows, shape.atlas.columns] = positions
@@ -60,36 +60,38 @@ def test_pixels_find_the_texels_that_they_show(shots: Shots, shape: ShapeFree) -
 
 
 def test_what_is_sharpened_draws_nearer_to_the_picture(
-    shots: Shots, shape: ShapeFree, detailed: Picture
+    shots: Shots, shape: ShapeFreeFrame, detailed: Picture
 ) -> None:
     face = shots.faces[3]
     positions = shape.positions(face)
     seen = visible_texels(shots.face.head, shape.atlas, face.pose, shots.face.animate(face.eau))
-    colours = sample(detailed, positions)
-    better = sharpened(shape, whole(detailed), positions, colours, seen)
-    pixels, texels = pixel_texels(shape, positions, seen, (240, 320))
+    colours = sample_bicubic(detailed, positions)
+    better = back_projected(shape, whole(detailed), positions, colours, seen)
+    pixels, texels = inverse_warp(shape, positions, seen, (240, 320))
     wanted = detailed.reshape(-1, 3)[pixels].astype(np.float32)
     errors = [np.square(drawn(shape, c, texels) - wanted).mean() for c in (colours, better)]
     assert errors[1] < 0.6 * errors[0]
     assert np.array_equal(better[~seen], colours[~seen])
 
 
-def test_an_even_picture_stays_even(shots: Shots, shape: ShapeFree) -> None:
+def test_an_even_picture_stays_even(shots: Shots, shape: ShapeFreeFrame) -> None:
     face = shots.faces[1]
     picture = np.full((240, 320, 3), 120, np.uint8)
     positions = shape.positions(face)
-    colours = sample(picture, positions)
-    result = sharpened(shape, whole(picture), positions, colours, np.ones(len(shape), bool))
+    colours = sample_bicubic(picture, positions)
+    result = back_projected(shape, whole(picture), positions, colours, np.ones(len(shape), bool))
     # Texels beside the atlas' islands are drawn into pixels of the face as well.
     assert np.median(np.abs(result - 120)) < 0.01 and np.isfinite(result).all()
 
 
 def test_luma_is_sharpened_as_the_colours_are(
-    shots: Shots, shape: ShapeFree, detailed: Picture
+    shots: Shots, shape: ShapeFreeFrame, detailed: Picture
 ) -> None:
     positions, seen = shape.positions(shots.faces[2]), np.ones(len(shape), bool)
     crop = whole(detailed)
-    colours = sharpened(shape, crop, positions, sample(detailed, positions), seen)
-    luma = sharpened(shape, crop.grey, positions, sample(crop.grey.picture, positions), seen)
+    colours = back_projected(shape, crop, positions, sample_bicubic(detailed, positions), seen)
+    luma = back_projected(
+        shape, crop.as_luma, positions, sample_bicubic(crop.as_luma.picture, positions), seen
+    )
     assert luma.shape == (len(shape), 1)
     assert np.median(np.abs(luma[:, 0] - to_luma(colours))) < 0.5

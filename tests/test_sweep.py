@@ -9,7 +9,7 @@ import cv2
 import pytest
 
 from loopback.sweep import SweepSettings, mean_curve, sweep, sweep_table
-from risorius.command_line.cli import main
+from risorius.cli import main
 
 FRAMES = 24
 

@@ -8,32 +8,32 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from protocol.entropy.integer_codes import code_bits
 from protocol.entropy.range_coder import RangeEncoder
+from protocol.errors import ProtocolError
+from protocol.frames.payload_coding import PayloadHeader, decode_payload, encode_payload
 from protocol.frames.temporal_prediction import (
     ANCHOR,
-    KINDS,
-    MAX_SPREAD,
+    MAX_SCALE_CODE,
     MAX_VALUE,
-    REFRESH,
-    UNIT,
+    PREDICTION_KINDS,
+    REFRESH_PERIOD,
+    STEPS_PER_UNIT,
+    CodedFrame,
     FramePredictor,
     Integers,
-    PacketHead,
-    Place,
     coding_order,
-    decode_packet,
-    encode_packet,
     interpolate,
-    parents,
     reconstruct,
+    reference_magnitudes,
     step,
 )
-from protocol.frames.value_coding import MAX_SIZE, code_bits
-from protocol.packets import MAX_FRAME_PAYLOAD_BYTES, SEQUENCE_MODULUS, ProtocolError
+from protocol.frames.value_coding import MAX_MAGNITUDE
+from protocol.limits import MAX_FRAME_PAYLOAD_BYTES, SEQUENCE_MODULUS
 
 VECTORS = Path(__file__).parent / "vectors"
 USUAL, SPARE = 8, 6
-SPREADS = np.clip(np.arange(20)[:, None] * -1 + np.array([40, 30, 28, 26, 24]), 0, MAX_SPREAD)
+SPREADS = np.clip(np.arange(20)[:, None] * -1 + np.array([40, 30, 28, 26, 24]), 0, MAX_SCALE_CODE)
 
 
 def predictor(spare: int = 0) -> FramePredictor:
@@ -48,7 +48,7 @@ def walk(seed: int, count: int) -> Integers:
     for kick in noise:
         state = 0.9 * state + 0.5 * kick
         frames.append(state)
-    return np.asarray(np.rint(np.array(frames) * UNIT), dtype=np.int64)
+    return np.asarray(np.rint(np.array(frames) * STEPS_PER_UNIT), dtype=np.int64)
 
 
 def send(
@@ -60,15 +60,15 @@ def send(
     idle: int = 0,
 ) -> tuple[bytes, Integers]:
     """Quantise and code plainly; returns the payload and the frames a receiver gets."""
-    head = PacketHead(quality, len(wanted), fresh, idle)
+    head = PayloadHeader(quality, len(wanted), fresh, idle)
     known, values = {0: sender.anchor}, []
     for place in coding_order(len(wanted)):
         kinds = sender.kinds(place, sequence, fresh)
-        steps = np.array([step(quality, kind) for kind in range(KINDS)])[kinds]
+        steps = np.array([step(quality, kind) for kind in range(PREDICTION_KINDS)])[kinds]
         error = wanted[place.index - 1] - sender.predict(place, kinds, known)
         values.append((place, np.rint(error / steps).astype(np.int64)))
         known[place.index] = reconstruct(sender, place, kinds, known, quality, values[-1][1])
-    payload = encode_packet(sender, sequence, USUAL, head, values)
+    payload = encode_payload(sender, sequence, USUAL, head, values)
     sender.anchor = known[len(wanted)]
     return payload, np.array([known[index] for index in range(1, len(wanted) + 1)])
 
@@ -107,7 +107,7 @@ def test_golden_packets_have_not_changed(
 def test_components_come_into_use_while_the_call_goes_on() -> None:
     receiver = predictor(SPARE)
     for sequence, payload, frames in growing(3):
-        assert np.array_equal(decode_packet(receiver, sequence, USUAL, payload), frames)
+        assert np.array_equal(decode_payload(receiver, sequence, USUAL, payload), frames)
         used = len(SPREADS) - SPARE + 2 * sequence
         assert frames[:, :used].any(0).all() and not frames[:, used:].any()
 
@@ -130,14 +130,14 @@ def test_frames_between_are_expected_on_a_cubic() -> None:
     frames = np.array([[np.polyval(p, t) for p in polynomials] for t in range(9)], np.int64)
     known = {index: frames[index] for index in range(0, 9, 2)}
     for index in (3, 5):
-        place = Place(index, index - 1, index + 1, KINDS - 1)
+        place = CodedFrame(index, index - 1, index + 1, PREDICTION_KINDS - 1)
         assert np.abs(interpolate(place, known) - frames[index]).max() <= 1
     # Nothing is known beyond the ends: what moves straight is met all the same.
     for index in (1, 7):
-        place = Place(index, index - 1, index + 1, KINDS - 1)
+        place = CodedFrame(index, index - 1, index + 1, PREDICTION_KINDS - 1)
         assert np.array_equal(interpolate(place, known)[2:], frames[index, 2:])
     alone = {0: frames[0], 8: frames[8]}
-    middle = interpolate(Place(4, 0, 8, ANCHOR + 1), alone)
+    middle = interpolate(CodedFrame(4, 0, 8, ANCHOR + 1), alone)
     assert np.array_equal(middle, (frames[0] + frames[8]) // 2)
 
 
@@ -145,7 +145,7 @@ def test_frames_between_are_expected_on_a_cubic() -> None:
 def test_both_ends_stay_in_step_throughout_a_call(seed: int) -> None:
     receiver = predictor()
     for sequence, payload, frames in packets(seed, 70):
-        assert np.array_equal(decode_packet(receiver, sequence, USUAL, payload), frames)
+        assert np.array_equal(decode_payload(receiver, sequence, USUAL, payload), frames)
 
 
 @pytest.mark.parametrize("lost", [{3}, {5, 6}, {2, 9, 20}, {61, 62}])
@@ -154,9 +154,9 @@ def test_a_lost_packet_is_forgotten_once_all_has_been_refreshed(lost: set[int]) 
     for number, (sequence, payload, frames) in enumerate(call):
         if number in lost:
             continue
-        decoded = np.array(decode_packet(receiver, sequence, USUAL, payload))
+        decoded = np.array(decode_payload(receiver, sequence, USUAL, payload))
         # Where the sequence number wraps, one packet more.
-        if not any(number - REFRESH - 1 <= gone < number for gone in lost):
+        if not any(number - REFRESH_PERIOD - 1 <= gone < number for gone in lost):
             assert np.array_equal(decoded[-1], frames[-1])
 
 
@@ -165,7 +165,7 @@ def test_a_fresh_packet_needs_no_past() -> None:
     send(sender, 0, walk(5, USUAL))
     receiver.anchor = receiver.anchor + 12345
     payload, frames = send(sender, 1, walk(6, USUAL), fresh=True)
-    assert np.array_equal(decode_packet(receiver, 1, USUAL, payload)[-1], frames[-1])
+    assert np.array_equal(decode_payload(receiver, 1, USUAL, payload)[-1], frames[-1])
 
 
 def test_a_still_face_costs_hardly_a_byte() -> None:
@@ -181,21 +181,24 @@ def test_every_frame_is_coded_once_after_those_it_is_between(count: int) -> None
     assert sorted(place.index for place in order) == list(range(1, count + 1))
     known = {0}
     for place in order:
-        assert {place.left, place.right} <= known and place.kind < KINDS
+        assert {place.left, place.right} <= known and place.kind < PREDICTION_KINDS
         assert place.left <= place.index
         known.add(place.index)
 
 
 def test_steps_double_every_four_qualities() -> None:
-    for kind in range(KINDS):
+    for kind in range(PREDICTION_KINDS):
         assert [step(q + 4, kind) for q in range(28)] == [2 * step(q, kind) for q in range(28)]
-    assert step(8, 0) == UNIT
+    assert step(8, 0) == STEPS_PER_UNIT
 
 
 def test_parents_are_the_frames_within_the_packet() -> None:
     sizes = {8: np.array([1, 2]), 4: np.array([3, 4])}
-    assert parents(Place(8, 0, 0, 1), {}) is None
-    between, first = parents(Place(6, 4, 8, 3), sizes), parents(Place(2, 0, 4, 3), sizes)
+    assert reference_magnitudes(CodedFrame(8, 0, 0, 1), {}) is None
+    between, first = (
+        reference_magnitudes(CodedFrame(6, 4, 8, 3), sizes),
+        reference_magnitudes(CodedFrame(2, 0, 4, 3), sizes),
+    )
     assert between is not None and between.tolist() == [4, 6]
     assert first is not None and first.tolist() == [3, 4]
 
@@ -228,7 +231,7 @@ def decodes_or_protocol_error(sequence: int, payload: bytes, spare: int = 0) -> 
     receiver = predictor(spare)
     before = receiver.anchor
     try:
-        frames = decode_packet(receiver, sequence, USUAL, payload)
+        frames = decode_payload(receiver, sequence, USUAL, payload)
     except ProtocolError:
         assert receiver.anchor is before
         return
@@ -243,7 +246,7 @@ def test_too_many_frames_are_refused() -> None:
     coder.code_bit(1, 65536 - 512)
     code_bits(coder, USUAL, 6)
     with pytest.raises(ProtocolError, match="9 frames, limit 8"):
-        decode_packet(predictor(), 0, USUAL, coder.finish())
+        decode_payload(predictor(), 0, USUAL, coder.finish())
 
 
 def test_more_idle_components_than_spare_ones_are_refused() -> None:
@@ -252,14 +255,14 @@ def test_more_idle_components_than_spare_ones_are_refused() -> None:
     coder.code_bit(0, 65536 - 512)
     coder.code_bit(0, 65536 - 512)
     code_bits(coder, SPARE + 1, 3)
-    with pytest.raises(ProtocolError, match="7 components idle, limit 6"):
-        decode_packet(predictor(SPARE), 0, USUAL, coder.finish())
+    with pytest.raises(ProtocolError, match="7 components unused, limit 6"):
+        decode_payload(predictor(SPARE), 0, USUAL, coder.finish())
 
 
 def test_bytes_too_many_are_refused() -> None:
     sequence, payload, _ = packets(9, 1)[1]
     with pytest.raises(ProtocolError, match="bytes too many"):
-        decode_packet(predictor(), sequence, USUAL, payload + bytes(8))
+        decode_payload(predictor(), sequence, USUAL, payload + bytes(8))
 
 
 @settings(max_examples=30, deadline=None)
@@ -269,8 +272,8 @@ def test_any_quality_and_length_round_trips(
 ) -> None:
     rng = np.random.default_rng(seed)
     wanted = rng.integers(-(2**20), 2**20, size=(count, len(SPREADS)))
-    limit = MAX_SIZE * step(quality, 0)
+    limit = MAX_MAGNITUDE * step(quality, 0)
     wanted = np.clip(wanted, -limit // 2, limit // 2)
     sender, receiver = predictor(), predictor()
     payload, frames = send(sender, sequence, wanted, quality)
-    assert np.array_equal(decode_packet(receiver, sequence, USUAL, payload), frames)
+    assert np.array_equal(decode_payload(receiver, sequence, USUAL, payload), frames)

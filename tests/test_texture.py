@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from decoder.appearance import MAX_CODED_SIDE_PX, decode_image
-from encoder.picture_coding.picture_encoder import draft_still
+from encoder.picture_coding.picture_encoder import encode_picture
 from protocol.entropy.varint import encode_varint
-from protocol.packets import ProtocolError
+from protocol.errors import ProtocolError
 
 
 def webp(width: int, height: int, quality: int = 90) -> bytes:
@@ -40,7 +40,7 @@ def test_size_is_bounded_before_anything_is_allocated() -> None:
 
 def test_a_wavelet_still_keeps_its_size_and_its_colours() -> None:
     ramp = np.broadcast_to(np.linspace(-9, 270, 61)[None, :, None], (47, 61, 3))
-    picture = decode_image("still", draft_still(ramp.astype(np.float32), 16).write())
+    picture = decode_image("still", encode_picture(ramp.astype(np.float32), 16).serialise())
     assert picture.shape == (47, 61, 3) and picture.dtype == np.uint8
     # Beyond black and white colours stop, they do not wrap around.
     assert picture[20, -1].min() == 255 and picture[20, 0].max() == 0
@@ -55,7 +55,7 @@ def test_the_size_of_a_wavelet_still_is_bounded(size: tuple[int, int]) -> None:
 
 
 def test_an_atlas_has_its_own_limit() -> None:
-    data = draft_still(np.zeros((40, 40, 3), np.float32), 16).write()
+    data = encode_picture(np.zeros((40, 40, 3), np.float32), 16).serialise()
     with pytest.raises(ProtocolError, match="40x40, limit 32"):
         decode_image("texture", data, 32)
 

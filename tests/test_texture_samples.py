@@ -7,13 +7,22 @@ import pytest
 from numpy.typing import NDArray
 from shots import Shots, whole
 
-from encoder.appearance.masks import MOUTH, OUTSIDE, face_mask, mouth_weight
-from encoder.appearance.shape_free import ShapeFree
-from encoder.appearance.texture import unseen_colours
-from encoder.appearance.texture_samples import Stack, mean_colours, shape_free_stack, texel_areas
-from encoder.learning.appearance_encoder import MODE_OVERHEAD, Appearance, code_appearance
-from encoder.learning.pca import luma_modes, template_of
-from encoder.learning.person_model import OPEN_SHARE, opened
+from encoder.appearance.masks import MOUTH_WEIGHT, OUTSIDE_WEIGHT, face_mask, mouth_weights
+from encoder.appearance.shape_free import ShapeFreeFrame
+from encoder.appearance.texture import default_colours
+from encoder.appearance.texture_samples import (
+    TextureSamples,
+    mean_texture,
+    sample_textures,
+    texel_footprints,
+)
+from encoder.learning.appearance_encoder import (
+    MODE_OVERHEAD_BYTES,
+    CodedAppearance,
+    encode_appearance,
+)
+from encoder.learning.pca import luma_modes, make_template
+from encoder.learning.person_model import DISOCCLUSION_SHARE, disocclusion_weight
 from protocol.pictures.picture_codec import to_luma
 from shared_model.animate import Face, Identity
 from shared_model.appearance import atlas_of
@@ -31,18 +40,20 @@ def head() -> Head:
 
 
 @pytest.fixture(scope="module")
-def shape(head: Head, shots: Shots) -> ShapeFree:
+def shape(head: Head, shots: Shots) -> ShapeFreeFrame:
     face = Face(head, Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices)))
-    return ShapeFree(face, atlas_of(head, SIZE), shots.camera)
+    return ShapeFreeFrame(face, atlas_of(head, SIZE), shots.camera)
 
 
-def patterns(shape: ShapeFree) -> Single:
+def patterns(shape: ShapeFreeFrame) -> Single:
     """(2, k) smooth patterns over the face that are nowhere alike."""
     u, v = shape.atlas.columns / SIZE, shape.atlas.rows / SIZE
     return np.stack([np.sin(7 * u), np.cos(9 * v + 2 * u)]).astype(np.float32)
 
 
-def changing_stack(shape: ShapeFree, count: int = 24, noise: float = 1.0) -> tuple[Stack, Single]:
+def changing_stack(
+    shape: ShapeFreeFrame, count: int = 24, noise: float = 1.0
+) -> tuple[TextureSamples, Single]:
     """A face whose two patterns come and go by themselves; the coefficients (t, 2)."""
     rng = np.random.default_rng(7)
     coefficients = np.asarray(rng.normal(size=(count, 2)) * (20, 10), np.float32)
@@ -50,10 +61,14 @@ def changing_stack(shape: ShapeFree, count: int = 24, noise: float = 1.0) -> tup
     colours: Single = np.repeat(grey[..., None], 3, axis=2)
     colours += rng.normal(size=colours.shape).astype(np.float32) * noise
     seen = np.ones(colours.shape[:2], bool)
-    return Stack(colours.astype(np.float32), seen, np.ones(len(shape), np.float32)), coefficients
+    return TextureSamples(
+        colours.astype(np.float32), seen, np.ones(len(shape), np.float32)
+    ), coefficients
 
 
-def left_over(shape: ShapeFree, stack: Stack, appearance: Appearance, mask: Single) -> float:
+def left_over(
+    shape: ShapeFreeFrame, stack: TextureSamples, appearance: CodedAppearance, mask: Single
+) -> float:
     """Mean squared luma error of the face that the best coefficients leave."""
     at = (shape.atlas.rows, shape.atlas.columns)
     root = np.sqrt(stack.weight * mask)
@@ -64,18 +79,24 @@ def left_over(shape: ShapeFree, stack: Stack, appearance: Appearance, mask: Sing
     return float((wanted**2).sum() / (len(wanted) * (root**2).sum()))
 
 
-def test_the_mask_is_the_face(head: Head, shape: ShapeFree) -> None:
+def test_the_mask_is_the_face(head: Head, shape: ShapeFreeFrame) -> None:
     mask = face_mask(head, shape.atlas)
-    assert mask.shape == (len(shape),) and mask.min() == pytest.approx(OUTSIDE) and mask.max() == 1
+    assert (
+        mask.shape == (len(shape),)
+        and mask.min() == pytest.approx(OUTSIDE_WEIGHT)
+        and mask.max() == 1
+    )
     places = shape.atlas.points(head.vertices)
     nose = np.linalg.norm(places - head.vertices[head.landmarks["prn"]], axis=1) < 10
     assert (mask[nose] == 1).all()
     assert mask[np.abs(places[:, 0]) > 70].mean() < 0.5
 
 
-def test_errors_count_more_in_the_mouth_and_on_the_lips_alone(head: Head, shape: ShapeFree) -> None:
-    weight = mouth_weight(head, shape.atlas)
-    assert weight.min() == 1 and weight.max() == pytest.approx(MOUTH)
+def test_errors_count_more_in_the_mouth_and_on_the_lips_alone(
+    head: Head, shape: ShapeFreeFrame
+) -> None:
+    weight = mouth_weights(head, shape.atlas)
+    assert weight.min() == 1 and weight.max() == pytest.approx(MOUTH_WEIGHT)
     inside = head.parts[shape.atlas.corners[:, 0]] == PARTS.index("mouth")
     assert (weight[inside] == weight.max()).all()
     places = shape.atlas.points(head.vertices)
@@ -83,52 +104,54 @@ def test_errors_count_more_in_the_mouth_and_on_the_lips_alone(head: Head, shape:
         np.linalg.norm(places - head.vertices[head.landmarks[name]], axis=1) < 4
         for name in ("sto_lower", "prn")
     )
-    assert weight[lips].mean() > 0.9 * MOUTH and (weight[nose] == 1).all()
+    assert weight[lips].mean() > 0.9 * MOUTH_WEIGHT and (weight[nose] == 1).all()
     assert (weight > 1).mean() < 0.3
 
 
-def test_texels_cover_the_face(shots: Shots, shape: ShapeFree) -> None:
+def test_texels_cover_the_face(shots: Shots, shape: ShapeFreeFrame) -> None:
     positions = shape.positions(shots.faces[2])
-    areas = texel_areas(shape, positions)
+    areas = texel_footprints(shape, positions)
     low, high = positions.min(0), positions.max(0)
     assert (areas >= 0).all()
     # Front and ears lie one over the other, the corners of the box are empty.
     assert 0.4 < areas.sum() / float(np.prod(high - low)) < 2
 
 
-def test_a_stack_holds_what_each_picture_shows(head: Head, shots: Shots, shape: ShapeFree) -> None:
+def test_a_stack_holds_what_each_picture_shows(
+    head: Head, shots: Shots, shape: ShapeFreeFrame
+) -> None:
     vertices = [shape_face(head).animate(face.eau) for face in shots.faces]
     crops = [whole(picture) for picture in shots.pictures]
-    stack = shape_free_stack(head, shape, crops, shots.faces, vertices)
+    stack = sample_textures(head, shape, crops, shots.faces, vertices)
     assert stack.colours.shape == (len(crops), len(shape), 3)
-    assert stack.seen.shape == stack.colours.shape[:2]
-    skin = stack.seen.all(0) & (face_mask(head, shape.atlas) == 1)
+    assert stack.visible.shape == stack.colours.shape[:2]
+    skin = stack.visible.all(0) & (face_mask(head, shape.atlas) == 1)
     # The same skin at the same texel, whatever the pose: what varies is light and lids.
     within = stack.colours[:, skin].std(0).mean()
     between = stack.colours[:, skin].mean(0).std()
     assert within < 0.5 * between
-    assert (stack.weight[~stack.seen.any(0)] == 0).all()
+    assert (stack.weight[~stack.visible.any(0)] == 0).all()
 
 
 def shape_face(head: Head) -> Face:
     return Face(head, Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices)))
 
 
-def test_a_mean_is_of_what_was_seen(head: Head, shape: ShapeFree) -> None:
+def test_a_mean_is_of_what_was_seen(head: Head, shape: ShapeFreeFrame) -> None:
     stack, _ = changing_stack(shape, 4, 0.0)
-    seen = stack.seen.copy()
+    seen = stack.visible.copy()
     seen[1:, ::2] = False
-    unseen = unseen_colours(head, shape.atlas)
+    unseen = default_colours(head, shape.atlas)
     never = np.isnan(unseen[:, 0]) & (np.arange(len(shape)) % 50 == 3)
     seen[:, never] = False
-    mean = mean_colours(shape, Stack(stack.colours, seen, stack.weight), unseen)
+    mean = mean_texture(shape, TextureSamples(stack.colours, seen, stack.weight), unseen)
     once = (np.arange(len(shape)) % 2 == 0) & ~never
     assert np.allclose(mean[once], stack.colours[0][once], atol=1e-3)
     # What no picture shows continues what is around it.
     assert np.isfinite(mean).all() and 40 < mean[never].mean() < 200
 
 
-def test_modes_for_tracking_are_the_strongest_changes(shape: ShapeFree) -> None:
+def test_modes_for_tracking_are_the_strongest_changes(shape: ShapeFreeFrame) -> None:
     coloured, _ = changing_stack(shape, noise=0.1)
     stack = replace(coloured, colours=to_luma(coloured.colours)[..., None])
     mean = stack.colours.mean(0)
@@ -137,16 +160,18 @@ def test_modes_for_tracking_are_the_strongest_changes(shape: ShapeFree) -> None:
     left = residual - residual @ modes.T @ np.linalg.inv(modes @ modes.T) @ modes
     assert left.var() < 0.001 * residual.var()
     assert luma_modes(stack, mean, 0).shape == (0, len(shape))
-    template = template_of(stack, mean, modes)
+    template = make_template(stack, mean, modes)
     assert np.array_equal(template.mean, mean[:, 0]) and template.modes is modes
 
 
-def coded(shape: ShapeFree, stack: Stack, face_bytes: int, most: int = 8) -> Appearance:
+def coded(
+    shape: ShapeFreeFrame, stack: TextureSamples, face_bytes: int, most: int = 8
+) -> CodedAppearance:
     mask = np.ones(len(shape), np.float32)
-    return code_appearance(shape, stack, stack.colours.mean(0), mask, face_bytes, most)
+    return encode_appearance(shape, stack, stack.colours.mean(0), mask, face_bytes, most)
 
 
-def test_an_appearance_stays_within_its_bytes(shape: ShapeFree) -> None:
+def test_an_appearance_stays_within_its_bytes(shape: ShapeFreeFrame) -> None:
     stack, _ = changing_stack(shape, noise=6.0)
     for limit in (1500, 3000, 6000):
         found = coded(shape, stack, limit)
@@ -155,18 +180,18 @@ def test_an_appearance_stays_within_its_bytes(shape: ShapeFree) -> None:
     assert len(coded(shape, stack, 20_000, most=3).modes) <= 3
 
 
-def test_what_is_left_over_goes_into_a_coarser_last_mode(shape: ShapeFree) -> None:
+def test_what_is_left_over_goes_into_a_coarser_last_mode(shape: ShapeFreeFrame) -> None:
     stack, _ = changing_stack(shape, noise=6.0)
     whole = coded(shape, stack, 20_000, most=2)
     first, second = whole.modes
-    limit = len(whole.texture) + len(first) + len(second) // 2 + 2 * MODE_OVERHEAD
+    limit = len(whole.texture) + len(first) + len(second) // 2 + 2 * MODE_OVERHEAD_BYTES
     found = coded(shape, stack, limit)
     assert len(found.texture) + sum(map(len, found.modes)) <= limit
     steps = [mode[0] for mode in found.modes]
     assert len(steps) > 1 and max(steps) > steps[0]
 
 
-def test_each_mode_explains_more_of_the_face(shape: ShapeFree) -> None:
+def test_each_mode_explains_more_of_the_face(shape: ShapeFreeFrame) -> None:
     stack, _ = changing_stack(shape)
     mask = np.ones(len(shape), np.float32)
     left = [left_over(shape, stack, coded(shape, stack, 12_000, most), mask) for most in (0, 1, 2)]
@@ -174,16 +199,16 @@ def test_each_mode_explains_more_of_the_face(shape: ShapeFree) -> None:
     assert left[1] < 0.5 * left[0] and left[2] < 0.05 * left[0]
 
 
-def test_a_later_mode_mends_what_coding_did_to_an_earlier_one(shape: ShapeFree) -> None:
+def test_a_later_mode_mends_what_coding_did_to_an_earlier_one(shape: ShapeFreeFrame) -> None:
     stack, _ = changing_stack(shape, noise=0.0)
     mask = np.ones(len(shape), np.float32)
     two, more = (coded(shape, stack, 20_000, most) for most in (2, 5))
     assert left_over(shape, stack, more, mask) < left_over(shape, stack, two, mask)
 
 
-def test_what_was_not_seen_teaches_nothing(shape: ShapeFree) -> None:
+def test_what_was_not_seen_teaches_nothing(shape: ShapeFreeFrame) -> None:
     stack, _ = changing_stack(shape)
-    hidden = stack.seen.copy()
+    hidden = stack.visible.copy()
     hidden[::2, : len(shape) // 2] = False
     wild = stack.colours.copy()
     wild[~hidden] = 255
@@ -191,22 +216,24 @@ def test_what_was_not_seen_teaches_nothing(shape: ShapeFree) -> None:
     tame[~hidden] = 0
     mean, mask = stack.colours.mean(0), np.ones(len(shape), np.float32)
     one, other = (
-        code_appearance(shape, Stack(c, hidden, stack.weight), mean, mask, 4500, 4)
+        encode_appearance(shape, TextureSamples(c, hidden, stack.weight), mean, mask, 4500, 4)
         for c in (wild, tame)
     )
     assert one.modes == other.modes and one.texture == other.texture
 
 
 def test_the_inside_of_a_closed_mouth_counts_as_if_it_were_open(
-    head: Head, shots: Shots, shape: ShapeFree
+    head: Head, shots: Shots, shape: ShapeFreeFrame
 ) -> None:
     closed = [replace(shots.faces[2], eau=np.zeros_like(shots.faces[2].eau))]
     vertices = [shape_face(head).animate(closed[0].eau)]
-    stack = shape_free_stack(head, shape, [whole(shots.pictures[2])], closed, vertices)
-    weight = opened(head, shape, shape_face(head), closed)
+    stack = sample_textures(head, shape, [whole(shots.pictures[2])], closed, vertices)
+    weight = disocclusion_weight(shape_face(head), shape, closed)
     part = head.parts[shape.atlas.corners[:, 0]]
     hidden = (part == PARTS.index("mouth")) & (stack.weight == 0)
     assert hidden.sum() > 100 and (weight[hidden] > 0).mean() > 0.7
     # Skin counts for what is seen of it.
     skin = (part == PARTS.index("skin")) & (stack.weight > 0)
-    assert weight[skin].mean() == pytest.approx(OPEN_SHARE * stack.weight[skin].mean(), rel=0.1)
+    assert weight[skin].mean() == pytest.approx(
+        DISOCCLUSION_SHARE * stack.weight[skin].mean(), rel=0.1
+    )

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from encoder.detection.tflite import IRIS, Network, NetworkFilesMissing
+from encoder.detection.tflite import IRIS, NetworkFilesMissing, TfliteNetwork
 
 SIDE = 64
 
 
 def test_several_pictures_give_what_each_gives_alone(networks: Path) -> None:
-    network = Network(networks / IRIS)
+    network = TfliteNetwork(networks / IRIS)
     pictures = list(np.random.default_rng(3).integers(0, 256, (3, SIDE, SIDE, 3), np.uint8))
     together = network.run_all(pictures, 0.0)
     for number, picture in enumerate(pictures):
@@ -26,7 +26,7 @@ def test_several_pictures_give_what_each_gives_alone(networks: Path) -> None:
 
 
 def test_the_picture_is_read_as_blue_green_red_on_the_scale_asked_for(networks: Path) -> None:
-    network = Network(networks / IRIS)
+    network = TfliteNetwork(networks / IRIS)
     red, blue = (np.zeros((SIDE, SIDE, 3), np.uint8) for _ in range(2))
     red[..., 2], blue[..., 0] = 255, 255
     (first, *_), (second, *_) = (network.run(each, 0.0).values() for each in (red, blue))
@@ -37,8 +37,12 @@ def test_the_picture_is_read_as_blue_green_red_on_the_scale_asked_for(networks: 
 @pytest.mark.parametrize("closed", ["", "2>&-"])
 def test_a_network_is_loaded_without_a_word(networks: Path, closed: str) -> None:
     # In a process of its own: LiteRT says it once.
-    load = "import sys; from pathlib import Path; from encoder.detection.tflite import Network;"
-    load += "Network(Path(sys.argv[1])); print('loaded', file=sys.stderr) if sys.stderr else 0"
+    load = (
+        "import sys; from pathlib import Path; from encoder.detection.tflite import TfliteNetwork;"
+    )
+    load += (
+        "TfliteNetwork(Path(sys.argv[1])); print('loaded', file=sys.stderr) if sys.stderr else 0"
+    )
     command = f'exec "$0" -c "$1" "$2" {closed}'
     arguments = ["sh", "-c", command, sys.executable, load, str(networks / IRIS)]
     done = subprocess.run(arguments, capture_output=True, text=True, check=False)
@@ -51,4 +55,4 @@ def test_a_damaged_file_is_named(networks: Path, tmp_path: Path, share: float) -
     data, path = (networks / IRIS).read_bytes(), tmp_path / IRIS
     path.write_bytes(data[: int(share * len(data))])
     with pytest.raises(NetworkFilesMissing, match=rf"{IRIS} is not a network LiteRT can read"):
-        Network(path)
+        TfliteNetwork(path)

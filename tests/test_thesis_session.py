@@ -8,12 +8,13 @@ import pytest
 from packets import MODEL
 
 from decoder.playout import PlayedFrame, Playout
-from encoder.calls.model_updates import AHEAD
-from encoder.calls.session_stats import Tally
-from encoder.calls.thesis_session import ThesisSender
+from encoder.calls.packet_sender import LEAD_PACKETS, PacketSender
+from encoder.calls.session_stats import SessionStats
+from encoder.calls.thesis_session import FixedRateSender
 from protocol.call_file import CallReader, CallWriter
-from protocol.link.model_cache import Kept
-from protocol.packets import ControlKind, ModelPacket, parse_packet
+from protocol.link.model_cache import ModelCache
+from protocol.model_packet import ModelPacket
+from protocol.packets import parse_packet
 from shared_model.parameters import FaceParameters, Pose, refocused
 
 LONGER = 1.25
@@ -50,18 +51,16 @@ def call(
     """A call with an update: its packets, what is played by which model, and where it begins."""
     start = FRAMES
     with CallWriter(path / "call.rzo") as file:
-        sender = ThesisSender(file, model(fps), Tally())
+        packets = PacketSender(file, SessionStats())
+        sender = FixedRateSender(packets, model(fps))
         for index in range(2, FRAMES):
             if index in lost:
-                if index == lost[0]:
-                    sender.send_control(ControlKind.LOST, index)
+                sender.report_lost(index)
                 continue
-            if lost and index == lost[-1] + 1:
-                sender.send_control(ControlKind.FOUND, index)
             sender.send_face(index, face(index, LONGER if index >= start else 1.0))
             if index == ANNOUNCED:
-                start = sender.announce(longer(sender.model))
-        sender.send_control(ControlKind.END, FRAMES)
+                start = sender.announce_update(longer(sender.model))
+        packets.end(FRAMES)
     with CallReader(path / "call.rzo") as file_again:
         sent = list(file_again)
     playout, shown = Playout(), []
@@ -79,14 +78,14 @@ def test_every_frame_is_played_at_its_time_under_the_shape_that_it_is_of(
     _, shown, start = call(tmp_path, fps)
     assert [frame.index for frame, _ in shown] == list(range(FRAMES))
     samples = 10 * (start - ANNOUNCED) * fps[1] / fps[0]
-    assert AHEAD - 1 < samples <= AHEAD + 2 + 10 * fps[1] / fps[0]
+    assert LEAD_PACKETS - 1 < samples <= LEAD_PACKETS + 2 + 10 * fps[1] / fps[0]
     last = max(frame.index for frame, _ in shown if frame.index < FRAMES - fps[0] / fps[1] / 10)
     for frame, drawn_by in shown:
         assert drawn_by.texture == MODEL.texture and drawn_by.background == MODEL.background
         focal = drawn_by.call.focal_px / MODEL.call.focal_px
         expected = face(min(max(frame.index, 2), last), focal).pose.translation_mm
         np.testing.assert_allclose(frame.face.pose.translation_mm, expected, rtol=0.02, atol=3)
-    assert shown[start][1].layer == 1 and shown[ANNOUNCED - 1][1].layer == 0
+    assert shown[start][1].version == 1 and shown[ANNOUNCED - 1][1].version == 0
 
 
 @pytest.mark.parametrize("lost", [range(33, 40), range(33, 60), range(25, 31)])
@@ -95,19 +94,19 @@ def test_an_update_outlives_a_loss(lost: range, tmp_path: Path) -> None:
     assert [frame.index for frame, _ in shown] == list(range(FRAMES))
     assert [frame.index for frame, _ in shown if frame.held and frame.index >= 2] == list(lost)
     for frame, drawn_by in shown[max(start, lost[-1] + 4) :]:
-        assert drawn_by.layer == 1
+        assert drawn_by.version == 1
         expected = face(min(frame.index, FRAMES - 2), LONGER).pose.translation_mm
         np.testing.assert_allclose(frame.face.pose.translation_mm, expected, rtol=0.02, atol=3)
 
 
 def test_who_joins_after_an_update_gets_the_pictures_that_stayed(tmp_path: Path) -> None:
     sent, _, _ = call(tmp_path, lost=range(33, 60))
-    kept = Kept()
+    kept = ModelCache()
     for data in sent:
-        kept.note(data)
+        kept.on_sent(data)
     (whole,) = kept.packets
     packet = parse_packet(whole)
-    assert isinstance(packet, ModelPacket) and packet.layer == 1
+    assert isinstance(packet, ModelPacket) and packet.version == 1
     assert packet.texture == MODEL.texture and packet.background == MODEL.background
     playout = Playout()
     assert not list(playout.receive(whole))
@@ -118,4 +117,4 @@ def test_an_update_weighs_little(tmp_path: Path) -> None:
     sent, _, _ = call(tmp_path)
     models = [p for p in map(parse_packet, sent) if isinstance(p, ModelPacket)]
     assert [len(p.texture) + len(p.background) for p in models][1:] == [0]
-    assert [p.layers for p in models] == [1, 2]
+    assert [p.version_count for p in models] == [1, 2]

@@ -21,24 +21,26 @@ from numpy.typing import NDArray
 from shots import draw
 
 from decoder.frame_decoder import Sample, sample_decoder
-from encoder.calls.session_stats import Tally
-from encoder.calls.two_pass_session import CodedCall, held_numbers, send_call
+from encoder.calls.packet_sender import PacketSender
+from encoder.calls.session_stats import SessionStats
+from encoder.calls.two_pass_session import EncodedCall, hold_last_detection, send_call
 from encoder.coding.gop import FRAMES_PER_PACKET
-from encoder.learning.two_pass import TRAINING_FRAMES, Sampler, smoothed, spread_frames
-from encoder.pipeline import EncodeOptions
+from encoder.fitting.sequence_fit import smoothed, spread_frames
+from encoder.learning.frame_sampler import TRAINING_FRAMES, UniformSubsampler
+from encoder.options import EncodeOptions
 from encoder.pipeline import encode as encode_clip
-from loopback.quality import face_area_finder, measure
+from loopback.quality import face_mask_finder, measure_quality
 from protocol.call_file import CallReader, CallWriter
+from protocol.model_packet import ModelPacket
 from protocol.packets import (
     ControlKind,
     ControlPacket,
     FramePacket,
-    ModelPacket,
     Packet,
     parse_packet,
 )
 from protocol.summary import summarise
-from risorius.command_line.cli import main
+from risorius.cli import main
 from shared_model.geometry import euler_deg
 from shared_model.parameters import EAU_INDEX
 
@@ -158,7 +160,7 @@ def test_how_many_frames_had_no_face_is_said(
 def test_a_lost_face_is_held_and_told(call: Path) -> None:
     control = [packet for packet in packets(call) if isinstance(packet, ControlPacket)]
     kinds = [packet.kind for packet in control]
-    assert kinds == [ControlKind.LOST, ControlKind.FOUND, ControlKind.END]
+    assert kinds == [ControlKind.FACE_LOST, ControlKind.FACE_FOUND, ControlKind.END]
     lost, found, end = (packet.frame for packet in control)
     # Told with the first packet that has no face, and the first that has one again.
     assert LOST.start <= lost < LOST.start + FRAMES_PER_PACKET
@@ -175,8 +177,8 @@ def test_the_decoded_video_is_near_where_there_is_a_face(
 ) -> None:
     assert main(["decode", str(call), "-o", str(tmp_path / "d%03d.png"), "-q"]) == 0
     pattern = str(tmp_path / "d%03d.png")
-    area = face_area_finder(pytest.fail)
-    quality = measure(clip.pattern, pattern, area, lambda done, total: None)
+    find_face_mask = face_mask_finder(pytest.fail)
+    quality = measure_quality(clip.pattern, pattern, find_face_mask, lambda done, total: None)
     assert quality.frames == FRAMES
     assert FRAMES - START - 8 <= quality.face_frames + len(LOST) <= FRAMES - START
     assert quality.face_psnr_db is not None and quality.face_psnr_db > 30
@@ -251,14 +253,14 @@ def test_stopped_in_the_second_pass_a_call_is_kept_and_in_the_first_there_is_non
 def test_a_call_that_stops_while_it_is_sent_ends_where_it_stopped(
     call: Path, tmp_path: Path
 ) -> None:
-    output, tally = tmp_path / "part.rzo", Tally()
+    output, tally = tmp_path / "part.rzo", SessionStats()
     model, *rest = packets(call)
     assert isinstance(model, ModelPacket)
     payloads = tuple(packet.payload for packet in rest if isinstance(packet, FramePacket))
     asked = iter([False, False, True])
     with CallWriter(output) as sink:
-        whole = CodedCall(model, payloads, FRAMES, frozenset())
-        send_call(whole, sink, tally, None, lambda: next(asked))
+        whole = EncodedCall(model, payloads, FRAMES, frozenset())
+        send_call(whole, PacketSender(sink, tally), None, lambda: next(asked))
     frames = START + 1 + 2 * FRAMES_PER_PACKET
     assert [sample.place for sample in samples(output)] == list(range(START, frames))
     assert tally.frames == summarise(output).frames == frames
@@ -274,12 +276,12 @@ def test_a_clip_without_a_face_has_its_own_exit_code(
 
 
 def test_a_frame_without_a_face_holds_the_one_before() -> None:
-    assert held_numbers({3: 0, 4: 1, 7: 2}, 3, 9) == [0, 1, 1, 1, 2, 2]
+    assert hold_last_detection({3: 0, 4: 1, 7: 2}, 3, 9) == [0, 1, 1, 1, 2, 2]
 
 
 @pytest.mark.parametrize("count", [1, 10, TRAINING_FRAMES, 2 * TRAINING_FRAMES, 5000])
 def test_a_sample_is_spread_over_a_source_of_any_length(count: int) -> None:
-    sampler, made = Sampler(), []
+    sampler, made = UniformSubsampler(), []
     picture: NDArray[np.uint8] = np.zeros((1, 1, 3), np.uint8)
 
     def window() -> NDArray[np.uint8]:

@@ -7,20 +7,22 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from protocol.entropy.integer_codes import code_bits
 from protocol.entropy.range_coder import RangeDecoder, RangeEncoder
 from protocol.frames.value_coding import (
     LOWEST_TABLE,
-    MAX_SIZE,
+    MAX_MAGNITUDE,
     TABLES,
-    UNARY,
-    Surroundings,
-    code_bits,
+    UNARY_LIMIT,
+    ValueContext,
     code_value,
-    tables_around,
+    context_tables,
     value_bits,
 )
 
-values = st.one_of(st.integers(-3, 3), st.integers(-60, 60), st.integers(-MAX_SIZE, MAX_SIZE))
+values = st.one_of(
+    st.integers(-3, 3), st.integers(-60, 60), st.integers(-MAX_MAGNITUDE, MAX_MAGNITUDE)
+)
 
 
 @given(st.lists(st.tuples(values, st.integers(0, TABLES - 1)), max_size=60))
@@ -32,7 +34,9 @@ def test_values_survive_under_any_table(pairs: list[tuple[int, int]]) -> None:
     assert [code_value(decoder, 0, table) for _, table in pairs] == [value for value, _ in pairs]
 
 
-@pytest.mark.parametrize("size", [0, 1, UNARY - 1, UNARY, UNARY + 1, UNARY + 16, MAX_SIZE])
+@pytest.mark.parametrize(
+    "size", [0, 1, UNARY_LIMIT - 1, UNARY_LIMIT, UNARY_LIMIT + 1, UNARY_LIMIT + 16, MAX_MAGNITUDE]
+)
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_every_way_of_coding_a_size_is_exact(size: int, sign: int) -> None:
     encoder = RangeEncoder()
@@ -42,7 +46,7 @@ def test_every_way_of_coding_a_size_is_exact(size: int, sign: int) -> None:
 
 def test_a_value_beyond_the_largest_is_refused_at_both_ends() -> None:
     with pytest.raises(ValueError, match="too large"):
-        code_value(RangeEncoder(), MAX_SIZE + 1, 0)
+        code_value(RangeEncoder(), MAX_MAGNITUDE + 1, 0)
     with pytest.raises(ValueError, match="too large"):
         code_value(RangeDecoder(b"\xff" * 80), 0, TABLES - 1)
 
@@ -62,7 +66,7 @@ def test_the_stated_bits_are_those_spent() -> None:
         encoder = RangeEncoder()
         for value in drawn:
             code_value(encoder, value, table)
-        stated = sum(costs[table][min(abs(value), UNARY)] for value in drawn)
+        stated = sum(costs[table][min(abs(value), UNARY_LIMIT)] for value in drawn)
         assert 8 * len(encoder.finish()) == pytest.approx(stated, abs=10, rel=0.005)
 
 
@@ -70,7 +74,7 @@ def test_a_table_is_best_for_values_of_its_scale() -> None:
     rng = random.Random(8)
     costs = value_bits()
     for table in range(8, 44, 4):
-        sizes = np.minimum(np.abs(laplacian(rng, table, 4000)), UNARY)
+        sizes = np.minimum(np.abs(laplacian(rng, table, 4000)), UNARY_LIMIT)
         spent = costs[:, sizes].sum(1)
         assert abs(int(spent.argmin()) - table) <= 2
 
@@ -88,24 +92,24 @@ def test_every_value_keeps_a_probability() -> None:
 
 
 def test_surroundings_raise_the_table_of_a_packet_that_moves() -> None:
-    still, moving = Surroundings(), Surroundings()
+    still, moving = ValueContext(), ValueContext()
     for _ in range(3):
         for packet, size in ((still, 0), (moving, 9)):
             packet.start_frame()
             for _ in range(20):
-                packet.saw(24, size)
+                packet.update(24, size)
     still.start_frame()
     moving.start_frame()
     assert still.table(24, 0) < 24 < moving.table(24, 2)
 
 
 def test_tables_stay_within_bounds() -> None:
-    surroundings = Surroundings()
+    surroundings = ValueContext()
     surroundings.start_frame()
     assert surroundings.table(0, 0) == 0
     for _ in range(50):
-        surroundings.saw(0, MAX_SIZE)
-    assert surroundings.table(TABLES - 1, MAX_SIZE) == TABLES - 1
+        surroundings.update(0, MAX_MAGNITUDE)
+    assert surroundings.table(TABLES - 1, MAX_MAGNITUDE) == TABLES - 1
 
 
 @given(st.integers(1, 8), st.integers(1, 12), st.integers(0, 2**32 - 1))
@@ -114,13 +118,13 @@ def test_tables_are_the_same_all_at_once(frames: int, count: int, seed: int) -> 
     expected = rng.integers(0, TABLES, (frames, count))
     parents = rng.integers(0, 4, (frames, count))
     sizes = rng.integers(0, 30, (frames, count)) * rng.integers(0, 2, (frames, count))
-    surroundings, tables = Surroundings(), []
+    surroundings, tables = ValueContext(), []
     for frame in range(frames):
         surroundings.start_frame()
         for usual, parent, size in zip(
             expected[frame].tolist(), parents[frame].tolist(), sizes[frame].tolist(), strict=True
         ):
             tables.append(surroundings.table(usual, parent))
-            surroundings.saw(usual, size)
-    found = tables_around(expected, parents, sizes)
+            surroundings.update(usual, size)
+    found = context_tables(expected, parents, sizes)
     assert found.tolist() == np.reshape(tables, (frames, count)).tolist()

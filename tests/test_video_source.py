@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from av.video.reformatter import ColorPrimaries, Colorspace
 
-from encoder.capture.video_source import colour_matrix, exact_fps, open_source
+from encoder.capture.video_source import exact_fps, open_source, tagged_colour_matrix
 from shared_model.errors import UserError
 
 CLIPS = Path(__file__).resolve().parents[2] / "shared" / "clips"
@@ -72,7 +72,7 @@ def test_a_rate_that_cannot_be_is_said_to_be_assumed(
 ) -> None:
     write_video(tmp_path / "v.avi", [(64, 48)] * 3, fps)
     with open_source(str(tmp_path / "v.avi")) as capture:
-        assert capture.is_rate_assumed == assumed
+        assert capture.is_fps_assumed == assumed
         assert capture.fps == (25 if assumed else 30)
 
 
@@ -100,7 +100,7 @@ def test_a_file_says_by_which_matrix_it_was_made(
 ) -> None:
     write_tagged(tmp_path / "v.mkv", tag, primaries)
     with open_source(str(tmp_path / "v.mkv")) as capture:
-        assert capture.matrix == matrix
+        assert capture.colour_matrix == matrix
 
 
 def test_what_says_nothing_of_its_matrix_is_bt601(tmp_path: Path) -> None:
@@ -108,7 +108,7 @@ def test_what_says_nothing_of_its_matrix_is_bt601(tmp_path: Path) -> None:
     write_images(tmp_path, [1])
     for name in ("v.mkv", "frame_%04d.png"):
         with open_source(str(tmp_path / name)) as capture:
-            assert capture.matrix == "bt601"
+            assert capture.colour_matrix == "bt601"
 
 
 def test_a_file_that_cannot_be_asked_for_its_matrix_is_bt601_in_silence(
@@ -120,7 +120,7 @@ def test_a_file_that_cannot_be_asked_for_its_matrix_is_bt601_in_silence(
     # Asking it would take from the pipe what is to be read, or wait for it.
     os.mkfifo(tmp_path / "pipe.mkv")
     for name in ("cut.mkv", "text.mp4", "pipe.mkv"):
-        assert colour_matrix(tmp_path / name) == "bt601"
+        assert tagged_colour_matrix(tmp_path / name) == "bt601"
     assert capfd.readouterr() == ("", "")
 
 
@@ -253,7 +253,7 @@ def test_what_a_live_source_gives_while_nobody_is_ready_is_dropped() -> None:
     with camera() as url, open_source(url) as capture:
         assert capture.is_live
         busy = iter([True] * 40 + [False])
-        capture.skip_while(lambda: next(busy))
+        capture.drop_frames_while(lambda: next(busy))
         frames = iter(capture)
         found = [next(frames) for _ in range(3)]
     assert [index for index, _ in found] == [0, 1, 2]

@@ -13,21 +13,22 @@ from fractions import Fraction
 from pathlib import Path
 from numba.core.registry import CPUDispatcher
 from encoder import pipeline
-from encoder.pipeline import EncodeOptions, encode
+from encoder.options import EncodeOptions
+from encoder.pipeline import encode
 
 def versions():
     loops = [each for each in gc.get_objects() if isinstance(each, CPUDispatcher)]
     return {f"{each.py_func.__module__}.{each.__name__}": len(each.signatures) for each in loops}
 
 source, output = map(Path, sys.argv[1:])
-rehearsed, rehearse = [], pipeline.rehearse
-def rehearse_and_look(*arguments):
-    rehearse(*arguments)
-    rehearsed.append(versions())
-pipeline.rehearse = rehearse_and_look
+warmed_up, warm_up = [], pipeline.warm_up
+def warm_up_and_count(*arguments):
+    warm_up(*arguments)
+    warmed_up.append(versions())
+pipeline.warm_up = warm_up_and_count
 options = EncodeOptions(str(source), output, profile="default", live=True, pace=True)
 encode(options, lambda done, total: None, lambda: False)
-(before,) = rehearsed
+(before,) = warmed_up
 late = {name for name, count in versions().items() if count != before.get(name, 0)}
 assert any(before.values())
 print(*sorted(late))

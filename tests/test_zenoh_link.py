@@ -17,10 +17,16 @@ import pytest
 import zenoh
 from packets import MODEL
 
-from protocol.link.interface import LinkOptions, Reach
-from protocol.link.receive_queue import MAX_HELD_FRAMES
+from protocol.link.interface import LinkOptions, Reachability
+from protocol.link.receive_queue import MAX_WAITING_FRAMES
 from protocol.link.zenoh_link import ZENOH_OVERHEAD_BYTES, ZenohRouter, ZenohSink, ZenohSource
-from protocol.packets import ControlKind, ControlPacket, FramePacket, LayerPacket, serialise
+from protocol.packets import (
+    ControlKind,
+    ControlPacket,
+    FramePacket,
+    LayerPacket,
+    serialise,
+)
 from shared_model.errors import UserError
 
 END = serialise(ControlPacket(0, ControlKind.END, 100))
@@ -157,7 +163,7 @@ def test_two_ends_meet_at_a_router(stack: ExitStack, endpoint: str) -> None:
 
 def test_who_joins_late_gets_the_model_first(stack: ExitStack, endpoint: str) -> None:
     sink = stack.enter_context(ZenohSink(listening(endpoint)))
-    layers = [serialise(replace(MODEL, layer=n, layers=2)) for n in range(2)]
+    layers = [serialise(replace(MODEL, version=n, version_count=2)) for n in range(2)]
     for packet in [*layers, frame(0), frame(1)]:
         sink.send(packet)
     source = stack.enter_context(ZenohSource(connecting(endpoint)))
@@ -171,7 +177,7 @@ def test_who_joins_late_gets_the_model_first(stack: ExitStack, endpoint: str) ->
 def test_who_joins_late_gets_all_layers_sent_so_far(stack: ExitStack, endpoint: str) -> None:
     sink = stack.enter_context(ZenohSink(listening(endpoint)))
     layers = [serialise(LayerPacket(0, number, b"piece")) for number in range(6)]
-    first = serialise(replace(MODEL, layered=True))
+    first = serialise(replace(MODEL, progressive=True))
     for packet in [first, *layers[:4], frame(0)]:
         sink.send(packet)
     source = stack.enter_context(ZenohSource(connecting(endpoint)))
@@ -187,7 +193,7 @@ def test_frames_before_the_model_are_held_and_bounded(stack: ExitStack, endpoint
     sink = stack.enter_context(ZenohSink(listening(endpoint)))
     source = stack.enter_context(ZenohSource(connecting(endpoint)))
     sink.wait_for_peer(WAIT_S)
-    early = [frame(n) for n in range(MAX_HELD_FRAMES + 10)]
+    early = [frame(n) for n in range(MAX_WAITING_FRAMES + 10)]
     for packet in [*early, MODEL_BYTES, MODEL_BYTES, END]:
         sink.send(packet)
     assert list(source) == [MODEL_BYTES, *early[10:], END]
@@ -205,7 +211,7 @@ def test_receiving_times_out_and_carries_on(stack: ExitStack, endpoint: str) -> 
 
 
 def test_an_encoder_that_goes_without_a_word_ends_the_call(stack: ExitStack, endpoint: str) -> None:
-    source = stack.enter_context(ZenohSource(listening(endpoint), gone_grace_s=0.01))
+    source = stack.enter_context(ZenohSource(listening(endpoint), leave_grace_s=0.01))
     with ZenohSink(connecting(endpoint)) as sink:
         sink.wait_for_peer(WAIT_S)
         sink.send(MODEL_BYTES)
@@ -214,7 +220,7 @@ def test_an_encoder_that_goes_without_a_word_ends_the_call(stack: ExitStack, end
 
 
 def test_an_encoder_that_is_killed_ends_the_call(stack: ExitStack, endpoint: str) -> None:
-    source = stack.enter_context(ZenohSource(listening(endpoint), gone_grace_s=0.01))
+    source = stack.enter_context(ZenohSource(listening(endpoint), leave_grace_s=0.01))
     program = (
         "import sys; from protocol.link.interface import LinkOptions\n"
         "from protocol.link.zenoh_link import ZenohSink\n"
@@ -305,7 +311,7 @@ def test_a_program_ends_whenever_its_link_is_interrupted_while_it_opens(end: str
 
 
 def test_an_encoder_that_comes_back_goes_on_with_the_call(stack: ExitStack, endpoint: str) -> None:
-    source = stack.enter_context(ZenohSource(listening(endpoint), gone_grace_s=WAIT_S))
+    source = stack.enter_context(ZenohSource(listening(endpoint), leave_grace_s=WAIT_S))
     with ZenohSink(connecting(endpoint)) as first:
         first.wait_for_peer(WAIT_S)
         first.send(MODEL_BYTES)
@@ -336,16 +342,16 @@ def test_the_encoder_says_when_nobody_listens_any_more(stack: ExitStack, endpoin
     sink = stack.enter_context(ZenohSink(listening(endpoint), said.append))
     assert said.pop() == f"listening on {endpoint} for a decoder of call 'test'"
     sink.send(MODEL_BYTES)
-    assert sink.reach is Reach.NOBODY and said == []
+    assert sink.reachability is Reachability.NO_PEER and said == []
     with ZenohSource(connecting(endpoint)):
         sink.wait_for_peer(WAIT_S)
-        send_until(sink, Reach.SOMEBODY)
+        send_until(sink, Reachability.HAS_PEER)
         assert said == []
-    send_until(sink, Reach.NOBODY)
+    send_until(sink, Reachability.NO_PEER)
     assert said == ["nobody listens any more; sending on"]
     source = stack.enter_context(ZenohSource(connecting(endpoint)))
     assert source.receive(WAIT_S) == MODEL_BYTES
-    send_until(sink, Reach.SOMEBODY)
+    send_until(sink, Reachability.HAS_PEER)
     assert said[1:] == ["somebody listens again"]
 
 
@@ -356,25 +362,25 @@ def test_a_link_that_breaks_is_known_and_made_again(stack: ExitStack, endpoint: 
         assert said.pop() == f"connecting to {endpoint} for a decoder of call 'test'"
         with ZenohSource(connecting(endpoint)):
             sink.wait_for_peer(WAIT_S)
-            send_until(sink, Reach.SOMEBODY)
-        send_until(sink, Reach.NOBODY)
-    send_until(sink, Reach.NO_LINK)
+            send_until(sink, Reachability.HAS_PEER)
+        send_until(sink, Reachability.NO_PEER)
+    send_until(sink, Reachability.NO_LINK)
     stack.enter_context(ZenohRouter((endpoint,)))
-    send_until(sink, Reach.NOBODY)
+    send_until(sink, Reachability.NO_PEER)
     said.clear()
     source = stack.enter_context(ZenohSource(connecting(endpoint), said.append))
     assert said == [f"connecting to {endpoint} for an encoder of call 'test'"]
-    send_until(sink, Reach.SOMEBODY)
+    send_until(sink, Reachability.HAS_PEER)
     sink.send(MODEL_BYTES)
     assert source.receive(WAIT_S) == MODEL_BYTES
 
 
-def send_until(sink: ZenohSink, reach: Reach) -> None:
+def send_until(sink: ZenohSink, reach: Reachability) -> None:
     """Send END packets until one reaches so far."""
     pause, deadline = threading.Event(), monotonic() + WAIT_S
     sink.send(END)
-    while sink.reach is not reach:
-        assert monotonic() < deadline, sink.reach
+    while sink.reachability is not reach:
+        assert monotonic() < deadline, sink.reachability
         pause.wait(0.005)
         sink.send(END)
 

@@ -1,1 +1,1 @@
-"""The shape-free frame: textures sampled from pictures, texel by texel."""
+"""The appearance of a face in the shape-free frame: sampling, visibility, masks, rendering."""

@@ -1,4 +1,4 @@
-"""How much each texel counts."""
+"""Masks and weights of texels: which belong to the face, and how much errors there count."""
 
 from collections.abc import Sequence
 
@@ -6,87 +6,85 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.shape_free import ShapeFree
-from encoder.appearance.texture import sample
+from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.capture.face_crop import Crop
-from encoder.detection.landmark_indices import OUTLINE, outline_of
-from encoder.runtime.image_ops import hull_mask
+from encoder.detection.landmark_indices import FACE_OVAL, face_outline
+from encoder.runtime.image_ops import hull_mask, sample_bicubic
 from shared_model.appearance import Atlas
 from shared_model.mesh import OUTER_LIPS, PARTS, Head
 from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
-# What hair and neck count beside the face, and how soft the border is, in atlas sides.
-OUTSIDE = 0.03
-SOFT_EDGE = 0.015
-# What squared errors in the mouth and on the lips of a live caller count, since lips are read.
-MOUTH = 2.5
-# Pixels of the frame beyond the landmarks' outline that count as the face: where a face is small
-# the outline is a pixel off.
-BORDER_PX = 1.0
+
+# Weight of texels outside the face's outline: hair and neck.
+OUTSIDE_WEIGHT = 0.03
+# Standard deviation of the blur of a mask's edge, in terms of the atlas' side.
+EDGE_SIGMA = 0.015
+# Weight of squared errors in the mouth and on the lips, since viewers read lips.
+MOUTH_WEIGHT = 2.5
+# The outline of a small face may be a pixel off: so many pixels around it belong to the face.
+OUTLINE_MARGIN_PX = 1.0
 
 
 def face_mask(head: Head, atlas: Atlas) -> Single:
-    """(k,) 1 within the face's outline, smoothly `OUTSIDE` in the hair and beyond the jaw.
-
-    The inside of the mouth counts as face.
-    """
-    found = np.maximum(_soft_hull(head, atlas, OUTLINE), OUTSIDE)
-    return np.where(_is_mouth(head, atlas), 1, found).astype(np.float32)
+    """(k,) 1 within the face's outline and in the mouth, smoothly `OUTSIDE_WEIGHT` beyond."""
+    mask = np.maximum(_soft_hull(head, atlas, FACE_OVAL), OUTSIDE_WEIGHT)
+    return np.where(_is_mouth(head, atlas), 1, mask).astype(np.float32)
 
 
-def mouth_weight(head: Head, atlas: Atlas) -> Single:
-    """(k,) what texels count besides their pixels: `MOUTH` in the mouth and on the lips, else 1."""
+def mouth_weights(head: Head, atlas: Atlas) -> Single:
+    """(k,) `MOUTH_WEIGHT` in the mouth and on the lips, smoothly 1 elsewhere."""
     mouth = np.where(_is_mouth(head, atlas), 1, _soft_hull(head, atlas, OUTER_LIPS))
-    return (1 + (MOUTH - 1) * mouth).astype(np.float32)
+    return (1 + (MOUTH_WEIGHT - 1) * mouth).astype(np.float32)
 
 
-def _soft_hull(head: Head, atlas: Atlas, points: Sequence[int]) -> Single:
-    """(k,) 1 within the hull of some landmarks, smoothly 0 beyond."""
-    chosen = list(points)
+def _soft_hull(head: Head, atlas: Atlas, landmarks: Sequence[int]) -> Single:
+    """(k,) 1 within the convex hull of the landmarks on the atlas, smoothly 0 beyond."""
+    chosen = list(landmarks)
     corners = head.triangles[head.network_triangles[chosen]]
-    places = np.einsum(
+    points = np.einsum(
         "mc,mcd->md", head.network_weights[chosen], head.texture_coordinates[corners]
     )
-    mask = hull_mask(places * atlas.size - 0.5, (atlas.size, atlas.size))
-    soft = cv2.GaussianBlur(mask, (0, 0), max(0.5, SOFT_EDGE * atlas.size))
+    mask = hull_mask(points * atlas.size - 0.5, (atlas.size, atlas.size))
+    soft = cv2.GaussianBlur(mask, (0, 0), max(0.5, EDGE_SIGMA * atlas.size))
     return np.asarray(np.clip(2 * soft[atlas.rows, atlas.columns], 0, 1), np.float32)
 
 
 def _is_mouth(head: Head, atlas: Atlas) -> NDArray[np.bool_]:
-    """(k,) which texels are of the inside of the mouth."""
+    """(k,) whether each texel belongs to the cavity of the mouth."""
     return np.asarray(head.parts[atlas.corners[:, 0]] == PARTS.index("mouth"))
 
 
-def within_outline(
-    shape: ShapeFree,
+def outline_coverage(
+    shape_free: ShapeFreeFrame,
     crops: Sequence[Crop],
     faces: Sequence[FaceParameters],
-    points: Sequence[Array],
+    landmarks: Sequence[Array],
 ) -> Single:
-    """(k,) share of the frames in which each texel lies within the landmarks' outline of the face,
-    or no further outside than `BORDER_PX`.
+    """(k,) share of the frames in which each texel lies within the outline of the landmarks.
 
-    points: (468, >= 2) pixels, landmarks of each frame.
+    The outline is widened by `OUTLINE_MARGIN_PX`.
+    landmarks: of each frame, (468, >= 2) pixels.
     """
-    count = np.zeros(len(shape), np.float32)
-    for crop, face, places in zip(crops, faces, points, strict=True):
-        outline = outline_of(places)
+    count = np.zeros(len(shape_free), np.float32)
+    for crop, face, points in zip(crops, faces, landmarks, strict=True):
+        outline = face_outline(points)
         outward = outline - outline.mean(0)
         lengths = np.linalg.norm(outward, axis=1, keepdims=True)
-        wider = outline + BORDER_PX * outward / np.maximum(lengths, 1.0)
-        corners = crop.from_frame(wider.astype(np.float32))
+        wider = outline + OUTLINE_MARGIN_PX * outward / np.maximum(lengths, 1.0)
         height, width = crop.picture.shape[:2]
-        mask = hull_mask(corners, (height, width))
-        count += sample(mask, crop.from_frame(shape.positions(face)))[:, 0].clip(0, 1)
+        mask = hull_mask(crop.to_crop_px(wider.astype(np.float32)), (height, width))
+        positions = crop.to_crop_px(shape_free.positions(face))
+        count += sample_bicubic(mask, positions)[:, 0].clip(0, 1)
     return count / np.float32(max(len(crops), 1))
 
 
-def weighting(weight: Single, mask: Single) -> tuple[Single, Single]:
-    """(k, 1) roots of what errors count, and where modes paint how much.
+def root_weight_and_support(weight: Single, mask: Single) -> tuple[Single, Single]:
+    """(k, 1) roots of the weights of squared errors, and (k, 1) the support of modes.
 
-    weight: (k,) see `Caller`.  mask: see `face_mask`.
+    Modes do not reach beyond the soft edge of the face.
+    weight: (k,).  mask: (k,) see `face_mask`.
     """
     root = np.sqrt(np.maximum(weight, 1e-6))
-    return root[:, None], np.where(mask > 2 * OUTSIDE, mask, 0)[:, None]
+    return root[:, None], np.where(mask > 2 * OUTSIDE_WEIGHT, mask, 0)[:, None]

@@ -1,6 +1,6 @@
-"""Photometric normalisation (thesis 2.4.5): retinex, then histogram equalisation.
+"""Photometric normalisation (thesis 2.4.5): what a fit compares instead of the luma itself.
 
-What is fitted is the luma itself, or what is left of it without the light that falls on the face.
+Retinex and histogram equalisation remove most of the illumination of the face.
 """
 
 from collections.abc import Callable, Mapping
@@ -9,40 +9,40 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.capture.colour import luma
+from encoder.capture.colour import luma_f32
 
 Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]
-Grey = Callable[[Picture], Single]
+# Maps a picture, (h, w, 3) uint8 BGR or (h, w) uint8 luma, to grey levels (h, w) float32.
+Normalisation = Callable[[Picture], Single]
 
-# Width of the surround that counts as light, of the picture's longer side.
-SURROUND = 0.05
-# Keeps the logarithm of the camera's noise in the dark small, grey levels.
-DARK_GREY = 8.0
-LEVELS = 256
+# Standard deviation of the surround, in terms of the picture's longer side.
+SURROUND_SIGMA = 0.05
+# Is added to the luma, grey levels: keeps the logarithm of the camera's noise in the dark small.
+DARK_OFFSET_GREY = 8.0
+HISTOGRAM_BINS = 256
 
 
 def retinex(picture: Picture) -> Single:
-    """(h, w) float32, 0..255: lightness of a face, BGR or luma, apart from its light.
+    """(h, w) float32, 0..255: single-scale retinex (Jobson, Rahman and Woodell 1997), equalised.
 
-    Retinex with one scale: logarithm of luma over that of its surround, by a Gaussian (Jobson,
-    Rahman and Woodell 1997).
+    picture: (h, w, 3) uint8 BGR or (h, w) uint8 luma.
     """
-    brightness = luma(picture) + np.float32(DARK_GREY)
-    sigma = max(SURROUND * max(brightness.shape), 1.0)
+    brightness = luma_f32(picture) + np.float32(DARK_OFFSET_GREY)
+    sigma = max(SURROUND_SIGMA * max(brightness.shape), 1.0)
     surround = cv2.GaussianBlur(brightness, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
-    return equalised(np.log(brightness) - np.log(np.asarray(surround, np.float32)))
+    return equalise_histogram(np.log(brightness) - np.log(np.asarray(surround, np.float32)))
 
 
-def equalised(values: Single) -> Single:
-    """(h, w) float32: `values` on a scale of 0..255 where every level is as frequent.
+def equalise_histogram(values: Single) -> Single:
+    """(h, w) float32: `values` mapped to 0..255 so that all levels are equally frequent.
 
-    Between the histogram's levels it interpolates: steps would be edges to a gradient.
+    The map interpolates between bins, since steps would be edges to a gradient.
     """
     low, high = float(values.min()), float(values.max())
-    counts, edges = np.histogram(values, LEVELS, (low, max(high, low + 1e-6)))
-    share = np.r_[0, np.cumsum(counts)] / values.size
-    return np.asarray(255 * np.interp(values, edges, share), np.float32)
+    counts, edges = np.histogram(values, HISTOGRAM_BINS, (low, max(high, low + 1e-6)))
+    cumulative = np.r_[0, np.cumsum(counts)] / values.size
+    return np.asarray(255 * np.interp(values, edges, cumulative), np.float32)
 
 
-NORMALISATIONS: Mapping[str, Grey] = {"none": luma, "retinex": retinex}
+NORMALISATIONS: Mapping[str, Normalisation] = {"none": luma_f32, "retinex": retinex}

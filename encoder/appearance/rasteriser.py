@@ -1,95 +1,95 @@
-"""What is nearest to the camera under each pixel: triangles drawn without a graphics card."""
+"""A z-buffer rasteriser: the triangle nearest to the camera in each pixel, without a GPU."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.runtime.jit import compiled
+from encoder.runtime.jit import jit
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
 Indices = NDArray[np.integer]
+Bools = NDArray[np.bool_]
 
-# Triangles of less than this twice their area, pixels, are seen from their edge.
-LEAST_AREA_PX2 = 1e-9
-# A pixel so little beside a triangle is in it.
-EDGE = 1e-9
+# Triangles with less than twice this area in the picture, pixels^2, are seen edge-on.
+MIN_DOUBLE_AREA_PX2 = 1e-9
+# A pixel whose barycentric coordinates are outside by no more than this is in the triangle.
+EDGE_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class Surface:
-    """The pixels that show a surface.
+class Fragments:
+    """The pixels that a surface covers.
 
-    pixels: (p,) numbers in the picture, row by row, ascending.
-    corners: (3, p) vertices of the triangle that each shows.
-    weights: (3, p) float32, their shares in the point that it shows.
+    pixels: (p,) row-major indices in the picture, ascending.
+    corners: (3, p) vertices of the triangle in each pixel.
+    weights: (3, p) float32, barycentric coordinates in space of the point in each pixel.
     """
 
     pixels: Indices
     corners: Indices
-    weights: NDArray[np.float32]
+    weights: Single
 
-    def points(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Per-vertex values (d, n) at every pixel: (d, p)."""
-        return _spread(values, self.corners, self.weights)
+    def interpolate(self, values: Single) -> Single:
+        """(d, p) the values of vertices (d, n), interpolated at every pixel."""
+        return _interpolate(values, self.corners, self.weights)
 
-    def of(self, chosen: NDArray[np.bool_]) -> "Surface":
-        """Only some of the pixels."""
-        return Surface(self.pixels[chosen], self.corners[:, chosen], self.weights[:, chosen])
+    def select(self, chosen: Bools) -> "Fragments":
+        """The fragments that are chosen (p,)."""
+        return Fragments(self.pixels[chosen], self.corners[:, chosen], self.weights[:, chosen])
 
 
-@compiled
-def _spread(
-    values: NDArray[np.float32], corners: Indices, weights: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """Values (d, n) of vertices at the points (p,) between them: (d, p)."""
-    found = np.empty((len(values), corners.shape[1]), np.float32)
+@jit
+def _interpolate(values: Single, corners: Indices, weights: Single) -> Single:
+    """See `Fragments.interpolate`."""
+    interpolated = np.empty((len(values), corners.shape[1]), np.float32)
     for row in range(len(values)):
         for pixel in range(corners.shape[1]):
-            found[row, pixel] = (
+            interpolated[row, pixel] = (
                 values[row, corners[0, pixel]] * weights[0, pixel]
                 + values[row, corners[1, pixel]] * weights[1, pixel]
                 + values[row, corners[2, pixel]] * weights[2, pixel]
             )
-    return found
+    return interpolated
 
 
-def front_surface(
-    at_px: Array, depth: Array, triangles: NDArray[np.int32], wanted: NDArray[np.bool_]
-) -> Surface:
-    """The front faces that the `wanted` pixels (h, w) show.
+def rasterise(
+    points_px: Array, depth: Array, triangles: NDArray[np.int32], mask: Bools
+) -> Fragments:
+    """The nearest front-facing triangle in each pixel of a mask (h, w).
 
-    at_px: (n, 2) vertices in the picture, y down.  depth: (n,) > 0, along the camera's axis.
+    points_px: (n, 2) vertices in the picture, y down.  depth: (n,) > 0, along the camera's axis.
     triangles: (m, 3), counter-clockwise seen from outside.
     """
-    nearest = np.zeros(wanted.shape)
-    owner = np.zeros(wanted.shape, np.int32)
-    shares = np.zeros((3, *wanted.shape), np.float32)
-    _draw(at_px, depth, triangles, wanted, nearest, owner, shares)
-    shown = np.flatnonzero(nearest)
-    corners = triangles.T.take(owner.ravel()[shown], axis=1)
-    return Surface(shown, corners, shares.reshape(3, -1).take(shown, axis=1))
+    inverse_depth = np.zeros(mask.shape)
+    triangle = np.zeros(mask.shape, np.int32)
+    weights = np.zeros((3, *mask.shape), np.float32)
+    _rasterise(points_px, depth, triangles, mask, inverse_depth, triangle, weights)
+    covered = np.flatnonzero(inverse_depth)
+    corners = triangles.T.take(triangle.ravel()[covered], axis=1)
+    return Fragments(covered, corners, weights.reshape(3, -1).take(covered, axis=1))
 
 
-@compiled
-def _draw(
-    at_px: Array,
+@jit
+def _rasterise(
+    points_px: Array,
     depth: Array,
     triangles: NDArray[np.int32],
-    wanted: NDArray[np.bool_],
-    nearest: Array,
-    owner: NDArray[np.int32],
-    shares: NDArray[np.float32],
+    mask: Bools,
+    inverse_depth: Array,
+    triangle: NDArray[np.int32],
+    weights: Single,
 ) -> None:
-    """Fill in one over the depth of each pixel, whose triangle it shows, its corners' shares."""
-    height, width = wanted.shape
+    """Write the inverse depth, the triangle's index (h, w) and the weights (3, h, w) of pixels."""
+    height, width = mask.shape
     for number in range(len(triangles)):
         i, j, k = triangles[number]
-        ax, ay = at_px[i]
-        bx, by = at_px[j, 0] - ax, at_px[j, 1] - ay
-        cx, cy = at_px[k, 0] - ax, at_px[k, 1] - ay
+        ax, ay = points_px[i]
+        bx, by = points_px[j, 0] - ax, points_px[j, 1] - ay
+        cx, cy = points_px[k, 0] - ax, points_px[k, 1] - ay
         area = bx * cy - by * cx
-        if not area < -LEAST_AREA_PX2:
+        if not area < -MIN_DOUBLE_AREA_PX2:
             continue
         left = int(max(np.ceil(ax + min(0.0, bx, cx)), 0.0))
         right = int(min(np.floor(ax + max(0.0, bx, cx)), width - 1.0))
@@ -97,19 +97,19 @@ def _draw(
         bottom = int(min(np.floor(ay + max(0.0, by, cy)), height - 1.0))
         for row in range(top, bottom + 1):
             for column in range(left, right + 1):
-                if not wanted[row, column]:
+                if not mask[row, column]:
                     continue
                 x, y = column - ax, row - ay
                 b = (x * cy - y * cx) / area
                 c = (bx * y - by * x) / area
-                if b < -EDGE or c < -EDGE or b + c > 1 + EDGE:
+                if b < -EDGE_TOLERANCE or c < -EDGE_TOLERANCE or b + c > 1 + EDGE_TOLERANCE:
                     continue
-                # Shares in the picture become shares in space.
+                # Perspective-correct: coordinates in the picture become coordinates in space.
                 near_a, near_b, near_c = (1 - b - c) / depth[i], b / depth[j], c / depth[k]
                 near = near_a + near_b + near_c
-                if near >= nearest[row, column]:
-                    nearest[row, column] = near
-                    owner[row, column] = number
-                    shares[0, row, column] = near_a / near
-                    shares[1, row, column] = near_b / near
-                    shares[2, row, column] = near_c / near
+                if near >= inverse_depth[row, column]:
+                    inverse_depth[row, column] = near
+                    triangle[row, column] = number
+                    weights[0, row, column] = near_a / near
+                    weights[1, row, column] = near_b / near
+                    weights[2, row, column] = near_c / near

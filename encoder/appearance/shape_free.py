@@ -1,205 +1,218 @@
-"""The shape-free frame of one caller: where each texel of the face lies, and how it moves.
+"""The shape-free frame (thesis 2.4.2): the projection and motion of the texels of one face.
 
-Analysis by synthesis (thesis 2.4.3) compares pictures here: the same texel is the same piece of
-skin in every frame, whatever the pose and expression.
+Analysis by synthesis (thesis 2.4.3) compares pictures in this frame: a texel is the same piece of
+skin in every picture, whatever the pose and expression.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.runtime.jit import compiled
+from encoder.runtime.jit import jit
 from shared_model import geometry
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
 from shared_model.geometry import Camera
 from shared_model.mesh import PARTS
-from shared_model.parameters import EAUS, FaceParameters, Pose, clip_eau
+from shared_model.parameters import EAUS, FaceParameters
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 
-class ShapeFree:
-    """One caller's texels as points on the moving head.
+class ShapeFreeFrame:
+    """The texels of one face as points that move with the head.
 
-    atlas: its texels, all of them or a subset; k of them.
-    place: (k,) where in the whole atlas each is, row by row.
-    on_face: (k,) bool, False on the sheet beside the face.
+    atlas: the k texels: all of the face's atlas or a subset of them.
+    flat_index: (k,) index of each texel in the whole atlas, row-major.
+    on_face: (k,) bool, False on the sheet that surrounds the face.
     """
 
     def __init__(self, face: Face, atlas: Atlas, camera: Camera) -> None:
         self.camera, self.atlas = camera, atlas
-        self.place = atlas.rows.astype(np.intp) * atlas.size + atlas.columns
+        self.flat_index = atlas.rows.astype(np.intp) * atlas.size + atlas.columns
         corners, weights = atlas.corners, atlas.weights.astype(np.float32)
 
-        def at(values: Array) -> Single:
+        def at_texels(values: Array) -> Single:
             gathered = values.astype(np.float32)[..., corners, :]
             return np.asarray(np.einsum("kc,...kcd->...dk", weights, gathered))
 
-        # By coordinates, then texels: what is done to many texels runs along memory.
-        self._neutral = np.ascontiguousarray(at(face.neutral))
+        # Coordinates first, texels last: loops over texels then run along memory.
+        self._neutral = np.ascontiguousarray(at_texels(face.neutral))
         self.on_face = face.head.parts[corners[:, 0]] != PARTS.index("surround")
-        fields = np.concatenate([at(face.head.eau_up), at(-face.head.eau_down)])
+        fields = np.concatenate([at_texels(face.head.eau_up), at_texels(-face.head.eau_down)])
         self._fields = np.ascontiguousarray(fields)
-        self._spans = spans(np.abs(fields).max(1) > 0)
+        self._support = support_ranges(np.abs(fields).max(1) > 0)
 
     def __len__(self) -> int:
         return len(self.on_face)
 
-    def placed(self, face: FaceParameters) -> "Placed":
-        """Where the texels are in this pose and expression."""
-        drive = np.concatenate([np.maximum(face.eau, 0), np.minimum(face.eau, 0)])
+    def project(self, face: FaceParameters) -> "ProjectedTexels":
+        """The texels at this pose and expression, in the camera's axes and in the picture."""
+        activation = np.concatenate([np.maximum(face.eau, 0), np.minimum(face.eau, 0)])
         rotation = geometry.matrix_from_quaternion(face.pose.rotation).astype(np.float32)
-        moved_to = _driven(self._neutral, self._fields, self._spans, drive.astype(np.float32))
-        turned, seen, per_mm, pixels = _projected(
-            moved_to,
+        projected = _project(
+            _animate(self._neutral, self._fields, self._support, activation.astype(np.float32)),
             rotation,
             face.pose.translation_mm.astype(np.float32),
             np.float32(self.camera.focal_px),
             self.camera.centre.astype(np.float32),
         )
-        return Placed(face, rotation, turned, seen, per_mm, pixels.T)
+        rotated_mm, camera_mm, pixels_per_mm, pixels = projected
+        return ProjectedTexels(face, rotation, rotated_mm, camera_mm, pixels_per_mm, pixels.T)
 
     def positions(self, face: FaceParameters) -> Single:
-        """(k, 2) where each texel lies in the picture, pixels."""
-        return self.placed(face).pixels
+        """(k, 2) positions of the texels in the picture, pixels."""
+        return self.project(face).pixels
 
-    def whole(self, positions: Single) -> Single:
-        """(2, size, size) positions (k, 2) over the whole atlas, nan where there is no texel."""
+    def to_grid(self, positions: Single) -> Single:
+        """(2, size, size) positions (k, 2) arranged as the whole atlas, nan at unused texels."""
         grid = np.full((2, self.atlas.size**2), np.nan, np.float32)
         for flat, values in zip(grid, positions.T, strict=True):
-            flat[self.place] = values
+            flat[self.flat_index] = values
         return grid.reshape(2, self.atlas.size, -1)
 
-    def change(self, placed: "Placed", slope: Single, active: NDArray[np.intp]) -> Single:
-        """(6 + a, k) how the picture under each texel changes, per radian, mm and unit.
+    def image_jacobian(
+        self, texels: "ProjectedTexels", gradient: Single, active: NDArray[np.intp]
+    ) -> Single:
+        """(6 + a, k) derivative of the picture's values at the texels by the face's parameters.
 
-        slope: (2, k) the picture's gradient there, per pixel.  active: (a,) actuators that move.
-        Texels beside the face count as still: what they show moves in its own way.
+        Rows: rotation (per radian, camera axes), translation (per mm), then the actuators (a,) of
+        `active` (per unit).  gradient: (2, k) the picture's gradient at the texels, per pixel.
+        The derivative is 0 on the sheet that surrounds the face, where hair and background show.
         """
-        rigid = rigid_change(placed.turned, placed.seen, placed.per_mm, slope * self.on_face)
-        place = active + np.where(placed.face.eau[active] >= 0, 0, len(EAUS))
-        back = placed.rotation.T @ rigid[3:]
-        return np.concatenate([rigid, _along(self._fields, self._spans, place, back)])
-
-
-@compiled
-def _driven(neutral: Single, fields: Single, spans: NDArray[np.intp], drive: Single) -> Single:
-    """(3, k) places `neutral`, moved by so much of each of the fields (n, 3, k)."""
-    found = neutral.copy()
-    for number in range(len(drive)):
-        if drive[number]:
-            first, end = spans[number]
-            for axis in range(3):
-                # Parts of rows, since a loop from 0 on is one that runs many texels at once.
-                row, field = found[axis, first:end], fields[number, axis, first:end]
-                for k in range(len(row)):
-                    row[k] += drive[number] * field[k]
-    return found
-
-
-@compiled
-def _projected(
-    places: Single, rotation: Single, at_mm: Single, focal_px: np.float32, centre: Single
-) -> tuple[Single, Single, Single, Single]:
-    """See `Placed`, of places (3, k), head frame; pixels (2, k)."""
-    count = places.shape[1]
-    turned, seen = np.empty_like(places), np.empty_like(places)
-    per_mm, pixels = np.empty(count, np.float32), np.empty((2, count), np.float32)
-    for axis in range(3):
-        for k in range(count):
-            turned[axis, k] = (
-                rotation[axis, 0] * places[0, k]
-                + rotation[axis, 1] * places[1, k]
-                + rotation[axis, 2] * places[2, k]
-            )
-            seen[axis, k] = turned[axis, k] + at_mm[axis]
-    for k in range(count):
-        per_mm[k] = focal_px / seen[2, k]
-        pixels[0, k] = seen[0, k] * per_mm[k] + centre[0]
-        pixels[1, k] = seen[1, k] * per_mm[k] + centre[1]
-    return turned, seen, per_mm, pixels
-
-
-@compiled
-def _along(
-    fields: Single, spans: NDArray[np.intp], chosen: NDArray[np.intp], back: Single
-) -> Single:
-    """(a, k) inner products of the `chosen` fields with `back` (3, k)."""
-    found = np.zeros((len(chosen), back.shape[1]), np.float32)
-    for number in range(len(chosen)):
-        first, end = spans[chosen[number]]
-        row = found[number, first:end]
-        for axis in range(3):
-            field, way = fields[chosen[number], axis, first:end], back[axis, first:end]
-            for k in range(len(row)):
-                row[k] += field[k] * way[k]
-    return found
-
-
-def spans(used: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """(n, 2) first and end of what each row (n, k) uses."""
-    first = used.argmax(1)
-    end = used.shape[1] - used[:, ::-1].argmax(1)
-    return np.stack([first, np.where(used.any(1), end, first)], 1)
+        rigid = rigid_jacobian(
+            texels.rotated_mm, texels.camera_mm, texels.pixels_per_mm, gradient * self.on_face
+        )
+        fields = active + np.where(texels.face.eau[active] >= 0, 0, len(EAUS))
+        gradient_head = texels.rotation.T @ rigid[3:]
+        actuators = directional_jacobian(self._fields, self._support, fields, gradient_head)
+        return np.concatenate([rigid, actuators])
 
 
 @dataclass(frozen=True, slots=True)
-class Placed:
-    """Texels of a face: rotation (3, 3), turned and seen (3, k) mm, camera axes, before and after
-    the head's translation, per_mm (k,) pixels per mm at each, pixels (k, 2)."""
+class ProjectedTexels:
+    """Texels at one pose and expression.
+
+    rotation: (3, 3) of the head.
+    rotated_mm, camera_mm: (3, k) camera axes, before and after the head's translation.
+    pixels_per_mm: (k,) scale of the projection at each texel.  pixels: (k, 2).
+    """
 
     face: FaceParameters
     rotation: Single
-    turned: Single
-    seen: Single
-    per_mm: Single
+    rotated_mm: Single
+    camera_mm: Single
+    pixels_per_mm: Single
     pixels: Single
 
 
-@compiled
-def spacing(grid: Single, places: NDArray[np.intp]) -> Single:
-    """(4, n) across x and y, down x and y: how positions change from texel to texel.
+@jit
+def _animate(
+    neutral: Single, fields: Single, support: NDArray[np.intp], activation: Single
+) -> Single:
+    """(3, k) points `neutral` displaced by the fields (n, 3, k) times their activations (n,)."""
+    animated = neutral.copy()
+    for number in range(len(activation)):
+        if activation[number]:
+            first, end = support[number]
+            for axis in range(3):
+                # Slices, since the compiler vectorises loops that start at 0.
+                row, field = animated[axis, first:end], fields[number, axis, first:end]
+                for k in range(len(row)):
+                    row[k] += activation[number] * field[k]
+    return animated
 
-    grid: (2, size, size) positions, see `whole`.  places: (n,) of texels, row by row.
+
+@jit
+def _project(
+    points: Single, rotation: Single, translation_mm: Single, focal_px: np.float32, centre: Single
+) -> tuple[Single, Single, Single, Single]:
+    """The arrays of `ProjectedTexels` for points (3, k), mm, head frame; pixels as (2, k)."""
+    count = points.shape[1]
+    rotated, in_camera = np.empty_like(points), np.empty_like(points)
+    pixels_per_mm, pixels = np.empty(count, np.float32), np.empty((2, count), np.float32)
+    for axis in range(3):
+        for k in range(count):
+            rotated[axis, k] = (
+                rotation[axis, 0] * points[0, k]
+                + rotation[axis, 1] * points[1, k]
+                + rotation[axis, 2] * points[2, k]
+            )
+            in_camera[axis, k] = rotated[axis, k] + translation_mm[axis]
+    for k in range(count):
+        pixels_per_mm[k] = focal_px / in_camera[2, k]
+        pixels[0, k] = in_camera[0, k] * pixels_per_mm[k] + centre[0]
+        pixels[1, k] = in_camera[1, k] * pixels_per_mm[k] + centre[1]
+    return rotated, in_camera, pixels_per_mm, pixels
+
+
+@jit
+def directional_jacobian(
+    fields: Single, support: NDArray[np.intp], chosen: NDArray[np.intp], gradient: Single
+) -> Single:
+    """(a, k) how a picture changes under points that move along fields, per unit of each field.
+
+    fields: (n, 3, k) displacement of each point by a unit of each actuator, mm.
+    support: (n, 2) first point that each field moves, and the end.  chosen: (a,) index of fields.
+    gradient: (3, k) how the picture changes under each point, per mm of its motion.
+    """
+    products = np.zeros((len(chosen), gradient.shape[1]), np.float32)
+    for number in range(len(chosen)):
+        first, end = support[chosen[number]]
+        row = products[number, first:end]
+        for axis in range(3):
+            field, slope = fields[chosen[number], axis, first:end], gradient[axis, first:end]
+            for k in range(len(row)):
+                row[k] += field[k] * slope[k]
+    return products
+
+
+def support_ranges(nonzero: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """(n, 2) first index and end of the nonzero part of each row (n, k)."""
+    first = nonzero.argmax(1)
+    end = nonzero.shape[1] - nonzero[:, ::-1].argmax(1)
+    return np.stack([first, np.where(nonzero.any(1), end, first)], 1)
+
+
+@jit
+def warp_jacobian(grid: Single, indices: NDArray[np.intp]) -> Single:
+    """(4, n) derivatives of texel positions: of x and y by column, then of x and y by row.
+
+    grid: (2, size, size) positions, see `ShapeFreeFrame.to_grid`.
+    indices: (n,) of texels in the whole atlas, row-major.
     """
     size = grid.shape[1]
-    found = np.empty((4, len(places)), np.float32)
-    for number in range(len(places)):
-        row, column = divmod(places[number], size)
+    derivatives = np.empty((4, len(indices)), np.float32)
+    for number in range(len(indices)):
+        row, column = divmod(indices[number], size)
         left, right = max(column - 1, 0), min(column + 1, size - 1)
         above, below = max(row - 1, 0), min(row + 1, size - 1)
         for axis in range(2):
             across = grid[axis, row, right] - grid[axis, row, left]
             down = grid[axis, below, column] - grid[axis, above, column]
-            found[axis, number] = across / np.float32(right - left)
-            found[2 + axis, number] = down / np.float32(below - above)
-    return found
+            derivatives[axis, number] = across / np.float32(right - left)
+            derivatives[2 + axis, number] = down / np.float32(below - above)
+    return derivatives
 
 
-@compiled
-def rigid_change(turned: Single, seen: Single, per_mm: Single, slope: Single) -> Single:
-    """(6, k) how a picture changes under points that move, per radian and mm.
+@jit
+def rigid_jacobian(
+    rotated_mm: Single, camera_mm: Single, pixels_per_mm: Single, gradient: Single
+) -> Single:
+    """(6, k) derivative of a picture's values at points by rotation (per radian) and translation
+    (per mm), camera axes.
 
-    turned, seen: (3, k) points, camera axes, before and after the head's translation.
-    per_mm: (k,) pixels.  slope: (2, k) the picture's gradient, per pixel.
+    rotated_mm, camera_mm, pixels_per_mm: see `ProjectedTexels`.
+    gradient: (2, k) the picture's gradient at the points, per pixel.
     """
-    found = np.empty((6, len(per_mm)), np.float32)
-    for k in range(len(per_mm)):
-        u, v = slope[0, k] * per_mm[k], slope[1, k] * per_mm[k]
-        w = -(u * seen[0, k] + v * seen[1, k]) / seen[2, k]
-        found[0, k] = turned[1, k] * w - turned[2, k] * v
-        found[1, k] = turned[2, k] * u - turned[0, k] * w
-        found[2, k] = turned[0, k] * v - turned[1, k] * u
-        found[3, k], found[4, k], found[5, k] = u, v, w
-    return found
-
-
-def moved(face: FaceParameters, step: Array) -> FaceParameters:
-    """Add a step (6 + EAUs,): rotation (rad, camera axes), translation (mm), actuators."""
-    turn = geometry.quaternion_from_vector(step[:3])
-    rotation = geometry.normalise(geometry.multiply(turn, face.pose.rotation))
-    pose = Pose(rotation, face.pose.translation_mm + step[3:6])
-    return replace(face, pose=pose, eau=clip_eau(face.eau + step[6:]))
+    jacobian = np.empty((6, len(pixels_per_mm)), np.float32)
+    for k in range(len(pixels_per_mm)):
+        u, v = gradient[0, k] * pixels_per_mm[k], gradient[1, k] * pixels_per_mm[k]
+        w = -(u * camera_mm[0, k] + v * camera_mm[1, k]) / camera_mm[2, k]
+        jacobian[0, k] = rotated_mm[1, k] * w - rotated_mm[2, k] * v
+        jacobian[1, k] = rotated_mm[2, k] * u - rotated_mm[0, k] * w
+        jacobian[2, k] = rotated_mm[0, k] * v - rotated_mm[1, k] * u
+        jacobian[3, k], jacobian[4, k], jacobian[5, k] = u, v, w
+    return jacobian

@@ -1,119 +1,129 @@
-"""Textures that draw right: sampling a picture and drawing the sample again interpolates twice.
+"""Sharp textures by iterated back-projection (Irani and Peleg 1991).
 
-Iterated back-projection (Irani & Peleg 1991): what the drawn texture lacks of the picture is
-carried back to the texels it was drawn from, a few times.
+A texture sampled from a picture and drawn again has been interpolated twice, which blurs it.  The
+difference between picture and drawn texture is added back to the texels, a few times.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.shape_free import ShapeFree, spacing
+from encoder.appearance.shape_free import ShapeFreeFrame, warp_jacobian
 from encoder.capture.face_crop import Crop
-from encoder.runtime.jit import compiled
+from encoder.runtime.jit import jit
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
+Indices = NDArray[np.intp]
 
-ROUNDS = 4
-STEP = 0.9
-# A texel that hardly shows is not changed by more than what little it shows says.
-LEAST_WEIGHT = 0.3
-# A pixel onto which texels from further apart than this fall shows an edge between surfaces.
-MOST_SCATTER_TEXELS = 2.5
+ITERATIONS = 4
+RELAXATION = 0.9
+# Least sum of bilinear weights by which a texel's correction is divided: texels that hardly any
+# pixel shows change little.
+MIN_WEIGHT = 0.3
+# A pixel that texels from further apart fall onto lies at the edge of a surface and is left out.
+MAX_SPREAD_TEXELS = 2.5
 
 
-def sharpened(
-    shape: ShapeFree, crop: Crop, positions: Single, colours: Single, seen: NDArray[np.bool_]
+def back_projected(
+    shape_free: ShapeFreeFrame,
+    crop: Crop,
+    positions: Single,
+    colours: Single,
+    visible: NDArray[np.bool_],
 ) -> Single:
-    """Colours (k, c) from which drawing gives the crop's pixels, near the sampled `colours` (k, c).
+    """(k, c) texel colours whose drawing reproduces the crop.
 
-    positions: (k, 2) of the texels in the crop, pixels.  seen: (k,).
+    positions: (k, 2) of the texels in the crop, pixels.
+    colours: (k, c) the first estimate, as sampled at `positions`.  visible: (k,); hidden texels
+    keep their colours.
     """
     height, width = crop.picture.shape[:2]
-    pixels, texels = pixel_texels(shape, positions, seen, (height, width))
-    size = shape.atlas.size
-    corners, shares = _bilinear(texels.T, size)
+    pixels, texels = inverse_warp(shape_free, positions, visible, (height, width))
+    size = shape_free.atlas.size
+    corners, weights = _bilinear(texels.T, size)
     channels = crop.picture.shape[2] if crop.picture.ndim == 3 else 1
-    wanted = crop.picture.reshape(height * width, channels).take(pixels, axis=0)
+    target = crop.picture.reshape(height * width, channels).take(pixels, axis=0)
     texture = np.zeros((size * size, channels), np.float32)
-    texture[shape.place] = colours
-    _carry_back(texture, corners, shares, wanted)
-    return np.where(seen[:, None], texture.take(shape.place, axis=0), colours)
+    texture[shape_free.flat_index] = colours
+    _back_project(texture, corners, weights, target)
+    return np.where(visible[:, None], texture.take(shape_free.flat_index, axis=0), colours)
 
 
-@compiled
-def _carry_back(
-    texture: Single, corners: NDArray[np.intp], shares: Single, wanted: NDArray[np.generic]
+@jit
+def _back_project(
+    texture: Single, corners: Indices, weights: Single, target: NDArray[np.generic]
 ) -> None:
-    """Change a texture (n, channels) until what is drawn of it is nearer to `wanted` (p, channels).
+    """Change a texture (n, channels) in place so that its drawing comes closer to `target`.
 
-    corners, shares: (4, p), see `_bilinear`.
+    target: (p, channels) the pixels.  corners, weights: (4, p), see `_bilinear`.
     """
     count, channels = texture.shape
-    weight = np.zeros(count, np.float32)
+    total = np.zeros(count, np.float32)
     for corner in range(4):
-        for pixel in range(len(wanted)):
-            weight[corners[corner, pixel]] += shares[corner, pixel]
-    scale = np.float32(STEP) / np.maximum(weight, np.float32(LEAST_WEIGHT))
-    for _ in range(ROUNDS):
-        back = np.zeros_like(texture)
-        for pixel in range(len(wanted)):
+        for pixel in range(len(target)):
+            total[corners[corner, pixel]] += weights[corner, pixel]
+    scale = np.float32(RELAXATION) / np.maximum(total, np.float32(MIN_WEIGHT))
+    for _ in range(ITERATIONS):
+        correction = np.zeros_like(texture)
+        for pixel in range(len(target)):
             a, b, c, d = corners[:, pixel]
-            wa, wb, wc, wd = shares[:, pixel]
+            wa, wb, wc, wd = weights[:, pixel]
             for channel in range(channels):
-                lack = np.float32(wanted[pixel, channel]) - (
+                residual = np.float32(target[pixel, channel]) - (
                     wa * texture[a, channel]
                     + wb * texture[b, channel]
                     + wc * texture[c, channel]
                     + wd * texture[d, channel]
                 )
-                back[a, channel] += wa * lack
-                back[b, channel] += wb * lack
-                back[c, channel] += wc * lack
-                back[d, channel] += wd * lack
+                correction[a, channel] += wa * residual
+                correction[b, channel] += wb * residual
+                correction[c, channel] += wc * residual
+                correction[d, channel] += wd * residual
         for texel in range(count):
             for channel in range(channels):
-                texture[texel, channel] += scale[texel] * back[texel, channel]
+                texture[texel, channel] += scale[texel] * correction[texel, channel]
 
 
-def pixel_texels(
-    shape: ShapeFree, positions: Single, seen: NDArray[np.bool_], size: tuple[int, int]
-) -> tuple[NDArray[np.intp], Single]:
-    """Which texel each pixel of the face shows: pixels (p,), texels (p, 2), column and row.
+def inverse_warp(
+    shape_free: ShapeFreeFrame, positions: Single, visible: NDArray[np.bool_], size: tuple[int, int]
+) -> tuple[Indices, Single]:
+    """The texel that each pixel of the face shows.
 
-    Texels' places are averaged where they fall, then moved by one Newton step; pixels at the edges
-    of surfaces are left out.
+    positions: (k, 2) of the texels, pixels.  visible: (k,).  size: (height, width) of the picture.
+    Returns pixels (p,), row-major indices, and texels (p, 2), column and row.  The first estimate
+    is the mean of the texels that fall around a pixel; a Newton step refines it.  Pixels at the
+    edges of surfaces are left out.
     """
     height, width = size
-    atlas = shape.atlas
-    sums, inside = _gathered(positions, atlas.columns, atlas.rows, seen, height, width)
+    atlas = shape_free.atlas
+    sums, inside = _splat(positions, atlas.columns, atlas.rows, visible, height, width)
     pixels = np.flatnonzero(sums[0] > 0.5)
     weight, *moments = sums[:, pixels]
     x, y, squares = (moment / weight for moment in moments)
-    scatter = squares - (x**2 + y**2)
-    texels_each = np.sqrt(inside / max(len(pixels), 1))
-    smooth = np.flatnonzero(scatter < (MOST_SCATTER_TEXELS * max(texels_each, 1.0)) ** 2)
-    return _newton(shape, positions, pixels[smooth], np.stack([x[smooth], y[smooth]]), width)
+    variance = squares - (x**2 + y**2)
+    texels_per_pixel = np.sqrt(inside / max(len(pixels), 1))
+    smooth = np.flatnonzero(variance < (MAX_SPREAD_TEXELS * max(texels_per_pixel, 1.0)) ** 2)
+    return _refine_inverse(
+        shape_free, positions, pixels[smooth], np.stack([x[smooth], y[smooth]]), width
+    )
 
 
-@compiled
-def _gathered(
+@jit
+def _splat(
     positions: Single,
     columns: NDArray[np.int32],
     rows: NDArray[np.int32],
-    seen: NDArray[np.bool_],
+    visible: NDArray[np.bool_],
     height: int,
     width: int,
 ) -> tuple[Array, int]:
-    """(4, pixels) sums over the texels that fall near: shares, column, row, squares of both.
-
-    Also how many texels fell into the picture.
-    """
+    """(4, pixels) sums over the texels around each pixel, by bilinear weights: of 1, column, row
+    and the squares of both; and the number of texels inside the picture."""
     sums = np.zeros((4, height * width))
     inside = 0
     for k in range(len(positions)):
         u, v = positions[k]
-        if not (seen[k] and u > 0 and v > 0 and u < width - 1 and v < height - 1):
+        if not (visible[k] and u > 0 and v > 0 and u < width - 1 and v < height - 1):
             continue
         inside += 1
         left, top = int(u), int(v)
@@ -122,37 +132,41 @@ def _gathered(
         square = column * column + row * row
         for dy in range(2):
             for dx in range(2):
-                share = abs(1 - dx - x) * abs(1 - dy - y)
+                weight = abs(1 - dx - x) * abs(1 - dy - y)
                 pixel = (top + dy) * width + left + dx
-                sums[0, pixel] += share
-                sums[1, pixel] += share * column
-                sums[2, pixel] += share * row
-                sums[3, pixel] += share * square
+                sums[0, pixel] += weight
+                sums[1, pixel] += weight * column
+                sums[2, pixel] += weight * row
+                sums[3, pixel] += weight * square
     return sums, inside
 
 
-def _newton(
-    shape: ShapeFree, positions: Single, pixels: NDArray[np.intp], texels: Array, width: int
-) -> tuple[NDArray[np.intp], Single]:
-    size = shape.atlas.size
-    grid = shape.whole(positions)
+def _refine_inverse(
+    shape_free: ShapeFreeFrame, positions: Single, pixels: Indices, texels: Array, width: int
+) -> tuple[Indices, Single]:
+    """Improve texels (2, p) by one Newton step; returns the pixels where it converges, and theirs.
+
+    width: of the picture, pixels.
+    """
+    size = shape_free.atlas.size
+    grid = shape_free.to_grid(positions)
     column, row = nearest = np.rint(texels).astype(np.intp)
-    at = row * size + column
-    here, (ax, ay, bx, by) = grid.reshape(2, -1).take(at, axis=1), spacing(grid, at)
-    ex, ey = np.stack([pixels % width, pixels // width]) - here
-    area = ax * by - ay * bx
-    step = np.stack([ex * by - ey * bx, ax * ey - ay * ex]) / area
-    # What is not finite is not good, either.
-    good = np.flatnonzero((np.abs(step) < MOST_SCATTER_TEXELS).all(0))
-    found = np.clip((nearest + step).take(good, axis=1), 0, size - 1.001)
-    return pixels[good], found.T.astype(np.float32)
+    index = row * size + column
+    ax, ay, bx, by = warp_jacobian(grid, index)
+    ex, ey = np.stack([pixels % width, pixels // width]) - grid.reshape(2, -1).take(index, axis=1)
+    determinant = ax * by - ay * bx
+    step = np.stack([ex * by - ey * bx, ax * ey - ay * ex]) / determinant
+    # A step that is not finite fails the comparison, too.
+    converged = np.flatnonzero((np.abs(step) < MAX_SPREAD_TEXELS).all(0))
+    refined = np.clip((nearest + step).take(converged, axis=1), 0, size - 1.001)
+    return pixels[converged], refined.T.astype(np.float32)
 
 
-def _bilinear(texels: Single, size: int) -> tuple[NDArray[np.intp], Single]:
-    """Flat indices (4, p) and weights (4, p) of the texels around each place (2, p)."""
+def _bilinear(texels: Single, size: int) -> tuple[Indices, Single]:
+    """Row-major indices (4, p) and weights (4, p) of the texels around positions (2, p)."""
     low = np.floor(texels).astype(np.intp)
     x, y = texels - low
     corner = low[1] * size + low[0]
     corners = np.stack([corner, corner + 1, corner + size, corner + size + 1])
-    shares = np.stack([(1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y])
-    return corners, shares.astype(np.float32)
+    weights = np.stack([(1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y])
+    return corners, weights.astype(np.float32)

@@ -1,4 +1,4 @@
-"""The appearance that a fit compares pictures with."""
+"""The tracking template: the luma that a fit compares a picture's texels with."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,10 @@ Single = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class Template:
-    """The luma that texels should have: mean (k,) + coefficients @ modes (m, k); weight (k,)."""
+    """A linear model of the texels' luma: mean + coefficients @ modes.
+
+    mean: (k,).  modes: (m, k).  weight: (k,) of the squared error of each texel.
+    """
 
     mean: Single
     modes: Single

@@ -1,48 +1,65 @@
-"""Which texels the camera sees."""
+"""Visibility of texels, by a depth buffer that the texels themselves fill.
+
+Texels are denser than the cells of the buffer, whose size is fixed on the head, in mm.  So the
+result depends neither on the size of the frame nor on the distance of the head.  See `rasteriser`
+for the visibility of triangles in pixels.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.runtime.jit import compiled
+from encoder.runtime.jit import jit
 from shared_model import geometry
 from shared_model.appearance import Atlas
 from shared_model.mesh import Head
 from shared_model.parameters import Pose
 
 Array = NDArray[np.float64]
+
+# Least cosine between a visible texel's normal and the direction to the camera.
 FACING_COSINE = 0.1
+# Side of a cell of the depth buffer, mm at the head's distance.
 DEPTH_CELL_MM = 1.5
+# How far a visible texel may lie behind the nearest one in its cell.
 DEPTH_TOLERANCE_MM = 2.0
-CELLS_ASIDE = 192
+# Half the side of the depth buffer, cells; it is centred on the head.
+DEPTH_GRID_HALF = 192
 
 
 def visible_texels(
     head: Head, atlas: Atlas, pose: Pose, vertices: Array, cell_mm: float = DEPTH_CELL_MM
 ) -> NDArray[np.bool_]:
-    """(k,) whether the camera sees each texel: facing it, and nothing nearer before it.
+    """(k,) whether the camera sees each texel: it faces the camera and nothing occludes it.
 
     vertices: (n, 3) mm, head frame.
-    cell_mm: what counts as before it; no less than texels' spacing.
+    cell_mm: side of a cell of the depth buffer, at least the distance between texels.
     """
-    seen = geometry.camera_from_head(pose, vertices)
-    return _visible(seen, atlas.corners, atlas.weights, pose.translation_mm, cell_mm)
+    camera_mm = geometry.camera_from_head(pose, vertices)
+    return _visible_texels(camera_mm, atlas.corners, atlas.weights, pose.translation_mm, cell_mm)
 
 
-@compiled
-def _visible(
-    seen: Array, corners: NDArray[np.int32], weights: Array, at_mm: Array, cell_mm: float
+@jit
+def _visible_texels(
+    camera_mm: Array,
+    corners: NDArray[np.int32],
+    weights: Array,
+    centre_mm: Array,
+    cell_mm: float,
 ) -> NDArray[np.bool_]:
+    """See `visible_texels`.  camera_mm: (n, 3) vertices.  corners, weights: (k, 3) of the texels.
+    centre_mm: (3,) the head's translation."""
     count = len(corners)
-    nearest = np.full((2 * CELLS_ASIDE) ** 2, np.inf)
+    nearest = np.full((2 * DEPTH_GRID_HALF) ** 2, np.inf)
     cells = np.zeros(count, np.int32)
     depths = np.empty(count)
-    # How far behind what is nearest in its cell a texel may be; none turned away is seen at all.
+    # How far behind the nearest one in its cell each texel may lie; none for texels facing away.
     slack = np.empty(count)
-    aside_x, aside_y = np.floor(at_mm[0] / cell_mm), np.floor(at_mm[1] / cell_mm)
+    centre_column = np.floor(centre_mm[0] / cell_mm)
+    centre_row = np.floor(centre_mm[1] / cell_mm)
     for k in range(count):
-        ax, ay, az = seen[corners[k, 0]]
-        bx, by, bz = seen[corners[k, 1]]
-        cx, cy, cz = seen[corners[k, 2]]
+        ax, ay, az = camera_mm[corners[k, 0]]
+        bx, by, bz = camera_mm[corners[k, 1]]
+        cx, cy, cz = camera_mm[corners[k, 2]]
         wa, wb, wc = weights[k]
         x, y = wa * ax + wb * bx + wc * cx, wa * ay + wb * by + wc * cy
         z = wa * az + wb * bz + wc * cz
@@ -53,19 +70,19 @@ def _visible(
         depths[k] = z
         slack[k] = -np.inf
         if z > 1:
-            column = np.floor(x / z * at_mm[2] / cell_mm) - aside_x
-            row = np.floor(y / z * at_mm[2] / cell_mm) - aside_y
-            # A pose gone astray may bring the head into the camera: what is far aside shares a
-            # cell.
-            column = min(max(column, -CELLS_ASIDE), CELLS_ASIDE - 1) + CELLS_ASIDE
-            row = min(max(row, -CELLS_ASIDE), CELLS_ASIDE - 1) + CELLS_ASIDE
-            cells[k] = int(column) * 2 * CELLS_ASIDE + int(row)
+            column = np.floor(x / z * centre_mm[2] / cell_mm) - centre_column
+            row = np.floor(y / z * centre_mm[2] / cell_mm) - centre_row
+            # A diverged pose may put the camera inside the head: points outside the buffer share
+            # its border cells.
+            column = min(max(column, -DEPTH_GRID_HALF), DEPTH_GRID_HALF - 1) + DEPTH_GRID_HALF
+            row = min(max(row, -DEPTH_GRID_HALF), DEPTH_GRID_HALF - 1) + DEPTH_GRID_HALF
+            cells[k] = int(column) * 2 * DEPTH_GRID_HALF + int(row)
             nearest[cells[k]] = min(nearest[cells[k]], z)
             if facing > FACING_COSINE:
-                # Depth changes by this much within a cell of a slanting surface.
+                # The depth of a slanted surface changes by this much within a cell.
                 slant = cell_mm * np.sqrt(1 - min(facing * facing, 1.0)) / facing
                 slack[k] = DEPTH_TOLERANCE_MM + slant
-    found = np.empty(count, np.bool_)
+    visible = np.empty(count, np.bool_)
     for k in range(count):
-        found[k] = depths[k] <= nearest[cells[k]] + slack[k]
-    return found
+        visible[k] = depths[k] <= nearest[cells[k]] + slack[k]
+    return visible

@@ -1,13 +1,12 @@
-"""What the face wears: the shape-free texture of a frame (thesis 2.4.2); images within a budget."""
-
-from typing import Any
+"""The texture of one frame (thesis 2.4.2): sampled where visible, completed where hidden."""
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.inpaint import fill
+from encoder.appearance.inpaint import pull_push_fill
 from encoder.appearance.texel_visibility import visible_texels
+from encoder.runtime.image_ops import sample_bicubic
 from shared_model import geometry
 from shared_model.appearance import Atlas
 from shared_model.geometry import Camera
@@ -17,41 +16,35 @@ from shared_model.parameters import Pose
 Array = NDArray[np.float64]
 Texels = NDArray[np.float32]
 Picture = NDArray[np.uint8]
+Bools = NDArray[np.bool_]
 
-# What has never been seen, BGR: teeth, tongue and the dark of the mouth.
-UNSEEN_COLOURS = {
+# Colours of the inside of the mouth where no frame shows it, BGR, under the reference illuminant.
+DEFAULT_COLOURS = {
     "teeth_upper": (150, 165, 170),
     "teeth_lower": (130, 145, 150),
     "tongue": (75, 70, 135),
     "mouth": (30, 25, 50),
 }
-# In the light in which the white of the eyes, brighter than most of them, has this colour.
-USUAL_WHITE = (130, 140, 165)
+# The colour of the white of the eyes under the reference illuminant, BGR, and the percentile of the
+# eyes' texels that is taken for it.
+REFERENCE_WHITE = (130, 140, 165)
 WHITE_PERCENTILE = 90
-LEAST_LIGHT, MOST_LIGHT = 0.4, 1.2
-# What is so far from a texel in each direction is around it.
-AROUND = 2
-# What shows through a slit between the lips is as much the lips: of what is around a texel inside
-# the mouth, this share must be seen too.
-SOLID = 0.7
-# Narrow folds are continued from around, since the other half of the face is lit otherwise: of what
-# is around a mirrored texel, at most this share is known.
-FOLDED = 0.1
-# Denser than pixels: what is sampled and drawn again is interpolated twice, and blurs.
+# Range of illuminants, relative to the reference.
+MIN_ILLUMINANT, MAX_ILLUMINANT = 0.4, 1.2
+# Reach of a texel's neighbourhood in each direction, texels.
+NEIGHBOURHOOD = 2
+# A texel inside the mouth is sampled only if this share of its neighbourhood is visible inside the
+# mouth, too: a narrow slit between the lips shows as much of the lips.
+MIN_COVERAGE = 0.7
+# A texel is mirrored from the other half of the face only if at most this share of its
+# neighbourhood is known.  Narrow folds are filled from their neighbourhood instead, because the
+# other half of the face may be lit differently.
+MAX_MIRROR_COVERAGE = 0.1
+# Texels per pixel of an atlas that is fitted to the picture: sampling and drawing interpolate
+# twice, and equal densities would blur.
 TEXELS_PER_PIXEL = 1.8
-
-
-def sample(frame: NDArray[Any], positions_px: NDArray[Any]) -> Texels:
-    """Colours of a picture at (k, 2) pixel positions, bicubic: (k, channels) float32."""
-    columns = 1024
-    rows = -(-len(positions_px) // columns)
-    grid = np.zeros((2, rows * columns), dtype=np.float32)
-    grid[:, : len(positions_px)] = positions_px.T
-    u, v = grid.reshape(2, rows, columns)
-    sampled = cv2.remap(frame, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    channels = 1 if frame.ndim == 2 else frame.shape[2]
-    flat = sampled.reshape(rows * columns, channels)[: len(positions_px)]
-    return np.asarray(flat, dtype=np.float32)
+# A frame with no more pixels per texel than this is sampled without a prefilter.
+MAX_PIXELS_PER_TEXEL = 1.2
 
 
 def extract_texture(
@@ -59,90 +52,107 @@ def extract_texture(
 ) -> Picture:
     """The whole atlas, (size, size, 3) uint8 BGR, from one frame.
 
-    What the frame does not show is taken from the other half of the face where that is seen
-    (Fig. 4.5), else from around it; the inside of a closed mouth gets a usual colour.
+    Hidden texels are taken from the other half of the face if that is visible (Fig. 4.5), else
+    filled from their neighbourhood; the inside of a closed mouth gets default colours.
+    vertices: (n, 3) mm, head frame.  frame: (h, w, 3) uint8 BGR.
     """
     points_px = geometry.pixel_from_head(camera, pose, atlas.points(vertices))
-    frame, points_px = _at_texel_scale(frame, points_px, atlas)
-    known = np.zeros((atlas.size, atlas.size), dtype=bool)
-    image = np.zeros((atlas.size, atlas.size, 3), dtype=np.float32)
-    worn = head.opacity[atlas.corners].min(1) > 0
-    seen = visible_texels(head, atlas, pose, vertices) & worn
+    frame, points_px = _prefiltered(frame, points_px, atlas)
+    at = atlas.rows, atlas.columns
     inside = inside_mouth(head)[atlas.corners[:, 0]]
-    within = np.zeros_like(known)
-    within[atlas.rows, atlas.columns] = seen & inside
-    seen &= ~inside | (_share_around(within) >= SOLID)[atlas.rows, atlas.columns]
-    image[atlas.rows[seen], atlas.columns[seen]] = sample(frame, points_px[seen])
-    known[atlas.rows[seen], atlas.columns[seen]] = True
-    skin = np.zeros_like(known)
-    skin[atlas.rows, atlas.columns] = ~inside
-    mirrored = known[:, ::-1] & skin & ~known & (_share_around(known) <= FOLDED)
+    visible = visible_texels(head, atlas, pose, vertices)
+    visible &= head.opacity[atlas.corners].min(1) > 0
+    visible &= ~inside | (_neighbourhood_coverage(atlas, visible & inside) >= MIN_COVERAGE)
+    image = np.zeros((atlas.size, atlas.size, 3), dtype=np.float32)
+    known = np.zeros((atlas.size, atlas.size), dtype=bool)
+    image[atlas.rows[visible], atlas.columns[visible]] = sample_bicubic(frame, points_px[visible])
+    known[at] = visible
+    _mirror(image, known, atlas, ~inside)
+    eyes = visible & np.isin(
+        head.parts[atlas.corners[:, 0]], [PARTS.index("eye_left"), PARTS.index("eye_right")]
+    )
+    defaults = _illuminant(image[at][eyes]) * default_colours(head, atlas)
+    unseen = np.isfinite(defaults[:, 0]) & ~known[at]
+    image[atlas.rows[unseen], atlas.columns[unseen]] = defaults[unseen]
+    known[atlas.rows[unseen], atlas.columns[unseen]] = True
+    return np.clip(np.rint(pull_push_fill(image, known)), 0, 255).astype(np.uint8)
+
+
+def _mirror(image: Texels, known: Bools, atlas: Atlas, is_skin: Bools) -> None:
+    """Copy unknown texels of the skin from the other half of the face, in place.
+
+    image: (size, size, 3).  known: (size, size).  is_skin: (k,) of the atlas' texels.
+    """
+    at = atlas.rows, atlas.columns
+    mirrored = np.zeros_like(known)
+    few_known = _neighbourhood_coverage(atlas, known[at]) <= MAX_MIRROR_COVERAGE
+    mirrored[at] = known[:, ::-1][at] & is_skin & ~known[at] & few_known
     image[mirrored] = image[:, ::-1][mirrored]
     known |= mirrored
-    part = head.parts[atlas.corners[:, 0]]
-    eyes = seen & np.isin(part, [PARTS.index("eye_left"), PARTS.index("eye_right")])
-    usual = _light(image[atlas.rows[eyes], atlas.columns[eyes]]) * unseen_colours(head, atlas)
-    hidden = np.isfinite(usual[:, 0]) & ~known[atlas.rows, atlas.columns]
-    image[atlas.rows[hidden], atlas.columns[hidden]] = usual[hidden]
-    known[atlas.rows[hidden], atlas.columns[hidden]] = True
-    return np.clip(np.rint(fill(image, known)), 0, 255).astype(np.uint8)
 
 
-def _share_around(chosen: NDArray[np.bool_]) -> Texels:
-    """(n, n) how much of what is around each texel of an atlas is `chosen` (n, n)."""
-    side = 2 * AROUND + 1
-    share = cv2.boxFilter(
-        chosen.astype(np.float32), -1, (side, side), borderType=cv2.BORDER_CONSTANT
-    )
-    return np.asarray(share, np.float32)
+def _neighbourhood_coverage(atlas: Atlas, chosen: Bools) -> Texels:
+    """(k,) the share of chosen texels (k,) among the neighbours of each texel."""
+    grid = np.zeros((atlas.size, atlas.size), np.float32)
+    grid[atlas.rows, atlas.columns] = chosen
+    side = 2 * NEIGHBOURHOOD + 1
+    coverage = cv2.boxFilter(grid, -1, (side, side), borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(coverage[atlas.rows, atlas.columns], np.float32)
 
 
-def _light(eyes: Texels) -> Texels:
-    """(3,) BGR of the light on eyes of these colours (n, 3), against that of `USUAL_WHITE`.
+def _illuminant(eyes: Texels) -> Texels:
+    """(3,) BGR of the light, relative to the reference, from the colours (n, 3) of the eyes.
 
-    Skin is darker or lighter by itself, and tells less of it.
+    Skin would tell less, because its own colour varies more than that of the eyes.
     """
     if not len(eyes):
         return np.ones(3, np.float32)
-    white = np.percentile(eyes, WHITE_PERCENTILE, axis=0) / USUAL_WHITE
-    return np.asarray(np.clip(white, LEAST_LIGHT, MOST_LIGHT), np.float32)
+    white = np.percentile(eyes, WHITE_PERCENTILE, axis=0) / REFERENCE_WHITE
+    return np.asarray(np.clip(white, MIN_ILLUMINANT, MAX_ILLUMINANT), np.float32)
 
 
-def unseen_colours(head: Head, atlas: Atlas) -> Texels:
-    """(k, 3) BGR of what no frame shows: a usual colour inside the mouth, nan on the skin."""
+def default_colours(head: Head, atlas: Atlas) -> Texels:
+    """(k, 3) BGR: `DEFAULT_COLOURS` of texels inside the mouth, nan elsewhere."""
     part = head.parts[atlas.corners[:, 0]]
     colours = np.full((len(part), 3), np.nan, dtype=np.float32)
-    for name, colour in UNSEEN_COLOURS.items():
+    for name, colour in DEFAULT_COLOURS.items():
         colours[part == PARTS.index(name)] = colour
     return colours
 
 
-def texel_pixels(atlas: Atlas, camera: Camera, pose: Pose, vertices: Array) -> float:
-    """Pixels of the picture per texel, where the face is seen best."""
-    return _spacing(geometry.pixel_from_head(camera, pose, atlas.points(vertices)), atlas)
+def pixels_per_texel(atlas: Atlas, camera: Camera, pose: Pose, vertices: Array) -> float:
+    """Pixels of the picture per texel where the face is seen at high resolution.
 
-
-def fitting_size(atlas: Atlas, camera: Camera, pose: Pose, vertices: Array, largest: int) -> int:
-    """Texels a side, a multiple of 16 and at most `largest`, at which texels are fine enough.
-
-    atlas: any size; it tells how much of the atlas the face takes.
+    vertices: (n, 3) mm, head frame.
     """
-    size = TEXELS_PER_PIXEL * atlas.size * texel_pixels(atlas, camera, pose, vertices)
+    return _texel_spacing_px(geometry.pixel_from_head(camera, pose, atlas.points(vertices)), atlas)
+
+
+def atlas_size_for(atlas: Atlas, camera: Camera, pose: Pose, vertices: Array, largest: int) -> int:
+    """Texels a side that give `TEXELS_PER_PIXEL`: a multiple of 16, at most `largest`.
+
+    atlas: an atlas of the same head, of any size.  vertices: (n, 3) mm, head frame.
+    """
+    size = TEXELS_PER_PIXEL * atlas.size * pixels_per_texel(atlas, camera, pose, vertices)
     return int(np.clip(16 * np.ceil(size / 16), 48, largest))
 
 
-def _spacing(points_px: Array, atlas: Atlas) -> float:
-    """Pixels from one texel to the next in its row, where the face is seen best."""
-    beside = np.flatnonzero((np.diff(atlas.columns) == 1) & (np.diff(atlas.rows) == 0))
-    steps = np.linalg.norm(points_px[beside + 1] - points_px[beside], axis=1)
+def _texel_spacing_px(points_px: Array, atlas: Atlas) -> float:
+    """Pixels between neighbouring texels of a row: a percentile above the median.
+
+    points_px: (k, 2) of the texels.
+    """
+    left = np.flatnonzero((np.diff(atlas.columns) == 1) & (np.diff(atlas.rows) == 0))
+    steps = np.linalg.norm(points_px[left + 1] - points_px[left], axis=1)
     return float(np.percentile(steps, 60))
 
 
-def _at_texel_scale(frame: Picture, points_px: Array, atlas: Atlas) -> tuple[Picture, Array]:
-    """Shrink a frame in which the face has more pixels than the atlas texels, against aliasing."""
-    span_px = _spacing(points_px, atlas)
-    if span_px <= 1.2:
+def _prefiltered(frame: Picture, points_px: Array, atlas: Atlas) -> tuple[Picture, Array]:
+    """The frame scaled down to one pixel per texel, against aliasing, and the points in it."""
+    spacing_px = _texel_spacing_px(points_px, atlas)
+    if spacing_px <= MAX_PIXELS_PER_TEXEL:
         return frame, points_px
-    small = cv2.resize(frame, None, fx=1 / span_px, fy=1 / span_px, interpolation=cv2.INTER_AREA)
+    scale = 1 / spacing_px
+    small = cv2.resize(frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     ratio = np.array([small.shape[1] / frame.shape[1], small.shape[0] / frame.shape[0]])
     return np.asarray(small, dtype=np.uint8), (points_px + 0.5) * ratio - 0.5

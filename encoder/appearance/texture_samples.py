@@ -1,4 +1,5 @@
-"""Shape-free pictures of a caller: what an appearance model is learned from (thesis eq. 2.17)."""
+"""Texture samples: the shape-free textures of several frames, which appearance models are built
+from (thesis eq. 2.17)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,74 +7,87 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.inpaint import fill
-from encoder.appearance.shape_free import ShapeFree, spacing
+from encoder.appearance.inpaint import pull_push_fill
+from encoder.appearance.shape_free import ShapeFreeFrame, warp_jacobian
 from encoder.appearance.texel_visibility import DEPTH_CELL_MM, visible_texels
-from encoder.appearance.texture import sample
 from encoder.capture.face_crop import Crop
-from encoder.runtime.parallel import on_cores
+from encoder.runtime.image_ops import sample_bicubic
+from encoder.runtime.parallel import parallel_map
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
+Bools = NDArray[np.bool_]
+
+# No texel's footprint exceeds this multiple of the median.
+MAX_FOOTPRINT = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Stack:
-    """Shape-free pictures of some frames.
+class TextureSamples:
+    """The texels of t frames.
 
-    colours: (t, k, 3) float32 BGR, or (t, k, 1) luma.  seen: (t, k).  weight: (k,) float32.
+    colours: (t, k, 3) float32 BGR, or (t, k, 1) luma.  visible: (t, k).
+    weight: (k,) float32, of each texel's squared errors; as sampled, the mean number of pixels
+    that the texel covers.
     """
 
     colours: Single
-    seen: NDArray[np.bool_]
+    visible: Bools
     weight: Single
 
 
-def shape_free_stack(
+def sample_textures(
     head: Head,
-    shape: ShapeFree,
+    shape_free: ShapeFreeFrame,
     crops: Sequence[Crop],
     faces: Sequence[FaceParameters],
     vertices: Sequence[Array],
     cell_mm: float = DEPTH_CELL_MM,
     workers: int | None = None,
-) -> Stack:
-    """Sample the texels of `shape` in every crop.
+) -> TextureSamples:
+    """Sample the texels in every crop.
 
-    vertices: (n, 3) of each frame, head frame.  cell_mm: see `visible_texels`.
-    workers: see `on_cores`.
+    vertices: of each frame, (n, 3) mm, head frame.  cell_mm: see `visible_texels`.
+    workers: see `parallel_map`.
     """
 
-    def look(view: tuple[Crop, FaceParameters, Array]) -> tuple[Single, NDArray[np.bool_], Single]:
+    def sample(view: tuple[Crop, FaceParameters, Array]) -> tuple[Single, Bools, Single]:
         crop, face, mesh = view
-        positions = shape.positions(face)
-        colours = sample(crop.picture, crop.from_frame(positions))
-        seen = visible_texels(head, shape.atlas, face.pose, mesh, cell_mm)
-        return colours, seen, texel_areas(shape, positions) * seen
+        positions = shape_free.positions(face)
+        colours = sample_bicubic(crop.picture, crop.to_crop_px(positions))
+        visible = visible_texels(head, shape_free.atlas, face.pose, mesh, cell_mm)
+        return colours, visible, texel_footprints(shape_free, positions) * visible
 
-    views = on_cores(look, zip(crops, faces, vertices, strict=True), workers)
-    colours, seen, areas = (np.array(parts) for parts in zip(*views, strict=True))
-    return Stack(colours, seen, areas.mean(0).astype(np.float32))
-
-
-def texel_areas(shape: ShapeFree, positions: Single) -> Single:
-    """(k,) pixels that each texel covers in the frame."""
-    ax, ay, bx, by = spacing(shape.whole(positions), shape.place)
-    found = np.abs(ax * by - ay * bx)
-    usual = float(np.nanmedian(found))
-    return np.asarray(np.minimum(np.nan_to_num(found, nan=usual), 4 * usual), np.float32)
+    views = parallel_map(sample, zip(crops, faces, vertices, strict=True), workers)
+    colours, visible, footprints = (np.array(parts) for parts in zip(*views, strict=True))
+    return TextureSamples(colours, visible, footprints.mean(0).astype(np.float32))
 
 
-def mean_colours(shape: ShapeFree, stack: Stack, unseen: Single) -> Single:
-    """(k, c) mean of what was seen of each texel, else `unseen` (k, c), or what is around it."""
-    count = stack.seen.sum(0)[:, None]
-    total = (stack.colours * stack.seen[..., None]).sum(0)
-    mean = np.where(count > 0, total / np.maximum(count, 1), unseen).astype(np.float32)
-    at = (shape.atlas.rows, shape.atlas.columns)
-    image = np.zeros((shape.atlas.size, shape.atlas.size, mean.shape[1]), np.float32)
+def texel_footprints(shape_free: ShapeFreeFrame, positions: Single) -> Single:
+    """(k,) area of each texel in the frame, pixels^2.
+
+    positions: (k, 2) of the texels, pixels.
+    """
+    ax, ay, bx, by = warp_jacobian(shape_free.to_grid(positions), shape_free.flat_index)
+    areas = np.abs(ax * by - ay * bx)
+    median = float(np.nanmedian(areas))
+    known = np.nan_to_num(areas, nan=median)
+    return np.asarray(np.minimum(known, MAX_FOOTPRINT * median), np.float32)
+
+
+def mean_texture(shape_free: ShapeFreeFrame, samples: TextureSamples, default: Single) -> Single:
+    """(k, c) mean colour of each texel over the frames that show it.
+
+    default: (k, c) colours of texels that no frame shows; nan: filled from their surroundings.
+    """
+    atlas, count = shape_free.atlas, samples.visible.sum(0)[:, None]
+    total = (samples.colours * samples.visible[..., None]).sum(0)
+    mean = np.where(count > 0, total / np.maximum(count, 1), default).astype(np.float32)
+    at = atlas.rows, atlas.columns
+    image = np.zeros((atlas.size, atlas.size, mean.shape[1]), np.float32)
     known = np.zeros(image.shape[:2], bool)
     known[at] = np.isfinite(mean[:, 0])
     image[at] = np.nan_to_num(mean)
-    return fill(image, known)[at]
+    return pull_push_fill(image, known)[at]

@@ -1,144 +1,140 @@
-"""Updates of a live call's model: sent some packets before the first frame packet under them.
+"""Sends the versions of a live call's model, each some packets before the first one that needs it.
 
-On a thin link the first layers of an update go ahead, its model packet once they make it better
-than what there is, then the other modes.
+Without a pacer a version goes out whole, in its model packet.  With one (a thin link) the first
+layers of an update go ahead, between frame packets; its model packet follows once they make the
+update better than the version in use, and the other modes after that.
 """
 
 from dataclasses import dataclass
 from math import ceil
 
-from encoder.calls.model_version import Epoch
-from encoder.calls.session_stats import Tally
-from encoder.calls.two_pass_session import send_layers, send_model, send_part, warn_of_missing
-from encoder.coding.gop import Cadence
-from encoder.coding.model_packet import Budget
-from encoder.coding.progressive_model import UPDATE_LAYER_BYTES, LayeredModel, LayerPacer
-from protocol.link.interface import PacketSink
-from protocol.packets import SEQUENCE_MODULUS, LayerPacket
-from protocol.progressive_model import PICTURES, item
+from encoder.calls.model_version import ModelVersion
+from encoder.calls.packet_sender import LEAD_PACKETS, MAX_LEAD_PACKETS, PacketSender
+from encoder.calls.session_stats import SessionStats
+from encoder.coding.gop import GopStructure
+from encoder.coding.model_packet import ModelBudget
+from encoder.coding.pacer import LayerPacer
+from encoder.coding.progressive_model import UPDATE_BASE_LAYER_BYTES, LayeredModel
+from protocol.packets import LayerPacket
+from protocol.progressive_model import PICTURE_ITEMS, stream_item
 
-# Packets by which an update is announced ahead of its first frame packet, at least and at most:
-# any farther, its sequence number would pass for one before.
-AHEAD, MOST_AHEAD = 4, SEQUENCE_MODULUS // 2 - 1
-# Layers that make an update better than the model before: texture, background and four modes.
-ENOUGH_ITEMS = 6
+# Layers that make an update better than the version before: texture, background and four modes.
+MIN_ITEMS_BEFORE_SWITCH = 6
 
 
 @dataclass(frozen=True, slots=True)
-class Update:
-    """A model that shall replace the one before.  parts: its layers, if it is sent in layers."""
+class StreamPosition:
+    """How far a call has been sent.
 
-    epoch: Epoch
-    parts: LayeredModel | None
-
-
-@dataclass(frozen=True, slots=True)
-class Place:
-    """Where a call is.
-
-    number: of the next frame packet.  coded: source frames coded so far.
-    single: whether that packet is the first of its model, which holds one frame.
+    packet: number of the next frame packet.
+    frame: source frame that it begins with.
+    is_first: whether it is the first of its version, which holds one frame.
     """
 
-    number: int
-    coded: int
-    single: bool
+    packet: int
+    frame: int
+    is_first: bool
 
-    def ahead(self, packets: int, cadence: Cadence) -> tuple[int, int]:
-        """Number and first source frame of the frame packet that comes after so many."""
-        frames = packets * cadence.frames_per_packet
-        if self.single:
-            frames -= cadence.frames_per_packet - 1
-        return self.number + packets, self.coded + frames * cadence.frame_step
+    def after(self, packets: int, gop: GopStructure) -> tuple[int, int]:
+        """Number and first source frame of the frame packet after so many."""
+        frames = packets * gop.frames_per_packet
+        if self.is_first:
+            frames -= gop.frames_per_packet - 1
+        return self.packet + packets, self.frame + frames * gop.frame_step
 
 
-class Announcer:
-    """Numbers a live call's models and sends them, in layers where there is a pacer.
+class ModelUpdateSender:
+    """Sends model versions, and the modes that are learned in addition to a version.
 
-    fps: of the source.  pacer: None: models are sent whole, at once.
+    fps: of the source.  pacer: the one of `packets`; None: versions are sent whole.
     """
 
     def __init__(
         self,
-        sink: PacketSink,
-        tally: Tally,
-        cadence: Cadence,
+        packets: PacketSender,
+        stats: SessionStats,
+        gop: GopStructure,
         fps: float,
         pacer: LayerPacer | None,
     ) -> None:
-        self._sink, self._tally, self._pacer = sink, tally, pacer
-        self._cadence, self._fps = cadence, fps
-        self._coming: Epoch | None = None  # whose layers are on their way
+        self._packets, self._stats, self._pacer = packets, stats, pacer
+        self._gop, self._fps = gop, fps
+        self._pending: ModelVersion | None = None  # its layers are sent, its packet is not
 
     @property
-    def in_layers(self) -> bool:
-        """Whether models are sent in layers."""
+    def progressive(self) -> bool:
+        """Whether versions are sent in layers."""
         return self._pacer is not None
 
     @property
     def busy(self) -> bool:
-        """Whether there are layers to send, or a debt to pay."""
-        return self._coming is not None or (self._pacer is not None and self._pacer.busy)
+        """Whether there are layers to send, or the pacer is in debt."""
+        return self._pending is not None or (self._pacer is not None and self._pacer.busy)
 
-    def carried_s(self, budget: Budget) -> float:
-        """How long the link takes for the pictures of an update."""
+    def transmission_time_s(self, budget: ModelBudget) -> float:
+        """How long the link takes for the layers of an update of this size."""
         if self._pacer is None:
             return 0.0
-        return self._pacer.carried_s(budget.face_bytes + budget.background_bytes)
+        return self._pacer.transmission_time_s(budget.appearance_bytes + budget.background_bytes)
 
-    def send(self, epoch: Epoch) -> Epoch:
-        """Send the model packet of an epoch that has its place."""
-        send_model(epoch.model, self._sink, self._tally, self._pacer)
-        if self._pacer is not None and not epoch.model.layer:
-            # Nothing replaces the first layer's pictures but an update.
-            self._pacer.begin(LayeredModel(epoch.model, (b"",) * len(PICTURES)))
-        return epoch
+    def send_first(self, version: ModelVersion) -> None:
+        """Send the first version."""
+        self._packets.send_model(version.packet)
+        if self._pacer is not None:
+            # Only an update replaces the pictures of the base layer.
+            self._pacer.start(LayeredModel(version.packet, (b"",) * len(PICTURE_ITEMS)))
 
-    def announce(self, update: Update, place: Place) -> Epoch | None:
-        """Send an update, or begin to: the epoch to come once its model packet is sent."""
-        if self._pacer is None or update.parts is None:
-            return self.send(update.epoch.at(*place.ahead(AHEAD, self._cadence)))
-        self._pacer.begin(update.parts)
-        self._coming = update.epoch
+    def start_update(self, update: ModelVersion, position: StreamPosition) -> ModelVersion | None:
+        """Send an update, or the first of its layers.
+
+        Returns the update with its place in the call; None: see `take_announced`.
+        """
+        if self._pacer is None or update.layers is None:
+            return self._announce(update, LEAD_PACKETS, position)
+        self._pacer.start(update.layers)
+        self._pending = update
         return None
 
-    def grow(self, epoch: Epoch, mode: bytes) -> None:
-        """Send the newest mode of the model in use."""
-        if self._pacer is not None:
-            self._pacer.add(mode)
-            return
-        number = epoch.components.spare - 1
-        # All else came with the model packet.
-        before = b"" if number else item(b"") * len(PICTURES)
-        layer = LayerPacket(epoch.model.layer, number, before + item(mode))
-        send_part(layer, self._sink, self._tally)
+    def take_announced(self, position: StreamPosition) -> ModelVersion | None:
+        """Send the packet of an update of which enough layers have been sent.
 
-    def packet_sent(self, packet_bytes: int, frames: int, place: Place) -> Epoch | None:
-        """Send the layers that are due after a frame packet of so many coded frames.
-
-        Once there are enough of an update its model packet goes out: the epoch to come, then.
+        Asked after each frame packet.  Returns the update with its place in the call, once.
         """
-        pacer, step = self._pacer, self._cadence.frame_step
-        if pacer is None:
+        pacer, update = self._pacer, self._pending
+        if pacer is None or update is None:
             return None
-        send_layers(pacer, packet_bytes, frames * step / self._fps, self._sink, self._tally)
-        coming = self._coming
-        if coming is None or (pacer.items_sent < ENOUGH_ITEMS and pacer.items_waiting):
+        if pacer.sent_items < MIN_ITEMS_BEFORE_SWITCH and pacer.pending_items:
             return None
-        self._coming = None
-        packet_s = self._cadence.frames_per_packet * step / self._fps
-        packets = packets_ahead(pacer.carried_s(UPDATE_LAYER_BYTES), packet_s)
-        return self.send(coming.at(*place.ahead(packets, self._cadence)))
+        self._pending = None
+        packet_s = self._gop.frames_per_packet * self._gop.frame_step / self._fps
+        lead = lead_packets(pacer.transmission_time_s(UPDATE_BASE_LAYER_BYTES), packet_s)
+        return self._announce(update, lead, position)
 
-    def end(self, epoch: Epoch) -> None:
-        """Say what of the models was not sent by the end of a call, `epoch` being its last."""
+    def send_mode(self, version: ModelVersion, mode: bytes) -> None:
+        """Send the newest of a version's learned modes, coded."""
+        if self._pacer is not None:
+            self._pacer.add_mode(mode)
+            return
+        number = version.learned_modes - 1
+        # Everything else of the version was in its model packet.
+        before = b"" if number else stream_item(b"") * len(PICTURE_ITEMS)
+        data = before + stream_item(mode)
+        self._packets.send_layer(LayerPacket(version.number, number, data))
+
+    def warn_of_incomplete_model(self, last: ModelVersion) -> None:
+        """Add warnings about what was not sent when a call ends, `last` being in use."""
         if self._pacer is None:
             return
-        warn_of_missing(self._pacer, self._tally)
-        if epoch.model.layer == 0 and not epoch.components.spare:
-            self._tally.warn("the call ended with no more of its model than a first layer")
+        self._packets.warn_of_incomplete_model()
+        if not last.number and not last.learned_modes:
+            self._stats.warn("the call ended with no more of its model than a first layer")
+
+    def _announce(self, update: ModelVersion, lead: int, position: StreamPosition) -> ModelVersion:
+        placed = update.placed_at(*position.after(lead, self._gop))
+        self._packets.send_model(placed.packet)
+        return placed
 
 
-def packets_ahead(carried_s: float, packet_s: float) -> int:
-    """How many packets of `packet_s` ahead to announce what takes the link `carried_s`."""
-    return min(AHEAD + ceil(carried_s / packet_s), MOST_AHEAD)
+def lead_packets(transmission_s: float, packet_s: float) -> int:
+    """How many packets of `packet_s` ahead to announce what the link takes `transmission_s` for."""
+    return min(LEAD_PACKETS + ceil(transmission_s / packet_s), MAX_LEAD_PACKETS)

@@ -1,260 +1,147 @@
-"""The models of a live call: what is learned of the caller, ready to send frames under."""
+"""One version of a live call's model: its packet, and all that fits and codes frames with it."""
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture.face_crop import crop_face
-from encoder.capture.video_source import Capture
-from encoder.coding.background import Still
-from encoder.coding.gop import Cadence
-from encoder.coding.model_packet import BUDGETS, Budget, call_parameters
-from encoder.coding.motion_prior import expected_components
-from encoder.coding.progressive_model import FIRST_LAYER_BYTES, LayeredModel, layered
-from encoder.coding.transform import Sensitivity, project
-from encoder.detection.landmark_indices import outline_of
+from encoder.coding.distortion import DistortionModel
+from encoder.coding.model_packet import BUDGETS
+from encoder.coding.progressive_model import LayeredModel
+from encoder.coding.transform import project
+from encoder.detection.landmark_indices import face_outline
 from encoder.fitting.eyelids import between_lids, fit_with_lids
-from encoder.fitting.identity import Fitted
-from encoder.fitting.landmark_fit import (
-    LandmarkModel,
-    landmark_model,
-    personalise,
-    start_parameters,
-)
-from encoder.fitting.render_and_compare import Drawing, drawing_of
-from encoder.learning.incremental_modes import Grown, Look
-from encoder.learning.person_model import Caller, Learned, learn_caller
-from encoder.learning.two_pass import (
-    default_model,
-    follow_all,
-    sensitivity_of,
-)
+from encoder.fitting.landmark_fit import LandmarkModel, start_parameters
+from encoder.fitting.render_and_compare import Drawing
+from encoder.learning.incremental_modes import FaceSample, LearnedMode
+from encoder.learning.person_model import PersonModel
 from protocol.frames.frame_transform import (
     MAX_MODES,
-    Components,
-    serialise_components,
+    FrameTransform,
     vector_from_face,
-    with_spare,
+    with_reserved_modes,
 )
-from protocol.packets import SEQUENCE_MODULUS, CallParameters, ModelPacket
-from protocol.pictures.picture_codec import ModeSeries, decode_still
-from shared_model.mesh import Head
+from protocol.limits import SEQUENCE_MODULUS
+from protocol.model_packet import ModelPacket
 from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 # Modes that may be learned between one model packet and the next.
-SPARE_MODES = MAX_MODES - BUDGETS["live"].most_modes
-# Pixels that a frame is fitted by: twice as many gained nothing on two live clips.
-DRAWN_PIXELS = 3000
-# Harm of the lids' errors, see `Sensitivity.harm`, more than in a recorded call: until closed lids
-# are learned a blink is in the actuators alone, and the coarse steps of a live call's beginning
-# would lose it.  It counts less how far the lids differ: people shut both.
-LID_HARM = 500.0 * np.array([[1.0, 0.8], [0.8, 1.0]])
+RESERVED_MODES = MAX_MODES - BUDGETS["live"].max_modes
+# Distortion that errors of the eyelids add, see `DistortionModel.distortion_matrix`, more than in a
+# recorded call: until the person is seen with closed eyes only the actuators show a blink, and the
+# coarse quantiser steps of a live call's beginning would lose it.  The difference of the two
+# eyelids counts less: people shut both.
+EYELID_DISTORTION = 500.0 * np.array([[1.0, 0.8], [0.8, 1.0]])
+# Levenberg-Marquardt steps of the fit in the shape-free frame.
+FIT_STEPS = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Epoch:
-    """A model packet, and what is needed to send frames under it.
+class ModelVersion:
+    """A model packet, and what is needed to fit and code frames with it.
 
-    components: those in use, spare ones once their modes are learned.
-    harm: of these, see `Sensitivity.harm`.
-    drawing: of what has been sent, or is on its way.
-    number: of its first frame packet in the call.
+    packet: as it is sent; its transform has `RESERVED_MODES` reserved modes.
+    person: the texel fitter has all modes that are in use.
+    landmarks: the landmarks of the person's face.
+    transform: of the values in use, with as many reserved modes as have been learned.
+    distortion_model: the effect of errors on the picture, for any modes.
+    distortion: (d, d) of the values in use, see `DistortionModel.distortion_matrix`.
+    image_fitter: of what the decoder draws once all that has been sent has arrived.
+    layers: what is sent of the model between frame packets; None: nothing.
+    first_packet: number in the call of the first frame packet that is coded with it.
     """
 
-    model: ModelPacket
-    learned: Learned
+    packet: ModelPacket
+    person: PersonModel
     landmarks: LandmarkModel
-    components: Components
-    sensitivity: Sensitivity
-    harm: Array
-    drawing: Drawing
-    number: int = 0
+    transform: FrameTransform
+    distortion_model: DistortionModel
+    distortion: Array
+    image_fitter: Drawing
+    layers: LayeredModel | None = None
+    first_packet: int = 0
 
     @property
-    def room(self) -> int:
-        """How many modes may yet be learned."""
-        return SPARE_MODES - self.components.spare
+    def number(self) -> int:
+        """How many versions of the call's model came before."""
+        return self.packet.version
 
     @property
-    def all_components(self) -> Components:
-        """Components as the model packet has them, all spare ones too."""
-        return with_spare(self.components, self.room)
+    def learned_modes(self) -> int:
+        """Number of reserved modes that have been learned."""
+        return self.transform.reserved_modes
 
-    def at(self, number: int, start: int) -> "Epoch":
-        """The same from frame packet `number` on, whose first source frame is `start`."""
-        call = replace(self.model.call, start_frame=start)
-        model = replace(self.model, call=call, sequence=number % SEQUENCE_MODULUS)
-        return replace(self, model=model, number=number)
+    @property
+    def free_slots(self) -> int:
+        """Number of reserved modes that have not been learned."""
+        return RESERVED_MODES - self.learned_modes
 
-    def look(self, frame: Picture, points: Array) -> Look:
-        """A frame and its landmarks (468, 3), pixels, as the face is found in."""
-        return Look(crop_face(frame, points, self.learned.caller.pixels_per_texel), points)
+    @property
+    def padded_transform(self) -> FrameTransform:
+        """The transform as the model packet has it, with all reserved modes."""
+        return with_reserved_modes(self.transform, self.free_slots)
 
-    def find(self, look: Look, near: FaceParameters | None = None) -> FaceParameters:
-        """The caller in a look as they draw best.  near: see `explain`."""
-        return self.drawing.fit(look.crop, self.explain(look, near), outline_of(look.points))
+    def placed_at(self, first_packet: int, start_frame: int) -> "ModelVersion":
+        """The same from frame packet `first_packet` on, which begins with `start_frame`."""
+        call = replace(self.packet.call, start_frame=start_frame)
+        packet = replace(self.packet, call=call, sequence=first_packet % SEQUENCE_MODULUS)
+        return replace(self, packet=packet, first_packet=first_packet)
 
-    def explain(self, look: Look, near: FaceParameters | None = None) -> FaceParameters:
-        """The caller in a look, by landmarks, then by the learned appearance.
+    def sample(self, picture: Picture, points: Array) -> FaceSample:
+        """A picture (h, w, 3) BGR and its landmarks (468, 3), pixels, ready to be fitted."""
+        return FaceSample(crop_face(picture, points, self.person.pixels_per_texel), points)
 
-        near: the face before, if known.
+    def fit(self, sample: FaceSample, initial: FaceParameters | None = None) -> FaceParameters:
+        """The face in a sample, by texels, then by the pixels of the picture.
+
+        initial: the face in the frame before; None: not known.
         """
-        camera = self.model.call.camera
-        start = near or start_parameters(self.landmarks, camera, look.points)
-        seen = fit_with_lids(self.landmarks, camera, look.points, start)
-        return between_lids(seen, self.learned.caller.tracker.refine(look.crop, seen, 3))
+        face = self.fit_texels(sample, initial)
+        return self.image_fitter.fit(sample.crop, face, face_outline(sample.landmarks))
 
-    def redrawn(self, look: Look, face: FaceParameters) -> FaceParameters:
-        """A face that was found in a look before the newest modes, with these."""
-        modes = _padded(face.modes, len(self.components.modes))
-        return self.drawing.fit(look.crop, replace(face, modes=modes), outline_of(look.points))
+    def fit_texels(
+        self, sample: FaceSample, initial: FaceParameters | None = None
+    ) -> FaceParameters:
+        """The face in a sample, by landmarks, then by texels in the shape-free frame.
 
-    def values(self, faces: Sequence[FaceParameters]) -> Array:
-        """(t, n) of all components in some frames; modes newer than a face it has none of."""
-        pose = self.model.reference_pose
-        vectors = [_padded(vector_from_face(face, pose), len(self.harm)) for face in faces]
-        values = project(self.components, np.array(vectors), self.harm)
-        return np.pad(values, ((0, 0), (0, self.room)))
-
-    def grown(self, mode: Grown) -> "Epoch":
-        """The same with a mode more; teaches it the caller's tracker.
-
-        This one can `find` no more: the tracker knows a mode that its drawing does not.
+        initial: see `fit`.
         """
-        tracker, atlas = self.learned.caller.tracker, self.learned.caller.shape.atlas
-        tracker.teach(mode.luma[atlas.rows, atlas.columns])
+        camera = self.packet.call.camera
+        start = initial or start_parameters(self.landmarks, camera, sample.landmarks)
+        by_landmarks = fit_with_lids(self.landmarks, camera, sample.landmarks, start)
+        by_texels = self.person.texel_fitter.refine(sample.crop, by_landmarks, FIT_STEPS)
+        return between_lids(by_landmarks, by_texels)
+
+    def refit(self, sample: FaceSample, face: FaceParameters) -> FaceParameters:
+        """A face that was fitted before the newest modes were learned, with these."""
+        start = replace(face, modes=_zero_padded(face.modes, len(self.transform.modes)))
+        return self.image_fitter.fit(sample.crop, start, face_outline(sample.landmarks))
+
+    def transform_faces(self, faces: Sequence[FaceParameters]) -> Array:
+        """(t, n) components of faces; modes that were learned after a fit are 0 in it."""
+        pose = self.packet.reference_pose
+        values = [_zero_padded(vector_from_face(f, pose), len(self.distortion)) for f in faces]
+        projected = project(self.transform, np.array(values), self.distortion)
+        return np.pad(projected, ((0, 0), (0, self.free_slots)))
+
+    def with_mode(self, mode: LearnedMode) -> "ModelVersion":
+        """The same with one of the reserved modes learned."""
+        atlas = self.person.shape.atlas
+        fitter = self.person.texel_fitter.with_mode(mode.luma[atlas.rows, atlas.columns])
+        modes, model = fitter.template.modes, self.distortion_model
         return replace(
             self,
-            components=with_spare(self.components, 1),
-            harm=self.sensitivity.harm(tracker.template.modes, LID_HARM),
-            drawing=self.drawing.taught(mode.luma),
+            person=replace(self.person, texel_fitter=fitter),
+            transform=with_reserved_modes(self.transform, 1),
+            distortion=model.distortion_matrix(modes, EYELID_DISTORTION),
+            image_fitter=self.image_fitter.taught(mode.luma),
         )
 
 
-class Learner:
-    """Learns one caller again and again, from ever more frames of a live call.
-
-    still: what the background shows.  workers: see `encoder.runtime.parallel.on_cores`.
-    """
-
-    def __init__(
-        self,
-        head: Head,
-        capture: Capture,
-        cadence: Cadence,
-        still: Still,
-        background_bytes: int,
-        workers: int | None,
-    ) -> None:
-        self._head, self._capture, self._cadence = head, capture, cadence
-        self._still, self._workers = still, workers
-        self._fitted: Fitted | None = None
-        # Coded beside the first model's learning: both take as long as many frames.
-        beside = ThreadPoolExecutor(1)
-        self._background = beside.submit(still.coded, background_bytes)
-        beside.shutdown(wait=False)
-
-    def learn(
-        self, budget: Budget, pictures: Sequence[Picture], points: Sequence[Array], layer: int
-    ) -> Epoch:
-        """Model number `layer` from some frames and their landmarks (468, 3), yet to be placed.
-
-        With a budget of no bytes for the background it has none: that before stays.
-        """
-        learned = self._learned(budget, pictures, points)
-        caller = learned.caller
-        pose = caller.reference.pose
-        sensitivity = sensitivity_of(learned)
-        harm = sensitivity.harm(caller.tracker.template.modes, LID_HARM)
-        vectors = np.array([vector_from_face(face, pose) for face in learned.faces])
-        cadence, modes = self._cadence, caller.appearance.modes
-        components = expected_components(
-            vectors,
-            harm,
-            modes,
-            frames_per_packet=cadence.frames_per_packet,
-            frame_step=cadence.frame_step,
-        )
-        call = self._call_parameters(caller.fitted.camera.focal_px)
-        background = self._background.result() if budget.background_bytes else b""
-        packet = default_model(caller, components, call, background)
-        roomy = serialise_components(with_spare(components, SPARE_MODES))
-        model = replace(packet, layer=layer, layers=layer + 1, extension=roomy, growing=True)
-        landmarks = self._landmarks(caller.fitted)
-        drawing = _drawing(caller)
-        return Epoch(model, learned, landmarks, components, sensitivity, harm, drawing)
-
-    def in_layers(
-        self, epoch: Epoch, first_bytes: int = FIRST_LAYER_BYTES
-    ) -> tuple[Epoch, LayeredModel]:
-        """The epoch with only the first layer of its model, and all of them.
-
-        first_bytes: see `layered`.
-        """
-        mean = epoch.learned.caller.appearance.mean
-        parts = layered(epoch.model, mean, self._still, first_bytes)
-        return replace(epoch, model=parts.first), parts
-
-    def rough(self, epoch: Epoch) -> Epoch:
-        """The epoch with only the first layer of its model, and nothing to follow."""
-        epoch, parts = self.in_layers(epoch)
-        learned, texture = epoch.learned, parts.first.texture
-        mean = decode_still("texture", texture)
-        appearance = replace(
-            learned.caller.appearance,
-            texture=texture,
-            mean=mean,
-            series=ModeSeries(len(mean)),
-        )
-        caller = replace(learned.caller, appearance=appearance)
-        learned = replace(learned, caller=caller)
-        return replace(epoch, learned=learned, drawing=_drawing(caller))
-
-    def _learned(
-        self, budget: Budget, pictures: Sequence[Picture], points: Sequence[Array]
-    ) -> Learned:
-        size = (self._capture.width, self._capture.height)
-        fitted, faces = follow_all(self._head, size, points, self._fitted)
-        self._fitted = fitted
-        # Lids as frames will have them.
-        landmarks = self._landmarks(fitted)
-        faces = [
-            fit_with_lids(landmarks, fitted.camera, place, face)
-            for place, face in zip(points, faces, strict=True)
-        ]
-        call = self._call_parameters(fitted.camera.focal_px)
-        frames = list(enumerate(pictures))
-        return learn_caller(
-            self._head,
-            fitted,
-            faces,
-            frames,
-            points,
-            call,
-            budget,
-            self._workers,
-            live=True,
-        )
-
-    def _landmarks(self, fitted: Fitted) -> LandmarkModel:
-        return personalise(landmark_model(self._head), fitted.identity.aau, fitted.control_mm)
-
-    def _call_parameters(self, focal_px: float) -> CallParameters:
-        packing = self._cadence.frames_per_packet, self._cadence.frame_step
-        return call_parameters(self._capture, "default", focal_px, 0, *packing)
-
-
-def _padded(values: Array, count: int) -> Array:
-    """Values, and zeros up to so many."""
+def _zero_padded(values: Array, count: int) -> Array:
     return np.append(values, np.zeros(count - len(values)))
-
-
-def _drawing(caller: Caller) -> Drawing:
-    """What a decoder draws of a live caller, before single modes."""
-    return drawing_of(caller.face, caller.shape.camera, caller.appearance, DRAWN_PIXELS)

@@ -1,31 +1,31 @@
-"""Whether a live call keeps up with its source."""
+"""Overload control of a live call: whether it keeps up with its source."""
 
-# A call this far behind does without what can be left out until it has caught up, and so much
+# A call that lags more than this leaves out what it can until it has caught up, and for so much
 # longer.
-BEHIND_S, RESTING_S = 0.1, 5.0
-# No call is farther behind: a camera drops what is not fetched.
-MOST_BEHIND_S = 0.3
+LAG_LIMIT_S, HOLD_OFF_S = 0.1, 5.0
+# The lag grows no larger: a camera drops the frames that are not fetched.
+MAX_LAG_S = 0.3
 
 
-class Haste:
-    """Adds up the time that frames take.
+class OverloadController:
+    """Adds up how much longer frames take than they may.
 
     period_s: from frame to frame.
     """
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
-        self._behind_s = self._resting_s = 0.0
+        self._lag_s = self._hold_off_s = 0.0
 
     @property
-    def has_time(self) -> bool:
-        """Whether the next frame may take longer than it must."""
-        return self._resting_s <= 0
+    def has_headroom(self) -> bool:
+        """Whether the next frame may take its full time."""
+        return self._hold_off_s <= 0
 
-    def spent(self, seconds: float) -> None:
-        """A frame has taken this long."""
-        behind_s = self._behind_s + seconds - self._period_s
-        self._behind_s = min(max(0.0, behind_s), MOST_BEHIND_S)
-        self._resting_s -= self._period_s
-        if self._behind_s > BEHIND_S:
-            self._resting_s = RESTING_S
+    def record_frame_time(self, seconds: float) -> None:
+        """Account for a frame that took this long."""
+        lag_s = self._lag_s + seconds - self._period_s
+        self._lag_s = min(max(0.0, lag_s), MAX_LAG_S)
+        self._hold_off_s -= self._period_s
+        if self._lag_s > LAG_LIMIT_S:
+            self._hold_off_s = HOLD_OFF_S

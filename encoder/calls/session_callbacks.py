@@ -1,24 +1,24 @@
-"""What a run of the encoder says to its user while it goes on, and hears from them."""
+"""What a session tells its user while it runs, and how the user stops it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from protocol.link.interface import Say, silent
+from protocol.link.interface import MessageCallback, ignore_message
 
 Progress = Callable[[int, int | None], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Console:
-    """The user's end of a run.
+class SessionCallbacks:
+    """The user's end of a session.
 
-    progress: called with the number of frames so far and of the whole source, if that is known.
-    stop: asked between frames.
-    say: takes a line about a call over a network: whom it waits for, whether anybody listens.
-    preparing: takes what is done before there is anything to keep, and "" once there may be.
+    progress: called with the number of frames so far, and of the whole source or None.
+    stop: whether to stop; asked between frames.
+    on_message: called with a line about the link: for whom it waits, whether anybody listens.
+    on_preparing: called with what is done before anything is sent, and with "" when that is over.
     """
 
     progress: Progress
     stop: Callable[[], bool]
-    say: Say = silent
-    preparing: Say = silent
+    on_message: MessageCallback = ignore_message
+    on_preparing: MessageCallback = ignore_message

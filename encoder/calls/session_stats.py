@@ -1,19 +1,21 @@
-"""What the encoder's report will say, as it grows."""
+"""Counts, stage times and warnings of one call on the sending side."""
 
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from protocol.link.interface import PacketSink
-from protocol.packets import Packet, serialise
-
 
 @dataclass(slots=True)
-class Tally:
-    """Counts, times and warnings of one call on the sending side.
+class SessionStats:
+    """What the encoder reports of a call.
 
-    frames: of the call, where these may be fewer than were captured; None: as many.
+    frames: source frames of the call, where these are fewer than were captured; None: all.
+    model_bytes, frame_bytes: payload of model and layer packets, of frame packets.
+    packets: number of packets of any kind.
+    lost_frames: number of source frames without a face.
+    capture_ns: `time.monotonic_ns` at which each source frame was read.
+    stage_ns: time spent in each stage, ns.
     """
 
     frames: int | None = None
@@ -23,24 +25,18 @@ class Tally:
     lost_frames: int = 0
     warnings: list[str] = field(default_factory=list)
     capture_ns: list[int] = field(default_factory=list)
-    spent_ns: dict[str, int] = field(default_factory=dict)
+    stage_ns: dict[str, int] = field(default_factory=dict)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Count the time in the `with` block for stage `name`."""
+        """Add the time that the `with` block takes to stage `name`."""
         start = time.perf_counter_ns()
         try:
             yield
         finally:
-            self.spent_ns[name] = self.spent_ns.get(name, 0) + time.perf_counter_ns() - start
+            self.stage_ns[name] = self.stage_ns.get(name, 0) + time.perf_counter_ns() - start
 
     def warn(self, message: str) -> None:
-        """Note a line for the user, once."""
+        """Add a warning; one that is there already is not repeated."""
         if message not in self.warnings:
             self.warnings.append(message)
-
-    def send(self, sink: PacketSink, packet: Packet) -> None:
-        """Pass a packet on, timed and counted."""
-        with self.stage("send"):
-            sink.send(serialise(packet))
-        self.packets += 1

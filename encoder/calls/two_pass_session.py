@@ -1,4 +1,9 @@
-"""The default profile of a recorded source, sending side: survey, learn, refine, code, send."""
+"""The default profile of a recorded source, sending side: two passes over the frames, then the
+whole call is coded and sent.
+
+First pass: landmarks of every frame.  Between the passes: one identity and one appearance model for
+the whole call.  Second pass: the face in every frame that is coded, fitted with that model.
+"""
 
 import time
 from collections import deque
@@ -10,38 +15,28 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.calls.session_stats import Tally
+from encoder.calls.face_search import LandmarkSearch
+from encoder.calls.packet_sender import PacketSender
+from encoder.calls.session_stats import SessionStats
 from encoder.capture.face_crop import Crop, crop_face
 from encoder.capture.video_source import Capture
-from encoder.coding.background import Still, still_of
-from encoder.coding.gop import Cadence
-from encoder.coding.model_packet import Budget, call_parameters
-from encoder.coding.progressive_model import LayeredModel, LayerPacer, layered
-from encoder.coding.rate_control import Spending, code_call, packet_bits, packet_spans
+from encoder.coding.background import BackgroundImage, background_of
+from encoder.coding.gop import GopStructure
+from encoder.coding.model_packet import ModelBudget, build_model_packet, call_parameters
+from encoder.coding.progressive_model import LayeredModel, split_into_layers
+from encoder.coding.rate_control import RateTarget, code_call, packet_bits, packet_spans
+from encoder.coding.transform import transform_call
 from encoder.detection.blazeface import BlazeFaceDetector
-from encoder.detection.landmark_indices import outline_of
+from encoder.detection.landmark_indices import face_outline
 from encoder.detection.landmarks import LandmarkTracker
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
-from encoder.fitting.render_and_compare import drawing_of
-from encoder.learning.person_model import Learned, learn_caller
-from encoder.learning.two_pass import (
-    Sampler,
-    combine_call,
-    default_model,
-    follow_all,
-    smoothed,
-)
-from encoder.runtime.parallel import workers_beside
-from protocol.link.interface import PacketSink
-from protocol.packets import (
-    SEQUENCE_MODULUS,
-    ControlKind,
-    ControlPacket,
-    FramePacket,
-    LayerPacket,
-    ModelPacket,
-    serialise,
-)
+from encoder.fitting.render_and_compare import Drawing
+from encoder.fitting.sequence_fit import follow_all, smoothed
+from encoder.learning.frame_sampler import UniformSubsampler
+from encoder.learning.person_model import TrainedModel, build_person_model
+from encoder.runtime.parallel import worker_pool
+from protocol.call_parameters import CallParameters
+from protocol.model_packet import ModelPacket
 from shared_model.errors import UserError
 from shared_model.parameters import FaceParameters
 from shared_model.surround import surrounded_head
@@ -49,186 +44,201 @@ from shared_model.surround import surrounded_head
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-
-# Frames of the second pass that are read ahead of the one whose face is taken next.
-MOST_WAITING = 32
+# Frames of the second pass whose fits are under way or done when the next frame is read.
+MAX_IN_FLIGHT = 32
+# Levenberg-Marquardt steps of the fit in the shape-free frame.
+FIT_STEPS = 3
 
 
 @dataclass(frozen=True, slots=True)
-class CodedCall:
-    """A whole call: model packet, frame payloads, number of source frames; where no face was."""
+class EncodedCall:
+    """A whole call.
+
+    model: the model packet that is sent first.
+    layers: what is sent of the model between frame packets; None: nothing.
+    payloads: of the frame packets.
+    frames: number of source frames.  lost: those without a face.
+    """
 
     model: ModelPacket
     payloads: tuple[bytes, ...]
     frames: int
     lost: frozenset[int]
+    layers: LayeredModel | None = None
 
 
-class Survey:
-    """Goes over a source twice and ends with a coded call.
+@dataclass(frozen=True, slots=True)
+class _CallModel:
+    """What is known of the call between the passes.
 
-    Call `frame` with every frame, `learn`, `refine` with every frame again, then `code`.
+    detections: of each frame to be coded, the index of the detection whose face it has.
+    initial: the face of each detection, by its landmarks.
     """
 
-    def __init__(self, capture: Capture, tally: Tally, cadence: Cadence) -> None:
+    call: CallParameters
+    budget: ModelBudget
+    trained: TrainedModel
+    image_fitter: Drawing
+    detections: list[int]
+    initial: list[FaceParameters]
+
+
+class TwoPassEncoder:
+    """Encodes a source that can be read twice.
+
+    Call `frame` with every frame, `build_model`, `fit_frames` with every frame again, then `encode`
+    at one bitrate or several.  Raises `UserError` if the landmark networks are missing.
+    """
+
+    def __init__(self, capture: Capture, stats: SessionStats, gop: GopStructure) -> None:
         try:
             folder = find_network_folder()
         except NetworkFilesMissing as error:
             raise UserError(f"{error}; without them use --profile thesis") from error
-        # The caller's own appearance says more of the lids, once it is learned.
-        self._tracker = LandmarkTracker(folder, BlazeFaceDetector(folder), look_at_lids=False)
-        self._capture, self._tally, self._cadence = capture, tally, cadence
-        self._points: list[Array] = []
-        self._number: dict[int, int] = {}  # source frame -> place among those with a face
+        # Eyelids are fitted with the person's own appearance, in the second pass.
+        tracker = LandmarkTracker(folder, BlazeFaceDetector(folder), refine_eyelids=False)
+        self._search = LandmarkSearch(tracker, stats)
+        self._capture, self._stats, self._gop = capture, stats, gop
+        self._points: list[Array] = []  # landmarks of each detection
+        self._detection_of: dict[int, int] = {}  # by source frame
         self._frames = 0
-        self._sampler = Sampler()
-        self._still: Still | None = None
-        self._learned: Learned | None = None
-        self._start: list[FaceParameters] = []
-        self._coded: list[int] = []  # whose face each coded frame has, by place
-        self._needed: frozenset[int] = frozenset()
-        self._faces: dict[int, FaceParameters] = {}
+        self._sampler = UniformSubsampler()
+        self._background: BackgroundImage | None = None
+        self._model: _CallModel | None = None
+        self._faces: dict[int, FaceParameters] = {}  # by detection
 
     @property
-    def faces_seen(self) -> int:
-        """Number of frames with a face so far."""
-        return len(self._points)
+    def started(self) -> bool:
+        """Whether the first pass has found a face yet."""
+        return bool(self._points)
 
     @property
-    def faces_refined(self) -> int:
-        """Number of them that `refine` has found."""
+    def faces_fitted(self) -> int:
+        """Number of faces that `fit_frames` has fitted."""
         return len(self._faces)
 
-    def frame(self, index: int, frame: Picture, coming: Picture | None = None) -> None:
-        """First pass over source frame `index`: where are the landmarks.
-
-        coming: see `LandmarkTracker.update`.
-        """
-        with self._tally.stage("landmarks"):
-            found = self._tracker.update(frame, coming)
+    def frame(self, index: int, picture: Picture, next_frame: Picture | None = None) -> None:
+        """First pass over source frame `index`.  next_frame: see `LandmarkTracker.update`."""
+        found = self._search.find(picture, next_frame)
         self._frames = index + 1
-        if self._tracker.faces_seen > 1:
-            self._tally.warn(f"{self._tracker.faces_seen} faces in the picture: taking the largest")
         if found is None:
-            self._tally.lost_frames += 1
             return
-        if self._still is None:
-            self._still = still_of(frame, outline_of(found.points))
-        self._number[index] = len(self._points)
-        self._sampler.offer(len(self._points), lambda: frame)
+        if self._background is None:
+            self._background = background_of(picture, face_outline(found.points))
+        self._detection_of[index] = len(self._points)
+        self._sampler.offer(len(self._points), lambda: picture)
         self._points.append(found.points)
 
-    def learn(self, budget: Budget) -> None:
-        """Between the passes: identity, appearance model."""
+    def build_model(self, budget: ModelBudget) -> None:
+        """Between the passes: identity and appearance of the person."""
         head = surrounded_head()
         size = (self._capture.width, self._capture.height)
-        with self._tally.stage("fit"):
-            fitted, self._start = follow_all(head, size, list(smoothed(np.array(self._points))))
-        focal_px, start, cadence = fitted.camera.focal_px, min(self._number), self._cadence
-        held = held_numbers(self._number, start, max(self._number) + 1)
-        self._coded = held[:: cadence.frame_step]
-        self._needed = frozenset(self._coded)
-        call = call_parameters(
-            self._capture,
-            "default",
-            focal_px,
-            start,
-            cadence.frames_per_packet,
-            cadence.frame_step,
-        )
-        with self._tally.stage("learn"):
-            self._learned = learn_caller(
-                head, fitted, self._start, self._sampler.frames, self._points, call, budget
+        with self._stats.stage("identity"):
+            identity, initial = follow_all(head, size, list(smoothed(np.array(self._points))))
+        start, gop = min(self._detection_of), self._gop
+        held = hold_last_detection(self._detection_of, start, max(self._detection_of) + 1)
+        packing = (gop.frames_per_packet, gop.frame_step)
+        focal_px = identity.camera.focal_px
+        call = call_parameters(self._capture, "default", focal_px, start, *packing)
+        with self._stats.stage("train"):
+            trained = build_person_model(
+                head,
+                identity,
+                initial,
+                self._sampler.frames,
+                self._points,
+                texture_size=budget.texture_size,
+                appearance_bytes=budget.appearance_bytes,
+                max_modes=budget.max_modes,
             )
-        caller = self._learned.caller
-        self._drawing = drawing_of(caller.face, call.camera, caller.appearance)
-        self._call, self._budget = call, budget
+        detections, image_fitter = held[:: gop.frame_step], trained.person.image_fitter()
+        self._model = _CallModel(call, budget, trained, image_fitter, detections, initial)
 
-    def refine(self, frames: Iterable[tuple[int, Picture]]) -> None:
-        """Second pass, over source frames (index, picture): find the face in all to be coded.
+    def fit_frames(self, frames: Iterable[tuple[int, Picture]]) -> None:
+        """Second pass over source frames (index, picture): fit the face in those to be coded.
 
-        Frames are read while those before them are refined.
+        Frames are read while those before them are fitted.
         """
-        assert self._learned is not None
-        caller, drawing = self._learned.caller, self._drawing
+        model = self._model
+        assert model is not None
+        person, needed = model.trained.person, frozenset(model.detections)
 
-        def find(number: int, crop: Crop) -> FaceParameters:
-            found = caller.tracker.refine(crop, self._start[number], 3)
-            return drawing.fit(crop, found, outline_of(self._points[number]))
+        def fit(detection: int, crop: Crop) -> FaceParameters:
+            face = person.texel_fitter.refine(crop, model.initial[detection], FIT_STEPS)
+            return model.image_fitter.fit(crop, face, face_outline(self._points[detection]))
 
-        waiting = deque[tuple[int, Future[FaceParameters]]]()
-        with workers_beside() as pool:
-            for index, frame in frames:
-                number = self._number.get(index)
-                if number is None or number not in self._needed:
+        in_flight = deque[tuple[int, Future[FaceParameters]]]()
+        with worker_pool() as pool:
+            for index, picture in frames:
+                detection = self._detection_of.get(index)
+                if detection is None or detection not in needed:
                     continue
-                if len(waiting) == MOST_WAITING:
-                    self._take(*waiting.popleft())
-                with self._tally.stage("crop"):
-                    crop = crop_face(frame, self._points[number], caller.pixels_per_texel)
-                waiting.append((number, pool.submit(find, number, crop)))
-            for each in waiting:
-                self._take(*each)
+                if len(in_flight) == MAX_IN_FLIGHT:
+                    self._collect(*in_flight.popleft())
+                with self._stats.stage("crop"):
+                    crop = crop_face(picture, self._points[detection], person.pixels_per_texel)
+                in_flight.append((detection, pool.submit(fit, detection, crop)))
+            for each in in_flight:
+                self._collect(*each)
 
-    def _take(self, number: int, found: Future[FaceParameters]) -> None:
-        with self._tally.stage("refine"):
-            self._faces[number] = found.result()
+    def _collect(self, detection: int, fit: Future[FaceParameters]) -> None:
+        with self._stats.stage("fit"):
+            self._faces[detection] = fit.result()
 
-    def code(self, bitrate: float) -> CodedCall:
-        """The call at `bitrate` bits per second, all frame packets counted."""
-        assert self._learned is not None and self._still is not None
-        start, cadence = self._call.start_frame, self._cadence
-        coded = list(takewhile(self._faces.__contains__, self._coded))
-        stopped_at = start + (len(coded) - 1) * cadence.frame_step + 1
-        frames = self._frames if len(coded) == len(self._coded) else stopped_at
-        place = {number: i for i, number in enumerate(self._faces)}
-        with self._tally.stage("combine"):
+    def encode(self, bitrate: float, progressive: bool = False) -> EncodedCall:
+        """The call at `bitrate` bits per second, all frame packets counted.
+
+        progressive: the model is split into layers.
+        """
+        model = self._model
+        assert model is not None and self._background is not None
+        start, gop = model.call.start_frame, self._gop
+        detections = list(takewhile(self._faces.__contains__, model.detections))
+        stopped_at = start + (len(detections) - 1) * gop.frame_step + 1
+        frames = self._frames if len(detections) == len(model.detections) else stopped_at
+        row = {detection: i for i, detection in enumerate(self._faces)}
+        with self._stats.stage("transform"):
             faces = list(self._faces.values())
-            components, values = combine_call(self._learned, faces, cadence.frames_per_packet)
-            background = self._still.coded(self._budget.background_bytes)
-            model = default_model(self._learned.caller, components, self._call, background)
-        fps = float(cadence.coded_fps(self._capture.fps))
-        spending = Spending(bitrate, fps, cadence.frames_per_packet)
-        with self._tally.stage("code"):
-            sent = values[[place[number] for number in coded]]
-            packets = code_call(sent, components.spreads, spending)
-        if excess := spending.excess(sum(map(packet_bits, packets)), len(sent)):
-            self._tally.warn(excess)
-        lost = frozenset(set(range(start, frames)) - set(self._number))
-        return CodedCall(model, tuple(p.payload for p in packets), frames, lost)
-
-    def in_layers(self, call: CodedCall) -> LayeredModel:
-        """The model of a call as it is sent in layers."""
-        assert self._learned is not None and self._still is not None
-        return layered(call.model, self._learned.caller.appearance.mean, self._still)
+            transform, values = transform_call(model.trained, faces, gop.frames_per_packet)
+            background = self._background.encode(model.budget.background_bytes)
+            packet = build_model_packet(model.trained.person, transform, model.call, background)
+        target = RateTarget(bitrate, float(gop.coded_fps(self._capture.fps)), gop.frames_per_packet)
+        with self._stats.stage("code"):
+            coded = values[[row[detection] for detection in detections]]
+            packets = code_call(coded, transform.scale_codes, target)
+        if excess := target.overshoot_message(sum(map(packet_bits, packets)), len(coded)):
+            self._stats.warn(excess)
+        lost = frozenset(set(range(start, frames)) - set(self._detection_of))
+        payloads = tuple(each.payload for each in packets)
+        if not progressive:
+            return EncodedCall(packet, payloads, frames, lost)
+        layers = split_into_layers(packet, model.trained.person.appearance.mean, self._background)
+        return EncodedCall(layers.base, payloads, frames, lost, layers)
 
 
-def held_numbers(number: dict[int, int], start: int, end: int) -> list[int]:
-    """For each source frame from `start` to `end`, the newest of the found faces until then."""
-    held, last = [], number[start]
+def hold_last_detection(detection_of: dict[int, int], start: int, end: int) -> list[int]:
+    """For each source frame from `start` to `end`, the newest detection until then."""
+    held, last = [], detection_of[start]
     for index in range(start, end):
-        last = number.get(index, last)
+        last = detection_of.get(index, last)
         held.append(last)
     return held
 
 
 def send_call(
-    call: CodedCall,
-    sink: PacketSink,
-    tally: Tally,
-    fps: float | None,
-    stop: Callable[[], bool],
-    pacer: LayerPacer | None = None,
+    call: EncodedCall, packets: PacketSender, fps: float | None, stop: Callable[[], bool]
 ) -> None:
-    """Send a coded call, as fast as it goes or at `fps` source frames per second.
+    """Send an encoded call at `fps` source frames per second; None: as fast as possible.
 
-    pacer: says which layers of the call's model to send between frame packets.
+    stop: asked before each packet but the first; the call ends there.
     """
-    send_model(call.model, sink, tally, pacer)
+    packets.send_model(call.model)
+    if call.layers is not None:
+        packets.begin_layers(call.layers)
     begin, parameters = time.monotonic(), call.model.call
     start, step = parameters.start_frame, parameters.frame_step
     spans = packet_spans(len(range(start, call.frames, step)), parameters.frames_per_packet)
-    lost, frames = False, call.frames
+    frames = call.frames
     for number, (payload, (first, end)) in enumerate(zip(call.payloads, spans, strict=False)):
         if number and stop():
             frames = start + first * step
@@ -236,52 +246,8 @@ def send_call(
         if fps is not None:
             newest = start + (end - 1) * step
             time.sleep(max(0.0, begin + (newest + 1) / fps - time.monotonic()))
-        gone = all(start + i * step in call.lost for i in range(first, end))
-        if gone != lost:
-            kind = ControlKind.LOST if gone else ControlKind.FOUND
-            tally.send(sink, ControlPacket(0, kind, start + first * step))
-            lost = gone
-        tally.frame_bytes += len(payload)
-        tally.send(sink, FramePacket(number % SEQUENCE_MODULUS, payload))
-        if pacer is not None:
-            seconds = (end - first) * step / parameters.fps
-            send_layers(pacer, 1 + len(payload), seconds, sink, tally)
-    if pacer is not None:
-        warn_of_missing(pacer, tally)
-    tally.send(sink, ControlPacket(0, ControlKind.END, frames))
-    tally.frames = frames
-
-
-def send_model(
-    model: ModelPacket, sink: PacketSink, tally: Tally, pacer: LayerPacer | None
-) -> None:
-    """Send a model packet, whole or the first layer of one."""
-    size = send_part(model, sink, tally)
-    if pacer is not None:
-        pacer.spent(size)
-
-
-def send_part(packet: ModelPacket | LayerPacket, sink: PacketSink, tally: Tally) -> int:
-    """Send what counts as model; returns its bytes."""
-    size = len(serialise(packet))
-    tally.model_bytes += size - 1
-    tally.send(sink, packet)
-    return size
-
-
-def send_layers(
-    pacer: LayerPacer, frame_bytes: int, seconds: float, sink: PacketSink, tally: Tally
-) -> None:
-    """Send the layers that are due after a frame packet of so many bytes and seconds."""
-    pacer.spent(frame_bytes)
-    for layer in pacer.due(seconds):
-        send_part(layer, sink, tally)
-
-
-def warn_of_missing(pacer: LayerPacer, tally: Tally) -> None:
-    """Say so if a call ends before its model was sent whole."""
-    if pacer.items_waiting:
-        tally.warn(
-            f"the call ended with {pacer.items_waiting} pictures of its model not sent:"
-            " it was too short for --startup-bitrate"
-        )
+        visible = any(start + i * step not in call.lost for i in range(first, end))
+        packets.report_face(visible, start + first * step)
+        packets.send_frames(number, payload, (end - first) * step / parameters.fps)
+    packets.warn_of_incomplete_model()
+    packets.end(frames)

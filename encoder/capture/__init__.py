@@ -1,1 +1,1 @@
-"""Frames of a camera or video, and the window of a frame that holds a face."""
+"""Sources of video frames, their luma, and the window of a frame that holds the face."""

@@ -1,22 +1,23 @@
-"""Luma of pictures."""
+"""Luma (Y' of BT.601) of uint8 pictures, rounded to 8 bits as OpenCV does it.
+
+Luma of float colours, without rounding: `protocol.pictures.picture_codec.to_luma`.
+"""
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 Picture = NDArray[np.uint8]
-
-
 Single = NDArray[np.float32]
 
 
-def in_luma(picture: Picture) -> Picture:
-    """(h, w) uint8 luma of a BGR picture (h, w, 3), as PSNR sees it; what is luma stays."""
+def luma_u8(picture: Picture) -> Picture:
+    """(h, w) uint8 luma of a picture: (h, w, 3) uint8 BGR, or luma, which is returned itself."""
     if picture.ndim == 2:
         return picture
     return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
-def luma(picture: Picture) -> Single:
-    """The same as `in_luma`, (h, w) float32."""
-    return np.asarray(in_luma(picture), dtype=np.float32)
+def luma_f32(picture: Picture) -> Single:
+    """(h, w) float32, the values of `luma_u8`."""
+    return np.asarray(luma_u8(picture), dtype=np.float32)

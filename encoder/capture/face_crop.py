@@ -1,4 +1,4 @@
-"""The part of a picture around the face, no larger than the texture can use."""
+"""The window of a frame that holds the face, at no higher resolution than the texture has."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,16 +13,19 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
+# Width of the margin around the points, in terms of their larger extent.
 MARGIN = 0.3
+# Below this many pixels per texel a window is not scaled down.
+MIN_PIXELS_PER_TEXEL = 1.2
 
 
 @dataclass(frozen=True, slots=True)
 class Crop:
-    """A window on a frame, shrunk.
+    """A window of a frame, scaled down.
 
     picture: (h, w, 3) uint8 BGR, or (h, w) luma.
-    left, top: its corner in the frame, pixels.
-    scale: its pixels per pixel of the frame, (2,).
+    left, top: the window's first column and row in the frame, pixels.
+    scale: (2,) pixels of the crop per pixel of the frame, in x and y.
     """
 
     picture: NDArray[Any]
@@ -31,20 +34,24 @@ class Crop:
     scale: Array
 
     @property
-    def grey(self) -> "Crop":
-        """The same in luma."""
+    def as_luma(self) -> "Crop":
+        """The same window with a float32 luma picture (h, w)."""
         if self.picture.ndim == 2:
             return self
         return replace(self, picture=to_luma(self.picture))
 
-    def from_frame(self, positions_px: Single) -> Single:
-        """Positions (k, 2) in the frame to positions in the crop, pixels."""
+    def to_crop_px(self, positions_px: Single) -> Single:
+        """Map positions (k, 2) from pixels of the frame to pixels of the crop."""
         corner = np.array([self.left, self.top], np.float32) - np.float32(0.5)
         return np.asarray((positions_px - corner) * self.scale.astype(np.float32) - np.float32(0.5))
 
 
 def crop_face(frame: Picture, points_px: Array, pixels_per_texel: float) -> Crop:
-    """The window on `frame` that holds `points_px` (m, >= 2), at about one pixel per texel."""
+    """Cut out the window of `frame` that holds the points, at about one pixel per texel.
+
+    frame: (h, w, 3) uint8 BGR.  points_px: (m, >= 2) pixels.
+    pixels_per_texel: resolution of the face in the frame.
+    """
     low, high = points_px[:, :2].min(0), points_px[:, :2].max(0)
     margin = MARGIN * float((high - low).max())
     height, width = frame.shape[:2]
@@ -53,7 +60,7 @@ def crop_face(frame: Picture, points_px: Array, pixels_per_texel: float) -> Crop
         int
     )
     window = frame[top:bottom, left:right]
-    if pixels_per_texel <= 1.2:
+    if pixels_per_texel <= MIN_PIXELS_PER_TEXEL:
         return Crop(np.ascontiguousarray(window), int(left), int(top), np.ones(2))
     size = np.maximum(np.rint(np.array(window.shape[1::-1]) / pixels_per_texel), 2).astype(int)
     small = cv2.resize(window, tuple(size.tolist()), interpolation=cv2.INTER_AREA)

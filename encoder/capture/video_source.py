@@ -1,4 +1,4 @@
-"""Pictures from whatever OpenCV opens: file, image sequence, camera index, network stream."""
+"""Sources of frames that OpenCV opens: video file, image sequence, camera, network stream."""
 
 import math
 import os
@@ -20,13 +20,13 @@ Frame = NDArray[np.uint8]
 
 DEFAULT_FPS = Fraction(25)
 _OPEN_TIMEOUT_MS = 10_000
-# FFmpeg's number of BT.709 among the colour matrices, as in ITU-T H.273.
+# FFmpeg's number of the colour matrix BT.709, as in ITU-T H.273.
 _BT709 = 1
 _NUMBER_FIELD = re.compile(r"%0?\d*d")
 
 
 class _Reader(Protocol):
-    """What `Capture` needs of a source of frames: None at the end."""
+    """Reads frames one by one; `read` returns None at the end."""
 
     def read(self) -> Frame | None: ...
 
@@ -34,14 +34,14 @@ class _Reader(Protocol):
 
 
 class Capture:
-    """An open source of frames, all of one size; a context manager that can be iterated once.
+    """An open source of frames of one size; a context manager that can be iterated once.
 
     width, height: pixels, of the frames as delivered (after rotation metadata).
     fps: exact frame rate, frames per second.
-    frame_count: frames the container promises; None where nobody knows before the end.
-    is_live: whether frames come in real time and have no end of their own.
-    matrix: by which a file's Y'CbCr was made, see `protocol.packets.CallParameters`.
-    is_rate_assumed: a video or camera says no frame rate, or none that can be.
+    frame_count: number of frames according to the container; None if it is not known.
+    is_live: whether frames arrive in real time and without a known end.
+    colour_matrix: of a file's Y'CbCr, see `protocol.packets.CallParameters`.
+    is_fps_assumed: whether the source states no usable frame rate, so that `fps` is a default.
     """
 
     def __init__(
@@ -51,11 +51,11 @@ class Capture:
         fps: Fraction,
         frame_count: int | None,
         is_live: bool,
-        matrix: str = "bt601",
-        is_rate_assumed: bool = False,
+        colour_matrix: str = "bt601",
+        is_fps_assumed: bool = False,
     ) -> None:
         self.name, self.fps, self.frame_count, self.is_live = name, fps, frame_count, is_live
-        self.matrix, self.is_rate_assumed = matrix, is_rate_assumed
+        self.colour_matrix, self.is_fps_assumed = colour_matrix, is_fps_assumed
         self._reader = reader
         self._first = reader.read()
         if self._first is None:
@@ -66,7 +66,7 @@ class Capture:
     def __iter__(self) -> Iterator[tuple[int, Frame]]:
         """Yield (index, frame): frame (height, width, 3) uint8, BGR.
 
-        Raises UserError where the frames' size changes on the way.
+        Raises `UserError` where the size of the frames changes.
         """
         index, frame, self._first = 0, self._first, None
         while frame is not None:
@@ -78,8 +78,8 @@ class Capture:
             yield index, frame
             index, frame = index + 1, self._reader.read()
 
-    def skip_while(self, busy: Callable[[], bool]) -> None:
-        """Drop the frames that a live source gives meanwhile: the first one is the next to come."""
+    def drop_frames_while(self, busy: Callable[[], bool]) -> None:
+        """Drop the frames that arrive while `busy()`; iteration starts with the first one after."""
         while busy() and (frame := self._reader.read()) is not None:
             self._first = frame
 
@@ -114,7 +114,7 @@ class _VideoReader:
 
 
 class _SequenceReader:
-    """Image files one after the other."""
+    """Frames from image files."""
 
     def __init__(self, paths: list[Path]) -> None:
         self._paths = iter(paths)
@@ -135,7 +135,7 @@ class _SequenceReader:
 def open_source(source: str) -> Capture:
     """Open a video file, an image sequence pattern (frame_%04d.png), a camera index or a URL.
 
-    Raises UserError, one line, where there is nothing to read.
+    Raises `UserError`, one line, if there is nothing to read.
     """
     _silence_opencv()
     if source.isdecimal():
@@ -146,23 +146,25 @@ def open_source(source: str) -> Capture:
     if "%" in path.name and not path.exists():
         return _open_sequence(path)
     if not path.exists():
-        raise UserError(f"{path}: no such file")
+        raise UserError(f"cannot read {path}: no such file")
     if path.is_dir():
         raise UserError(f"{path} is a folder; give a pattern such as {path}/frame_%04d.png")
     if not os.access(path, os.R_OK):
-        raise UserError(f"{path}: no permission to read it")
+        raise UserError(f"cannot read {path}: no permission")
     video = cv2.VideoCapture(str(path))
-    return _open_video(str(path), video, "{} is not a video OpenCV can read", colour_matrix(path))
+    return _open_video(
+        str(path), video, "{} is not a video OpenCV can read", tagged_colour_matrix(path)
+    )
 
 
-def is_usable_rate(fps: float) -> bool:
-    """Whether that many frames a second can be."""
+def is_usable_fps(fps: float) -> bool:
+    """Whether a stated frame rate is plausible."""
     return math.isfinite(fps) and 1 <= fps <= 240
 
 
 def exact_fps(fps: float) -> Fraction:
-    """The exact rate behind a rounded one (29.97 -> 30000/1001); 25 where unknown or absurd."""
-    if not is_usable_rate(fps):
+    """The exact rate of a rounded one (29.97 -> 30000/1001); 25 if it is not usable."""
+    if not is_usable_fps(fps):
         return DEFAULT_FPS
     for denominator in (1, 1001):
         numerator = round(fps * denominator / 1000) * 1000 if denominator > 1 else round(fps)
@@ -171,13 +173,13 @@ def exact_fps(fps: float) -> Fraction:
     return Fraction(fps).limit_denominator(1001)
 
 
-def colour_matrix(path: Path) -> str:
-    """The matrix of `protocol.packets.MATRICES` that a video file says its Y'CbCr was made by.
+def tagged_colour_matrix(path: Path) -> str:
+    """The colour matrix of a video file's Y'CbCr according to its tag: bt709 or bt601.
 
-    bt601 for a file that says nothing of it or of another matrix, and for what is not a plain file.
-    OpenCV turns what is tagged BT.2020, with its wider gamut, into BT.709's RGB by itself.
+    bt601 also for files without a tag or with another matrix, for pipes and for devices.
+    OpenCV converts BT.2020 pictures to the RGB of BT.709 by itself.
     """
-    # A pipe or device can be read but once.
+    # A pipe or device can be read only once.
     if not path.is_file():
         return "bt601"
     try:
@@ -190,7 +192,7 @@ def colour_matrix(path: Path) -> str:
 
 
 def _silence_opencv() -> None:
-    """Keep FFmpeg and OpenCV off the terminal: `UserError` says it in one line."""
+    """Stop FFmpeg and OpenCV from writing to the terminal: `UserError` says it in one line."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
@@ -203,24 +205,24 @@ def _open_stream(url: str) -> Capture:
 
 
 def _open_video(
-    name: str, video: cv2.VideoCapture, complaint: str, matrix: str = "bt601"
+    name: str, video: cv2.VideoCapture, error_text: str, colour_matrix: str = "bt601"
 ) -> Capture:
     if not video.isOpened():
-        raise UserError(complaint.format(name))
+        raise UserError(error_text.format(name))
     is_remote = name.isdecimal() or "://" in name
     if name.isdecimal():
-        # A queue in the driver would only add latency.
+        # A queue in the driver adds latency.
         video.set(cv2.CAP_PROP_BUFFERSIZE, 1)
     count = video.get(cv2.CAP_PROP_FRAME_COUNT)
     frame_count = int(count) if math.isfinite(count) and 0 < count < 2**31 else None
     fps = video.get(cv2.CAP_PROP_FPS)
     is_live = is_remote and frame_count is None
-    reader, is_assumed = _VideoReader(video), not is_usable_rate(fps)
-    return Capture(name, reader, exact_fps(fps), frame_count, is_live, matrix, is_assumed)
+    reader, is_assumed = _VideoReader(video), not is_usable_fps(fps)
+    return Capture(name, reader, exact_fps(fps), frame_count, is_live, colour_matrix, is_assumed)
 
 
 def _open_sequence(pattern: Path) -> Capture:
-    """Read numbered images from the lowest number there is; their rate is unknown, hence 25."""
+    """Read numbered images, the lowest number first, at the default rate."""
     paths = _sequence_paths(pattern)
     return Capture(str(pattern), _SequenceReader(paths), DEFAULT_FPS, len(paths), is_live=False)
 

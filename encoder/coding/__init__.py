@@ -1,1 +1,1 @@
-"""From faces to the bytes of packets at a given rate."""
+"""Rate-distortion coding: from fitted faces and a person model to packets at a given rate."""

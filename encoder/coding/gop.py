@@ -1,37 +1,41 @@
-"""How often a frame of the default profile is coded, and how many of them a packet holds."""
+"""GOP structure: temporal decimation, and the number of coded frames in a packet."""
 
 from dataclasses import dataclass
 from fractions import Fraction
 from math import floor
 
-from protocol.packets import MAX_FRAME_STEP
+from protocol.limits import MAX_FRAME_STEP
 
-# Source frames in a packet, about: what its last frame waits for, and a third of what a lost packet
-# can spoil.
+# Source frames in a packet, approximately: the delay of its first frame, and a third of the frames
+# that a lost packet may damage.
 FRAMES_PER_PACKET = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Cadence:
-    """Every how many source frames one is coded, and how many coded ones a packet holds."""
+class GopStructure:
+    """How the frames of a source are grouped.
+
+    frame_step: source frames from one coded frame to the next.
+    frames_per_packet: coded frames in a packet.
+    """
 
     frame_step: int = 1
     frames_per_packet: int = FRAMES_PER_PACKET
 
     def coded_fps(self, source_fps: Fraction) -> Fraction:
-        """Coded frames per second of a source."""
+        """Coded frames per second."""
         return source_fps / self.frame_step
 
 
-def cadence_for(source_fps: Fraction, wanted_fps: float | None) -> Cadence:
-    """The cadence that comes nearest to `wanted_fps` coded frames per second; None: every frame.
+def gop_for_fps(source_fps: Fraction, target_fps: float | None) -> GopStructure:
+    """The structure whose coded rate is nearest to `target_fps`; every frame is coded for None.
 
-    Only every k-th frame can be coded, so the rate is the source's over a whole number.  Packets
-    last as long as they do with every frame.
+    The coded rate is the source's divided by an integer.  A packet spans about `FRAMES_PER_PACKET`
+    source frames at any rate.
     """
-    if wanted_fps is None or wanted_fps >= source_fps:
-        return Cadence()
-    fewer = floor(min(float(source_fps) / wanted_fps, MAX_FRAME_STEP))
-    step = min((fewer, fewer + 1), key=lambda k: abs(float(source_fps) / k - wanted_fps))
+    if target_fps is None or target_fps >= source_fps:
+        return GopStructure()
+    fewer = floor(min(float(source_fps) / target_fps, MAX_FRAME_STEP))
+    step = min((fewer, fewer + 1), key=lambda k: abs(float(source_fps) / k - target_fps))
     step = min(step, MAX_FRAME_STEP)
-    return Cadence(step, max(1, round(FRAMES_PER_PACKET / step)))
+    return GopStructure(step, max(1, round(FRAMES_PER_PACKET / step)))

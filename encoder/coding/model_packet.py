@@ -1,23 +1,25 @@
-"""The model packet: who calls, as the first good frame shows it."""
+"""Model packets of both profiles, and their byte budgets."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.texture import extract_texture, fitting_size
+from encoder.appearance.texture import atlas_size_for, extract_texture
 from encoder.capture.video_source import Capture
-from encoder.fitting.identity import Fitted
-from encoder.picture_coding.image_budget import compress, compress_background
+from encoder.fitting.fit_results import Fitted
+from encoder.fitting.quantised_identity import identity_codes, quantised_identity
+from encoder.learning.person_model import PersonModel
+from encoder.picture_coding.image_budget import encode_background_webp_within, encode_webp_within
+from protocol.call_parameters import CallParameters
+from protocol.frames.frame_transform import FrameTransform, serialise_transform
 from protocol.frames.scalar_quantiser import (
-    AAU_STEP,
     EAU_STEP,
-    RESIDUAL_STEP_MM,
     codes_from_values,
     values_from_codes,
 )
-from protocol.packets import CallParameters, ModelPacket
-from shared_model.animate import Face, Identity, identity_from_controls
+from protocol.model_packet import ModelPacket
+from shared_model.animate import Face
 from shared_model.appearance import atlas_of
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters, Pose
@@ -26,44 +28,46 @@ Picture = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
-class Budget:
-    """Sizes of the model packet's images.
+class ModelBudget:
+    """Sizes of the pictures of a model packet.
 
-    texture_size: most texels a side.  face_bytes: of the texture and all appearance modes.
-    background_bytes: of the still.  most_modes: in the default profile.
+    texture_size: the most texels a side.  appearance_bytes: of texture and modes.
+    background_bytes: of the background.  max_modes: 0 in the thesis profile.
     """
 
     texture_size: int
-    face_bytes: int
+    appearance_bytes: int
     background_bytes: int
-    most_modes: int = 0
+    max_modes: int = 0
 
 
-# Of a recorded call in the default profile so much that a minute of it takes 16 kB, and the face,
-# shape included, 8192 bytes: 7728 to 8156 on seven clips, at .1 dB less than 8.1 to 8.4 kB gave.
+# The default profile's budget makes a recorded minute 16 kB, and the face with its shape at most
+# 8192 bytes: 7728 to 8156 on seven clips, .1 dB below budgets of 8.1 to 8.4 kB.
 BUDGETS = {
-    "thesis": Budget(384, 8000, 8000),
-    "default": Budget(256, 7540, 1880, 24),
-    "live": Budget(256, 8000, 2000, 24),
+    "thesis": ModelBudget(384, 8000, 8000),
+    "default": ModelBudget(256, 7540, 1880, 24),
+    "live": ModelBudget(256, 8000, 2000, 24),
 }
 
-# What a model packet holds beside its images: shape, call parameters, the components' tables.
-SHAPE_BYTES = {"thesis": 400, "default": 600, "live": 600}
+# Bytes of a model packet besides its pictures: shape, call parameters, the transform's tables.
+GEOMETRY_AND_TABLE_BYTES = {"thesis": 400, "default": 600, "live": 600}
 
 
-def budget_for(profile: str, model_bytes: int | None) -> Budget:
-    """The usual sizes, or all images scaled so that the packet takes about `model_bytes`.
+def budget_for(profile: str, model_bytes: int | None) -> ModelBudget:
+    """The budget of a profile, or the same scaled to packets of about `model_bytes`.
 
-    profile: `live` is a live call in the default one.
+    profile: "thesis", "default", or "live" for a live call in the default profile.
     """
-    usual = BUDGETS[profile]
+    standard = BUDGETS[profile]
     if model_bytes is None:
-        return usual
-    share = (model_bytes - SHAPE_BYTES[profile]) / (usual.face_bytes + usual.background_bytes)
+        return standard
+    scale = (model_bytes - GEOMETRY_AND_TABLE_BYTES[profile]) / (
+        standard.appearance_bytes + standard.background_bytes
+    )
     return replace(
-        usual,
-        face_bytes=int(usual.face_bytes * share),
-        background_bytes=int(usual.background_bytes * share),
+        standard,
+        appearance_bytes=int(standard.appearance_bytes * scale),
+        background_bytes=int(standard.background_bytes * scale),
     )
 
 
@@ -75,7 +79,7 @@ def call_parameters(
     frames_per_packet: int = 1,
     frame_step: int = 1,
 ) -> CallParameters:
-    """What stays the same throughout a call of this source."""
+    """The parameters of a call of this source."""
     return CallParameters(
         profile=profile,
         width=capture.width,
@@ -86,58 +90,61 @@ def call_parameters(
         frames_per_packet=frames_per_packet,
         start_frame=start_frame,
         frame_step=frame_step,
-        matrix=capture.matrix,
+        colour_matrix=capture.colour_matrix,
     )
 
 
-def shape_packet(fitted: Fitted, reference: FaceParameters, call: CallParameters) -> ModelPacket:
-    """The packet's geometry, quantised; its images are still empty.
-
-    Textures must be sampled through the shape as the decoder will have it, so that rounding of the
-    shape moves no texel.
-    """
+def geometry_packet(fitted: Fitted, reference: FaceParameters, call: CallParameters) -> ModelPacket:
+    """A model packet with quantised identity and reference face, without pictures."""
+    aau, residual = identity_codes(fitted)
     return ModelPacket(
         call=call,
-        aau=codes_from_values(fitted.identity.aau, AAU_STEP),
-        residual=codes_from_values(fitted.control_mm, RESIDUAL_STEP_MM),
+        aau=aau,
+        residual=residual,
         reference_rotation=tuple(reference.pose.rotation.tolist()),
         reference_translation_mm=tuple(reference.pose.translation_mm.tolist()),
         reference_eau=codes_from_values(reference.eau, EAU_STEP, low=-127),
     )
 
 
-def build_model(
+def build_thesis_model_packet(
     head: Head,
     fitted: Fitted,
     reference: FaceParameters,
     frame: Picture,
     call: CallParameters,
-    budget: Budget,
+    budget: ModelBudget,
 ) -> ModelPacket:
-    """The packet that lets a decoder draw this caller in the thesis profile.
+    """The model packet of the thesis profile.
 
-    reference: the caller in `frame`, the picture that still and texture are taken from.
+    reference: the face in `frame`, of which background and texture are taken.
     """
-    draft = shape_packet(fitted, reference, call)
-    face = Face(head, identity_of(head, draft))
-    camera, seen = call.camera, reference_of(draft)
-    vertices = face.animate(seen.eau)
-    size = fitting_size(atlas_of(head, 64), camera, seen.pose, vertices, budget.texture_size)
-    texture = extract_texture(head, atlas_of(head, size), camera, seen.pose, vertices, frame)
+    packet = geometry_packet(fitted, reference, call)
+    face = Face(head, quantised_identity(head, fitted))
+    camera, quantised = call.camera, reference_face(packet)
+    pose, vertices = quantised.pose, face.animate(quantised.eau)
+    size = atlas_size_for(atlas_of(head, 64), camera, pose, vertices, budget.texture_size)
+    texture = extract_texture(head, atlas_of(head, size), camera, pose, vertices, frame)
     return replace(
-        draft,
-        background=compress_background(frame, budget.background_bytes),
-        texture=compress(texture, budget.face_bytes),
+        packet,
+        background=encode_background_webp_within(frame, budget.background_bytes),
+        texture=encode_webp_within(texture, budget.appearance_bytes),
     )
 
 
-def identity_of(head: Head, packet: ModelPacket) -> Identity:
-    """The identity a decoder reads from the packet."""
-    control = values_from_codes(packet.residual, RESIDUAL_STEP_MM).reshape(-1, 3)
-    return identity_from_controls(head, values_from_codes(packet.aau, AAU_STEP), control)
-
-
-def reference_of(packet: ModelPacket) -> FaceParameters:
-    """The face in the still, as a decoder reads it."""
+def reference_face(packet: ModelPacket) -> FaceParameters:
+    """The face in the reference frame, as a decoder reads it."""
     pose: Pose = packet.reference_pose
     return FaceParameters(pose, values_from_codes(packet.reference_eau, EAU_STEP))
+
+
+def build_model_packet(
+    person: PersonModel, transform: FrameTransform, call: CallParameters, background: bytes
+) -> ModelPacket:
+    """The model packet of the default profile.  background: see `BackgroundImage.encode`."""
+    return replace(
+        geometry_packet(person.fitted, person.reference, call),
+        background=background,
+        texture=person.appearance.texture,
+        profile_data=serialise_transform(transform),
+    )

@@ -1,135 +1,154 @@
-"""How a caller may go on moving who has been seen for a few seconds only, and components for it.
+"""A Gaussian-process prior on a person's motion, and the transform designed from its moments.
 
-Motion is taken for a Gaussian process as large as what was seen and what is usual together, so that
-whatever has hardly moved yet may still move.  Components follow from the moments of the process: in
-a sample of it, as long as a call is, values are alike by chance that are not by nature.
+A live call has seen a few seconds of a person.  Their covariance is shrunk towards independence,
+since a short sample has spurious correlations, and a prior covariance is added, since what has not
+moved yet may move later.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from encoder.coding.transform import (
-    MOTION_FRAMES,
-    VARIANCE_SHARE,
-    HarmSpace,
+    INNOVATION_LAG,
+    VARIANCE_WEIGHT,
+    WhitenedSpace,
     prediction_errors,
     principal_axes,
-    spread_codes,
+    scale_codes,
 )
-from protocol.frames.frame_transform import GEOMETRY, Components
-from protocol.frames.temporal_prediction import ABSOLUTE, KINDS
+from protocol.frames.frame_transform import GEOMETRY_SIZE, FrameTransform
+from protocol.frames.temporal_prediction import INTRA, PREDICTION_KINDS
 from shared_model.parameters import LIDS
 
 Array = NDArray[np.float64]
 
-# How far callers move who have not yet moved, two standard deviations: degrees, mm, log depth,
-# actuators.
-USUAL_MOTION = np.array([4.0, 4.0, 3.0, 15.0, 15.0, 0.04, *[0.6] * (GEOMETRY - 6)])
-# How alike both lids move: a blink then is one component rather than two.
-LIDS_ALIKE = 0.95
-# What of the likeness of values in a few frames is chance.
-CHANCE = 0.1
-# Motion is smooth: noise through two low-passes, each of which keeps this much from source frame to
-# source frame.  Heads move slowly, faces quickly: how much of their variance is slow motion.
-SLOW, QUICK = 0.93, 0.7
-SLOW_POSE, SLOW_FACE = 0.9, 0.5
-# What measuring adds to each value, in units of harm.
-MEASURING_UNITS = 0.3
-# The mean size of a Gaussian value of variance 1.
-_MEAN_SIZE = np.sqrt(2 / np.pi)
-# What stands for 1 in the integers of `interpolate`; its floors then cost next to nothing.
-_WHOLE = 1 << 20
+# Two standard deviations of the prior: degrees, mm, log depth, EAUs.
+PRIOR_MOTION_2SIGMA = np.array([4.0, 4.0, 3.0, 15.0, 15.0, 0.04, *[0.6] * (GEOMETRY_SIZE - 6)])
+# Prior correlation of both eyelids, so that a blink is one component.
+EYELID_CORRELATION = 0.95
+# Shrinkage of the sample covariance towards its diagonal.
+SHRINKAGE = 0.1
+# Motion is the sum of a slow and a fast process.  Each is noise through two equal first-order
+# low-passes with this decay per source frame.  The share of variance in the slow process.
+SLOW_DECAY, FAST_DECAY = 0.93, 0.7
+POSE_SLOW_SHARE, FACE_SLOW_SHARE = 0.9, 0.5
+# Standard deviation of the measurement noise of each value, in units of the whitened space.
+MEASUREMENT_NOISE = 0.3
+# Mean absolute value of a standard normal variable.
+_MEAN_ABSOLUTE = np.sqrt(2 / np.pi)
+# Fixed-point 1 for the integers of `interpolate`, so large that its floors are negligible.
+_ONE = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
-class Process:
-    """A smooth Gaussian process.
+class GaussianProcess:
+    """A stationary process: white noise through two equal first-order low-passes.
 
-    covariance: (d, d) of y.  kept: what each of two low-passes keeps from one source frame to the
-        next.
+    covariance: (d, d) of y.  decay: of each low-pass per source frame.
     """
 
     covariance: Array
-    kept: float
+    decay: float
 
-    def likeness(self, frames: NDArray[np.int64] | int) -> Array:
-        """Correlation of y with y so many source frames later."""
-        growth = frames * (1 - self.kept**2) / (1 + self.kept**2)
-        return np.asarray(self.kept**frames * (1 + growth))
+    def autocorrelation(self, lag: NDArray[np.int64] | int) -> Array:
+        """Autocorrelation at a lag, source frames."""
+        growth = lag * (1 - self.decay**2) / (1 + self.decay**2)
+        return np.asarray(self.decay**lag * (1 + growth))
 
-    def power(self, error: Array, frame_step: int) -> float:
-        """Mean square of the error of a prediction, see `errors_by_kind`, where y's is 1."""
-        places = np.arange(len(error)) * frame_step
-        return float(error @ self.likeness(np.abs(places[:, None] - places)) @ error)
+    def prediction_error_power(self, taps: Array, frame_step: int) -> float:
+        """Variance of a filtered process of unit variance.
+
+        taps: (n,) of a prediction-error filter, `frame_step` source frames apart.
+        """
+        times = np.arange(len(taps)) * frame_step
+        return float(taps @ self.autocorrelation(np.abs(times[:, None] - times)) @ taps)
 
 
-def expected_components(
+def transform_from_prior(
     vectors: Array,
-    harm: Array,
+    distortion: Array,
     modes: tuple[bytes, ...],
     frames_per_packet: int,
     frame_step: int,
-) -> Components:
-    """Components for what is yet to come of a caller.  None is left out.
+) -> FrameTransform:
+    """The transform for the rest of a call, with all d components.
 
-    vectors: (t, d) y of some frames so far, in any order.  harm: (d, d), see `Sensitivity.harm`.
+    vectors: (t, d) y of some frames so far, in any order.
+    distortion: (d, d), see `DistortionModel`.
     frame_step: source frames from one coded frame to the next.
     """
-    processes = expected_motion(vectors)
-    space = HarmSpace.about(vectors.mean(0), harm)
+    processes = motion_processes(vectors)
+    space = WhitenedSpace.from_distortion(vectors.mean(0), distortion)
     covariances = [space.root.T @ process.covariance @ space.root for process in processes]
-    moves = np.zeros_like(harm)
+    motion = np.zeros_like(distortion)
     for process, covariance in zip(processes, covariances, strict=True):
-        moved = 2 * (1 - process.likeness(MOTION_FRAMES * frame_step))
-        moves += (moved + VARIANCE_SHARE) * covariance
-    axes = principal_axes(moves)
-    # What has not moved may come out below nothing by rounding.
-    variance = [np.maximum(((covariance @ axes) * axes).sum(0), 0.0) for covariance in covariances]
-    power = np.zeros((len(harm), KINDS))
-    for kind, errors in enumerate(errors_by_kind(frames_per_packet)):
-        for process, along in zip(processes, variance, strict=True):
-            power[:, kind] += along * np.mean([process.power(e, frame_step) for e in errors])
-        power[:, kind] += MEASURING_UNITS**2 * np.mean([error @ error for error in errors])
-    components = space.components(modes, axes, np.sqrt(np.sum(variance, axis=0)))
-    return replace(components, spreads=spread_codes(_MEAN_SIZE * np.sqrt(power)))
+        difference = 2 * (1 - process.autocorrelation(INNOVATION_LAG * frame_step))
+        motion += (difference + VARIANCE_WEIGHT) * covariance
+    axes = principal_axes(motion)
+    # Rounding makes a variance of 0 negative.
+    variances = [np.maximum(((covariance @ axes) * axes).sum(0), 0.0) for covariance in covariances]
+    transform = space.frame_transform(modes, axes, np.sqrt(np.sum(variances, axis=0)))
+    power = _prediction_error_powers(processes, variances, frames_per_packet, frame_step)
+    return replace(transform, scale_codes=scale_codes(_MEAN_ABSOLUTE * np.sqrt(power)))
 
 
-def expected_motion(vectors: Array) -> tuple[Process, Process]:
-    """How y (t, d) of some frames may go on about its mean: slowly and, beside, quickly.
+def _prediction_error_powers(
+    processes: Sequence[GaussianProcess],
+    variances: Sequence[Array],
+    frames_per_packet: int,
+    frame_step: int,
+) -> Array:
+    """(n, PREDICTION_KINDS) prediction error power of components, with measurement noise.
 
-    Of what pose and all else were seen to have in common a tenth is lost: they differ in speed.
+    variances: (n,) of the components in each process.
+    """
+    power = np.zeros((len(variances[0]), PREDICTION_KINDS))
+    for kind, filters in enumerate(prediction_error_filters(frames_per_packet)):
+        for process, variance in zip(processes, variances, strict=True):
+            power[:, kind] += variance * np.mean(
+                [process.prediction_error_power(taps, frame_step) for taps in filters]
+            )
+        power[:, kind] += MEASUREMENT_NOISE**2 * np.mean([taps @ taps for taps in filters])
+    return power
+
+
+def motion_processes(vectors: Array) -> tuple[GaussianProcess, GaussianProcess]:
+    """The slow and the fast process of y, from some frames (t, d).
+
+    The cross-covariance of pose and face shrinks, since their shares of slow motion differ.
     """
     covariance = np.zeros((vectors.shape[1],) * 2) if len(vectors) == 1 else np.cov(vectors.T)
-    covariance = (1 - CHANCE) * covariance + CHANCE * np.diag(np.diag(covariance))
-    covariance[:GEOMETRY, :GEOMETRY] += usual_covariance()
-    slow = np.full(len(covariance), SLOW_FACE)
-    slow[:6] = SLOW_POSE
+    covariance = (1 - SHRINKAGE) * covariance + SHRINKAGE * np.diag(np.diag(covariance))
+    covariance[:GEOMETRY_SIZE, :GEOMETRY_SIZE] += prior_covariance()
+    slow = np.full(len(covariance), FACE_SLOW_SHARE)
+    slow[:6] = POSE_SLOW_SHARE
     return (
-        Process(covariance * np.sqrt(np.outer(slow, slow)), SLOW),
-        Process(covariance * np.sqrt(np.outer(1 - slow, 1 - slow)), QUICK),
+        GaussianProcess(covariance * np.sqrt(np.outer(slow, slow)), SLOW_DECAY),
+        GaussianProcess(covariance * np.sqrt(np.outer(1 - slow, 1 - slow)), FAST_DECAY),
     )
 
 
-def usual_covariance() -> Array:
-    """(GEOMETRY, GEOMETRY) of pose and actuators of callers who have not yet moved."""
+def prior_covariance() -> Array:
+    """(GEOMETRY_SIZE, GEOMETRY_SIZE) prior covariance of pose and EAUs."""
     left, right = (6 + index for index in LIDS)
-    alike = np.eye(GEOMETRY)
-    alike[left, right] = alike[right, left] = LIDS_ALIKE
-    return np.asarray(alike * np.outer(USUAL_MOTION, USUAL_MOTION) / 4)
+    correlation = np.eye(GEOMETRY_SIZE)
+    correlation[left, right] = correlation[right, left] = EYELID_CORRELATION
+    return np.asarray(correlation * np.outer(PRIOR_MOTION_2SIGMA, PRIOR_MOTION_2SIGMA) / 4)
 
 
-def errors_by_kind(frames_per_packet: int) -> list[list[Array]]:
-    """By kind: the errors of its predictions, as weights (n + 1,) of the frames from the anchor on.
+def prediction_error_filters(frames_per_packet: int) -> list[list[Array]]:
+    """Prediction-error filters by prediction kind: taps (n + 1,) on the frames from the anchor on.
 
-    A kind that no frame of such a packet has has those of the kind before.
+    A kind without frames in such a packet has the filters of the kind before.
     """
-    frames = _WHOLE * np.eye(frames_per_packet + 1, dtype=np.int64)
-    found: list[list[Array]] = [[] for _ in range(KINDS)]
-    found[ABSOLUTE].append(frames[0] / _WHOLE)
+    frames = _ONE * np.eye(frames_per_packet + 1, dtype=np.int64)
+    filters: list[list[Array]] = [[] for _ in range(PREDICTION_KINDS)]
+    filters[INTRA].append(frames[0] / _ONE)
     for kind, error in prediction_errors(frames):
-        found[kind].append(error / _WHOLE)
-    for kind in range(1, KINDS):
-        found[kind] = found[kind] or found[kind - 1]
-    return found
+        filters[kind].append(error / _ONE)
+    for kind in range(1, PREDICTION_KINDS):
+        filters[kind] = filters[kind] or filters[kind - 1]
+    return filters

@@ -1,9 +1,9 @@
-"""Which integers to send: rate-distortion optimised quantisation of one packet's frames.
+"""Rate-distortion optimised quantisation (RDOQ) of a packet's frames.
 
-Components are scaled so that one unit of any of them does equal harm to the picture; the distortion
-of a packet is then the plain sum of squares, and a value is worth its bits or it is not.  Frames
-are predicted from one another, so a value moves all that are found by it: values are chosen one
-after another first, then again, each with all the others in sight.
+Components are scaled to equal distortion, so that the distortion of a packet is a sum of squares.
+Frames are predicted from one another, so that the error of a value propagates to all frames that
+refer to it.  Values are first quantised in coding order, then by coordinate descent on the
+distortion of the whole packet.
 """
 
 from dataclasses import dataclass
@@ -12,44 +12,46 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.frames.payload_coding import PayloadHeader, encode_payload
 from protocol.frames.temporal_prediction import (
     ANCHOR,
-    KINDS,
-    UNIT,
+    PREDICTION_KINDS,
+    STEPS_PER_UNIT,
     FramePredictor,
     Integers,
-    PacketHead,
     coding_order,
-    encode_packet,
     interpolate,
-    parents,
     reconstruct,
+    reference_magnitudes,
     step,
 )
-from protocol.frames.value_coding import MAX_SIZE, UNARY, Surroundings, tables_around, value_bits
+from protocol.frames.value_coding import (
+    MAX_MAGNITUDE,
+    UNARY_LIMIT,
+    ValueContext,
+    context_tables,
+    value_bits,
+)
 
 Array = NDArray[np.float64]
 
-# Lagrangian, in squared steps per bit: a value's own step at first, an anchor's when all are chosen
-# again.
-WORTH = 0.25
-# How often all values of a packet are chosen again.
-SWEEPS = 2
-# A packet's last frame is what the next one's are predicted from: how much their errors count that
-# are less than so many steps, and will hardly be mended.
-AHEAD, CALM_STEPS = 0.5, 0.5
+# Lagrangian, squared steps per bit: the steps of each value in coding order, the anchor's in the
+# descent.
+LAGRANGIAN = 0.25
+# Iterations of coordinate descent.
+ITERATIONS = 2
+# Weight of the next packet's prediction errors, which depend on this packet's last frame.  Errors
+# count that quantise to 0 there, that is, below so many steps.
+NEXT_PACKET_WEIGHT, ZERO_BIN_STEPS = 0.5, 0.5
 _BITS = value_bits()
-_BITS_BY_TABLE = _BITS.tolist()
-# Integer frames stand for fractions of this.
-_WHOLE = 1 << 20
+_BITS_BY_CONTEXT = _BITS.tolist()
+# Fixed-point 1 of the integers of `interpolate`.
+_ONE = 1 << 20
 
 
 @dataclass(frozen=True, slots=True)
 class CodedPacket:
-    """A packet ready to be sent, and what it leaves behind.
-
-    payload: bytes.  frames: (count, n) int64, as the decoder has them.
-    """
+    """The payload of a frame packet, and the decoded frames (count, n)."""
 
     payload: bytes
     frames: Integers
@@ -58,106 +60,110 @@ class CodedPacket:
 def code_packet(
     predictor: FramePredictor,
     sequence: int,
-    usual_frames: int,
+    nominal_frames: int,
     targets: Array,
     quality: int,
-    fresh: bool = False,
-    coming: Array | None = None,
+    intra: bool = False,
+    next_targets: Array | None = None,
 ) -> CodedPacket:
-    """Quantise and code the frames `targets` (count, n), in units; does not move the predictor.
+    """Quantise and code frames (count, n), units; the predictor stays as it is.
 
-    coming: (m, n) the frames of the next packet, where they are known already.
+    nominal_frames: frames of a usual packet.  quality: 0 (finest) to 31.
+    intra: predict no value from an earlier packet.
+    next_targets: (m, n) the frames of the next packet, if they are known.
     """
-    wanted = _whole(targets)
-    head = PacketHead(quality, len(wanted), fresh, _idle(predictor, wanted))
-    packet = _Packet(predictor, sequence, head)
-    values = packet.one_by_one(wanted)
-    goal = _goal(wanted, quality, None if coming is None else _whole(coming))
-    for _ in range(SWEEPS):
-        packet.choose_again(values, goal)
-    coded = list(zip(packet.order, values, strict=True))
-    payload = encode_packet(predictor, sequence, usual_frames, head, coded)
-    return CodedPacket(payload, packet.frames(values))
+    frames = _fixed_point(targets)
+    header = PayloadHeader(quality, len(frames), intra, _unused_tail(predictor, frames))
+    quantiser = _PacketQuantiser(predictor, sequence, header)
+    values = quantiser.quantise_sequentially(frames)
+    next_frames = None if next_targets is None else _fixed_point(next_targets)
+    target = _target(frames, quality, next_frames)
+    for _ in range(ITERATIONS):
+        quantiser.coordinate_descent(values, target)
+    coded = list(zip(quantiser.order, values, strict=True))
+    payload = encode_payload(predictor, sequence, nominal_frames, header, coded)
+    return CodedPacket(payload, quantiser.decoded(values))
 
 
-def _whole(frames: Array) -> Integers:
-    return np.rint(frames * UNIT).astype(np.int64)
+def _fixed_point(frames: Array) -> Integers:
+    return np.rint(frames * STEPS_PER_UNIT).astype(np.int64)
 
 
-def _idle(predictor: FramePredictor, wanted: Integers) -> int:
-    """How many of the last components do nothing before, in and after these frames."""
-    used = np.abs(wanted).max(0) + np.abs(predictor.anchor)
-    return min(predictor.spare, len(used) - 1 - int(np.flatnonzero(used).max(initial=-1)))
+def _unused_tail(predictor: FramePredictor, frames: Integers) -> int:
+    """The number of trailing reserved components that are 0 in the anchor and in all frames."""
+    used = np.abs(frames).max(0) + np.abs(predictor.anchor)
+    return min(predictor.reserved, len(used) - 1 - int(np.flatnonzero(used).max(initial=-1)))
 
 
 @dataclass(frozen=True, slots=True)
-class _Goal:
-    """What a packet's values should come near: its own frames, then those of the next packet.
+class _Target:
+    """The frames that a packet's values approximate: its own, then those of the next packet.
 
-    frames: (f, n), the latter less what the next packet itself adds to them.  weight: (f, n).
-    reach: (f, places) what a value adds to each frame, in its steps.
+    frames: (f, n), those of the next packet without the next packet's own contribution.
+    weight: (f, n) of squared errors.
+    propagation: (f, count) what a value of each coded frame adds to each frame, in its steps.
     """
 
     frames: Array
     weight: Array
-    reach: Array
+    propagation: Array
 
-    def error(self, found: Integers) -> Array:
-        """(f, n) what is missing where the packet's frames (count, n) are `found`."""
-        ahead = self.reach[len(found) :, :1]
-        return np.asarray(self.frames - np.concatenate([found, ahead * found[-1]]))
+    def error(self, decoded: Integers) -> Array:
+        """(f, n) remaining error for decoded frames (count, n) of the packet."""
+        from_last = self.propagation[len(decoded) :, :1]
+        return np.asarray(self.frames - np.concatenate([decoded, from_last * decoded[-1]]))
 
 
-class _Packet:
-    """A packet whose values, (places, n) in steps, are to be chosen."""
+class _PacketQuantiser:
+    """Chooses the values (count, n) of a packet, in quantiser steps and coding order."""
 
-    def __init__(self, predictor: FramePredictor, sequence: int, head: PacketHead) -> None:
-        self.order = coding_order(head.frames)
-        self._predictor, self._head = predictor, head
-        self._used = predictor.components - head.idle
-        self._kinds = [predictor.kinds(place, sequence, head.fresh) for place in self.order]
-        by_kind = np.array([step(head.quality, kind) for kind in range(KINDS)])
+    def __init__(self, predictor: FramePredictor, sequence: int, header: PayloadHeader) -> None:
+        self.order = coding_order(header.frames)
+        self._predictor, self._header = predictor, header
+        self._used = predictor.component_count - header.unused_components
+        self._kinds = [predictor.kinds(coded, sequence, header.intra) for coded in self.order]
+        by_kind = np.array([step(header.quality, kind) for kind in range(PREDICTION_KINDS)])
         self._steps = by_kind[np.array(self._kinds)]
         self._tables = [
-            predictor.tables(kinds, head.quality)[: self._used] for kinds in self._kinds
+            predictor.base_tables(kinds, header.quality)[: self._used] for kinds in self._kinds
         ]
 
-    def one_by_one(self, wanted: Integers) -> Integers:
-        """Values for frames (count, n), each as if nothing were predicted from it."""
-        known, sizes, surroundings = self._start(), dict[int, Integers](), Surroundings()
+    def quantise_sequentially(self, frames: Integers) -> Integers:
+        """Values for frames (count, n), regardless of the frames that refer to them."""
+        known, magnitudes, context = self._start(), dict[int, Integers](), ValueContext()
         values = np.zeros(self._steps.shape, np.int64)
-        for place, kinds, steps, tables, row in zip(
+        for coded, kinds, steps, tables, row in zip(
             self.order, self._kinds, self._steps, self._tables, values, strict=True
         ):
-            error = wanted[place.index - 1] - self._predictor.predict(place, kinds, known)
-            around = parents(place, sizes)
-            row[: self._used] = _worthwhile(
-                (error / steps)[: self._used], tables, around, surroundings
+            error = frames[coded.index - 1] - self._predictor.predict(coded, kinds, known)
+            references = reference_magnitudes(coded, magnitudes)
+            row[: self._used] = _rdo_round_adaptive(
+                (error / steps)[: self._used], tables, references, context
             )
-            sizes[place.index] = np.abs(row)
-            known[place.index] = self._reconstructed(known, len(sizes) - 1, row)
+            magnitudes[coded.index] = np.abs(row)
+            known[coded.index] = self._reconstructed(known, len(magnitudes) - 1, row)
         return values
 
-    def choose_again(self, values: Integers, goal: _Goal) -> None:
-        """Replace each of values (places, n) by what is best while the others stay.
+    def coordinate_descent(self, values: Integers, target: _Target) -> None:
+        """Optimise each row of values (count, n) in place while the other rows are fixed.
 
-        What it costs is counted by the tables that the values before gave.
+        Bits are those of the contexts of the initial values.
         """
-        error, used = goal.error(self.frames(values)), self._used
-        worth = WORTH * step(self._head.quality, ANCHOR) ** 2
-        prices = worth * _BITS[self._tables_around(values)]
-        for row, steps, column, price in zip(
-            values, self._steps, goal.reach.T, prices, strict=True
+        error, used = target.error(self.decoded(values)), self._used
+        squared_steps_per_bit = LAGRANGIAN * step(self._header.quality, ANCHOR) ** 2
+        rate_costs = squared_steps_per_bit * _BITS[self._context_tables(values)]
+        for row, steps, column, rate_cost in zip(
+            values, self._steps, target.propagation.T, rate_costs, strict=True
         ):
-            moves = column[:, None] * steps
-            pull = (goal.weight * moves * error).sum(0)[:used]
-            stiffness = (goal.weight * moves**2).sum(0)[:used]
+            effect = column[:, None] * steps
+            gradient = (target.weight * effect * error).sum(0)[:used]
+            curvature = (target.weight * effect**2).sum(0)[:used]
             before = row.copy()
-            row[:used] = _cheapest(row[:used] + pull / stiffness, stiffness, price)
-            error -= moves * (row - before)
+            row[:used] = _rdo_round(row[:used] + gradient / curvature, curvature, rate_cost)
+            error -= effect * (row - before)
 
-    def frames(self, values: Integers) -> Integers:
-        """(count, n) frames that values (places, n) make."""
+    def decoded(self, values: Integers) -> Integers:
+        """The frames (count, n) that a decoder makes of values (count, n)."""
         known = self._start()
         for number, row in enumerate(values):
             known[self.order[number].index] = self._reconstructed(known, number, row)
@@ -167,106 +173,110 @@ class _Packet:
         return {0: self._predictor.anchor}
 
     def _reconstructed(self, known: dict[int, Integers], number: int, row: Integers) -> Integers:
-        place, kinds = self.order[number], self._kinds[number]
-        return reconstruct(self._predictor, place, kinds, known, self._head.quality, row)
+        coded, kinds = self.order[number], self._kinds[number]
+        return reconstruct(self._predictor, coded, kinds, known, self._header.quality, row)
 
-    def _tables_around(self, values: Integers) -> Integers:
-        """(places, used) the table of each value, if these are all of them."""
-        sizes = np.abs(values[:, : self._used])
-        return tables_around(np.array(self._tables), _descent(self._head.frames) @ sizes, sizes)
+    def _context_tables(self, values: Integers) -> Integers:
+        """(count, used) the table of each value in the context of all others."""
+        magnitudes = np.abs(values[:, : self._used])
+        references = _reference_matrix(self._header.frames) @ magnitudes
+        return context_tables(np.array(self._tables), references, magnitudes)
 
 
 @lru_cache
-def _descent(count: int) -> Integers:
-    """(places, places) 1 where a place of a packet is predicted from another one, see `parents`."""
-    found, sizes = np.zeros((count, count), np.int64), dict[int, Integers]()
-    for place, row, itself in zip(
-        coding_order(count), found, np.eye(count, dtype=np.int64), strict=True
+def _reference_matrix(count: int) -> Integers:
+    """(count, count) 1 where a coded frame refers to another, see `reference_magnitudes`."""
+    matrix, magnitudes = np.zeros((count, count), np.int64), dict[int, Integers]()
+    for coded, row, unit in zip(
+        coding_order(count), matrix, np.eye(count, dtype=np.int64), strict=True
     ):
-        around = parents(place, sizes)
-        row[:] = 0 if around is None else around
-        sizes[place.index] = itself
-    return found
+        references = reference_magnitudes(coded, magnitudes)
+        row[:] = 0 if references is None else references
+        magnitudes[coded.index] = unit
+    return matrix
 
 
-def _goal(wanted: Integers, quality: int, coming: Integers | None) -> _Goal:
-    """The goal of a packet of frames (count, n), followed by frames (m, n) if these are known."""
-    reach, weight = _reach(len(wanted)), np.ones(wanted.shape)
-    if coming is None:
-        return _Goal(wanted.astype(np.float64), weight, reach)
-    last, count = wanted[-1], len(coming)
-    left = coming[:-1] - _between(last, coming[-1], count)
-    steps = np.array([step(quality, kind) for kind in _kinds_between(count)])[:, None]
-    calm = np.abs(left) < CALM_STEPS * steps
-    ahead = np.zeros((count - 1, len(wanted)))
-    ahead[:, 0] = _between(np.array([_WHOLE]), np.array([0]), count)[:, 0] / _WHOLE
-    return _Goal(
-        np.concatenate([wanted, left + ahead[:, :1] * last]),
-        np.concatenate([weight, AHEAD * calm]),
-        np.concatenate([reach, ahead]),
+def _target(frames: Integers, quality: int, next_frames: Integers | None) -> _Target:
+    """The target of a packet of frames (count, n) before frames (m, n), if these are known."""
+    propagation, weight = _propagation(len(frames)), np.ones(frames.shape)
+    if next_frames is None:
+        return _Target(frames.astype(np.float64), weight, propagation)
+    last, count = frames[-1], len(next_frames)
+    error = next_frames[:-1] - _interpolated(last, next_frames[-1], count)
+    steps = np.array([step(quality, kind) for kind in _kinds_inside(count)])[:, None]
+    is_zero = np.abs(error) < ZERO_BIN_STEPS * steps
+    from_last = np.zeros((count - 1, len(frames)))
+    from_last[:, 0] = _interpolated(np.array([_ONE]), np.array([0]), count)[:, 0] / _ONE
+    return _Target(
+        np.concatenate([frames, error + from_last[:, :1] * last]),
+        np.concatenate([weight, NEXT_PACKET_WEIGHT * is_zero]),
+        np.concatenate([propagation, from_last]),
     )
 
 
 @lru_cache
-def _reach(count: int) -> Array:
-    """(count, places) what one step of each value adds to each frame of a packet, in steps."""
+def _propagation(count: int) -> Array:
+    """(count, count) what a step of each coded frame's value adds to each frame of a packet."""
     known: dict[int, Integers] = {0: np.zeros(count, np.int64)}
-    for place, itself in zip(
-        coding_order(count), _WHOLE * np.eye(count, dtype=np.int64), strict=True
-    ):
-        found = known[0] if place.kind == ANCHOR else interpolate(place, known)
-        known[place.index] = found + itself
-    return np.array([known[index] for index in range(1, count + 1)]) / _WHOLE
+    for coded, unit in zip(coding_order(count), _ONE * np.eye(count, dtype=np.int64), strict=True):
+        predicted = known[0] if coded.kind == ANCHOR else interpolate(coded, known)
+        known[coded.index] = predicted + unit
+    return np.array([known[index] for index in range(1, count + 1)]) / _ONE
 
 
-def _between(first: Integers, last: Integers, count: int) -> Integers:
-    """(count - 1, n) frames between `first` and `last`, `count` later, that no value mends."""
+def _interpolated(first: Integers, last: Integers, count: int) -> Integers:
+    """The (count - 1, n) predictions between `first` and `last`, `count` frames later."""
     known = {0: first, count: last}
-    for place in coding_order(count)[1:]:
-        known[place.index] = interpolate(place, known)
+    for coded in coding_order(count)[1:]:
+        known[coded.index] = interpolate(coded, known)
     return np.array([known[index] for index in range(1, count)]).reshape(count - 1, len(first))
 
 
-def _kinds_between(count: int) -> list[int]:
-    """How each of the frames before the last of a packet is predicted."""
-    kinds = {place.index: place.kind for place in coding_order(count)}
+def _kinds_inside(count: int) -> list[int]:
+    """Prediction kinds of the frames of a packet before its last, in order of time."""
+    kinds = {coded.index: coded.kind for coded in coding_order(count)}
     return [kinds[index] for index in range(1, count)]
 
 
-def _cheapest(best: Array, stiffness: Array, price: Array) -> Integers:
-    """(k,) integers of least `stiffness` x squared distance from `best` + price of their size.
+def _rdo_round(optimum: Array, curvature: Array, rate_cost: Array) -> Integers:
+    """(k,) integers of least `curvature` * (value - optimum) ** 2 + rate cost.
 
-    price: (k, UNARY + 1).
+    rate_cost: (k, UNARY_LIMIT + 1) by magnitude.  Candidates are 0 and both neighbours.
     """
-    every = np.arange(len(best))
-    choices = np.zeros((3, len(best)))
-    choices[0] = np.minimum(np.maximum(np.floor(best), -MAX_SIZE), MAX_SIZE - 1)
-    choices[1] = choices[0] + 1
-    sizes = np.minimum(np.abs(choices), UNARY).astype(np.intp)
-    cost = stiffness * (choices - best) ** 2 + price[every, sizes]
-    return np.asarray(choices[cost.argmin(0), every], np.int64)
+    each = np.arange(len(optimum))
+    candidates = np.zeros((3, len(optimum)))
+    candidates[0] = np.minimum(np.maximum(np.floor(optimum), -MAX_MAGNITUDE), MAX_MAGNITUDE - 1)
+    candidates[1] = candidates[0] + 1
+    magnitudes = np.minimum(np.abs(candidates), UNARY_LIMIT).astype(np.intp)
+    cost = curvature * (candidates - optimum) ** 2 + rate_cost[each, magnitudes]
+    return np.asarray(candidates[cost.argmin(0), each], np.int64)
 
 
-def _worthwhile(
-    error: Array, tables: Integers, around: Integers | None, surroundings: Surroundings
+def _rdo_round_adaptive(
+    error: Array, tables: Integers, references: Integers | None, context: ValueContext
 ) -> Integers:
-    """(n,) integers near `error` (n,), in steps, that minimise squared error + WORTH x bits."""
-    surroundings.start_frame()
+    """(n,) integers that minimise squared distance to `error` (n,), steps, + Lagrangian * bits.
+
+    tables, references: (n,) see `ValueContext.table`.  context: updated by the integers.
+    """
+    context.start_frame()
     chosen = []
-    for size, expected, parent in zip(
-        np.abs(error).tolist(), tables.tolist(), _sums(around, len(tables)), strict=True
+    for size, base_table, reference in zip(
+        np.abs(error).tolist(), tables.tolist(), _padded(references, len(tables)), strict=True
     ):
-        best = min(round(size), MAX_SIZE)
+        best = min(round(size), MAX_MAGNITUDE)
         if best:
-            bits = _BITS_BY_TABLE[surroundings.table(expected, parent)]
+            bits = _BITS_BY_CONTEXT[context.table(base_table, reference)]
             best = min(
                 (best, best - 1, 0),
-                key=lambda choice: (size - choice) ** 2 + WORTH * bits[min(choice, UNARY)],
+                key=lambda magnitude: (
+                    (size - magnitude) ** 2 + LAGRANGIAN * bits[min(magnitude, UNARY_LIMIT)]
+                ),
             )
-        surroundings.saw(expected, best)
+        context.update(base_table, best)
         chosen.append(best)
     return np.asarray(np.sign(error) * chosen, dtype=np.int64)
 
 
-def _sums(around: Integers | None, count: int) -> list[int]:
-    return [0] * count if around is None else around[:count].tolist()
+def _padded(references: Integers | None, count: int) -> list[int]:
+    return [0] * count if references is None else references[:count].tolist()

@@ -1,9 +1,8 @@
-"""Combined components (thesis eq. 2.18): pose, actuators and coefficients as the values sent.
+"""The transform of pose, EAUs and mode coefficients to decorrelated components (thesis eq. 2.18).
 
-Two measures are diagonalised together: the harm that an error does to the picture (the
-Gauss-Newton Hessian of the shape-free residual), which becomes the unit matrix, and the caller's
-own motion, which becomes diagonal with the strongest first.  Equal steps then do equal harm, and
-values are uncorrelated.
+A Karhunen-Loeve transform in the metric of the distortion: the distortion matrix and the person's
+motion are diagonalised together.  Equal quantiser steps then add equal distortion, and components
+are uncorrelated, the one of largest motion first.
 """
 
 from collections.abc import Iterator, Sequence
@@ -12,223 +11,167 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.shape_free import ShapeFree
-from encoder.appearance.texture import sample
-from encoder.capture.colour import luma
-from encoder.capture.face_crop import Crop
-from encoder.fitting.analysis_by_synthesis import Refiner
+from encoder.coding.distortion import distortion_of
+from encoder.learning.person_model import TrainedModel
 from protocol.frames.frame_transform import (
-    CENTRE_STEPS,
-    GEOMETRY,
-    MAX_BASIS,
-    MAX_CENTRE,
-    SPREAD_STEP,
-    Components,
-    codes_of_units,
-    unit_of,
+    MAX_BASIS_CODE,
+    MAX_MEAN_CODE,
+    MEAN_STEPS_PER_UNIT,
+    SCALE_CODE_STEP,
+    FrameTransform,
+    codes_from_units,
+    units_from_codes,
     vector_from_face,
 )
-from protocol.frames.scalar_quantiser import pose_from_motion
 from protocol.frames.temporal_prediction import (
     ANCHOR,
-    KINDS,
-    MAX_SPREAD,
-    UNIT,
+    MAX_SCALE_CODE,
+    PREDICTION_KINDS,
+    STEPS_PER_UNIT,
     Integers,
     coding_order,
     interpolate,
 )
-from shared_model.parameters import EAUS, LIDS, FaceParameters, Pose, clip_eau
+from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
 
-# Steps of the numeric derivatives: degrees, mm, log depth, actuators.
-_PROBE = np.array([0.2, 0.2, 0.2, 0.4, 0.4, 0.002, *[0.03] * (GEOMETRY - 6)])
-# Frames over which motion is measured, and how much plain variance counts beside it.
-MOTION_FRAMES = 4
-VARIANCE_SHARE = 1.0
-# A component is not sent if its size varies by less than this and so does its mean, units.
-LEAST_SPREAD = 0.2
-# Steps of a basis row to the usual size of its component, and the least that a row has.
-BASIS_STEPS, LEAST_REACH = 9.0, 22.0
-# An actuator's error is seen by people even where it costs little PSNR: harm per unit, grey^2.  A
-# blink is over after two or three frames, and small.  That of lids is (2, 2), left and right.
-EAU_HARM, LID_HARM = 4.0, 40.0 * np.eye(len(LIDS))
-_LIDS = [6 + index for index in LIDS]
-_OTHERS = [6 + index for index in range(len(EAUS)) if index not in LIDS]
+# The motion of y is its difference over so many frames, plus its variance with this weight.
+INNOVATION_LAG = 4
+VARIANCE_WEIGHT = 1.0
+# A component is sent if standard deviation plus mean of its magnitude exceed this, units.
+MIN_STD = 0.2
+# The largest code of a basis row, by the standard deviation of its component, and its minimum.
+BASIS_CODES_PER_STD, MIN_BASIS_CODE = 9.0, 22.0
 
 
 @dataclass(frozen=True, slots=True)
-class Sensitivity:
-    """What an error of y does to a caller's picture, whatever the modes.
+class WhitenedSpace:
+    """The metric space in which errors of length 1 add a unit of distortion in any direction.
 
-    weight: (k,) of each texel, adding up to 1, mean of some frames.
-    slope: (k, GEOMETRY) mean of weight times grey levels per unit of each geometric value.
-    geometry: (GEOMETRY, GEOMETRY) mean squared grey error per squared unit.
+    A vector y (d,) is (y - mean) @ root in this space.
+    unit_codes, mean_codes: see `FrameTransform`.
+    root: (d, d) Cholesky factor, root @ root.T is the distortion matrix.
     """
 
-    weight: Array
-    slope: Array
-    geometry: Array
-
-    def harm(self, modes: NDArray[np.float32], lid_harm: Array = LID_HARM) -> Array:
-        """(d, d) mean squared grey error per squared unit of y; modes (m, k), luma.
-
-        lid_harm: (2, 2) what errors of the lids do beside, to people.
-        """
-        cross = -self.slope.T @ modes.T
-        among = (modes * self.weight) @ modes.T
-        harm = np.block([[self.geometry, cross], [cross.T, among]])
-        harm[_OTHERS, _OTHERS] += EAU_HARM
-        harm[np.ix_(_LIDS, _LIDS)] += lid_harm
-        harm[np.diag_indices(len(harm))] *= 1 + 1e-5
-        return np.asarray(harm, np.float64)
-
-
-def sensitivity(
-    refiner: Refiner, crops: Sequence[Crop], faces: Sequence[FaceParameters], reference: Pose
-) -> Sensitivity:
-    """Measured at some frames.  reference: see `vector_from_face`."""
-    count = len(refiner.shape)
-    total = Sensitivity(
-        np.zeros(count), np.zeros((count, GEOMETRY)), np.zeros((GEOMETRY, GEOMETRY))
-    )
-    for crop, face in zip(crops, faces, strict=True):
-        rows = _luma_motion(refiner.shape, crop, face, reference).astype(np.float64)
-        weight = refiner.template.weight * refiner.seen(face)
-        share = weight.astype(np.float64) / weight.sum() / len(crops)
-        slope = rows * share[:, None]
-        total.weight[:] += share
-        total.slope[:] += slope
-        total.geometry[:] += slope.T @ rows
-    return total
-
-
-@dataclass(frozen=True, slots=True)
-class HarmSpace:
-    """Where an error of length 1 does a unit of harm, whatever its direction.
-
-    A vector y (d,) is (y - centre) @ root there.
-
-    units, centres: see `Components`.  root: (d, d), root @ root.T is the harm.
-    """
-
-    units: NDArray[np.uint8]
-    centres: Integers
+    unit_codes: NDArray[np.uint8]
+    mean_codes: Integers
     root: Array
 
     @classmethod
-    def about(cls, mean: Array, harm: Array) -> "HarmSpace":
-        """Space about a mean (d,), by harm (d, d), see `Sensitivity.harm`."""
-        units = codes_of_units(1 / np.sqrt(np.diag(harm)))
-        steps = np.rint(CENTRE_STEPS * mean / unit_of(units))
-        centres = np.clip(steps, -MAX_CENTRE, MAX_CENTRE).astype(np.int64)
-        return cls(units, centres, np.asarray(np.linalg.cholesky(harm)))
+    def from_distortion(cls, mean: Array, distortion: Array) -> "WhitenedSpace":
+        """The space of a distortion matrix (d, d) about a mean (d,)."""
+        unit_codes = codes_from_units(1 / np.sqrt(np.diag(distortion)))
+        steps = np.rint(MEAN_STEPS_PER_UNIT * mean / units_from_codes(unit_codes))
+        mean_codes = np.clip(steps, -MAX_MEAN_CODE, MAX_MEAN_CODE).astype(np.int64)
+        return cls(unit_codes, mean_codes, np.asarray(np.linalg.cholesky(distortion)))
 
-    def white(self, vectors: Array) -> Array:
-        """(t, d) y of some frames in this space."""
-        centre = self.centres * unit_of(self.units) / CENTRE_STEPS
-        return np.asarray((vectors - centre) @ self.root)
+    def whiten(self, vectors: Array) -> Array:
+        """Vectors y (t, d) in this space."""
+        mean = self.mean_codes * units_from_codes(self.unit_codes) / MEAN_STEPS_PER_UNIT
+        return np.asarray((vectors - mean) @ self.root)
 
-    def components(self, modes: tuple[bytes, ...], axes: Array, usual: Array) -> Components:
-        """Components along orthonormal axes (d, n) of this space, all spreads 0.
+    def frame_transform(self, modes: tuple[bytes, ...], axes: Array, std: Array) -> FrameTransform:
+        """The transform to components along orthonormal axes (d, n) of this space, scale codes 0.
 
-        usual: (n,) standard deviation of each, units.
+        std: (n,) standard deviation of each component, units.
         """
-        rows = np.linalg.solve(self.root.T, axes).T / unit_of(self.units)
-        # What a row's rounding leaks into its neighbours grows with how far the component goes.
-        reach = np.clip(BASIS_STEPS * usual, LEAST_REACH, MAX_BASIS)
-        exponents = np.ceil(np.log2(np.abs(rows).max(1) * MAX_BASIS / reach)).astype(np.int8)
-        basis = np.ldexp(rows, -exponents.astype(int)[:, None]) * MAX_BASIS
-        flat = np.zeros((len(rows), KINDS), dtype=np.uint8)
-        return Components(
-            modes, self.units, self.centres, np.rint(basis).astype(np.int8), exponents, flat
+        rows = np.linalg.solve(self.root.T, axes).T / units_from_codes(self.unit_codes)
+        # The rounding error of a basis row is multiplied by the values of its component.
+        largest_code = np.clip(BASIS_CODES_PER_STD * std, MIN_BASIS_CODE, MAX_BASIS_CODE)
+        exponents = np.ceil(np.log2(np.abs(rows).max(1) * MAX_BASIS_CODE / largest_code)).astype(
+            np.int8
+        )
+        basis = np.ldexp(rows, -exponents.astype(int)[:, None]) * MAX_BASIS_CODE
+        no_scales = np.zeros((len(rows), PREDICTION_KINDS), dtype=np.uint8)
+        return FrameTransform(
+            modes,
+            self.unit_codes,
+            self.mean_codes,
+            np.rint(basis).astype(np.int8),
+            exponents,
+            no_scales,
         )
 
 
-def combine(
-    vectors: Array, harm: Array, modes: tuple[bytes, ...], frames_per_packet: int
-) -> Components:
-    """The components of one caller's call.
+def design_transform(
+    vectors: Array, distortion: Array, modes: tuple[bytes, ...], frames_per_packet: int
+) -> FrameTransform:
+    """The transform of one call.
 
-    vectors: (t, d) y of the frames.  harm: (d, d), see `Sensitivity.harm`.
+    vectors: (t, d) y of all frames.  distortion: (d, d), see `DistortionModel`.
     """
-    space = HarmSpace.about(vectors.mean(0), harm)
-    white = space.white(vectors)
-    moves = np.diff(white[::MOTION_FRAMES], axis=0) if len(white) > 2 * MOTION_FRAMES else white
+    space = WhitenedSpace.from_distortion(vectors.mean(0), distortion)
+    white = space.whiten(vectors)
+    motion = np.diff(white[::INNOVATION_LAG], axis=0) if len(white) > 2 * INNOVATION_LAG else white
     axes = principal_axes(
-        moves.T @ moves / max(len(moves), 1) + VARIANCE_SHARE * (white.T @ white) / len(white)
+        motion.T @ motion / max(len(motion), 1) + VARIANCE_WEIGHT * (white.T @ white) / len(white)
     )
-    along = white @ axes
-    kept = np.abs(along).std(0) + np.abs(along.mean(0)) > LEAST_SPREAD
-    kept[0] = True
-    draft = space.components(modes, axes[:, kept], along[:, kept].std(0))
-    return replace(draft, spreads=measure_spreads(project(draft, vectors, harm), frames_per_packet))
+    values = white @ axes
+    sent = np.abs(values).std(0) + np.abs(values.mean(0)) > MIN_STD
+    sent[0] = True
+    transform = space.frame_transform(modes, axes[:, sent], values[:, sent].std(0))
+    scales = estimate_scales(project(transform, vectors, distortion), frames_per_packet)
+    return replace(transform, scale_codes=scales)
 
 
 def principal_axes(power: Array) -> Array:
-    """(d, d) the eigenvectors of a symmetric matrix as columns, the strongest first."""
+    """The eigenvectors (d, d) of a symmetric matrix as columns, by descending eigenvalue."""
     _, axes = np.linalg.eigh(power)
     return np.asarray(axes[:, ::-1])
 
 
-def project(components: Components, vectors: Array, harm: Array) -> Array:
-    """(t, n) component values of y (t, d), in units: least harm by the rounded basis."""
-    matrix = components.matrix
-    normal = matrix @ harm @ matrix.T
-    return np.asarray(np.linalg.solve(normal, matrix @ harm @ (vectors - components.centre).T).T)
+def project(transform: FrameTransform, vectors: Array, distortion: Array) -> Array:
+    """Component values (t, n), units, of least distortion for vectors y (t, d)."""
+    matrix = transform.matrix
+    normal = matrix @ distortion @ matrix.T
+    return np.asarray(np.linalg.solve(normal, matrix @ distortion @ (vectors - transform.mean).T).T)
 
 
-def measure_spreads(values: Array, frames_per_packet: int) -> NDArray[np.uint8]:
-    """(n, KINDS) codes of the mean size of what each kind of prediction leaves of (t, n) values."""
-    errors: list[list[Array]] = [[] for _ in range(KINDS)]
+def estimate_scales(values: Array, frames_per_packet: int) -> NDArray[np.uint8]:
+    """Scale codes (n, PREDICTION_KINDS) of the prediction errors of component values (t, n).
+
+    A prediction kind without frames has the scales of the kind before.
+    """
+    errors: list[list[Array]] = [[] for _ in range(PREDICTION_KINDS)]
     errors[0].append(np.abs(values))
-    whole = np.rint(values * UNIT).astype(np.int64)
-    for start in range(0, len(whole) - frames_per_packet, frames_per_packet):
-        for kind, error in prediction_errors(whole[start : start + frames_per_packet + 1]):
-            errors[kind].append(np.abs(error)[None] / UNIT)
-    sizes = np.empty((values.shape[1], KINDS))
-    for kind in range(KINDS):
-        found = errors[kind] or errors[kind - 1]
-        errors[kind] = found
-        sizes[:, kind] = np.concatenate(found).mean(0)
-    return spread_codes(sizes)
+    steps = np.rint(values * STEPS_PER_UNIT).astype(np.int64)
+    for start in range(0, len(steps) - frames_per_packet, frames_per_packet):
+        for kind, error in prediction_errors(steps[start : start + frames_per_packet + 1]):
+            errors[kind].append(np.abs(error)[None] / STEPS_PER_UNIT)
+    mean_sizes = np.empty((values.shape[1], PREDICTION_KINDS))
+    for kind in range(PREDICTION_KINDS):
+        errors[kind] = errors[kind] or errors[kind - 1]
+        mean_sizes[:, kind] = np.concatenate(errors[kind]).mean(0)
+    return scale_codes(mean_sizes)
 
 
 def prediction_errors(frames: Integers) -> Iterator[tuple[int, Integers]]:
-    """The kinds of the predictions in a packet, and what each leaves (n,), no anchor being damped.
+    """The prediction kind and error (n,) of each frame of a packet, in coding order, undamped.
 
-    frames: (count + 1, n) from the anchor before the packet on.
+    frames: (count + 1, n), the anchor of the packet before first.
     """
     known = {0: frames[0]}
-    for place in coding_order(len(frames) - 1):
-        predicted = known[0] if place.kind == ANCHOR else interpolate(place, known)
-        known[place.index] = frames[place.index]
-        yield place.kind, frames[place.index] - predicted
+    for coded in coding_order(len(frames) - 1):
+        predicted = known[0] if coded.kind == ANCHOR else interpolate(coded, known)
+        known[coded.index] = frames[coded.index]
+        yield coded.kind, frames[coded.index] - predicted
 
 
-def spread_codes(sizes: Array) -> NDArray[np.uint8]:
-    """(n, KINDS) codes of mean sizes, units."""
-    octaves = np.log2(np.maximum(sizes, 1e-6) * 16)
-    codes = SPREAD_STEP * np.rint(4 / SPREAD_STEP * octaves)
-    return np.asarray(np.clip(codes, 0, MAX_SPREAD - 1), np.uint8)
+def scale_codes(mean_sizes: Array) -> NDArray[np.uint8]:
+    """Scale codes (n, PREDICTION_KINDS) of mean absolute values, units."""
+    octaves = np.log2(np.maximum(mean_sizes, 1e-6) * 16)
+    codes = SCALE_CODE_STEP * np.rint(4 / SCALE_CODE_STEP * octaves)
+    return np.asarray(np.clip(codes, 0, MAX_SCALE_CODE - 1), np.uint8)
 
 
-def _luma_motion(
-    shape: ShapeFree, crop: Crop, face: FaceParameters, reference: Pose
-) -> NDArray[np.float32]:
-    """(k, GEOMETRY) grey levels per unit of each geometric value of y, by numeric differences."""
-    y = vector_from_face(face, reference)
-    grey = luma(crop.picture)
-    columns = []
-    for place, probe in enumerate(_PROBE):
-        pair = []
-        for sign in (1, -1):
-            moved = y.copy()
-            moved[place] += sign * probe
-            near = FaceParameters(
-                pose_from_motion(moved[:6], reference), clip_eau(moved[6:GEOMETRY])
-            )
-            pair.append(sample(grey, crop.from_frame(shape.positions(near)))[:, 0])
-        columns.append((pair[0] - pair[1]) / (2 * probe))
-    return np.asarray(np.stack(columns, 1), np.float32)
+def transform_call(
+    trained: TrainedModel, faces: Sequence[FaceParameters], frames_per_packet: int
+) -> tuple[FrameTransform, Array]:
+    """The transform of a call, and the component values (t, n) of all its faces."""
+    person = trained.person
+    distortion = distortion_of(trained).distortion_matrix(person.texel_fitter.template.modes)
+    vectors = np.array([vector_from_face(face, person.reference.pose) for face in faces])
+    modes = person.appearance.modes
+    transform = design_transform(vectors, distortion, modes, frames_per_packet)
+    return transform, project(transform, vectors, distortion)

@@ -1,1 +1,1 @@
-"""Where the face is: detectors, landmark networks, segmentation."""
+"""Neural networks and classical detectors: faces, landmarks, irises, person segmentation."""

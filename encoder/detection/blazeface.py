@@ -1,117 +1,89 @@
-"""Where faces are: BlazeFace (see haar.py for Viola-Jones)."""
+"""The BlazeFace face detector (Bazarevsky et al. 2019)."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.detection.tflite import FULL_RANGE, SHORT_RANGE, Network
+from encoder.detection.detector import Detection, by_size
+from encoder.detection.tflite import FULL_RANGE, SHORT_RANGE, TfliteNetwork
 
 Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
+# A square of a picture: left, top, side, pixels; it may leave the picture.
+Tile = tuple[int, int, int]
 
-# Order of `Detection.keypoints`; left and right are the subject's.
-KEYPOINTS = ("eye_right", "eye_left", "nose", "mouth", "ear_right", "ear_left")
-
-
-# Smaller ones are not worth a call, and mostly false.
-_LEAST_PX = 20
-
-
-@dataclass(frozen=True, slots=True)
-class Detection:
-    """A face found in a picture.
-
-    box: (4,) float64, pixels: left, top, right, bottom of brow-to-chin; may leave the picture.
-    keypoints: (6, 2) float64, pixels, in the order of `KEYPOINTS`.
-    score: confidence in [0, 1].
-    """
-
-    box: Array
-    keypoints: Array
-    score: float
-
-    @property
-    def size_px(self) -> float:
-        """Geometric mean of the box's sides, pixels."""
-        width, height = self.box[2:] - self.box[:2]
-        return float(np.sqrt(width * height))
-
-
-class FaceDetector(Protocol):
-    """Anything that finds faces in a (height, width, 3) uint8 BGR picture, the largest first."""
-
-    def detect(self, frame: Frame) -> list[Detection]: ...
+# Detections of smaller faces are mostly false.
+_MIN_FACE_PX = 20
+# Smaller tiles are not searched.
+_MIN_TILE_PX = 48
 
 
 class BlazeFaceDetector:
-    """BlazeFace (Bazarevsky et al. 2019), short and full range, over a pyramid of square crops.
+    """Runs the short-range and the full-range network on square tiles of a picture.
 
-    folder: where the .tflite files are (`networks.find_network_folder`).
-    threshold: least score of a face seen at the first look.
+    folder: holds the .tflite files, see `find_network_folder`.
+    threshold: least score of a face in the whole picture; tiles need a higher one.
     """
 
     def __init__(self, folder: Path, threshold: float = 0.6) -> None:
-        self._short = Network(folder / SHORT_RANGE)
-        self._full = Network(folder / FULL_RANGE)
+        self._short = TfliteNetwork(folder / SHORT_RANGE)
+        self._full = TfliteNetwork(folder / FULL_RANGE)
         self._short_anchors = np.concatenate([_anchors(16, 2), _anchors(8, 6)])
         self._full_anchors = _anchors(48, 1)
         self._threshold = threshold
 
     def detect(self, frame: Frame) -> list[Detection]:
-        """Faces in `frame`, the largest first; looks closer where the first look finds none."""
+        """Faces in `frame` (h, w, 3) uint8 BGR, the largest first.
+
+        Smaller tiles are searched only if larger ones show no face.
+        """
         threshold = self._threshold
-        for squares in _pyramid(frame.shape[1], frame.shape[0]):
-            seen = [face for square in squares for face in self._detect_in(frame, square)]
-            found = [f for f in seen if f.score > threshold and f.size_px >= _LEAST_PX]
+        for tiles in _tiles(frame.shape[1], frame.shape[0]):
+            candidates = [face for tile in tiles for face in self._detect_in(frame, tile)]
+            found = [f for f in candidates if f.score > threshold and f.size_px >= _MIN_FACE_PX]
             if found:
-                return largest_first(merge(found))
-            # Crops are many and often of mere texture: ask for more certainty there.
+                return by_size(weighted_nms(found))
+            # Many tiles show no face at all: a higher threshold keeps false detections rare.
             threshold = (1 + self._threshold) / 2
         return []
 
-    def _detect_in(self, frame: Frame, square: tuple[int, int, int]) -> Iterator[Detection]:
-        yield from self._run(self._short, 128, self._short_anchors, frame, square)
-        yield from self._run(self._full, 192, self._full_anchors, frame, square)
+    def _detect_in(self, frame: Frame, tile: Tile) -> Iterator[Detection]:
+        yield from self._run(self._short, 128, self._short_anchors, frame, tile)
+        yield from self._run(self._full, 192, self._full_anchors, frame, tile)
 
     def _run(
-        self, net: Network, size: int, anchors: Array, frame: Frame, square: tuple[int, int, int]
+        self, network: TfliteNetwork, size: int, anchors: Array, frame: Frame, tile: Tile
     ) -> Iterator[Detection]:
-        left, top, side = square
-        outputs = net.run(_crop(frame, square, size), low=-1.0)
+        """The detections of one network, whose input is size x size pixels."""
+        left, top, side = tile
+        outputs = network.run(_crop_tile(frame, tile, size), low=-1.0)
         logits = np.clip(outputs[len(anchors)].astype(np.float64), -80, 80)
         raw = outputs[len(anchors) * 16].astype(np.float64).reshape(-1, 8, 2)
         scores = 1 / (1 + np.exp(-logits))
         for k in np.flatnonzero(scores > self._threshold):
             values = raw[k] / size
             values[[0, 2, 3, 4, 5, 6, 7]] += anchors[k]
-            # The networks measure from the crop's corner, pixels from the first pixel's centre.
+            # Networks measure from the tile's corner, pixels from the centre of the first pixel.
             scaled = values * side + [left - 0.5, top - 0.5]
             half = raw[k, 1] / size * side / 2
             box = np.concatenate([scaled[0] - half, scaled[0] + half])
             yield Detection(box, scaled[2:], float(scores[k]))
 
 
-def largest_first(detections: list[Detection]) -> list[Detection]:
-    """The same faces, sorted by size."""
-    return sorted(detections, key=lambda face: -face.size_px)
+def weighted_nms(detections: list[Detection], min_iou: float = 0.3) -> list[Detection]:
+    """Weighted non-maximum suppression: overlapping detections become one, their mean by score.
 
-
-def merge(detections: list[Detection], overlap: float = 0.3) -> list[Detection]:
-    """One detection per face: those that overlap become their mean, weighted by score.
-
-    overlap: intersection over union from which two detections are the same face.
+    min_iou: overlap, see `_overlap`, above which two detections are of the same face.
     """
     rest = sorted(detections, key=lambda face: -face.score)
     merged = []
     while rest:
         best = rest[0]
-        same = [face for face in rest if _overlap(best.box, face.box) > overlap]
-        rest = [face for face in rest if _overlap(best.box, face.box) <= overlap]
+        same = [face for face in rest if _overlap(best.box, face.box) > min_iou]
+        rest = [face for face in rest if _overlap(best.box, face.box) <= min_iou]
         weights = np.array([face.score for face in same]) / sum(face.score for face in same)
         box = np.tensordot(weights, np.array([face.box for face in same]), 1)
         keypoints = np.tensordot(weights, np.array([face.keypoints for face in same]), 1)
@@ -120,7 +92,7 @@ def merge(detections: list[Detection], overlap: float = 0.3) -> list[Detection]:
 
 
 def _overlap(a: Array, b: Array) -> float:
-    """Intersection over union, or over the smaller box where one lies within the other."""
+    """Intersection over union, or over the smaller box if most of it lies in the other."""
     inner = np.prod(np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0))
     areas = np.prod(a[2:] - a[:2]), np.prod(b[2:] - b[:2])
     nested = inner > 0.8 * min(areas)
@@ -128,32 +100,34 @@ def _overlap(a: Array, b: Array) -> float:
 
 
 def _anchors(cells: int, repeats: int) -> Array:
-    """(cells^2 * repeats, 2) centres of a square grid over [0, 1]^2, row by row."""
+    """(cells^2 * repeats, 2) centres of the cells of a square grid over [0, 1]^2, row by row."""
     steps = (np.arange(cells) + 0.5) / cells
     grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     return np.repeat(grid, repeats, axis=0)
 
 
-def _pyramid(width: int, height: int) -> Iterator[list[tuple[int, int, int]]]:
-    """Square crops (left, top, side), pixels: the whole picture, then halves, then quarters."""
+def _tiles(width: int, height: int) -> Iterator[list[Tile]]:
+    """Tiles of a picture, a list for each size: the whole picture, then ever smaller parts."""
     long, short = max(width, height), min(width, height)
     yield [((width - long) // 2, (height - long) // 2, long)]
     for side in (short, long // 2, short // 2):
-        if side >= 48:
-            yield [(x, y, side) for y in _starts(height, side) for x in _starts(width, side)]
+        if side >= _MIN_TILE_PX:
+            yield [
+                (x, y, side) for y in _tile_starts(height, side) for x in _tile_starts(width, side)
+            ]
 
 
-def _starts(length: int, side: int) -> list[int]:
-    """Where crops of `side` begin so that they overlap by half and cover `length`."""
+def _tile_starts(length: int, side: int) -> list[int]:
+    """First pixels of tiles of `side` that cover `length` and overlap by about half."""
     if side >= length:
         return [(length - side) // 2]
     count = int(np.ceil(2 * (length - side) / side)) + 1
     return [round(start) for start in np.linspace(0, length - side, count)]
 
 
-def _crop(frame: Frame, square: tuple[int, int, int], size: int) -> Frame:
-    """The square (left, top, side) of `frame`, black outside it, resampled to size x size."""
-    left, top, side = square
+def _crop_tile(frame: Frame, tile: Tile, size: int) -> Frame:
+    """The tile of `frame`, black outside the frame, resampled to size x size."""
+    left, top, side = tile
     height, width = frame.shape[:2]
     inside = frame[max(top, 0) : top + side, max(left, 0) : left + side]
     before = max(-top, 0), max(-left, 0)

@@ -1,4 +1,4 @@
-"""468 face landmarks a frame: MediaPipe's face mesh and iris networks, tracked."""
+"""468 landmarks of a face, tracked from frame to frame: MediaPipe's face mesh and iris networks."""
 
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
@@ -7,20 +7,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.detection.blazeface import FaceDetector
-from encoder.detection.iris import TRAINED_CROP, IrisFinder
-from encoder.detection.landmark_indices import COUNT
-from encoder.detection.roi import Square, cut_out, square_from_detection, square_from_landmarks
-from encoder.detection.tflite import Network, find_face_mesh
+from encoder.detection.blazeface import BlazeFaceDetector
+from encoder.detection.detector import FaceDetector
+from encoder.detection.iris import TRAINED_CROP_SCALE, IrisLandmarker
+from encoder.detection.landmark_indices import LANDMARK_COUNT
+from encoder.detection.roi import RotatedRoi, crop_roi, roi_from_detection, roi_from_landmarks
+from encoder.detection.tflite import TfliteNetwork, find_face_mesh, find_network_folder
 
 Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
 
 INPUT_PX = 192
-# The detector takes long where there is no face: after a few vain searches it rests one frame more
-# after each, up to so many.
-_SEARCHES = 4
-_LONGEST_REST = 8
+# Detection takes long in frames without a face.  After this many searches in vain the tracker
+# skips one frame more after each further one, up to this many.
+_SEARCHES_BEFORE_BACKOFF = 4
+_MAX_BACKOFF = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +29,7 @@ class Landmarks:
     """The landmarks of one face in one frame.
 
     points: (468, 3) float64: u, v pixels and depth z in pixels, growing away from the camera.
-    score: probability in [0, 1] that the crop showed a face.
+    score: probability in [0, 1] that the ROI showed a face.
     """
 
     points: Array
@@ -36,134 +37,151 @@ class Landmarks:
 
 
 class FaceMesh:
-    """The 468-point network on one given square of a picture."""
+    """Runs the 468-point network on a given ROI of a picture.
+
+    folder: holds the .tflite files, see `find_face_mesh`.  Raises `NetworkFilesMissing`.
+    """
 
     def __init__(self, folder: Path) -> None:
         file = find_face_mesh(folder)
-        self._network, self._first_pixel = Network(file.path), file.first_pixel
+        self._network, self._pixel_centre = TfliteNetwork(file.path), file.pixel_centre_offset
 
-    def find(self, frame: Frame, square: Square) -> Landmarks:
-        """Landmarks of the face in `square` of `frame` (height, width, 3) uint8 BGR."""
-        pixel_from_crop = square.pixel_from_crop(INPUT_PX)
-        outputs = self._network.run(cut_out(frame, square, INPUT_PX), low=0.0)
-        raw = outputs[COUNT * 3].astype(np.float64).reshape(COUNT, 3)
-        flat = (raw[:, :2] - self._first_pixel) @ pixel_from_crop[:, :2].T + pixel_from_crop[:, 2]
-        depth = raw[:, 2] * square.side / INPUT_PX
+    def find(self, frame: Frame, roi: RotatedRoi) -> Landmarks:
+        """Landmarks of the face in the ROI of `frame` (h, w, 3) uint8 BGR."""
+        pixel_from_crop = roi.pixel_from_crop(INPUT_PX)
+        outputs = self._network.run(crop_roi(frame, roi, INPUT_PX), low=0.0)
+        raw = outputs[LANDMARK_COUNT * 3].astype(np.float64).reshape(LANDMARK_COUNT, 3)
+        flat = (raw[:, :2] - self._pixel_centre) @ pixel_from_crop[:, :2].T + pixel_from_crop[:, 2]
+        depth = raw[:, 2] * roi.side / INPUT_PX
         score = 1 / (1 + np.exp(-float(outputs[1][0])))
         return Landmarks(np.column_stack([flat, depth]), score)
 
 
 @dataclass(frozen=True, slots=True)
-class _Seen:
-    """The landmarks in a frame, and where to look in the next one."""
+class _TrackedFace:
+    """The landmarks in a frame, and the ROI of the next frame."""
 
     landmarks: Landmarks
-    next_square: Square
+    next_roi: RotatedRoi
 
 
 @dataclass(frozen=True, slots=True)
-class _Ahead:
-    """A look at a frame before its turn."""
+class _Prefetched:
+    """A frame whose landmarks are computed in the background before `update` asks for them."""
 
     frame: Frame
-    job: Future[_Seen | None]
+    job: Future[_TrackedFace | None]
 
 
 class LandmarkTracker:
-    """Landmarks from frame to frame: each frame's field of view comes from the frame before.
+    """Landmarks from frame to frame: the landmarks of a frame give the ROI of the next one.
 
-    detector: asked at the start and whenever the face is lost.
-    least_score: presence below which the face counts as lost.
-    look_at_lids: see them by the iris network, see `IrisFinder.with_lids`; else by the face mesh.
-    eye_crop: how wide that network looks, in widths of an eye.
+    folder: holds the .tflite files.  Raises `NetworkFilesMissing`.
+    detector: finds the face in the first frame and after a loss.
+    min_score: score of landmarks below which the face is lost.
+    refine_eyelids: take the eyelids from the iris network, see `IrisLandmarker.replace_eyelids`.
+    eye_crop_scale: see `IrisLandmarker`.
     """
 
     def __init__(
         self,
         folder: Path,
         detector: FaceDetector,
-        least_score: float = 0.5,
-        look_at_lids: bool = True,
-        eye_crop: float = TRAINED_CROP,
+        min_score: float = 0.5,
+        refine_eyelids: bool = True,
+        eye_crop_scale: float = TRAINED_CROP_SCALE,
     ) -> None:
         self._mesh = FaceMesh(folder)
-        self._eyes = IrisFinder(folder, eye_crop) if look_at_lids else None
+        self._eyes = IrisLandmarker(folder, eye_crop_scale) if refine_eyelids else None
         self._detector = detector
-        self._least_score = least_score
-        self._square: Square | None = None
-        self._vain = self._rest = 0
-        # Ends with the tracker.
-        self._beside = ThreadPoolExecutor(1)
-        self._ahead: _Ahead | None = None
-        self.faces_seen = 0
+        self._min_score = min_score
+        self._roi: RotatedRoi | None = None
+        self._misses = self._backoff = 0
+        # Its thread ends with the tracker.
+        self._executor = ThreadPoolExecutor(1)
+        self._prefetched: _Prefetched | None = None
+        self.face_count = 0
 
-    def update(self, frame: Frame, coming: Frame | None = None) -> Landmarks | None:
-        """Landmarks of the face in `frame` (height, width, 3) uint8 BGR; None where there is none.
+    def update(self, frame: Frame, next_frame: Frame | None = None) -> Landmarks | None:
+        """Landmarks of the face in `frame` (h, w, 3) uint8 BGR; None if there is no face.
 
-        After a detection `faces_seen` tells among how many faces the largest was taken.
-        coming: the array that will be the next frame, where it is there already: it is looked at
-            beside what the caller does until then.  The landmarks are the same without.
+        After a detection `face_count` is the number of faces, of which the largest is tracked.
+        next_frame: the array that the next call will pass as `frame`, if it is known: its landmarks
+            are computed in the background.  The results are the same without it.
         """
-        ahead = self._take_ahead(frame)
-        seen = ahead.result() if ahead else self._see(frame, self._square)
-        seen = seen or self._seen(frame, self._redetect(frame))
-        self._square = seen.next_square if seen else None
-        if coming is not None and seen is not None:
-            job = self._beside.submit(self._see, coming, seen.next_square)
-            self._ahead = _Ahead(coming, job)
-        return seen.landmarks if seen else None
+        prefetched = self._take_prefetched(frame)
+        face = prefetched.result() if prefetched else self._track(frame, self._roi)
+        face = face or self._with_eyelids(frame, self._redetect(frame))
+        self._roi = face.next_roi if face else None
+        if next_frame is not None and face is not None:
+            job = self._executor.submit(self._track, next_frame, face.next_roi)
+            self._prefetched = _Prefetched(next_frame, job)
+        return face.landmarks if face else None
 
-    def steer(self, square: Square | None) -> None:
-        """Look there in the next frame, unless the landmarks lead close to there; None: search."""
-        if square is None or self._square is None or not self._square.is_near(square):
-            self._take_ahead(None)
-            self._square = square
+    def set_roi(self, roi: RotatedRoi | None) -> None:
+        """Set the ROI of the next frame, unless the present one is equivalent; None: detect."""
+        if roi is None or self._roi is None or not self._roi.overlaps_closely(roi):
+            self._take_prefetched(None)
+            self._roi = roi
 
-    def _take_ahead(self, frame: Frame | None) -> Future[_Seen | None] | None:
-        """The look at `frame` while it was still to come, if there was one.
+    def _take_prefetched(self, frame: Frame | None) -> Future[_TrackedFace | None] | None:
+        """The result for `frame` if it was prefetched.
 
-        The networks are free once it is done: one at another frame is waited for.
+        Waits for a prefetch of another frame, since the networks serve one thread at a time.
         """
-        ahead, self._ahead = self._ahead, None
-        if ahead is None:
+        prefetched, self._prefetched = self._prefetched, None
+        if prefetched is None:
             return None
-        wait([ahead.job])
-        return ahead.job if ahead.frame is frame else None
+        wait([prefetched.job])
+        return prefetched.job if prefetched.frame is frame else None
 
-    def _see(self, frame: Frame, square: Square | None) -> _Seen | None:
-        return self._seen(frame, self._look(frame, square))
+    def _track(self, frame: Frame, roi: RotatedRoi | None) -> _TrackedFace | None:
+        return self._with_eyelids(frame, self._run_mesh(frame, roi))
 
-    def _seen(self, frame: Frame, found: Landmarks | None) -> _Seen | None:
-        """What the face mesh has found, with the lids as they are to be seen."""
+    def _with_eyelids(self, frame: Frame, found: Landmarks | None) -> _TrackedFace | None:
+        """The tracked face of face-mesh landmarks, with eyelids of the iris network if wanted."""
         if found is None:
             return None
-        square = square_from_landmarks(found.points)
+        next_roi = roi_from_landmarks(found.points)
         if self._eyes is not None:
-            found = replace(found, points=self._eyes.with_lids(frame, found.points))
-        return _Seen(found, square)
+            found = replace(found, points=self._eyes.replace_eyelids(frame, found.points))
+        return _TrackedFace(found, next_roi)
 
     def _redetect(self, frame: Frame) -> Landmarks | None:
-        if self._rest:
-            self._rest -= 1
+        """Search the whole frame, unless the backoff says to skip it."""
+        if self._backoff:
+            self._backoff -= 1
             return None
         found = self._search(frame)
-        self._vain = 0 if found else min(self._vain + 1, _SEARCHES + _LONGEST_REST)
-        self._rest = max(self._vain - _SEARCHES, 0)
+        misses = min(self._misses + 1, _SEARCHES_BEFORE_BACKOFF + _MAX_BACKOFF)
+        self._misses = 0 if found else misses
+        self._backoff = max(self._misses - _SEARCHES_BEFORE_BACKOFF, 0)
         return found
 
     def _search(self, frame: Frame) -> Landmarks | None:
+        """Landmarks of the largest detected face in which the face mesh finds a face."""
         faces = self._detector.detect(frame)
-        self.faces_seen = len(faces)
+        self.face_count = len(faces)
         for face in faces:
-            first = self._look(frame, square_from_detection(face))
-            # A detection's box is rough: look again where the landmarks say the face is.
-            better = first and self._look(frame, square_from_landmarks(first.points))
+            first = self._run_mesh(frame, roi_from_detection(face))
+            # A detection's box is rough: the first landmarks give a better ROI.
+            better = first and self._run_mesh(frame, roi_from_landmarks(first.points))
             if better:
                 return better
         return None
 
-    def _look(self, frame: Frame, square: Square | None) -> Landmarks | None:
-        if square is None:
+    def _run_mesh(self, frame: Frame, roi: RotatedRoi | None) -> Landmarks | None:
+        if roi is None:
             return None
-        found = self._mesh.find(frame, square)
-        return found if found.score >= self._least_score else None
+        found = self._mesh.find(frame, roi)
+        return found if found.score >= self._min_score else None
+
+
+def open_landmark_tracker(refine_eyelids: bool = True) -> LandmarkTracker:
+    """A tracker with the installed networks.
+
+    refine_eyelids: see `LandmarkTracker`.
+    Raises `NetworkFilesMissing`.
+    """
+    folder = find_network_folder()
+    return LandmarkTracker(folder, BlazeFaceDetector(folder), refine_eyelids=refine_eyelids)

@@ -1,4 +1,4 @@
-"""Where in a picture the landmark networks look: rotated squares about a face."""
+"""The rotated square of a picture that a landmark network sees (region of interest, ROI)."""
 
 from dataclasses import dataclass
 
@@ -6,24 +6,24 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.detection.blazeface import Detection
-from encoder.detection.landmark_indices import EYE_CORNERS
+from encoder.detection.detector import Detection
+from encoder.detection.landmark_indices import OUTER_EYE_CORNERS
 
 Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
 
-# The networks were trained on crops this many times the face's box.
+# Side of the network's training crops, in terms of the longer side of the face's box.
 _MARGIN = 1.5
-# Squares show the face alike whose centres and sides together differ by less than this share of the
-# smaller side, and which are turned by less against each other.
-_NEAR, _NEAR_RAD = 0.15, 0.25
-# Samples averaged along a side of a crop's pixel, at most: beyond, time grows and nothing else.
-_MOST_SAMPLES = 2
+# Two ROIs are equivalent for the network if the distance of their centres plus the difference of
+# their sides is below this share of the smaller side, and their rolls differ by less than this.
+_SAME_SHIFT, _SAME_ROLL_RAD = 0.15, 0.25
+# Samples averaged along a side of a crop's pixel, at most: more take time and improve nothing.
+_MAX_OVERSAMPLING = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Square:
-    """A rotated square of the picture: the network's field of view.
+class RotatedRoi:
+    """A rotated square of a picture.
 
     centre: (2,) float64, pixels.  side: pixels.  roll_rad: angle of its rows, clockwise as seen.
     """
@@ -32,11 +32,11 @@ class Square:
     side: float
     roll_rad: float
 
-    def is_near(self, other: "Square") -> bool:
-        """Whether the network sees much the same face in both."""
-        apart = np.linalg.norm(self.centre - other.centre) + abs(self.side - other.side)
+    def overlaps_closely(self, other: "RotatedRoi") -> bool:
+        """Whether a network gives much the same landmarks in both."""
+        distance = np.linalg.norm(self.centre - other.centre) + abs(self.side - other.side)
         turn = abs((self.roll_rad - other.roll_rad + np.pi) % (2 * np.pi) - np.pi)
-        return bool(apart < _NEAR * min(self.side, other.side) and turn < _NEAR_RAD)
+        return bool(distance < _SAME_SHIFT * min(self.side, other.side) and turn < _SAME_ROLL_RAD)
 
     def pixel_from_crop(self, size: int) -> Array:
         """(2, 3) affine map from pixels of the size x size crop to pixels of the picture."""
@@ -47,35 +47,38 @@ class Square:
         return np.column_stack([turn, self.centre - turn @ middle])
 
 
-def square_from_detection(face: Detection) -> Square:
-    """Where the network should look for the landmarks of a detected face."""
+def roi_from_detection(face: Detection) -> RotatedRoi:
+    """The ROI of the face mesh for a detected face."""
     along = face.keypoints[1] - face.keypoints[0]
     side = _MARGIN * float(np.max(face.box[2:] - face.box[:2]))
     centre = (face.box[:2] + face.box[2:]) / 2
-    return Square(centre, side, float(np.arctan2(along[1], along[0])))
+    return RotatedRoi(centre, side, float(np.arctan2(along[1], along[0])))
 
 
-def square_from_landmarks(points: Array) -> Square:
-    """Where the network should look for the face whose landmarks (468, >= 2) are `points`.
+def roi_from_landmarks(points: Array) -> RotatedRoi:
+    """The ROI of the face mesh for a face with these landmarks.
 
-    Points that are nan are not known; the corners of the eyes must be.
+    points: (468, >= 2) pixels; nan: not known.  The outer eye corners must be known.
     """
-    along = points[EYE_CORNERS[1]] - points[EYE_CORNERS[0]]
+    along = points[OUTER_EYE_CORNERS[1]] - points[OUTER_EYE_CORNERS[0]]
     low, high = np.nanmin(points[:, :2], axis=0), np.nanmax(points[:, :2], axis=0)
     side = _MARGIN * float(np.max(high - low))
-    return Square((low + high) / 2, side, float(np.arctan2(along[1], along[0])))
+    return RotatedRoi((low + high) / 2, side, float(np.arctan2(along[1], along[0])))
 
 
-def cut_out(frame: Frame, square: Square, size: int) -> Frame:
-    """`square` of `frame`, (size, size, 3); what would alias is averaged instead."""
-    finer = min(int(np.ceil(square.side / size)), _MOST_SAMPLES)
+def crop_roi(frame: Frame, roi: RotatedRoi, size: int) -> Frame:
+    """The ROI of `frame`, resampled to (size, size, 3); oversampled and averaged when it shrinks.
+
+    Pixels beyond the frame repeat its border.
+    """
+    factor = min(int(np.ceil(roi.side / size)), _MAX_OVERSAMPLING)
     crop = cv2.warpAffine(
         frame,
-        square.pixel_from_crop(finer * size),
-        (finer * size, finer * size),
+        roi.pixel_from_crop(factor * size),
+        (factor * size, factor * size),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_REPLICATE,
     )
-    if finer > 1:
+    if factor > 1:
         crop = cv2.resize(crop, (size, size), interpolation=cv2.INTER_AREA)
     return np.asarray(crop, np.uint8)

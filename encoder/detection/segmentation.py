@@ -1,4 +1,4 @@
-"""Who is before the background of a still: MediaPipe's selfie segmentation."""
+"""Segmentation of the caller from the background: MediaPipe's selfie segmentation network."""
 
 from pathlib import Path
 
@@ -6,39 +6,46 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.detection.tflite import Network
+from encoder.detection.tflite import TfliteNetwork
 from encoder.runtime.image_ops import hull_mask
-from protocol.pictures.foreground_mask import SIDE, Map
+from protocol.pictures.foreground_mask import MASK_SIDE, Mask
 
 Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
 
 INPUT_PX = 256
-# Less than this share of the face's outline within the silhouette, and it is somebody else's.
-LEAST_FACE = 0.9
-# Holes and cracks of this many places are closed.
-CLOSED = 5
+# The segmented people are those of the face if they cover at least this share of its outline.
+MIN_FACE_OVERLAP = 0.9
+# Size of the morphological closing, cells of the mask.
+CLOSING_CELLS = 5
 
 
-def find_silhouette(path: Path, frame: Frame, outline_px: Array) -> Map | None:
-    """The person whose face is given, in a picture (h, w, 3) BGR; None if none is found there.
+def segment_person(path: Path, frame: Frame, outline_px: Array) -> Mask | None:
+    """The mask of the person with the given face; None if the network finds none there.
 
-    path: of the network.  outline_px: (n, 2) of the face.
+    path: of the network.  frame: (h, w, 3) uint8 BGR.  outline_px: (n, 2) of the face, pixels.
     Raises `NetworkFilesMissing` if the network cannot be read.
     """
-    square = np.asarray(cv2.resize(frame, (INPUT_PX, INPUT_PX), interpolation=cv2.INTER_AREA))
-    shares = Network(path).run(square.astype(np.uint8), low=0.0)[INPUT_PX**2]
-    likely = cv2.resize(
-        shares.reshape(INPUT_PX, INPUT_PX), (SIDE, SIDE), interpolation=cv2.INTER_AREA
-    )
-    somebody = likely > 0.5
-    corners = (outline_px + 0.5) * SIDE / np.array(frame.shape[1::-1]) - 0.5
-    face = hull_mask(corners, (SIDE, SIDE)) > 0
-    if (somebody & face).sum() < LEAST_FACE * face.sum():
+    people = _segment_people(path, frame)
+    corners = (outline_px + 0.5) * MASK_SIDE / np.array(frame.shape[1::-1]) - 0.5
+    face = hull_mask(corners, (MASK_SIDE, MASK_SIDE)) > 0
+    if (people & face).sum() < MIN_FACE_OVERLAP * face.sum():
         return None
-    either = (somebody | face).astype(np.uint8)
-    closed = cv2.morphologyEx(either, cv2.MORPH_CLOSE, np.ones((CLOSED, CLOSED), np.uint8))
-    _, parts = cv2.connectedComponents(closed)
-    numbers = np.bincount(parts[face])
-    own = np.asarray(parts == numbers.argmax())
-    return None if own.all() else own
+    kernel = np.ones((CLOSING_CELLS, CLOSING_CELLS), np.uint8)
+    closed = cv2.morphologyEx((people | face).astype(np.uint8), cv2.MORPH_CLOSE, kernel)
+    _, components = cv2.connectedComponents(closed)
+    areas = np.bincount(components[face])
+    person = np.asarray(components == areas.argmax())
+    return None if person.all() else person
+
+
+def _segment_people(path: Path, frame: Frame) -> Mask:
+    """(SIDE, SIDE) bool: the cells of a frame that show people."""
+    square = np.asarray(cv2.resize(frame, (INPUT_PX, INPUT_PX), interpolation=cv2.INTER_AREA))
+    probability = TfliteNetwork(path).run(square.astype(np.uint8), low=0.0)[INPUT_PX**2]
+    in_cells = cv2.resize(
+        probability.reshape(INPUT_PX, INPUT_PX),
+        (MASK_SIDE, MASK_SIDE),
+        interpolation=cv2.INTER_AREA,
+    )
+    return np.asarray(in_cells > 0.5)

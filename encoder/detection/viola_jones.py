@@ -1,4 +1,7 @@
-"""Viola-Jones face detection (thesis 5.1): cascades for face and eyes, proportions for the rest."""
+"""Viola-Jones face detection (thesis 5.1): Haar cascades for face and eyes.
+
+The other keypoints are placed by the proportions of a face.
+"""
 
 from pathlib import Path
 
@@ -6,23 +9,26 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.detection.blazeface import Array, Detection, Frame, largest_first
+from encoder.detection.blazeface import Array, Frame
+from encoder.detection.detector import Detection, by_size
 
 Grey = NDArray[np.uint8]
 
-# (longer side of the picture searched, roll tried): what is usual and quick comes first.
-_LOOKS = ((480, 0), (480, 20), (480, -20), (480, 40), (480, -40), (1280, 0))
+# (longer side of the searched picture, pixels; roll of the face, degrees), the quickest and most
+# frequent first.
+_SEARCH_PASSES = ((480, 0), (480, 20), (480, -20), (480, 40), (480, -40), (1280, 0))
 _EYE_WORKING_PX = 160
 
-# Where the eyes' middle lies in a face box that shows no eyes; fractions of the box.
+# Default height of the eyes in a face box, and their distance from its vertical axis; fractions of
+# the box.
 _EYE_LEVEL, _EYE_OFFSET = 0.39, 0.19
-# No nose cascade ships with OpenCV: nose tip, mouth and ears from the eyes' line, in units of the
-# distance between the eyes: (along it, across it towards the chin), order of `KEYPOINTS`[2:].
-_FROM_EYES = np.array([[0.0, 0.59], [0.0, 1.08], [-1.07, 0.28], [1.07, 0.28]])
+# Nose tip, mouth and ears relative to the point between the eyes, in units of the eyes' distance:
+# (along the line through the eyes, across it towards the chin), order of `KEYPOINTS`[2:].
+_KEYPOINTS_FROM_EYES = np.array([[0.0, 0.59], [0.0, 1.08], [-1.07, 0.28], [1.07, 0.28]])
 
 
 class HaarDetector:
-    """Finds upright and moderately rolled frontal faces without any network."""
+    """Finds upright and moderately rolled frontal faces without a neural network."""
 
     def __init__(self) -> None:
         self._face = _cascade("haarcascade_frontalface_alt2.xml")
@@ -32,18 +38,21 @@ class HaarDetector:
         ]
 
     def detect(self, frame: Frame) -> list[Detection]:
-        """Faces in `frame` (h, w, 3) uint8 BGR, the largest first; upright ones before rolled."""
-        for long_px, roll_deg in _LOOKS:
+        """Faces in `frame` (h, w, 3) uint8 BGR, the largest first.
+
+        Rolled faces are searched only if there is no upright one.
+        """
+        for long_px, roll_deg in _SEARCH_PASSES:
             small = _grey(frame, long_px)
             found = self._detect_rolled(small, roll_deg)
             if found:
                 height, width = frame.shape[:2]
                 factor = np.array([width / small.shape[1], height / small.shape[0]])
-                return largest_first([_scaled(face, factor) for face in found])
+                return by_size([_scaled(face, factor) for face in found])
         return []
 
     def _detect_rolled(self, grey: Grey, roll_deg: float) -> list[Detection]:
-        """Faces in `grey` turned by `roll_deg`, in `grey`'s own pixels."""
+        """Faces rolled by `roll_deg` in a luma picture, in pixels of that picture."""
         middle = ((grey.shape[1] - 1) / 2, (grey.shape[0] - 1) / 2)
         upright_from_grey = cv2.getRotationMatrix2D(middle, roll_deg, 1.0)
         upright = cv2.warpAffine(grey, upright_from_grey, grey.shape[::-1])
@@ -66,14 +75,17 @@ class HaarDetector:
         side = face.shape[0]
         zoom = _EYE_WORKING_PX / side
         large = cv2.resize(face, None, fx=zoom, fy=zoom, interpolation=cv2.INTER_LINEAR)
-        usual = np.array([[0.5 - _EYE_OFFSET, _EYE_LEVEL], [0.5 + _EYE_OFFSET, _EYE_LEVEL]])
-        eyes = [self._find_eye(np.asarray(large, np.uint8), place) for place in usual]
+        defaults = np.array([[0.5 - _EYE_OFFSET, _EYE_LEVEL], [0.5 + _EYE_OFFSET, _EYE_LEVEL]])
+        eyes = [self._find_eye(np.asarray(large, np.uint8), default) for default in defaults]
         return np.asarray((np.array(eyes) + 0.5) / zoom - 0.5)
 
-    def _find_eye(self, face: Grey, usual: Array) -> Array:
-        """The eye's centre, pixels, in the quarter around `usual` (fractions); else `usual`."""
+    def _find_eye(self, face: Grey, default: Array) -> Array:
+        """The eye's centre, pixels: searched around `default`, which is returned if there is none.
+
+        default: (2,) fractions of the face's box.
+        """
         side = face.shape[0]
-        expected: Array = usual * side
+        expected: Array = default * side
         start = np.round(expected - 0.2 * side).astype(int)
         stop = np.round(expected + 0.2 * side).astype(int)
         area = face[max(start[1], 0) : stop[1], max(start[0], 0) : stop[0]]
@@ -89,7 +101,7 @@ class HaarDetector:
 
 
 def _grey(frame: Frame, long_px: int) -> Grey:
-    """`frame` in grey, contrast evened out, its longer side `long_px`."""
+    """Luma of `frame` after histogram equalisation, its longer side `long_px`."""
     scale = long_px / max(frame.shape[:2])
     method = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
     small = cv2.resize(frame, None, fx=scale, fy=scale, interpolation=method)
@@ -97,14 +109,14 @@ def _grey(frame: Frame, long_px: int) -> Grey:
 
 
 def _keypoints(eyes: Array) -> Array:
-    """(6, 2) pixels: the eyes and what a face's proportions put around them."""
+    """(6, 2) pixels, order of `KEYPOINTS`, from the centres of the eyes (2, 2)."""
     along = eyes[1] - eyes[0]
     across = np.array([-along[1], along[0]])
-    return np.concatenate([eyes, eyes.mean(0) + _FROM_EYES @ np.stack([along, across])])
+    return np.concatenate([eyes, eyes.mean(0) + _KEYPOINTS_FROM_EYES @ np.stack([along, across])])
 
 
 def _scaled(face: Detection, factor: Array) -> Detection:
-    """`face` in the pixels of a picture `factor` (2,) times as large."""
+    """The detection in pixels of a picture that is `factor` (2,) times as large."""
     box = (face.box.reshape(2, 2) + 0.5) * factor - 0.5
     return Detection(box.ravel(), (face.keypoints + 0.5) * factor - 0.5, face.score)
 

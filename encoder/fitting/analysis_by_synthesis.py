@@ -7,19 +7,22 @@ holds at any pose.
 """
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Self
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.shape_free import ShapeFree, moved
+from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.appearance.template import Template
 from encoder.appearance.texel_visibility import DEPTH_CELL_MM, visible_texels
-from encoder.appearance.texture import sample
-from encoder.capture.colour import luma
+from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import Crop
+from encoder.fitting.increments import apply_picture_step
+from encoder.fitting.levenberg_marquardt import Damping, Evaluation, levenberg_marquardt
+from encoder.runtime.image_ops import sample_bicubic
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
 from shared_model.mesh import Head
@@ -30,21 +33,26 @@ Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 Indices = NDArray[np.intp]
 
-# Grey levels beyond which a texel counts less (a hand, a highlight); an actuator's usual motion.
-ROBUST_GREY = 25.0
-EAU_SIGMA = 0.25
-NOISE_GREY = 6.0
+# Standard deviation of an actuator about its initial estimate, which comes from the frame before or
+# from landmarks.
+EAU_CHANGE_SIGMA = 0.25
+# Of the residual of a texture that was sampled in the same call, grey levels; the Cauchy scale,
+# beyond which a texel counts as an outlier (a hand, a highlight).
+NOISE_GREY, ROBUST_GREY = 6.0, 25.0
 # Where fits leave less, outliers begin at so many standard deviations of it (Cauchy's usual
 # constant); a picture is never taken to be better than this.
 ROBUST_SIGMAS = 2.4
 LEAST_NOISE_GREY = 2.0
-# How much a step is damped after one that led astray.
-FIRST_DAMPING = 0.1
-LONGEST_TURN_RAD, LONGEST_WAY_MM = 0.3, 100.0
-# A step that changes the cost by no more than this share is the last.
-SETTLED = 0.001
 # Keeps equations solvable that no texel takes part in.
 TINY = 1e-9
+# Fits start near their solution: steps are undamped until one raises the cost.
+PICTURE_DAMPING = Damping(
+    initial=0.0,
+    least_after_increase=0.1,
+    decrease=10.0,
+    relative_ridge=1e-6,
+    absolute_ridge=TINY,
+)
 # Neighbouring texels err together; this many texels count as one.
 CORRELATED_TEXELS = 10.0
 # Texels that a fit looks at.
@@ -55,7 +63,7 @@ TEXELS = 5000
 class Target:
     """What to fit: the texels' places, and what they should look like."""
 
-    shape: ShapeFree
+    shape: ShapeFreeFrame
     template: Template
 
 
@@ -94,9 +102,9 @@ class Refiner:
         self,
         head: Head,
         face: Face,
-        shape: ShapeFree,
+        shape: ShapeFreeFrame,
         template: Template,
-        grey: Callable[[Picture], Single] = luma,
+        grey: Callable[[Picture], Single] = luma_f32,
         cell_mm: float = DEPTH_CELL_MM,
     ) -> None:
         self._head, self._face, self._grey = head, face, grey
@@ -112,17 +120,17 @@ class Refiner:
             atlas.weights[kept],
         )
         self._cell_mm = cell_mm * stride
-        self.shape = ShapeFree(face, thin, shape.camera)
+        self.shape = ShapeFreeFrame(face, thin, shape.camera)
         self.template = Template(
             template.mean[kept], template.modes[:, kept], template.weight[kept]
         )
 
-    def teach(self, mode: Single) -> None:
-        """Add one more mode, luma (k,) of all texels, to the template."""
-        before = self.template
-        self.template = replace(
-            before, modes=np.concatenate([before.modes, mode[None, self._kept]])
-        )
+    def with_mode(self, mode: Single) -> Self:
+        """A copy whose template has one more mode, luma (k,) of all texels."""
+        fitter, template = copy(self), self.template
+        modes = np.concatenate([template.modes, mode[None, self._kept]])
+        fitter.template = replace(template, modes=modes)
+        return fitter
 
     def expect(self, noise_grey: float) -> None:
         """Fits leave so much, a standard deviation: the less, the sooner a motion is evident."""
@@ -162,22 +170,24 @@ class Refiner:
         template, free = view.target.template, np.asarray(active, np.intp)
         modes = len(template.modes)
         light = start.modes if len(start.modes) == modes else np.zeros(modes)
-        best = descend(
+        face, best = levenberg_marquardt(
             lambda face: self._attempt(view, face, start.eau, free),
             replace(start, modes=light),
-            free,
+            lambda face, step: apply_picture_step(face, step, free),
+            PICTURE_DAMPING,
             iterations,
+            undamped=modes,
         )
         grey = best.seen[:, 0]
         modes_found = coefficients(template, grey, view.shown)
-        return Explained(replace(best.face, modes=modes_found), grey, view.shown)
+        return Explained(replace(face, modes=modes_found), grey, view.shown)
 
     def learn(self, crop: Crop, face: FaceParameters) -> None:
         """Take notice of a picture whose face is known; derivatives of each picture need none."""
 
     def precision(self, shown: Single) -> float:
         """What an actuator one unit off its first guess costs, `shown` (k,) being the weights."""
-        return CORRELATED_TEXELS * float(shown.mean()) * (self._noise_grey / EAU_SIGMA) ** 2
+        return CORRELATED_TEXELS * float(shown.mean()) * (self._noise_grey / EAU_CHANGE_SIGMA) ** 2
 
     def _look(self, target: Target, crop: Crop, near: FaceParameters) -> "View":
         grey = self._grey(crop.picture)
@@ -187,10 +197,10 @@ class Refiner:
 
     def _attempt(
         self, view: "View", face: FaceParameters, expected_eau: Array, free: Indices
-    ) -> "_Tried":
+    ) -> "_TexelEvaluation":
         template, shape = view.target.template, view.target.shape
-        placed = shape.placed(face)
-        seen = sample(view.stack, view.crop.from_frame(placed.pixels))
+        placed = shape.project(face)
+        seen = sample_bicubic(view.stack, view.crop.to_crop_px(placed.pixels))
         residual = seen[:, 0] - template.mean
         left = residual - face.modes.astype(np.float32) @ template.modes
         away = (expected_eau - face.eau)[free]
@@ -202,7 +212,9 @@ class Refiner:
             root = np.sqrt(view.shown * robust(left, scale))
             across, down = view.crop.scale.astype(np.float32)
             slope = np.stack([seen[:, 1] * (across * root), seen[:, 2] * (down * root)])
-            rows = np.concatenate([shape.change(placed, slope, free), template.modes * -root])
+            rows = np.concatenate(
+                [shape.image_jacobian(placed, slope, free), template.modes * -root]
+            )
             normal = (rows @ rows.T).astype(np.float64)
             gradient = -(rows @ (root * residual)).astype(np.float64)
             eau = np.arange(6, 6 + len(free))
@@ -210,72 +222,14 @@ class Refiner:
             gradient[eau] += view.precision * away
             return normal, gradient
 
-        return _Tried(face, cost, equations, seen)
+        return _TexelEvaluation(cost, equations, seen)
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
-    """A face that was tried.
-
-    equations: the normal equations (eq. 2.27) at it, of pose, the actuators that may move, and the
-        coefficients themselves: a matrix, and the right side.
-    """
-
-    face: FaceParameters
-    cost: float
-    equations: Callable[[], tuple[Array, Array]]
-
-
-AnyTrial = TypeVar("AnyTrial", bound=Trial)
-
-
-@dataclass(frozen=True, slots=True)
-class _Tried(Trial):
+class _TexelEvaluation(Evaluation):
     """With the texels' luma and its gradient (k, 3)."""
 
     seen: Single
-
-
-def descend(
-    attempt: Callable[[FaceParameters], AnyTrial], start: FaceParameters, free: Indices, steps: int
-) -> AnyTrial:
-    """The best of the faces that Levenberg-Marquardt steps lead to.
-
-    start: with its coefficients; one of infinite cost leads nowhere.
-    free: (a,) actuators that may move.
-    """
-    best, damping = attempt(start), 0.0
-    if not np.isfinite(best.cost):
-        return best
-    equations: tuple[Array, Array] | None = None
-    for _ in range(steps):
-        equations = equations or best.equations()
-        trial = attempt(_stepped(best.face, equations, free, damping))
-        settled = abs(best.cost - trial.cost) < SETTLED * best.cost
-        if trial.cost <= best.cost:
-            best, damping, equations = trial, damping / 10, None
-        else:
-            damping = max(10 * damping, FIRST_DAMPING)
-        if settled:
-            break
-    return best
-
-
-def _stepped(
-    face: FaceParameters, equations: tuple[Array, Array], free: Indices, damping: float
-) -> FaceParameters:
-    """Where the normal equations lead, damped after Marquardt; coefficients are not damped."""
-    normal, gradient = equations
-    size = 6 + len(free)
-    more = np.full(len(normal), 1e-6)
-    more[:size] += damping
-    damped = normal + np.diag(more * np.diag(normal) + TINY)
-    found = np.asarray(np.linalg.solve(damped, gradient), np.float64)
-    step = np.zeros(6 + len(EAUS))
-    step[:3] = np.clip(found[:3], -LONGEST_TURN_RAD, LONGEST_TURN_RAD)
-    step[3:6] = np.clip(found[3:6], -LONGEST_WAY_MM, LONGEST_WAY_MM)
-    step[6 + free] = np.clip(found[6:size], -1, 1)
-    return replace(moved(face, step), modes=found[size:])
 
 
 def coefficients(template: Template, grey: Single, weight: Single) -> Array:

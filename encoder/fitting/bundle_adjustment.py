@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.shape_free import ShapeFree, rigid_change
+from encoder.appearance.shape_free import ShapeFreeFrame, rigid_jacobian
 from encoder.appearance.template import Template
-from encoder.appearance.texture import sample
 from encoder.fitting.analysis_by_synthesis import (
     CORRELATED_TEXELS,
     Target,
@@ -23,9 +22,16 @@ from encoder.fitting.analysis_by_synthesis import (
     robust,
     robust_cost,
 )
-from encoder.fitting.identity import AT_REST_SIGMA, Fitted, shared_parameters, stepped_identity
-from encoder.fitting.landmark_fit import EAU_SIGMA
-from shared_model import geometry
+from encoder.fitting.fit_results import Fitted
+from encoder.fitting.identity import AT_REST_SIGMA
+from encoder.fitting.increments import (
+    apply_identity_increment,
+    identity_increment_between,
+    shared_parameters,
+)
+from encoder.fitting.landmark_fit import EAU_PRIOR_SIGMA
+from encoder.fitting.levenberg_marquardt import Damping, Evaluation, levenberg_marquardt
+from encoder.runtime.image_ops import sample_bicubic
 from shared_model.animate import Face
 from shared_model.anthropometry import residual_basis
 from shared_model.appearance import Atlas
@@ -35,20 +41,18 @@ from shared_model.parameters import EAUS
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-# Grey levels that fits of real faces leave, a standard deviation, and beyond which texels count
-# less.
-NOISE_GREY, ROBUST_GREY = 8.0, 20.0
+# Standard deviation of the residual between different views of a face, grey levels, and the Cauchy
+# scale of its outliers.  Shading and shape err more from view to view than from frame to frame.
+VIEW_NOISE_GREY, VIEW_ROBUST_GREY = 8.0, 20.0
 # What the first frame's landmarks are worth: they err together, and more than they scatter.
 LANDMARKS_SHARE = 0.2
 # The expression of the first frame stays, or faults of the shape would pass for it.
 HELD_SIGMA = 0.01
 # The lens is known from the first frame to so much of its logarithm: what faces do in front of it
 # would pass for its perspective.
-LOG_FOCAL_SIGMA = 0.03
+LOG_FOCAL_CHANGE_SIGMA = 0.03
 STEPS = 8
-FIRST_DAMPING = 1e-3
-# A step that changes the cost by no more than this share is the last.
-SETTLED = 1e-3
+DAMPING = Damping(initial=1e-3, least_after_increase=0.0, decrease=5.0)
 # Turns of weighing outliers in what the light is made of.
 LIGHT_TURNS = 3
 PER_FRAME = 6 + len(EAUS)
@@ -91,41 +95,34 @@ class Bundle:
 
         fitted: where to start; its frames are the views', the origin's first.
         """
-        return self._descend(fitted, views, 0)
+        return self._solve(fitted, views, 0)
 
     def settle(self, fitted: Fitted, views: Sequence[View]) -> Adjusted:
         """The same with shape, lens and the first face as they are."""
-        return self._descend(fitted, views, len(self._prior))
+        return self._solve(fitted, views, len(self._prior))
 
-    def _descend(self, fitted: Fitted, views: Sequence[View], fixed: int) -> Adjusted:
-        """Levenberg-Marquardt over all parameters from number `fixed` on."""
-        best, damping = self._attempt(fitted, views), FIRST_DAMPING
-        for _ in range(STEPS):
-            normal = best.normal[fixed:, fixed:]
-            step = np.zeros(len(best.normal))
-            step[fixed:] = np.linalg.solve(
-                normal + damping * np.diag(np.diag(normal)), best.gradient[fixed:]
-            )
-            trial = self._attempt(stepped_identity(self._head, best.fitted, step), views)
-            settled = abs(best.cost - trial.cost) < SETTLED * best.cost
-            if trial.cost < best.cost:
-                best, damping = trial, damping / 5
-            else:
-                damping *= 10
-            if settled:
-                break
-        return Adjusted(best.fitted, best.left_grey2)
+    def _solve(self, fitted: Fitted, views: Sequence[View], fixed: int) -> Adjusted:
+        """Fit all parameters from number `fixed` on."""
 
-    def _attempt(self, fitted: Fitted, views: Sequence[View]) -> "_Tried":
-        shape = ShapeFree(Face(self._head, fitted.identity), self._atlas, fitted.camera)
+        def apply_step(fitted: Fitted, step: Array) -> Fitted:
+            whole = np.concatenate([np.zeros(fixed), step])
+            return apply_identity_increment(self._head, fitted, whole)
+
+        found, evaluation = levenberg_marquardt(
+            lambda fitted: self._attempt(fitted, views, fixed), fitted, apply_step, DAMPING, STEPS
+        )
+        return Adjusted(found, evaluation.left_grey2)
+
+    def _attempt(self, fitted: Fitted, views: Sequence[View], fixed: int) -> "_BundleEvaluation":
+        shape = ShapeFreeFrame(Face(self._head, fitted.identity), self._atlas, fitted.camera)
         shared = shared_parameters(fitted)
         size = shared + PER_FRAME * len(views)
         normal, gradient = np.zeros((size, size)), np.zeros(size)
-        away, first = _difference(fitted, self._origin), slice(0, len(self._prior))
+        away, first = identity_increment_between(self._origin, fitted), slice(0, len(self._prior))
         normal[first, first] = self._prior
         gradient[first] = -self._prior @ away
         cost, left_grey2 = float(away @ self._prior @ away), 0.0
-        share = 1 / (CORRELATED_TEXELS * NOISE_GREY**2)
+        share = 1 / (CORRELATED_TEXELS * VIEW_NOISE_GREY**2)
         others = len(views) - 1
         for number, view in enumerate(views):
             seen = self._compared(shape, fitted, number, view)
@@ -138,26 +135,29 @@ class Bundle:
             if number:
                 left_grey2 += seen.cost / float(view.shown.sum()) / others
                 cost += self._expect_rest(fitted.frames[number].eau, normal, gradient, own + 6)
-        return _Tried(fitted, cost, left_grey2, normal, gradient)
+        equations = normal[fixed:, fixed:], gradient[fixed:]
+        return _BundleEvaluation(cost, lambda: equations, left_grey2)
 
     def _expect_rest(self, eau: Array, normal: Array, gradient: Array, at: int) -> float:
         """Add what is known of actuators, those from number `at` on, to the equations; its cost."""
         every, own = at + np.arange(len(eau)), at + self._active
         precision = np.full(len(eau), 1 / AT_REST_SIGMA**2)
-        precision[self._active] = 1 / EAU_SIGMA**2
+        precision[self._active] = 1 / EAU_PRIOR_SIGMA**2
         normal[every, every] += precision
-        gradient[own] -= eau[self._active] / EAU_SIGMA**2
-        return float(np.sum(eau[self._active] ** 2)) / EAU_SIGMA**2
+        gradient[own] -= eau[self._active] / EAU_PRIOR_SIGMA**2
+        return float(np.sum(eau[self._active] ** 2)) / EAU_PRIOR_SIGMA**2
 
-    def _compared(self, shape: ShapeFree, fitted: Fitted, number: int, view: View) -> "_Compared":
+    def _compared(
+        self, shape: ShapeFreeFrame, fitted: Fitted, number: int, view: View
+    ) -> "_Compared":
         """What one view says of all that is shared, of its pose and of active actuators."""
-        placed = shape.placed(fitted.frames[number])
-        seen = sample(view.stack, view.crop.from_frame(placed.pixels))
+        placed = shape.project(fitted.frames[number])
+        seen = sample_bicubic(view.stack, view.crop.to_crop_px(placed.pixels))
         left, weight = self._unlit(seen[:, 0], view.shown)
-        cost = float(view.shown @ robust_cost(left, ROBUST_GREY))
+        cost = float(view.shown @ robust_cost(left, VIEW_ROBUST_GREY))
         root = np.sqrt(weight)
         slope = np.ascontiguousarray((seen[:, 1:] * view.crop.scale.astype(np.float32)).T) * root
-        rigid = rigid_change(placed.turned, placed.seen, placed.per_mm, slope)
+        rigid = rigid_jacobian(placed.rotated_mm, placed.camera_mm, placed.pixels_per_mm, slope)
         back = placed.rotation.T @ rigid[3:]
         depth_mm = np.float32(fitted.frames[number].pose.translation_mm[2])
         centre = fitted.camera.centre.astype(np.float32)[:, None]
@@ -165,7 +165,7 @@ class Bundle:
         focal = ((placed.pixels.T - centre) * slope).sum(0) + rigid[5] * depth_mm
         aau = (self._aau * back).sum(1)
         controls = (self._controls[:, None] * back).reshape(-1, len(root))
-        own = shape.change(placed, slope, self._active)
+        own = shape.image_jacobian(placed, slope, self._active)
         rows = np.concatenate([focal[None], aau, controls, own])
         light = self._template.modes * root
         normal = (rows @ rows.T).astype(np.float64)
@@ -181,7 +181,7 @@ class Bundle:
         for _ in range(LIGHT_TURNS):
             light = coefficients(self._template, grey, weight).astype(np.float32)
             left = grey - self._template.mean - light @ self._template.modes
-            weight = shown * robust(left, ROBUST_GREY)
+            weight = shown * robust(left, VIEW_ROBUST_GREY)
         return left, weight
 
 
@@ -195,38 +195,16 @@ class _Compared:
 
 
 @dataclass(frozen=True, slots=True)
-class _Tried:
-    """An identity with its frames' faces, and the normal equations at it."""
+class _BundleEvaluation(Evaluation):
+    """left_grey2: see `Adjusted`."""
 
-    fitted: Fitted
-    cost: float
     left_grey2: float
-    normal: Array
-    gradient: Array
 
 
 def _held(information: Array) -> Array:
     """What the first frame's landmarks are believed: less, with expression and lens held."""
     prior = LANDMARKS_SHARE * information
-    prior[0, 0] += 1 / LOG_FOCAL_SIGMA**2
+    prior[0, 0] += 1 / LOG_FOCAL_CHANGE_SIGMA**2
     expression = np.arange(len(prior) - len(EAUS), len(prior))
     prior[expression, expression] += 1 / HELD_SIGMA**2
     return prior
-
-
-def _difference(fitted: Fitted, origin: Fitted) -> Array:
-    """The step that leads from `origin` to `fitted` and its first face."""
-    ratio = fitted.camera.focal_px / origin.camera.focal_px
-    here, there = fitted.frames[0], origin.frames[0]
-    turn = geometry.multiply(here.pose.rotation, geometry.conjugate(there.pose.rotation))
-    way = here.pose.translation_mm - there.pose.translation_mm * [1.0, 1.0, ratio]
-    return np.concatenate(
-        [
-            [np.log(ratio)],
-            fitted.identity.aau - origin.identity.aau,
-            (fitted.control_mm - origin.control_mm).ravel(),
-            geometry.vector_from_quaternion(turn),
-            way,
-            here.eau - there.eau,
-        ]
-    )

@@ -5,13 +5,15 @@ one frame cannot.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.fitting.fit_results import Fitted
+from encoder.fitting.increments import apply_identity_increment, shared_parameters
 from encoder.fitting.landmark_fit import (
-    EAU_SIGMA,
+    EAU_PRIOR_SIGMA,
     LANDMARK_SIGMA,
     LandmarkModel,
     in_axes,
@@ -20,15 +22,14 @@ from encoder.fitting.landmark_fit import (
     personalise,
     pixel_change,
     start_parameters,
-    stepped,
     turned_points,
 )
 from encoder.fitting.lip_closure import closing_rows
 from shared_model import geometry
-from shared_model.animate import Identity, identity_from_controls
+from shared_model.animate import identity_from_controls
 from shared_model.geometry import Camera
 from shared_model.mesh import Head
-from shared_model.parameters import AAUS, BROW_EAUS, EAUS, FaceParameters, refocused
+from shared_model.parameters import AAUS, BROW_EAUS, EAUS, FaceParameters
 
 Array = NDArray[np.float64]
 
@@ -41,26 +42,11 @@ AT_REST_SIGMA = 1e-3
 BROWS_SIGMA = 0.05
 RESIDUAL_SIGMA_MM = 2.0
 RESIDUAL_DEPTH_SIGMA_MM = 1.2
-LOG_FOCAL_SIGMA = 0.15
+# Of the logarithm of the focal length about that of a typical lens.
+LOG_FOCAL_PRIOR_SIGMA = 0.15
 # How many times an identity is improved, from the usual one or one that is near.
 STEPS, STEPS_NEAR = 12, 4
 TYPICAL_FOCAL = 1.3  # of the picture's longer side: a webcam or a portrait lens
-
-
-@dataclass(frozen=True, slots=True)
-class Fitted:
-    """Who is in the picture and how, in each of the frames fitted together.
-
-    control_mm: (k, 3) displacement of the residual control points.
-    information: (n, n) inverse covariance of log f, AAUs, controls and of pose and actuators of the
-        one frame they come from, in the order of `stepped_identity`; None where that is not known.
-    """
-
-    camera: Camera
-    identity: Identity
-    control_mm: Array
-    frames: tuple[FaceParameters, ...]
-    information: Array | None = None
 
 
 def fit_identity(
@@ -98,44 +84,18 @@ def fit_identity(
                 model.index, personal.neutral, model.neutral, model.aau, model.residual
             )
         normal, gradient = _joint_equations(personal, found, landmarks, eau_sigma, lips)
-        found = stepped_identity(head, found, np.asarray(np.linalg.solve(normal, gradient), float))
+        step = np.asarray(np.linalg.solve(normal, gradient), float)
+        found = apply_identity_increment(head, found, step)
     return replace(found, information=normal if len(frames) == 1 else None)
-
-
-def stepped_identity(head: Head, fitted: Fitted, step: Array) -> Fitted:
-    """Add a step over log f, AAUs, x, y, z of each control, then w, t, EAUs of each frame.
-
-    A longer lens moves the faces away, so that they keep their size.
-    """
-    n, shared = len(AAUS), shared_parameters(fitted)
-    focal_px = fitted.camera.focal_px * float(np.exp(np.clip(step[0], -0.2, 0.2)))
-    ratio = focal_px / fitted.camera.focal_px
-    aau = np.clip(fitted.identity.aau + step[1 : 1 + n], -1.9, 1.9)
-    control = fitted.control_mm + step[1 + n : shared].reshape(-1, 3)
-    steps = step[shared:].reshape(len(fitted.frames), -1)
-    return replace(
-        fitted,
-        camera=replace(fitted.camera, focal_px=focal_px),
-        identity=identity_from_controls(head, aau, control),
-        control_mm=control,
-        frames=tuple(
-            stepped(refocused(face, ratio), d) for face, d in zip(fitted.frames, steps, strict=True)
-        ),
-    )
-
-
-def shared_parameters(fitted: Fitted) -> int:
-    """How many parameters all frames of a caller share: log f, AAUs, controls."""
-    return 1 + len(AAUS) + fitted.control_mm.size
 
 
 def _expected_eau(active: Sequence[int] | None) -> Array:
     """(EAUs,) how far actuators are from rest in the frames that show who it is."""
     if active is None:
-        return np.full(len(EAUS), EAU_SIGMA)
+        return np.full(len(EAUS), EAU_PRIOR_SIGMA)
     sigma = np.full(len(EAUS), AT_REST_SIGMA)
     for index in active:
-        sigma[index] = BROWS_SIGMA if EAUS[index].name in BROW_EAUS else EAU_SIGMA
+        sigma[index] = BROWS_SIGMA if EAUS[index].name in BROW_EAUS else EAU_PRIOR_SIGMA
     return sigma
 
 
@@ -146,7 +106,7 @@ def _joint_equations(
     eau_sigma: Array,
     lips: tuple[Array, Array] | None,
 ) -> tuple[Array, Array]:
-    """Normal matrix and right side of a Gauss-Newton step, see `stepped_identity`.
+    """Normal matrix and right side of a Gauss-Newton step, see `apply_identity_increment`.
 
     model: personal.  eau_sigma: (EAUs,) of the prior.  lips: more rows and residuals over AAUs and
     controls.
@@ -176,7 +136,7 @@ def _joint_equations(
     sigma = np.r_[RESIDUAL_SIGMA_MM, RESIDUAL_SIGMA_MM, RESIDUAL_DEPTH_SIGMA_MM]
     precision = np.concatenate(
         [
-            [1 / LOG_FOCAL_SIGMA**2],
+            [1 / LOG_FOCAL_PRIOR_SIGMA**2],
             np.full(len(aau), 1 / AAU_SIGMA**2),
             np.tile(1 / sigma**2, len(control)),
         ]

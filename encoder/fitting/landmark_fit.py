@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.shape_free import moved
-from encoder.detection.landmark_indices import EYE_CORNERS, OUTLINE, RIGID
-from encoder.runtime.jit import compiled
+from encoder.detection.landmark_indices import FACE_OVAL, OUTER_EYE_CORNERS, RIGID_LANDMARKS
+from encoder.fitting.increments import apply_clipped_increment
+from encoder.runtime.jit import jit
 from shared_model import geometry
 from shared_model.anthropometry import residual_basis
 from shared_model.geometry import Camera
@@ -17,13 +17,13 @@ from shared_model.parameters import EAUS, FaceParameters, Pose
 
 Array = NDArray[np.float64]
 
-# Standard deviations of landmarks, in units of the eyes' distance, and of the actuators' prior.
+# Standard deviations of landmarks, in units of the eyes' distance, and of actuators about rest: the
+# prior of fits that start without an estimate of the expression.
 LANDMARK_SIGMA = 0.012
-EAU_SIGMA = 0.4
-LONGEST_TURN_RAD = 0.5
-# A step that promises to take less than this off the sum of squares, in variances of one landmark's
-# coordinate, is the last.
-SETTLED = 0.5
+EAU_PRIOR_SIGMA = 0.4
+# A step whose linearised decrease of the sum of squares is less than this is the last, in variances
+# of one landmark's coordinate.
+MIN_DECREASE = 0.5
 
 OUTLINE_WEIGHT = 1.0
 
@@ -56,7 +56,7 @@ def landmark_model(head: Head) -> LandmarkModel:
         return np.ascontiguousarray(gathered)
 
     weight = np.ones(len(index))
-    weight[np.isin(index, OUTLINE)] = OUTLINE_WEIGHT
+    weight[np.isin(index, FACE_OVAL)] = OUTLINE_WEIGHT
     basis = residual_basis(head)
     return LandmarkModel(
         index,
@@ -92,7 +92,7 @@ def fit_frame(
     target, sigma = measured(model, points_px)
     moving = np.asarray(active, dtype=np.intp)
     free = np.append(np.arange(6), 6 + moving)
-    prior = 1 / EAU_SIGMA**2
+    prior = 1 / EAU_PRIOR_SIGMA**2
     scale = np.sqrt(model.weight) / sigma
     current = start
     for _ in range(iterations):
@@ -105,22 +105,16 @@ def fit_frame(
         found = np.linalg.solve(normal, gradient)
         step = np.zeros(len(change))
         step[free] = found
-        current = stepped(current, step)
-        if found @ gradient < SETTLED:
+        current = apply_clipped_increment(current, step)
+        if found @ gradient < MIN_DECREASE:
             break
     return current
-
-
-def stepped(state: FaceParameters, step: Array) -> FaceParameters:
-    """Add a step, see `shape_free.moved`, that turns by no more than `LONGEST_TURN_RAD` an axis."""
-    turn = np.clip(step[:3], -LONGEST_TURN_RAD, LONGEST_TURN_RAD)
-    return moved(state, np.append(turn, step[3:]))
 
 
 def start_parameters(model: LandmarkModel, camera: Camera, points_px: Array) -> FaceParameters:
     """A first pose, actuators at rest: weak perspective on the rigid points, then Gauss-Newton."""
     position = {int(network): i for i, network in enumerate(model.index)}
-    chosen = [position[i] for i in RIGID if i in position]
+    chosen = [position[i] for i in RIGID_LANDMARKS if i in position]
     points = model.neutral[chosen]
     seen = points_px[model.index[chosen], :3]
     rotation, scale = _weak_perspective(points, seen)
@@ -141,7 +135,7 @@ def _weak_perspective(points: Array, seen: Array) -> tuple[Array, float]:
 
 def measured(model: LandmarkModel, points_px: Array) -> tuple[Array, float]:
     """The model's points (m, >= 2) among landmarks (468, >= 2), and their uncertainty, pixels."""
-    left, right = points_px[EYE_CORNERS[0], :3], points_px[EYE_CORNERS[1], :3]
+    left, right = points_px[OUTER_EYE_CORNERS[0], :3], points_px[OUTER_EYE_CORNERS[1], :3]
     return points_px[model.index], float(LANDMARK_SIGMA * np.linalg.norm(left - right))
 
 
@@ -158,7 +152,7 @@ def turned_points(model: LandmarkModel, rotation: Array, eau: Array) -> tuple[Ar
     return _turned(model.neutral, model.up, model.down, rotation, eau)
 
 
-@compiled
+@jit
 def _turned(
     neutral: Array, up: Array, down: Array, rotation: Array, eau: Array
 ) -> tuple[Array, Array]:
@@ -203,7 +197,7 @@ def pixel_change(camera: Camera, seen: Array, moves: Array) -> Array:
     return _pixel_change(camera.focal_px, seen, moves)
 
 
-@compiled
+@jit
 def _pixel_change(focal_px: float, seen: Array, moves: Array) -> Array:
     x, y, z = seen.T
     per_mm, x, y = focal_px / z, x / z, y / z

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.detection.landmark_indices import MARGINS
+from encoder.detection.landmark_indices import INNER_LIP_PAIRS
 
 Array = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ def closing_rows(
     caller and of the generic head.  aau: (11, m, 3) mm.  residual: (k, m), share of each control
     point.  Columns: AAUs, then x, y, z of each control point.
     """
-    upper, lower = (np.searchsorted(index, points) for points in MARGINS)
+    upper, lower = (np.searchsorted(index, points) for points in INNER_LIP_PAIRS)
     apart = np.moveaxis(aau[:, upper] - aau[:, lower], 0, 2)
     share = residual[:, upper] - residual[:, lower]
     controls = np.einsum("km,ij->mikj", share, np.eye(3)).reshape(len(upper), 3, -1)

@@ -7,13 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.appearance.masks import face_mask
-from encoder.appearance.photometric import Grey
-from encoder.appearance.shape_free import ShapeFree
+from encoder.appearance.photometric import Normalisation
+from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.appearance.template import Template
-from encoder.appearance.texture import fitting_size, sample, texel_pixels
-from encoder.capture.colour import luma
+from encoder.appearance.texture import atlas_size_for, pixels_per_texel
+from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import Crop, crop_face
 from encoder.fitting.analysis_by_synthesis import NOISE_GREY, Explained, Refiner, View, robust_cost
+from encoder.fitting.fit_results import Refined
+from encoder.runtime.image_ops import sample_bicubic
 from shared_model.animate import Face
 from shared_model.appearance import atlas_of
 from shared_model.geometry import Camera
@@ -47,27 +49,11 @@ MEDIAN_EVERY = 4
 class Synthesis:
     """How the textured model is fitted: to what of a picture, and by which steps."""
 
-    grey: Grey = luma
+    grey: Normalisation = luma_f32
     refiner: type[Refiner] = Refiner
 
 
 USUAL = Synthesis()
-
-
-@dataclass(frozen=True, slots=True)
-class Refined:
-    """A fit of the textured model.
-
-    face: pose and actuators; as modes, gain, offset and slopes of the light.
-    correlation: of picture and texture over the texels seen, -1..1, apart from low-order light.
-    left_grey2: mean square of what it leaves, of outliers less, squared grey levels.
-    noise_grey: the same as a standard deviation, outliers apart.
-    """
-
-    face: FaceParameters
-    correlation: float
-    left_grey2: float = np.inf
-    noise_grey: float = NOISE_GREY
 
 
 class OwnTexture:
@@ -90,11 +76,11 @@ class OwnTexture:
         synthesis: Synthesis = USUAL,
     ) -> None:
         rest = face.animate(start.eau)
-        size = fitting_size(atlas_of(head, 64), camera, start.pose, rest, largest_atlas)
+        size = atlas_size_for(atlas_of(head, 64), camera, start.pose, rest, largest_atlas)
         atlas = atlas_of(head, size)
         self._head, self._atlas, self._synthesis = head, atlas, synthesis
         self._grey = synthesis.grey
-        self._ratio = texel_pixels(atlas, camera, start.pose, rest)
+        self._ratio = pixels_per_texel(atlas, camera, start.pose, rest)
         self._refiner = self._blank_refiner(face, camera)
         thin = self._refiner.shape.atlas
         self._outline = np.flatnonzero(head.opacity[thin.corners].min(1) > 0.5)
@@ -115,7 +101,7 @@ class OwnTexture:
         count, synthesis = len(self._atlas.rows), self._synthesis
         blank = np.zeros(count, np.float32)
         empty = Template(blank, np.zeros((0, count), np.float32), blank)
-        shape = ShapeFree(face, self._atlas, camera)
+        shape = ShapeFreeFrame(face, self._atlas, camera)
         return synthesis.refiner(self._head, face, shape, empty, synthesis.grey)
 
     def put_on(self, face: Face, camera: Camera, start: FaceParameters) -> None:
@@ -142,7 +128,7 @@ class OwnTexture:
         found = self._refiner.explain(view, replace(start, modes=self._lit), iterations, active)
         seen = found.shown > 0
         if not seen.any():
-            return Refined(found.face, 0.0)
+            return Refined(found.face, 0.0, np.inf, NOISE_GREY)
         left = self._left(found)[seen]
         left_grey2 = float(np.average(robust_cost(left), weights=found.shown[seen]))
         noise_grey = MEDIAN_TO_SIGMA * float(np.median(np.abs(left[::MEDIAN_EVERY])))
@@ -203,8 +189,8 @@ class OwnTexture:
         return float(rest[0, 1] / np.sqrt(max(rest[0, 0] * rest[1, 1], TINY)))
 
     def _sampled(self, crop: Crop, face: FaceParameters) -> Single:
-        at = crop.from_frame(self._refiner.shape.positions(face))
-        return np.asarray(sample(self._grey(crop.picture), at)[:, 0], np.float32)
+        at = crop.to_crop_px(self._refiner.shape.positions(face))
+        return np.asarray(sample_bicubic(self._grey(crop.picture), at)[:, 0], np.float32)
 
     def _crop(self, frame: Picture, face: FaceParameters) -> Crop:
         # By coordinates: so the positions are in memory.

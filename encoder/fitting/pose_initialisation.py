@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.detection.blazeface import Detection
+from encoder.detection.detector import Detection
 from shared_model.geometry import (
     FRONTAL,
     Camera,

@@ -13,12 +13,9 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.shape_free import moved
-from encoder.appearance.texture import sample
 from encoder.capture.face_crop import Crop
 from encoder.fitting.analysis_by_synthesis import (
-    EAU_SIGMA,
-    SETTLED,
+    EAU_CHANGE_SIGMA,
     Explained,
     Refiner,
     View,
@@ -26,6 +23,9 @@ from encoder.fitting.analysis_by_synthesis import (
     robust,
     robust_cost,
 )
+from encoder.fitting.increments import apply_increment
+from encoder.fitting.levenberg_marquardt import RELATIVE_TOLERANCE
+from encoder.runtime.image_ops import sample_bicubic
 from shared_model.geometry import matrix_from_quaternion
 from shared_model.parameters import EAUS, FaceParameters
 
@@ -110,11 +110,11 @@ class MatrixRefiner(Refiner):
             step = self._predicted(known, seen, best, free)
             before = best
             for share in STEPS:
-                trial = self._tried(seen, moved(best.face, share * step))
+                trial = self._tried(seen, apply_increment(best.face, share * step))
                 if trial.cost < best.cost:
                     best = trial
                     break
-            if before.cost - best.cost <= SETTLED * before.cost:
+            if before.cost - best.cost <= RELATIVE_TOLERANCE * before.cost:
                 break
         found = replace(best.face, modes=coefficients(self.template, best.grey, view.shown))
         return Explained(found, best.grey, view.shown)
@@ -124,7 +124,7 @@ class MatrixRefiner(Refiner):
         grey = self._grey(crop.picture)
 
         def shown(at: FaceParameters) -> Single:
-            return sample(grey, crop.from_frame(self.shape.positions(at)))[:, 0]
+            return sample_bicubic(grey, crop.to_crop_px(self.shape.positions(at)))[:, 0]
 
         slopes = [_slope(shown, face, index, steps) for index, steps in self._displacements(face)]
         return np.asarray(np.stack(slopes, 1) / np.float32(_gain(face)))
@@ -141,12 +141,12 @@ class MatrixRefiner(Refiner):
         depth_mm = float(face.pose.translation_mm[2])
         yield 5, [reach * depth_mm * (1 / scale - 1) for scale in SCALES]
         for index in range(6, 6 + len(EAUS)):
-            yield index, [reach * deviation * EAU_SIGMA for deviation in DEVIATIONS]
+            yield index, [reach * deviation * EAU_CHANGE_SIGMA for deviation in DEVIATIONS]
 
     def _tried(self, seen: "_Seen", face: FaceParameters) -> "_Tried":
         """The residual of `face` under the light that explains it best, `face.modes` near it."""
         template = self.template
-        grey = sample(seen.grey, seen.crop.from_frame(self.shape.positions(face)))[:, 0]
+        grey = sample_bicubic(seen.grey, seen.crop.to_crop_px(self.shape.positions(face)))[:, 0]
         left = grey - template.mean - face.modes.astype(np.float32) @ template.modes
         modes = coefficients(template, grey, seen.shown * robust(left))
         left = grey - template.mean - modes.astype(np.float32) @ template.modes
@@ -222,7 +222,7 @@ def _slope(
     before, width = shown(face), min(map(abs, steps))
     total, worth = np.zeros_like(before), TINY
     for step in steps:
-        displaced = moved(face, step * np.eye(6 + len(EAUS))[index])
+        displaced = apply_increment(face, step * np.eye(6 + len(EAUS))[index])
         # An actuator may be at its end.
         done = step if index < 6 else float((displaced.eau - face.eau)[index - 6])
         if done:

@@ -13,16 +13,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.rasteriser import Surface, front_surface
-from encoder.appearance.shape_free import rigid_change
-from encoder.capture.colour import luma
+from encoder.appearance.rasteriser import Fragments, rasterise
+from encoder.appearance.shape_free import directional_jacobian, rigid_jacobian
+from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import Crop
-from encoder.fitting.analysis_by_synthesis import Trial, descend, gradients, robust
-from encoder.learning.appearance_encoder import Appearance
+from encoder.fitting.analysis_by_synthesis import PICTURE_DAMPING, gradients, robust
+from encoder.fitting.increments import FACE_PARAMETERS, apply_picture_step
+from encoder.fitting.levenberg_marquardt import Evaluation, levenberg_marquardt
 from encoder.runtime.image_ops import hull_mask
-from encoder.runtime.jit import compiled
-from protocol.frames.frame_transform import GEOMETRY
-from protocol.pictures.picture_codec import to_luma
+from encoder.runtime.jit import jit
 from shared_model.animate import Face
 from shared_model.geometry import Camera, matrix_from_quaternion
 from shared_model.parameters import EAUS, LID_EAUS, FaceParameters
@@ -69,10 +68,8 @@ class Drawing:
         self._layers = np.ascontiguousarray(layers.T, np.float32)
         places = head.texture_coordinates * size - 0.5
         self._worn = np.vstack([places.T, head.opacity]).astype(np.float32)
-        self._fields = [
-            np.ascontiguousarray(field.transpose(1, 0, 2), np.float32).reshape(-1, 3 * len(EAUS))
-            for field in (head.eau_up, -head.eau_down)
-        ]
+        fields = np.stack([head.eau_up, -head.eau_down]).swapaxes(-1, -2)
+        self._fields = np.ascontiguousarray(fields, np.float32)
 
     def taught(self, mode: Single) -> "Drawing":
         """The same with one mode more, (size, size) luma per unit coefficient."""
@@ -92,11 +89,19 @@ class Drawing:
         first = self._look(view, start)
         trust = _trust(view, first)
 
-        def attempt(face: FaceParameters) -> Trial:
+        def attempt(face: FaceParameters) -> Evaluation:
             look = first if face is start else self._look(view, face)
             return self._tried(view, look, trust[look.surface.pixels])
 
-        return descend(attempt, start, EVERY, steps).face
+        found, _ = levenberg_marquardt(
+            attempt,
+            start,
+            lambda face, step: apply_picture_step(face, step, EVERY),
+            PICTURE_DAMPING,
+            steps,
+            undamped=len(start.modes),
+        )
+        return found
 
     def _look(self, view: "_View", face: FaceParameters) -> "_Look":
         rotation = matrix_from_quaternion(face.pose.rotation)
@@ -105,10 +110,10 @@ class Drawing:
         depth = np.maximum(seen[:, 2:], NEAREST_MM)
         frame_px = self._camera.centre + seen[:, :2] * (self._camera.focal_px / depth)
         at_px = view.from_frame(frame_px.astype(np.float32)).astype(np.float64)
-        surface = front_surface(at_px, depth[:, 0], self._face.head.triangles, view.wanted)
-        worn = surface.points(self._worn)
+        surface = rasterise(at_px, depth[:, 0], self._face.head.triangles, view.wanted)
+        worn = surface.interpolate(self._worn)
         kept = worn[2] > LEAST_OPACITY
-        surface = surface.of(kept)
+        surface = surface.select(kept)
         places, opacity = worn[:2, kept], worn[2, kept]
         values = np.append(1, face.modes).astype(np.float32)
         drawn = _shaded(places, self._layers, values, self._size)
@@ -116,45 +121,47 @@ class Drawing:
         error = opacity * (view.grey[surface.pixels] - drawn)
         return _Look(face, rotation, turned, surface, places, opacity, error)
 
-    def _tried(self, view: "_View", look: "_Look", trust: Single) -> Trial:
+    def _tried(self, view: "_View", look: "_Look", trust: Single) -> Evaluation:
         face, surface, error = look.face, look.surface, look.error
         away = view.start.eau - face.eau
         shown = len(error) > LEAST_SHOWN * view.wanted.sum()
         cost = float((trust * error**2).sum() / trust.sum()) if shown else np.inf
 
         def equations() -> tuple[Array, Array]:
-            at = surface.points(look.turned.T.astype(np.float32))
+            at = surface.interpolate(look.turned.T.astype(np.float32))
             place = at + face.pose.translation_mm.astype(np.float32)[:, None]
             # What a pixel shows changes as if the picture stood still and the point moved back.
             slope = -view.slopes[:, surface.pixels]
             per_mm = np.float32(self._camera.focal_px) / place[2]
-            rigid = rigid_change(at, place, per_mm, slope)
+            rigid = rigid_jacobian(at, place, per_mm, slope)
             back = look.rotation.astype(np.float32).T @ rigid[3:]
-            rows = np.empty((len(error), GEOMETRY + len(face.modes)), np.float32)
+            rows = np.empty((len(error), FACE_PARAMETERS + len(face.modes)), np.float32)
             rows[:, :6] = rigid.T
-            rows[:, 6:GEOMETRY] = self._driven(surface, face.eau, back.T)
-            rows[:, GEOMETRY:] = _textured(look.places, self._layers, self._size)[:, 1:]
+            rows[:, 6:FACE_PARAMETERS] = self._eau_jacobian(surface, face.eau, back).T
+            rows[:, FACE_PARAMETERS:] = _textured(look.places, self._layers, self._size)[:, 1:]
             root = np.sqrt(trust)
             rows *= (look.opacity * root)[:, None]
             normal = (rows.T @ rows).astype(np.float64)
             gradient = (rows.T @ (root * error)).astype(np.float64)
             # Coefficients are sought themselves, not by how much they change.
-            gradient += normal[:, GEOMETRY:] @ face.modes
-            eau, held = np.arange(6, GEOMETRY), HELD_GREY2 * float(trust.sum())
+            gradient += normal[:, FACE_PARAMETERS:] @ face.modes
+            eau, held = np.arange(6, FACE_PARAMETERS), HELD_GREY2 * float(trust.sum())
             normal[eau, eau] += held
             gradient[eau] += held * away
             return normal, gradient
 
-        return Trial(face, cost + float(HELD_GREY2 @ away**2), equations)
+        return Evaluation(cost + float(HELD_GREY2 @ away**2), equations)
 
-    def _driven(self, surface: Surface, eau: Array, back: Single) -> Single:
-        """(p, EAUs) what each actuator changes; back: (p, 3) per mm of motion, head frame."""
-        up, down = self._fields
-        fields = np.where(np.repeat(eau >= 0, 3), up, down)
-        return _driven(fields, surface.corners, surface.weights, back)
+    def _eau_jacobian(self, surface: Fragments, eau: Array, gradient: Single) -> Single:
+        """(EAUs, p) how each actuator changes the pixels; gradient: (3, p) per mm, head frame."""
+        fields = self._fields[np.where(eau >= 0, 0, 1), EVERY]
+        fields = surface.interpolate(fields.reshape(-1, fields.shape[-1]))
+        fields = fields.reshape(len(EVERY), 3, -1)
+        support = np.tile([0, fields.shape[-1]], (len(EVERY), 1))
+        return directional_jacobian(fields, support, EVERY, gradient)
 
 
-@compiled
+@jit
 def _textured(places: Single, layers: Single, size: int) -> Single:
     """(p, m) texels (size * size, m) at places (2, p), column and row, bilinear."""
     found = np.empty((places.shape[1], layers.shape[1]), np.float32)
@@ -170,7 +177,7 @@ def _textured(places: Single, layers: Single, size: int) -> Single:
     return found
 
 
-@compiled
+@jit
 def _shaded(places: Single, layers: Single, values: Single, size: int) -> Single:
     """(p,) the sum of what `_textured` gives, `values` (m,) being how much of each."""
     found = np.empty(places.shape[1], np.float32)
@@ -188,7 +195,7 @@ def _shaded(places: Single, layers: Single, values: Single, size: int) -> Single
     return found
 
 
-@compiled
+@jit
 def _corners(
     u: np.float32, v: np.float32, size: int
 ) -> tuple[int, np.float32, np.float32, np.float32, np.float32]:
@@ -199,33 +206,6 @@ def _corners(
     column, row = int(u), int(v)
     x, y = u - np.float32(column), v - np.float32(row)
     return row * size + column, (one - x) * (one - y), x * (one - y), (one - x) * y, x * y
-
-
-@compiled
-def _driven(fields: Single, corners: NDArray[np.integer], weights: Single, back: Single) -> Single:
-    """(p, a) how far each point moves along `back` (p, 3), by fields (n, 3 a) of the vertices."""
-    count = fields.shape[1] // 3
-    found = np.empty((corners.shape[1], count), np.float32)
-    for pixel in range(len(found)):
-        i, j, k = corners[0, pixel], corners[1, pixel], corners[2, pixel]
-        a, b, c = weights[0, pixel], weights[1, pixel], weights[2, pixel]
-        x, y, z = back[pixel]
-        for number in range(count):
-            at = 3 * number
-            found[pixel, number] = (
-                (a * fields[i, at] + b * fields[j, at] + c * fields[k, at]) * x
-                + (a * fields[i, at + 1] + b * fields[j, at + 1] + c * fields[k, at + 1]) * y
-                + (a * fields[i, at + 2] + b * fields[j, at + 2] + c * fields[k, at + 2]) * z
-            )
-    return found
-
-
-def drawing_of(
-    face: Face, camera: Camera, appearance: Appearance, most_pixels: int = MOST_PIXELS
-) -> Drawing:
-    """What a decoder draws of a caller's coded appearance.  most_pixels: see `Drawing`."""
-    modes = to_luma(appearance.mode_images)
-    return Drawing(face, camera, to_luma(appearance.mean), modes, most_pixels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -247,7 +227,7 @@ class _View:
 
     def from_frame(self, positions_px: Single) -> Single:
         """Positions (k, 2) in the frame to positions among these pixels."""
-        return np.asarray((self.crop.from_frame(positions_px) - self.corner) / self.step)
+        return np.asarray((self.crop.to_crop_px(positions_px) - self.corner) / self.step)
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,15 +242,15 @@ class _Look:
     face: FaceParameters
     rotation: Array
     turned: Array
-    surface: Surface
+    surface: Fragments
     places: Single
     opacity: Single
     error: Single
 
 
 def _view(crop: Crop, start: FaceParameters, outline_px: Array, most_pixels: int) -> _View:
-    grey = luma(crop.picture)
-    outline = crop.from_frame(outline_px.astype(np.float32))
+    grey = luma_f32(crop.picture)
+    outline = crop.to_crop_px(outline_px.astype(np.float32))
     low = np.maximum(np.floor(outline.min(0)), 0).astype(np.intp)
     high = np.minimum(np.ceil(outline.max(0)) + 1, grey.shape[::-1]).astype(np.intp)
     rows, columns = (slice(low[i], max(low[i], high[i])) for i in (1, 0))

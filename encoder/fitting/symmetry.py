@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.shape_free import ShapeFree
+from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.appearance.template import Template
-from encoder.capture.colour import luma
+from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import Crop
 from encoder.fitting.analysis_by_synthesis import Explained, Picture, Refiner, Single, Target, View
 from shared_model.animate import Face
@@ -31,9 +31,9 @@ class MirroredRefiner(Refiner):
         self,
         head: Head,
         face: Face,
-        shape: ShapeFree,
+        shape: ShapeFreeFrame,
         template: Template,
-        grey: Callable[[Picture], Single] = luma,
+        grey: Callable[[Picture], Single] = luma_f32,
     ) -> None:
         super().__init__(head, face, shape, template, grey)
         self._halves = {left: self._half(shape.atlas, left) for left in (False, True)}
@@ -65,7 +65,7 @@ class MirroredRefiner(Refiner):
         kept[far] = twin >= 0
         mirrored = Atlas(atlas.size, atlas.rows, atlas.columns, corners, weights)
         light = np.stack([far, far * across / np.abs(across).max()]).astype(np.float32)
-        return _Half(ShapeFree(self._face, mirrored, self.shape.camera), kept, light)
+        return _Half(ShapeFreeFrame(self._face, mirrored, self.shape.camera), kept, light)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class _Half:
     the side does to the mirrored texels alone.
     """
 
-    shape: ShapeFree
+    shape: ShapeFreeFrame
     kept: NDArray[np.bool_]
     light: Single
 

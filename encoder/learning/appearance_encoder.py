@@ -1,8 +1,7 @@
-"""A caller's appearance model (thesis eq. 2.17), coded.
+"""Encodes the appearance model of a person (thesis eq. 2.17): mean texture and modes.
 
-The mean and each mode are coded as small pictures, one after the other: what a coded picture got
-wrong is left in the residual that the next mode is found in (closed loop), so coding errors that
-matter are corrected by later modes.
+Closed-loop principal component analysis: mean and modes are coded as small pictures one after the
+other, and each mode is the leading direction of the residual after the decoded pictures before it.
 """
 
 from dataclasses import dataclass
@@ -10,231 +9,259 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.inpaint import fill
-from encoder.appearance.masks import weighting
-from encoder.appearance.shape_free import ShapeFree
-from encoder.appearance.texture_samples import Stack
-from encoder.learning.orthogonal_residual import Remainder
-from encoder.picture_coding.image_budget import finest_still
-from encoder.picture_coding.picture_encoder import Draft, draft_mode, draft_still
-from protocol.pictures.picture_codec import MAX_STEP, ModeSeries, to_planes
+from encoder.appearance.inpaint import filled_atlas
+from encoder.appearance.masks import root_weight_and_support
+from encoder.appearance.shape_free import ShapeFreeFrame
+from encoder.appearance.texture_samples import TextureSamples
+from encoder.learning.orthogonal_residual import OrthogonalResidual
+from encoder.picture_coding.image_budget import encode_picture_within
+from encoder.picture_coding.picture_encoder import EncodedPicture, encode_mode, encode_picture
+from protocol.pictures.picture_codec import MAX_STEP_CODE, ModeDecoder, to_planes
 from protocol.pictures.probability_model import TEXTURE
-from protocol.pictures.weight_map import SIDE, encode_relief
+from protocol.pictures.weight_map import GRID_SIDE, encode_weight_map
 from shared_model.appearance import Atlas
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-# The quantiser: where the search for it starts and how far apart it tries, in steps of
-# `pictures.step_size`.
-FIRST_STEP = 22
-STRIDE = 2
-# The search usually ends where the mean takes about this share of the bytes; of fewer bytes than
-# usual more, by this power, since modes are then coarse and early in a live call show little.
-TEXTURE_SHARE, USUAL_BYTES, SHARE_POWER, SHARE_TRIES = 0.36, 7000, 0.8, 2
-# Where less than this share of the bytes is used a finer step may fit.
-LEAST_USED = 0.96
+# Search of the quantiser step: start and stride, in steps of `picture_codec.step_size`.
+INITIAL_STEP = 22
+SEARCH_STRIDE = 2
+# At the optimum the mean takes about this share of `NOMINAL_BYTES`; with fewer bytes the share
+# rises by this power, since few and coarse modes explain little of a short sample.
+TEXTURE_SHARE, NOMINAL_BYTES, SHARE_POWER, SHARE_ITERATIONS = 0.36, 7000, 0.8, 2
+# A finer step is tried if the optimum uses less than this share of the bytes.
+MIN_FILL = 0.96
 STEPS_PER_HALVING = 10
-# A mode costs a length, a centre, a unit and a column of the basis beside its picture; and what it
-# must spare, in mean log2 of the error, for its component takes bits from all others in every
-# frame packet.  At 800 bit/s .01 gave carphone .1 dB less, turn the same.
-MODE_OVERHEAD = 24
-MODE_COST = 0.006
-# What a mean costs that takes more than all bytes, beside those: more than any other.
-TOO_LARGE = 1e3
-LEAST_ENERGY = 1e-3
-# A last mode for which there is too little room is coded by so many steps more coarsely; in less
-# than so many bytes none is worth having.
-COARSER_LAST = (0, 4, 8, 12, 16)
-LEAST_MODE_BYTES = 40
+# Bytes of a mode besides its picture: a length, a centre, a unit and a column of the basis.
+MODE_OVERHEAD_BYTES = 24
+# A mode must reduce the mean log2 residual energy by this much: its coefficient takes bits in
+# every frame packet.  At 800 bit/s .01 gave carphone .1 dB less, turn the same.
+MIN_MODE_GAIN = 0.006
+# Cost of a mean that exceeds the byte budget, plus its excess in bytes.
+INFEASIBLE_COST = 1e3
+MIN_MODE_ENERGY = 1e-3
+# Coarser steps tried for a mode that exceeds the free bytes, and the fewest bytes of a mode.
+LAST_MODE_BACKOFF = (0, 4, 8, 12, 16)
+MIN_MODE_BYTES = 40
 
 
 @dataclass(frozen=True, slots=True)
-class Appearance:
-    """What the decoder will have: coded pictures, and what they decode to.
+class CodedAppearance:
+    """Coded mean texture and modes, and the pictures that a decoder makes of them.
 
     texture, modes: the coded pictures.
     mean: (size, size, 3) float32 BGR.
     mode_images: (m, size, size, 3) float32, per unit coefficient.
-    series: what further modes are coded by.
+    mode_codec: codec state after these modes, for further modes.
     """
 
     texture: bytes
     modes: tuple[bytes, ...]
     mean: Single
     mode_images: Single
-    series: ModeSeries
+    mode_codec: ModeDecoder
 
 
-def code_appearance(
-    shape: ShapeFree, stack: Stack, mean: Single, mask: Single, face_bytes: int, most_modes: int
-) -> Appearance:
-    """Code mean and modes within `face_bytes` together, by the quantiser that explains most."""
-    picture = whole_atlas(shape, mean)
-    relief = encode_relief(fineness(shape.atlas, stack.weight))
-    if not most_modes:
-        texture, decoded = finest_still(picture, face_bytes, relief, TEXTURE)
-        size = shape.atlas.size
-        none = np.zeros((0, size, size, 3), np.float32)
-        return Appearance(texture, (), decoded, none, ModeSeries(size, relief))
-    root, support = weighting(stack.weight * mask, mask)
-    frames = to_planes(stack.colours) * root * stack.seen[..., None]
-    bench = _Bench(
-        shape, stack.seen, frames, root, support, picture, relief, face_bytes, most_modes
-    )
-    return bench.written(_best(bench))
+def encode_appearance(
+    shape: ShapeFreeFrame,
+    samples: TextureSamples,
+    mean: Single,
+    mask: Single,
+    max_bytes: int,
+    max_modes: int,
+) -> CodedAppearance:
+    """Encode mean and modes in `max_bytes` at the quantiser step of least residual.
 
-
-def _best(bench: "_Bench") -> "_Coded":
-    """The least cost: downhill from the likely step, then one step between: the next finer if bytes
-    are left over, else where a parabola has its vertex.
+    samples: of which modes are found.  mean: (k, 3) BGR.  mask: (k,) see `face_mask`.
     """
-    likely = min(max(bench.likely_step(), STRIDE), MAX_STEP - STRIDE)
-    tried = [bench.code(likely), bench.code(likely - STRIDE)]
+    atlas_mean = filled_atlas(shape.atlas, mean)
+    weight_map = encode_weight_map(cell_weights(shape.atlas, samples.weight))
+    if not max_modes:
+        texture, decoded = encode_picture_within(atlas_mean, max_bytes, weight_map, TEXTURE)
+        size = shape.atlas.size
+        no_modes = np.zeros((0, size, size, 3), np.float32)
+        return CodedAppearance(texture, (), decoded, no_modes, ModeDecoder(size, weight_map))
+    root, support = root_weight_and_support(samples.weight * mask, mask)
+    frames = to_planes(samples.colours) * root * samples.visible[..., None]
+    coder = _AppearanceCoder(
+        shape.atlas,
+        samples.visible,
+        frames,
+        root,
+        support,
+        atlas_mean,
+        weight_map,
+        max_bytes,
+        max_modes,
+    )
+    return _finalise(_search_step(coder))
+
+
+def _search_step(coder: "_AppearanceCoder") -> "_Candidate":
+    """The candidate of least cost: descent in strides from an estimate, then one step between.
+
+    That step is one finer if bytes are unused, else the nearest to the vertex of a parabola.
+    """
+    start = min(max(coder.initial_step(), SEARCH_STRIDE), MAX_STEP_CODE - SEARCH_STRIDE)
+    tried = [coder.encode(start), coder.encode(start - SEARCH_STRIDE)]
     best = min(tried, key=_cost)
-    onwards = STRIDE if best.step == likely else -STRIDE
-    while 0 <= best.step + onwards <= MAX_STEP:
-        tried.append(bench.code(best.step + onwards))
+    stride = SEARCH_STRIDE if best.step == start else -SEARCH_STRIDE
+    while 0 <= best.step + stride <= MAX_STEP_CODE:
+        tried.append(coder.encode(best.step + stride))
         if tried[-1].cost >= best.cost:
             break
         best = tried[-1]
-    more = {coded.step - best.step: coded.cost - best.cost for coded in tried}
-    shift = _vertex(more.get(-STRIDE, TOO_LARGE), more.get(STRIDE, TOO_LARGE))
-    if best.size_bytes < LEAST_USED * bench.face_bytes:
+    excess = {candidate.step - best.step: candidate.cost - best.cost for candidate in tried}
+    shift = _parabola_vertex(
+        excess.get(-SEARCH_STRIDE, INFEASIBLE_COST), excess.get(SEARCH_STRIDE, INFEASIBLE_COST)
+    )
+    if best.size_bytes < MIN_FILL * coder.max_bytes:
         shift = -1
     if not shift or best.step + shift < 0:
         return best
-    return min(best, bench.code(best.step + shift), key=_cost)
+    return min(best, coder.encode(best.step + shift), key=_cost)
 
 
-def _vertex(before: float, after: float) -> int:
-    """Steps from the least of three costs, `STRIDE` apart, to a parabola's vertex.
+def _parabola_vertex(before: float, after: float) -> int:
+    """Steps from the least of three costs, `SEARCH_STRIDE` apart, to the vertex of their parabola.
 
-    before, after: by how much more the others cost; the vertex is between even if one is no use.
+    before, after: excess of the costs of the finer and the coarser neighbour, >= 0: the vertex lies
+        between the neighbours even if one of them is infeasible.
     """
-    return round(STRIDE / 2 * (before - after) / max(before + after, 1e-9))
+    return round(SEARCH_STRIDE / 2 * (before - after) / max(before + after, 1e-9))
 
 
-def fineness(atlas: Atlas, weight: Single) -> Array:
-    """How finely each cell of the atlas' relief should be coded: errors count by `weight` (k,)."""
-    cell = atlas.rows * SIDE // atlas.size * SIDE + atlas.columns * SIDE // atlas.size
+def cell_weights(atlas: Atlas, weight: Single) -> Array:
+    """Weights (SIDE, SIDE) of the cells of a weight map, 1 for the median texel.
+
+    weight: (k,) of squared errors of each texel.
+    """
+    cell = (
+        atlas.rows * GRID_SIDE // atlas.size * GRID_SIDE + atlas.columns * GRID_SIDE // atlas.size
+    )
     root = np.sqrt(np.maximum(weight, 0))
-    usual = max(float(np.median(root)), 1e-3)
-    count = np.bincount(cell, minlength=SIDE * SIDE)
-    total = np.bincount(cell, root, SIDE * SIDE)
-    mean = np.where(count > 0, total / np.maximum(count, 1), usual)
-    return np.maximum(mean / usual, 1e-3).reshape(SIDE, SIDE)
+    median = max(float(np.median(root)), 1e-3)
+    count = np.bincount(cell, minlength=GRID_SIDE * GRID_SIDE)
+    total = np.bincount(cell, root, GRID_SIDE * GRID_SIDE)
+    mean = np.where(count > 0, total / np.maximum(count, 1), median)
+    return np.maximum(mean / median, 1e-3).reshape(GRID_SIDE, GRID_SIDE)
 
 
 @dataclass(frozen=True, slots=True)
-class _Coded:
-    """Drafts of a mean and its modes, what further ones are coded by, their step, and the mean log2
-    of the error left in frames, with what the modes cost them.
+class _Candidate:
+    """A mean and modes coded at one quantiser step, not yet written.
+
+    cost: mean log2 of the frames' residual energy, plus `MIN_MODE_GAIN` for each mode.
     """
 
-    texture: Draft
-    modes: tuple[Draft, ...]
-    series: ModeSeries
+    texture: EncodedPicture
+    modes: tuple[EncodedPicture, ...]
+    mode_codec: ModeDecoder
     step: int
     cost: float
 
     @property
     def size_bytes(self) -> int:
-        """What it takes of the budget."""
-        modes = sum(mode.size_bytes + MODE_OVERHEAD for mode in self.modes)
+        """Bytes of the pictures, with the overhead of the modes."""
+        modes = sum(mode.size_bytes + MODE_OVERHEAD_BYTES for mode in self.modes)
         return self.texture.size_bytes + modes
 
 
-def _cost(coded: _Coded) -> float:
-    return coded.cost
+def _cost(candidate: _Candidate) -> float:
+    return candidate.cost
 
 
 @dataclass(frozen=True, slots=True)
-class _Bench:
-    """The frames of a stack, and the whole atlas of its mean, to be coded in several ways.
+class _AppearanceCoder:
+    """The samples and their mean, to be encoded at several quantiser steps.
 
-    seen: (t, k).  frames: (t, k, 3) planes of what is seen, by the roots of what errors count.
-    root, support: see `weighting`.
+    visible: (t, k).  frames: (t, k, 3) planes of visible texels, times `root`.
+    root, support: see `root_weight_and_support`.  atlas_mean: (size, size, 3) BGR.
     """
 
-    shape: ShapeFree
-    seen: NDArray[np.bool_]
+    atlas: Atlas
+    visible: NDArray[np.bool_]
     frames: Single
     root: Single
     support: Single
-    picture: Single
-    relief: bytes
-    face_bytes: int
-    most_modes: int
+    atlas_mean: Single
+    weight_map: bytes
+    max_bytes: int
+    max_modes: int
 
-    def likely_step(self) -> int:
-        """About the step at which the mean takes its usual share."""
-        step = FIRST_STEP
-        scarcity = max(1.0, USUAL_BYTES / max(self.face_bytes, 1))
-        most = min(TEXTURE_SHARE * scarcity**SHARE_POWER, 1.0) * self.face_bytes
-        for _ in range(SHARE_TRIES):
-            size = draft_still(self.picture, step, self.relief, TEXTURE).size_bytes
-            octaves = np.log2(size / most)
-            step = min(max(step + round(STEPS_PER_HALVING * octaves), 0), MAX_STEP)
+    def initial_step(self) -> int:
+        """An estimate of the step at which the mean takes its share of the bytes."""
+        step = INITIAL_STEP
+        scarcity = max(1.0, NOMINAL_BYTES / max(self.max_bytes, 1))
+        target = min(TEXTURE_SHARE * scarcity**SHARE_POWER, 1.0) * self.max_bytes
+        for _ in range(SHARE_ITERATIONS):
+            size = encode_picture(self.atlas_mean, step, self.weight_map, TEXTURE).size_bytes
+            octaves = np.log2(size / target)
+            step = min(max(step + round(STEPS_PER_HALVING * octaves), 0), MAX_STEP_CODE)
         return step
 
-    def code(self, step: int) -> _Coded:
-        """The mean, and as many modes as fit, each found in what the coded ones leave over."""
-        size, at = self.shape.atlas.size, (self.shape.atlas.rows, self.shape.atlas.columns)
-        texture = draft_still(self.picture, step, self.relief, TEXTURE)
-        root = self.root
-        mean = to_planes(texture.colours[at]) * root
-        frames = self.frames - mean * self.seen[..., None]
-        remainder = Remainder(frames.reshape(len(frames), -1))
-        series = ModeSeries(size, self.relief)
-        left = self.face_bytes - texture.size_bytes
-        modes: list[Draft] = []
-        error = remainder.error if left >= 0 else TOO_LARGE - left
-        while len(modes) < self.most_modes:
-            direction = np.zeros((size, size, 3), np.float32)
-            strongest, _ = remainder.strongest()
-            direction[at] = strongest.reshape(-1, 3) / root * self.support
-            found = _fitting(series, direction, step, left - MODE_OVERHEAD)
-            if found is None:
+    def encode(self, step: int) -> _Candidate:
+        """The mean, and modes until bytes or gain run out."""
+        texture = encode_picture(self.atlas_mean, step, self.weight_map, TEXTURE)
+        residual = self._residual(texture)
+        codec = ModeDecoder(self.atlas.size, self.weight_map)
+        free_bytes = self.max_bytes - texture.size_bytes
+        error = residual.mean_log_energy if free_bytes >= 0 else INFEASIBLE_COST - free_bytes
+        modes: list[EncodedPicture] = []
+        while len(modes) < self.max_modes:
+            image = self._leading_image(residual)
+            encoded = _encode_mode_within(codec, image, step, free_bytes - MODE_OVERHEAD_BYTES)
+            if encoded is None:
                 break
-            taught, mode = found
-            row = (to_planes(mode.colours[at]) * root).ravel()
-            if float(row @ row) < LEAST_ENERGY:
+            row = self._weighted(encoded[1].decoded).ravel()
+            if float(row @ row) < MIN_MODE_ENERGY:
                 break
-            remainder.explain(row)
-            if error - remainder.error < MODE_COST:
+            residual.add_mode(row)
+            if error - residual.mean_log_energy < MIN_MODE_GAIN:
                 break
-            error, series = remainder.error, taught
-            left -= mode.size_bytes + MODE_OVERHEAD
+            error = residual.mean_log_energy
+            codec, mode = encoded
+            free_bytes -= mode.size_bytes + MODE_OVERHEAD_BYTES
             modes.append(mode)
-        return _Coded(texture, tuple(modes), series, step, error + MODE_COST * len(modes))
+        return _Candidate(texture, tuple(modes), codec, step, error + MIN_MODE_GAIN * len(modes))
 
-    def written(self, coded: _Coded) -> Appearance:
-        """Drafts as they are sent."""
-        modes = tuple(mode.write() for mode in coded.modes)
-        shown = np.array([mode.colours for mode in coded.modes], np.float32)
-        shown = shown.reshape(-1, *coded.texture.colours.shape)
-        texture = coded.texture
-        return Appearance(texture.write(), modes, texture.colours, shown, coded.series)
+    def _residual(self, texture: EncodedPicture) -> OrthogonalResidual:
+        frames = self.frames - self._weighted(texture.decoded) * self.visible[..., None]
+        return OrthogonalResidual(frames.reshape(len(frames), -1))
+
+    def _leading_image(self, residual: OrthogonalResidual) -> Single:
+        """The leading direction of a residual as planes (size, size, 3)."""
+        image = np.zeros((self.atlas.size, self.atlas.size, 3), np.float32)
+        direction, _ = residual.leading_direction()
+        image[self.atlas.rows, self.atlas.columns] = (
+            direction.reshape(-1, 3) / self.root * self.support
+        )
+        return image
+
+    def _weighted(self, image: Single) -> Single:
+        """(k, 3) planes of the texels of an image (size, size, 3) BGR, times `root`."""
+        colours = image[self.atlas.rows, self.atlas.columns]
+        return np.asarray(to_planes(colours) * self.root, np.float32)
 
 
-def _fitting(
-    series: ModeSeries, direction: Single, step: int, most_bytes: int
-) -> tuple[ModeSeries, Draft] | None:
-    """A mode within `most_bytes`, coded more coarsely if need be, and the series it belongs to."""
-    for coarser in COARSER_LAST if most_bytes >= LEAST_MODE_BYTES else ():
-        ours = series.copy()
-        mode = draft_mode(ours, direction, min(step + coarser, MAX_STEP))
-        if mode.size_bytes <= most_bytes:
-            return ours, mode
+def _finalise(candidate: _Candidate) -> CodedAppearance:
+    texture = candidate.texture
+    modes = tuple(mode.serialise() for mode in candidate.modes)
+    images = np.array([mode.decoded for mode in candidate.modes], np.float32)
+    images = images.reshape(-1, *texture.decoded.shape)
+    return CodedAppearance(
+        texture.serialise(), modes, texture.decoded, images, candidate.mode_codec
+    )
+
+
+def _encode_mode_within(
+    codec: ModeDecoder, image: Single, step: int, max_bytes: int
+) -> tuple[ModeDecoder, EncodedPicture] | None:
+    """A mode within `max_bytes`, at a coarser step if need be, and the codec state after it."""
+    for backoff in LAST_MODE_BACKOFF if max_bytes >= MIN_MODE_BYTES else ():
+        advanced = codec.copy()
+        mode = encode_mode(advanced, image, min(step + backoff, MAX_STEP_CODE))
+        if mode.size_bytes <= max_bytes:
+            return advanced, mode
     return None
-
-
-def whole_atlas(shape: ShapeFree, colours: Single) -> Single:
-    """The whole atlas (size, size, c) of texel colours (k, c), continued smoothly."""
-    atlas = shape.atlas
-    image = np.zeros((atlas.size, atlas.size, colours.shape[1]), np.float32)
-    known = np.zeros((atlas.size, atlas.size), bool)
-    image[atlas.rows, atlas.columns] = colours
-    known[atlas.rows, atlas.columns] = True
-    return fill(image, known)

@@ -1,7 +1,7 @@
-"""Appearance modes learned while a live call goes on, one by one.
+"""Incremental learning of appearance modes during a live call.
 
-What a caller's model cannot show of the last few seconds is left over; its strongest direction is
-the next mode.  It is coded as the modes of the model packet are, and goes out at once.
+The next mode is the leading direction of what the model leaves of the last seconds' samples.  It is
+coded like the modes of the model packet and sent at once.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,16 +10,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.masks import weighting
+from encoder.appearance.masks import root_weight_and_support
 from encoder.capture.face_crop import Crop
-from encoder.learning.orthogonal_residual import Remainder
-from encoder.learning.person_model import Caller, shape_free_views, sharpened_stack
-from encoder.picture_coding.picture_encoder import draft_mode, held_share
-from protocol.frames.frame_transform import SPARE_HARM_GREY
+from encoder.learning.orthogonal_residual import OrthogonalResidual
+from encoder.learning.person_model import PersonModel
+from encoder.learning.sample_fitting import sample_faces, super_resolved
+from encoder.picture_coding.picture_encoder import EncodedPicture, encode_mode, retained_energy
+from protocol.frames.frame_transform import RESERVED_MODE_GREY
 from protocol.pictures.picture_codec import (
-    MAX_STEP,
+    MAX_STEP_CODE,
     STEPS_PER_OCTAVE,
-    ModeSeries,
+    ModeDecoder,
     to_luma,
     to_planes,
 )
@@ -28,131 +29,143 @@ from shared_model.parameters import FaceParameters
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-# How long a look counts at all, after what time half as much, and how often to look at most: the
-# times are those of a source that can be looked at so often.
+# Samples of a sliding window, weighted down by age.
 WINDOW_S = 3.0
 HALF_LIFE_S = 1.0
-LOOKS_PER_S = 8.0
-MOST_LOOKS = round(WINDOW_S * LOOKS_PER_S)
-# Modes may take this much, and save up for one second.
+SAMPLES_PER_S = 8.0
+WINDOW_SAMPLES = round(WINDOW_S * SAMPLES_PER_S)
+# Bytes that modes may take, with a reservoir of one second.
 BYTES_PER_S = 1200.0
-# A mode must explain this share of what is left over; one that is expected to explain less than
-# this part of that is not coded to find out.
-LEAST_GAIN, HOPELESS = 0.04, 0.5
-# The quantiser's step for a mode as strong as frames show it, in steps of `pictures.step_size`.
-FIRST_STEP = 28
-# A mode of more bytes is coded by so many steps more coarsely, and the next one a turn finer than
-# that: soon is better than fine.
-MOST_BYTES = 500
-COARSER = 4
-# Fewer looks teach nothing that the next one would not undo.
-LEAST_LOOKS = 2
+# A mode must explain this share of the residual energy.  A mode is encoded if a pretest, without
+# entropy coding, predicts at least this part of that share.
+MIN_EXPLAINED_SHARE, PRETEST_FACTOR = 0.04, 0.5
+# The quantiser step of a mode of unit scale, in steps of `picture_codec.step_size`.
+INITIAL_STEP = 28
+# A mode of more bytes is encoded again, so many steps coarser; the next mode starts as many steps
+# finer than the last one ended.  A mode that is sent early is worth more than a fine one.
+MAX_MODE_BYTES = 500
+STEP_BACKOFF = 4
+MIN_SAMPLES = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Grown:
-    """A new mode: coded, and the luma (size, size) that it adds to the texture per coefficient."""
+class LearnedMode:
+    """A coded mode, and the luma (size, size) that it adds to the texture per unit coefficient."""
 
     data: bytes
     luma: Single
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """A picture of the caller, and the landmarks (468, 3) in its frame, pixels.
+class FaceSample:
+    """A crop of a frame, and the landmarks (468, 3) in the frame, pixels.
 
-    face: as it was found there; None: by another model, or not yet.
+    face: the fitted face; None if it is not fitted by the model that modes are learned for.
     """
 
     crop: Crop
-    points: Array
+    landmarks: Array
     face: FaceParameters | None = None
 
 
-class Grower:
-    """Finds modes that one model of a caller lacks.
+FitSample = Callable[[FaceSample], FaceParameters]
 
-    find: how the face is in a look, by that model.
-    """
 
-    def __init__(self, caller: Caller, find: Callable[[Look], FaceParameters]) -> None:
-        self._caller, self._find = caller, find
-        appearance, shape = caller.appearance, caller.shape
-        self._at = (shape.atlas.rows, shape.atlas.columns)
-        self._mean = appearance.mean[self._at]
-        self._root, self._support = weighting(caller.weight, caller.mask)
-        self._series = appearance.series
-        self._coarser = 0
-        self._remainder = Remainder(np.zeros((0, 3 * len(shape)), np.float32))
+class ModeLearner:
+    """Learns the modes that a person model lacks, from a sliding window of samples."""
+
+    def __init__(self, person: PersonModel) -> None:
+        self._person = person
+        appearance, shape = person.appearance, person.shape
+        self._texels = (shape.atlas.rows, shape.atlas.columns)
+        self._mean = appearance.mean[self._texels]
+        self._root, self._support = root_weight_and_support(person.weight, person.mask)
+        self._mode_codec = appearance.mode_codec
+        self._step_offset = 0
+        self._residual = OrthogonalResidual(np.zeros((0, 3 * len(shape)), np.float32))
         for image in appearance.mode_images:
-            self._remainder.explain(self._weighted(image[self._at]))
+            self._residual.add_mode(self._weighted(image[self._texels]))
 
-    def grow(self, looks: Sequence[Look], room_bytes: float, most: int) -> list[Grown]:
-        """New modes, after some more looks: until they take `room_bytes`, at most `most`."""
-        for look in looks:
-            self._remainder.add(self._left_over(look))
-            if len(self._remainder) > MOST_LOOKS:
-                self._remainder.forget()
-        found: list[Grown] = []
-        while len(self._remainder) >= LEAST_LOOKS and room_bytes > 0 and len(found) < most:
-            mode = self._next()
+    def update(
+        self, samples: Sequence[FaceSample], fit: FitSample, byte_budget: float, max_modes: int
+    ) -> list[LearnedMode]:
+        """Add samples, and learn modes until they take `byte_budget`, at most `max_modes`.
+
+        fit: fits the face of a sample that has none, by the model with all modes learned so far.
+        """
+        for sample in samples:
+            self._residual.add_frame(self._residual_of(sample, sample.face or fit(sample)))
+            if len(self._residual) > WINDOW_SAMPLES:
+                self._residual.drop_oldest_frame()
+        modes: list[LearnedMode] = []
+        while len(self._residual) >= MIN_SAMPLES and byte_budget > 0 and len(modes) < max_modes:
+            mode = self._learn_mode()
             if mode is None:
                 break
-            found.append(mode)
-            room_bytes -= len(mode.data)
-        return found
+            modes.append(mode)
+            byte_budget -= len(mode.data)
+        return modes
 
-    def _left_over(self, look: Look) -> Single:
-        """(3 k,) weighted planes of what the mean leaves of a look; nothing where it is unseen."""
-        crops, faces = [look.crop], [look.face or self._find(look)]
-        shape, face = self._caller.shape, self._caller.face
-        stack = shape_free_views(face.head, shape, face, crops, faces, 1)
-        sharp = sharpened_stack(shape, stack, crops, faces, 1)
-        colours = (sharp.colours[0] - self._mean) * sharp.seen[0][:, None]
+    def _residual_of(self, sample: FaceSample, fitted: FaceParameters) -> Single:
+        """(3 k,) weighted planes of a sample minus the mean texture, 0 at hidden texels.
+
+        fitted: the face in the sample.
+        """
+        shape, crops, faces = self._person.shape, [sample.crop], [fitted]
+        samples = sample_faces(self._person.face, shape, crops, faces, workers=1)
+        sharp = super_resolved(shape, samples, crops, faces, workers=1)
+        colours = (sharp.colours[0] - self._mean) * sharp.visible[0][:, None]
         return self._weighted(np.asarray(colours, np.float32))
 
     def _weighted(self, colours: Single) -> Single:
         return np.asarray((to_planes(colours) * self._root).ravel(), np.float32)
 
-    def _next(self) -> Grown | None:
-        """The strongest mode, if it is worth its bytes."""
-        age = np.arange(len(self._remainder))[::-1]
-        recency = np.exp2(-age / (2 * HALF_LIFE_S * LOOKS_PER_S))
-        strongest, share = self._remainder.strongest(recency)
-        # No mode explains more than the strongest direction holds.
-        if share < LEAST_GAIN:
+    def _learn_mode(self) -> LearnedMode | None:
+        """Encode the leading direction of the residual; None if it explains too little."""
+        age = np.arange(len(self._residual))[::-1]
+        recency = np.exp2(-age / (2 * HALF_LIFE_S * SAMPLES_PER_S))
+        direction, share = self._residual.leading_direction(recency)
+        # The share of the leading direction is an upper bound for any mode's.
+        if share < MIN_EXPLAINED_SHARE:
             return None
-        direction = strongest.reshape(-1, 3) / self._root * self._support
-        size = len(self._caller.appearance.mean)
-        # Scaled so that its component's unit is what spare components have.
-        rms = np.sqrt(((direction * self._root) ** 2).sum() / (self._root**2).sum())
-        scale = SPARE_HARM_GREY / max(float(rms), 1e-3)
-        step = round(FIRST_STEP + STEPS_PER_OCTAVE * np.log2(scale))
-        planes = np.zeros((size, size, 3), np.float32)
-        planes[self._at] = direction * np.float32(scale)
-        coarser = max(0, self._coarser - COARSER)
-        held = held_share(self._series, planes, min(max(step + coarser, 0), MAX_STEP))
-        if share * held < HOPELESS * LEAST_GAIN:
+        planes, step = self._scaled_planes(direction)
+        offset = max(0, self._step_offset - STEP_BACKOFF)
+        retained = retained_energy(self._mode_codec, planes, _clipped_step(step + offset))
+        if share * retained < PRETEST_FACTOR * MIN_EXPLAINED_SHARE:
             return None
-        self._coarser = coarser
-        series, data, image = self._coded(planes, step)
-        row = self._weighted(image[self._at])
+        self._step_offset = offset
+        codec, encoded = self._encode(planes, step)
+        row = self._weighted(encoded.decoded[self._texels])
         if not row.any():
             return None
-        before = self._remainder.energy(recency)
-        self._remainder.explain(row)
-        if before - self._remainder.energy(recency) < LEAST_GAIN * before:
-            self._remainder.withdraw()
+        before = self._residual.weighted_energy(recency)
+        self._residual.add_mode(row)
+        if before - self._residual.weighted_energy(recency) < MIN_EXPLAINED_SHARE * before:
+            self._residual.remove_last_mode()
             return None
-        self._series = series
-        return Grown(data, to_luma(image))
+        self._mode_codec = codec
+        return LearnedMode(encoded.serialise(), to_luma(encoded.decoded))
 
-    def _coded(self, planes: Single, step: int) -> tuple[ModeSeries, bytes, Single]:
-        """A mode as it is coded from `step` on, and the series that it then belongs to."""
+    def _scaled_planes(self, residual_direction: Single) -> tuple[Single, int]:
+        """A direction (3 k,) at the scale of a reserved mode: planes (size, size, 3) and a step."""
+        direction = residual_direction.reshape(-1, 3) / self._root * self._support
+        rms = np.sqrt(((direction * self._root) ** 2).sum() / (self._root**2).sum())
+        scale = RESERVED_MODE_GREY / max(float(rms), 1e-3)
+        size = len(self._person.appearance.mean)
+        planes = np.zeros((size, size, 3), np.float32)
+        planes[self._texels] = direction * np.float32(scale)
+        return planes, round(INITIAL_STEP + STEPS_PER_OCTAVE * np.log2(scale))
+
+    def _encode(self, planes: Single, step: int) -> tuple[ModeDecoder, EncodedPicture]:
+        """A mode within `MAX_MODE_BYTES`, and the codec state after it; raises the step offset."""
         while True:
-            series = self._series.copy()
-            found = min(max(step + self._coarser, 0), MAX_STEP)
-            draft = draft_mode(series, planes, found)
-            if draft.size_bytes <= MOST_BYTES or found == MAX_STEP:
-                return series, draft.write(), draft.colours
-            self._coarser += COARSER
+            codec = self._mode_codec.copy()
+            tried = _clipped_step(step + self._step_offset)
+            encoded = encode_mode(codec, planes, tried)
+            if encoded.size_bytes <= MAX_MODE_BYTES or tried == MAX_STEP_CODE:
+                return codec, encoded
+            self._step_offset += STEP_BACKOFF
+
+
+def _clipped_step(step: int) -> int:
+    return min(max(step, 0), MAX_STEP_CODE)

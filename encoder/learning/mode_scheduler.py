@@ -1,85 +1,88 @@
-"""When a live call learns single modes between its models, and from what."""
+"""Scheduling of incremental mode learning in a live call, within a byte budget."""
 
 from collections import deque
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from functools import partial
 
-from encoder.calls.model_version import Epoch
 from encoder.learning.incremental_modes import (
     BYTES_PER_S,
-    LOOKS_PER_S,
-    MOST_LOOKS,
-    Grower,
-    Grown,
-    Look,
+    SAMPLES_PER_S,
+    WINDOW_SAMPLES,
+    FaceSample,
+    FitSample,
+    LearnedMode,
+    ModeLearner,
 )
+from encoder.learning.person_model import PersonModel
 
-# New modes come together at most this often: each costs the tracker a new template.
-EVERY_S = 0.25
-# How many looks from before an update are taken again, of these few nearly all.
-FIRST_LOOKS = MOST_LOOKS // 2
+# Time between two updates: each new mode changes the template of the texel fitter.
+MIN_INTERVAL_S = 0.25
+# Samples of the last window that a learner for a new model starts with.
+CARRIED_OVER_SAMPLES = WINDOW_SAMPLES // 2
 
 
-class LiveModes:
-    """Keeps what the call has shown lately, and learns from it beside the frames.
+class ModeScheduler:
+    """Collects recent samples and runs a `ModeLearner` on them.
 
-    fps: of the source.  pool: where to learn; None: at once, before the next frame.
+    fps: of the source.  pool: runs the learner in the background; None: in the caller's thread.
     """
 
     def __init__(self, fps: float, pool: Executor | None) -> None:
         self._fps, self._pool = fps, pool
-        self._recent: deque[Look] = deque(maxlen=MOST_LOOKS)
-        self._fresh = deque[Look](maxlen=self._recent.maxlen)
-        self._grower: Grower | None = None
-        self._learning: Future[list[Grown]] | None = None
-        self._looked_at = self._grown_at = float("-inf")
-        self._room_bytes = 0.0
+        self._recent_samples: deque[FaceSample] = deque(maxlen=WINDOW_SAMPLES)
+        self._new_samples = deque[FaceSample](maxlen=self._recent_samples.maxlen)
+        self._learner: ModeLearner | None = None
+        self._job: Future[list[LearnedMode]] | None = None
+        self._last_sample = self._last_update = float("-inf")
+        self._byte_budget = 0.0
 
-    def start(self, epoch: Epoch) -> None:
-        """From now on learn what this model lacks; what is being learned is of the one before."""
-        # Not by the epoch's drawing: when its tracker is taught a mode, that one is not.
-        self._grower = Grower(epoch.learned.caller, epoch.explain)
-        self._fresh.clear()
-        newest = list(self._recent)[-FIRST_LOOKS:]
-        self._fresh.extend(replace(look, face=None) for look in newest)
-        self._learning = None
+    def start(self, person: PersonModel) -> None:
+        """Learn the modes that `person` lacks; the result of a running job is dropped."""
+        self._learner = ModeLearner(person)
+        self._new_samples.clear()
+        newest = list(self._recent_samples)[-CARRIED_OVER_SAMPLES:]
+        self._new_samples.extend(replace(sample, face=None) for sample in newest)
+        self._job = None
 
-    def wants(self, index: int) -> bool:
-        """Whether source frame `index` should be looked at."""
-        return index - self._looked_at >= self._fps / LOOKS_PER_S
+    def wants_sample(self, index: int) -> bool:
+        """Whether source frame `index` should be added."""
+        return index - self._last_sample >= self._fps / SAMPLES_PER_S
 
-    def look(self, index: int, look: Look) -> None:
-        """Source frame `index`."""
-        self._looked_at = index
-        self._recent.append(look)
-        self._fresh.append(look)
+    def add_sample(self, index: int, sample: FaceSample) -> None:
+        """Add a sample of source frame `index`."""
+        self._last_sample = index
+        self._recent_samples.append(sample)
+        self._new_samples.append(sample)
 
-    def grown(self, index: int, most: int, due: bool) -> list[Grown]:
-        """Modes that have been learned by source frame `index`.
+    def take_modes(
+        self, index: int, fit: FitSample, max_modes: int, may_start: bool
+    ) -> list[LearnedMode]:
+        """The modes learned by source frame `index`.
 
-        due: goes on with at most `most`, if it is time.
+        fit: see `ModeLearner.update`.
+        max_modes: of a new update.  may_start: whether an update may start now.
         """
-        if self._learning is not None:
-            if not self._learning.done():
+        if self._job is not None:
+            if not self._job.done():
                 return []
-            found, self._learning = self._learning.result(), None
-            return self._spent(found)
-        early = index - self._grown_at < EVERY_S * self._fps
-        if early or not due or not self._fresh or not most:
+            modes, self._job = self._job.result(), None
+            return self._charge(modes)
+        early = index - self._last_update < MIN_INTERVAL_S * self._fps
+        if early or not may_start or not self._new_samples or not max_modes:
             return []
-        earned = BYTES_PER_S * min(1.0, (index - self._grown_at) / self._fps)
-        self._room_bytes = min(self._room_bytes + earned, BYTES_PER_S)
-        self._grown_at = index
-        assert self._grower is not None
-        looks = list(self._fresh)
-        self._fresh.clear()
-        job = partial(self._grower.grow, looks, self._room_bytes, most)
+        earned = BYTES_PER_S * min(1.0, (index - self._last_update) / self._fps)
+        self._byte_budget = min(self._byte_budget + earned, BYTES_PER_S)
+        self._last_update = index
+        assert self._learner is not None
+        samples = list(self._new_samples)
+        self._new_samples.clear()
+        job = partial(self._learner.update, samples, fit, self._byte_budget, max_modes)
         if self._pool is None:
-            return self._spent(job())
-        self._learning = self._pool.submit(job)
+            return self._charge(job())
+        self._job = self._pool.submit(job)
         return []
 
-    def _spent(self, found: list[Grown]) -> list[Grown]:
-        self._room_bytes -= sum(len(mode.data) for mode in found)
-        return found
+    def _charge(self, modes: list[LearnedMode]) -> list[LearnedMode]:
+        self._byte_budget -= sum(len(mode.data) for mode in modes)
+        return modes

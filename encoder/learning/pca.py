@@ -1,28 +1,31 @@
-"""Principal components of texture samples."""
+"""Principal component analysis of luma texture samples."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from encoder.appearance.template import Template
-from encoder.appearance.texture_samples import Stack
+from encoder.appearance.texture_samples import TextureSamples
 
 Single = NDArray[np.float32]
 
 
-def luma_modes(stack: Stack, mean: Single, count: int) -> Single:
-    """(count, k) leading modes of a stack of luma about `mean` (k, 1), for tracking."""
+def luma_modes(samples: TextureSamples, mean: Single, count: int) -> Single:
+    """The leading `count` principal components (count, k) of luma samples about `mean` (k, 1).
+
+    The components have unit length in the metric of the samples' texel weights.
+    """
     if not count:
         return np.zeros((0, len(mean)), np.float32)
-    residual = (stack.colours - mean)[..., 0] * stack.seen
-    root = np.sqrt(np.maximum(stack.weight, 1e-6))
+    residual = (samples.colours - mean)[..., 0] * samples.visible
+    root = np.sqrt(np.maximum(samples.weight, 1e-6))
     rows = np.asarray(residual * root, np.float32)
-    # Frames are few and texels many: of the frames' inner products rather than by an SVD.
+    # Frames are fewer than texels: the Gram matrix of the frames is smaller than an SVD's input.
     _, vectors = np.linalg.eigh((rows @ rows.T).astype(np.float64))
     modes = vectors[:, : -count - 1 : -1].T.astype(np.float32) @ rows
     lengths = np.maximum(np.linalg.norm(modes, axis=1, keepdims=True), 1e-6)
     return np.asarray(modes / lengths / root, np.float32)
 
 
-def template_of(stack: Stack, mean: Single, modes: Single) -> Template:
-    """The tracking template of a mean (k, 1) and modes (m, k), luma."""
-    return Template(mean[:, 0], modes, stack.weight)
+def make_template(samples: TextureSamples, mean: Single, modes: Single) -> Template:
+    """The template of a mean (k, 1) and modes (m, k), luma, with the weights of the samples."""
+    return Template(mean[:, 0], modes, samples.weight)

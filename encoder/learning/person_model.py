@@ -1,4 +1,7 @@
-"""A caller: identity and appearance, learned from a sample of frames, to find further frames by."""
+"""The person model: identity, coded appearance, and what fits them to further frames.
+
+It is built from a sample of the frames of a call.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -6,23 +9,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.masks import face_mask, mouth_weight, within_outline
-from encoder.appearance.shape_free import ShapeFree
-from encoder.appearance.super_resolution import sharpened
+from encoder.appearance.masks import face_mask, mouth_weights, outline_coverage
+from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.appearance.template import Template
-from encoder.appearance.texel_visibility import DEPTH_CELL_MM, visible_texels
-from encoder.appearance.texture import fitting_size, texel_pixels, unseen_colours
-from encoder.appearance.texture_samples import Stack, mean_colours, shape_free_stack, texel_areas
+from encoder.appearance.texel_visibility import visible_texels
+from encoder.appearance.texture import atlas_size_for, default_colours, pixels_per_texel
+from encoder.appearance.texture_samples import (
+    TextureSamples,
+    mean_texture,
+    texel_footprints,
+)
 from encoder.capture.face_crop import Crop, crop_face
-from encoder.coding.model_packet import Budget, identity_of, shape_packet
-from encoder.detection.landmark_indices import outline_of
-from encoder.fitting.analysis_by_synthesis import TEXELS, Refiner, coefficients
-from encoder.fitting.identity import Fitted
-from encoder.fitting.render_and_compare import Drawing
-from encoder.learning.appearance_encoder import Appearance, code_appearance, whole_atlas
-from encoder.learning.pca import luma_modes, template_of
-from encoder.runtime.parallel import on_cores
-from protocol.packets import CallParameters
+from encoder.fitting.analysis_by_synthesis import Refiner
+from encoder.fitting.fit_results import Fitted
+from encoder.fitting.quantised_identity import quantised_identity
+from encoder.fitting.render_and_compare import MOST_PIXELS, Drawing
+from encoder.learning.appearance_encoder import CodedAppearance, encode_appearance
+from encoder.learning.sample_fitting import (
+    fit_samples,
+    fit_samples_coarse,
+    fit_samples_in_image,
+    sample_faces,
+    super_resolved,
+)
 from protocol.pictures.picture_codec import to_luma
 from shared_model.animate import Face
 from shared_model.appearance import atlas_of
@@ -34,241 +43,160 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
-TRACKING_MODES = (0, 4, 8)
-DRAWN_MODES = 14
-# A face that shows all it has, and what share of the texels' pixels then counts of those that have
-# not been seen.
-OPEN = {"jaw_drop": 0.6, "upper_lip_raise": 0.5, "lower_lip_lower": 0.5}
-OPEN_SHARE = 0.5
+# The expression of a wide open face, and the share of its texel footprints that counts for texels
+# that the sample hides.
+WIDE_OPEN_EAUS = {"jaw_drop": 0.6, "upper_lip_raise": 0.5, "lower_lip_lower": 0.5}
+DISOCCLUSION_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Caller:
-    """Everything about the caller that does not change from frame to frame.
+class PersonModel:
+    """What is constant for a person between two model packets.
 
-    face: with this identity, as the decoder has it.
-    tracker: what frames are refined with, at a part of the texels.
-    shape: all texels.  weight: (k,) what each counts: the pixels it covers, less beside the face;
-        in live calls more in the mouth and on the lips, and what may yet be seen as if half seen.
+    face: with the quantised identity.  reference: the pose of the model packet.
+    texel_fitter: fits frames at a subset of the texels.
+    shape: all texels.  weight: (k,) of squared errors of each texel, see `build_person_model`.
     mask: (k,) 1 on the face, see `face_mask`.
     """
 
     fitted: Fitted
     face: Face
     reference: FaceParameters
-    tracker: Refiner
-    appearance: Appearance
+    texel_fitter: Refiner
+    appearance: CodedAppearance
     pixels_per_texel: float
-    shape: ShapeFree
+    shape: ShapeFreeFrame
     weight: Single
     mask: Single
 
+    def image_fitter(self, max_pixels: int = MOST_PIXELS) -> Drawing:
+        """A fitter that renders the appearance as a decoder does.  max_pixels: see `Drawing`."""
+        mean, modes = to_luma(self.appearance.mean), to_luma(self.appearance.mode_images)
+        return Drawing(self.face, self.shape.camera, mean, modes, max_pixels)
+
 
 @dataclass(frozen=True, slots=True)
-class Learned:
-    """A caller, and the sample it was learned from with its refined faces."""
+class TrainedModel:
+    """A person model, and the crops and fitted faces of its sample."""
 
-    caller: Caller
+    person: PersonModel
     crops: list[Crop]
     faces: list[FaceParameters]
 
 
-def learn_caller(
+def build_person_model(
     head: Head,
     fitted: Fitted,
     faces: Sequence[FaceParameters],
     sample_frames: Sequence[tuple[int, Picture]],
-    points: Sequence[Array],
-    call: CallParameters,
-    budget: Budget,
+    landmarks: Sequence[Array],
+    *,
+    texture_size: int,
+    appearance_bytes: int,
+    max_modes: int,
+    image_space_fit: bool = True,
+    weight_disoccluded: bool = False,
+    weight_mouth: bool = False,
     workers: int | None = None,
-    live: bool = False,
-) -> Learned:
-    """The caller's appearance from a sample of frames (number, picture).
+) -> TrainedModel:
+    """Build the model of a person from a sample of frames (index, picture).
 
-    workers: see `on_cores`; one where frames of a live call are coded meanwhile.
-    live: what these frames hide in the mouth and behind the lids may yet be seen, what a mouth does
-        must be learned from a part of it, and all of it before the next update: the sample's faces
-        are not fitted by their pixels.
+    A texel's weight is the mean number of pixels it covers, less outside the face.
+    faces, landmarks: of all frames, (468, 3) pixels; indices of the sample refer to them.
+    texture_size: the most texels a side.  appearance_bytes: of mean and modes.
+    image_space_fit: fit the faces of the sample in image space after the shape-free frame.
+    weight_disoccluded: give hidden texels the weight that they have in a wide open face.
+    weight_mouth: multiply the weight of mouth and lips, see `mouth_weight`.
+    workers: see `parallel_map`.
     """
     reference = faces[0]
-    packet = shape_packet(fitted, reference, call)
-    camera = call.camera
-    face = Face(head, identity_of(head, packet))
-    rest = face.animate(reference.eau)
-    size = fitting_size(atlas_of(head, 64), camera, reference.pose, rest, budget.texture_size)
-    atlas = atlas_of(head, size)
-    shape = ShapeFree(face, atlas, camera)
-    ratio = texel_pixels(atlas, camera, reference.pose, rest)
-    crops = [crop_face(frame, points[number], ratio) for number, frame in sample_frames]
-    found = [faces[number] for number, _ in sample_frames]
-    found = tracked(head, face, camera, size, crops, found, workers)
-    outlines = [points[number] for number, _ in sample_frames]
-    if not live:
-        found = drawn_best(head, shape, face, crops, found, outlines, workers)
-    stack = shape_free_views(head, shape, face, crops, found, workers)
-    shown = within_outline(shape, crops, found, outlines)
-    mask = np.maximum(face_mask(head, atlas), shown)
-    weight = stack.weight
-    if live:
-        weight = np.maximum(weight, opened(head, shape, face, found)) * mouth_weight(head, atlas)
-    stack = replace(stack, weight=weight * np.where(shape.on_face, np.float32(1), mask))
-    sharp = sharpened_stack(shape, stack, crops, found, workers)
-    mean = mean_colours(shape, sharp, unseen_colours(head, atlas))
-    appearance = code_appearance(shape, sharp, mean, mask, budget.face_bytes, budget.most_modes)
-    refiner = Refiner(head, face, shape, sampled_template(shape, stack, sharp, appearance))
-    found = refined(refiner, crops, found, workers)
-    weight = stack.weight * mask
-    caller = Caller(fitted, face, reference, refiner, appearance, ratio, shape, weight, mask)
-    return Learned(caller, crops, found)
+    face = Face(head, quantised_identity(head, fitted))
+    shape, scale = _texel_frame(face, fitted.camera, reference, texture_size)
+    crops = [crop_face(frame, landmarks[index], scale) for index, frame in sample_frames]
+    sampled = [faces[index] for index, _ in sample_frames]
+    sampled_landmarks = [landmarks[index] for index, _ in sample_frames]
+    sampled = fit_samples_coarse(face, shape, crops, sampled, workers)
+    if image_space_fit:
+        sampled = fit_samples_in_image(face, shape, crops, sampled, sampled_landmarks, workers)
+    samples = sample_faces(face, shape, crops, sampled, workers)
+    coverage = outline_coverage(shape, crops, sampled, sampled_landmarks)
+    mask = np.maximum(face_mask(head, shape.atlas), coverage)
+    weight = samples.weight
+    if weight_disoccluded:
+        weight = np.maximum(weight, disocclusion_weight(face, shape, sampled))
+    if weight_mouth:
+        weight = weight * mouth_weights(head, shape.atlas)
+    samples = replace(samples, weight=weight * np.where(shape.on_face, np.float32(1), mask))
+    sharp = super_resolved(shape, samples, crops, sampled, workers)
+    mean = mean_texture(shape, sharp, default_colours(head, shape.atlas))
+    appearance = encode_appearance(shape, sharp, mean, mask, appearance_bytes, max_modes)
+    fitter = Refiner(head, face, shape, sampled_template(shape, samples, sharp, appearance))
+    sampled = fit_samples(fitter, crops, sampled, workers)
+    person = PersonModel(
+        fitted, face, reference, fitter, appearance, scale, shape, samples.weight * mask, mask
+    )
+    return TrainedModel(person, crops, sampled)
 
 
-def opened(head: Head, shape: ShapeFree, face: Face, faces: Sequence[FaceParameters]) -> Single:
-    """(k,) part of the pixels that each texel would cover with mouth and eyes wide open.
+def _texel_frame(
+    face: Face, camera: Camera, reference: FaceParameters, max_size: int
+) -> tuple[ShapeFreeFrame, float]:
+    """The texels at the resolution of the reference frame, and its pixels per texel."""
+    vertices = face.animate(reference.eau)
+    coarse = atlas_of(face.head, 64)
+    size = atlas_size_for(coarse, camera, reference.pose, vertices, max_size)
+    atlas = atlas_of(face.head, size)
+    scale = pixels_per_texel(atlas, camera, reference.pose, vertices)
+    return ShapeFreeFrame(face, atlas, camera), scale
 
-    faces: of the caller; the pose is the first one's.
+
+def disocclusion_weight(
+    face: Face, shape: ShapeFreeFrame, faces: Sequence[FaceParameters]
+) -> Single:
+    """(k,) share of the pixels that each texel covers with mouth and eyes wide open.
+
+    faces: of the sample; the pose is that of the first.
     """
     eau = np.zeros(len(EAUS))
-    for name, value in OPEN.items():
+    for name, value in WIDE_OPEN_EAUS.items():
         eau[EAU_INDEX[name]] = value
-    wide = FaceParameters(faces[0].pose, eau)
-    seen = visible_texels(head, shape.atlas, wide.pose, face.animate(eau))
-    return np.asarray(OPEN_SHARE * texel_areas(shape, shape.positions(wide)) * seen, np.float32)
+    wide_open = FaceParameters(faces[0].pose, eau)
+    visible = visible_texels(face.head, shape.atlas, wide_open.pose, face.animate(eau))
+    footprints = texel_footprints(shape, shape.positions(wide_open))
+    return np.asarray(DISOCCLUSION_SHARE * footprints * visible, np.float32)
 
 
-def tracked(
-    head: Head,
-    face: Face,
-    camera: Camera,
-    size: int,
-    crops: Sequence[Crop],
-    found: Sequence[FaceParameters],
-    workers: int | None = None,
-) -> list[FaceParameters]:
-    """The faces `found` in crops, refined against their own mean and ever more modes.
-
-    size: of the texture that the crops are for, a side; a coarser one serves here.
-    workers: see `on_cores`.
-    """
-    coarser = max(1, round(float(np.sqrt(len(atlas_of(head, size).rows) / TEXELS))))
-    shape = ShapeFree(face, atlas_of(head, size // coarser), camera)
-    cell_mm = coarser * DEPTH_CELL_MM
-    grey, faces = [crop.grey for crop in crops], list(found)
-    for modes in TRACKING_MODES:
-        stack = shape_free_views(head, shape, face, grey, faces, workers, cell_mm)
-        template = luma_template(head, shape, stack, modes)
-        refiner = Refiner(head, face, shape, template, cell_mm=cell_mm)
-        faces = refined(refiner, crops, faces, workers)
-    return faces
-
-
-def luma_template(head: Head, shape: ShapeFree, stack: Stack, most_modes: int) -> Template:
-    """Mean and leading modes of a stack of luma, no more than one mode to three frames."""
-    mean = mean_colours(shape, stack, to_luma(unseen_colours(head, shape.atlas))[:, None])
-    count = min(most_modes, len(stack.colours) // 3)
-    return template_of(stack, mean, luma_modes(stack, mean, count))
-
-
-def drawn_best(
-    head: Head,
-    shape: ShapeFree,
-    face: Face,
-    crops: Sequence[Crop],
-    found: Sequence[FaceParameters],
-    points: Sequence[Array],
-    workers: int | None = None,
-) -> list[FaceParameters]:
-    """The faces `found` in crops as they draw best, see `Drawing`, with their own mean and modes.
-
-    points: (468, >= 2) pixels, landmarks of each frame.  workers: see `on_cores`.
-    """
-    grey = [crop.grey for crop in crops]
-    stack = shape_free_views(head, shape, face, grey, found, workers)
-    sharp = sharpened_stack(shape, stack, grey, found, workers)
-    template = luma_template(head, shape, sharp, DRAWN_MODES)
-    painted = [template.mean, *template.modes]
-    layers = np.array([whole_atlas(shape, layer[:, None])[..., 0] for layer in painted])
-    drawing = Drawing(face, shape.camera, layers[0], layers[1:])
-    weights = stack.weight * stack.seen
-
-    def fit(number: int) -> FaceParameters:
-        luma = sharp.colours[number][:, 0]
-        start = replace(found[number], modes=coefficients(template, luma, weights[number]))
-        return drawing.fit(crops[number], start, outline_of(points[number]))
-
-    return on_cores(fit, range(len(crops)), workers)
-
-
-def refined(
-    refiner: Refiner,
-    crops: Sequence[Crop],
-    faces: Sequence[FaceParameters],
-    workers: int | None = None,
-) -> list[FaceParameters]:
-    """The faces in crops, two steps nearer to what the template says.
-
-    workers: see `on_cores`.
-    """
-    pairs = zip(crops, faces, strict=True)
-    return on_cores(lambda pair: refiner.refine(pair[0], pair[1], 2), pairs, workers)
-
-
-def decoded_template(shape: ShapeFree, stack: Stack, appearance: Appearance) -> Template:
-    """What the decoder will paint, as the template to refine against."""
+def decoded_template(
+    shape: ShapeFreeFrame, samples: TextureSamples, appearance: CodedAppearance
+) -> Template:
+    """The template of mean and modes as a decoder paints them."""
     at = (shape.atlas.rows, shape.atlas.columns)
     modes = np.array([to_luma(image[at]) for image in appearance.mode_images], np.float32)
-    return Template(to_luma(appearance.mean[at]), modes.reshape(-1, len(at[0])), stack.weight)
+    return Template(to_luma(appearance.mean[at]), modes.reshape(-1, len(at[0])), samples.weight)
 
 
 def sampled_template(
-    shape: ShapeFree, stack: Stack, sharp: Stack, appearance: Appearance
+    shape: ShapeFreeFrame,
+    samples: TextureSamples,
+    sharp: TextureSamples,
+    appearance: CodedAppearance,
 ) -> Template:
-    """What sampling a picture should give where the decoder paints `appearance`.
+    """The template that texels sampled from a frame are compared with.
 
-    Samples are blunter than what is painted; their mean and modes are regressed on the painted
-    modes' coefficients in the stack.
+    Samples are blurred against the texture that is painted: mean and modes are the regression of
+    the samples on the coefficients of the painted modes.
+    sharp: the samples after super-resolution.
     """
     painted = decoded_template(shape, sharp, appearance)
     if not len(painted.modes):
-        return Template(to_luma(stack.colours.mean(0)), painted.modes, stack.weight)
-    weight = np.sqrt(np.maximum(stack.weight, 1e-6))
-    wanted = (to_luma(sharp.colours) - painted.mean) * sharp.seen
+        return Template(to_luma(samples.colours.mean(0)), painted.modes, samples.weight)
+    weight = np.sqrt(np.maximum(samples.weight, 1e-6))
+    residual = (to_luma(sharp.colours) - painted.mean) * sharp.visible
     rows = painted.modes * weight
-    coefficients = np.linalg.lstsq(rows.T, (wanted * weight).T, rcond=None)[0].T
+    coefficients = np.linalg.lstsq(rows.T, (residual * weight).T, rcond=None)[0].T
     design = np.concatenate([np.ones((len(coefficients), 1)), coefficients], 1)
-    filled = np.where(
-        stack.seen, to_luma(stack.colours), painted.mean + coefficients @ painted.modes
+    luma = np.where(
+        samples.visible, to_luma(samples.colours), painted.mean + coefficients @ painted.modes
     )
-    fitted = np.linalg.lstsq(design, filled, rcond=None)[0].astype(np.float32)
-    return Template(fitted[0], fitted[1:], stack.weight)
-
-
-def sharpened_stack(
-    shape: ShapeFree,
-    stack: Stack,
-    crops: Sequence[Crop],
-    faces: Sequence[FaceParameters],
-    workers: int | None = None,
-) -> Stack:
-    """The stack with colours that draw right, see `sharpened`.  workers: see `on_cores`."""
-
-    def sharpen(view: tuple[Crop, FaceParameters, Single, NDArray[np.bool_]]) -> Single:
-        crop, face, colours, seen = view
-        return sharpened(shape, crop, crop.from_frame(shape.positions(face)), colours, seen)
-
-    views = zip(crops, faces, stack.colours, stack.seen, strict=True)
-    return replace(stack, colours=np.array(on_cores(sharpen, views, workers)))
-
-
-def shape_free_views(
-    head: Head,
-    shape: ShapeFree,
-    face: Face,
-    crops: Sequence[Crop],
-    found: Sequence[FaceParameters],
-    workers: int | None,
-    cell_mm: float = DEPTH_CELL_MM,
-) -> Stack:
-    """What the texels of `shape` show in crops, see `shape_free_stack`.  face: the caller's."""
-    vertices = [face.animate(f.eau) for f in found]
-    return shape_free_stack(head, shape, crops, found, vertices, cell_mm, workers)
+    regressed = np.linalg.lstsq(design, luma, rcond=None)[0].astype(np.float32)
+    return Template(regressed[0], regressed[1:], samples.weight)

@@ -1,1 +1,1 @@
-"""The picture codec, encoding side: quantise and code pictures within a size."""
+"""The encoder of wavelet pictures: quantisation, entropy coding, pictures within a size."""

@@ -1,25 +1,31 @@
-"""Images within a size: WebP files of the thesis profile, wavelet pictures of the default one."""
+"""Images within a number of bytes: WebP in the thesis profile, wavelet pictures in the default."""
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.picture_coding.picture_encoder import draft_still
-from encoder.picture_coding.quantiser_search import finest_within
-from protocol.pictures.picture_codec import MAX_STEP
-from protocol.pictures.probability_model import STILL
+from encoder.picture_coding.picture_encoder import encode_picture
+from encoder.picture_coding.quantiser_search import finest_quantiser_within
+from protocol.pictures.picture_codec import MAX_STEP_CODE
+from protocol.pictures.probability_model import BACKGROUND
 
 Picture = NDArray[np.uint8]
-Texels = NDArray[np.float32]
-QUALITIES = (1, 95)
+Single = NDArray[np.float32]
+
+# Lowest and highest WebP quality tried.
+WEBP_QUALITIES = (1, 95)
+# Longer sides of the background, pixels; the default profile takes the first.
 BACKGROUND_SIDES_PX = (640, 448, 320, 224)
-# So many steps of the quantiser coarser a still takes about half the bytes.
+# A quantiser coarser by so many steps takes about half the bytes.
 STEPS_PER_HALVING = 8
 
 
-def compress(picture: Picture, max_bytes: int) -> bytes:
-    """The best WebP file of at most `max_bytes`; at the lowest quality even if that is larger."""
-    low, high = QUALITIES
+def encode_webp_within(picture: Picture, max_bytes: int) -> bytes:
+    """The best WebP file of at most `max_bytes`; the lowest quality even if that is larger.
+
+    picture: (h, w, 3) uint8 BGR.
+    """
+    low, high = WEBP_QUALITIES
     best = _webp(picture, low)
     while low < high:
         middle = (low + high + 1) // 2
@@ -31,48 +37,56 @@ def compress(picture: Picture, max_bytes: int) -> bytes:
     return best
 
 
-def compress_background(frame: Picture, max_bytes: int) -> bytes:
-    """The WebP file within `max_bytes` nearest to `frame`, scaled down as far as that helps."""
+def encode_background_webp_within(frame: Picture, max_bytes: int) -> bytes:
+    """The WebP file of at most `max_bytes` with the least squared error, over several scales.
+
+    frame: (h, w, 3) uint8 BGR.
+    """
     longest = max(frame.shape[:2])
-    reach = min(longest, BACKGROUND_SIDES_PX[0])
-    judged = _scaled(frame, reach / longest).astype(np.float32)
+    largest = min(longest, BACKGROUND_SIDES_PX[0])
+    target = _scaled(frame, largest / longest).astype(np.float32)
     best, least = b"", np.inf
-    for side in (reach, *(s for s in BACKGROUND_SIDES_PX if s < reach)):
-        data = compress(_scaled(frame, side / longest), max_bytes)
+    for side in (largest, *(s for s in BACKGROUND_SIDES_PX if s < largest)):
+        data = encode_webp_within(_scaled(frame, side / longest), max_bytes)
         decoded = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
         assert decoded is not None
-        shown = cv2.resize(decoded, judged.shape[1::-1], interpolation=cv2.INTER_LINEAR)
-        error = float(((shown - judged) ** 2).mean()) + 1e6 * (len(data) > max_bytes)
+        enlarged = cv2.resize(decoded, target.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+        error = float(((enlarged - target) ** 2).mean()) + 1e6 * (len(data) > max_bytes)
         if error < least:
             best, least = data, error
     return best
 
 
-def code_background(frame: Picture, max_bytes: int) -> bytes:
-    """The still of at most `max_bytes` nearest to `frame`, its longer side at most 640 pixels."""
-    small = _scaled(frame, BACKGROUND_SIDES_PX[0] / max(frame.shape[:2]))
-    return finest_still(small.astype(np.float32), max_bytes)[0]
+def encode_background_within(frame: Picture, max_bytes: int) -> bytes:
+    """The finest wavelet picture of at most `max_bytes`, scaled down to `BACKGROUND_SIDES_PX[0]`.
 
-
-def finest_still(
-    colours: Texels, max_bytes: int, relief: bytes = b"", kind: int = STILL
-) -> tuple[bytes, Texels]:
-    """The best coding of a picture (h, w, 3) within `max_bytes`, and what it decodes to.
-
-    At the coarsest step even if that is larger.  relief, kind: see `draft_still`.
+    frame: (h, w, 3) uint8 BGR.
     """
-    best = finest_within(
-        lambda step: draft_still(colours, step, relief, kind),
-        lambda draft: draft.size_bytes,
+    small = _scaled(frame, BACKGROUND_SIDES_PX[0] / max(frame.shape[:2]))
+    return encode_picture_within(small.astype(np.float32), max_bytes)[0]
+
+
+def encode_picture_within(
+    colours: Single, max_bytes: int, weight_map: bytes = b"", kind: int = BACKGROUND
+) -> tuple[bytes, Single]:
+    """The finest wavelet picture of at most `max_bytes`, and the picture it decodes to.
+
+    The coarsest quantiser is taken even if its picture is larger.
+    colours: (h, w, 3) BGR 0..255.  weight_map, kind: see `encode_picture`.
+    """
+    best = finest_quantiser_within(
+        lambda step: encode_picture(colours, step, weight_map, kind),
+        lambda encoded: encoded.size_bytes,
         max_bytes,
-        range(MAX_STEP + 1),
-        MAX_STEP // 2,
+        range(MAX_STEP_CODE + 1),
+        MAX_STEP_CODE // 2,
         STEPS_PER_HALVING,
     )[1]
-    return best.write(), best.colours
+    return best.serialise(), best.decoded
 
 
 def _scaled(frame: Picture, ratio: float) -> Picture:
+    """`frame` at `ratio` times its size; frames are never enlarged."""
     if ratio >= 1:
         return frame
     size = (max(1, round(frame.shape[1] * ratio)), max(1, round(frame.shape[0] * ratio)))

@@ -1,6 +1,7 @@
-"""Pictures of the model packet, coded: stills, textures and appearance modes.
+"""Wavelet pictures of the model packet, encoded: backgrounds, textures and appearance modes.
 
-A draft knows what a picture decodes to and what it costs; its bytes are made when it is sent.
+An `EncodedPicture` knows its decoded picture and its size; the range coder runs only when it is
+serialised.
 """
 
 from dataclasses import dataclass
@@ -8,85 +9,98 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.picture_coding.picture_rdoq import Tape, choose
-from encoder.picture_coding.subband_rdoq import WORTH_A_TILE
+from encoder.picture_coding.picture_rdoq import SymbolBuffer, quantise_picture
+from encoder.picture_coding.subband_rdoq import TILE_THRESHOLD
 from protocol.pictures.picture_codec import (
-    ModeSeries,
+    ModeDecoder,
     PictureFormat,
-    serialise_head,
+    serialise_picture_header,
     step_size,
     to_planes,
 )
-from protocol.pictures.probability_model import STILL
-from protocol.pictures.subband_coding import Series
+from protocol.pictures.probability_model import BACKGROUND
+from protocol.pictures.subband_coding import PictureSequence
 from protocol.pictures.wavelet import LEVELS, transform
-from protocol.pictures.weight_map import decode_relief
+from protocol.pictures.weight_map import decode_weight_map
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True)
-class Draft:
-    """A picture as it would be sent.
+class EncodedPicture:
+    """A quantised picture.
 
-    colours: (h, w, 3) float32 BGR, what it decodes to.
-    head: what comes before its coefficients, which are on the tape.
+    decoded: (h, w, 3) float32 BGR, the picture that a decoder has of it.
+    header: the bytes before its coefficients.  symbols: its coefficients.
     """
 
-    colours: Single
-    head: bytes
-    tape: Tape
+    decoded: Single
+    header: bytes
+    symbols: SymbolBuffer
 
     @property
     def size_bytes(self) -> int:
-        """No less than it takes."""
-        # One bit more, for what the coder's integers round.
-        return len(self.head) + int(np.ceil((self.tape.bits + 1) / 8))
+        """An upper bound of the serialised size."""
+        # The range coder's integer arithmetic costs less than one bit.
+        return len(self.header) + int(np.ceil((self.symbols.bits + 1) / 8))
 
-    def write(self) -> bytes:
-        """Its bytes."""
-        return self.head + self.tape.write()
+    def serialise(self) -> bytes:
+        """The picture's bytes."""
+        return self.header + self.symbols.serialise()
 
 
-def draft_still(colours: Single, step: int, relief: bytes = b"", kind: int = STILL) -> Draft:
-    """A picture (h, w, 3), BGR 0..255, by itself.
+def encode_picture(
+    colours: Single, step: int, weight_map: bytes = b"", kind: int = BACKGROUND
+) -> EncodedPicture:
+    """Encode one picture (h, w, 3), BGR 0..255, without reference to others.
 
-    step: 0..MAX_STEP.  relief: see `protocol.pictures.weight_map`; none: equally fine everywhere.
+    step: index of the quantiser step, 0..MAX_STEP.
+    weight_map: see `protocol.pictures.weight_map`; empty: the same quantiser everywhere.
     kind: `STILL` or `TEXTURE`.
     """
     height, width = colours.shape[:2]
-    head = serialise_head(kind, width, height, relief)
-    ours = PictureFormat(kind, decode_relief("still", relief, height, width))
-    return _draft(Series(kind), ours, to_planes(colours, ours.chroma), step, head)
+    header = serialise_picture_header(kind, width, height, weight_map)
+    picture_format = PictureFormat(kind, decode_weight_map("still", weight_map, height, width))
+    planes = to_planes(colours, picture_format.chroma_weight)
+    return _encode(PictureSequence(kind), picture_format, planes, step, header)
 
 
-def draft_mode(modes: ModeSeries, planes: Single, step: int) -> Draft:
-    """A mode (size, size, 3), as `to_planes` makes it, as the next of `modes`; they go on to it."""
-    return _draft(modes.series, modes.format, planes, step)
+def encode_mode(modes: ModeDecoder, planes: Single, step: int) -> EncodedPicture:
+    """Encode a mode as the next picture of `modes`, and advance `modes` by it.
+
+    planes: (size, size, 3), see `to_planes`.  step: see `encode_picture`.
+    """
+    return _encode(modes.sequence, modes.format, planes, step)
 
 
-def held_share(modes: ModeSeries, planes: Single, step: int) -> float:
-    """About what share of a mode's energy its coded picture would hold at most."""
-    whole = held = 0.0
-    for rough, details in _coefficients(modes.format, planes, step):
-        for band in (rough, *(band for level in details for band in level)):
+def retained_energy(modes: ModeDecoder, planes: Single, step: int) -> float:
+    """An estimate from above of the share of a mode's energy that `encode_mode` would retain."""
+    total = retained = 0.0
+    for lowpass, details in _coefficients(modes.format, planes, step):
+        for band in (lowpass, *(band for level in details for band in level)):
             squares = band**2
-            whole += float(squares.sum())
-            held += float(squares[squares > WORTH_A_TILE**2].sum())
-    return held / max(whole, 1e-9)
+            total += float(squares.sum())
+            retained += float(squares[squares > TILE_THRESHOLD**2].sum())
+    return retained / max(total, 1e-9)
 
 
-def _draft(
-    series: Series, ours: PictureFormat, planes: Single, step: int, head: bytes = b""
-) -> Draft:
-    pyramids, tape = choose(series, _coefficients(ours, planes, step))
-    return Draft(ours.colours(pyramids, step), head + bytes([step]), tape)
+def _encode(
+    series: PictureSequence,
+    picture_format: PictureFormat,
+    planes: Single,
+    step: int,
+    header: bytes = b"",
+) -> EncodedPicture:
+    pyramids, symbols = quantise_picture(series, _coefficients(picture_format, planes, step))
+    return EncodedPicture(
+        picture_format.picture_from_pyramids(pyramids, step), header + bytes([step]), symbols
+    )
 
 
 def _coefficients(
-    ours: PictureFormat, planes: Single, step: int
+    picture_format: PictureFormat, planes: Single, step: int
 ) -> list[tuple[Array, list[list[Array]]]]:
-    """Of each plane in steps, as `wavelet.transform` has them."""
+    """The wavelet coefficients of each plane, see `wavelet.transform`, in quantiser steps."""
     size = step_size(step)
-    return [transform(plane / size, LEVELS) for plane in ours.planes(planes)]
+    return [transform(plane / size, LEVELS) for plane in picture_format.weighted_planes(planes)]

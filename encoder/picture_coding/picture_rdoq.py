@@ -1,6 +1,7 @@
-"""Which integers a picture's wavelet coefficients become: rate-distortion optimised.
+"""Rate-distortion optimised quantisation (RDOQ) of a picture's wavelet coefficients.
 
-Band by band as `choose_band` says.  Of a still's coarsest subband a coefficient takes the nearest.
+Subbands are quantised by `quantise_subband`.  The coefficients of the coarsest subband of stills
+and textures are rounded to the nearest integer.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,100 +11,111 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.picture_coding.subband_rdoq import ZERO_BITS, Decisions, choose_band
+from encoder.picture_coding.subband_rdoq import ZERO_BITS, QuantisedBand, quantise_subband
 from protocol.entropy.adaptive_models import AdaptiveIntegers
-from protocol.entropy.range_coder import WHOLE, RangeEncoder
-from protocol.frames.value_coding import BitCoder
-from protocol.pictures.coefficient_coding import code_bits_each, code_coarse, code_sizes
-from protocol.pictures.probability_model import Site
-from protocol.pictures.subband_coding import Pyramid, Series, plane_shape
+from protocol.entropy.range_coder import PROBABILITY_ONE, BitCoder, RangeEncoder
+from protocol.pictures.coefficient_coding import code_bit_array, code_lowpass_band, code_magnitudes
+from protocol.pictures.probability_model import BandPosition
+from protocol.pictures.subband_coding import PictureSequence, SubbandPyramid, plane_shape
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
-def choose(
-    series: Series, coefficients: Sequence[tuple[Array, list[list[Array]]]]
-) -> tuple[list[Pyramid], "Tape"]:
-    """The integers of a picture's planes as the next of `series`, which goes on to it.
+def quantise_picture(
+    series: PictureSequence, coefficients: Sequence[tuple[Array, list[list[Array]]]]
+) -> tuple[list[SubbandPyramid], "SymbolBuffer"]:
+    """Quantise a picture's planes as the next picture of `series`, and advance `series` by it.
 
-    coefficients: of each plane in steps, as `wavelet.transform` has them.
+    coefficients: of each plane, in quantiser steps, see `wavelet.transform`.
+    Returns the integers of each plane, and the symbols that code them.
     """
-    tape = Tape()
-    pyramids = series.code([_Chooser(tape, *plane) for plane in coefficients])
-    series.learn(pyramids)
-    return pyramids, tape
+    symbols = SymbolBuffer()
+    pyramids = series.code([_RdoPlaneCoder(symbols, *plane) for plane in coefficients])
+    series.advance(pyramids)
+    return pyramids, symbols
 
 
-class Tape:
-    """What was decided, in order, to be coded later, and its bits."""
+class SymbolBuffer:
+    """Symbols in coding order, before entropy coding.
+
+    bits: their ideal code length.
+    """
 
     def __init__(self) -> None:
-        self._steps: list[Callable[[BitCoder], object]] = []
+        self._write_calls: list[Callable[[BitCoder], object]] = []
         self.bits = 0.0
 
-    def add(self, step: Callable[[BitCoder], object], bits: float) -> None:
-        """A decision."""
-        self._steps.append(step)
+    def append(self, write: Callable[[BitCoder], object], bits: float) -> None:
+        """Add symbols.
+
+        write: codes them with a given coder.  bits: their ideal code length.
+        """
+        self._write_calls.append(write)
         self.bits += bits
 
-    def write(self) -> bytes:
-        """The bytes of all decisions."""
+    def serialise(self) -> bytes:
+        """The bytes of all symbols."""
         coder = RangeEncoder()
-        for step in self._steps:
-            step(coder)
+        for write in self._write_calls:
+            write(coder)
         return coder.finish()
 
 
-class _Pairs:
-    """A coder that keeps what it is given: bits, and their probabilities of a zero."""
+class _BitRecorder:
+    """A `BitCoder` that records bits and their probabilities."""
 
     def __init__(self) -> None:
-        self._kept: list[tuple[int, int]] = []
+        self._recorded: list[tuple[int, int]] = []
 
     def code_bit(self, bit: int, zero: int) -> int:
-        """Keep `bit`; returns it."""
-        self._kept.append((bit, zero))
+        """Record `bit` and the probability `zero` of a zero; returns `bit`."""
+        self._recorded.append((bit, zero))
         return bit
 
-    @property
-    def both(self) -> tuple[Integers, Integers]:
-        """(n,) bits, and (n,) probabilities."""
-        bits, zeros = np.array(self._kept, np.int64).reshape(-1, 2).T
-        return bits, zeros
+    def recorded(self) -> tuple[Integers, Integers]:
+        """(n,) bits, and (n,) probabilities of a zero."""
+        bits, p0 = np.array(self._recorded, np.int64).reshape(-1, 2).T
+        return bits, p0
 
 
 @dataclass(frozen=True, slots=True)
-class _Chooser:
-    """Decides on a plane; its coefficients in steps, as `wavelet.transform` has them."""
+class _RdoPlaneCoder:
+    """A `PlaneCoder` that quantises.
 
-    tape: Tape
-    rough: Array
+    lowpass, details: the plane's coefficients, in quantiser steps, see `wavelet.transform`.
+    """
+
+    symbols: SymbolBuffer
+    lowpass: Array
     details: list[list[Array]]
 
     @property
     def shape(self) -> tuple[int, int]:
         return plane_shape(self.details)
 
-    def coarse(self, empty: Integers, integers: AdaptiveIntegers, context: int) -> Integers:
-        pairs = _Pairs()
-        values = code_coarse(pairs, integers, context, np.rint(self.rough).astype(np.int64))
-        bits, zeros = pairs.both
-        cost = float(ZERO_BITS.take(np.where(bits, WHOLE - zeros, zeros)).sum())
-        self.tape.add(partial(code_bits_each, bits=bits, zeros=zeros), cost)
+    def lowpass_band(self, empty: Integers, integers: AdaptiveIntegers, context: int) -> Integers:
+        recorder = _BitRecorder()
+        values = code_lowpass_band(
+            recorder, integers, context, np.rint(self.lowpass).astype(np.int64)
+        )
+        bits, p0 = recorder.recorded()
+        cost = float(ZERO_BITS.take(np.where(bits, PROBABILITY_ONE - p0, p0)).sum())
+        self.symbols.append(partial(code_bit_array, bits=bits, zeros=p0), cost)
         return values
 
-    def band(self, site: Site, sources: Integers) -> Integers:
-        made = choose_band(site, site.of(self.rough, self.details), sources)
-        self.tape.add(partial(_code_band, made), made.bits)
-        return made.values
+    def band(self, site: BandPosition, sources: Integers) -> Integers:
+        quantised = quantise_subband(site, site.select(self.lowpass, self.details), sources)
+        self.symbols.append(partial(_write_band, quantised), quantised.bits)
+        return quantised.values
 
 
-def _code_band(made: Decisions, coder: BitCoder) -> None:
-    """What was decided on a band, as `protocol.pictures.subband_coding` reads it."""
-    code_bits_each(coder, made.flags, made.flag_zeros)
-    size = sign = 0
-    for last_size, last_sign in made.ends.tolist():
-        code_sizes(coder, made.sizes[size:last_size], made.size_zeros[size:last_size])
-        code_bits_each(coder, made.signs[sign:last_sign], made.sign_zeros[sign:last_sign])
-        size, sign = last_size, last_sign
+def _write_band(band: QuantisedBand, coder: BitCoder) -> None:
+    """Code a band in the order in which `protocol.pictures.subband_coding` reads it."""
+    code_bit_array(coder, band.flags, band.flag_p0)
+    magnitude = sign = 0
+    for magnitude_end, sign_end in band.pass_ends.tolist():
+        of_pass = slice(magnitude, magnitude_end)
+        code_magnitudes(coder, band.magnitudes[of_pass], band.magnitude_p0[of_pass])
+        code_bit_array(coder, band.signs[sign:sign_end], band.sign_p0[sign:sign_end])
+        magnitude, sign = magnitude_end, sign_end

@@ -1,53 +1,57 @@
-"""The finest quantiser that keeps within a size, found in few trials."""
+"""Search of the finest quantiser whose output keeps within a size, in few trial encodings."""
 
 from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
 
-Item = TypeVar("Item")
+Encoding = TypeVar("Encoding")
 
-# A trial that lands where the sizes known so far point is worth several that halve what is left;
-# where they mislead, halving goes on.
-GUESSES = 4
+# Trials that are placed by a secant through the sizes known so far; after these the interval is
+# halved, which also ends the search where sizes are irregular.
+SECANT_STEPS = 4
 
 
-def finest_within(
-    make: Callable[[int], Item],
-    size: Callable[[Item], float],
-    most: float,
-    numbers: range,
-    first: int,
+def finest_quantiser_within(
+    encode: Callable[[int], Encoding],
+    size_of: Callable[[Encoding], float],
+    max_size: float,
+    quantisers: range,
+    initial: int,
     steps_per_halving: float,
-) -> tuple[int, Item]:
-    """The least of consecutive `numbers` whose item's size is at most `most`, the last if none is.
+) -> tuple[int, Encoding]:
+    """The least quantiser whose encoding has at most `max_size`, or the last one if none has.
 
-    Returns the number and its item; each is made once.
-    size: falls as numbers grow, and halves about every `steps_per_halving`.
-    first: tried first, unless it is the last.
-    Raises `ValueError` if `numbers` is empty or not consecutive.
+    Returns the quantiser and its encoding; no quantiser is tried twice.
+    size_of: falls as quantisers grow, and halves about every `steps_per_halving` of them.
+    quantisers: consecutive numbers, the finest first.  initial: is tried first if it is one of
+    them and not the last.
+    Raises `ValueError` if `quantisers` is empty or not consecutive.
     """
-    if not numbers or numbers.step != 1:
-        raise ValueError(f"numbers is {numbers}, expected one or more, by steps of 1")
-    low, high, middle = numbers[0], numbers[-1], first
-    made = dict[int, Item]()
-    known: list[tuple[int, float]] = []
+    if not quantisers or quantisers.step != 1:
+        raise ValueError(f"quantisers is {quantisers}, expected one or more, by steps of 1")
+    low, high, middle = quantisers[0], quantisers[-1], initial
+    encoded = dict[int, Encoding]()
+    trials: list[tuple[int, float]] = []
     while low < high:
-        tried = min(max(middle, low), high - 1)
-        made[tried] = make(tried)
-        found = size(made[tried])
-        known.append((tried, float(np.log2(max(found, 1) / max(most, 1)))))
-        low, high = (low, tried) if found <= most else (tried + 1, high)
+        candidate = min(max(middle, low), high - 1)
+        encoded[candidate] = encode(candidate)
+        size = size_of(encoded[candidate])
+        trials.append((candidate, float(np.log2(max(size, 1) / max(max_size, 1)))))
+        low, high = (low, candidate) if size <= max_size else (candidate + 1, high)
         middle = (low + high) // 2
-        if len(known) <= GUESSES:
-            middle = _pointed_at(known, steps_per_halving)
-    return low, made[low] if low in made else make(low)
+        if len(trials) <= SECANT_STEPS:
+            middle = _secant_step(trials, steps_per_halving)
+    return low, encoded[low] if low in encoded else encode(low)
 
 
-def _pointed_at(known: list[tuple[int, float]], steps_per_halving: float) -> int:
-    """Which number should just fit, by the octaves that known ones are too large."""
-    tried, octaves = known[-1]
-    if len(known) > 1 and known[-2][1] != octaves:
-        before, octaves_before = known[-2]
-        steps_per_halving = max((tried - before) / (octaves_before - octaves), 1.0)
-    return tried + int(np.ceil(steps_per_halving * octaves))
+def _secant_step(trials: list[tuple[int, float]], steps_per_halving: float) -> int:
+    """The quantiser that should just fit.
+
+    trials: quantisers, and by how many octaves their encodings are too large.
+    """
+    last, octaves = trials[-1]
+    if len(trials) > 1 and trials[-2][1] != octaves:
+        before, octaves_before = trials[-2]
+        steps_per_halving = max((last - before) / (octaves_before - octaves), 1.0)
+    return last + int(np.ceil(steps_per_halving * octaves))

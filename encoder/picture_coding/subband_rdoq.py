@@ -1,12 +1,15 @@
-"""What becomes of a subband of a picture, in compiled loops: encoders code a picture many times.
+"""Rate-distortion optimised quantisation of one subband, in compiled loops.
 
-A coefficient takes the nearest integer, the one below, or zero: what costs least of squared error,
-in steps, and `LAGRANGIAN` times bits, by the very probabilities that will code it.  A tile without
-a coefficient worth it is left out.
+Each coefficient becomes the nearest integer, the integer below it in magnitude, or zero: the one
+with the least squared error, in quantiser steps, plus `LAGRANGIAN` times bits, under the
+probabilities that will code it.  A tile without a coefficient above `TILE_THRESHOLD` is coded as
+empty.
 
-The order of places and their probabilities stand here a second time: `subband_coding`,
-`coefficient_context` and `probability_model` have them as arrays, for decoders.  All sums are
-integers, and exact; tests/test_subband_coding.py holds the two together.
+The loops repeat the coding order and the context model of `protocol.pictures.subband_coding`,
+`coefficient_context` and `probability_model`, which work on whole arrays.  All sums are exact
+integers; tests/test_subband_coding.py checks that both give the same probabilities.
+
+Throughout, p0 is the probability that a binary symbol is 0, in 1/65536.
 """
 
 from typing import NamedTuple
@@ -14,83 +17,83 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.runtime.jit import compiled
-from protocol.entropy.range_coder import WHOLE
-from protocol.pictures.coefficient_coding import MAX_SIZE, STEP_OUTPUTS, UNARY
+from encoder.runtime.jit import jit
+from protocol.entropy.range_coder import PROBABILITY_ONE
+from protocol.pictures.coefficient_coding import MAX_MAGNITUDE, STEP_OUTPUTS, UNARY_LIMIT
 from protocol.pictures.coefficient_context import (
-    CELLS,
-    LOGARITHM,
+    FIRST_SIGNED,
+    LOG_TABLE,
     PAD,
-    SIGNED,
+    PASS_OFFSETS,
+    POSITION_CELLS,
     SMALL_BAND,
     TILE,
-    TURNS,
-    Sums,
-    sums_around,
+    ContextOffsets,
+    context_offsets,
 )
 from protocol.pictures.probability_model import (
+    CLASS_STARTS,
     HIDDEN_BITS,
-    LOGITS,
-    MOST_HIDDEN,
-    SQUASHED,
-    STARTS,
+    MAX_HIDDEN,
+    MAX_LOGIT,
+    SIGMOID,
     WEIGHT_BITS,
-    Network,
-    Site,
-    networks,
+    BandPosition,
+    Mlp,
+    probability_models,
 )
-from protocol.pictures.subband_coding import TOWARDS_ZERO
+from protocol.pictures.subband_coding import RECONSTRUCTION_BIAS
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-# Squared steps that a bit is worth.
+# Squared quantiser steps per bit.
 LAGRANGIAN = 0.12
-# A tile is worth its bits if it has a coefficient of more than this many steps.
-WORTH_A_TILE = 0.85
-# What a sign is taken to cost before it is known, bits.
+# A tile is coded if a coefficient in it exceeds this many quantiser steps.
+TILE_THRESHOLD = 0.85
+# Assumed cost of a sign while its magnitude is chosen, bits.
 SIGN_BITS = 0.9
-# What a zero costs by its probability in 1 / 65536.
-ZERO_BITS = -np.log2(np.maximum(np.arange(WHOLE), 0.5) / WHOLE)
-_TURNS = np.array(TURNS)
-_STARTS = np.array(STARTS)
+# Cost in bits of a 0, by its p0.
+ZERO_BITS = -np.log2(np.maximum(np.arange(PROBABILITY_ONE), 0.5) / PROBABILITY_ONE)
+_PASS_OFFSETS = np.array(PASS_OFFSETS)
+_STARTS = np.array(CLASS_STARTS)
 
 
-class Decisions(NamedTuple):
-    """What was decided on a band, in order.
+class QuantisedBand(NamedTuple):
+    """A quantised subband and its symbols in coding order.
 
-    values: (h, w).
-    flags: (f,) of tiles, turn by turn; flag_zeros: (f,) their probabilities.
-    sizes: (n,); size_zeros: (n, outputs), see `foresee.Networks`.
-    signs: (s,) of sizes that are not zero; sign_zeros: (s,).
-    ends: (turns, 2) how many sizes and signs there are up to each turn's end.
-    bits: of all.
+    values: (h, w) the integers.
+    flags: (f,) of tiles, pass by pass.  flag_p0: (f,).
+    magnitudes: (n,).  magnitude_p0: (n, outputs), see `probability_model.Networks`.
+    signs: (s,) of the magnitudes that are not zero, 1 where negative.  sign_p0: (s,).
+    pass_ends: (passes, 2) number of magnitudes and of signs up to the end of each pass.
+    bits: ideal code length of all symbols.
     """
 
     values: Integers
     flags: Integers
-    flag_zeros: Integers
-    sizes: Integers
-    size_zeros: Integers
+    flag_p0: Integers
+    magnitudes: Integers
+    magnitude_p0: Integers
     signs: Integers
-    sign_zeros: Integers
-    ends: Integers
+    sign_p0: Integers
+    pass_ends: Integers
     bits: float
 
 
-class _Weights(NamedTuple):
-    """A `foresee.Network`, see there."""
+class _Mlp(NamedTuple):
+    """The weights of a `probability_model.Network`, see there."""
 
     features: Array
-    of_all: Array
+    of_pass: Array
     classes: Array
-    last: Array
-    added: Array
+    output: Array
+    bias: Array
 
 
-class _Places(NamedTuple):
-    """`surroundings.Sums`, see there."""
+class _ContextOffsets(NamedTuple):
+    """The arrays of `coefficient_context.Sums`, see there."""
 
     offsets: Integers
     sides: Integers
@@ -98,289 +101,320 @@ class _Places(NamedTuple):
 
 
 class _Tables(NamedTuple):
-    """`surroundings.LOGARITHM`, `foresee.SQUASHED` and `ZERO_BITS`."""
+    """`coefficient_context.LOGARITHM`, `probability_model.SQUASHED` and `ZERO_BITS`."""
 
     logarithm: Array
-    squashed: Integers
+    sigmoid: Integers
     zero_bits: Array
 
 
-_TABLES = _Tables(LOGARITHM, SQUASHED, ZERO_BITS)
+_TABLES = _Tables(LOG_TABLE, SIGMOID, ZERO_BITS)
 
 
-def choose_band(site: Site, wanted: Array, sources: Integers) -> Decisions:
-    """What is decided on a band of coefficients `wanted` (h, w), in steps.
+def quantise_subband(
+    site: BandPosition, coefficients: Array, context_bands: Integers
+) -> QuantisedBand:
+    """Quantise the coefficients (h, w) of a subband, in quantiser steps.
 
-    sources: (len(Source), h, w), see `Surroundings`.
+    context_bands: (len(Source), h, w), see `coefficient_context.Source`.
     """
-    height, width = wanted.shape
-    tiles = -(-height // TILE), -(-width // TILE)
-    around_tiles, _ = sums_around(*tiles)
-    around_sizes, around_signs = sums_around(height, width)
-    known = networks()
-    return Decisions(
-        *_band(
-            np.ascontiguousarray(wanted),
-            sources,
+    height, width = coefficients.shape
+    tile_offsets, _ = context_offsets(-(-height // TILE), -(-width // TILE))
+    magnitude_offsets, sign_offsets = context_offsets(height, width)
+    models = probability_models()
+    return QuantisedBand(
+        *_quantise(
+            np.ascontiguousarray(coefficients),
+            context_bands,
             np.array([site.kind, site.plane, site.level, site.orientation, site.pictures]),
-            TOWARDS_ZERO if site.level else 0.0,
-            (_weights(known.tiles), _weights(known.sizes), _weights(known.signs)),
-            (_places(around_tiles), _places(around_sizes), _places(around_signs)),
+            RECONSTRUCTION_BIAS if site.level else 0.0,
+            (_mlp(models.tiles), _mlp(models.sizes), _mlp(models.signs)),
+            (_offsets(tile_offsets), _offsets(magnitude_offsets), _offsets(sign_offsets)),
             _TABLES,
         )
     )
 
 
-def _weights(network: Network) -> _Weights:
-    return _Weights(network.features, network.of_all, network.classes, network.last, network.added)
+def _mlp(network: Mlp) -> _Mlp:
+    return _Mlp(
+        network.feature_weights,
+        network.pass_weights,
+        network.class_weights,
+        network.output_weights,
+        network.output_bias,
+    )
 
 
-def _places(sums: Sums) -> _Places:
-    return _Places(sums.offsets, sums.sides, sums.starts)
+def _offsets(sums: ContextOffsets) -> _ContextOffsets:
+    return _ContextOffsets(sums.offsets, sums.sides, sums.starts)
 
 
-@compiled
-def _band(
-    wanted: Array,
-    sources: Integers,
+@jit
+def _quantise(
+    coefficients: Array,
+    context_bands: Integers,
     site: Integers,
-    shift: float,
-    weights: tuple[_Weights, _Weights, _Weights],
-    places: tuple[_Places, _Places, _Places],
+    bias: float,
+    mlps: tuple[_Mlp, _Mlp, _Mlp],
+    offsets: tuple[_ContextOffsets, _ContextOffsets, _ContextOffsets],
     tables: _Tables,
 ) -> tuple[Integers, Integers, Integers, Integers, Integers, Integers, Integers, Integers, float]:
-    """See `choose_band`.  site: (5,).  weights, places: of tiles, sizes and signs."""
-    height, width = wanted.shape
-    flags, coded_flags, flag_zeros, total = _flags(
-        wanted, sources, site, weights[0], places[0], tables
+    """The fields of `QuantisedBand`.
+
+    site: (5,) the fields of `Site`.  bias: see `_choose_magnitudes`.
+    mlps, offsets: of tile flags, of magnitudes and of signs.
+    """
+    height, width = coefficients.shape
+    flags, coded_flags, flag_p0, total = _quantise_flags(
+        coefficients, context_bands, site, mlps[0], offsets[0], tables
     )
-    active, busy = _spread(flags, height, width)
-    wide = np.zeros((len(sources) + 2, height + 2 * PAD, width + 2 * PAD), np.int64)
-    wide[1:-1, PAD:-PAD, PAD:-PAD] = np.abs(sources)
-    wide[-1, PAD:-PAD, PAD:-PAD] = busy
-    sizes_around = wide.ravel()
-    wide = np.zeros((1 + len(sources) - SIGNED, height + 2 * PAD, width + 2 * PAD), np.int64)
-    wide[1:, PAD:-PAD, PAD:-PAD] = sources[SIGNED:]
-    values_around = wide.ravel()
+    active, active_around = _expand_flags(flags, height, width)
+    magnitude_grids, value_grids = _context_grids(context_bands, active_around)
     values = np.zeros((height, width), np.int64)
-    count, outputs = active.sum(), len(weights[1].added)
-    sizes, size_zeros = np.zeros(count, np.int64), np.zeros((count, outputs), np.int64)
-    signs, sign_zeros = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    count, outputs = active.sum(), len(mlps[1].bias)
+    magnitudes, magnitude_p0 = np.zeros(count, np.int64), np.zeros((count, outputs), np.int64)
+    signs, sign_p0 = np.zeros(count, np.int64), np.zeros(count, np.int64)
     rows, columns = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    ends = np.zeros((len(_TURNS), 2), np.int64)
+    pass_ends = np.zeros((len(_PASS_OFFSETS), 2), np.int64)
     first, signed = 0, 0
-    for turn in range(len(_TURNS)):
-        end = _places_of(active, turn, rows, columns, first)
-        common = _common(weights[1], site, turn, height)
-        _foretell(
-            weights[1], common, places[1], sizes_around, rows[first:end], columns[first:end],
-            height, width, tables, size_zeros[first:end],
+    for number in range(len(_PASS_OFFSETS)):
+        end = _list_positions(active, number, rows, columns, first)
+        shared = _shared_activation(mlps[1], site, number, height)
+        _predict_probabilities(
+            mlps[1], shared, offsets[1], magnitude_grids, rows[first:end], columns[first:end],
+            height, width, tables, magnitude_p0[first:end],
         )  # fmt: skip
-        total += _cheapest(
-            wanted, rows[first:end], columns[first:end], size_zeros[first:end], shift,
-            tables.zero_bits, sizes[first:end],
+        total += _choose_magnitudes(
+            coefficients, rows[first:end], columns[first:end], magnitude_p0[first:end], bias,
+            tables.zero_bits, magnitudes[first:end],
         )  # fmt: skip
-        some = np.nonzero(sizes[first:end])[0] + first
-        before, signed = signed, signed + len(some)
-        found = np.zeros((len(some), 1), np.int64)
-        common = _common(weights[2], site, turn, height)
-        _foretell(
-            weights[2], common, places[2], values_around, rows[some], columns[some],
-            height, width, tables, found,
+        nonzero = np.nonzero(magnitudes[first:end])[0] + first
+        p0 = np.zeros((len(nonzero), 1), np.int64)
+        shared = _shared_activation(mlps[2], site, number, height)
+        _predict_probabilities(
+            mlps[2], shared, offsets[2], value_grids, rows[nonzero], columns[nonzero],
+            height, width, tables, p0,
         )  # fmt: skip
-        for number in range(len(some)):
-            place = some[number]
-            row, column, zero = rows[place], columns[place], found[number, 0]
-            negative = wanted[row, column] < 0
-            signs[before + number], sign_zeros[before + number] = negative, zero
-            total += tables.zero_bits[WHOLE - zero if negative else zero]
-            value = -sizes[place] if negative else sizes[place]
+        for k in range(len(nonzero)):
+            index = nonzero[k]
+            row, column = rows[index], columns[index]
+            negative = coefficients[row, column] < 0
+            signs[signed + k], sign_p0[signed + k] = negative, p0[k, 0]
+            total += tables.zero_bits[PROBABILITY_ONE - p0[k, 0] if negative else p0[k, 0]]
+            value = -magnitudes[index] if negative else magnitudes[index]
             values[row, column] = value
-        # What a turn holds is known after all of it.
-        for place in some:
-            at = (rows[place] + PAD) * (width + 2 * PAD) + columns[place] + PAD
-            sizes_around[at] = sizes[place]
-            values_around[at] = values[rows[place], columns[place]]
-        ends[turn, 0], ends[turn, 1] = end, signed
-        first = end
+        # The values of a pass become context for later passes only.
+        for index in nonzero:
+            padded = (rows[index] + PAD) * (width + 2 * PAD) + columns[index] + PAD
+            magnitude_grids[padded] = magnitudes[index]
+            value_grids[padded] = values[rows[index], columns[index]]
+        first, signed = end, signed + len(nonzero)
+        pass_ends[number, 0], pass_ends[number, 1] = first, signed
     return (
-        values, coded_flags, flag_zeros, sizes, size_zeros, signs[:signed], sign_zeros[:signed],
-        ends, total,
+        values, coded_flags, flag_p0, magnitudes, magnitude_p0, signs[:signed], sign_p0[:signed],
+        pass_ends, total,
     )  # fmt: skip
 
 
-@compiled
-def _flags(
-    wanted: Array,
-    sources: Integers,
+@jit
+def _context_grids(context_bands: Integers, active_around: Integers) -> tuple[Integers, Integers]:
+    """Padded grids, flat, that magnitudes and signs are predicted from; grid 0, the band itself, is
+    zero at first."""
+    _, height, width = context_bands.shape
+    magnitudes = np.zeros((len(context_bands) + 2, height + 2 * PAD, width + 2 * PAD), np.int64)
+    magnitudes[1:-1, PAD:-PAD, PAD:-PAD] = np.abs(context_bands)
+    magnitudes[-1, PAD:-PAD, PAD:-PAD] = active_around
+    values = np.zeros(
+        (1 + len(context_bands) - FIRST_SIGNED, height + 2 * PAD, width + 2 * PAD), np.int64
+    )
+    values[1:, PAD:-PAD, PAD:-PAD] = context_bands[FIRST_SIGNED:]
+    return magnitudes.ravel(), values.ravel()
+
+
+@jit
+def _quantise_flags(
+    coefficients: Array,
+    context_bands: Integers,
     site: Integers,
-    weights: _Weights,
-    places: _Places,
+    mlp: _Mlp,
+    offsets: _ContextOffsets,
     tables: _Tables,
 ) -> tuple[Integers, Integers, Integers, float]:
-    """Which tiles hold anything (h, w); these flags as they are coded and their probabilities
-    (n,); and the bits of all."""
-    height, width = -(-wanted.shape[0] // TILE), -(-wanted.shape[1] // TILE)
+    """Flags (tile rows, tile columns) of the tiles to code; the flags (f,) in coding order with
+    their p0 (f,); and their bits."""
+    height, width = -(-coefficients.shape[0] // TILE), -(-coefficients.shape[1] // TILE)
     if height * width * TILE**2 <= SMALL_BAND:
         none = np.zeros(0, np.int64)
         return np.ones((height, width), np.int64), none, none, 0.0
-    flags = np.zeros((height, width), np.int64)
-    wide = np.zeros((len(sources) + 2, height + 2 * PAD, width + 2 * PAD), np.int64)
-    for row in range(wanted.shape[0]):
-        for column in range(wanted.shape[1]):
-            tile = row // TILE, column // TILE
-            if abs(wanted[row, column]) > WORTH_A_TILE:
-                flags[tile] = 1
-            for source in range(len(sources)):
-                size = abs(sources[source, row, column])
-                wide[1 + source, PAD + tile[0], PAD + tile[1]] += size
-    around = wide.ravel()
-    coded, zeros = np.zeros(height * width, np.int64), np.zeros((height * width, 1), np.int64)
+    flags, grids = _flags_and_grids(coefficients, context_bands, height, width)
+    coded, p0 = np.zeros(height * width, np.int64), np.zeros((height * width, 1), np.int64)
     rows, columns = np.zeros(height * width, np.int64), np.zeros(height * width, np.int64)
     every = np.ones((height, width), np.bool_)
     first, total = 0, 0.0
-    for turn in range(len(_TURNS)):
-        end = _places_of(every, turn, rows, columns, first)
-        common = _common(weights, site, turn, height)
-        _foretell(
-            weights, common, places, around, rows[first:end], columns[first:end],
-            height, width, tables, zeros[first:end],
+    for number in range(len(_PASS_OFFSETS)):
+        end = _list_positions(every, number, rows, columns, first)
+        shared = _shared_activation(mlp, site, number, height)
+        _predict_probabilities(
+            mlp, shared, offsets, grids, rows[first:end], columns[first:end],
+            height, width, tables, p0[first:end],
         )  # fmt: skip
-        for place in range(first, end):
-            row, column, zero = rows[place], columns[place], zeros[place, 0]
-            coded[place] = flags[row, column]
-            total += tables.zero_bits[WHOLE - zero if coded[place] else zero]
-            around[(row + PAD) * (width + 2 * PAD) + column + PAD] = coded[place]
+        for k in range(first, end):
+            row, column = rows[k], columns[k]
+            coded[k] = flags[row, column]
+            total += tables.zero_bits[PROBABILITY_ONE - p0[k, 0] if coded[k] else p0[k, 0]]
+            grids[(row + PAD) * (width + 2 * PAD) + column + PAD] = coded[k]
         first = end
-    return flags, coded, zeros[:, 0].copy(), total
+    return flags, coded, p0[:, 0].copy(), total
 
 
-@compiled
-def _spread(flags: Integers, height: int, width: int) -> tuple[Bools, Integers]:
-    """(h, w) flags of tiles, and sums of those around, as each coefficient has them."""
+@jit
+def _flags_and_grids(
+    coefficients: Array, context_bands: Integers, height: int, width: int
+) -> tuple[Integers, Integers]:
+    """Flags (height, width) of the tiles to code, and the padded grids, flat, that they are
+    predicted from: sums of the context bands' magnitudes over each tile."""
+    flags = np.zeros((height, width), np.int64)
+    grids = np.zeros((len(context_bands) + 2, height + 2 * PAD, width + 2 * PAD), np.int64)
+    for row in range(coefficients.shape[0]):
+        for column in range(coefficients.shape[1]):
+            tile = row // TILE, column // TILE
+            if abs(coefficients[row, column]) > TILE_THRESHOLD:
+                flags[tile] = 1
+            for band in range(len(context_bands)):
+                magnitude = abs(context_bands[band, row, column])
+                grids[1 + band, PAD + tile[0], PAD + tile[1]] += magnitude
+    return flags, grids.ravel()
+
+
+@jit
+def _expand_flags(flags: Integers, height: int, width: int) -> tuple[Bools, Integers]:
+    """For each coefficient (height, width): the flag of its tile, and the number of flags in the
+    3 x 3 tiles around."""
     active = np.zeros((height, width), np.bool_)
-    busy = np.zeros((height, width), np.int64)
+    around = np.zeros((height, width), np.int64)
     for row in range(height):
         for column in range(width):
             i, j = row // TILE, column // TILE
             active[row, column] = flags[i, j] > 0
-            busy[row, column] = flags[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2].sum()
-    return active, busy
+            around[row, column] = flags[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2].sum()
+    return active, around
 
 
-@compiled
-def _places_of(active: Bools, turn: int, rows: Integers, columns: Integers, first: int) -> int:
-    """Writes a turn's places from number `first` on; returns the number after the last."""
-    for row in range(_TURNS[turn, 0], active.shape[0], 2):
-        for column in range(_TURNS[turn, 1], active.shape[1], 2):
+@jit
+def _list_positions(
+    active: Bools, number: int, rows: Integers, columns: Integers, first: int
+) -> int:
+    """Write the active positions of a pass to `rows` and `columns` from index `first` on; returns
+    the index after the last."""
+    for row in range(_PASS_OFFSETS[number, 0], active.shape[0], 2):
+        for column in range(_PASS_OFFSETS[number, 1], active.shape[1], 2):
             if active[row, column]:
                 rows[first], columns[first] = row, column
                 first += 1
     return first
 
 
-@compiled
-def _common(weights: _Weights, site: Integers, turn: int, height: int) -> Array:
-    """(h,) what all places of a turn add to the hidden values, see `Network.common`."""
-    classes, last = weights.classes, len(LOGARITHM) - 1
-    common: Array = LOGARITHM[min(site[4], last)] * weights.of_all[0]
-    common += LOGARITHM[min(height, last)] * weights.of_all[1]
+@jit
+def _shared_activation(mlp: _Mlp, site: Integers, number: int, height: int) -> Array:
+    """(hidden,) the part of the hidden activations that all positions of a pass share."""
+    classes, last = mlp.classes, len(LOG_TABLE) - 1
+    shared: Array = LOG_TABLE[min(site[4], last)] * mlp.of_pass[0]
+    shared += LOG_TABLE[min(height, last)] * mlp.of_pass[1]
     for kind in range(4):
-        common += classes[_STARTS[kind] + site[kind]]
-    common += classes[_STARTS[4] + turn]
-    return common
+        shared += classes[_STARTS[kind] + site[kind]]
+    shared += classes[_STARTS[4] + number]
+    return shared
 
 
-@compiled
-def _foretell(
-    weights: _Weights,
-    common: Array,
-    around: _Places,
+@jit
+def _predict_probabilities(
+    mlp: _Mlp,
+    shared: Array,
+    offsets: _ContextOffsets,
     grids: Integers,
     rows: Integers,
     columns: Integers,
     height: int,
     width: int,
     tables: _Tables,
-    zeros: Integers,
+    p0: Integers,
 ) -> None:
-    """Writes probabilities (n, outputs) of what stands at places (n,), see `Network.zeros`."""
-    hidden, logits = np.empty(len(common)), np.empty(len(weights.added))
-    starts, logarithm = around.starts, tables.logarithm
-    for place in range(len(rows)):
-        row, column = rows[place], columns[place]
-        at = (row + PAD) * (width + 2 * PAD) + PAD
-        here = at + column, at + width - 1 - column
-        own_row = _STARTS[5] + row * CELLS // height
-        own_column = _STARTS[6] + column * CELLS // width
+    """Write the probabilities (n, outputs) of the symbols at positions (n,) to `p0`."""
+    hidden, logits = np.empty(len(shared)), np.empty(len(mlp.bias))
+    starts, logarithm = offsets.starts, tables.logarithm
+    for k in range(len(rows)):
+        row, column = rows[k], columns[k]
+        row_start = (row + PAD) * (width + 2 * PAD) + PAD
+        # The position itself, and its mirror image on the other side of the face.
+        centres = row_start + column, row_start + width - 1 - column
+        row_class = _STARTS[5] + row * POSITION_CELLS // height
+        column_class = _STARTS[6] + column * POSITION_CELLS // width
         for unit in range(len(hidden)):
             hidden[unit] = (
-                common[unit] + weights.classes[own_row, unit] + weights.classes[own_column, unit]
+                shared[unit] + mlp.classes[row_class, unit] + mlp.classes[column_class, unit]
             )
         for feature in range(len(starts)):
-            end = starts[feature + 1] if feature + 1 < len(starts) else len(around.offsets)
+            end = starts[feature + 1] if feature + 1 < len(starts) else len(offsets.offsets)
             total = 0
             for term in range(starts[feature], end):
-                total += grids[here[around.sides[term]] + around.offsets[term]]
+                total += grids[centres[offsets.sides[term]] + offsets.offsets[term]]
             if not total:
                 continue
             value = logarithm[min(abs(total), len(logarithm) - 1)]
             if total < 0:
                 value = -value
             for unit in range(len(hidden)):
-                hidden[unit] += value * weights.features[feature, unit]
-        logits[:] = weights.added
+                hidden[unit] += value * mlp.features[feature, unit]
+        logits[:] = mlp.bias
         for unit in range(len(hidden)):
             value = np.floor(hidden[unit] * 2.0 ** (HIDDEN_BITS - WEIGHT_BITS))
-            value = min(max(value, 0.0), MOST_HIDDEN)
+            value = min(max(value, 0.0), MAX_HIDDEN)
             if value:
                 for output in range(len(logits)):
-                    logits[output] += value * weights.last[unit, output]
+                    logits[output] += value * mlp.output[unit, output]
         for output in range(len(logits)):
             logit = int(np.floor(logits[output] * 2.0**-WEIGHT_BITS))
-            reach = min(max(logit + LOGITS, 0), len(tables.squashed) - 1)
-            zeros[place, output] = tables.squashed[reach]
+            p0[k, output] = tables.sigmoid[min(max(logit + MAX_LOGIT, 0), len(tables.sigmoid) - 1)]
 
 
-@compiled
-def _cheapest(
-    band: Array,
+@jit
+def _choose_magnitudes(
+    coefficients: Array,
     rows: Integers,
     columns: Integers,
-    zeros: Integers,
-    shift: float,
+    p0: Integers,
+    bias: float,
     zero_bits: Array,
-    found: Integers,
+    magnitudes: Integers,
 ) -> float:
-    """Writes the sizes (n,) that cost least for what stands at places (n,) of a band, in steps;
-    returns the bits of all without signs.
+    """Write the magnitudes (n,) of least cost at positions (n,); returns their bits without signs.
 
-    zeros: (n, outputs), see `foresee.Networks`.  shift: by how much nearer to zero a size is
-    restored.  zero_bits: see `ZERO_BITS`.
+    p0: (n, outputs), see `probability_model.Networks`.  zero_bits: see `ZERO_BITS`.
+    bias: by how much a decoded magnitude lies below its integer, quantiser steps.
     """
     total = 0.0
-    for place in range(len(rows)):
-        wanted = abs(band[rows[place], columns[place]])
-        nearest = min(int(wanted + 0.5), MAX_SIZE) if wanted > 0.5 else 0
-        bits = zero_bits[zeros[place, 0]]
-        least = wanted**2 + LAGRANGIAN * bits
-        for size in range(max(nearest - 1, 1), nearest + 1):
-            cost = _size_bits(size, zeros[place], zero_bits)
-            away = wanted - size + shift
-            all_in_all = away * away + LAGRANGIAN * (cost + SIGN_BITS)
-            if all_in_all < least:
-                found[place], least, bits = size, all_in_all, cost
+    for k in range(len(rows)):
+        target = abs(coefficients[rows[k], columns[k]])
+        nearest = min(int(target + 0.5), MAX_MAGNITUDE) if target > 0.5 else 0
+        bits = zero_bits[p0[k, 0]]
+        least = target**2 + LAGRANGIAN * bits
+        for magnitude in range(max(nearest - 1, 1), nearest + 1):
+            magnitude_bits = _magnitude_bits(magnitude, p0[k], zero_bits)
+            error = target - magnitude + bias
+            cost = error * error + LAGRANGIAN * (magnitude_bits + SIGN_BITS)
+            if cost < least:
+                magnitudes[k], least, bits = magnitude, cost, magnitude_bits
         total += bits
     return total
 
 
-@compiled
-def _size_bits(size: int, zeros: Integers, zero_bits: Array) -> float:
-    """Bits of one size without its sign; zeros: (outputs,)."""
+@jit
+def _magnitude_bits(magnitude: int, p0: Integers, zero_bits: Array) -> float:
+    """Bits of one magnitude without its sign; p0: (outputs,)."""
     bits = 0.0
-    for step in range(min(size, UNARY)):
-        bits += zero_bits[WHOLE - zeros[STEP_OUTPUTS[step]]]
-    if size < UNARY:
-        return float(bits + zero_bits[zeros[STEP_OUTPUTS[size]]])
-    length = int(np.log2(size - UNARY + 1))
+    for step in range(min(magnitude, UNARY_LIMIT)):
+        bits += zero_bits[PROBABILITY_ONE - p0[STEP_OUTPUTS[step]]]
+    if magnitude < UNARY_LIMIT:
+        return float(bits + zero_bits[p0[STEP_OUTPUTS[magnitude]]])
+    length = int(np.log2(magnitude - UNARY_LIMIT + 1))
     return float(bits + 2 * length + 1)

@@ -1,1 +1,1 @@
-"""Leaf helpers: compiled loops, threads."""
+"""Helpers below all other packages of the encoder: compiled loops, thread pools, images."""

@@ -1,9 +1,4 @@
-"""Loops over texels and pixels as machine code, where NumPy would make an array of every step.
-
-Compiled when they are first called and kept beside the source, or in the user's cache folder. They
-let other threads run. Floating point keeps to the order in which it is written, so results do not
-depend on the machine.
-"""
+"""Compiled loops over texels and pixels, where NumPy would need large temporary arrays."""
 
 from collections.abc import Callable
 from typing import TypeVar, cast
@@ -13,11 +8,16 @@ import numba
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
-def compiled(loop: Function) -> Function:
-    """The same function of arrays and numbers as machine code; division by zero as in NumPy."""
+def jit(function: Function) -> Function:
+    """Compile a function of arrays and numbers to machine code at its first call (decorator).
+
+    The code releases the interpreter lock, divides by zero as NumPy does, and keeps the order of
+    floating-point operations, so that results do not depend on the machine.  The compiled code is
+    cached next to the source or in the user's cache folder.
+    """
     try:
-        kept = numba.njit(cache=True, nogil=True, error_model="numpy")(loop)
+        compiled = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     except RuntimeError:
-        # There is no folder to keep it in.
-        kept = numba.njit(nogil=True, error_model="numpy")(loop)
-    return cast(Function, kept)
+        # There is no folder that a cache can be written to.
+        compiled = numba.njit(nogil=True, error_model="numpy")(function)
+    return cast(Function, compiled)

@@ -1,4 +1,4 @@
-"""The same work on many frames, on several cores: NumPy and OpenCV let other threads run."""
+"""Thread pools: NumPy, OpenCV and compiled loops release the interpreter lock while they work."""
 
 import os
 import sys
@@ -11,35 +11,34 @@ from typing import TypeVar
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-# A thread that wants the interpreter has it after this time.  Work in NumPy hands it over again and
-# again, and to wait the usual 5 ms each time takes as long as the work.
-SWITCH_S = 0.0002
+# A thread that waits for the interpreter gets it after this time.  Code that calls NumPy gives the
+# interpreter up often; with the default of 5 ms the waits would take as long as the work.
+SWITCH_INTERVAL_S = 0.0002
+# By how much the niceness of low-priority threads exceeds that of the process.
+NICENESS = 5
 
 
-# How much the frames go before, as the system counts niceness.
-NICE = 5
-
-
-def on_cores(
-    work: Callable[[Item], Result], items: Iterable[Item], workers: int | None
+def parallel_map(
+    function: Callable[[Item], Result], items: Iterable[Item], workers: int | None
 ) -> list[Result]:
-    """`work` of every item, in their order: the same results as one after the other.
+    """Apply `function` to all items, several at once; the results are in the order of the items.
 
-    workers: how many at once; None: as many as there are cores for this process.
-    The first exception that `work` raises is raised.
+    workers: number of threads; None: as many as there are cores for this process.
+    Raises the first exception that `function` raises.
     """
     if workers == 1:
-        return [work(item) for item in items]
-    with workers_beside(workers) as pool:
-        return list(pool.map(work, items))
+        return [function(item) for item in items]
+    with worker_pool(workers) as pool:
+        return list(pool.map(function, items))
 
 
-def read_ahead(items: Iterator[Item]) -> Generator[Item, None, None]:
-    """The same items, each made beside what is done with the one before it.
+def prefetch(items: Iterator[Item]) -> Generator[Item, None, None]:
+    """Yield the items; each is computed in the background while the one before it is in use.
 
-    Closed, or at its end, it has none in the making.  An exception comes in the item's place.
+    An exception is raised in place of the item that failed.  Closing the generator waits for the
+    item under way.
     """
-    with workers_beside(1) as worker:
+    with worker_pool(1) as worker:
         job = worker.submit(next, items, None)
         while (item := job.result()) is not None:
             job = worker.submit(next, items, None)
@@ -47,44 +46,47 @@ def read_ahead(items: Iterator[Item]) -> Generator[Item, None, None]:
 
 
 @contextmanager
-def workers_beside(workers: int | None = None) -> Iterator[ThreadPoolExecutor]:
-    """Workers beside what the block does; what they have not begun when it is left they never do.
+def worker_pool(workers: int | None = None) -> Iterator[ThreadPoolExecutor]:
+    """A thread pool; leaving the block cancels the jobs that have not started.
 
-    workers: see `on_cores`.
+    workers: see `parallel_map`.
     """
-    pool = ThreadPoolExecutor(workers or usable_cores())
+    pool = ThreadPoolExecutor(workers or available_cores())
     try:
-        with switching_often():
+        with short_switch_interval():
             yield pool
     finally:
         pool.shutdown(cancel_futures=True)
 
 
 @contextmanager
-def switching_often() -> Iterator[None]:
-    """Let threads take turns quickly for a while."""
+def short_switch_interval() -> Iterator[None]:
+    """Let threads hand the interpreter over after `SWITCH_INTERVAL_S` within the block."""
     before = sys.getswitchinterval()
-    sys.setswitchinterval(min(before, SWITCH_S))
+    sys.setswitchinterval(min(before, SWITCH_INTERVAL_S))
     try:
         yield
     finally:
         sys.setswitchinterval(before)
 
 
-def usable_cores() -> int:
-    """The cores that this process may run on: in a container perhaps fewer than the host has."""
+def available_cores() -> int:
+    """Number of cores this process may run on: a container may have fewer than its host."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
-def threads_beside(count: int) -> ThreadPoolExecutor:
-    """Threads that let others go first, where the system tells threads apart."""
-    return ThreadPoolExecutor(count, initializer=_step_back)
+def low_priority_executor(workers: int) -> ThreadPoolExecutor:
+    """A thread pool whose threads yield to all others, where the system has priorities of threads.
+
+    workers: number of threads.
+    """
+    return ThreadPoolExecutor(workers, initializer=_lower_priority)
 
 
-def _step_back() -> None:
+def _lower_priority() -> None:
     if sys.platform == "linux":
-        nice = os.getpriority(os.PRIO_PROCESS, 0) + NICE
+        nice = os.getpriority(os.PRIO_PROCESS, 0) + NICENESS
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), nice)

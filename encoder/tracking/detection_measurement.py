@@ -7,11 +7,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.detection.landmark_indices import COUNT, EYE_CORNERS
+from encoder.detection.landmark_indices import LANDMARK_COUNT, OUTER_EYE_CORNERS
 from encoder.detection.landmarks import LandmarkTracker
-from encoder.detection.roi import Square, square_from_landmarks
+from encoder.detection.roi import RotatedRoi, roi_from_landmarks
 from encoder.detection.viola_jones import HaarDetector
-from encoder.fitting.identity import TYPICAL_FOCAL, Fitted, fit_identity
+from encoder.fitting.fit_results import Fitted
+from encoder.fitting.identity import TYPICAL_FOCAL, fit_identity
 from encoder.fitting.landmark_fit import (
     LandmarkModel,
     fit_frame,
@@ -108,7 +109,7 @@ class NetworkSighter:
     ) -> Sight | None:
         """See `Sighter`."""
         # Where the network's last landmarks have strayed the tracker knows better.
-        self._tracker.steer(None if near is None else self._square(near))
+        self._tracker.set_roi(None if near is None else self._square(near))
         points = self._points(frame, coming)
         if points is None:
             return None
@@ -116,21 +117,23 @@ class NetworkSighter:
         start = near or start_parameters(model, camera, points)
         face = fit_frame(model, camera, points, start, self._active, STEPS if near else 4)
         shape = points_in(model, face.eau)[self._chosen]
-        eyes_px = np.linalg.norm(points[EYE_CORNERS[0], :2] - points[EYE_CORNERS[1], :2])
+        eyes_px = np.linalg.norm(
+            points[OUTER_EYE_CORNERS[0], :2] - points[OUTER_EYE_CORNERS[1], :2]
+        )
         variance = np.full(self.point_count, (SIGMA * eyes_px) ** 2)
         return Sight(face, shape, points[model.index[self._chosen], :2], variance)
 
-    def _square(self, face: FaceParameters) -> Square:
+    def _square(self, face: FaceParameters) -> RotatedRoi:
         """Where the network should look for the caller's face."""
-        points = np.full((COUNT, 3), np.nan)
+        points = np.full((LANDMARK_COUNT, 3), np.nan)
         points[self._model.index, :2] = pixel_from_head(
             self._camera, face.pose, points_in(self._model, face.eau)
         )
-        return square_from_landmarks(points)
+        return roi_from_landmarks(points)
 
     def _points(self, frame: Picture, coming: Picture | None = None) -> Array | None:
         found = self._tracker.update(frame, coming)
-        warn_of_several(self._tracker.faces_seen, self._warn)
+        warn_of_several(self._tracker.face_count, self._warn)
         return None if found is None else found.points
 
 

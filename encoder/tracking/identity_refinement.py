@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from encoder.fitting.analysis_by_synthesis import View
 from encoder.fitting.bundle_adjustment import Bundle
-from encoder.fitting.identity import Fitted
+from encoder.fitting.fit_results import Fitted
 from encoder.fitting.person_texture import OwnTexture
-from encoder.runtime.parallel import threads_beside
+from encoder.runtime.parallel import low_priority_executor
 from shared_model import geometry
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters, refocused
@@ -102,7 +102,7 @@ class Refinement:
         self._album = Album()
         self._seconds = 0.0
         self._due = list(DUE_S)
-        self._beside = threads_beside(1)
+        self._beside = low_priority_executor(1)
         self._coming: Future[Fitted | None] | None = None
         self._adopted = True
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.capture.colour import in_luma
+from encoder.capture.colour import luma_u8
 from encoder.tracking.vertex_visibility import Visibility
 from shared_model.animate import Face
 from shared_model.geometry import Camera, pixel_from_head
@@ -75,7 +75,7 @@ class KltTracker:
         start: FaceParameters,
         count: int = 40,
     ) -> None:
-        grey = in_luma(frame)
+        grey = luma_u8(frame)
         self.index = choose_points(face, grey, camera, start, count)
         self.reshape(face)
         self._last = self._view(grey, camera, start)
@@ -86,7 +86,7 @@ class KltTracker:
         expected = pixel_from_head(camera, predicted.pose, points)
         visible = self._visibility.seen(predicted.pose) & self._last.seen
         eyes_px = eye_distance_px(camera, predicted.pose)
-        pixels, ok = _follow(self._last, in_luma(frame), expected, visible, eyes_px)
+        pixels, ok = _follow(self._last, luma_u8(frame), expected, visible, eyes_px)
         variance = np.where(ok, max(_SIGMA * eyes_px, 0.1) ** 2, np.inf)
         share = float(ok.sum() / max(visible.sum(), 1))
         return Tracks(points, np.where(ok[:, None], pixels, expected), variance, share)
@@ -98,7 +98,7 @@ class KltTracker:
 
     def put_back(self, frame: Frame, camera: Camera, fitted: FaceParameters) -> None:
         """Take the fitted model's word for where the points are in `frame`."""
-        self._last = self._view(in_luma(frame), camera, fitted)
+        self._last = self._view(luma_u8(frame), camera, fitted)
 
     def _view(self, grey: Grey, camera: Camera, fitted: FaceParameters) -> _View:
         pixels = pixel_from_head(camera, fitted.pose, self._points.animate(fitted.eau))

@@ -9,15 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.capture.colour import in_luma
+from encoder.capture.colour import luma_u8
 from encoder.fitting.analysis_by_synthesis import LEAST_NOISE_GREY, NOISE_GREY, View
-from encoder.fitting.identity import Fitted
+from encoder.fitting.fit_results import Fitted, Refined
 from encoder.fitting.person_texture import (
     GOOD_CORRELATION,
     LARGEST_ATLASES,
     USUAL,
     OwnTexture,
-    Refined,
     Synthesis,
 )
 from encoder.fitting.pose_initialisation import pose_from_points
@@ -149,7 +148,7 @@ class TrackingFollower:
         fitted = self._sighter.first(frame)
         if fitted is None:
             return None
-        grey = in_luma(frame)
+        grey = luma_u8(frame)
         face, start, camera = Face(self._head, fitted.identity), fitted.frames[0], fitted.camera
         textures = tuple(
             OwnTexture(self._head, face, camera, grey, start, size, self._synthesis)
@@ -185,7 +184,7 @@ class TrackingFollower:
         if sight is not None and not is_plausible(sight.face, caller.fitted):
             sight = None
         # What follows looks at luma alone.
-        grey, camera = in_luma(frame), caller.fitted.camera
+        grey, camera = luma_u8(frame), caller.fitted.camera
         tracks = caller.klt.track(grey, camera, predicted) if self._has("klt") else None
         start = self._fuse(caller, predicted, sight, tracks)
         refined = None
@@ -342,7 +341,7 @@ class TrackingFollower:
         sight = self._sighter.sight(frame, None)
         if sight is None or not is_plausible(sight.face, caller.fitted):
             return None
-        found, grey = sight.face, in_luma(frame)
+        found, grey = sight.face, luma_u8(frame)
         if self._has("abs"):
             refined = self._refine(caller, grey, [found], RECOVERY_ITERATIONS)
             if refined.correlation >= FOUND_CORRELATION:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.runtime.jit import compiled
+from encoder.runtime.jit import jit
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -14,7 +14,7 @@ TRIALS = 10
 USUAL = 0.83
 
 
-@compiled
+@jit
 def distances(
     known: Array, towards: Array, H: Array, innovation: Array, weight: Array, visible: Mask
 ) -> tuple[Array, float]:

@@ -1,7 +1,6 @@
 """When a tracked face counts as lost, and what cannot be one (thesis 5.2)."""
 
-from encoder.fitting.identity import Fitted
-from encoder.fitting.person_texture import Refined
+from encoder.fitting.fit_results import Fitted, Refined
 from encoder.tracking.klt import Tracks
 from shared_model.parameters import FaceParameters
 

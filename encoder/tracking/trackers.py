@@ -13,7 +13,8 @@ from encoder.detection.landmarks import LandmarkTracker
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.detection.viola_jones import HaarDetector
 from encoder.fitting.analysis_by_synthesis import Refiner
-from encoder.fitting.identity import TYPICAL_FOCAL, Fitted, fit_identity
+from encoder.fitting.fit_results import Fitted
+from encoder.fitting.identity import TYPICAL_FOCAL, fit_identity
 from encoder.fitting.landmark_fit import LandmarkModel, fit_frame, landmark_model, personalise
 from encoder.fitting.person_texture import Synthesis
 from encoder.fitting.pose_initialisation import pose_from_three_points
@@ -50,7 +51,7 @@ STEPS: Mapping[str, type[Refiner]] = {
 }
 # What the thesis profile sends, and the lids even if it does not, lest blinks pass for the brows'
 # motion.
-FOLLOWED = tuple(EAU_INDEX[name] for name in sent_eaus(lids=True))
+FOLLOWED = tuple(EAU_INDEX[name] for name in sent_eaus(with_eyelids=True))
 # Share of a new measurement in the filtered value: little lag, and half of the jitter's power gone.
 GAIN = 0.7
 
@@ -148,7 +149,7 @@ def _landmark_tracker(warn: Warn, lids: bool) -> LandmarkTracker | None:
     except NetworkFilesMissing as error:
         warn(f"{error}; following by Viola-Jones")
         return None
-    return LandmarkTracker(folder, BlazeFaceDetector(folder), look_at_lids=lids)
+    return LandmarkTracker(folder, BlazeFaceDetector(folder), refine_eyelids=lids)
 
 
 class Unimproved:
@@ -190,7 +191,7 @@ class NetworkFollower(Unimproved):
     def update(self, frame: Picture, coming: Picture | None = None) -> FaceParameters | None:
         """See `Follower`."""
         found = self._tracker.update(frame, coming)
-        warn_of_several(self._tracker.faces_seen, self._warn)
+        warn_of_several(self._tracker.face_count, self._warn)
         if found is None:
             return None
         if self._model is None or self._last is None:

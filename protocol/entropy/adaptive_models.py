@@ -1,41 +1,44 @@
-"""Probabilities that learn: what model packets' tables, residual shapes and
-reliefs and the coarsest subbands of stills are coded with.
+"""Adaptive binary probabilities, and signed integers coded by them.
 
-Each context counts what it has seen, so early bits teach much and later ones less.  All is
-integer; encoder and decoder run the same code.
+Tables of model packets, residual shapes, weight maps, foreground masks and the lowpass subbands of
+pictures are coded with these models.  A context adapts fast at first and at a constant rate after
+`_MAX_COUNT` bits.  The arithmetic is in integers; encoder and decoder run the same code.
 """
 
-from protocol.entropy.range_coder import WHOLE
-from protocol.frames.value_coding import BitCoder
+from protocol.entropy.integer_codes import code_bits
+from protocol.entropy.range_coder import PROBABILITY_ONE, BitCoder
 
-# A context that has seen this many bits forgets at a steady rate.
-_MEMORY = 60
-_LEAST = 96
+# Bits after which the adaptation rate of a context stays the same.
+_MAX_COUNT = 60
+_MIN_PROBABILITY = 96
 
 
 class AdaptiveBits:
-    """`count` contexts, each of which starts at probability `zero` / 65536 of a zero."""
+    """`count` contexts; the probability of a zero starts at `zero` / 65536."""
 
-    def __init__(self, count: int, zero: int = WHOLE // 2) -> None:
+    def __init__(self, count: int, zero: int = PROBABILITY_ONE // 2) -> None:
         self._zero = [zero] * count
-        self._seen = [0] * count
+        self._counts = [0] * count
 
     def code(self, coder: BitCoder, context: int, bit: int) -> int:
-        """Code `bit` in `context` and learn from it; a decoder ignores `bit`.  Returns the bit."""
-        zero, seen = self._zero[context], self._seen[context]
+        """Code `bit` in `context` and adapt the context; a decoder ignores `bit`.
+
+        Returns the bit coded.
+        """
+        zero, count = self._zero[context], self._counts[context]
         bit = coder.code_bit(bit, zero)
-        target = 0 if bit else WHOLE
-        zero += (target - zero) * 2 // (2 * seen + 4)
-        self._zero[context] = min(max(zero, _LEAST), WHOLE - _LEAST)
-        if seen < _MEMORY:
-            self._seen[context] = seen + 1
+        target = 0 if bit else PROBABILITY_ONE
+        zero += (target - zero) * 2 // (2 * count + 4)
+        self._zero[context] = min(max(zero, _MIN_PROBABILITY), PROBABILITY_ONE - _MIN_PROBABILITY)
+        if count < _MAX_COUNT:
+            self._counts[context] = count + 1
         return bit
 
 
 class AdaptiveIntegers:
-    """Signed integers, small ones most likely, in `count` contexts: Elias' gamma code, learning.
+    """Signed integers in `count` contexts: an Exp-Golomb code whose prefix bits are adaptive.
 
-    Sizes go up to 2 ** (`LONGEST` + 1) - 2.
+    Magnitudes go up to 2 ** (`LONGEST` + 1) - 2.
     """
 
     LONGEST = 14
@@ -44,20 +47,18 @@ class AdaptiveIntegers:
         self._lengths = AdaptiveBits(count * (self.LONGEST + 1))
 
     def code(self, coder: BitCoder, context: int, value: int) -> int:
-        """Code `value` in `context`; a decoder ignores it.  Returns the value.
+        """Code `value` in `context`; a decoder ignores it.  Returns the value coded.
 
-        Raises `ValueError` if a decoder reads a size that no encoder writes.
+        Raises `ValueError` if the prefix is longer than `LONGEST`.
         """
-        size, length = abs(value) + 1, 0
+        shifted, length = abs(value) + 1, 0
         first = context * (self.LONGEST + 1)
-        while self._lengths.code(coder, first + length, int(size >> length > 1)):
+        while self._lengths.code(coder, first + length, int(shifted >> length > 1)):
             length += 1
             if length > self.LONGEST:
                 raise ValueError("a value is too large")
         if not length:
             return 0
-        found = 1
-        for place in reversed(range(length)):
-            found = found << 1 | coder.code_bit(size >> place & 1, WHOLE // 2)
-        negative = coder.code_bit(int(value < 0), WHOLE // 2)
-        return 1 - found if negative else found - 1
+        magnitude = (1 << length | code_bits(coder, shifted, length)) - 1
+        negative = coder.code_bit(int(value < 0), PROBABILITY_ONE // 2)
+        return -magnitude if negative else magnitude

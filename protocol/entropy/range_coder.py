@@ -1,31 +1,39 @@
-"""A byte-wise binary range coder with given probabilities, all in integers.
+"""A byte-wise binary range coder with given probabilities, in integer arithmetic.
 
-Probabilities are in 1 / 65536.  The encoder keeps its low end in integers of unbounded length, so
-there is no carry to propagate; `finish` returns the fewest bytes that name a point of the final
-interval; the decoder reads zeros past the end.  Zeros take the lower part of the interval: likely
-zeros and nothing else cost no byte at all.  After Martin, "Range encoding", 1979.
+Probabilities are in 1 / 65536.  The encoder holds its low end in an integer of unbounded length, so
+no carry has to be propagated.  `finish` returns the fewest bytes that name a point of the final
+interval, and the decoder reads zeros past their end.  A zero takes the lower part of the interval:
+a message of likely zeros alone has no bytes.  After Martin, "Range encoding", 1979.
 """
 
 from bisect import bisect_left
+from typing import Protocol
 
 PROBABILITY_BITS = 16
-WHOLE = 1 << PROBABILITY_BITS
-# Wide enough that the interval is never split more coarsely than the probabilities say.
+PROBABILITY_ONE = 1 << PROBABILITY_BITS
+# The range exceeds 2 ** 40, so its split follows the probabilities to within 2 ** -24.
 _TOP_BITS = 48
 _LEAST_RANGE = 1 << 40
-# Adding to a long integer takes time by its length: what is above so many bits is put aside.
-_SHORT_BITS = 1024
+# The time of an addition grows with the length of the integer: longer low ends are flushed.
+_FLUSH_BITS = 1024
+
+
+class BitCoder(Protocol):
+    """A range encoder, or a range decoder, which ignores the bit that it is given."""
+
+    def code_bit(self, bit: int, zero: int) -> int:
+        """Code `bit`, which is 0 with probability `zero` / 65536, and return it."""
 
 
 class RangeEncoder:
-    """Collects decisions; `finish` gives their bytes."""
+    """Codes bits; `finish` returns the bytes."""
 
     def __init__(self) -> None:
         self._low, self._range, self._shifted = 0, 1 << _TOP_BITS, 0
-        self._aside: list[tuple[int, int]] = []
+        self._flushed: list[tuple[int, int]] = []
 
     def code_bit(self, bit: int, zero: int) -> int:
-        """Code `bit`, 0 with probability `zero` / 65536, 0 < zero < 65536; returns it."""
+        """Code `bit`, which is 0 with probability `zero` / 65536, 0 < `zero` < 65536; return it."""
         split = (self._range >> PROBABILITY_BITS) * zero
         if bit:
             self._low += split
@@ -36,20 +44,20 @@ class RangeEncoder:
             self._low <<= 8
             self._range <<= 8
             self._shifted += 8
-        if self._shifted > _SHORT_BITS:
-            self._aside.append((self._low >> _TOP_BITS, self._shifted))
+        if self._shifted > _FLUSH_BITS:
+            self._flushed.append((self._low >> _TOP_BITS, self._shifted))
             self._low, self._shifted = self._low & (1 << _TOP_BITS) - 1, 0
         return bit
 
     def finish(self) -> bytes:
-        """The shortest bytes from which a `RangeDecoder` reads what was coded."""
+        """The fewest bytes from which a `RangeDecoder` reads the bits coded."""
         low, total = 0, _TOP_BITS
-        for part, bits in (*self._aside, (self._low >> _TOP_BITS, self._shifted)):
+        for part, bits in (*self._flushed, (self._low >> _TOP_BITS, self._shifted)):
             low, total = (low << bits) + part, total + bits
         low = (low << _TOP_BITS) + (self._low & (1 << _TOP_BITS) - 1)
 
         def point(length: int) -> int:
-            """The lowest point from `low` on that has so many bytes, in units of the last one."""
+            """The lowest point from `low` on that has `length` bytes, in units of the last one."""
             return -(-low >> total - 8 * length)
 
         length = bisect_left(
@@ -61,17 +69,17 @@ class RangeEncoder:
 
 
 class RangeDecoder:
-    """Reads decisions out of bytes; any bytes decode to something."""
+    """Reads bits from bytes; any bytes can be decoded."""
 
     def __init__(self, data: bytes) -> None:
-        self._data, self._place = data, _TOP_BITS // 8
-        self._code = int.from_bytes(data[: self._place].ljust(self._place, b"\0"), "big")
+        self._data, self._position = data, _TOP_BITS // 8
+        self._code = int.from_bytes(data[: self._position].ljust(self._position, b"\0"), "big")
         self._range = 1 << _TOP_BITS
 
     @property
-    def surplus(self) -> int:
-        """Number of bytes that nothing decoded so far depends on."""
-        return max(0, len(self._data) - self._place)
+    def unread_bytes(self) -> int:
+        """Number of bytes at the end on which no bit decoded so far depends."""
+        return max(0, len(self._data) - self._position)
 
     def code_bit(self, bit: int, zero: int) -> int:
         """The next bit, which is 0 with probability `zero` / 65536; `bit` is ignored."""
@@ -83,8 +91,8 @@ class RangeDecoder:
         else:
             self._range = split
         while self._range < _LEAST_RANGE:
-            byte = self._data[self._place] if self._place < len(self._data) else 0
+            byte = self._data[self._position] if self._position < len(self._data) else 0
             self._code = self._code << 8 | byte
             self._range <<= 8
-            self._place += 1
+            self._position += 1
         return bit

@@ -1,10 +1,10 @@
-"""Whole numbers as one to five bytes."""
+"""Integers of variable length, one to five bytes."""
 
 MAX_VARINT = 2**32 - 1
 
 
 def encode_varint(value: int) -> bytes:
-    """`value` >= 0 in groups of seven bits, lowest first, top bit set on all but the last."""
+    """Code `value` >= 0 in groups of seven bits, lowest first; bit 7 marks all but the last."""
     out = bytearray()
     while value > 0x7F:
         out.append(value & 0x7F | 0x80)
@@ -16,7 +16,7 @@ def encode_varint(value: int) -> bytes:
 def decode_varint(data: bytes) -> tuple[int, int]:
     """Value and length of the varint of at most five bytes at the start of `data`.
 
-    Raises `ValueError` if it is cut off, longer than need be or beyond 32 bits.
+    Raises `ValueError` if it is incomplete, has a superfluous last byte or exceeds 32 bits.
     """
     value = 0
     for index, byte in enumerate(data[:5]):

@@ -1,9 +1,9 @@
-"""Real values to integer codes and back: the one table of ranges and steps of the thesis profile.
+"""Scalar quantisers: codes of model packets and the companded codes of the thesis profile.
 
 The thesis profile sends ten values of eight bits ten times a second (thesis 5.1): the head's motion
-against the reference pose, and four EAUs; if the call says so, two more for the lids.  Codes
--127..127 are companded, value = sign(c) (a|c| + b c^2), so that small motions are precise and large
-ones possible.
+relative to the reference pose, and four EAUs; with eyelids, two more.  Codes -127..127 are
+companded, value = centre + sign(c) (a |c| + b c^2): small motions are precise and the range is
+large.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.packets import ProtocolError
+from protocol.errors import ProtocolError
 from shared_model.geometry import (
     conjugate,
     multiply,
@@ -35,66 +35,69 @@ THESIS_RATE_HZ = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Scale:
-    """How one value of the thesis profile is companded around `centre`.
+class CompandedScale:
+    """The quantiser of one value of the thesis profile.
 
-    finest: value of one code at rest (a); reach: value at code 127, measured from `centre`.
+    slope: a, the step at code 0.
+    range: distance of the values of codes +-127 from `centre`.
     """
 
     name: str
     unit: str
-    finest: float
-    reach: float
+    slope: float
+    range: float
     centre: float = 0.0
 
     @property
-    def growth(self) -> float:
-        """b of value = a|c| + b c^2."""
-        return (self.reach - MAX_CODE * self.finest) / MAX_CODE**2
+    def curvature(self) -> float:
+        """b, by which the step grows with the code."""
+        return (self.range - MAX_CODE * self.slope) / MAX_CODE**2
 
 
-def _linear(name: str) -> Scale:
+def _linear(name: str) -> CompandedScale:
     eau = EAUS[EAU_INDEX[name]]
-    reach = (eau.high - eau.low) / 2
-    return Scale(name, "1", reach / MAX_CODE, reach, eau.low + reach)
+    half_range = (eau.high - eau.low) / 2
+    return CompandedScale(name, "1", half_range / MAX_CODE, half_range, eau.low + half_range)
 
 
-# Rotation is the axis-angle vector from the reference rotation, camera axes.  Shift is that of the
-# projected head origin, carried back to the reference's depth: it is in mm and needs no camera.
-# Depth is the natural logarithm of the depth over the reference's.  Lids are last: a call without
-# them sends the rows before.
+# Rotation is the axis-angle vector from the reference rotation, camera axes.  Shift is the
+# displacement of the head origin's projection, scaled to the depth of the reference: it is in mm
+# and independent of the camera.  Depth is the natural logarithm of depth over reference depth.
+# The rows of the eyelids are last; a call without eyelids sends the rows before them.
 THESIS_TABLE = (
-    Scale("rotation_x", "deg", 0.2, 60.0),
-    Scale("rotation_y", "deg", 0.2, 60.0),
-    Scale("rotation_z", "deg", 0.2, 60.0),
-    Scale("shift_right", "mm", 0.3, 300.0),
-    Scale("shift_down", "mm", 0.3, 300.0),
-    Scale("depth", "log", 0.001, 1.0),
+    CompandedScale("rotation_x", "deg", 0.2, 60.0),
+    CompandedScale("rotation_y", "deg", 0.2, 60.0),
+    CompandedScale("rotation_z", "deg", 0.2, 60.0),
+    CompandedScale("shift_right", "mm", 0.3, 300.0),
+    CompandedScale("shift_down", "mm", 0.3, 300.0),
+    CompandedScale("depth", "log", 0.001, 1.0),
     *(_linear(name) for name in (*THESIS_EAUS, *LID_EAUS)),
 )
 
-_FINEST = np.array([scale.finest for scale in THESIS_TABLE])
-_GROWTH = np.array([scale.growth for scale in THESIS_TABLE])
+_SLOPE = np.array([scale.slope for scale in THESIS_TABLE])
+_CURVATURE = np.array([scale.curvature for scale in THESIS_TABLE])
 _CENTRE = np.array([scale.centre for scale in THESIS_TABLE])
-_MOTION = 6
+_MOTION_SIZE = 6
 
 
-def sent_eaus(lids: bool) -> tuple[str, ...]:
-    """The actuators that frame packets of the thesis profile carry, with the lids or without."""
-    return (*THESIS_EAUS, *LID_EAUS) if lids else THESIS_EAUS
+def sent_eaus(with_eyelids: bool) -> tuple[str, ...]:
+    """Names of the actuators in frame packets of the thesis profile."""
+    return (*THESIS_EAUS, *LID_EAUS) if with_eyelids else THESIS_EAUS
 
 
-def encode_thesis(parameters: FaceParameters, reference: Pose, lids: bool = False) -> bytes:
-    """Payload of a thesis frame packet: one byte per row of `THESIS_TABLE` sent, code + 128."""
-    return bytes((codes_from_parameters(parameters, reference, lids) + 128).astype(np.uint8))
+def encode_thesis(parameters: FaceParameters, reference: Pose, with_eyelids: bool = False) -> bytes:
+    """Payload of a thesis frame packet: code + 128 as a byte, by the rows of `THESIS_TABLE`."""
+    return bytes(
+        (codes_from_parameters(parameters, reference, with_eyelids) + 128).astype(np.uint8)
+    )
 
 
-def decode_thesis(payload: bytes, reference: Pose, lids: bool = False) -> FaceParameters:
+def decode_thesis(payload: bytes, reference: Pose, with_eyelids: bool = False) -> FaceParameters:
     """The face of a thesis frame packet.
 
-    Raises `ProtocolError` if it is not ten valid codes, with lids twelve.
+    Raises `ProtocolError` unless the payload is ten valid codes, with eyelids twelve.
     """
-    expected = _MOTION + len(sent_eaus(lids))
+    expected = _MOTION_SIZE + len(sent_eaus(with_eyelids))
     if len(payload) != expected:
         raise ProtocolError(f"thesis frame has {len(payload)} bytes, expected {expected}")
     if 0 in payload:
@@ -102,14 +105,20 @@ def decode_thesis(payload: bytes, reference: Pose, lids: bool = False) -> FacePa
     return parameters_from_codes(np.frombuffer(payload, np.uint8).astype(np.int64) - 128, reference)
 
 
-def codes_from_parameters(parameters: FaceParameters, reference: Pose, lids: bool = False) -> Codes:
-    """(10,) int64 codes -127..127 of `THESIS_TABLE`, with lids (12,); beyond the range clipped."""
+def codes_from_parameters(
+    parameters: FaceParameters, reference: Pose, with_eyelids: bool = False
+) -> Codes:
+    """(10,) int64 codes -127..127 by `THESIS_TABLE`, with eyelids (12,); values are clipped."""
     motion = motion_from_pose(parameters.pose, reference)
-    sent = np.concatenate([motion, parameters.eau[_places(lids)]])
-    values, finest, growth = sent - _CENTRE[: len(sent)], _FINEST[: len(sent)], _GROWTH[: len(sent)]
+    sent = np.concatenate([motion, parameters.eau[_sent_indices(with_eyelids)]])
+    values, slope, curvature = (
+        sent - _CENTRE[: len(sent)],
+        _SLOPE[: len(sent)],
+        _CURVATURE[: len(sent)],
+    )
     size = np.abs(values)
-    # The root of a c + b c^2 = size that suffers no cancellation where b is 0 or tiny.
-    root = 2 * size / (finest + np.sqrt(finest**2 + 4 * growth * size))
+    # This form of the root of a c + b c^2 = size has no cancellation where b is 0 or small.
+    root = 2 * size / (slope + np.sqrt(slope**2 + 4 * curvature * size))
     below = np.floor(root)
     codes = below + (size - _expand(below) > _expand(below + 1) - size)
     signed = np.sign(values) * np.minimum(codes, MAX_CODE)
@@ -117,15 +126,15 @@ def codes_from_parameters(parameters: FaceParameters, reference: Pose, lids: boo
 
 
 def parameters_from_codes(codes: Codes, reference: Pose) -> FaceParameters:
-    """The face that (10,) codes, or (12,) with lids, stand for; EAUs that are not sent are 0."""
+    """The face of codes (10,), or (12,) with eyelids; EAUs that are not sent are 0."""
     values = np.sign(codes) * _expand(np.abs(codes).astype(np.float64)) + _CENTRE[: len(codes)]
     eau = np.zeros(len(EAUS))
-    eau[_places(len(codes) == len(THESIS_TABLE))] = values[_MOTION:]
-    return FaceParameters(pose_from_motion(values[:_MOTION], reference), eau)
+    eau[_sent_indices(len(codes) == len(THESIS_TABLE))] = values[_MOTION_SIZE:]
+    return FaceParameters(pose_from_motion(values[:_MOTION_SIZE], reference), eau)
 
 
 def motion_from_pose(pose: Pose, reference: Pose) -> Array:
-    """(6,) rotation (deg), shift (mm) and depth (log) of the first rows of `THESIS_TABLE`."""
+    """(6,) rotation (deg), shift (mm) and depth (log) relative to `reference`: `THESIS_TABLE`."""
     turn = multiply(pose.rotation, conjugate(reference.rotation))
     x, y, z = pose.translation_mm
     x_ref, y_ref, z_ref = reference.translation_mm
@@ -143,7 +152,7 @@ def pose_from_motion(motion: Array, reference: Pose) -> Pose:
 
 
 def thesis_sample_count(frames: int, fps_numerator: int, fps_denominator: int) -> int:
-    """Samples due once `frames` source frames have come: those at k / 10 s up to the last frame."""
+    """Number of samples at times k / 10 s up to the last of `frames` source frames."""
     if frames < 1:
         return 0
     return (frames - 1) * THESIS_RATE_HZ * fps_denominator // fps_numerator + 1
@@ -161,8 +170,8 @@ def values_from_codes(codes: Sequence[int], step: float) -> Array:
 
 
 def _expand(size: Array) -> Array:
-    return _FINEST[: len(size)] * size + _GROWTH[: len(size)] * size**2
+    return _SLOPE[: len(size)] * size + _CURVATURE[: len(size)] * size**2
 
 
-def _places(lids: bool) -> list[int]:
-    return [EAU_INDEX[name] for name in sent_eaus(lids)]
+def _sent_indices(with_eyelids: bool) -> list[int]:
+    return [EAU_INDEX[name] for name in sent_eaus(with_eyelids)]

@@ -1,24 +1,24 @@
-"""How the values of a packet are coded: probabilities from what the packet has shown so far.
+"""Coding of quantised prediction residuals by context-dependent Laplacian tables.
 
-Each value has a *table*: the size that the model packet's spreads let expect, in quarter octaves of
-the quantiser's step.  Its surroundings correct the table: whether this packet moves more than is
-usual, whether the two values before it were zero, and how large the same component was in the
-frames it is predicted between.  Nothing is kept from one packet to the next, so a lost packet costs
-nothing here; measured on real calls, probabilities that adapt all through the call save no more
-than these corrections.  All is integer: both ends run the same code and find the same tables.
+A *table* holds the probabilities of a Laplacian distribution; its index is the scale in quarter
+octaves of the quantiser's step.  The model packet gives a base table for each value.  The context
+within the packet corrects it: the magnitudes so far against their expectation, the two preceding
+values, and the magnitudes of the same component in the frames that predict this one.  The context
+starts anew in each packet, so a lost packet does not affect the decoding of the next.  The
+arithmetic is in integers; both ends run the same code and find the same tables.
 """
 
 from bisect import bisect
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.entropy.range_coder import WHOLE
+from protocol.entropy.integer_codes import code_bits, code_exp_golomb
+from protocol.entropy.range_coder import PROBABILITY_ONE, BitCoder
 
 # fmt: off
-# Probability, of 65536, that a value is zero, and that its size goes no further, for a Laplacian
-# whose scale is 2 ** (k / 4) steps, k = -20, -19, ... 28.
+# Of a Laplacian with scale 2 ** (k / 4) steps, k = -20, -19, ... 28, in 1/65536: the probability
+# that a value is zero, and that a magnitude of at least m is m.
 _ZERO = (
     65488, 65488, 65488, 65488, 65488, 65488, 65462, 65319, 64997, 64378, 63336, 61761,
     59591, 56826, 53528, 49806, 45797, 41644, 37484, 33429, 29569, 25966, 22659, 19665,
@@ -33,7 +33,7 @@ _STOP = (
     3971, 3355, 2833, 2391, 2016, 1700, 1432, 1207, 1016, 855, 720, 606,
     510,
 )
-# Mean size of such a value, in 1/256.
+# Mean magnitude of such a value, in 1/256.
 _MEAN = (
     0, 0, 0, 0, 0, 0, 0, 1, 2, 5, 9, 15,
     24, 35, 50, 68, 89, 115, 145, 180, 222, 272, 330, 400,
@@ -45,146 +45,126 @@ _MEAN = (
 TABLES = len(_ZERO)
 LOWEST_TABLE = -20
 
-# Corrections of the table, found on calls of four people and judged on those left out: how much the
-# packet has moved over what was expected, bounds in 1/256 in steps of half an octave;
-_RATIOS = (76, 108, 152, 215, 304, 431, 609, 861)
-_BY_RATIO = (-4, -4, -2, -2, -1, 0, 0, 1, 3)
-# how many of the last two values were not zero; the size of the component in the frames around.
-_BY_NEIGHBOURS = (-1, 1, 1)
-_BY_PARENTS = (0, 0, 1)
+# Corrections of the table's index, fitted to calls of four people with cross-validation.
+# By the ratio of the magnitudes so far to their expectation; bounds in 1/256, half an octave apart.
+_RATIO_BOUNDS = (76, 108, 152, 215, 304, 431, 609, 861)
+_RATIO_CORRECTIONS = (-4, -4, -2, -2, -1, 0, 0, 1, 3)
+# By how many of the two preceding values of the frame are not zero.
+_PRECEDING_CORRECTIONS = (-1, 1, 1)
+# By the sum of the component's magnitudes in the two reference frames: 0, 1, 2 or more.
+_REFERENCE_CORRECTIONS = (0, 0, 1)
 
-# Sizes up to this are counted out; what is beyond has Elias' gamma code and `_ESCAPE_LOW` low bits.
-UNARY = 40
+# Magnitudes up to this have a unary code; the excess of larger ones has an Exp-Golomb code of its
+# high bits, followed by `_ESCAPE_LOW` low bits.
+UNARY_LIMIT = 40
 _ESCAPE_LOW = 4
 _ESCAPE_TOP = 12
 
 
-class BitCoder(Protocol):
-    """A range encoder, or a range decoder, which ignores the bit it is given for its own."""
+class ValueContext:
+    """The context of the values of one packet.
 
-    def code_bit(self, bit: int, zero: int) -> int:
-        """Code `bit`, which is 0 with probability `zero` / 65536, and return it."""
-
-
-class Surroundings:
-    """What a packet has shown so far.
-
-    For each frame call `start_frame`, then for each value `table`, and `saw` once it is known.
+    For each frame call `start_frame`, then for each value `table`, and `update` with the value.
     """
 
     def __init__(self) -> None:
-        self._seen = self._expected = 0
-        self._frame_seen = self._frame_expected = 0
+        # Sums over the frames before this one, then over this one.
+        self._magnitudes = self._expected = 0
+        self._frame_magnitudes = self._frame_expected = 0
+        # Whether the two preceding values of the frame are not zero.
         self._last = self._last_but_one = 0
 
     def start_frame(self) -> None:
-        """The values that follow are another frame's."""
-        self._seen += self._frame_seen
+        """Begin the next frame of the packet."""
+        self._magnitudes += self._frame_magnitudes
         self._expected += self._frame_expected
-        self._frame_seen = self._frame_expected = self._last = self._last_but_one = 0
+        self._frame_magnitudes = self._frame_expected = self._last = self._last_but_one = 0
 
-    def table(self, expected: int, parents: int) -> int:
+    def table(self, base_table: int, reference_magnitude: int) -> int:
         """The table 0..TABLES - 1 of the next value.
 
-        expected: its table without surroundings, 0..TABLES - 1.
-        parents: sum of the sizes of the same component in the frames it is predicted between.
+        base_table: its table without context, 0..TABLES - 1.
+        reference_magnitude: sum of the component's magnitudes in the frames that predict this one.
         """
-        moved = 3 * self._frame_seen + self._seen + 1
-        usual = 3 * self._frame_expected + self._expected + 256
+        observed = 3 * self._frame_magnitudes + self._magnitudes + 1
+        expected = 3 * self._frame_expected + self._expected + 256
         corrected = (
-            expected
-            + _BY_RATIO[bisect(_RATIOS, (moved << 16) // usual)]
-            + _BY_NEIGHBOURS[self._last + self._last_but_one]
-            + _BY_PARENTS[min(2, parents)]
+            base_table
+            + _RATIO_CORRECTIONS[bisect(_RATIO_BOUNDS, (observed << 16) // expected)]
+            + _PRECEDING_CORRECTIONS[self._last + self._last_but_one]
+            + _REFERENCE_CORRECTIONS[min(2, reference_magnitude)]
         )
         return min(max(corrected, 0), TABLES - 1)
 
-    def saw(self, expected: int, size: int) -> None:
-        """The value whose table was `expected` has this size."""
-        self._frame_seen += size
-        self._frame_expected += _MEAN[expected]
-        self._last_but_one, self._last = self._last, int(size > 0)
+    def update(self, base_table: int, magnitude: int) -> None:
+        """Add the value that was coded after `table(base_table, ...)`."""
+        self._frame_magnitudes += magnitude
+        self._frame_expected += _MEAN[base_table]
+        self._last_but_one, self._last = self._last, int(magnitude > 0)
 
 
-def tables_around(
-    expected: NDArray[np.int64], parents: NDArray[np.int64], sizes: NDArray[np.int64]
+def context_tables(
+    base_tables: NDArray[np.int64],
+    reference_magnitudes: NDArray[np.int64],
+    magnitudes: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """(frames, n) the table of each value of a packet, as `Surroundings` has them, all at once.
+    """(frames, n) the tables that `ValueContext` gives for the values of a packet, all at once.
 
-    expected, parents: (frames, n) as there.  sizes: (frames, n) of the values themselves.
+    base_tables, reference_magnitudes: (frames, n), see `ValueContext.table`.
+    magnitudes: (frames, n) of the values themselves.
     """
-    moved, usual = _before(sizes) + 1, _before(np.take(_MEAN, expected)) + 256
-    ratio = np.searchsorted(_RATIOS, (moved << 16) // usual, side="right")
-    some = np.zeros((len(sizes), sizes.shape[1] + 2), np.int64)
-    some[:, 2:] = sizes > 0
-    found = (
-        expected
-        + np.take(_BY_RATIO, ratio)
-        + np.take(_BY_NEIGHBOURS, some[:, :-2] + some[:, 1:-1])
-        + np.take(_BY_PARENTS, np.minimum(parents, 2))
+    observed = _weighted_sums(magnitudes) + 1
+    expected = _weighted_sums(np.take(_MEAN, base_tables)) + 256
+    ratio = np.searchsorted(_RATIO_BOUNDS, (observed << 16) // expected, side="right")
+    nonzero = np.zeros((len(magnitudes), magnitudes.shape[1] + 2), np.int64)
+    nonzero[:, 2:] = magnitudes > 0
+    corrected = (
+        base_tables
+        + np.take(_RATIO_CORRECTIONS, ratio)
+        + np.take(_PRECEDING_CORRECTIONS, nonzero[:, :-2] + nonzero[:, 1:-1])
+        + np.take(_REFERENCE_CORRECTIONS, np.minimum(reference_magnitudes, 2))
     )
-    return np.asarray(np.clip(found, 0, TABLES - 1))
+    return np.asarray(np.clip(corrected, 0, TABLES - 1))
 
 
-def _before(sizes: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(frames, n) the sum of what comes before each value, its own frame's threefold."""
-    own = sizes.cumsum(1)
+def _weighted_sums(values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(frames, n) sum of the values before each one, those of its own frame with weight 3."""
+    own = values.cumsum(1)
     whole = own[:, -1:]
-    return np.asarray(3 * (own - sizes) + whole.cumsum(0) - whole)
+    return np.asarray(3 * (own - values) + whole.cumsum(0) - whole)
 
 
 def code_value(coder: BitCoder, value: int, table: int) -> int:
     """Code `value` by `table`; a decoder ignores `value`.  Returns the value coded.
 
-    Raises `ValueError` if a decoder reads a size that no encoder writes.
+    Raises `ValueError` if a decoder reads a magnitude beyond the limits of the escape code.
     """
-    size = abs(value)
-    if not coder.code_bit(int(size > 0), _ZERO[table]):
+    magnitude = abs(value)
+    if not coder.code_bit(int(magnitude > 0), _ZERO[table]):
         return 0
-    negative = coder.code_bit(int(value < 0), WHOLE // 2)
+    negative = coder.code_bit(int(value < 0), PROBABILITY_ONE // 2)
     stop, reached = _STOP[table], 1
-    while reached <= UNARY and coder.code_bit(int(size > reached), stop):
+    while reached <= UNARY_LIMIT and coder.code_bit(int(magnitude > reached), stop):
         reached += 1
-    if reached > UNARY:
-        reached += _code_escape(coder, size - reached)
+    if reached > UNARY_LIMIT:
+        reached += _code_escape(coder, magnitude - reached)
     return -reached if negative else reached
 
 
-def code_bits(coder: BitCoder, value: int, count: int) -> int:
-    """Code the `count` lowest bits of `value`, all as likely as not, and return them."""
-    coded = 0
-    for place in reversed(range(count)):
-        coded = coded << 1 | coder.code_bit(value >> place & 1, WHOLE // 2)
-    return coded
-
-
-def code_gamma(coder: BitCoder, value: int, longest: int) -> int:
-    """Elias' gamma code of `value` >= 0, at most 2 ** (`longest` + 1) - 2; returns the value coded.
-
-    A decoder ignores `value`.  Raises `ValueError` if it is larger.
-    """
-    high, length = value + 1, 0
-    while coder.code_bit(int(high >> length > 1), WHOLE // 2):
-        length += 1
-        if length > longest:
-            raise ValueError("a value is too large")
-    return (1 << length | code_bits(coder, high, length)) - 1
-
-
 def _code_escape(coder: BitCoder, excess: int) -> int:
-    """The gamma code of `excess` >= 0 in units of 2 ** `_ESCAPE_LOW`, then its low bits."""
-    above = code_gamma(coder, excess >> _ESCAPE_LOW, _ESCAPE_TOP)
-    return above << _ESCAPE_LOW | code_bits(coder, excess, _ESCAPE_LOW)
+    """Code `excess` >= 0: its high bits by Exp-Golomb, then the `_ESCAPE_LOW` lowest bits."""
+    high = code_exp_golomb(coder, excess >> _ESCAPE_LOW, _ESCAPE_TOP)
+    return high << _ESCAPE_LOW | code_bits(coder, excess, _ESCAPE_LOW)
 
 
-MAX_SIZE = UNARY + (((2 << _ESCAPE_TOP) - 1) << _ESCAPE_LOW)
+MAX_MAGNITUDE = UNARY_LIMIT + (((2 << _ESCAPE_TOP) - 1) << _ESCAPE_LOW)
 
 
 def value_bits() -> NDArray[np.float64]:
-    """(TABLES, UNARY + 1) bits that a value of each size costs under each table."""
-    zero, stop = np.array(_ZERO) / WHOLE, np.array(_STOP) / WHOLE
-    costs = np.empty((TABLES, UNARY + 1))
-    costs[:, 0] = -np.log2(zero)
-    further = np.arange(UNARY) * -np.log2(1 - stop)[:, None]
-    costs[:, 1:] = (1 - np.log2(1 - zero) - np.log2(stop))[:, None] + further
-    return costs
+    """(TABLES, UNARY_LIMIT + 1) bits that a value of each magnitude takes by each table."""
+    zero, stop = np.array(_ZERO) / PROBABILITY_ONE, np.array(_STOP) / PROBABILITY_ONE
+    bits = np.empty((TABLES, UNARY_LIMIT + 1))
+    bits[:, 0] = -np.log2(zero)
+    further = np.arange(UNARY_LIMIT) * -np.log2(1 - stop)[:, None]
+    bits[:, 1:] = (1 - np.log2(1 - zero) - np.log2(stop))[:, None] + further
+    return bits

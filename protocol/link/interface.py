@@ -8,17 +8,17 @@ from typing import Protocol, Self
 
 from shared_model.errors import UserError
 
-Say = Callable[[str], None]
+MessageCallback = Callable[[str], None]
 
 # For how long to try to connect, if nobody says.
 CONNECT_TIMEOUT_S = 10.0
 
 _ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws)/\S+:(?P<port>\d{1,5})(\?\S*)?(#\S*)?")
-MOST_PORT = 65535
+MAX_PORT = 65535
 _CALL_NAME = re.compile(r"[A-Za-z0-9_.-]+")
 
 
-def silent(line: str) -> None:
+def ignore_message(line: str) -> None:
     """Say nothing."""
 
 
@@ -50,17 +50,17 @@ class LinkOptions:
             parts = _ENDPOINT.fullmatch(endpoint)
             if parts is None:
                 raise UserError(f"endpoint {endpoint!r}: expected something like tcp/HOST:7447")
-            if int(parts["port"]) > MOST_PORT:
-                raise UserError(f"endpoint {endpoint!r}: ports go up to {MOST_PORT}")
+            if int(parts["port"]) > MAX_PORT:
+                raise UserError(f"endpoint {endpoint!r}: ports go up to {MAX_PORT}")
             if endpoint in self.connect and not int(parts["port"]):
                 raise UserError(f"endpoint {endpoint!r}: nobody listens on port 0")
 
 
-class Reach(StrEnum):
+class Reachability(StrEnum):
     """Whom a packet can reach."""
 
-    SOMEBODY = "somebody"
-    NOBODY = "nobody"
+    HAS_PEER = "somebody"
+    NO_PEER = "nobody"
     NO_LINK = "no link"
 
 
@@ -71,7 +71,7 @@ class PacketSink(Protocol):
     """
 
     @property
-    def reach(self) -> Reach: ...
+    def reachability(self) -> Reachability: ...
 
     def send(self, packet: bytes) -> None:
         """Pass on one serialised packet."""

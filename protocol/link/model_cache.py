@@ -1,16 +1,11 @@
 """What an encoder keeps for decoders that join late: the models in use and to come."""
 
-from protocol.packets import (
-    SEQUENCE_MODULUS,
-    Kind,
-    ModelPacket,
-    packet_kind,
-    parse_packet,
-    serialise,
-)
+from protocol.limits import SEQUENCE_MODULUS
+from protocol.model_packet import ModelPacket
+from protocol.packets import PacketKind, packet_kind, parse_packet, serialise
 
 
-class Kept:
+class ModelCache:
     """Model and layer packets of one call, noted in order with its frame packets.
 
     An update is in use from the frame packet on whose sequence number it bears.  Then the models
@@ -29,34 +24,36 @@ class Kept:
         """What who joins now should have, in order."""
         return tuple(packet for _, packet in self._packets)
 
-    def note(self, packet: bytes) -> None:
+    def on_sent(self, packet: bytes) -> None:
         """A packet has been sent.  Raises `ProtocolError` if it is none."""
         kind, number = packet_kind(packet), packet[0] % SEQUENCE_MODULUS
-        if kind is Kind.LAYER:
+        if kind is PacketKind.LAYER:
             self._packets += ((number, packet),)
-        elif kind is Kind.MODEL:
+        elif kind is PacketKind.MODEL:
             model = parse_packet(packet)
             assert isinstance(model, ModelPacket)
             if self._model is None:
                 self._model = model
             else:
                 self._update = model
-            self._packets += ((model.layer, packet),)
-        elif kind is Kind.FRAME and self._update and self._model:
+            self._packets += ((model.version, packet),)
+        elif kind is PacketKind.FRAME and self._update and self._model:
             past = (number - self._update.sequence) % SEQUENCE_MODULUS
             if past < SEQUENCE_MODULUS // 2:
-                self._enter(self._update, self._model)
+                self._activate(self._update, self._model)
 
-    def _enter(self, update: ModelPacket, before: ModelPacket) -> None:
+    def _activate(self, update: ModelPacket, before: ModelPacket) -> None:
         """Frame packets are of `update` now."""
         # Who joins now has never seen the pictures that stay.
-        self._update, self._model = None, update.completed(before)
+        self._update, self._model = None, update.with_missing_pictures_from(before)
         whole = serialise(self._model)
         self._packets = tuple(
             (
                 number,
-                whole if packet_kind(packet) is Kind.MODEL and number == update.layer else packet,
+                whole
+                if packet_kind(packet) is PacketKind.MODEL and number == update.version
+                else packet,
             )
             for number, packet in self._packets
-            if number >= update.layer
+            if number >= update.version
         )

@@ -4,16 +4,17 @@ import threading
 from collections import deque
 from queue import Empty, SimpleQueue
 
-from protocol.packets import MAX_LAYERS, SEQUENCE_MODULUS, Kind
+from protocol.limits import MAX_MODEL_VERSIONS, SEQUENCE_MODULUS
+from protocol.packets import PacketKind
 
 MAX_QUEUED_BYTES = 16 * 1024 * 1024
 # What an object in a queue weighs besides its bytes.
-QUEUE_COST_BYTES = 64
+QUEUE_OVERHEAD_BYTES = 64
 # Frames held back until a late joiner has the model, which takes one round trip.
-MAX_HELD_FRAMES = 256
+MAX_WAITING_FRAMES = 256
 
 
-class Arrivals:
+class ReceiveQueue:
     """A queue between the thread that receives and the one that decodes.
 
     Frames that come before any model packet are held until one does, the oldest dropped beyond
@@ -26,19 +27,19 @@ class Arrivals:
         self._lock = threading.Lock()
         self._queue: SimpleQueue[bytes | None] = SimpleQueue()
         self._queued_bytes = 0
-        self._held: deque[bytes] = deque(maxlen=MAX_HELD_FRAMES)
-        self._models: deque[bytes] = deque(maxlen=MAX_LAYERS)
+        self._waiting_for_model: deque[bytes] = deque(maxlen=MAX_WAITING_FRAMES)
+        self._models: deque[bytes] = deque(maxlen=MAX_MODEL_VERSIONS)
 
     def put(self, packet: bytes) -> None:
         """Take in a packet from any thread."""
         with self._lock:
             kind = packet[0] // SEQUENCE_MODULUS if packet else None
-            if kind == Kind.MODEL:
+            if kind == PacketKind.MODEL:
                 self._put_model(packet)
-            elif self._models or kind == Kind.LAYER:
-                self._queue_up(packet)
+            elif self._models or kind == PacketKind.LAYER:
+                self._enqueue(packet)
             else:
-                self._held.append(packet)
+                self._waiting_for_model.append(packet)
 
     def take(self, timeout_s: float | None) -> bytes | None:
         """The oldest packet; None if none came within `timeout_s`, or on `wake`."""
@@ -48,7 +49,7 @@ class Arrivals:
             return None
         if packet is not None:
             with self._lock:
-                self._queued_bytes -= len(packet) + QUEUE_COST_BYTES
+                self._queued_bytes -= len(packet) + QUEUE_OVERHEAD_BYTES
         return packet
 
     def wake(self) -> None:
@@ -58,12 +59,12 @@ class Arrivals:
     def _put_model(self, packet: bytes) -> None:
         if packet not in self._models:
             self._models.append(packet)
-            self._queue_up(packet)
-            while self._held:
-                self._queue_up(self._held.popleft())
+            self._enqueue(packet)
+            while self._waiting_for_model:
+                self._enqueue(self._waiting_for_model.popleft())
 
-    def _queue_up(self, packet: bytes) -> None:
-        cost = len(packet) + QUEUE_COST_BYTES
+    def _enqueue(self, packet: bytes) -> None:
+        cost = len(packet) + QUEUE_OVERHEAD_BYTES
         if self._queued_bytes + cost <= self._limit_bytes:
             self._queued_bytes += cost
             self._queue.put(packet)

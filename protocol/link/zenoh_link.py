@@ -19,16 +19,12 @@ import zenoh
 from zenoh import CongestionControl, ConsolidationMode, Reliability, SampleKind
 from zenoh.handlers import Callback
 
-from protocol.link.interface import LinkOptions, Reach, Say, silent
-from protocol.link.model_cache import Kept
-from protocol.link.peers import POLL_S, Audience
-from protocol.link.receive_queue import Arrivals
-from protocol.packets import (
-    MAX_MODEL_PACKET_BYTES,
-    Kind,
-    is_end,
-    packet_kind,
-)
+from protocol.limits import MAX_MODEL_PACKET_BYTES
+from protocol.link.interface import LinkOptions, MessageCallback, Reachability, ignore_message
+from protocol.link.model_cache import ModelCache
+from protocol.link.peers import POLL_S, PeerMonitor
+from protocol.link.receive_queue import ReceiveQueue
+from protocol.packets import PacketKind, is_end, packet_kind
 from shared_model.errors import LINK_FAILED, UserError
 
 # Bytes that a live frame packet grows by, measured with 8-bit sequence numbers and declared keys:
@@ -36,7 +32,7 @@ from shared_model.errors import LINK_FAILED, UserError
 ZENOH_OVERHEAD_BYTES = {"udp": 6, "tcp": 8}
 IP_OVERHEAD_BYTES = {"udp": 28, "tcp": 52}
 # For how long a call without END waits for its encoder to come back.
-GONE_GRACE_S = 1.0
+LEAVE_GRACE_S = 1.0
 # How long a session that nobody wants any more may take to open.
 OPENING_S = 0.5
 
@@ -48,14 +44,16 @@ class _Session:
     only, would keep an interrupted program from ending.
     """
 
-    def __init__(self, options: LinkOptions, awaited: str = "", say: Say = silent) -> None:
+    def __init__(
+        self, options: LinkOptions, waiting_for: str = "", say: MessageCallback = ignore_message
+    ) -> None:
         """awaited: whom to name when it is said where the session connects to or listens."""
         if not options.listen:
-            say(f"connecting to {' or '.join(options.connect)} for {awaited}")
+            say(f"connecting to {' or '.join(options.connect)} for {waiting_for}")
         self._session = _open(options)
         try:
             if options.listen:
-                say(f"listening on {' and '.join(options.listen)} for {awaited}")
+                say(f"listening on {' and '.join(options.listen)} for {waiting_for}")
             self._declare(options)
         except BaseException:
             self.close()
@@ -85,24 +83,24 @@ class ZenohSink(_Session):
     call already; two that start at the same moment may miss each other.
     """
 
-    def __init__(self, options: LinkOptions, say: Say = silent) -> None:
-        self._kept = Kept()
-        self._audience = Audience(say)
-        self._reach = Reach.NOBODY
+    def __init__(self, options: LinkOptions, say: MessageCallback = ignore_message) -> None:
+        self._models = ModelCache()
+        self._decoders = PeerMonitor(say)
+        self._reachability = Reachability.NO_PEER
         self._listens = bool(options.listen)
         self._begun_s = monotonic()
         super().__init__(options, f"a decoder of call {options.call!r}", say)
 
     def _declare(self, options: LinkOptions) -> None:
         key = f"risorius/{options.call}"
-        if self._is_taken(f"{key}/encoder"):
+        if self._name_is_taken(f"{key}/encoder"):
             raise UserError(
                 f"call {options.call!r} has an encoder already; choose another name with --call",
                 LINK_FAILED,
             )
         self._publishers = {
             kind: self._publisher(f"{key}/{kind.name.lower()}", options.lossless, kind)
-            for kind in Kind
+            for kind in PacketKind
         }
         self._session.declare_queryable(f"{key}/model", Callback(self._answer, indirect=False))
         liveliness = self._session.liveliness()
@@ -114,12 +112,12 @@ class ZenohSink(_Session):
     @property
     def peers(self) -> int:
         """Number of decoders that are there."""
-        return len(self._audience)
+        return len(self._decoders)
 
     @property
-    def reach(self) -> Reach:
+    def reachability(self) -> Reachability:
         """Whom the newest packet could reach; an encoder that listens always has its link."""
-        return self._reach
+        return self._reachability
 
     def wait_for_peer(self, timeout_s: float) -> None:
         """Return once a decoder is there and will get all that is sent from now on.
@@ -127,35 +125,35 @@ class ZenohSink(_Session):
         Raises `UserError` with exit code 4 if none has come within `timeout_s` from when the link
         began to be made.
         """
-        if not self._audience.wait(max(0.0, self._begun_s + timeout_s - monotonic())):
+        if not self._decoders.wait(max(0.0, self._begun_s + timeout_s - monotonic())):
             raise UserError(f"no decoder came within {timeout_s:g} s", LINK_FAILED)
 
     def send(self, packet: bytes) -> None:
         """Publish one packet; models in use and their layers are kept for who joins later."""
-        self._kept.note(packet)
+        self._models.on_sent(packet)
         try:
-            self._reach = self._reach_now()
+            self._reachability = self._current_reachability()
             self._publishers[packet_kind(packet)].put(packet)
         except zenoh.ZError as error:
             raise UserError(f"the link has failed: {_reason(error)}", LINK_FAILED) from error
 
-    def _reach_now(self) -> Reach:
-        if self._audience.look():
-            return Reach.SOMEBODY
+    def _current_reachability(self) -> Reachability:
+        if self._decoders.poll():
+            return Reachability.HAS_PEER
         linked = self._listens or self._session.info.transports()
-        return Reach.NOBODY if linked else Reach.NO_LINK
+        return Reachability.NO_PEER if linked else Reachability.NO_LINK
 
-    def _is_taken(self, key: str) -> bool:
+    def _name_is_taken(self, key: str) -> bool:
         """Whether somebody keeps the token `key`; one who leaves may take a moment to be gone."""
-        deadline = monotonic() + GONE_GRACE_S
-        while any(r.ok for r in self._session.liveliness().get(key, timeout=GONE_GRACE_S)):
+        deadline = monotonic() + LEAVE_GRACE_S
+        while any(r.ok for r in self._session.liveliness().get(key, timeout=LEAVE_GRACE_S)):
             if monotonic() >= deadline:
                 return True
             sleep(POLL_S)
         return False
 
-    def _publisher(self, key: str, lossless: bool, kind: Kind) -> zenoh.Publisher:
-        sure = lossless or kind is not Kind.FRAME
+    def _publisher(self, key: str, lossless: bool, kind: PacketKind) -> zenoh.Publisher:
+        sure = lossless or kind is not PacketKind.FRAME
         return self._session.declare_publisher(
             key,
             reliability=Reliability.RELIABLE if sure else Reliability.BEST_EFFORT,
@@ -167,11 +165,13 @@ class ZenohSink(_Session):
 
     def _answer(self, query: zenoh.Query) -> None:
         with query:
-            for packet in self._kept.packets:
+            for packet in self._models.packets:
                 query.reply(query.key_expr, packet)
 
     def _decoder_changed(self, sample: zenoh.Sample) -> None:
-        change = self._audience.came if sample.kind == SampleKind.PUT else self._audience.went
+        change = (
+            self._decoders.on_join if sample.kind == SampleKind.PUT else self._decoders.on_leave
+        )
         change(str(sample.key_expr))
 
 
@@ -186,12 +186,15 @@ class ZenohSource(_Session):
     """
 
     def __init__(
-        self, options: LinkOptions, say: Say = silent, gone_grace_s: float = GONE_GRACE_S
+        self,
+        options: LinkOptions,
+        say: MessageCallback = ignore_message,
+        leave_grace_s: float = LEAVE_GRACE_S,
     ) -> None:
-        self._grace_s = gone_grace_s
-        self._arrivals = Arrivals()
-        self._gone_s: float | None = None
-        self._last_s = monotonic()  # when something arrived
+        self._grace_s = leave_grace_s
+        self._queue = ReceiveQueue()
+        self._left_s: float | None = None
+        self._last_arrival_s = monotonic()  # when something arrived
         self._complete = self._ended = False
         self._key = f"risorius/{options.call}"
         super().__init__(options, f"an encoder of call {options.call!r}", say)
@@ -199,7 +202,7 @@ class ZenohSource(_Session):
     def _declare(self, options: LinkOptions) -> None:
         # With a thread for each key, packets would change places.
         arrived = Callback(self._arrived, indirect=False)
-        for kind in Kind:
+        for kind in PacketKind:
             self._session.declare_subscriber(f"{self._key}/{kind.name.lower()}", arrived)
         liveliness = self._session.liveliness()
         liveliness.declare_subscriber(
@@ -222,7 +225,7 @@ class ZenohSource(_Session):
         """The next packet, waiting at most `timeout_s`; None if none came in time or `ended`."""
         deadline = None if timeout_s is None else monotonic() + timeout_s
         while not self._ended:
-            packet = self._arrivals.take(self._patience_s(deadline))
+            packet = self._queue.take(self._wait_s(deadline))
             if packet is not None:
                 self._complete = self._ended = is_end(packet)
                 return packet
@@ -236,23 +239,23 @@ class ZenohSource(_Session):
         while (packet := self.receive()) is not None:
             yield packet
 
-    def _patience_s(self, deadline: float | None) -> float:
+    def _wait_s(self, deadline: float | None) -> float:
         ends = [end - monotonic() for end in (deadline, self._end_s) if end is not None]
         return max(0.0, min([POLL_S, *ends]))
 
     @property
     def _end_s(self) -> float | None:
         """When to wait no longer for an encoder that is gone."""
-        gone_s = self._gone_s
-        return None if gone_s is None else max(gone_s, self._last_s) + self._grace_s
+        gone_s = self._left_s
+        return None if gone_s is None else max(gone_s, self._last_arrival_s) + self._grace_s
 
     def _arrived(self, sample: zenoh.Sample) -> None:
-        self._last_s = monotonic()
-        self._arrivals.put(sample.payload.to_bytes())
+        self._last_arrival_s = monotonic()
+        self._queue.put(sample.payload.to_bytes())
 
     def _encoder_changed(self, sample: zenoh.Sample) -> None:
         if sample.kind == SampleKind.PUT:
-            self._gone_s = None
+            self._left_s = None
             # The model may have been published before we came; if also after, one is dropped.
             self._session.get(
                 f"{self._key}/model",
@@ -260,12 +263,12 @@ class ZenohSource(_Session):
                 consolidation=ConsolidationMode.NONE,
             )
         else:
-            self._gone_s = monotonic()
-            self._arrivals.wake()
+            self._left_s = monotonic()
+            self._queue.wake()
 
     def _replied(self, reply: zenoh.Reply) -> None:
         if reply.ok is not None:
-            self._arrivals.put(reply.ok.payload.to_bytes())
+            self._queue.put(reply.ok.payload.to_bytes())
 
 
 class ZenohRouter(_Session):

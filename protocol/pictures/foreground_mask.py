@@ -9,60 +9,59 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.entropy.adaptive_models import AdaptiveBits
-from protocol.entropy.range_coder import RangeDecoder, RangeEncoder
+from protocol.entropy.range_coder import BitCoder, RangeDecoder, RangeEncoder
 from protocol.entropy.varint import decode_varint, encode_varint
-from protocol.frames.value_coding import BitCoder
-from protocol.packets import ProtocolError
+from protocol.errors import ProtocolError
 
-Map = NDArray[np.bool_]
+Mask = NDArray[np.bool_]
 
-LETTER = b"C"
+TAG = b"C"
 # Places a side, whatever the picture's shape; and no silhouette takes more bytes.
-SIDE = 96
-MAX_BYTES = 2048
+MASK_SIDE = 96
+MAX_MASK_BYTES = 2048
 # Rows up and columns left of a place, of those that tell what it is.
-_BEFORE = ((0, 1), (1, 1), (1, 0), (1, -1), (0, 2), (2, 0))
+_CONTEXT_OFFSETS = ((0, 1), (1, 1), (1, 0), (1, -1), (0, 2), (2, 0))
 _PAD = 2
 
 
-def serialise_background(silhouette: Map | None, still: bytes) -> bytes:
+def serialise_background(mask: Mask | None, picture: bytes) -> bytes:
     """A still as it is sent, with the map (SIDE, SIDE) of who is before what it shows, if known."""
-    if silhouette is None:
-        return still
+    if mask is None:
+        return picture
     coder = RangeEncoder()
-    _code(coder, silhouette)
+    _code(coder, mask)
     data = coder.finish()
-    return LETTER + encode_varint(len(data)) + data + still
+    return TAG + encode_varint(len(data)) + data + picture
 
 
-def parse_background(data: bytes) -> tuple[Map | None, bytes]:
+def parse_background(data: bytes) -> tuple[Mask | None, bytes]:
     """The silhouette, if there is one, and the still of a model packet's background.
 
     Raises `ProtocolError` if the silhouette is damaged; the still is not looked into.
     """
-    if data[:1] != LETTER:
+    if data[:1] != TAG:
         return None, data
     try:
         length, size = decode_varint(data[1:])
     except ValueError as error:
         raise ProtocolError(f"background: silhouette: {error}") from error
     start = 1 + size
-    if length > min(MAX_BYTES, len(data) - start):
-        raise ProtocolError(f"background: silhouette of {length} bytes, limit {MAX_BYTES}")
+    if length > min(MAX_MASK_BYTES, len(data) - start):
+        raise ProtocolError(f"background: silhouette of {length} bytes, limit {MAX_MASK_BYTES}")
     coder = RangeDecoder(data[start : start + length])
-    silhouette = _code(coder, np.zeros((SIDE, SIDE), np.bool_))
-    if coder.surplus:
-        raise ProtocolError(f"background: silhouette: {coder.surplus} bytes too many")
+    silhouette = _code(coder, np.zeros((MASK_SIDE, MASK_SIDE), np.bool_))
+    if coder.unread_bytes:
+        raise ProtocolError(f"background: silhouette: {coder.unread_bytes} bytes too many")
     return silhouette, data[start + length :]
 
 
-def _code(coder: BitCoder, silhouette: Map) -> Map:
-    bits = AdaptiveBits(1 << len(_BEFORE))
-    known = [[0] * (SIDE + 2 * _PAD) for _ in range(SIDE + _PAD)]
+def _code(coder: BitCoder, silhouette: Mask) -> Mask:
+    bits = AdaptiveBits(1 << len(_CONTEXT_OFFSETS))
+    known = [[0] * (MASK_SIDE + 2 * _PAD) for _ in range(MASK_SIDE + _PAD)]
     for i, row in enumerate(silhouette.tolist(), _PAD):
         for j, shown in enumerate(row, _PAD):
             context = 0
-            for up, left in _BEFORE:
+            for up, left in _CONTEXT_OFFSETS:
                 context = context << 1 | known[i - up][j - left]
             known[i][j] = bits.code(coder, context, int(shown))
     return np.array(known, np.bool_)[_PAD:, _PAD:-_PAD]

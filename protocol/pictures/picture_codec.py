@@ -15,25 +15,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.entropy.varint import decode_varint, encode_varint
-from protocol.packets import ProtocolError
-from protocol.pictures.probability_model import MODE, STILL, TEXTURE
-from protocol.pictures.subband_coding import Pyramid, Series, read, restored
-from protocol.pictures.weight_map import decode_relief
+from protocol.errors import ProtocolError
+from protocol.pictures.probability_model import BACKGROUND, MODE, TEXTURE
+from protocol.pictures.subband_coding import (
+    PictureSequence,
+    SubbandPyramid,
+    decode_planes,
+    dequantised,
+)
+from protocol.pictures.weight_map import decode_weight_map
 
 Single = NDArray[np.float32]
 Array = NDArray[np.float64]
 
-LETTERS = {STILL: b"S", TEXTURE: b"T"}
-_KINDS = {letter: kind for kind, letter in LETTERS.items()}
+TAGS = {BACKGROUND: b"S", TEXTURE: b"T"}
+_KINDS = {letter: kind for kind, letter in TAGS.items()}
 # How much an error of each colour difference counts against one of luma: in a still it shows as a
 # blotch, in a mode it comes and goes.
-STILL_CHROMA = 0.5
-CHROMA = 0.3
+INTRA_CHROMA_WEIGHT = 0.5
+MODE_CHROMA_WEIGHT = 0.3
 # Grey level about which a still's luma is coded.
-GREY = 128.0
+LUMA_OFFSET = 128.0
 # Of 2 ** (1 / STEPS_PER_OCTAVE) each.
 STEPS_PER_OCTAVE = 8
-MAX_STEP = 80
+MAX_STEP_CODE = 80
 _LUMA = (0.114, 0.587, 0.299)
 
 
@@ -42,14 +47,14 @@ def to_luma(colours: NDArray[np.floating]) -> Single:
     return np.asarray(colours @ np.array(_LUMA, np.float32), np.float32)
 
 
-def to_planes(colours: NDArray[np.floating], chroma: float = CHROMA) -> Single:
+def to_planes(colours: NDArray[np.floating], chroma: float = MODE_CHROMA_WEIGHT) -> Single:
     """BGR colours (..., 3), or differences of such, to luma and weighted colour differences."""
     y = to_luma(colours)
     blue, red = colours[..., 0] - y, colours[..., 2] - y
     return np.asarray(np.stack([y, chroma * blue, chroma * red], -1), np.float32)
 
 
-def from_planes(planes: NDArray[np.floating], chroma: float = CHROMA) -> Single:
+def from_planes(planes: NDArray[np.floating], chroma: float = MODE_CHROMA_WEIGHT) -> Single:
     """The inverse of `to_planes`."""
     y = planes[..., 0]
     blue, red = y + planes[..., 1] / chroma, y + planes[..., 2] / chroma
@@ -70,35 +75,37 @@ class PictureFormat:
     """
 
     kind: int
-    fineness: Array
+    weight_map: Array
 
-    def planes(self, planes: Single) -> list[Array]:
+    def weighted_planes(self, planes: Single) -> list[Array]:
         """What is coded of a picture (h, w, 3), as `to_planes` makes it: colours at half size."""
-        offset = 0.0 if self.kind == MODE else GREY
-        luma = (planes[..., 0].astype(np.float64) - offset) * self.fineness
-        colour = [_halved(planes[..., i].astype(np.float64) * self.fineness) for i in (1, 2)]
+        offset = 0.0 if self.kind == MODE else LUMA_OFFSET
+        luma = (planes[..., 0].astype(np.float64) - offset) * self.weight_map
+        colour = [_downsampled(planes[..., i].astype(np.float64) * self.weight_map) for i in (1, 2)]
         return [luma, *colour]
 
-    def colours(self, pyramids: Sequence[Pyramid], step: int) -> Single:
+    def picture_from_pyramids(self, pyramids: Sequence[SubbandPyramid], step: int) -> Single:
         """The picture (h, w, 3), BGR, of its coded planes."""
-        planes = [restored(pyramid, step_size(step)) for pyramid in pyramids]
-        height, width = self.fineness.shape
-        colour = [_enlarged(_enlarged(plane, height).T, width).T for plane in planes[1:]]
-        even = [plane / self.fineness for plane in (planes[0], *colour)]
-        even[0] += 0.0 if self.kind == MODE else GREY
-        return from_planes(np.stack(even, -1).astype(np.float32), self.chroma)
+        planes = [dequantised(pyramid, step_size(step)) for pyramid in pyramids]
+        height, width = self.weight_map.shape
+        colour = [
+            _upsampled_rows(_upsampled_rows(plane, height).T, width).T for plane in planes[1:]
+        ]
+        even = [plane / self.weight_map for plane in (planes[0], *colour)]
+        even[0] += 0.0 if self.kind == MODE else LUMA_OFFSET
+        return from_planes(np.stack(even, -1).astype(np.float32), self.chroma_weight)
 
     @property
-    def chroma(self) -> float:
+    def chroma_weight(self) -> float:
         """Weight of colour."""
-        return CHROMA if self.kind == MODE else STILL_CHROMA
+        return MODE_CHROMA_WEIGHT if self.kind == MODE else INTRA_CHROMA_WEIGHT
 
-    def read(self, series: Series, name: str, data: bytes) -> Single:
+    def decode(self, series: PictureSequence, name: str, data: bytes) -> Single:
         """The next picture of a series.  Raises `ProtocolError` if `data` holds none."""
-        if not data or data[0] > MAX_STEP:
-            raise ProtocolError(f"{name} has no step of 0..{MAX_STEP}")
-        pyramids = read(series, name, data[1:], plane_shapes(*self.fineness.shape))
-        return self.colours(pyramids, data[0])
+        if not data or data[0] > MAX_STEP_CODE:
+            raise ProtocolError(f"{name} has no step of 0..{MAX_STEP_CODE}")
+        pyramids = decode_planes(series, name, data[1:], plane_shapes(*self.weight_map.shape))
+        return self.picture_from_pyramids(pyramids, data[0])
 
 
 def plane_shapes(height: int, width: int) -> list[tuple[int, int]]:
@@ -108,13 +115,13 @@ def plane_shapes(height: int, width: int) -> list[tuple[int, int]]:
 
 
 @dataclass(frozen=True, slots=True)
-class StillHead:
+class PictureHeader:
     """What comes before a still's coefficients, which start at byte `start`."""
 
     kind: int
     width: int
     height: int
-    relief: bytes
+    weight_map: bytes
     start: int
 
     def picture_format(self, name: str) -> PictureFormat:
@@ -122,27 +129,27 @@ class StillHead:
 
         Raises `ProtocolError` if its relief is damaged.
         """
-        return PictureFormat(self.kind, decode_relief(name, self.relief, self.height, self.width))
+        return PictureFormat(
+            self.kind, decode_weight_map(name, self.weight_map, self.height, self.width)
+        )
 
 
-def serialise_head(kind: int, width: int, height: int, relief: bytes) -> bytes:
+def serialise_picture_header(kind: int, width: int, height: int, relief: bytes) -> bytes:
     """The bytes before a still's coefficients.  kind: `STILL` or `TEXTURE`."""
-    return (
-        LETTERS[kind] + encode_varint(width) + encode_varint(height) + bytes([len(relief)]) + relief
-    )
+    return TAGS[kind] + encode_varint(width) + encode_varint(height) + bytes([len(relief)]) + relief
 
 
-def is_still(data: bytes) -> bool:
+def is_picture(data: bytes) -> bool:
     """Whether `data` begins as a still does."""
     return data[:1] in _KINDS
 
 
-def still_head(name: str, data: bytes) -> StillHead:
+def parse_picture_header(name: str, data: bytes) -> PictureHeader:
     """What the head of a still says.
 
     name: what it is, for the message.  Raises `ProtocolError` if `data` does not start with one.
     """
-    if not is_still(data):
+    if not is_picture(data):
         raise ProtocolError(f"{name} is no picture this program knows")
     try:
         width, used = decode_varint(data[1:])
@@ -157,41 +164,41 @@ def still_head(name: str, data: bytes) -> StillHead:
     relief = data[start + 1 : start + 1 + length]
     if start >= len(data) or len(relief) < length:
         raise ProtocolError(f"{name} ends in its head")
-    return StillHead(_KINDS[data[:1]], width, height, relief, start + 1 + length)
+    return PictureHeader(_KINDS[data[:1]], width, height, relief, start + 1 + length)
 
 
-def decode_still(name: str, data: bytes) -> Single:
+def decode_picture(name: str, data: bytes) -> Single:
     """The picture (h, w, 3), BGR, about 0..255.
 
     Raises `ProtocolError` if `data` is no still.  Check `still_head` first: any size is decoded.
     """
-    head = still_head(name, data)
-    return head.picture_format(name).read(Series(head.kind), name, data[head.start :])
+    head = parse_picture_header(name, data)
+    return head.picture_format(name).decode(PictureSequence(head.kind), name, data[head.start :])
 
 
-class ModeSeries:
+class ModeDecoder:
     """Codes the appearance modes of one caller, in order.
 
     size: of the texture, a side.  relief: the texture's.
     Raises `ProtocolError` if the relief is damaged.
     """
 
-    def __init__(self, size: int, relief: bytes = b"") -> None:
-        self.format = PictureFormat(MODE, decode_relief("texture", relief, size, size))
-        self.series = Series(MODE)
+    def __init__(self, size: int, weight_map: bytes = b"") -> None:
+        self.format = PictureFormat(MODE, decode_weight_map("texture", weight_map, size, size))
+        self.sequence = PictureSequence(MODE)
 
-    def copy(self) -> "ModeSeries":
+    def copy(self) -> "ModeDecoder":
         """What can go on by itself."""
         copied = copy(self)
-        copied.series = self.series.copy()
+        copied.sequence = self.sequence.copy()
         return copied
 
     def decode(self, name: str, data: bytes) -> Single:
         """The next mode (size, size, 3), BGR.  Raises `ProtocolError` if `data` holds none."""
-        return self.format.read(self.series, name, data)
+        return self.format.decode(self.sequence, name, data)
 
 
-def _halved(plane: Array) -> Array:
+def _downsampled(plane: Array) -> Array:
     """Means of 2 x 2 values; an odd last row or column counts twice."""
     even = np.pad(plane, [(0, side % 2) for side in plane.shape], mode="edge")
     return np.asarray(
@@ -199,7 +206,7 @@ def _halved(plane: Array) -> Array:
     )
 
 
-def _enlarged(rows: Array, count: int) -> Array:
+def _upsampled_rows(rows: Array, count: int) -> Array:
     """Rows at twice the density, bilinear, edges repeated; `count` of them."""
     at = np.clip((np.arange(count) + 0.5) / 2 - 0.5, 0, len(rows) - 1)
     low = np.minimum(at.astype(int), max(len(rows) - 2, 0))

@@ -16,8 +16,13 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.entropy.range_coder import WHOLE
-from protocol.pictures.coefficient_context import CELLS, TURNS, Turn, logarithm
+from protocol.entropy.range_coder import PROBABILITY_ONE
+from protocol.pictures.coefficient_context import (
+    PASS_OFFSETS,
+    POSITION_CELLS,
+    CodingPass,
+    log_feature,
+)
 from protocol.pictures.wavelet import LEVELS
 
 Array = NDArray[np.float64]
@@ -25,26 +30,26 @@ Integers = NDArray[np.int64]
 Band = TypeVar("Band")
 
 # Kinds of pictures, and the orientation of the coarsest subband, which comes after the details'.
-STILL, TEXTURE, MODE = range(3)
-COARSE = 3
+BACKGROUND, TEXTURE, MODE = range(3)
+LOWPASS = 3
 # How many kinds, planes, levels with the coarsest, orientations and turns there are, and where the
 # weights of each start; those of places by rows and by columns come last.
-_COUNTS = (3, 3, 1 + LEVELS, 1 + COARSE, len(TURNS), CELLS)
-STARTS = np.cumsum([0, *_COUNTS]).tolist()
-CLASSES = STARTS[-1] + CELLS
+_COUNTS = (3, 3, 1 + LEVELS, 1 + LOWPASS, len(PASS_OFFSETS), POSITION_CELLS)
+CLASS_STARTS = np.cumsum([0, *_COUNTS]).tolist()
+CLASS_COUNT = CLASS_STARTS[-1] + POSITION_CELLS
 # A hidden value is in 1 / 2 ** HIDDEN_BITS of an octave of size, a logit in 1 / 2 ** LOGIT_BITS;
 # weights that make either have WEIGHT_BITS more.
 WEIGHT_BITS, HIDDEN_BITS, LOGIT_BITS = 13, 4, 8
 # Bounds the sums, whatever the weights.
-MOST_HIDDEN = 1 << 14
+MAX_HIDDEN = 1 << 14
 # Nothing is surer than the least probability, in 1 / 65536, which logits beyond these have.
-LOGITS = 8 << LOGIT_BITS
-LEAST = 24
-PARTS = ("features", "classes", "last")
+MAX_LOGIT = 8 << LOGIT_BITS
+MIN_PROBABILITY = 24
+WEIGHT_ARRAYS = ("features", "classes", "last")
 
 
 @dataclass(frozen=True, slots=True)
-class Site:
+class BandPosition:
     """Where a band belongs.
 
     kind: `STILL`, `TEXTURE` or `MODE`.  plane: luma, then two colours.  level: 0 is the coarsest
@@ -58,21 +63,21 @@ class Site:
     orientation: int
     pictures: int = 0
 
-    def of(self, coarse: Band, details: Sequence[Sequence[Band]]) -> Band:
+    def select(self, coarse: Band, details: Sequence[Sequence[Band]]) -> Band:
         """The band of this level and orientation: a plane's coarsest, or one of its details."""
         return details[self.level - 1][self.orientation] if self.level else coarse
 
-    def classes(self, turn: Turn) -> list[int]:
+    def class_rows(self, turn: CodingPass) -> list[int]:
         """Rows of a network's weights that hold for all places of a turn."""
         own = (self.kind, self.plane, self.level, self.orientation, turn.number)
-        return [start + index for start, index in zip(STARTS[: len(own)], own, strict=True)]
+        return [start + index for start, index in zip(CLASS_STARTS[: len(own)], own, strict=True)]
 
-    def features(self, turn: Turn) -> list[float]:
+    def pass_features(self, turn: CodingPass) -> list[float]:
         """What is known of all places of a turn, beside what is around them."""
-        return [logarithm(self.pictures), logarithm(turn.grid[0])]
+        return [log_feature(self.pictures), log_feature(turn.grid[0])]
 
 
-class Network:
+class Mlp:
     """Probabilities from what is around.
 
     features: (f + 2, h) weights of features, the last two of `Site.features`.
@@ -83,62 +88,69 @@ class Network:
     """
 
     def __init__(self, features: Array, classes: Array, last: Array) -> None:
-        self.features, self.of_all, self.classes = features[:-2], features[-2:], classes
-        self.last, self.added = last[:-1], last[-1]
-        self.rows, self.columns = classes[STARTS[-2] : STARTS[-1]], classes[STARTS[-1] :]
+        self.feature_weights, self.pass_weights, self.class_weights = (
+            features[:-2],
+            features[-2:],
+            classes,
+        )
+        self.output_weights, self.output_bias = last[:-1], last[-1]
+        self.row_weights, self.column_weights = (
+            classes[CLASS_STARTS[-2] : CLASS_STARTS[-1]],
+            classes[CLASS_STARTS[-1] :],
+        )
 
-    def common(self, site: Site, turn: Turn) -> Array:
+    def pass_activation(self, site: BandPosition, turn: CodingPass) -> Array:
         """(h,) what all places of a turn add to the hidden values."""
-        own = self.classes[site.classes(turn)].sum(0)
-        return np.asarray(own + np.array(site.features(turn)) @ self.of_all)
+        own = self.class_weights[site.class_rows(turn)].sum(0)
+        return np.asarray(own + np.array(site.pass_features(turn)) @ self.pass_weights)
 
-    def zeros(self, features: Array, site: Site, turn: Turn) -> Integers:
+    def zero_probabilities(self, features: Array, site: BandPosition, turn: CodingPass) -> Integers:
         """(n, outputs) the probability of a zero, in 1 / 65536, from features (n, f)."""
         rows, columns = turn.cells
-        hidden = features @ self.features
-        hidden += self.common(site, turn)
-        hidden += self.rows.take(rows, 0)
-        hidden += self.columns.take(columns, 0)
+        hidden = features @ self.feature_weights
+        hidden += self.pass_activation(site, turn)
+        hidden += self.row_weights.take(rows, 0)
+        hidden += self.column_weights.take(columns, 0)
         hidden *= 2.0 ** (HIDDEN_BITS - WEIGHT_BITS)
         np.floor(hidden, out=hidden)
-        np.clip(hidden, 0, MOST_HIDDEN, out=hidden)
-        logits = hidden @ self.last
-        logits += self.added
+        np.clip(hidden, 0, MAX_HIDDEN, out=hidden)
+        logits = hidden @ self.output_weights
+        logits += self.output_bias
         logits *= 2.0**-WEIGHT_BITS
         np.floor(logits, out=logits)
-        found = SQUASHED.take(logits.astype(np.int64) + LOGITS, mode="clip")
+        found = SIGMOID.take(logits.astype(np.int64) + MAX_LOGIT, mode="clip")
         return np.asarray(found, np.int64)
 
 
-def _squashed() -> Integers:
-    logits = np.arange(-LOGITS, LOGITS + 1) / 2**LOGIT_BITS
-    zeros = np.rint(WHOLE / (1 + np.exp(-logits)))
-    return np.asarray(np.clip(zeros, LEAST, WHOLE - LEAST), np.int64)
+def _sigmoid_table() -> Integers:
+    logits = np.arange(-MAX_LOGIT, MAX_LOGIT + 1) / 2**LOGIT_BITS
+    zeros = np.rint(PROBABILITY_ONE / (1 + np.exp(-logits)))
+    return np.asarray(np.clip(zeros, MIN_PROBABILITY, PROBABILITY_ONE - MIN_PROBABILITY), np.int64)
 
 
-SQUASHED = _squashed()
+SIGMOID = _sigmoid_table()
 
 
 @dataclass(frozen=True, slots=True)
-class Networks:
+class ProbabilityModels:
     """What foretells the flag of a tile, the size and the sign of a coefficient.
 
     Outputs of sizes: is it nothing; is a size of 1, of 2, of 3 or 4, of 5 to 8, of more the whole?
     """
 
-    tiles: Network
-    sizes: Network
-    signs: Network
+    tiles: Mlp
+    sizes: Mlp
+    signs: Mlp
 
 
 @lru_cache
-def networks() -> Networks:
+def probability_models() -> ProbabilityModels:
     """Those that both ends have."""
     with files("protocol").joinpath("data/foresight.npz").open("rb") as file:
         stored = np.load(file)
-        return Networks(
+        return ProbabilityModels(
             *(
-                Network(*(stored[f"{name}_{part}"].astype(np.float64) for part in PARTS))
-                for name in Networks.__slots__
+                Mlp(*(stored[f"{name}_{part}"].astype(np.float64) for part in WEIGHT_ARRAYS))
+                for name in ProbabilityModels.__slots__
             )
         )

@@ -19,12 +19,13 @@ from decoder.playout import PlayedFrame
 from decoder.reenactment import read_model
 from decoder.renderer import Renderer
 from decoder.scene import Scene, StageClock, face_from_model, head_of
-from protocol.packets import ModelPacket, ProtocolError
-from risorius.animation.animation_script import Moment, Script, read_script
-from risorius.animation.ground_truth import Shot, frame_truth, script_truth, write_truth
+from protocol.errors import ProtocolError
+from protocol.model_packet import ModelPacket
+from risorius.animation.animation_script import AnimationState, Script, read_script
+from risorius.animation.ground_truth import FrameGeometry, frame_truth, script_truth, write_truth
 from risorius.animation.synthetic_skin import painted_colours
 from shared_model.animate import Face, Identity
-from shared_model.errors import UserError
+from shared_model.errors import UserError, cannot_read
 from shared_model.geometry import (
     FRONTAL,
     Camera,
@@ -74,10 +75,10 @@ class Actor(Protocol):
 
     head: Head
 
-    def shot(self, moment: Moment) -> Shot:
-        """Where everything is at one moment."""
+    def geometry(self, state: AnimationState) -> FrameGeometry:
+        """Where everything is at one state."""
 
-    def draw(self, moment: Moment, shot: Shot) -> Picture:
+    def draw(self, state: AnimationState, geometry: FrameGeometry) -> Picture:
         """The picture of it, (height, width, 3) uint8 BGR, without light, blur and noise."""
 
     def close(self) -> None:
@@ -87,12 +88,12 @@ class Actor(Protocol):
 def animate(options: AnimateOptions, progress: Progress, stop: Callable[[], bool]) -> AnimateReport:
     """Draw the script to its end, or until `stop`.  Raises `UserError` if it cannot."""
     script = read_script(options.script)
-    truth = options.truth or _beside(options.output)
+    truth = options.truth or _default_truth_path(options.output)
     frames: list[dict[str, Any]] = []
     with ExitStack() as stack:
         actor = open_actor(script, options.call_file)
         stack.callback(actor.close)
-        camera = actor.shot(script.at(0)).camera
+        camera = actor.geometry(script.at(0)).camera
         size = camera.width, camera.height
         sink = stack.enter_context(open_sink(options.output, *size, script.fps))
         random = np.random.default_rng(script.seed)
@@ -100,10 +101,10 @@ def animate(options: AnimateOptions, progress: Progress, stop: Callable[[], bool
             if stop():
                 break
             time_s = float(index / script.fps)
-            moment = script.at(time_s)
-            shot = actor.shot(moment)
-            sink.write(degrade(actor.draw(moment, shot), script, moment, random))
-            frames.append(frame_truth(time_s, moment, shot, actor.head))
+            state = script.at(time_s)
+            geometry = actor.geometry(state)
+            sink.write(degrade(actor.draw(state, geometry), script, state, random))
+            frames.append(frame_truth(time_s, state, geometry, actor.head))
             progress(len(frames), script.frames)
     who = options.call_file.name if options.call_file else None
     names = {"script": options.script.name, "call": who, "video": options.output.name}
@@ -124,22 +125,24 @@ class GenericActor:
         self._renderer = Renderer(script.width, script.height, head, samples=4)
         self._background = _background(script)
 
-    def shot(self, moment: Moment) -> Shot:
+    def geometry(self, state: AnimationState) -> FrameGeometry:
         """The camera zooms; the head keeps its distance."""
         home = Pose(np.array(FRONTAL), np.array([0.0, 0.0, self._script.distance_mm]))
         rest = self._camera
-        camera = Camera(rest.width, rest.height, rest.focal_px * moment.zoom)
-        vertices = self._face.reshaped(moment.aau).animate(moment.eau)
-        return Shot(camera, _posed(home, moment), vertices)
+        camera = Camera(rest.width, rest.height, rest.focal_px * state.zoom)
+        vertices = self._face.reshaped(state.aau).animate(state.eau)
+        return FrameGeometry(camera, _pose_from_home(home, state), vertices)
 
-    def draw(self, moment: Moment, shot: Shot) -> Picture:
+    def draw(self, state: AnimationState, geometry: FrameGeometry) -> Picture:
         """The shaded head over the background."""
-        drawn = self._renderer.draw_shaded(shot.camera, shot.pose, shot.vertices, self._colours)
+        drawn = self._renderer.draw_shaded(
+            geometry.camera, geometry.pose, geometry.vertices, self._colours
+        )
         if self._background is None:
             return drawn
         # Black paint on the renderer's grey tells how much of each pixel the head covers.
         black = np.zeros_like(self._colours)
-        mask = self._renderer.draw_shaded(shot.camera, shot.pose, shot.vertices, black)
+        mask = self._renderer.draw_shaded(geometry.camera, geometry.pose, geometry.vertices, black)
         open_share = mask.astype(np.float32) / max(int(mask.max()), 1)
         mixed = drawn - open_share * mask.max() + open_share * self._background
         return np.asarray(np.clip(np.rint(mixed), 0, 255), dtype=np.uint8)
@@ -158,16 +161,16 @@ class CallerActor:
         self._scene = Scene(model, self.head)
         self._clock = StageClock()
 
-    def shot(self, moment: Moment) -> Shot:
+    def geometry(self, state: AnimationState) -> FrameGeometry:
         """Poses are relative to that of the caller's still picture, AAUs to their own."""
-        pose = _posed(self._model.reference_pose, moment)
-        vertices = self._face.reshaped(moment.aau).animate(moment.eau)
-        return Shot(self._model.call.camera, pose, vertices)
+        pose = _pose_from_home(self._model.reference_pose, state)
+        vertices = self._face.reshaped(state.aau).animate(state.eau)
+        return FrameGeometry(self._model.call.camera, pose, vertices)
 
-    def draw(self, moment: Moment, shot: Shot) -> Picture:
+    def draw(self, state: AnimationState, geometry: FrameGeometry) -> Picture:
         """As the decoder draws a frame of a call."""
-        self._scene.reshape(moment.aau)
-        frame = PlayedFrame(0, FaceParameters(shot.pose, moment.eau), held=False)
+        self._scene.reshape(state.aau)
+        frame = PlayedFrame(0, FaceParameters(geometry.pose, state.eau), held=False)
         return self._scene.draw(frame, self._clock)
 
     def close(self) -> None:
@@ -176,10 +179,10 @@ class CallerActor:
 
 
 def degrade(
-    picture: Picture, script: Script, moment: Moment, random: np.random.Generator
+    picture: Picture, script: Script, state: AnimationState, random: np.random.Generator
 ) -> Picture:
     """What the camera adds: light, then blur, then noise; (h, w, 3) uint8 in and out."""
-    light = moment.brightness * side_light(picture.shape[1], moment.side)
+    light = state.brightness * side_light(picture.shape[1], state.side)
     value = picture.astype(np.float32) * light[None, :, None]
     if script.blur_px:
         value = cv2.GaussianBlur(value, (0, 0), script.blur_px)
@@ -211,9 +214,9 @@ def open_actor(script: Script, call_file: Path | None) -> Actor:
         raise UserError(f"cannot draw {call_file}: {error}") from error
 
 
-def _posed(home: Pose, moment: Moment) -> Pose:
+def _pose_from_home(home: Pose, state: AnimationState) -> Pose:
     """The home pose, turned in the head's own axes and moved in the camera's."""
-    pose = moment.pose
+    pose = state.pose
     turned = pose_from_euler(pose["pitch"], pose["yaw"], pose["roll"], np.zeros(3)).rotation
     local = multiply(conjugate(np.array(FRONTAL)), turned)
     moved = home.translation_mm + np.array([pose["right"], pose["down"], pose["away"]])
@@ -228,7 +231,7 @@ def _background(script: Script) -> NDArray[np.float32] | None:
     try:
         data = script.background.read_bytes()
     except OSError as error:
-        raise UserError(f"cannot read {script.background}: {error.strerror}") from error
+        raise cannot_read(script.background, error) from error
     picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
     if picture is None:
         raise UserError(f"the background {script.background} is not a picture OpenCV can read")
@@ -236,6 +239,6 @@ def _background(script: Script) -> NDArray[np.float32] | None:
     return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
-def _beside(output: Path) -> Path:
+def _default_truth_path(output: Path) -> Path:
     """The truth's place: out.mkv -> out.json, out/%04d.png -> out/truth.json."""
     return output.with_name("truth.json") if "%" in output.name else output.with_suffix(".json")

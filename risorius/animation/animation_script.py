@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared_model.curves import smooth_curve
-from shared_model.errors import UserError
+from shared_model.errors import UserError, cannot_read
 from shared_model.expressions import EMOTIONS
 from shared_model.parameters import AAUS, EAUS, clip_eau
 
@@ -52,7 +52,7 @@ SETTINGS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class AnimationState:
     """What the script asks for at one time.
 
     eau: (len(EAUS),).  aau: (len(AAUS),).  pose: pitch, yaw, roll in degrees and right, down, away
@@ -95,7 +95,7 @@ class Script:
         """Number of pictures, at least one."""
         return max(1, round(self.seconds * self.fps))
 
-    def at(self, time_s: float) -> Moment:
+    def at(self, time_s: float) -> AnimationState:
         """What is asked for at a time: smooth between keys, held at both ends."""
         eau = self._group("eau", time_s)
         for emotion, share in zip(EMOTIONS, self._group("emotion", time_s), strict=True):
@@ -103,7 +103,9 @@ class Script:
         pose = dict(zip(POSE, self._group("pose", time_s).tolist(), strict=True))
         brightness, side = self._group("light", time_s).tolist()
         zoom = float(self._group("camera", time_s)[0])
-        return Moment(clip_eau(eau), self._group("aau", time_s), pose, brightness, side, zoom)
+        return AnimationState(
+            clip_eau(eau), self._group("aau", time_s), pose, brightness, side, zoom
+        )
 
     def _group(self, group: str, time_s: float) -> Array:
         return np.array([self._value(group, name, time_s) for name in GROUPS[group]])
@@ -120,7 +122,7 @@ def read_script(path: Path) -> Script:
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise UserError(f"cannot read {path}: {error.strerror}") from error
+        raise cannot_read(path, error) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise UserError(f"{path} is not TOML: {error}") from error
     try:

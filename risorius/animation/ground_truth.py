@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from risorius.animation.animation_script import Moment, Script
-from shared_model.errors import UserError
+from risorius.animation.animation_script import AnimationState, Script
+from shared_model.errors import cannot_write
 from shared_model.geometry import Camera, euler_deg, pixel_from_head
 from shared_model.mesh import Head
 from shared_model.parameters import AAUS, EAUS, Pose
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Shot:
+class FrameGeometry:
     """One picture's camera, pose and vertices (n, 3) mm."""
 
     camera: Camera
@@ -27,23 +27,25 @@ class Shot:
     vertices: Array
 
 
-def frame_truth(time_s: float, moment: Moment, shot: Shot, head: Head) -> dict[str, Any]:
+def frame_truth(
+    time_s: float, state: AnimationState, geometry: FrameGeometry, head: Head
+) -> dict[str, Any]:
     """All that is known of one picture; see docs/animate.md."""
-    pixels = pixel_from_head(shot.camera, shot.pose, shot.vertices)
+    pixels = pixel_from_head(geometry.camera, geometry.pose, geometry.vertices)
     corners, weights = head.triangles[head.network_triangles], head.network_weights
     network = (weights[..., None] * pixels[corners]).sum(1)
     known = head.network_triangles >= 0
-    pitch, yaw, roll = euler_deg(shot.pose)
+    pitch, yaw, roll = euler_deg(geometry.pose)
     return {
         "time_s": round(time_s, 6),
-        "focal_px": shot.camera.focal_px,
-        "rotation": _rounded(shot.pose.rotation, 9),
-        "translation_mm": _rounded(shot.pose.translation_mm, 6),
+        "focal_px": geometry.camera.focal_px,
+        "rotation": _rounded(geometry.pose.rotation, 9),
+        "translation_mm": _rounded(geometry.pose.translation_mm, 6),
         "pitch_yaw_roll_deg": _rounded(np.array([pitch, yaw, roll]), 5),
-        "eau": _rounded(moment.eau, 6),
-        "aau": _rounded(moment.aau, 6),
-        "brightness": round(moment.brightness, 6),
-        "side": round(moment.side, 6),
+        "eau": _rounded(state.eau, 6),
+        "aau": _rounded(state.aau, 6),
+        "brightness": round(state.brightness, 6),
+        "side": round(state.side, 6),
         "landmarks_px": {
             name: _rounded(pixels[index], 2) for name, index in sorted(head.landmarks.items())
         },
@@ -74,7 +76,7 @@ def write_truth(path: Path, whole: Mapping[str, Any], frames: Sequence[Mapping[s
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise UserError(f"cannot write {path}: {error.strerror}") from error
+        raise cannot_write(path, error) from error
 
 
 def _rounded(values: Array, digits: int) -> list[float]:

@@ -1,6 +1,11 @@
 """Values of options, from what the user typed; `ArgumentTypeError` says what is wrong with one."""
 
 import argparse
+from typing import TypeVar
+
+from encoder.option_rules import check_value
+
+Number = TypeVar("Number", int, float)
 
 
 def parts(text: str) -> frozenset[str]:
@@ -30,29 +35,27 @@ def seconds(text: str) -> float:
     return value
 
 
-def _rate(text: str, unit: str) -> float:
-    value = _number(text)
-    if not 0 < value < 1e9:
-        raise argparse.ArgumentTypeError(f"{text} is not above 0 and below 1e9 {unit}")
+def _checked(name: str, value: Number) -> Number:
+    try:
+        check_value(name, value)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
     return value
 
 
 def bitrate(text: str) -> float:
     """Bits a second."""
-    return _rate(text, "bits a second")
+    return _checked("bitrate", _number(text))
 
 
 def frame_rate(text: str) -> float:
     """Frames a second."""
-    return _rate(text, "frames a second")
+    return _checked("fps", _number(text))
 
 
 def model_bytes(text: str) -> int:
     """The size of a model packet."""
-    value = _integer(text)
-    if not 2000 <= value <= 100_000:
-        raise argparse.ArgumentTypeError(f"{text} is not 2000 to 100000 bytes")
-    return value
+    return _checked("model_bytes", _integer(text))
 
 
 def port(text: str) -> int:
@@ -70,7 +73,4 @@ def bitrates(text: str) -> tuple[float, ...]:
 
 def count(text: str) -> int:
     """A number of frames."""
-    value = _integer(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not a number of frames above 0")
-    return value
+    return _checked("max_frames", _integer(text))

@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 
+from encoder.option_rules import CHOICES
 from risorius.command_line.argument_types import (
     bitrate,
     count,
@@ -52,7 +53,7 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--detector",
-        choices=("network", "haar"),
+        choices=CHOICES["detector"],
         default="network",
         help="thesis profile: landmark network (default), or the thesis' Viola-Jones",
     )
@@ -61,11 +62,11 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_following(parser: argparse.ArgumentParser) -> None:
+def add_tracking(parser: argparse.ArgumentParser) -> None:
     """How the thesis profile follows the face."""
     parser.add_argument(
         "--tracker",
-        choices=("single", "full"),
+        choices=CHOICES["tracker"],
         default="full",
         help="thesis profile: landmarks of each frame by itself, or KLT, filter and the fit of the"
         " caller's own texture as well (default: %(default)s)",
@@ -80,14 +81,14 @@ def add_following(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--normalise",
-        choices=("none", "retinex"),
+        choices=CHOICES["normalise"],
         default="none",
         help="thesis profile: what the full tracker fits its texture to: the luma, or retinex and"
         " histogram equalisation of it (default: %(default)s)",
     )
     parser.add_argument(
         "--abs",
-        choices=("gauss-newton", "mirrored", "matrix"),
+        choices=CHOICES["abs"],
         default="gauss-newton",
         help="thesis profile: how that fit steps: by each picture's gradient, the same with the"
         " visible half of a turned face mirrored, or by the thesis' prediction matrix"
@@ -95,7 +96,7 @@ def add_following(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_sending(parser: argparse.ArgumentParser) -> None:
+def add_transport(parser: argparse.ArgumentParser) -> None:
     """When and how packets go out."""
     parser.add_argument(
         "--pace",
@@ -124,7 +125,7 @@ def add_sending(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_likeness(parser: argparse.ArgumentParser) -> None:
+def add_comparison(parser: argparse.ArgumentParser) -> None:
     """Who is drawn, and against what it is measured."""
     likeness = parser.add_mutually_exclusive_group()
     likeness.add_argument(
@@ -158,7 +159,7 @@ def add_reporting(parser: argparse.ArgumentParser) -> None:
 def _add_rates(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--profile",
-        choices=("default", "thesis"),
+        choices=CHOICES["profile"],
         help="default: every frame, with the caller's own appearance, entropy-coded; thesis: ten"
         " values of 8 bits, ten times a second (default: default, unless an option of the thesis"
         " profile is given or the landmark networks are missing)",

@@ -1,27 +1,24 @@
-"""What a command may write to, looked at before hours of work are done."""
+"""What a command may write to, checked before the work begins."""
 
 from collections.abc import Iterable
 from pathlib import Path
 
 from shared_model.errors import UserError
 
-# Names of videos and pictures.
+# Stands for standard input or output.
+STANDARD = Path("-")
+# Suffixes of videos and pictures.
 PICTURES = {".mkv", ".mp4", ".mov", ".avi", ".webm", ".png", ".jpg", ".jpeg"}
 
 
-def check_outputs(
-    inputs: Iterable[str | Path | None],
-    outputs: Iterable[Path | None],
-    reports: Iterable[Path | None],
-) -> None:
-    """Raise `UserError` where an output would cost the user something, or could not be written.
+def check_outputs(inputs: Iterable[str | Path | None], outputs: Iterable[Path | None]) -> None:
+    """Raise `UserError` where an output would replace an input, or could not be written.
 
-    inputs: what is read.  outputs, reports: what is written; for reports a folder must be there.
+    inputs, outputs: names of files and patterns of images; `STANDARD` and None are passed over.
     A slip of the hand must not cost the only recording, nor put a file in a device's place.
     """
     read = [Path(given) for given in inputs if given is not None]
-    reported = [path for path in reports if path is not None]
-    written = [*(path for path in outputs if path is not None), *reported]
+    written = [path for path in outputs if path is not None and path != STANDARD]
     for number, path in enumerate(written):
         if any(_same_file(path, given) for given in read):
             raise UserError(f"{path} is what is to be read; give the output another name")
@@ -30,9 +27,8 @@ def check_outputs(
         if path.exists() and not path.is_file():
             kind = "a folder" if path.is_dir() else "no regular file"
             raise UserError(f"{path} is {kind}; give the name of a file")
-    for path in reported:
         if not path.parent.is_dir():
-            raise UserError(f"{path}: there is no folder {path.parent}")
+            raise UserError(f"cannot write {path}: there is no folder {path.parent}")
 
 
 def check_call_file(path: Path | None) -> None:

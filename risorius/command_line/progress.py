@@ -2,7 +2,7 @@
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from typing import Self, TextIO
 
@@ -90,6 +90,12 @@ def say(message: str) -> None:
     """One line about the run, on stderr, if that still goes anywhere."""
     with suppress(OSError):
         print(message, file=sys.stderr, flush=True)
+
+
+def warn(warnings: Iterable[str]) -> None:
+    """Each warning as a line on stderr."""
+    for warning in warnings:
+        say(f"risorius: warning: {warning}")
 
 
 def _amount(done: int, total: int | None) -> str:

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from risorius.animation.animate import Actor, open_actor, side_light
-from risorius.animation.animation_script import Moment, Script, parse_script
-from risorius.view.view_state import description, moment_of
+from risorius.animation.animation_script import AnimationState, Script, parse_script
+from risorius.view.view_state import page_description, state_from_query
 from shared_model.errors import LINK_FAILED, UserError
 
 HOST = "127.0.0.1"
@@ -46,40 +46,40 @@ class ViewOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class RenderRequest:
     """A picture that is waited for: JPEG bytes, or None once a newer one has taken its place."""
 
-    moment: Moment
+    state: AnimationState
     picture: Future[bytes | None] = field(default_factory=Future)
 
 
-class Orders:
+class RequestQueue:
     """Pictures that are asked for: of each page no more than the newest."""
 
     def __init__(self) -> None:
-        self._waiting: dict[str, Order] = {}
+        self._waiting: dict[str, RenderRequest] = {}
         self._changed = Condition()
 
-    def ask(self, page: str, moment: Moment) -> bytes | None:
+    def render(self, page: str, state: AnimationState) -> bytes | None:
         """Wait for the picture; None if the same page has asked for another since.
 
         Raises `UserError` if it cannot be drawn.
         """
-        order = Order(moment)
+        request = RenderRequest(state)
         with self._changed:
             older = self._waiting.pop(page, None)
-            self._waiting[page] = order
+            self._waiting[page] = request
             self._changed.notify()
         if older is not None:
             older.picture.set_result(None)
-        return order.picture.result()
+        return request.picture.result()
 
     def pages(self) -> set[str]:
         """Whoever waits for a picture that nobody draws yet."""
         with self._changed:
             return set(self._waiting)
 
-    def take(self) -> Order:
+    def take(self) -> RenderRequest:
         """Wait for the next picture to draw: pages take turns."""
         with self._changed:
             while not self._waiting:
@@ -98,40 +98,40 @@ def view(options: ViewOptions, announce: Callable[[str], None]) -> None:
     with ExitStack() as stack:
         actor = open_actor(studio, options.call_file)
         stack.callback(actor.close)
-        orders = Orders()
-        server = _server(options, orders, _description(actor, studio, options))
+        requests = RequestQueue()
+        server = _server(options, requests, _description(actor, studio, options))
         stack.callback(server.server_close)
         Thread(target=server.serve_forever, daemon=True).start()
         stack.callback(server.shutdown)
         announce(f"http://{HOST}:{server.server_port}/")
         while True:
-            fulfil(orders.take(), actor)
+            serve(requests.take(), actor)
 
 
-def fulfil(order: Order, actor: Actor) -> None:
+def serve(request: RenderRequest, actor: Actor) -> None:
     """Draw what is asked for; what cannot be drawn is told to whoever asked."""
     try:
-        shot = actor.shot(order.moment)
-        picture = _lit(actor.draw(order.moment, shot), order.moment)
+        geometry = actor.geometry(request.state)
+        picture = _lit(actor.draw(request.state, geometry), request.state)
     except UserError as error:
-        order.picture.set_exception(error)
+        request.picture.set_exception(error)
         return
     done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     assert done
-    order.picture.set_result(data.tobytes())
+    request.picture.set_result(data.tobytes())
 
 
-def _lit(picture: NDArray[np.uint8], moment: Moment) -> NDArray[np.uint8]:
-    if moment.brightness == 1 and moment.side == 0:
+def _lit(picture: NDArray[np.uint8], state: AnimationState) -> NDArray[np.uint8]:
+    if state.brightness == 1 and state.side == 0:
         return picture
-    light = moment.brightness * side_light(picture.shape[1], moment.side)
+    light = state.brightness * side_light(picture.shape[1], state.side)
     return np.asarray(np.clip(picture * light[:, None], 0, 255), dtype=np.uint8)
 
 
 def _description(actor: Actor, studio: Script, options: ViewOptions) -> dict[str, Any]:
-    camera = actor.shot(studio.at(0)).camera
+    camera = actor.geometry(studio.at(0)).camera
     caller = options.call_file.name if options.call_file else None
-    return description(camera.width, camera.height, caller)
+    return page_description(camera.width, camera.height, caller)
 
 
 class _Server(ThreadingHTTPServer):
@@ -144,15 +144,17 @@ class _Server(ThreadingHTTPServer):
             super().handle_error(request, client_address)
 
 
-def _server(options: ViewOptions, orders: Orders, described: dict[str, Any]) -> ThreadingHTTPServer:
+def _server(
+    options: ViewOptions, requests: RequestQueue, described: dict[str, Any]
+) -> ThreadingHTTPServer:
     try:
-        return _Server((HOST, options.port), _handler(orders, described))
+        return _Server((HOST, options.port), _handler(requests, described))
     except OSError as error:
         reason = f"cannot serve on {HOST}:{options.port}: {error.strerror}"
         raise UserError(f"{reason}; try another --port", LINK_FAILED) from error
 
 
-def _handler(orders: Orders, described: dict[str, Any]) -> type[BaseHTTPRequestHandler]:
+def _handler(requests: RequestQueue, described: dict[str, Any]) -> type[BaseHTTPRequestHandler]:
     page = (files("risorius.view") / "view.html").read_bytes()
     model = json.dumps(described).encode()
 
@@ -189,7 +191,7 @@ def _handler(orders: Orders, described: dict[str, Any]) -> type[BaseHTTPRequestH
 
         def _picture(self, query: str) -> None:
             try:
-                data = orders.ask(self._page(), moment_of(query))
+                data = requests.render(self._page(), state_from_query(query))
             except (ValueError, UserError) as error:
                 self._reply(HTTPStatus.BAD_REQUEST, "text/plain", f"{error}\n".encode())
                 return

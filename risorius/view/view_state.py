@@ -1,4 +1,4 @@
-"""What a viewer's page shows and asks for: the actuators as data, a moment out of a query."""
+"""What a viewer's page shows and asks for: the actuators as data, a state out of a query."""
 
 from typing import Any
 from urllib.parse import parse_qsl
@@ -6,7 +6,7 @@ from urllib.parse import parse_qsl
 import numpy as np
 from numpy.typing import NDArray
 
-from risorius.animation.animation_script import GROUPS, Moment
+from risorius.animation.animation_script import GROUPS, AnimationState
 from shared_model.anthropometry import MEASUREMENTS
 from shared_model.expressions import DOWN, EMOTIONS, UP
 from shared_model.parameters import EAUS, clip_eau
@@ -16,8 +16,8 @@ REGIONS = {"jaw": "Mouth", "mouth": "Mouth", "lip": "Mouth", "upper": "Mouth", "
 REGIONS |= {"eyebrow": "Brows", "nose": "Nose", "lid": "Eyes", "gaze": "Eyes"}
 
 
-def moment_of(query: str) -> Moment:
-    """The moment of a query such as `jaw_drop=0.5&happiness=1&yaw=-20`; all else is at rest.
+def state_from_query(query: str) -> AnimationState:
+    """The state of a query such as `jaw_drop=0.5&happiness=1&yaw=-20`; all else is at rest.
 
     Names and ranges are those of animation scripts.  Raises ValueError if one is none of them.
     """
@@ -36,10 +36,12 @@ def moment_of(query: str) -> Moment:
     aau = np.array(list(values["aau"].values()))
     light = values["light"]
     zoom = values["camera"]["zoom"]
-    return Moment(clip_eau(eau), aau, values["pose"], light["brightness"], light["side"], zoom)
+    return AnimationState(
+        clip_eau(eau), aau, values["pose"], light["brightness"], light["side"], zoom
+    )
 
 
-def description(width: int, height: int, caller: str | None) -> dict[str, Any]:
+def page_description(width: int, height: int, caller: str | None) -> dict[str, Any]:
     """What the page is made of: its picture's size, who is shown, and every actuator.
 
     caller: name of the call file, None for the generic head.

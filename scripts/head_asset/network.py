@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.detection.landmark_indices import COUNT
+from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.detection.landmarks import FaceMesh
-from encoder.detection.roi import Square, square_from_landmarks
+from encoder.detection.roi import RotatedRoi, roi_from_landmarks
 from scripts.head_asset.mesh_parts import SKIN, Mesh
 from scripts.head_asset.paint import pixel_colours
 from scripts.head_asset.raster import Hits, view
@@ -18,7 +18,7 @@ from shared_model.parameters import Pose
 
 Array = NDArray[np.float64]
 
-POINTS = COUNT
+POINTS = LANDMARK_COUNT
 CAMERA = Camera(640, 640, 2000.0)
 DISTANCE_MM = 900.0
 BACKGROUND = (0.45, 0.5, 0.55)
@@ -54,7 +54,7 @@ def see(
     face = vertices[(mesh.parts == SKIN) & (vertices[:, 2] > 20) & (vertices[:, 1] < 90)]
     outline = pixel_from_head(CAMERA, pose, face)
     low, high = outline.min(0), outline.max(0)
-    square = Square((low + high) / 2, 1.5 * float((high - low).max()), 0.0)
+    square = RotatedRoi((low + high) / 2, 1.5 * float((high - low).max()), 0.0)
     return Sight(
         pose, vertices, hits, picture, tuple(_find(net, picture, square) for net in networks)
     )
@@ -86,9 +86,9 @@ def vertex_normals(vertices: Array, triangles: NDArray[np.integer]) -> Array:
     return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12))
 
 
-def _find(network: FaceMesh, picture: NDArray[np.uint8], square: Square) -> Array:
+def _find(network: FaceMesh, picture: NDArray[np.uint8], square: RotatedRoi) -> Array:
     """(468, 2) pixels: looked for again and again where the last answer was, as in a video."""
     for _ in range(5):
         points = network.find(picture, square).points
-        square = square_from_landmarks(points)
+        square = roi_from_landmarks(points)
     return points[:, :2]

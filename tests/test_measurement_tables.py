@@ -1,10 +1,10 @@
-"""README's tables: each profile's figures go between its own marks."""
+"""Tables of docs/measurements.md: each profile's figures go between its own marks."""
 
 from typing import Any
 
 import pytest
 
-from scripts.readme_figures import README, markdown, marks, replaced
+from scripts.measurement_tables import MEASUREMENTS, markdown, marks, replaced
 
 
 def report(profile: str, psnr: float | None) -> dict[str, Any]:
@@ -58,9 +58,9 @@ def test_a_profile_leaves_the_other_ones_table_alone() -> None:
     assert replaced(both, report("default", 35.0)) == both
 
 
-def test_the_readme_has_the_marks_of_both_profiles() -> None:
-    text = README.read_text(encoding="utf-8")
-    for profile in ("thesis", "default"):
+def test_the_measurements_have_the_marks_of_every_profile() -> None:
+    text = MEASUREMENTS.read_text(encoding="utf-8")
+    for profile in ("thesis", "default", "live"):
         assert all(text.count(mark) == 1 for mark in marks(profile))
     with pytest.raises(ValueError):
         replaced("no marks", report("thesis", 1.0))

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from encoder.calls.session_stats import Tally
+from encoder.calls.frame_source import FrameSource
+from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture, open_source
-from encoder.pipeline import EncodeOptions, with_coming
 
 
 @pytest.fixture
@@ -21,30 +21,26 @@ def capture(tmp_path: Path) -> Iterator[Capture]:
 
 
 def shades(
-    capture: Capture, options: EncodeOptions, stop_after: int = 99
+    capture: Capture, stop_after: int = 99, pace: bool = False, max_frames: int | None = None
 ) -> list[tuple[int, int, int | None]]:
     """Index and shade of each frame, and the shade of the one that comes with it."""
-    tally = Tally()
-    frames = with_coming(capture, options, tally, lambda: len(tally.capture_ns) >= stop_after)
+    stats = SessionStats()
+    source = FrameSource(
+        capture, stats, lambda: len(stats.capture_ns) >= stop_after, max_frames, pace
+    )
     return [
-        (index, int(frame[0, 0, 0]), None if coming is None else int(coming[0, 0, 0]))
-        for index, frame, coming in frames
+        (index, int(picture[0, 0, 0]), None if following is None else int(following[0, 0, 0]))
+        for index, picture, following in source.with_lookahead()
     ]
 
 
 def test_recorded_frames_come_with_the_next(capture: Capture) -> None:
-    assert shades(capture, EncodeOptions("x")) == [
-        (0, 0, 10),
-        (1, 10, 20),
-        (2, 20, 30),
-        (3, 30, None),
-    ]
+    assert shades(capture) == [(0, 0, 10), (1, 10, 20), (2, 20, 30), (3, 30, None)]
 
 
 def test_what_was_read_before_a_stop_is_encoded(capture: Capture) -> None:
-    assert shades(capture, EncodeOptions("x"), 2) == [(0, 0, 10), (1, 10, None)]
+    assert shades(capture, stop_after=2) == [(0, 0, 10), (1, 10, None)]
 
 
 def test_paced_frames_come_alone(capture: Capture) -> None:
-    options = EncodeOptions("x", pace=True, max_frames=2)
-    assert shades(capture, options) == [(0, 0, None), (1, 10, None)]
+    assert shades(capture, pace=True, max_frames=2) == [(0, 0, None), (1, 10, None)]

@@ -1,9 +1,9 @@
-"""Puts the figures of benches into README.md: a table for each way of coding, between its marks.
+"""Put the figures of benches into docs/measurements.md: a table per profile, between its marks.
 
     risorius bench CLIP... --profile thesis --out DIR/thesis
     risorius bench CLIP... --profile default --out DIR/default
     risorius bench CLIP... --profile default --live --no-pace --out DIR/live
-    python -m scripts.readme_figures [--without-times] DIR/*/report.json
+    python -m scripts.measurement_tables [--without-times] DIR/*/report.json
 
 A profile whose report is not named keeps the table that it has.  Times mean something only if the
 host had nothing else to do.
@@ -19,7 +19,7 @@ from loopback.report import figure
 from scripts.command import run
 
 Cells = Mapping[str, Any]
-README = Path(__file__).resolve().parent.parent / "README.md"
+MEASUREMENTS = Path(__file__).resolve().parent.parent / "docs" / "measurements.md"
 
 
 def _plain(name: str, digits: int) -> Callable[[Cells], str]:
@@ -67,7 +67,7 @@ TIMES = (LATENCY, "encoder, ms/frame", "decoder, ms/frame")
 
 
 def marks(way: str) -> tuple[str, str]:
-    """The lines in README.md around the figures of a way of coding."""
+    """The lines in docs/measurements.md around the figures of a way of coding."""
     return f"<!-- figures: {way} -->\n", f"<!-- end of figures: {way} -->\n"
 
 
@@ -96,7 +96,7 @@ def markdown(report: Mapping[str, Any], times: bool = True) -> str:
 
 
 def replaced(text: str, report: Mapping[str, Any], times: bool = True) -> str:
-    """README.md's text with the figures of a report between the marks of its profile.
+    """The text of docs/measurements.md with a report's figures between the marks of its profile.
 
     Raises `ValueError` if the marks are not there.
     """
@@ -118,16 +118,16 @@ def _number(value: float | None, digits: int) -> str:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Rewrite README.md from the reports named on the command line."""
+    """Rewrite docs/measurements.md from the reports named on the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("report", nargs="+", type=Path, help="report.json of a bench")
     parser.add_argument("--without-times", action="store_true", help="no latencies, no times")
     options: Any = parser.parse_args(arguments)
-    text = README.read_text(encoding="utf-8")
+    text = MEASUREMENTS.read_text(encoding="utf-8")
     for path in options.report:
         report = json.loads(path.read_text(encoding="utf-8"))
         text = replaced(text, report, times=not options.without_times)
-    README.write_text(text, encoding="utf-8")
+    MEASUREMENTS.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

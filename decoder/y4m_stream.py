@@ -1,0 +1,76 @@
+"""Pictures as YUV4MPEG2, the raw video that players read from a pipe."""
+
+from fractions import Fraction
+from pathlib import Path
+from typing import BinaryIO, Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Picture = NDArray[np.uint8]
+
+# Weights of B, G, R in luma by the source's colour matrix.
+LUMA_WEIGHTS = {"bt601": (0.114, 0.587, 0.299), "bt709": (0.0722, 0.7152, 0.2126)}
+# Y'CbCr of video in 8 bits: black and no colour, and the spans of luma and colour over 255.
+OFFSETS = (16, 128, 128)
+LUMA_SPAN, COLOUR_SPAN = 219 / 255, 224 / 255
+
+
+class Y4mStream:
+    """A `PictureSink` that writes to an open stream, each picture as soon as it is there.
+
+    Pictures are 4:4:4 with 8 bits, of the source's colour matrix, which the format cannot state.
+    The stream stays open.
+    """
+
+    def __init__(
+        self, stream: BinaryIO, width: int, height: int, fps: Fraction, colour_matrix: str
+    ) -> None:
+        self._stream, self._shape = stream, (height, width, 3)
+        self._ycbcr_from_bgr = ycbcr_from_bgr(colour_matrix)
+        rate = f"{fps.numerator}:{fps.denominator}"
+        self._write(f"YUV4MPEG2 W{width} H{height} F{rate} Ip A1:1 C444\n".encode())
+
+    def write(self, picture: Picture) -> None:
+        """Write one picture.  Raises `ValueError` if it is of another size."""
+        if picture.shape != self._shape:
+            raise ValueError(f"picture has shape {picture.shape}, expected {self._shape}")
+        ycbcr = cv2.transform(picture.astype(np.float32), self._ycbcr_from_bgr)
+        planes = np.clip(np.rint(ycbcr), 0, 255).astype(np.uint8).transpose(2, 0, 1)
+        self._write(b"FRAME\n" + planes.tobytes())
+
+    def mark_incomplete(self) -> Path | None:
+        """See `PictureSink`: a stream has no older file."""
+        return None
+
+    def close(self) -> None:
+        """Nothing waits to be written."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def _write(self, data: bytes) -> None:
+        self._stream.write(data)
+        self._stream.flush()
+
+
+def ycbcr_from_bgr(colour_matrix: str) -> NDArray[np.float32]:
+    """(3, 4) rows for Y', Cb and Cr of B, G, R in 0..255 and 1; in the range of video.
+
+    Raises `ValueError` for a matrix that is not known.
+    """
+    if colour_matrix not in LUMA_WEIGHTS:
+        known = ", ".join(LUMA_WEIGHTS)
+        raise ValueError(f"colour_matrix is {colour_matrix!r}, expected one of {known}")
+    luma = np.array(LUMA_WEIGHTS[colour_matrix])
+    blue, _, red = np.eye(3)
+    rows = [
+        LUMA_SPAN * luma,
+        COLOUR_SPAN * (blue - luma) / (2 * (1 - luma[0])),
+        COLOUR_SPAN * (red - luma) / (2 * (1 - luma[2])),
+    ]
+    return np.column_stack([rows, OFFSETS]).astype(np.float32)

@@ -1,0 +1,48 @@
+"""What the sessions have in common: frames in, packets out."""
+
+from collections.abc import Iterable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.calls.session_callbacks import Progress
+
+Picture = NDArray[np.uint8]
+
+
+class FramePass(Protocol):
+    """Takes the frames of a source, in order."""
+
+    @property
+    def started(self) -> bool:
+        """Whether a face has been found yet."""
+
+    def frame(self, index: int, picture: Picture, next_frame: Picture | None = None) -> None:
+        """Take source frame `index`, (height, width, 3) uint8 BGR.
+
+        next_frame: the frame after it, where that has been read already: its landmarks are found
+            in the background.  The result is the same without it.
+        """
+
+
+class CallSession(FramePass, Protocol):
+    """Encodes a call frame by frame: sends what is due after each frame."""
+
+    def end(self, frames: int) -> None:
+        """Send what is left of a call of `frames` source frames, and its end."""
+
+
+def run_pass(
+    session: FramePass,
+    frames: Iterable[tuple[int, Picture, Picture | None]],
+    total: int | None,
+    progress: Progress,
+) -> None:
+    """Give all frames (index, picture, next picture) to a session.
+
+    total: their number; None: not known.
+    """
+    for index, picture, next_frame in frames:
+        session.frame(index, picture, next_frame)
+        progress(index + 1, total)

@@ -1,0 +1,105 @@
+"""The frames of a source as a session takes them: limited, paced, timed, and read ahead."""
+
+import time
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from threading import Event
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.calls.session_stats import SessionStats
+from encoder.capture.video_source import Capture
+from encoder.runtime.parallel import prefetch
+
+Picture = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class FrameSource:
+    """Reads frames (index, picture) of a capture until `stop`; each can be read once.
+
+    max_frames: read no more; None: all.
+    pace: no frame comes before its time at the source's own rate.
+    """
+
+    capture: Capture
+    stats: SessionStats
+    stop: Callable[[], bool]
+    max_frames: int | None = None
+    pace: bool = False
+
+    @property
+    def expected_frames(self) -> int | None:
+        """How many frames there will be; None: not known."""
+        counts = [n for n in (self.capture.frame_count, self.max_frames) if n is not None]
+        return min(counts, default=None)
+
+    def with_lookahead(self) -> Generator[tuple[int, Picture, Picture | None], None, None]:
+        """The frames to encode, each with the one after it.
+
+        That is None after the last frame, and where waiting for it would delay the call.
+        """
+        frames = self.frames()
+        if self._is_realtime:
+            for index, picture in frames:
+                yield index, picture, None
+            return
+        current = next(frames, None)
+        while current is not None:
+            following = next(frames, None)
+            yield *current, following[1] if following else None
+            current = following
+
+    def frames(self) -> Iterator[tuple[int, Picture]]:
+        """The frames to encode; those of a recorded source are read in the background."""
+        start = time.monotonic()
+        frames = iter(self.capture) if self._is_realtime else prefetch(iter(self.capture))
+        while not self.stop():
+            with self.stats.stage("capture"):
+                item = next(frames, None)
+            if item is None or (self.max_frames is not None and item[0] >= self.max_frames):
+                return
+            if self.pace:
+                due = start + float(item[0] / self.capture.fps)
+                time.sleep(max(0.0, due - time.monotonic()))
+            self.stats.capture_ns.append(time.monotonic_ns())
+            yield item
+
+    def second_pass(
+        self, count: int, progress: Callable[[int], None]
+    ) -> Iterator[tuple[int, Picture]]:
+        """The first `count` frames again, of a newly opened capture.
+
+        progress: called with the number of frames taken.
+        """
+        frames = iter(self.capture)
+        for number in range(count):
+            with self.stats.stage("capture"):
+                item = next(frames, None)
+            if item is None or self.stop():
+                return
+            yield item
+            progress(number + 1)
+
+    @property
+    def _is_realtime(self) -> bool:
+        return self.pace or self.capture.is_live
+
+
+@contextmanager
+def dropping_frames(capture: Capture) -> Iterator[None]:
+    """Drop the frames that a live source gives while the `with` block runs."""
+    if not capture.is_live:
+        yield
+        return
+    ready = Event()
+    with ThreadPoolExecutor(1) as executor:
+        dropping = executor.submit(capture.drop_frames_while, lambda: not ready.is_set())
+        try:
+            yield
+        finally:
+            ready.set()
+        dropping.result()

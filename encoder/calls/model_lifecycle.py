@@ -1,0 +1,258 @@
+"""The versions of a live call's model: when one is trained, announced and switched to.
+
+The first face makes the first version: shape and mean texture.  Between one model packet and the
+next, modes are learned and sent one by one; at times the whole model is trained again and sent as
+an update.
+
+| state | meanwhile | ends when | next |
+| --- | --- | --- | --- |
+| SEARCHING | no frame has shown a face | one does; the first version is sent | CODING |
+| CODING | modes are learned for the version in use | an update is due, the link idle | TRAINING |
+| TRAINING | the update is trained | it is done, the link idle | SENDING_LAYERS or ANNOUNCED |
+| SENDING_LAYERS | layers of the update are sent | enough are; its packet is sent | ANNOUNCED |
+| ANNOUNCED | the version in use codes frames | the switch is near | SWITCHING |
+| SWITCHING | modes are learned for the update | its first packet is next | CODING |
+| ENDED | nothing | | |
+
+Only an update that is sent in layers passes through SENDING_LAYERS.  The call may end in any state.
+"""
+
+from collections.abc import Mapping
+from concurrent.futures import Executor, Future
+from dataclasses import replace
+from enum import StrEnum
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.calls.model_schedule import ModelSchedule
+from encoder.calls.model_trainer import ModelTrainer, TrainingFrames
+from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
+from encoder.calls.model_version import ModelVersion
+from encoder.calls.session_stats import SessionStats
+from encoder.capture.video_source import Capture
+from encoder.coding.background import background_of
+from encoder.coding.gop import GopStructure
+from encoder.coding.model_packet import ModelBudget
+from encoder.detection.landmark_indices import face_outline
+from encoder.learning.incremental_modes import FaceSample
+from encoder.learning.mode_scheduler import ModeScheduler
+from shared_model.surround import surrounded_head
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+# Frames to train from, and up to twice as many; fewer where frames do not wait for the training: on
+# average of seven clips these cost .02 dB, and half the time.
+TRAINING_FRAMES, TRAINING_FRAMES_REALTIME = 24, 12
+# Packets before an update's first one from which on modes are learned for it: soon enough for the
+# first of them to be used with it.  Until then they are for the version in use.
+MODE_LEAD_PACKETS = 1
+# An update that the link carries within this time goes before modes; on a thinner link it waits
+# until no mode is learned: a few modes soon are better than all of the update late.
+UPDATE_WAIT_LIMIT_S = 3.0
+
+
+class ModelState(StrEnum):
+    """What happens to the model; see the table above."""
+
+    SEARCHING = "searching"
+    CODING = "coding"
+    TRAINING = "training"
+    SENDING_LAYERS = "sending layers"
+    ANNOUNCED = "announced"
+    SWITCHING = "switching"
+    ENDED = "ended"
+
+
+NEXT_STATES: Mapping[ModelState, tuple[ModelState, ...]] = {
+    ModelState.SEARCHING: (ModelState.CODING, ModelState.ENDED),
+    ModelState.CODING: (ModelState.TRAINING, ModelState.ENDED),
+    ModelState.TRAINING: (ModelState.ANNOUNCED, ModelState.SENDING_LAYERS, ModelState.ENDED),
+    ModelState.SENDING_LAYERS: (ModelState.ANNOUNCED, ModelState.ENDED),
+    ModelState.ANNOUNCED: (ModelState.SWITCHING, ModelState.ENDED),
+    ModelState.SWITCHING: (ModelState.CODING, ModelState.ENDED),
+    ModelState.ENDED: (),
+}
+
+
+class ModelLifecycle:
+    """Trains, announces and switches the versions of one call's model.
+
+    budget: of a version.
+    executor: trains and learns in the background; None: at once, before the next frame, so that
+        the same source gives the same bytes.
+    """
+
+    def __init__(
+        self,
+        capture: Capture,
+        gop: GopStructure,
+        budget: ModelBudget,
+        updates: ModelUpdateSender,
+        stats: SessionStats,
+        executor: Executor | None,
+    ) -> None:
+        self._capture, self._gop, self._budget = capture, gop, budget
+        self._updates, self._stats, self._executor = updates, stats, executor
+        fps = float(capture.fps)
+        self._frames = TrainingFrames(TRAINING_FRAMES_REALTIME if executor else TRAINING_FRAMES)
+        self._schedule, self._modes = ModelSchedule(fps), ModeScheduler(fps, executor)
+        self._state = ModelState.SEARCHING
+        self._trainer: ModelTrainer | None = None
+        self._training: Future[ModelVersion] | None = None
+        self._version: ModelVersion | None = None
+        self._next_version: ModelVersion | None = None
+
+    @property
+    def state(self) -> ModelState:
+        """See the table above."""
+        return self._state
+
+    @property
+    def version(self) -> ModelVersion:
+        """The version that codes frames now.  Raises `ValueError` before there is one."""
+        if self._version is None:
+            raise ValueError("no face has been found, expected start before version")
+        return self._version
+
+    def add_frame(self, picture: Picture, points: Array) -> None:
+        """Take a frame (h, w, 3) BGR with its landmarks (468, 3), pixels, to train from."""
+        self._frames.offer(picture, points)
+
+    def start(self, index: int) -> None:
+        """Train the first version from the frame added last, source frame `index`, and send it."""
+        pictures, points = self._frames.sample()
+        self._trainer = ModelTrainer(
+            surrounded_head(),
+            self._capture,
+            self._gop,
+            background_of(pictures[0], face_outline(points[0])),
+            self._budget,
+            self._updates.progressive,
+            # More would take the cores from the frames.
+            workers=1 if self._executor else None,
+        )
+        version = self._trainer.bootstrap(pictures, points, index)
+        self._updates.send_first(version)
+        self._modes.start(version.person)
+        self._version = version
+        self._go_to(ModelState.CODING)
+
+    def learn_modes(self, index: int, sample: FaceSample, may_start: bool) -> bool:
+        """Learn modes from source frame `index`, and send those that are learned.
+
+        sample: the frame, with the face as the version in use has it.
+        may_start: begin to learn now if it is time.
+        Returns whether the version in use has modes that it had not.
+        """
+        for_next = self._state is ModelState.SWITCHING
+        if self._modes.wants_sample(index):
+            self._modes.add_sample(index, replace(sample, face=None) if for_next else sample)
+        if not self._may_send_modes:
+            return False
+        version = self._next_version if for_next else self._version
+        assert version is not None
+        most = max(version.free_slots - self._modes_to_reserve, 0)
+        with self._stats.stage("modes"):
+            modes = self._modes.take_modes(index, version.fit_texels, most, may_start)
+        for mode in modes:
+            version = version.with_mode(mode)
+            self._updates.send_mode(version, mode.data)
+        if for_next:
+            self._next_version = version
+            return False
+        self._version = version
+        return bool(modes)
+
+    def train_if_due(self, position: StreamPosition) -> None:
+        """Begin to train an update when one is due; announce one that is trained."""
+        if self._updates.busy:
+            return
+        if self._state is ModelState.CODING and self._schedule.is_update_due(self._frames.offered):
+            self._training = self._train_update()
+            self._go_to(ModelState.TRAINING)
+        if self._training is not None and self._training.done():
+            update, self._training = self._training.result(), None
+            self._next_version = self._updates.start_update(update, position)
+            announced = self._next_version is not None
+            self._go_to(ModelState.ANNOUNCED if announced else ModelState.SENDING_LAYERS)
+
+    def on_packet_sent(self, position: StreamPosition) -> bool:
+        """Switch to the next version if its first packet is next; whether it is."""
+        switched = self._switch_if_due(position.packet)
+        if self._state is ModelState.SENDING_LAYERS:
+            self._next_version = self._updates.take_announced(position)
+            if self._next_version is not None:
+                self._go_to(ModelState.ANNOUNCED)
+        return switched
+
+    def end(self) -> None:
+        """End the call: no version follows."""
+        if self._version is not None:
+            self._updates.warn_of_incomplete_model(self._version)
+        self._go_to(ModelState.ENDED)
+
+    def _switch_if_due(self, packet: int) -> bool:
+        following = self._next_version
+        if following is None:
+            return False
+        # In layers the modes of the update itself are still to come.
+        lead = 0 if self._updates.progressive else MODE_LEAD_PACKETS
+        if self._state is ModelState.ANNOUNCED and packet >= following.first_packet - lead:
+            self._modes.start(following.person)
+            self._go_to(ModelState.SWITCHING)
+        if packet != following.first_packet:
+            return False
+        self._version, self._next_version = following, None
+        self._go_to(ModelState.CODING)
+        return True
+
+    def _train_update(self) -> "Future[ModelVersion]":
+        """Begin to train the update that is due."""
+        share = self._schedule.take_update()
+        # While layers were sent more than one may have become due.
+        while self._updates.progressive and self._schedule.is_update_due(self._frames.offered):
+            share = self._schedule.take_update()
+        trainer, number = self._trainer, self.version.number + 1
+        assert trainer is not None
+        work = partial(trainer.retrain, share, *self._frames.sample(), number)
+        if self._executor is not None:
+            return self._executor.submit(work)
+        done = Future[ModelVersion]()
+        with self._stats.stage("train"):
+            done.set_result(work())
+        return done
+
+    @property
+    def _may_send_modes(self) -> bool:
+        """Whether the link is for modes now."""
+        if self._updates.busy:
+            return False
+        if self._updates.progressive and self._next_version is not None:
+            # What is sent is of the update.
+            return False
+        wait_s = self._updates.transmission_time_s(self._budget)
+        return not self._is_update_waiting or wait_s >= UPDATE_WAIT_LIMIT_S
+
+    @property
+    def _is_update_waiting(self) -> bool:
+        """Whether an update only waits for the link."""
+        if self._training is not None:
+            return self._training.done()
+        is_due = self._schedule.is_update_due(self._frames.offered)
+        return self._updates.progressive and is_due
+
+    @property
+    def _modes_to_reserve(self) -> int:
+        """How many free slots to leave for later frames."""
+        if self._state in (ModelState.TRAINING, ModelState.ANNOUNCED):
+            # The version in use is about to be replaced.
+            return 0
+        return self._schedule.modes_to_reserve(self._frames.offered)
+
+    def _go_to(self, state: ModelState) -> None:
+        if state not in NEXT_STATES[self._state]:
+            raise ValueError(f"model lifecycle: {state} cannot follow {self._state}")
+        self._state = state

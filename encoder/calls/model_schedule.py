@@ -1,0 +1,45 @@
+"""When a live call's model is trained again, and how its reserved modes are spread over time."""
+
+import math
+
+from encoder.calls.model_version import RESERVED_MODES
+
+# Seconds of the person's face after which the model is trained again, and the share of the budget
+# for texture and modes that the update takes: the first one is soon replaced.  Later updates follow
+# each time that what has been seen has doubled.
+TRAINING_SCHEDULE = {1.0: 0.6, 5.0: 1.0, 12.0: 1.0, 25.0: 1.0, 45.0: 1.0}
+# The number of reserved modes used by time t is proportional to (t / T) ** this, T being the time
+# from one update to the next: a quarter of the time takes half of them.  On all 200 s of franck, .5
+# dB more than when each mode is learned as soon as possible, which leaves none for the second half
+# of a minute and more; an exponent of .35 gave .4 dB.
+MODE_SPENDING_EXPONENT = 0.5
+
+
+class ModelSchedule:
+    """When updates are due, counted in frames with a face.
+
+    fps: frames per second of the source.
+    """
+
+    def __init__(self, fps: float) -> None:
+        self._fps = fps
+        self._due = list(TRAINING_SCHEDULE.items())
+        self._last_s = 0.0  # when the newest update was due
+
+    def is_update_due(self, faces: int) -> bool:
+        """Whether to train an update after so many frames with a face."""
+        return faces >= self._due[0][0] * self._fps
+
+    def take_update(self) -> float:
+        """Start the update that is due: the share of the budget that it takes."""
+        self._last_s, share = self._due.pop(0)
+        if not self._due:
+            self._due.append((2 * self._last_s, share))
+        return share
+
+    def modes_to_reserve(self, faces: int) -> int:
+        """How many reserved modes to leave for the frames from now until the next update."""
+        period_s = self._due[0][0] - self._last_s
+        passed = (faces / self._fps - self._last_s) / period_s
+        used = math.pow(min(max(passed, 0.0), 1.0), MODE_SPENDING_EXPONENT)
+        return round(RESERVED_MODES * (1 - used))

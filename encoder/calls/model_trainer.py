@@ -1,0 +1,213 @@
+"""Trains the versions of a live call's model, each from more frames than the one before."""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.calls.model_version import EYELID_DISTORTION, RESERVED_MODES, ModelVersion
+from encoder.capture.video_source import Capture
+from encoder.coding.background import BackgroundImage
+from encoder.coding.distortion import distortion_of
+from encoder.coding.gop import GopStructure
+from encoder.coding.model_packet import ModelBudget, build_model_packet, call_parameters
+from encoder.coding.motion_prior import transform_from_prior
+from encoder.coding.progressive_model import (
+    BASE_LAYER_BYTES,
+    UPDATE_BASE_LAYER_BYTES,
+    split_into_layers,
+)
+from encoder.fitting.eyelids import fit_with_lids
+from encoder.fitting.fit_results import Fitted
+from encoder.fitting.landmark_fit import LandmarkModel, landmark_model, personalise
+from encoder.fitting.sequence_fit import follow_all
+from encoder.learning.frame_sampler import UniformSubsampler
+from encoder.learning.person_model import TrainedModel, build_person_model
+from protocol.call_parameters import CallParameters
+from protocol.frames.frame_transform import (
+    serialise_transform,
+    vector_from_face,
+    with_reserved_modes,
+)
+from protocol.pictures.picture_codec import ModeDecoder, decode_picture
+from shared_model.mesh import Head
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+# Share of the budget that the first version takes: its background, and a mean texture that is soon
+# replaced.
+BOOTSTRAP_SHARE = 0.3
+# Pixels that a frame is fitted by: twice as many gained nothing on two live clips.
+IMAGE_FIT_PIXELS = 3000
+
+
+class TrainingFrames:
+    """A uniform subsample of the frames with a face, and their landmarks.
+
+    least: number of frames to train from; there are up to twice as many.
+    """
+
+    def __init__(self, least: int) -> None:
+        self._sampler, self._points = UniformSubsampler(least), dict[int, Array]()
+        self._count = 0
+
+    @property
+    def offered(self) -> int:
+        """Number of frames with a face so far."""
+        return self._count
+
+    def offer(self, picture: Picture, points: Array) -> None:
+        """Take or leave a frame with its landmarks (468, 3), pixels."""
+        self._sampler.offer(self._count, picture.copy)
+        self._points[self._count] = points
+        self._count += 1
+
+    def sample(self) -> tuple[list[Picture], list[Array]]:
+        """The frames to train from, and the landmarks of each."""
+        self._points = {number: self._points[number] for number, _ in self._sampler.frames}
+        return [picture for _, picture in self._sampler.frames], list(self._points.values())
+
+
+class ModelTrainer:
+    """Trains models of one person.
+
+    background: what is behind the person.
+    budget: of a whole version.
+    progressive: versions are sent in layers.
+    workers: see `parallel_map`.
+    """
+
+    def __init__(
+        self,
+        head: Head,
+        capture: Capture,
+        gop: GopStructure,
+        background: BackgroundImage,
+        budget: ModelBudget,
+        progressive: bool,
+        workers: int | None,
+    ) -> None:
+        self._head, self._capture, self._gop = head, capture, gop
+        self._background, self._budget = background, budget
+        self._progressive, self._workers = progressive, workers
+        self._identity: Fitted | None = None  # of the version before
+        # Encoded while the first version is trained: each takes as long as many frames.
+        executor = ThreadPoolExecutor(1)
+        self._background_data = executor.submit(background.encode, budget.background_bytes)
+        executor.shutdown(wait=False)
+
+    def bootstrap(
+        self, pictures: Sequence[Picture], points: Sequence[Array], start_frame: int
+    ) -> ModelVersion:
+        """The first version, used from `start_frame` on: mean texture and background, no modes.
+
+        A progressive one is a base layer and nothing more: what else the first frame shows, the
+        first update has, too, better and in as many bytes.
+        """
+        appearance_bytes = int(BOOTSTRAP_SHARE * self._budget.appearance_bytes)
+        budget = replace(self._budget, appearance_bytes=appearance_bytes, max_modes=0)
+        version = self.train(budget, pictures, points, 0).placed_at(0, start_frame)
+        return self._base_layer_only(version) if self._progressive else version
+
+    def retrain(
+        self, share: float, pictures: Sequence[Picture], points: Sequence[Array], number: int
+    ) -> ModelVersion:
+        """Version `number`, an update, whose face takes `share` of the budget.
+
+        Unless it is progressive it has no background: the decoder keeps the one it has.
+        """
+        budget = replace(self._budget, appearance_bytes=int(share * self._budget.appearance_bytes))
+        if not self._progressive:
+            return self.train(replace(budget, background_bytes=0), pictures, points, number)
+        version = self.train(budget, pictures, points, number)
+        return self._in_layers(version, UPDATE_BASE_LAYER_BYTES)
+
+    def train(
+        self, budget: ModelBudget, pictures: Sequence[Picture], points: Sequence[Array], number: int
+    ) -> ModelVersion:
+        """Version `number` from pictures (h, w, 3) BGR and their landmarks (468, 3), pixels.
+
+        It is complete but for its place in the call, see `ModelVersion.placed_at`.  With a budget
+        of no bytes for the background it has none.
+        """
+        trained = self._train_person(budget, pictures, points)
+        person = trained.person
+        distortion_model = distortion_of(trained)
+        luma_modes, pose = person.texel_fitter.template.modes, person.reference.pose
+        distortion = distortion_model.distortion_matrix(luma_modes, EYELID_DISTORTION)
+        transform = transform_from_prior(
+            np.array([vector_from_face(face, pose) for face in trained.faces]),
+            distortion,
+            person.appearance.modes,
+            frames_per_packet=self._gop.frames_per_packet,
+            frame_step=self._gop.frame_step,
+        )
+        call = self._call_parameters(person.fitted.camera.focal_px)
+        background = self._background_data.result() if budget.background_bytes else b""
+        packet = replace(
+            build_model_packet(person, transform, call, background),
+            version=number,
+            version_count=number + 1,
+            profile_data=serialise_transform(with_reserved_modes(transform, RESERVED_MODES)),
+            extensible=True,
+        )
+        landmarks = self._landmark_model(person.fitted)
+        fitter = person.image_fitter(IMAGE_FIT_PIXELS)
+        return ModelVersion(
+            packet, person, landmarks, transform, distortion_model, distortion, fitter
+        )
+
+    def _train_person(
+        self, budget: ModelBudget, pictures: Sequence[Picture], points: Sequence[Array]
+    ) -> TrainedModel:
+        size = (self._capture.width, self._capture.height)
+        identity, faces = follow_all(self._head, size, points, self._identity)
+        self._identity = identity
+        # Eyelids as `ModelVersion.fit_texels` finds them.
+        landmarks = self._landmark_model(identity)
+        faces = [
+            fit_with_lids(landmarks, identity.camera, each, face)
+            for each, face in zip(points, faces, strict=True)
+        ]
+        # Later frames show what these hide in the mouth and behind the eyelids.
+        return build_person_model(
+            self._head,
+            identity,
+            faces,
+            list(enumerate(pictures)),
+            points,
+            texture_size=budget.texture_size,
+            appearance_bytes=budget.appearance_bytes,
+            max_modes=budget.max_modes,
+            image_space_fit=False,
+            weight_disoccluded=True,
+            weight_mouth=True,
+            workers=self._workers,
+        )
+
+    def _in_layers(self, version: ModelVersion, base_bytes: int = BASE_LAYER_BYTES) -> ModelVersion:
+        mean = version.person.appearance.mean
+        layers = split_into_layers(version.packet, mean, self._background, base_bytes)
+        return replace(version, packet=layers.base, layers=layers)
+
+    def _base_layer_only(self, version: ModelVersion) -> ModelVersion:
+        """The version with the appearance that its base layer has."""
+        version = self._in_layers(version)
+        texture = version.packet.texture
+        mean = decode_picture("texture", texture)
+        appearance = replace(
+            version.person.appearance, texture=texture, mean=mean, mode_codec=ModeDecoder(len(mean))
+        )
+        person = replace(version.person, appearance=appearance)
+        fitter = person.image_fitter(IMAGE_FIT_PIXELS)
+        return replace(version, person=person, image_fitter=fitter, layers=None)
+
+    def _landmark_model(self, identity: Fitted) -> LandmarkModel:
+        return personalise(landmark_model(self._head), identity.identity.aau, identity.control_mm)
+
+    def _call_parameters(self, focal_px: float) -> CallParameters:
+        packing = self._gop.frames_per_packet, self._gop.frame_step
+        return call_parameters(self._capture, "default", focal_px, 0, *packing)

@@ -1,0 +1,36 @@
+"""Codes the frame packets of a live call, with one model version after the other."""
+
+from collections.abc import Sequence
+
+from encoder.calls.model_version import ModelVersion
+from encoder.coding.rate_control import OnlineRateController
+from protocol.frames.temporal_prediction import FramePredictor
+from shared_model.parameters import FaceParameters
+
+
+class PacketCoder:
+    """Holds the state that a decoder has, too: the packet number and the predictor."""
+
+    def __init__(self, rate: OnlineRateController) -> None:
+        self._rate = rate
+        self._number = 0
+        self._predictor: FramePredictor | None = None
+
+    @property
+    def number(self) -> int:
+        """Number of the next packet in the call."""
+        return self._number
+
+    def code(self, version: ModelVersion, faces: Sequence[FaceParameters]) -> bytes:
+        """The payload of the next packet.
+
+        version: the one in use, with its newest modes.  Its first packet starts a new predictor.
+        """
+        number = self._number - version.first_packet
+        if self._predictor is None or not number:
+            transform = version.padded_transform
+            self._predictor = FramePredictor(transform.scale_codes, transform.reserved_modes)
+        packet = self._rate.encode_packet(self._predictor, number, version.transform_faces(faces))
+        self._predictor.anchor = packet.frames[-1]
+        self._number += 1
+        return packet.payload

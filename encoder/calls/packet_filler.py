@@ -1,0 +1,111 @@
+"""Collects the coded frames of a live call until the next frame packet is full."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from encoder.calls.model_version import ModelVersion
+from encoder.learning.incremental_modes import FaceSample
+from shared_model.parameters import FaceParameters
+
+
+@dataclass(frozen=True, slots=True)
+class _PendingFrame:
+    """A coded frame whose packet is not full.
+
+    sample: what the face was fitted to; None: no face was visible, the frame repeats the one
+        before.
+    """
+
+    face: FaceParameters
+    sample: FaceSample | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FilledPacket:
+    """The faces of one frame packet.
+
+    start_frame: source frame of the first.  visible: whether any frame shows the face.
+    """
+
+    start_frame: int
+    faces: tuple[FaceParameters, ...]
+    visible: bool
+
+
+class PacketFiller:
+    """The frames of one packet after the other.
+
+    frame_step: source frames from one coded frame to the next.
+    """
+
+    def __init__(self, frame_step: int) -> None:
+        self._frame_step = frame_step
+        self._start_frame = 0
+        self._pending: list[_PendingFrame] = []
+        self._face: FaceParameters | None = None  # of the newest coded frame
+        self._is_interrupted = False  # whether a frame without a face came after it
+
+    def __len__(self) -> int:
+        """Number of frames that wait."""
+        return len(self._pending)
+
+    @property
+    def start_frame(self) -> int:
+        """Source frame that the packet begins with."""
+        return self._start_frame
+
+    @property
+    def initial_face(self) -> FaceParameters | None:
+        """Where the fit of the next frame begins; None: the frame before shows no face."""
+        return None if self._is_interrupted else self._face
+
+    def start_at(self, frame: int) -> None:
+        """Begin the call's first packet with source frame `frame`."""
+        self._start_frame = frame
+
+    def is_coded(self, index: int) -> bool:
+        """Whether source frame `index` is the next coded one."""
+        return index == self._start_frame + len(self._pending) * self._frame_step
+
+    def add(self, face: FaceParameters, sample: FaceSample) -> None:
+        """Add the next coded frame, with its face as fitted to `sample`."""
+        self._face, self._is_interrupted = face, False
+        self._pending.append(_PendingFrame(face, sample))
+
+    def add_without_face(self, index: int) -> None:
+        """Note that source frame `index` shows no face; if it is coded, it repeats the newest one.
+
+        Raises `ValueError` if no face has been added yet.
+        """
+        if self._face is None:
+            raise ValueError(f"frame {index} has no face before it, expected one to repeat")
+        self._is_interrupted = True
+        if self.is_coded(index):
+            self._pending.append(_PendingFrame(self._face))
+
+    def refit(self, version: ModelVersion) -> None:
+        """Fit the waiting faces again with the newest modes of `version`."""
+        refitted: list[_PendingFrame] = []
+        for frame in self._pending:
+            if frame.sample is not None:
+                frame = replace(frame, face=version.refit(frame.sample, frame.face))
+            elif refitted:
+                frame = replace(frame, face=refitted[-1].face)
+            refitted.append(frame)
+        if refitted:
+            self._pending, self._face = refitted, refitted[-1].face
+
+    def reset_modes(self, count: int) -> None:
+        """Set the newest face's coefficients to 0: it is of a version with `count` other modes."""
+        if self._face is not None:
+            self._face = replace(self._face, modes=np.zeros(count))
+
+    def take(self) -> FilledPacket:
+        """The frames that wait; the next packet begins after them."""
+        faces = tuple(frame.face for frame in self._pending)
+        visible = any(frame.sample is not None for frame in self._pending)
+        filled = FilledPacket(self._start_frame, faces, visible)
+        self._start_frame += len(faces) * self._frame_step
+        self._pending = []
+        return filled

@@ -1,0 +1,95 @@
+"""Sends the packets of one call and counts them; all three sessions send through it."""
+
+from encoder.calls.session_stats import SessionStats
+from encoder.coding.pacer import LayerPacer
+from encoder.coding.progressive_model import LayeredModel
+from protocol.limits import SEQUENCE_MODULUS
+from protocol.link.interface import PacketSink
+from protocol.model_packet import ModelPacket
+from protocol.packets import (
+    ControlKind,
+    ControlPacket,
+    FramePacket,
+    LayerPacket,
+    Packet,
+    serialise,
+)
+
+# Frame packets between a model update and the first one that needs it, at least and at most: any
+# more, and its sequence number would be taken for one of the past.
+LEAD_PACKETS, MAX_LEAD_PACKETS = 4, SEQUENCE_MODULUS // 2 - 1
+
+
+class PacketSender:
+    """Serialises, sends and counts packets.
+
+    pacer: holds all packets together to the start-up bitrate; None: each goes at once.
+    """
+
+    def __init__(
+        self, sink: PacketSink, stats: SessionStats, pacer: LayerPacer | None = None
+    ) -> None:
+        self._sink, self._stats, self._pacer = sink, stats, pacer
+        self._face_visible = True
+
+    def send_model(self, packet: ModelPacket) -> None:
+        """Send a model packet, whole or the base layer of one."""
+        size = self._send_model_part(packet)
+        if self._pacer is not None:
+            self._pacer.on_packet_sent(size)
+
+    def begin_layers(self, model: LayeredModel) -> None:
+        """From now on send the layers of `model` between frame packets."""
+        if self._pacer is not None:
+            self._pacer.start(model)
+
+    def send_layer(self, packet: LayerPacket) -> None:
+        """Send a layer packet at once."""
+        self._send_model_part(packet)
+
+    def send_frames(self, number: int, payload: bytes, duration_s: float) -> None:
+        """Send frame packet `number` of the call, then the layers that are due.
+
+        duration_s: from the packet's first frame to that of the next.
+        """
+        self._stats.frame_bytes += len(payload)
+        self._send(FramePacket(number % SEQUENCE_MODULUS, payload))
+        if self._pacer is not None:
+            self._pacer.on_packet_sent(1 + len(payload))
+            for layer in self._pacer.packets_due(duration_s):
+                self._send_model_part(layer)
+
+    def report_face(self, visible: bool, frame: int) -> bool:
+        """Send FACE_LOST or FACE_FOUND for source frame `frame`, if that is news; whether it is."""
+        if visible == self._face_visible:
+            return False
+        self._face_visible = visible
+        self._send(
+            ControlPacket(0, ControlKind.FACE_FOUND if visible else ControlKind.FACE_LOST, frame)
+        )
+        return True
+
+    def end(self, frames: int) -> None:
+        """Close a call of `frames` source frames."""
+        self._stats.frames = frames
+        self._send(ControlPacket(0, ControlKind.END, frames))
+
+    def warn_of_incomplete_model(self) -> None:
+        """Add a warning if not all layers of the model have been sent."""
+        if self._pacer is not None and self._pacer.pending_items:
+            self._stats.warn(
+                f"the call ended with {self._pacer.pending_items} pictures of its model not sent:"
+                " it was too short for --startup-bitrate"
+            )
+
+    def _send_model_part(self, packet: ModelPacket | LayerPacket) -> int:
+        """Send what counts as model; returns the bytes of the packet."""
+        size = len(serialise(packet))
+        self._stats.model_bytes += size - 1
+        self._send(packet)
+        return size
+
+    def _send(self, packet: Packet) -> None:
+        with self._stats.stage("send"):
+            self._sink.send(serialise(packet))
+        self._stats.packets += 1

@@ -1,0 +1,44 @@
+"""What all face detectors have in common."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Frame = NDArray[np.uint8]
+
+# Order of `Detection.keypoints`; left and right are the subject's.
+KEYPOINTS = ("eye_right", "eye_left", "nose", "mouth", "ear_right", "ear_left")
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """A face found in a picture.
+
+    box: (4,) float64, pixels: left, top, right, bottom of brow-to-chin; may leave the picture.
+    keypoints: (6, 2) float64, pixels, in the order of `KEYPOINTS`.
+    score: confidence in [0, 1].
+    """
+
+    box: Array
+    keypoints: Array
+    score: float
+
+    @property
+    def size_px(self) -> float:
+        """Geometric mean of the box's sides, pixels."""
+        width, height = self.box[2:] - self.box[:2]
+        return float(np.sqrt(width * height))
+
+
+class FaceDetector(Protocol):
+    """A detector of faces in (h, w, 3) uint8 BGR pictures; it returns the largest face first."""
+
+    def detect(self, frame: Frame) -> list[Detection]: ...
+
+
+def by_size(detections: list[Detection]) -> list[Detection]:
+    """The detections, the largest first."""
+    return sorted(detections, key=lambda face: -face.size_px)

@@ -1,0 +1,110 @@
+"""Increments: how the step of a solver is added to a face, or to an identity with its faces.
+
+Rotations are increments on their manifold: a rotation vector in camera axes, applied from the left.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.fitting.fit_results import Fitted
+from shared_model import geometry
+from shared_model.animate import identity_from_controls
+from shared_model.mesh import Head
+from shared_model.parameters import AAUS, EAUS, FaceParameters, Pose, clip_eau, refocused
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+RIGID = 6
+FACE_PARAMETERS = RIGID + len(EAUS)
+
+
+def step_limits(rotation_rad: float, translation_mm: float = np.inf, eau: float = np.inf) -> Array:
+    """(6 + EAUs,) the largest size of each parameter's step."""
+    limits = np.full(FACE_PARAMETERS, eau)
+    limits[:3], limits[3:RIGID] = rotation_rad, translation_mm
+    return limits
+
+
+# Of fits to landmarks and of bundle adjustment; of fits to one picture, whose gradient tells
+# nothing of what is farther away.
+STEP_LIMITS = step_limits(rotation_rad=0.5)
+PICTURE_STEP_LIMITS = step_limits(rotation_rad=0.3, translation_mm=100.0, eau=1.0)
+LOG_FOCAL_LIMIT, AAU_LIMIT = 0.2, 1.9
+
+
+def apply_increment(face: FaceParameters, step: Array) -> FaceParameters:
+    """Add a step (6 + EAUs,): rotation (rad, camera axes), translation (mm), actuators."""
+    turn = geometry.quaternion_from_vector(step[:3])
+    rotation = geometry.normalise(geometry.multiply(turn, face.pose.rotation))
+    pose = Pose(rotation, face.pose.translation_mm + step[3:6])
+    return replace(face, pose=pose, eau=clip_eau(face.eau + step[6:]))
+
+
+def apply_clipped_increment(
+    face: FaceParameters, step: Array, limits: Array = STEP_LIMITS
+) -> FaceParameters:
+    """Add a step (6 + EAUs,), see `apply_increment`, clipped to `limits` (6 + EAUs,)."""
+    return apply_increment(face, np.clip(step, -limits, limits))
+
+
+def apply_picture_step(face: FaceParameters, solution: Array, active: Indices) -> FaceParameters:
+    """Add a solution (6 + a + m,): increments of pose and active actuators, then coefficients.
+
+    The coefficients (m,) are values, since they enter the problem linearly.
+    """
+    size = RIGID + len(active)
+    step = np.zeros(FACE_PARAMETERS)
+    step[:RIGID] = solution[:RIGID]
+    step[RIGID + active] = solution[RIGID:size]
+    face = apply_clipped_increment(face, step, PICTURE_STEP_LIMITS)
+    return replace(face, modes=solution[size:])
+
+
+def shared_parameters(fitted: Fitted) -> int:
+    """Number of parameters that all frames of a person share: log f, AAUs, controls."""
+    return 1 + len(AAUS) + fitted.control_mm.size
+
+
+def apply_identity_increment(head: Head, fitted: Fitted, step: Array) -> Fitted:
+    """Add a step over log f, AAUs, x, y, z of each control, then w, t, EAUs of each frame.
+
+    Depths change in proportion to the focal length, so that faces keep their size.
+    """
+    n, shared = len(AAUS), shared_parameters(fitted)
+    log_ratio = np.clip(step[0], -LOG_FOCAL_LIMIT, LOG_FOCAL_LIMIT)
+    focal_px = fitted.camera.focal_px * float(np.exp(log_ratio))
+    ratio = focal_px / fitted.camera.focal_px
+    aau = np.clip(fitted.identity.aau + step[1 : 1 + n], -AAU_LIMIT, AAU_LIMIT)
+    control = fitted.control_mm + step[1 + n : shared].reshape(-1, 3)
+    steps = step[shared:].reshape(len(fitted.frames), -1)
+    return replace(
+        fitted,
+        camera=replace(fitted.camera, focal_px=focal_px),
+        identity=identity_from_controls(head, aau, control),
+        control_mm=control,
+        frames=tuple(
+            apply_clipped_increment(refocused(face, ratio), each)
+            for face, each in zip(fitted.frames, steps, strict=True)
+        ),
+    )
+
+
+def identity_increment_between(origin: Fitted, fitted: Fitted) -> Array:
+    """The step from `origin` to `fitted` and its first face, see `apply_identity_increment`."""
+    ratio = fitted.camera.focal_px / origin.camera.focal_px
+    here, there = fitted.frames[0], origin.frames[0]
+    turn = geometry.multiply(here.pose.rotation, geometry.conjugate(there.pose.rotation))
+    shift = here.pose.translation_mm - there.pose.translation_mm * [1.0, 1.0, ratio]
+    return np.concatenate(
+        [
+            [np.log(ratio)],
+            fitted.identity.aau - origin.identity.aau,
+            (fitted.control_mm - origin.control_mm).ravel(),
+            geometry.vector_from_quaternion(turn),
+            shift,
+            here.eau - there.eau,
+        ]
+    )

@@ -1,0 +1,92 @@
+"""The Levenberg-Marquardt solver of all fits that compare pictures.
+
+Fits of landmarks are plain Gauss-Newton, see `landmark_fit.fit_landmarks`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Equations = tuple[Array, Array]
+State = TypeVar("State")
+
+# An iteration that changes the cost by no more than this share is the last.
+RELATIVE_TOLERANCE = 1e-3
+DAMPING_INCREASE = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """The cost of a state, and what linearises the problem there.
+
+    equations: computes the normal equations of the next step: matrix (n, n), right side (n,).
+    """
+
+    cost: float
+    equations: Callable[[], Equations]
+
+
+AnyEvaluation = TypeVar("AnyEvaluation", bound=Evaluation)
+
+
+@dataclass(frozen=True, slots=True)
+class Damping:
+    """How steps are damped: shares of the normal matrix's diagonal are added to it (Marquardt).
+
+    initial: share at the first step.  least_after_increase: share after a step that raised the
+    cost, at least.  decrease: divisor after a step that lowered it.
+    relative_ridge, absolute_ridge: always added, so that a parameter without evidence is solvable.
+    """
+
+    initial: float
+    least_after_increase: float
+    decrease: float
+    relative_ridge: float = 0.0
+    absolute_ridge: float = 0.0
+
+
+def levenberg_marquardt(
+    evaluate: Callable[[State], AnyEvaluation],
+    start: State,
+    apply_step: Callable[[State, Array], State],
+    damping: Damping,
+    iterations: int,
+    undamped: int = 0,
+) -> tuple[State, AnyEvaluation]:
+    """The state of least cost among those that damped Gauss-Newton steps reach, and its evaluation.
+
+    start: returned as it is if its cost is infinite.
+    apply_step: adds a step (n,) to a state.
+    iterations: at most; the solver stops earlier at `RELATIVE_TOLERANCE`.
+    undamped: number of parameters at the end, linear ones, that are not damped.
+    """
+    best, at = start, evaluate(start)
+    if not np.isfinite(at.cost):
+        return best, at
+    factor = damping.initial
+    equations: Equations | None = None
+    for _ in range(iterations):
+        equations = equations or at.equations()
+        trial = apply_step(best, _damped_step(equations, factor, damping, undamped))
+        tried = evaluate(trial)
+        converged = abs(at.cost - tried.cost) < RELATIVE_TOLERANCE * at.cost
+        if tried.cost <= at.cost:
+            best, at, equations = trial, tried, None
+            factor /= damping.decrease
+        else:
+            factor = max(DAMPING_INCREASE * factor, damping.least_after_increase)
+        if converged:
+            break
+    return best, at
+
+
+def _damped_step(equations: Equations, factor: float, damping: Damping, undamped: int) -> Array:
+    normal, right = equations
+    share = np.full(len(normal), damping.relative_ridge)
+    share[: len(normal) - undamped] += factor
+    damped = normal + np.diag(share * np.diag(normal) + damping.absolute_ridge)
+    return np.asarray(np.linalg.solve(damped, right), np.float64)

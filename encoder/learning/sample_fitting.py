@@ -1,0 +1,144 @@
+"""Fits the face in a sample of frames and samples its texture, without a person model."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.appearance.inpaint import filled_atlas
+from encoder.appearance.shape_free import ShapeFreeFrame
+from encoder.appearance.super_resolution import back_projected
+from encoder.appearance.template import Template
+from encoder.appearance.texel_visibility import DEPTH_CELL_MM
+from encoder.appearance.texture import default_colours
+from encoder.appearance.texture_samples import TextureSamples, mean_texture, sample_textures
+from encoder.capture.face_crop import Crop
+from encoder.detection.landmark_indices import face_outline
+from encoder.fitting.analysis_by_synthesis import TEXELS, Refiner, coefficients
+from encoder.fitting.render_and_compare import Drawing
+from encoder.learning.pca import luma_modes, make_template
+from encoder.runtime.parallel import parallel_map
+from protocol.pictures.picture_codec import to_luma
+from shared_model.animate import Face
+from shared_model.appearance import atlas_of
+from shared_model.parameters import FaceParameters
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+# Modes of the template in each round of the coarse fit, and of the fit in the image.
+COARSE_MODE_SCHEDULE = (0, 4, 8)
+IMAGE_FIT_MODES = 14
+FIT_STEPS = 2
+FRAMES_PER_MODE = 3
+
+
+def fit_samples_coarse(
+    face: Face,
+    shape: ShapeFreeFrame,
+    crops: Sequence[Crop],
+    faces: Sequence[FaceParameters],
+    workers: int | None = None,
+) -> list[FaceParameters]:
+    """Fit the faces in crops to their own mean and modes, in the shape-free frame.
+
+    Each round samples a new mean and more modes by the faces of the round before.
+    shape: all texels; the fit uses an atlas of about `TEXELS` texels.
+    faces: initial, one a crop.  workers: see `parallel_map`.
+    """
+    reduction = max(1, round(float(np.sqrt(len(shape) / TEXELS))))
+    atlas = atlas_of(face.head, shape.atlas.size // reduction)
+    coarse = ShapeFreeFrame(face, atlas, shape.camera)
+    cell_mm = reduction * DEPTH_CELL_MM
+    luma_crops, faces = [crop.as_luma for crop in crops], list(faces)
+    for modes in COARSE_MODE_SCHEDULE:
+        samples = sample_faces(face, coarse, luma_crops, faces, workers, cell_mm)
+        template = luma_template(face, coarse, samples, modes)
+        fitter = Refiner(face.head, face, coarse, template, cell_mm=cell_mm)
+        faces = fit_samples(fitter, crops, faces, workers)
+    return faces
+
+
+def fit_samples_in_image(
+    face: Face,
+    shape: ShapeFreeFrame,
+    crops: Sequence[Crop],
+    faces: Sequence[FaceParameters],
+    landmarks: Sequence[Array],
+    workers: int | None = None,
+) -> list[FaceParameters]:
+    """Fit the faces in crops to their own mean and modes, in image space.
+
+    faces: initial, one a crop.  landmarks: (468, >= 2) pixels of each frame.
+    workers: see `parallel_map`.
+    """
+    luma_crops = [crop.as_luma for crop in crops]
+    samples = sample_faces(face, shape, luma_crops, faces, workers)
+    sharp = super_resolved(shape, samples, luma_crops, faces, workers)
+    template = luma_template(face, shape, sharp, IMAGE_FIT_MODES)
+    layers = [template.mean, *template.modes]
+    images = np.array([filled_atlas(shape.atlas, layer[:, None])[..., 0] for layer in layers])
+    fitter = Drawing(face, shape.camera, images[0], images[1:])
+    weights = samples.weight * samples.visible
+
+    def fit(index: int) -> FaceParameters:
+        luma = sharp.colours[index][:, 0]
+        start = replace(faces[index], modes=coefficients(template, luma, weights[index]))
+        return fitter.fit(crops[index], start, face_outline(landmarks[index]))
+
+    return parallel_map(fit, range(len(crops)), workers)
+
+
+def fit_samples(
+    fitter: Refiner,
+    crops: Sequence[Crop],
+    faces: Sequence[FaceParameters],
+    workers: int | None = None,
+) -> list[FaceParameters]:
+    """The faces in crops after `FIT_STEPS` steps of `fitter`.  workers: see `parallel_map`."""
+    pairs = zip(crops, faces, strict=True)
+    return parallel_map(lambda pair: fitter.refine(pair[0], pair[1], FIT_STEPS), pairs, workers)
+
+
+def luma_template(
+    face: Face, shape: ShapeFreeFrame, samples: TextureSamples, max_modes: int
+) -> Template:
+    """Mean and leading modes of luma samples, at most one mode to `FRAMES_PER_MODE` frames."""
+    default = to_luma(default_colours(face.head, shape.atlas))[:, None]
+    mean = mean_texture(shape, samples, default)
+    count = min(max_modes, len(samples.colours) // FRAMES_PER_MODE)
+    return make_template(samples, mean, luma_modes(samples, mean, count))
+
+
+def sample_faces(
+    face: Face,
+    shape: ShapeFreeFrame,
+    crops: Sequence[Crop],
+    faces: Sequence[FaceParameters],
+    workers: int | None,
+    cell_mm: float = DEPTH_CELL_MM,
+) -> TextureSamples:
+    """The texels of `shape` in crops whose faces are fitted, see `sample_textures`."""
+    vertices = [face.animate(fitted.eau) for fitted in faces]
+    return sample_textures(face.head, shape, crops, faces, vertices, cell_mm, workers)
+
+
+def super_resolved(
+    shape: ShapeFreeFrame,
+    samples: TextureSamples,
+    crops: Sequence[Crop],
+    faces: Sequence[FaceParameters],
+    workers: int | None = None,
+) -> TextureSamples:
+    """The samples with colours that render to the crops, see `back_projected`.
+
+    faces: of the crops that were sampled.  workers: see `parallel_map`.
+    """
+
+    def sharpen(view: tuple[Crop, FaceParameters, Single, NDArray[np.bool_]]) -> Single:
+        crop, face, colours, visible = view
+        return back_projected(shape, crop, crop.to_crop_px(shape.positions(face)), colours, visible)
+
+    views = zip(crops, faces, samples.colours, samples.visible, strict=True)
+    return replace(samples, colours=np.array(parallel_map(sharpen, views, workers)))

@@ -1,0 +1,146 @@
+"""Values that an encoder's options may have, which go together, and the profile they ask for.
+
+An option is named as on the command line, with underscores: `startup_bitrate`.  Only the standard
+library is imported at the top: a command line that checks its options starts quickly.
+"""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+
+from shared_model.errors import UserError
+
+Options = Mapping[str, object]
+# How an option and its value are written in a message.
+Spelling = Callable[[str, object], str]
+
+CHOICES: Mapping[str, tuple[str, ...]] = {
+    "profile": ("default", "thesis"),
+    "detector": ("network", "haar"),
+    "tracker": ("single", "full"),
+    "normalise": ("none", "retinex"),
+    "abs": ("gauss-newton", "mirrored", "matrix"),
+}
+# Options that have an effect in one profile only, and their defaults.
+THESIS_OPTIONS: Options = {
+    "lids": False,
+    "detector": "network",
+    "tracker": "full",
+    "without": frozenset(),
+    "normalise": "none",
+    "abs": "gauss-newton",
+    "refine": True,
+}
+DEFAULT_OPTIONS: Options = {
+    "bitrate": 800.0,
+    "live": False,
+    "fps": None,
+    "startup_bitrate": None,
+}
+# Value of an option -> options that have no effect with it.  `without` is a set of such values.
+NO_EFFECT: Mapping[tuple[str, str], tuple[str, ...]] = {
+    ("tracker", "single"): ("without", "normalise", "abs", "refine"),
+    ("without", "abs"): ("normalise", "abs", "refine"),
+    ("detector", "haar"): ("lids", "refine"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """Numbers from `low` to `high`; open: without these two.  unit: of the number."""
+
+    low: float
+    high: float
+    unit: str
+    is_open: bool = False
+    is_integer: bool = False
+
+    def __contains__(self, value: float) -> bool:
+        inside = self.low < value < self.high if self.is_open else self.low <= value <= self.high
+        return inside and (not self.is_integer or value == int(value))
+
+    def __str__(self) -> str:
+        if self.is_open:
+            return f"above {self.low:g} and below {self.high:g} {self.unit}"
+        return f"{self.low:.0f} to {self.high:.0f} {self.unit}"
+
+
+RANGES: Mapping[str, Range] = {
+    "bitrate": Range(0, 1e9, "bits a second", is_open=True),
+    "startup_bitrate": Range(0, 1e9, "bits a second", is_open=True),
+    "fps": Range(0, 1e9, "frames a second", is_open=True),
+    "model_bytes": Range(2000, 100_000, "bytes", is_integer=True),
+    "max_frames": Range(1, 1e9, "frames", is_integer=True),
+}
+
+
+def check_value(name: str, value: object) -> None:
+    """Raise `ValueError` if the option cannot have this value, which is not None."""
+    if name in CHOICES and value not in CHOICES[name]:
+        raise ValueError(f"{value} is none of {', '.join(CHOICES[name])}")
+    if name in RANGES:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError(f"{value} is not a number")
+        if value not in RANGES[name]:
+            raise ValueError(f"{value:g} is not {RANGES[name]}")
+
+
+def chosen_profile(options: Options, spelling: Spelling) -> str:
+    """The profile that the options name, or that they need, or that works with what is installed.
+
+    options: by name; a missing one has its default.
+    Raises `UserError` if one of the options has no effect with the others.
+    """
+    of_thesis = _given(options, THESIS_OPTIONS, spelling)
+    of_default = _given(options, DEFAULT_OPTIONS, spelling)
+    if of_thesis and of_default:
+        raise UserError(
+            f"{of_thesis[0]} is about the thesis profile, {of_default[0]} about the default one:"
+            " they do not go together"
+        )
+    profile = options.get("profile") or ("thesis" if of_thesis else "default" if of_default else "")
+    profile = profile or available_profile()
+    other, misplaced = ("default", of_default) if profile == "thesis" else ("thesis", of_thesis)
+    if misplaced:
+        asked = spelling("profile", other)
+        raise UserError(f"{misplaced[0]} is about the {other} profile; add {asked}")
+    _check_effects(options, spelling)
+    _check_startup(options, spelling)
+    return str(profile)
+
+
+def available_profile() -> str:
+    """The default profile, or that of the thesis if the landmark networks are not installed."""
+    from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
+
+    try:
+        find_network_folder()
+    except NetworkFilesMissing:
+        return "thesis"
+    return "default"
+
+
+def _check_effects(options: Options, spelling: Spelling) -> None:
+    for (name, value), others in NO_EFFECT.items():
+        given = options.get(name)
+        if given != value and not (isinstance(given, Collection) and value in given):
+            continue
+        defaults = {other: THESIS_OPTIONS[other] for other in others}
+        if idle := _given(options, defaults, spelling):
+            raise UserError(f"{idle[0]} has no effect with {spelling(name, given)}; leave it out")
+
+
+def _check_startup(options: Options, spelling: Spelling) -> None:
+    startup, bitrate = options.get("startup_bitrate"), options.get("bitrate", 800.0)
+    if not isinstance(startup, int | float) or not isinstance(bitrate, int | float):
+        return
+    if startup <= bitrate:
+        raise UserError(
+            f"{spelling('startup_bitrate', startup)} leaves nothing for the model in addition to"
+            f" frames of {spelling('bitrate', bitrate)}"
+        )
+
+
+def _given(options: Options, defaults: Options, spelling: Spelling) -> list[str]:
+    """The options that differ from their defaults."""
+    given = {name: options.get(name, default) for name, default in defaults.items()}
+    return [spelling(name, value) for name, value in given.items() if value != defaults[name]]

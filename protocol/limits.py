@@ -1,0 +1,33 @@
+"""Limits of the fields of packets: what a parser accepts, whatever the bytes."""
+
+from protocol.entropy.varint import MAX_VARINT
+
+SEQUENCE_MODULUS = 64
+MAX_FRAME_INDEX = MAX_VARINT
+
+# Bytes of whole packets, or of one of their fields.
+MAX_MODEL_PACKET_BYTES = 256 * 1024
+MAX_FRAME_PAYLOAD_BYTES = 1024
+MAX_CONTROL_PACKET_BYTES = 16
+MAX_LAYER_BYTES = 16 * 1024
+MAX_IMAGE_BYTES = 128 * 1024
+MAX_PROFILE_DATA_BYTES = 128 * 1024
+# Range-coded codes of `MAX_RESIDUAL_POINTS` points take fewer.
+MAX_RESIDUAL_BYTES = 4096
+
+# Call parameters.
+MAX_SIDE_PX = 8192
+MAX_FPS_TERM = 1_000_000
+MAX_FPS = 1000
+MAX_FRAMES_PER_PACKET = 64
+MAX_FRAME_STEP = 255
+MAX_FOCAL_PX = 1e6
+
+# Models and their layers.
+MAX_RESIDUAL_POINTS = 255
+MAX_TRANSLATION_MM = 1e6
+MAX_MODEL_VERSIONS = 64
+MAX_LAYER_PACKETS = 4096
+
+# Characters of an error message that quotes a packet.
+MAX_MESSAGE_LENGTH = 200

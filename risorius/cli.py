@@ -1,0 +1,162 @@
+"""The command line: arguments -> command -> exit code; an error is one line on stderr.
+
+A command imports what it needs only when it runs: `--help` is quick, and an encoder host needs no
+renderer.
+"""
+
+import argparse
+import errno
+import os
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import NoReturn
+
+from risorius.command_line.parser import BAD_USAGE, EXIT_CODES, INTERRUPTED, Parser
+from risorius.commands.benchmarks import add_bench, add_replay
+from risorius.commands.decode import add_decode
+from risorius.commands.demo import add_demo
+from risorius.commands.drawing import add_animate, add_view
+from risorius.commands.encode import add_encode
+from risorius.commands.info import add_info
+from risorius.commands.relay import add_relay
+from shared_model.errors import UserError
+
+BROKEN_PIPE = 141
+COMMANDS = (
+    add_encode,
+    add_decode,
+    add_relay,
+    add_bench,
+    add_replay,
+    add_info,
+    add_animate,
+    add_view,
+    add_demo,
+)
+DESCRIPTION = """\
+A videophone that sends a face as muscles, not pixels: one model packet that says who it is, then
+800 bits a second that say how the face moves.
+"""
+EXAMPLES = """\
+examples:
+  risorius demo                                 a call from end to end, on a clip that is at hand
+  risorius encode me.mp4 -o call.rzo            record a call
+  risorius info call.rzo                        see what it weighs
+  risorius decode call.rzo -o out.mkv           make it a video again
+  risorius decode --listen tcp/0.0.0.0:7447 -o out.mkv     on one host, then
+  risorius encode 0 --connect tcp/HOST:7447                on the other: a call with camera 0
+  risorius view --call call.rzo                 move every muscle of the face by hand
+  risorius bench me.mp4 --out out/bench         bits against PSNR, two processes on this host
+"""
+# Libraries that only one end needs, and the extra that brings them.
+EXTRA_OF = {"filterpy": "encoder", "moderngl": "decoder"}
+
+
+class ShowVersion(argparse.Action):
+    """Prints the installed version and exits."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
+        super().__init__(option_strings, dest, nargs=0, default=argparse.SUPPRESS, help=help)
+
+    def __call__(self, parser: argparse.ArgumentParser, *values: object) -> NoReturn:
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            print(f"risorius {version('risorius')}")
+        except PackageNotFoundError:
+            print("risorius (not installed)")
+        parser.exit()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return the exit code; all that goes wrong is one line on stderr."""
+    # Before numpy is loaded: sums must not depend on how many threads share them, or the same clip
+    # would give other bytes on another host.  Products here are too small to gain by threads.
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    _open_streams()
+    try:
+        arguments = build_parser().parse_args(argv)
+        command: Callable[[argparse.Namespace], int] = arguments.run
+        code = command(arguments)
+        sys.stdout.flush()
+        return code
+    except UserError as error:
+        return print_error(str(error), error.exit_code)
+    except ModuleNotFoundError as error:
+        return print_error(_missing(error), BAD_USAGE)
+    except BrokenPipeError:
+        _drop_output()
+        return BROKEN_PIPE
+    except OSError as error:
+        # A full disk, a folder that went away: what no part of the program can do anything about.
+        _drop_output()
+        is_printed = error.filename is None and error.errno in (errno.ENOSPC, errno.EIO)
+        told = f"cannot write what is printed: {error.strerror}" if is_printed else str(error)
+        return print_error(told, BAD_USAGE)
+    except KeyboardInterrupt as interrupt:
+        return print_error(": ".join(["interrupted", *map(str, interrupt.args)]), INTERRUPTED)
+    except SystemError as error:
+        if not _is_interrupt(error):
+            raise
+        return print_error("interrupted", INTERRUPTED)
+
+
+def build_parser() -> Parser:
+    """The parser of all commands; each sets `run`, which takes the parsed arguments."""
+    parser = Parser(
+        prog="risorius",
+        description=DESCRIPTION,
+        epilog=f"{EXAMPLES}\n{EXIT_CODES}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action=ShowVersion, help="print the version")
+    parser.set_defaults(run=lambda arguments: _print_help(parser))
+    added = parser.add_subparsers(title="commands", metavar="COMMAND")
+    for add in COMMANDS:
+        add(added)
+    return parser
+
+
+def _print_help(parser: Parser) -> int:
+    parser.print_help()
+    return 0
+
+
+def _open_streams() -> None:
+    """Where they were closed by whoever started us: or else a file that is written takes their
+    number, and gets what libraries say there."""
+    for name in ("stdin", "stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w"))  # noqa: SIM115
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Whether an interrupt is behind an error: machine code that was being loaded hides it."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error is not None
+
+
+def _drop_output() -> None:
+    """Python would flush stdout once more at exit and complain if nobody can take it."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def print_error(message: str, code: int) -> int:
+    """Say what went wrong in one line on stderr and return `code`."""
+    with suppress(OSError):
+        print(f"risorius: {' '.join(message.split())}", file=sys.stderr)
+    return code
+
+
+def _missing(error: ModuleNotFoundError) -> str:
+    """What to install for a library that an extra brings; any other missing module is our fault."""
+    library = (error.name or "").split(".")[0]
+    if library not in EXTRA_OF:
+        raise error
+    extra = EXTRA_OF[library]
+    return f"{library} is not installed; in the project's folder try: pip install '.[{extra}]'"

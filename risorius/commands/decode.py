@@ -1,0 +1,240 @@
+"""`risorius decode`: the pictures of a call, and their PSNR."""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from risorius.command_line.argument_types import seconds
+from risorius.command_line.option_rules import DECODE_LINK_OPTIONS, reject
+from risorius.command_line.options import add_comparison, add_link, add_reporting
+from risorius.command_line.output_checks import STANDARD, check_outputs
+from risorius.command_line.parser import INTERRUPTED, add_command
+from risorius.command_line.progress import ProgressLine, say, warn
+from risorius.command_line.signals import StopOnSignal
+from risorius.command_line.standard_streams import input_of, output_of
+from shared_model.errors import LINK_FAILED, UserError
+
+if TYPE_CHECKING:
+    from decoder.pipeline import DecodeReport
+    from loopback.quality import Quality
+    from risorius.command_line.parser import Commands
+
+Progress = Callable[[int, int | None], None]
+
+# Below this PSNR of the whole picture source and call can hardly be of the same recording.
+UNRELATED_DB = 13.0
+
+
+def add_decode(added: "Commands") -> None:
+    """`risorius decode`."""
+    parser = add_command(
+        added,
+        "decode",
+        "draw the face of a call",
+        "The call comes from a file or over Zenoh (--listen or --connect).  The video has one\n"
+        "frame per source frame, in the source's size and rate; .mkv is lossless (FFV1), but for\n"
+        "the rounding of Y'CbCr where the source is tagged BT.709: then the video is, too.",
+        "  risorius decode call.rzo -o out.mkv --source me.mp4\n"
+        "  risorius decode call.rzo --face anna.rzo -o anna.mkv\n"
+        "  risorius decode call.rzo -o - | mpv -\n"
+        "  risorius decode --listen tcp/0.0.0.0:7447 --call anna -o out.mkv\n",
+    )
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument(
+        "call_file",
+        nargs="?",
+        type=Path,
+        metavar="CALL",
+        help="call file (.rzo); -: from standard input",
+    )
+    add_link(parser, where)
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="VIDEO",
+        help=".mkv .avi .mp4 .mov, or frame%%04d.png; -: YUV4MPEG2 to standard output, as mpv and"
+        " ffplay read it; without it the call is only checked",
+    )
+    add_comparison(parser)
+    parser.add_argument(
+        "--timeout",
+        type=seconds,
+        default=0.0,
+        metavar="S",
+        help="over a link, give up after S seconds without a picture, or to connect to; 0: wait for"
+        " pictures as long as it takes, and 10 seconds to connect (default: 0)",
+    )
+    add_reporting(parser)
+    parser.set_defaults(run=run_decode)
+
+
+def run_decode(arguments: argparse.Namespace) -> int:
+    """`risorius decode`."""
+    read = [arguments.call_file, arguments.source, arguments.face]
+    check_outputs(read, [arguments.output, arguments.report])
+    if arguments.call_file is not None:
+        reject(arguments, DECODE_LINK_OPTIONS, "a call file")
+    if arguments.source and arguments.output == STANDARD:
+        raise UserError("--source does not go with -o -; leave out -o, or name a file")
+    from loopback.report import write_json
+
+    with ExitStack() as stack:
+        frames = _frames_to_compare(arguments) if arguments.source else None
+        output: Path | None = arguments.output
+        if output is None and arguments.source:
+            output = Path(stack.enter_context(TemporaryDirectory())) / "decoded.mkv"
+        stop = stack.enter_context(StopOnSignal())
+        report = _decode(arguments, output, stop)
+        if not arguments.quiet:
+            print(_decode_summary(report))
+        figures = asdict(report)
+        try:
+            if output and arguments.source:
+                quality = _quality(arguments, output, report.frames, frames)
+                figures["quality"] = asdict(quality)
+                if not arguments.quiet:
+                    print(_quality_summary(quality))
+        finally:
+            if arguments.report:
+                write_json(arguments.report, figures)
+    if stop():
+        return INTERRUPTED
+    return 0 if arguments.call_file or report.complete else LINK_FAILED
+
+
+def _decode(
+    arguments: argparse.Namespace, output: Path | None, stop: StopOnSignal
+) -> "DecodeReport":
+    from decoder.pipeline import DecodeOptions, decode
+
+    options = DecodeOptions(
+        call_file=input_of(arguments.call_file),
+        listen=tuple(arguments.listen or ()),
+        connect=tuple(arguments.connect or ()),
+        call=arguments.call,
+        connect_timeout_s=arguments.timeout,
+        output=output_of(output),
+        face=arguments.face,
+    )
+    idle = IdleTimeout(arguments.timeout, stop)
+    with ProgressLine("decode", sys.stderr, arguments.quiet) as progress:
+        try:
+            report = decode(options, idle.watch(stop.watch(progress)), idle, progress.say)
+        except UserError as error:
+            raise _reason(error, stop, idle) from error
+    if idle.expired and not report.complete:
+        warn([f"no picture came for {idle.timeout_s:g} s"])
+    warn(report.warnings)
+    return report
+
+
+class IdleTimeout:
+    """A question to stop: also yes once no picture has come for `timeout_s`; 0 waits for ever."""
+
+    def __init__(
+        self,
+        timeout_s: float,
+        stop: Callable[[], bool],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.timeout_s = timeout_s
+        self._stop, self._clock = stop, clock
+        self._last = clock()
+
+    @property
+    def expired(self) -> bool:
+        """Nothing has come for too long."""
+        return 0 < self.timeout_s < self._clock() - self._last
+
+    def __call__(self) -> bool:
+        return self._stop() or self.expired
+
+    def watch(self, progress: Progress) -> Progress:
+        """`progress`, with a note of the time whenever it is called."""
+
+        def noted(done: int, total: int | None) -> None:
+            self._last = self._clock()
+            progress(done, total)
+
+        return noted
+
+
+def _reason(error: UserError, stop: Callable[[], bool], idle: IdleTimeout) -> BaseException:
+    """What to raise: the user's interrupt, a link that stayed silent, or the error."""
+    if stop():
+        return KeyboardInterrupt()
+    if idle.expired and error.exit_code != LINK_FAILED:
+        return UserError(f"nobody called within {idle.timeout_s:g} s", LINK_FAILED)
+    return error
+
+
+def _frames_to_compare(arguments: argparse.Namespace) -> int | None:
+    """How many frames of a call file the source has; None: the call is not known yet.
+
+    Raises `UserError` if the pictures of the call cannot be compared with the source's.
+    """
+    from decoder.duration import source_frames
+    from decoder.reenactment import read_model
+    from encoder.capture.video_source import open_source
+    from loopback.quality import check_size
+
+    path: Path | None = arguments.call_file
+    with open_source(arguments.source) as originals:
+        if path is None or path == STANDARD:
+            return None
+        call = read_model(path).call
+        check_size(originals, str(path), call.width, call.height)
+    return _common_frames(arguments.source, source_frames(path))
+
+
+def _common_frames(source: str, frames: int) -> int:
+    """How many of `frames` the source has, and a warning if it has more or fewer."""
+    from loopback.quality import source_frame_count
+
+    available = source_frame_count(source, frames)
+    common = min(available, frames)
+    if available != frames:
+        warn([f"{source} has {available} frames, the call {frames}: PSNR of the first {common}"])
+    return common
+
+
+def _quality(
+    arguments: argparse.Namespace, decoded: Path, shown: int, known: int | None
+) -> "Quality":
+    """PSNR of the frames that source and video have.
+
+    shown: frames of the video.  known: those that source and call have, None if not known yet.
+    """
+    from loopback.quality import face_mask_finder, measure_quality
+
+    source = arguments.source
+    frames = _common_frames(source, shown) if known is None else min(known, shown)
+    with ProgressLine("compare", sys.stderr, arguments.quiet) as progress:
+        quality = measure_quality(source, str(decoded), face_mask_finder(say), progress, frames)
+    if quality.full_psnr_db is not None and quality.full_psnr_db < UNRELATED_DB:
+        warn([f"this PSNR is that of unrelated pictures: is {source} what the call was made of?"])
+    return quality
+
+
+def _decode_summary(report: "DecodeReport") -> str:
+    busy_ms = sum(report.stage_ms.values())
+    return (
+        f"{report.frames} frames of {report.width}x{report.height} at {report.fps:.2f}/s;"
+        f" {busy_ms:.1f} ms a frame"
+    )
+
+
+def _quality_summary(quality: "Quality") -> str:
+    face = (
+        "no face measured"
+        if quality.face_psnr_db is None
+        else f"face {quality.face_psnr_db:.2f} dB"
+    )
+    return f"PSNR: {face}, picture {quality.full_psnr_db:.2f} dB"

@@ -1,0 +1,85 @@
+"""`risorius animate` and `risorius view`: the head moved by a script, and by hand."""
+
+import argparse
+import sys
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from risorius.command_line.argument_types import port
+from risorius.command_line.output_checks import check_outputs
+from risorius.command_line.parser import INTERRUPTED, add_command
+from risorius.command_line.progress import ProgressLine
+from risorius.command_line.signals import StopOnSignal
+
+if TYPE_CHECKING:
+    from risorius.command_line.parser import Commands
+
+
+def add_animate(added: "Commands") -> None:
+    """`risorius animate`."""
+    parser = add_command(
+        added,
+        "animate",
+        "draw an animation script and write down the truth of it",
+        "The script is a TOML file of key frames (docs/animate.md; four in scripts/animations).\n"
+        "Next to the video a JSON file says where everything was in every picture.",
+        "  risorius animate scripts/animations/talking.toml -o talking.mkv\n"
+        "  risorius animate scripts/animations/emotions.toml --call anna.rzo -o anna.mp4\n",
+    )
+    parser.add_argument("script", type=Path, metavar="SCRIPT", help="animation script (.toml)")
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="FILE", help="video or image pattern"
+    )
+    parser.add_argument(
+        "--call", type=Path, metavar="CALL", help="animate the caller of this call file"
+    )
+    parser.add_argument(
+        "--truth", type=Path, metavar="FILE", help="the truth's JSON (default: next to the output)"
+    )
+    parser.add_argument("-q", "--quiet", action="store_true", help="no progress, no summary")
+    parser.set_defaults(run=run_animate)
+
+
+def add_view(added: "Commands") -> None:
+    """`risorius view`."""
+    parser = add_command(
+        added,
+        "view",
+        "move every actuator of the face by hand, in a browser",
+        "Prints the address of a page on this host: a slider for each actuator, a face to drag,\n"
+        "the decoder's own renderer behind it.  Ctrl-C ends it.  Single pictures come from\n"
+        "ADDRESS/picture.jpg?jaw_drop=0.5&happiness=1&yaw=-20, names as in docs/animate.md.",
+        "  risorius view\n  risorius view --call anna.rzo --port 8000\n",
+    )
+    parser.add_argument(
+        "--call", type=Path, metavar="CALL", help="show the caller of this call file"
+    )
+    parser.add_argument(
+        "--port", type=port, default=0, metavar="N", help="TCP port; 0: any free one (default: 0)"
+    )
+    parser.set_defaults(run=run_view)
+
+
+def run_animate(arguments: argparse.Namespace) -> int:
+    """`risorius animate`."""
+    check_outputs([arguments.script, arguments.call], [arguments.output, arguments.truth])
+    from risorius.animation.animate import AnimateOptions, animate
+
+    options = AnimateOptions(
+        arguments.script, arguments.output, call_file=arguments.call, truth=arguments.truth
+    )
+    with StopOnSignal() as stop, ProgressLine("animate", sys.stderr, arguments.quiet) as progress:
+        report = animate(options, progress, stop)
+    if not arguments.quiet:
+        print(f"{report.frames} pictures in {report.output}, the truth in {report.truth}")
+    return INTERRUPTED if stop() else 0
+
+
+def run_view(arguments: argparse.Namespace) -> int:
+    """`risorius view`: being stopped is its normal end."""
+    from risorius.view.server import ViewOptions, view
+
+    with StopOnSignal(), suppress(KeyboardInterrupt):
+        view(ViewOptions(arguments.call, arguments.port), lambda url: print(url, flush=True))
+    return 0

@@ -1,0 +1,130 @@
+"""`risorius encode`: the face in a video, sent as a call."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from risorius.command_line.option_rules import ENCODE_LINK_OPTIONS, profile_of, reject
+from risorius.command_line.options import (
+    add_coding,
+    add_link,
+    add_reporting,
+    add_tracking,
+    add_transport,
+)
+from risorius.command_line.output_checks import check_call_file, check_outputs
+from risorius.command_line.parser import INTERRUPTED, add_command
+from risorius.command_line.progress import ProgressLine, warn
+from risorius.command_line.signals import StopOnSignal
+from risorius.command_line.standard_streams import output_of
+from shared_model.errors import LINK_FAILED, UserError
+
+if TYPE_CHECKING:
+    from encoder.options import EncodeOptions, EncodeReport
+    from risorius.command_line.parser import Commands
+
+SOURCE_HELP = "video file, image pattern (frame_%%04d.png), camera index or URL (rtsp://...)"
+
+
+def add_encode(added: "Commands") -> None:
+    """`risorius encode`."""
+    parser = add_command(
+        added,
+        "encode",
+        "find the face in a video and send it as a call",
+        "The call goes into a file (-o) or over Zenoh (--connect or --listen): the same bytes.",
+        "  risorius encode me.mp4 -o call.rzo\n"
+        "  risorius encode me.mp4 --live -o - | risorius decode - -o - | mpv -\n"
+        "  risorius encode 0 --connect tcp/192.0.2.7:7447 --call anna\n",
+    )
+    parser.add_argument("source", metavar="SOURCE", help=SOURCE_HELP)
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="CALL",
+        help="write a call file (.rzo); -: to standard output",
+    )
+    add_link(parser, where)
+    add_coding(parser)
+    add_tracking(parser)
+    add_transport(parser)
+    add_reporting(parser)
+    parser.set_defaults(run=run_encode)
+
+
+def run_encode(arguments: argparse.Namespace) -> int:
+    """`risorius encode`."""
+    check_outputs([arguments.source], [arguments.output, arguments.report])
+    check_call_file(arguments.output)
+    profile = profile_of(arguments)
+    if arguments.output is not None:
+        reject(arguments, ENCODE_LINK_OPTIONS, "-o")
+    from encoder.pipeline import encode
+    from loopback.report import write_json
+    from protocol.link.interface import Reachability
+
+    options = _encode_options(arguments, profile)
+    progress_line = ProgressLine("encode", sys.stderr, arguments.quiet)
+    with StopOnSignal() as stop, progress_line as progress:
+        try:
+            preparing = stop.watch_preparing(progress.preparing)
+            report = encode(options, stop.watch(progress), stop, progress.say, preparing)
+        except UserError as error:
+            if stop():
+                raise KeyboardInterrupt from error
+            raise
+    warn(report.warnings)
+    if not arguments.quiet:
+        print(f"{'interrupted: ' if stop() else ''}{_encode_summary(report)}")
+    if arguments.report:
+        write_json(arguments.report, report)
+    if stop():
+        return INTERRUPTED
+    return LINK_FAILED if report.reach == Reachability.NO_LINK else 0
+
+
+def _encode_options(arguments: argparse.Namespace, profile: str) -> "EncodeOptions":
+    from encoder.options import EncodeOptions
+    from encoder.tracking.trackers import FollowOptions
+
+    over_link = arguments.output is None
+    return EncodeOptions(
+        source=arguments.source,
+        output=output_of(arguments.output),
+        connect=tuple(arguments.connect or ()),
+        listen=tuple(arguments.listen or ()),
+        call=arguments.call,
+        lossless=arguments.lossless,
+        profile=profile,
+        bitrate=arguments.bitrate,
+        startup_bitrate=arguments.startup_bitrate,
+        fps=arguments.fps,
+        follow=FollowOptions(
+            arguments.detector,
+            arguments.tracker,
+            arguments.without,
+            arguments.normalise,
+            arguments.abs,
+            arguments.lids,
+            arguments.refine,
+        ),
+        pace=over_link if arguments.pace is None else arguments.pace,
+        max_frames=arguments.max_frames,
+        wait_for_peer_s=arguments.wait,
+        look_for_face_s=arguments.look_for_face,
+        model_bytes=arguments.model_bytes,
+        live=arguments.live,
+    )
+
+
+def _encode_summary(report: "EncodeReport") -> str:
+    busy_ms = sum(report.stage_ms.values())
+    return (
+        f"{report.frames} frames of {report.width}x{report.height} at {report.fps:.2f}/s,"
+        f" {report.coded_fps:.2f}/s coded: model {report.model_bytes} bytes,"
+        f" frames {report.frame_bytes} bytes; {busy_ms:.1f} ms a frame"
+        f"{'' if report.reach == 'somebody' else '; nobody heard its end'}"
+    )

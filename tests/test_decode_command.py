@@ -1,0 +1,160 @@
+"""`risorius decode`: damaged calls, outputs, and the comparison with the source."""
+
+import json
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+from processes import error_line, one_line
+
+from decoder.frame_sink import open_sink
+from encoder.capture.video_source import exact_fps, open_source
+from protocol.summary import summarise
+from risorius.cli import main
+from risorius.commands.decode import IdleTimeout
+
+Capture = pytest.CaptureFixture[str]
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def copy_frames(source: Path, target: Path, count: int, matrix: str = "bt601") -> None:
+    """The first frames of a video as a video of its own."""
+    with (
+        open_source(str(source)) as capture,
+        open_sink(target, capture.width, capture.height, capture.fps, matrix) as sink,
+    ):
+        for _, frame in islice(capture, count):
+            sink.write(frame)
+
+
+@pytest.mark.parametrize("endpoint", ["nonsense", "tcp/127.0.0.1"])
+def test_an_endpoint_that_is_none_is_named(endpoint: str, call: Path, capsys: Capture) -> None:
+    assert main(["decode", "--listen", endpoint, "-q"]) == 2
+    assert endpoint in error_line(capsys)
+
+
+def test_a_truncated_call_is_decoded_as_far_as_it_goes(
+    call: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    short = tmp_path / "short.rzo"
+    short.write_bytes(call.read_bytes()[:-30])
+    report = tmp_path / "report.json"
+    assert main(["decode", str(short), "--report", str(report), "-q"]) == 0
+    assert "cut off" in error_line(capsys)
+    figures = json.loads(report.read_text())
+    assert 0 < figures["frames"] < 30
+    assert not figures["complete"]
+
+
+@pytest.mark.parametrize("name", ["none/out.mkv", "out.xyz"])
+def test_an_output_that_cannot_be_written_is_one_line(
+    name: str, call: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    assert main(["decode", str(call), "-o", str(tmp_path / name), "-q"]) == 2
+    assert "cannot write" in error_line(capsys)
+
+
+@pytest.mark.parametrize("matrix", ["bt601", "bt709"])
+def test_a_decoded_video_has_the_colour_matrix_of_its_source(
+    matrix: str, carphone: Path, tmp_path: Path
+) -> None:
+    source, call, decoded = (tmp_path / name for name in ("in.mkv", "call.rzo", "out.mkv"))
+    copy_frames(carphone, source, 5, matrix)
+    assert main(["encode", str(source), "-o", str(call), "--profile", "thesis", "-q"]) == 0
+    assert summarise(call).colour_matrix == matrix
+    assert main(["decode", str(call), "-o", str(decoded), "-q"]) == 0
+    with open_source(str(decoded)) as capture:
+        assert capture.colour_matrix == matrix
+
+
+def test_decode_measures_against_the_source(
+    call: Path, carphone: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    first = tmp_path / "first.mkv"
+    copy_frames(carphone, first, 30)
+    report = tmp_path / "report.json"
+    arguments = ["decode", str(call), "--source", str(first), "--report", str(report)]
+    assert main(arguments) == 0
+    quality = json.loads(report.read_text())["quality"]
+    assert quality["frames"] == quality["face_frames"] == 30
+    assert quality["face_psnr_db"] > 20
+    assert f"face {quality['face_psnr_db']:.2f} dB" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("none.mkv", "no such file"),
+        ("out.mkv", "another name"),
+        ("text.mp4", "not a video"),
+        ("noise.mkv", "is 176x144 but"),
+    ],
+)
+def test_a_source_that_cannot_be_compared_is_refused_before_decoding(
+    name: str, reason: str, call: Path, noise: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    (tmp_path / "text.mp4").write_text("no video")
+    (tmp_path / "noise.mkv").symlink_to(noise)
+    arguments = ["--source", str(tmp_path / name), "-o", str(tmp_path / "out.mkv"), "-q"]
+    assert main(["decode", str(call), *arguments]) == 2
+    assert reason in error_line(capsys)
+    assert not (tmp_path / "out.mkv").exists()
+
+
+def test_a_comparison_that_fails_does_not_hide_what_was_decoded(
+    call: Path, carphone: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    short, out, report = (tmp_path / name for name in ("short.mkv", "out.mkv", "report.json"))
+    copy_frames(carphone, short, 20)
+    arguments = ["-o", str(out), "--source", str(short), "--report", str(report)]
+    assert main(["decode", str(call), *arguments]) == 2
+    said = capsys.readouterr()
+    assert "different numbers of frames" in one_line(said.err)
+    assert said.out.startswith("30 frames of 176x144") and out.exists()
+    figures = json.loads(report.read_text())
+    assert figures["frames"] == 30 and "quality" not in figures
+
+
+def test_a_video_without_a_face_has_a_psnr_of_the_picture_alone(
+    call: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    blank = tmp_path / "blank.mkv"
+    with open_sink(blank, 176, 144, exact_fps(30)) as sink:
+        for _ in range(30):
+            sink.write(np.zeros((144, 176, 3), np.uint8))
+    assert main(["decode", str(call), "--source", str(blank)]) == 0
+    assert "PSNR: no face measured, picture " in capsys.readouterr().out
+
+
+def test_an_idle_timeout_ends_only_when_nothing_comes() -> None:
+    clock = Clock()
+    timeout = IdleTimeout(2.0, lambda: False, clock)
+    noted = timeout.watch(lambda done, total: None)
+    clock.now = 1.5
+    noted(1, None)
+    clock.now = 3.0
+    assert not timeout()
+    clock.now = 3.6
+    assert timeout() and timeout.expired
+
+
+def test_a_decoder_does_not_wait_for_a_call_it_could_not_write(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    assert main(["decode", "--listen", "tcp/127.0.0.1:0", "-o", str(tmp_path / "a.txt")]) == 2
+    assert "name it .avi" in error_line(capsys)
+
+
+def test_a_call_shorter_than_its_source_is_compared(
+    call: Path, carphone: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    assert main(["decode", str(call), "--source", str(carphone), "-q"]) == 0
+    assert "goes on after the call's 30 frames" in error_line(capsys)

@@ -1,0 +1,109 @@
+"""Sizes: lines of a module, lines of a function, modules of a package.
+
+An exception has a limit of its own, close above its size.  Once it has shrunk its limit is lowered,
+and it goes when the general limit suffices.
+"""
+
+import ast
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = ("shared_model", "protocol", "encoder", "decoder", "loopback", "risorius")
+MODULE_LINES, FUNCTION_LINES, PACKAGE_MODULES = 300, 40, 13
+LONGER_MODULES: dict[str, int] = {
+    "decoder/frame_sink.py": 303,
+    "decoder/pipeline.py": 314,
+    "decoder/renderer.py": 454,
+    "encoder/calls/live_session.py": 414,
+    "encoder/fitting/analysis_by_synthesis.py": 311,
+    "encoder/picture_coding/subband_rdoq.py": 386,
+    "encoder/pipeline.py": 396,
+    "encoder/tracking/model_tracker.py": 368,
+    "protocol/frames/temporal_prediction.py": 305,
+    "protocol/link/zenoh_link.py": 350,
+    "risorius/command_line/arguments.py": 314,
+    "risorius/command_line/commands.py": 323,
+    "scripts/coding_gain.py": 302,
+    "tests/test_bad_wire.py": 302,
+    "tests/test_cli.py": 869,
+    "tests/test_packets.py": 349,
+    "tests/test_progressive_model.py": 381,
+    "tests/test_renderer.py": 330,
+    "tests/test_two_pass_session.py": 316,
+    "tests/test_zenoh_link.py": 448,
+}
+LONGER_FUNCTIONS: dict[str, int] = {
+    "decoder/pipeline.py:decode": 44,
+    "decoder/renderer.py:begin": 42,
+    "encoder/appearance/rasteriser.py:_rasterise": 41,
+    "encoder/calls/live_session.py:__init__": 49,
+    "encoder/fitting/identity.py:_joint_equations": 46,
+    "encoder/learning/person_model.py:learn_caller": 54,
+    "encoder/picture_coding/subband_rdoq.py:_band": 67,
+    "encoder/picture_coding/subband_rdoq.py:_flags": 43,
+    "encoder/picture_coding/subband_rdoq.py:_foretell": 48,
+    "encoder/tracking/outlier_rejection.py:distances": 41,
+    "protocol/model_packet.py:_model_from_fields": 41,
+    "risorius/command_line/commands.py:run_decode": 47,
+    "risorius/command_line/commands.py:run_encode": 52,
+    "risorius/command_line/options.py:add_coding": 46,
+    "risorius/view/server.py:_handler": 55,
+}
+LARGER_PACKAGES: dict[str, int] = {
+    "scripts": 19,
+    "shared_model": 18,
+    "tests": 118,
+}
+# By how much an exception's limit may exceed the size.
+SLACK_LINES = 10
+
+
+def sources() -> dict[str, str]:
+    """The text of every Python file by its path."""
+    paths = [path for top in (*PACKAGES, "scripts", "tests") for path in (ROOT / top).rglob("*.py")]
+    return {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in paths}
+
+
+def module_lines() -> dict[str, int]:
+    return {name: len(text.splitlines()) for name, text in sources().items()}
+
+
+def function_lines() -> dict[str, int]:
+    """The lines of every function by `path:name`, the longest of several with one name."""
+    found: dict[str, int] = {}
+    for path, text in sources().items():
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                name, lines = f"{path}:{node.name}", (node.end_lineno or 0) - node.lineno + 1
+                found[name] = max(found.get(name, 0), lines)
+    return found
+
+
+def package_modules() -> dict[str, int]:
+    """The modules of every package by its path, without `__init__.py` and `__main__.py`."""
+    folders = [name.rpartition("/")[0] for name in sources() if not name.endswith("__.py")]
+    return dict(Counter(folders))
+
+
+@pytest.mark.parametrize(
+    ("measure", "limit", "exceptions", "slack"),
+    [
+        (module_lines, MODULE_LINES, LONGER_MODULES, SLACK_LINES),
+        (function_lines, FUNCTION_LINES, LONGER_FUNCTIONS, SLACK_LINES),
+        (package_modules, PACKAGE_MODULES, LARGER_PACKAGES, 0),
+    ],
+    ids=["modules", "functions", "packages"],
+)
+def test_nothing_is_larger_than_its_limit_and_no_exception_is_wider_than_needed(
+    measure: Callable[[], dict[str, int]], limit: int, exceptions: dict[str, int], slack: int
+) -> None:
+    sizes = measure()
+    limits = {name: exceptions.get(name, limit) for name in sizes}
+    assert {name: size for name, size in sizes.items() if size > limits[name]} == {}
+    needed = {name for name, size in sizes.items() if size > limit}
+    assert set(exceptions) - needed == set(), "not needed"
+    assert [name for name in exceptions if exceptions[name] > sizes[name] + slack] == [], "lower it"

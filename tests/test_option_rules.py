@@ -1,0 +1,107 @@
+"""Options that go together, and the profile they ask for."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+from processes import error_line
+
+from encoder.appearance.photometric import NORMALISATIONS
+from encoder.tracking.trackers import DETECTORS, STEPS, TRACKERS
+from protocol.summary import summarise
+from risorius.cli import main
+
+Capture = pytest.CaptureFixture[str]
+
+
+def test_a_paced_start_needs_its_profile_and_room_beside_the_frames(
+    capsys: Capture,
+) -> None:
+    line = ["encode", "clip.mp4", "-o", "call.rzo", "--startup-bitrate"]
+    assert main([*line, "8000", "--profile", "thesis"]) == 2
+    assert "--profile default" in error_line(capsys)
+    assert main([*line, "800", "--profile", "default"]) == 2
+    assert "leaves nothing for the model" in error_line(capsys)
+
+
+@pytest.mark.parametrize("option", ["--live", "--fps 10"])
+@pytest.mark.parametrize("command", ["encode clip.mp4 -o call.rzo", "bench clip.mp4"])
+def test_what_is_of_the_default_profile_is_refused_without_it(
+    command: str, option: str, capsys: Capture
+) -> None:
+    assert main([*command.split(), *option.split(), "--profile", "thesis"]) == 2
+    assert "--profile default" in error_line(capsys)
+
+
+@pytest.mark.parametrize(
+    "option", ["--detector haar", "--tracker single", "--abs matrix", "--lids", "--no-refine"]
+)
+def test_what_is_of_the_thesis_profile_is_refused_in_the_other(
+    option: str, capsys: Capture
+) -> None:
+    line = ["encode", "clip.mp4", "-o", "call.rzo", "--profile", "default"]
+    assert main([*line, *option.split()]) == 2
+    assert "--profile thesis" in error_line(capsys)
+
+
+@pytest.mark.parametrize("of_default", ["--bitrate 400", "--live", "--fps 10"])
+@pytest.mark.parametrize("profile", ["", "--profile default", "--profile thesis"])
+def test_options_of_both_profiles_are_refused_without_circular_advice(
+    of_default: str, profile: str, capsys: Capture
+) -> None:
+    line = f"encode clip.mp4 -o call.rzo --lids {of_default} {profile}"
+    assert main(line.split()) == 2
+    said = error_line(capsys)
+    assert "do not go together" in said and "--lids" in said and of_default.split()[0] in said
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "encode clip.mp4 -o call.rzo --wait 5",
+        "encode clip.mp4 -o call.rzo --lossless",
+        "encode clip.mp4 -o call.rzo --call anna",
+        "decode call.rzo --timeout 5",
+        "decode call.rzo --call anna",
+    ],
+)
+def test_what_is_about_a_link_is_refused_with_a_file(line: str, capsys: Capture) -> None:
+    assert main(line.split()) == 2
+    said = error_line(capsys)
+    assert "does not go with" in said and f"leave out --{line.split(' --')[1].split()[0]}" in said
+
+
+@pytest.mark.parametrize(
+    ("option", "profile"),
+    [
+        ("-q", "default"),
+        ("--tracker single", "thesis"),
+        ("--lids", "thesis"),
+        ("--fps 15", "default"),
+    ],
+)
+def test_the_profile_follows_from_the_options(
+    option: str, profile: str, carphone: Path, networks: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "call.rzo"
+    line = ["encode", str(carphone), "-o", str(path), "--max-frames", "8"]
+    assert main([*line, *option.split()]) == 0
+    assert summarise(path).profile == profile
+
+
+@pytest.mark.parametrize(
+    ("option", "known"),
+    [
+        ("--detector", DETECTORS),
+        ("--tracker", TRACKERS),
+        ("--normalise", NORMALISATIONS),
+        ("--abs", STEPS),
+    ],
+)
+def test_the_choices_of_an_option_are_those_that_the_encoder_has(
+    option: str, known: Iterable[str], capsys: Capture
+) -> None:
+    assert main(["encode", "clip.mp4", "-o", "call.rzo", option, "?"]) == 2
+    named = error_line(capsys).partition("choose from ")[2].partition(")")[0]
+    assert re.findall(r"[\w-]+", named) == list(known)
