@@ -137,6 +137,8 @@ def replay_table(results: list[ClipResult]) -> str:
         ]
         if result.error is not None:
             rows.append([result.name, "-", result.error, None, "FAILED"])
+        elif not result.checks:
+            rows.append([result.name, "-", "none", None, "ok"])
     return table(("clip", "figure", "threshold", "measured", ""), rows)
 
 

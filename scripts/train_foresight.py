@@ -125,7 +125,7 @@ def _all_features(
 
 def _classes(site: BandPosition, turn: CodingPass) -> NDArray[np.uint8]:
     same = np.array([site.class_rows(turn)] * len(turn.rows))
-    cells = np.column_stack(turn.cells) + np.array(CLASS_STARTS[-2:])
+    cells = np.column_stack(turn.position_cells) + np.array(CLASS_STARTS[-2:])
     return np.concatenate([same, cells], 1).astype(np.uint8)
 
 

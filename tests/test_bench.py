@@ -133,7 +133,7 @@ def test_bench_reports_every_figure(
     assert 0 < clip["latency_ms"]["p50"] <= clip["latency_ms"]["p99"]
     assert clip["face_psnr_db"] > 20
     assert clip["face_found"] == 1 and 0 < clip["nme_percent"] < 10
-    assert {"capture", "follow", "send"} <= set(clip["encoder_ms"])
+    assert {"capture", "track", "send"} <= set(clip["encoder_ms"])
     assert {"animate", "render"} <= set(clip["decoder_ms"])
     figures = {name for name, value in flatten(clip) if isinstance(value, int | float)}
     assert all(map(is_figure, figures)) and figures.issuperset(CALL_FIGURES)

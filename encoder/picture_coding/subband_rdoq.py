@@ -146,7 +146,7 @@ def _mlp(network: Mlp) -> _Mlp:
 
 
 def _offsets(sums: ContextOffsets) -> _ContextOffsets:
-    return _ContextOffsets(sums.offsets, sums.sides, sums.starts)
+    return _ContextOffsets(sums.offsets, sums.mirrored, sums.starts)
 
 
 @jit

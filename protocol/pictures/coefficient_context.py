@@ -1,11 +1,12 @@
-"""What is known around wavelet coefficients before they are coded: input of `probability_model`.
+"""The context of wavelet coefficients: the inputs of `probability_model`.
 
-The places of a subband are coded in four turns, the corners of every 2 x 2 square one after the
-other, so that all of one turn are foretold together, later ones from all sides.  Before them come
-flags of tiles of `TILE` x `TILE` coefficients, in the same way: is there anything in it at all?
+The positions of a subband are coded in four passes, one for each corner of every 2 x 2 square, so
+the coefficients of a pass have a common context and later passes have neighbours on all sides.  A
+band's tiles of `TILE` x `TILE` coefficients have flags, which are coded before the coefficients in
+the same way: a tile without the flag has only zeros.
 
-Sizes are summed over a place or over the ring around it, and enter as their logarithms.  Signs are
-coded after the sizes of a turn, by the signed values around.
+Magnitudes are summed over positions and enter the networks as logarithms.  The signs of a pass are
+coded after its magnitudes; their context is the signed values around.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,33 +22,35 @@ Integers = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 TILE = 4
-# Bands of no more coefficients have no flags of tiles.
+# Bands of up to so many coefficients have no tile flags.
 SMALL_BAND = 64
-# Rows and columns from which the places of each turn start; all step by two.
+# Row and column of the first position of each pass; both step by two.
 PASS_OFFSETS = ((0, 0), (1, 1), (0, 1), (1, 0))
-# Places of a picture, by rows and by columns.
+# Cells of a picture along each side: the position of a coefficient as the networks take it.
 POSITION_CELLS = 16
 
 
 class ContextBand(IntEnum):
-    """Other bands that go with a band, at its own density: sizes, from `LAST_PICTURE` on values."""
+    """Bands that predict a band, at its own resolution.
 
-    PARENT = 0
-    PARENT_RING = 1
-    OTHER_PARENTS = 2
-    PREVIOUS_BAND = 3
-    SECOND_PREVIOUS_BAND = 4
-    PREVIOUS_PICTURES = 5
-    PREVIOUS_PICTURE = 6
-    LUMA = 7
-    FIRST_CHROMA = 8
+    Magnitudes, or sums of magnitudes; from `PREVIOUS_PICTURE` on signed values.
+    """
+
+    PARENT = 0  # the same orientation, one level coarser
+    PARENT_RING = 1  # the eight neighbours of the parent, summed
+    OTHER_PARENTS = 2  # the other two orientations, one level coarser, summed
+    PREVIOUS_BAND = 3  # the orientation of this level coded before
+    SECOND_PREVIOUS_BAND = 4  # the orientation of this level coded before that one
+    PREVIOUS_PICTURES = 5  # the same band of all previous pictures of the sequence, summed
+    PREVIOUS_PICTURE = 6  # the same band of the previous picture
+    LUMA = 7  # of a colour difference: the luma band of its resolution
+    FIRST_CHROMA = 8  # of the second colour difference: the same band of the first one
 
 
-# The first of the signed ones.
 FIRST_SIGNED = int(ContextBand.PREVIOUS_PICTURE)
 _WITH_RING = range(ContextBand.PREVIOUS_BAND, ContextBand.LUMA + 1)
 
-# Steps in rows and columns to what is around a place, at most `PAD` away.
+# Offsets in rows and columns, at most `PAD` each.
 _Steps = Sequence[tuple[int, int]]
 PAD = 2
 _HERE = [(0, 0)]
@@ -55,33 +58,38 @@ _LEFT_RIGHT, _ABOVE_BELOW = [(0, -1), (0, 1)], [(-1, 0), (1, 0)]
 _DIAGONAL = [(i, j) for i in (-1, 1) for j in (-1, 1)]
 _RING = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
 _OUTER_RING = [(i, j) for i in range(-2, 3) for j in range(-2, 3) if max(abs(i), abs(j)) == 2]
-# Sums that foretell sizes: grid 0 is the band itself, then come the sources, then the flags of
-# tiles; whether it is taken on the other side of the face; and which places.
+# Features of a magnitude: sums over a grid (0 the band itself, then `ContextBand`, then the tile
+# flags), whether around the position mirrored at the vertical axis, and the offsets.
 _MAGNITUDE_SUMS: list[tuple[int, bool, _Steps]] = [
     *((0, False, steps) for steps in (_LEFT_RIGHT, _ABOVE_BELOW, _DIAGONAL, _OUTER_RING)),
     *((0, True, steps) for steps in (_HERE, _RING)),
     *((grid, False, _HERE) for grid in range(1, len(ContextBand) + 2)),
-    *((1 + source, False, _RING) for source in _WITH_RING),
+    *((1 + band, False, _RING) for band in _WITH_RING),
 ]
-# Values that foretell signs: grid 0 is the band itself, then come the signed sources.
+# Features of a sign: values of a grid (0 the band itself, then the signed bands of `ContextBand`).
 _SIGN_SUMS: list[tuple[int, bool, _Steps]] = [
     *((0, False, [step]) for step in _LEFT_RIGHT + _ABOVE_BELOW + _DIAGONAL),
     *((0, True, [step]) for step in _HERE + _LEFT_RIGHT),
     *((grid, False, _HERE) for grid in (1, 2, 3)),
 ]
 MAGNITUDE_FEATURES, SIGN_FEATURES = len(_MAGNITUDE_SUMS), len(_SIGN_SUMS)
-# Sixteenths of an octave above 1.
+# 16 log2(1 + magnitude), rounded.
 LOG_TABLE = np.rint(16 * np.log2(1 + np.arange(1024)))
 
 
-def log_feature(size: int) -> float:
-    """A size as it enters a network."""
-    return float(LOG_TABLE[min(size, len(LOG_TABLE) - 1)])
+def log_feature(magnitude: int) -> float:
+    """A magnitude as the networks take it."""
+    return float(LOG_TABLE[min(magnitude, len(LOG_TABLE) - 1)])
 
 
 @dataclass(frozen=True, slots=True)
 class CodingPass:
-    """Places (n,) rows and columns of a grid (h, w) that are coded together."""
+    """Positions of a grid that are coded together.
+
+    number: index into `PASS_OFFSETS`.
+    grid: (h, w).
+    rows, columns: (n,) of the positions.
+    """
 
     number: int
     grid: tuple[int, int]
@@ -89,134 +97,134 @@ class CodingPass:
     columns: Integers
 
     @property
-    def cells(self) -> tuple[Integers, Integers]:
-        """Where in the picture they are, 0..CELLS - 1 by rows and by columns."""
-        return self.rows * POSITION_CELLS // self.grid[
-            0
-        ], self.columns * POSITION_CELLS // self.grid[1]
+    def position_cells(self) -> tuple[Integers, Integers]:
+        """Cells 0..POSITION_CELLS - 1 of the positions: (n,) by rows, (n,) by columns."""
+        height, width = self.grid
+        return self.rows * POSITION_CELLS // height, self.columns * POSITION_CELLS // width
 
     def subset(self, chosen: Bools) -> "CodingPass":
-        """Only some of the places."""
+        """The pass with the positions chosen (n,) alone."""
         return CodingPass(self.number, self.grid, self.rows[chosen], self.columns[chosen])
 
 
 class CoefficientContext:
-    """A grid (h, w) of values that become known turn by turn.
+    """The values of a grid (h, w) that are known so far, and what predicts them.
 
-    sources: (len(Source), h, w); from `LAST_PICTURE` on they may be negative.
-    active: (h, w) the places that are coded.  busy: (h, w) flags of tiles around.
-    sizes, values: what is known of either so far.
+    bands: (len(ContextBand), h, w).
+    active: (h, w) the positions that are coded.
+    tile_flags: (h, w) number of flagged tiles among the nine around a position; zeros while the
+        flags themselves are coded.
+    Attributes magnitudes, values: the grids of the features of magnitudes and of signs.
     """
 
-    def __init__(self, sources: Integers, active: Bools, busy: Integers) -> None:
+    def __init__(self, bands: Integers, active: Bools, tile_flags: Integers) -> None:
         self._active = active
         height, width = self._shape = active.shape
         self._across = width + 2 * PAD
         inside = slice(PAD, PAD + height), slice(PAD, PAD + width)
-        wide = height + 2 * PAD, self._across
-        sizes = np.zeros((len(ContextBand) + 2, *wide), np.int64)
-        sizes[(slice(1, -1), *inside)] = np.abs(sources)
-        sizes[(-1, *inside)] = busy
-        values = np.zeros((1 + len(ContextBand) - FIRST_SIGNED, *wide), np.int64)
-        values[(slice(1, None), *inside)] = sources[FIRST_SIGNED:]
-        of_sizes, of_signs = context_offsets(height, width)
-        self.magnitudes, self.values = (
-            ContextTerms(sizes.ravel(), of_sizes),
-            ContextTerms(values.ravel(), of_signs),
-        )
+        padded = height + 2 * PAD, self._across
+        magnitudes = np.zeros((len(ContextBand) + 2, *padded), np.int64)
+        magnitudes[(slice(1, -1), *inside)] = np.abs(bands)
+        magnitudes[(-1, *inside)] = tile_flags
+        values = np.zeros((1 + len(ContextBand) - FIRST_SIGNED, *padded), np.int64)
+        values[(slice(1, None), *inside)] = bands[FIRST_SIGNED:]
+        magnitude_offsets, sign_offsets = context_offsets(height, width)
+        self.magnitudes = ContextTerms(magnitudes.ravel(), magnitude_offsets)
+        self.values = ContextTerms(values.ravel(), sign_offsets)
 
     def passes(self) -> Iterator[CodingPass]:
-        """Each turn's places; call `learn` before the next."""
+        """Each pass that has active positions; call `set_known` before the next."""
         for number, (down, right) in enumerate(PASS_OFFSETS):
             rows, columns = np.nonzero(self._active[down::2, right::2])
             if len(rows):
                 yield CodingPass(number, self._active.shape, 2 * rows + down, 2 * columns + right)
 
-    def set_known(self, turn: CodingPass, values: Integers) -> None:
-        """The values (n,) of a turn's places."""
-        places = (turn.rows + PAD) * self._across + turn.columns + PAD
-        self.values.grids[places] = values
-        self.magnitudes.grids[places] = np.abs(values)
+    def set_known(self, coding_pass: CodingPass, values: Integers) -> None:
+        """Enter the values (n,) of a pass."""
+        indices = (coding_pass.rows + PAD) * self._across + coding_pass.columns + PAD
+        self.values.grids[indices] = values
+        self.magnitudes.grids[indices] = np.abs(values)
 
-    def magnitude_features(self, turn: CodingPass) -> Array:
-        """(n, SIZE_FEATURES) what is known of a turn's sizes, integers."""
-        terms = self.magnitudes.at(self.places(turn))
+    def magnitude_features(self, coding_pass: CodingPass) -> Array:
+        """(n, MAGNITUDE_FEATURES) features of a pass's magnitudes, integers."""
+        terms = self.magnitudes.gather(self.indices(coding_pass))
         sums = np.add.reduceat(terms, self.magnitudes.sums.starts, axis=1)
         return np.asarray(LOG_TABLE.take(sums, mode="clip"))
 
-    def sign_features(self, turn: CodingPass) -> Array:
-        """(n, SIGN_FEATURES) what is known of a turn's signs, integers."""
-        values = self.values.at(self.places(turn))
+    def sign_features(self, coding_pass: CodingPass) -> Array:
+        """(n, SIGN_FEATURES) features of a pass's signs, integers."""
+        values = self.values.gather(self.indices(coding_pass))
         return np.asarray(np.sign(values) * LOG_TABLE.take(np.abs(values), mode="clip"))
 
-    def places(self, turn: CodingPass) -> Integers:
-        """(n, 2) each place in the padded grid, and that on the other side of the face."""
-        row = (turn.rows + PAD) * self._across + PAD
-        return np.array([row + turn.columns, row + self._shape[1] - 1 - turn.columns]).T
+    def indices(self, coding_pass: CodingPass) -> Integers:
+        """(n, 2) index of each position in the padded grid, and of its mirror image."""
+        row = (coding_pass.rows + PAD) * self._across + PAD
+        mirrored = self._shape[1] - 1 - coding_pass.columns
+        return np.array([row + coding_pass.columns, row + mirrored]).T
 
 
 class ContextOffsets:
-    """Where to look for what sums consist of, in padded grids of so many places, one by one.
+    """Where the terms of a table of sums lie, in padded grids of `count` positions each.
 
-    offsets: (terms,) from a place.  sides: (terms,) 1 from that on the other side of the face.
-    starts: (sums,) the first term of each.
+    across: width of a padded grid.
+    Attributes offsets: (terms,) from a position's index.  mirrored: (terms,) 1 if from the index of
+    the mirror image.  starts: (sums,) first term of each sum.
     """
 
-    def __init__(self, sums: Sequence[tuple[int, bool, _Steps]], across: int, places: int) -> None:
-        offsets = [[grid * places + i * across + j for i, j in steps] for grid, _, steps in sums]
+    def __init__(self, sums: Sequence[tuple[int, bool, _Steps]], across: int, count: int) -> None:
+        offsets = [[grid * count + i * across + j for i, j in steps] for grid, _, steps in sums]
         self.offsets = np.array([offset for each in offsets for offset in each])
-        self.sides = np.array([int(other) for _, other, steps in sums for _ in steps])
+        self.mirrored = np.array([int(mirrored) for _, mirrored, steps in sums for _ in steps])
         self.starts = np.cumsum([0, *map(len, offsets[:-1])])
 
 
 @dataclass(frozen=True, slots=True)
 class ContextTerms:
-    """Padded grids, all in one array, and the sums that are taken of them."""
+    """Padded grids, all in one flat array, and the sums that are taken of them."""
 
     grids: Integers
     sums: ContextOffsets
 
-    def at(self, places: Integers) -> Integers:
-        """(n, terms) what stands around places (n, 2)."""
-        return np.asarray(self.grids.take(places.take(self.sums.sides, 1) + self.sums.offsets))
+    def gather(self, indices: Integers) -> Integers:
+        """(n, terms) the terms of the sums at positions, see `CoefficientContext.indices`."""
+        return np.asarray(self.grids.take(indices.take(self.sums.mirrored, 1) + self.sums.offsets))
 
 
 @lru_cache(maxsize=256)
 def context_offsets(height: int, width: int) -> tuple[ContextOffsets, ContextOffsets]:
-    """What foretells sizes and signs in a grid of this size, padded by `PAD` on all sides."""
+    """The terms of the features of magnitudes and of signs in a grid (height, width)."""
     across = width + 2 * PAD
-    places = (height + 2 * PAD) * across
-    return ContextOffsets(_MAGNITUDE_SUMS, across, places), ContextOffsets(
-        _SIGN_SUMS, across, places
-    )
+    count = (height + 2 * PAD) * across
+    magnitudes = ContextOffsets(_MAGNITUDE_SUMS, across, count)
+    return magnitudes, ContextOffsets(_SIGN_SUMS, across, count)
 
 
-def upsample(sizes: Integers, times: int, shape: tuple[int, ...]) -> Integers:
-    """Sizes at so many times the density, in `shape`."""
-    return crop_or_pad(np.repeat(np.repeat(sizes, times, 0), times, 1), shape)
+def upsample(values: Integers, factor: int, shape: tuple[int, ...]) -> Integers:
+    """Values (h, w), each repeated `factor` times along both axes, cropped or padded to `shape`."""
+    return crop_or_pad(np.repeat(np.repeat(values, factor, 0), factor, 1), shape)
 
 
 def crop_or_pad(values: Integers, shape: tuple[int, ...]) -> Integers:
-    """Values in `shape`: cut off, or zeros beyond their end."""
+    """Values (h, w) in `shape`: cropped, or padded with zeros at the end."""
     if values.shape == shape:
         return values
-    found = np.zeros(shape, np.int64)
+    result = np.zeros(shape, np.int64)
     height, width = map(min, shape, values.shape)
-    found[:height, :width] = values[:height, :width]
-    return found
+    result[:height, :width] = values[:height, :width]
+    return result
 
 
-def box_sum(sizes: Integers) -> Integers:
-    """Sums (h, w) over 3 x 3 places."""
-    height, width = sizes.shape
-    wide = np.zeros((height + 2, width + 2), np.int64)
-    wide[1:-1, 1:-1] = sizes
-    rows = wide[:-2] + wide[1:-1] + wide[2:]
+def box_sum(values: Integers) -> Integers:
+    """(h, w) sums over 3 x 3 positions of values (h, w)."""
+    height, width = values.shape
+    padded = np.zeros((height + 2, width + 2), np.int64)
+    padded[1:-1, 1:-1] = values
+    rows = padded[:-2] + padded[1:-1] + padded[2:]
     return np.asarray(rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:])
 
 
-def tile_sums(sizes: Integers) -> Integers:
-    """Sums (..., ceil(h / TILE), ceil(w / TILE)) of sizes (..., h, w)."""
-    height, width = sizes.shape[-2:]
+def tile_sums(values: Integers) -> Integers:
+    """(..., ceil(h / TILE), ceil(w / TILE)) sums over tiles of values (..., h, w)."""
+    height, width = values.shape[-2:]
     rows, columns = range(0, height, TILE), range(0, width, TILE)
-    return np.asarray(np.add.reduceat(np.add.reduceat(sizes, rows, -2), columns, -1))
+    return np.asarray(np.add.reduceat(np.add.reduceat(values, rows, -2), columns, -1))

@@ -106,7 +106,7 @@ class Mlp:
 
     def zero_probabilities(self, features: Array, site: BandPosition, turn: CodingPass) -> Integers:
         """(n, outputs) the probability of a zero, in 1 / 65536, from features (n, f)."""
-        rows, columns = turn.cells
+        rows, columns = turn.position_cells
         hidden = features @ self.feature_weights
         hidden += self.pass_activation(site, turn)
         hidden += self.row_weights.take(rows, 0)
