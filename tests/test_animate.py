@@ -106,7 +106,7 @@ def test_a_background_shows_around_the_head_only(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("content", "reason"),
-    [(None, "No such file"), (b"", "not a picture"), (b"no picture at all", "not a picture")],
+    [(None, "no such file"), (b"", "not a picture"), (b"no picture at all", "not a picture")],
 )
 def test_a_background_that_cannot_be_read_is_one_line(
     content: bytes | None, reason: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]

@@ -13,6 +13,7 @@ from packets import CALL, MODEL
 from protocol.call_file import (
     MAGIC,
     CallReader,
+    CallStreamWriter,
     CallWriter,
     TruncatedCall,
     read_records,
@@ -169,9 +170,9 @@ def test_nothing_sent_leaves_nothing_behind(tmp_path: Path) -> None:
 
 
 def test_files_that_cannot_be_opened_are_the_users_mistake(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match=r"cannot read .*No such file"):
+    with pytest.raises(UserError, match=r"cannot read .*no such file"):
         CallReader(tmp_path / "none.rzo")
-    with pytest.raises(UserError, match=r"cannot write .*No such file"):
+    with pytest.raises(UserError, match=r"cannot write .*there is no folder"):
         CallWriter(tmp_path / "none" / "call.rzo")
 
 
@@ -301,3 +302,17 @@ def test_a_call_cut_off_in_its_model_is_said_to_be(tmp_path: Path) -> None:
     (tmp_path / "call.rzo").write_bytes((tmp_path / "call.rzo").read_bytes()[:60])
     with pytest.raises(TruncatedCall, match="call is cut off: byte 4: packet has 54 bytes of 155"):
         summarise(tmp_path / "call.rzo")
+
+
+def test_a_stream_holds_the_bytes_of_a_file_and_stays_open(tmp_path: Path) -> None:
+    stream, path = io.BytesIO(), tmp_path / "call.rzo"
+    packets = write(path, thesis_call(9))
+    with CallStreamWriter(stream) as sink:
+        for packet in packets:
+            sink.send(packet)
+    assert stream.getvalue() == path.read_bytes()
+    stream.seek(0)
+    with CallReader(stream) as reader:
+        assert list(reader) == packets
+        assert reader.complete and reader.trailing_bytes == 0
+    assert not stream.closed

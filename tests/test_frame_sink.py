@@ -255,3 +255,19 @@ def test_a_matrix_that_nobody_knows_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="matrix is 'bt2020'"):
         open_sink(tmp_path / "a.mkv", 16, 16, Fraction(25), "bt2020")
     assert not list(tmp_path.iterdir())
+
+
+def test_an_older_video_is_kept_until_the_new_one_is_complete(tmp_path: Path) -> None:
+    path, picture = tmp_path / "out.mkv", np.zeros((48, 64, 3), np.uint8)
+    path.write_bytes(b"complete")
+    with pytest.raises(KeyboardInterrupt), open_sink(path, 64, 48, Fraction(25)) as sink:
+        sink.write(picture)
+        raise KeyboardInterrupt
+    assert path.read_bytes() == b"complete"
+    with Background(open_sink(path, 64, 48, Fraction(25))) as sink:
+        sink.write(picture)
+        aside = sink.mark_incomplete()
+    assert aside is not None and aside.exists() and path.read_bytes() == b"complete"
+    with open_sink(path, 64, 48, Fraction(25)) as sink:
+        sink.write(picture)
+    assert path.read_bytes() != b"complete" and not aside.exists()

@@ -15,7 +15,7 @@ Capture = pytest.CaptureFixture[str]
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        (None, "No such file"),
+        (None, "no such file"),
         (b"", "no call file"),
         (b"RIFF....AVI ", "no call file"),
         (b"RZO1", "no model packet"),

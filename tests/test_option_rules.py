@@ -10,7 +10,8 @@ from processes import error_line
 from encoder.appearance.photometric import NORMALISATIONS
 from encoder.tracking.trackers import DETECTORS, STEPS, TRACKERS
 from protocol.summary import summarise
-from risorius.cli import main
+from risorius.cli import build_parser, main
+from risorius.command_line.option_rules import profile_of
 
 Capture = pytest.CaptureFixture[str]
 
@@ -105,3 +106,28 @@ def test_the_choices_of_an_option_are_those_that_the_encoder_has(
     assert main(["encode", "clip.mp4", "-o", "call.rzo", option, "?"]) == 2
     named = error_line(capsys).partition("choose from ")[2].partition(")")[0]
     assert re.findall(r"[\w-]+", named) == list(known)
+
+
+@pytest.mark.parametrize(
+    ("options", "idle"),
+    [
+        ("--tracker single --without klt,ekf", "--without ekf,klt"),
+        ("--tracker single --abs matrix", "--abs matrix"),
+        ("--tracker single --normalise retinex", "--normalise retinex"),
+        ("--tracker single --no-refine", "--no-refine"),
+        ("--without abs,klt --normalise retinex", "--normalise retinex"),
+        ("--detector haar --lids", "--lids"),
+    ],
+)
+def test_options_without_effect_in_a_combination_are_refused(
+    options: str, idle: str, capsys: Capture
+) -> None:
+    line = ["encode", "clip.mp4", "-o", "call.rzo", *options.split()]
+    assert main(line) == 2
+    assert f"{idle} has no effect with --{options.split('--')[1].split()[0]}" in error_line(capsys)
+
+
+@pytest.mark.parametrize("options", ["--tracker single --detector haar", "--without klt,ekf"])
+def test_options_that_go_together_are_taken(options: str) -> None:
+    arguments = build_parser().parse_args(["encode", "a.mp4", "-o", "a.rzo", *options.split()])
+    assert profile_of(arguments) == "thesis"

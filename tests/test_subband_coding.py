@@ -189,7 +189,7 @@ def test_what_is_known_around_a_place_comes_from_all_its_sides() -> None:
 
 def test_networks_are_integers_and_their_sums_stay_exact() -> None:
     """Floating point counts integers up to 2 ** 53 exactly, in whatever order they are added."""
-    with np.load(str(files("protocol") / "data/foresight.npz")) as stored:
+    with np.load(str(files("protocol") / "data/probability_model.npz")) as stored:
         assert set(stored) == {
             f"{name}_{part}" for name in ProbabilityModels.__slots__ for part in WEIGHT_ARRAYS
         }

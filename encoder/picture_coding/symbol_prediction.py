@@ -40,13 +40,13 @@ _CLASS_STARTS = np.array(CLASS_STARTS)
 class Predictor(NamedTuple):
     """What predicts one kind of symbol in grids of one size.
 
-    offsets, sides, starts: see `coefficient_context.ContextOffsets`.
+    offsets, mirrored, starts: see `coefficient_context.ContextOffsets`.
     *_weights, output_bias: see `probability_model.Mlp`.
     log_table, sigmoid: `LOG_TABLE` and `SIGMOID` of the same modules.
     """
 
     offsets: Integers
-    sides: Integers
+    mirrored: Integers
     starts: Integers
     feature_weights: Array
     pass_weights: Array
@@ -61,7 +61,7 @@ def make_predictor(mlp: Mlp, context: ContextOffsets) -> Predictor:
     """The predictor with the weights of `mlp`, for grids of the size of `context`."""
     return Predictor(
         context.offsets,
-        context.sides,
+        context.mirrored,
         context.starts,
         mlp.feature_weights,
         mlp.pass_weights,
@@ -108,8 +108,10 @@ def predict(
     """
     height, width = shape
     shared = _shared_activation(predictor, band, number, height)
-    hidden, logits = np.empty(len(shared)), np.empty(p0.shape[1])
-    classes = predictor.class_weights
+    hidden = np.empty(len(shared))
+    classes, feature_weights = predictor.class_weights, predictor.feature_weights
+    offsets, mirrored, starts = predictor.offsets, predictor.mirrored, predictor.starts
+    log_table, last = predictor.log_table, len(predictor.log_table) - 1
     for k in range(len(rows)):
         row, column = rows[k], columns[k]
         row_class = _CLASS_STARTS[5] + row * POSITION_CELLS // height
@@ -119,8 +121,19 @@ def predict(
         row_start = (row + PAD) * (width + 2 * PAD) + PAD
         # The position itself, and its mirror image on the other side of the face.
         centres = row_start + column, row_start + width - 1 - column
-        _add_features(predictor, grids, centres, hidden)
-        _output_probabilities(predictor, hidden, logits, p0[k])
+        for feature in range(len(starts)):
+            end = starts[feature + 1] if feature + 1 < len(starts) else len(offsets)
+            total = 0
+            for term in range(starts[feature], end):
+                total += grids[centres[mirrored[term]] + offsets[term]]
+            if total:
+                value = log_table[min(abs(total), last)]
+                for unit in range(len(hidden)):
+                    weighted = value * feature_weights[feature, unit]
+                    hidden[unit] += weighted if total > 0 else -weighted
+        _write_probabilities(
+            hidden, predictor.output_weights, predictor.output_bias, predictor.sigmoid, p0[k]
+        )
 
 
 @jit
@@ -136,40 +149,17 @@ def _shared_activation(predictor: Predictor, band: Integers, number: int, height
 
 
 @jit
-def _add_features(
-    predictor: Predictor, grids: Integers, centres: tuple[int, int], hidden: Array
+def _write_probabilities(
+    hidden: Array, weights: Array, bias: Array, sigmoid: Integers, p0: Integers
 ) -> None:
-    """Add the contributions of a position's context to its hidden activations.
-
-    centres: of the position and of its mirror image in the first grid.
-    """
-    starts, offsets, sides = predictor.starts, predictor.offsets, predictor.sides
-    last = len(predictor.log_table) - 1
-    for feature in range(len(starts)):
-        end = starts[feature + 1] if feature + 1 < len(starts) else len(offsets)
-        total = 0
-        for term in range(starts[feature], end):
-            total += grids[centres[sides[term]] + offsets[term]]
-        if not total:
-            continue
-        value = predictor.log_table[min(abs(total), last)]
-        if total < 0:
-            value = -value
-        for unit in range(len(hidden)):
-            hidden[unit] += value * predictor.feature_weights[feature, unit]
-
-
-@jit
-def _output_probabilities(predictor: Predictor, hidden: Array, logits: Array, p0: Integers) -> None:
-    """Write the probabilities (outputs,) for hidden activations to `p0`; logits: is overwritten."""
-    sigmoid = predictor.sigmoid
-    logits[:] = predictor.output_bias
+    """Write the probabilities (outputs,) for hidden activations to `p0`."""
+    logits = bias.copy()
     for unit in range(len(hidden)):
         value = np.floor(hidden[unit] * 2.0 ** (HIDDEN_BITS - WEIGHT_BITS))
         value = min(max(value, 0.0), MAX_HIDDEN)
         if value:
             for output in range(len(logits)):
-                logits[output] += value * predictor.output_weights[unit, output]
+                logits[output] += value * weights[unit, output]
     for output in range(len(logits)):
         logit = int(np.floor(logits[output] * 2.0**-WEIGHT_BITS))
         p0[output] = sigmoid[min(max(logit + MAX_LOGIT, 0), len(sigmoid) - 1)]

@@ -1,10 +1,10 @@
-"""How large a wavelet coefficient will be, foretold by a small network from what is around it.
+"""Probabilities of wavelet coefficients from a small multilayer perceptron (MLP).
 
-One hidden layer; weights and inputs are integers and so are all sums, far below 2 ** 53: floating
-point is exact and both ends find the same probabilities.  The tables of logarithms and of logits
-come out of `log2` and `exp`, none of whose values lies within 3e-4 of where it would round to
-another integer.  The weights are part of the format: others need other version numbers.  Trained
-by `scripts/train_foresight.py`.
+An MLP has one hidden layer.  Weights and inputs are integers and all sums stay far below 2 ** 53,
+so floating-point arithmetic is exact and both ends find the same probabilities.  The tables of
+logarithms and of the sigmoid come from `log2` and `exp`; no value lies within 3e-4 of a rounding
+boundary.  The weights are part of the format: other weights need other format numbers.
+`scripts/train_probability_model.py` trains them.
 """
 
 from collections.abc import Sequence
@@ -29,32 +29,36 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Band = TypeVar("Band")
 
-# Kinds of pictures, and the orientation of the coarsest subband, which comes after the details'.
+# Kinds of pictures.
 BACKGROUND, TEXTURE, MODE = range(3)
+# Orientation of the lowpass band; details have 0..2.
 LOWPASS = 3
-# How many kinds, planes, levels with the coarsest, orientations and turns there are, and where the
-# weights of each start; those of places by rows and by columns come last.
+# Classes of a position: numbers of kinds, planes, levels, orientations and passes, and the first
+# row of each in the array of class weights.  The cells by rows and by columns come last.
 _COUNTS = (3, 3, 1 + LEVELS, 1 + LOWPASS, len(PASS_OFFSETS), POSITION_CELLS)
 CLASS_STARTS = np.cumsum([0, *_COUNTS]).tolist()
 CLASS_COUNT = CLASS_STARTS[-1] + POSITION_CELLS
-# A hidden value is in 1 / 2 ** HIDDEN_BITS of an octave of size, a logit in 1 / 2 ** LOGIT_BITS;
-# weights that make either have WEIGHT_BITS more.
+# Hidden values are in 1 / 2 ** HIDDEN_BITS of an octave of magnitude, logits in
+# 1 / 2 ** LOGIT_BITS; the sums that make either have WEIGHT_BITS more.
 WEIGHT_BITS, HIDDEN_BITS, LOGIT_BITS = 13, 4, 8
-# Bounds the sums, whatever the weights.
+# Bounds the sums of the output layer.
 MAX_HIDDEN = 1 << 14
-# Nothing is surer than the least probability, in 1 / 65536, which logits beyond these have.
 MAX_LOGIT = 8 << LOGIT_BITS
+# Of 65536.
 MIN_PROBABILITY = 24
+# Arrays of an MLP in the weights' file, after the MLP's name.
 WEIGHT_ARRAYS = ("features", "classes", "last")
 
 
 @dataclass(frozen=True, slots=True)
 class BandPosition:
-    """Where a band belongs.
+    """The position of a subband in a sequence of pictures.
 
-    kind: `STILL`, `TEXTURE` or `MODE`.  plane: luma, then two colours.  level: 0 is the coarsest
-    subband, 1 the coarsest details.  orientation: of details 0..2, or `COARSE`.
-    pictures: how many of the series come before.
+    kind: `BACKGROUND`, `TEXTURE` or `MODE`.
+    plane: 0 luma, 1 and 2 colour differences.
+    level: 0 the lowpass band, 1 the coarsest details, `LEVELS` the finest.
+    orientation: of details 0 (high horizontal frequencies), 1 (vertical), 2 (both); or `LOWPASS`.
+    pictures: number of previous pictures in the sequence.
     """
 
     kind: int
@@ -63,52 +67,48 @@ class BandPosition:
     orientation: int
     pictures: int = 0
 
-    def select(self, coarse: Band, details: Sequence[Sequence[Band]]) -> Band:
-        """The band of this level and orientation: a plane's coarsest, or one of its details."""
-        return details[self.level - 1][self.orientation] if self.level else coarse
+    def select(self, lowpass: Band, details: Sequence[Sequence[Band]]) -> Band:
+        """The band of this level and orientation among those of a plane."""
+        return details[self.level - 1][self.orientation] if self.level else lowpass
 
-    def class_rows(self, turn: CodingPass) -> list[int]:
-        """Rows of a network's weights that hold for all places of a turn."""
-        own = (self.kind, self.plane, self.level, self.orientation, turn.number)
+    def class_rows(self, coding_pass: CodingPass) -> list[int]:
+        """Rows of the class weights that all positions of a pass share."""
+        own = (self.kind, self.plane, self.level, self.orientation, coding_pass.number)
         return [start + index for start, index in zip(CLASS_STARTS[: len(own)], own, strict=True)]
 
-    def pass_features(self, turn: CodingPass) -> list[float]:
-        """What is known of all places of a turn, beside what is around them."""
-        return [log_feature(self.pictures), log_feature(turn.grid[0])]
+    def pass_features(self, coding_pass: CodingPass) -> list[float]:
+        """Features that all positions of a pass share."""
+        return [log_feature(self.pictures), log_feature(coding_pass.grid[0])]
 
 
 class Mlp:
-    """Probabilities from what is around.
+    """A multilayer perceptron: probabilities of zeros from the features of positions.
 
-    features: (f + 2, h) weights of features, the last two of `Site.features`.
-    classes: (CLASSES, h) weights of what a place belongs to.  last: (h + 1, outputs).
-    Attributes: features (f, h) of what is around a place, of_all (2, h) of a whole turn, classes as
-    above, rows and columns (CELLS, h) those of where a place is, last (h, outputs) of the hidden
-    values, added (outputs,) to their sum.
+    features: (f + 2, h) weights of the features; the last two rows are of `pass_features`.
+    classes: (CLASS_COUNT, h) weights of the classes, one row each.
+    last: (h + 1, outputs) weights of the hidden values; the last row is the bias.
     """
 
     def __init__(self, features: Array, classes: Array, last: Array) -> None:
-        self.feature_weights, self.pass_weights, self.class_weights = (
-            features[:-2],
-            features[-2:],
-            classes,
-        )
+        self.feature_weights, self.pass_weights = features[:-2], features[-2:]
+        self.class_weights = classes
+        self.row_weights = classes[CLASS_STARTS[-2] : CLASS_STARTS[-1]]
+        self.column_weights = classes[CLASS_STARTS[-1] :]
         self.output_weights, self.output_bias = last[:-1], last[-1]
-        self.row_weights, self.column_weights = (
-            classes[CLASS_STARTS[-2] : CLASS_STARTS[-1]],
-            classes[CLASS_STARTS[-1] :],
-        )
 
-    def pass_activation(self, site: BandPosition, turn: CodingPass) -> Array:
-        """(h,) what all places of a turn add to the hidden values."""
-        own = self.class_weights[site.class_rows(turn)].sum(0)
-        return np.asarray(own + np.array(site.pass_features(turn)) @ self.pass_weights)
+    def pass_activation(self, position: BandPosition, coding_pass: CodingPass) -> Array:
+        """(h,) the part of the hidden sums that all positions of a pass share."""
+        own = self.class_weights[position.class_rows(coding_pass)].sum(0)
+        shared = np.array(position.pass_features(coding_pass)) @ self.pass_weights
+        return np.asarray(own + shared)
 
-    def zero_probabilities(self, features: Array, site: BandPosition, turn: CodingPass) -> Integers:
-        """(n, outputs) the probability of a zero, in 1 / 65536, from features (n, f)."""
-        rows, columns = turn.position_cells
+    def zero_probabilities(
+        self, features: Array, position: BandPosition, coding_pass: CodingPass
+    ) -> Integers:
+        """(n, outputs) probabilities of a zero, in 1/65536, from the features (n, f) of a pass."""
+        rows, columns = coding_pass.position_cells
         hidden = features @ self.feature_weights
-        hidden += self.pass_activation(site, turn)
+        hidden += self.pass_activation(position, coding_pass)
         hidden += self.row_weights.take(rows, 0)
         hidden += self.column_weights.take(columns, 0)
         hidden *= 2.0 ** (HIDDEN_BITS - WEIGHT_BITS)
@@ -118,8 +118,8 @@ class Mlp:
         logits += self.output_bias
         logits *= 2.0**-WEIGHT_BITS
         np.floor(logits, out=logits)
-        found = SIGMOID.take(logits.astype(np.int64) + MAX_LOGIT, mode="clip")
-        return np.asarray(found, np.int64)
+        zeros = SIGMOID.take(logits.astype(np.int64) + MAX_LOGIT, mode="clip")
+        return np.asarray(zeros, np.int64)
 
 
 def _sigmoid_table() -> Integers:
@@ -133,9 +133,10 @@ SIGMOID = _sigmoid_table()
 
 @dataclass(frozen=True, slots=True)
 class ProbabilityModels:
-    """What foretells the flag of a tile, the size and the sign of a coefficient.
+    """The MLPs of tile flags, of the unary decisions of magnitudes, and of signs.
 
-    Outputs of sizes: is it nothing; is a size of 1, of 2, of 3 or 4, of 5 to 8, of more the whole?
+    The six outputs of `sizes` are for the decisions "is the magnitude 0?", "1?", "2?", "3?" and
+    "4?", "5?" to "8?", and all further ones, see `coefficient_coding.STEP_OUTPUTS`.
     """
 
     tiles: Mlp
@@ -145,8 +146,8 @@ class ProbabilityModels:
 
 @lru_cache
 def probability_models() -> ProbabilityModels:
-    """Those that both ends have."""
-    with files("protocol").joinpath("data/foresight.npz").open("rb") as file:
+    """The MLPs with the weights of the format."""
+    with files("protocol").joinpath("data/probability_model.npz").open("rb") as file:
         stored = np.load(file)
         return ProbabilityModels(
             *(

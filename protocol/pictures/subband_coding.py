@@ -1,8 +1,8 @@
-"""Planes of wavelet coefficients as bytes: which order, and by what probabilities.
+"""Coding of the wavelet coefficients of picture planes: their order and their contexts.
 
-A plane's coarsest subband comes first, then the details level by level.  In each band flags say
-which tiles hold anything, then come the coefficients of those; see `coefficient_context`.  Of a
-mode the coarsest subband is coded as the others are, of stills it is predicted from its neighbours.
+A plane's lowpass band comes first, then the details level by level.  In each band the tile flags
+precede the coefficients, see `coefficient_context`.  The lowpass band of a mode is coded as the
+other bands are; that of a background or a texture is predicted from its neighbours.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,44 +34,51 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Shape = tuple[int, int]
 
-# Coefficients of a size lie a little nearer to zero than its middle.
+# A coefficient is reconstructed nearer to zero than the middle of its interval, by so many steps.
 RECONSTRUCTION_BIAS = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class SubbandPyramid:
-    """A plane's integers: the coarsest subband, and three details a level, the coarsest first."""
+    """The quantised coefficients of a plane.
+
+    details: three bands a level (orientations 0, 1, 2), the coarsest level first.
+    """
 
     lowpass: Integers
     details: list[list[Integers]]
 
-    def band(self, site: BandPosition) -> Integers:
+    def band(self, position: BandPosition) -> Integers:
         """The band of this level and orientation."""
-        return site.select(self.lowpass, self.details)
+        return position.select(self.lowpass, self.details)
 
 
 class PlaneCoder(Protocol):
-    """Codes one plane, in order: an encoder decides what comes, a decoder reads it."""
+    """Codes the bands of a plane in order: an encoder chooses the values, a decoder reads them."""
 
     @property
     def shape(self) -> Shape:
-        """Of the plane."""
+        """Height and width of the plane."""
         ...
 
     def lowpass_band(self, empty: Integers, integers: AdaptiveIntegers, context: int) -> Integers:
-        """The coarsest subband of a still, in the shape of `empty`; see `code_coarse`."""
+        """The lowpass band of a background or texture, in the shape of `empty`.
+
+        See `code_lowpass_band`.
+        """
         ...
 
-    def band(self, site: BandPosition, sources: Integers) -> Integers:
-        """Any other band, in the shape of sources (len(Source), h, w): what goes with it."""
+    def band(self, position: BandPosition, context_bands: Integers) -> Integers:
+        """Any other band (h, w).  context_bands: (len(ContextBand), h, w)."""
         ...
 
 
 @dataclass(slots=True)
 class PictureSequence:
-    """Pictures of one kind and size, coded one after the other; each foretells the next.
+    """Pictures of one kind and size, each coded in the context of those before.
 
-    kind: see `foresee.Site`.
+    kind: see `BandPosition`.
+    pictures: number of pictures so far.
     """
 
     kind: int
@@ -80,19 +87,20 @@ class PictureSequence:
     _totals: list[SubbandPyramid] = field(default_factory=list)
 
     def copy(self) -> "PictureSequence":
-        """What can go on by itself."""
+        """An independent copy."""
         return replace(self)
 
     def check_shapes(self, shapes: Sequence[Shape]) -> None:
-        """Raise `ValueError` if planes of `shapes` are no further picture of this series."""
-        known = [plane_shape(pyramid.details) for pyramid in self._last]
-        if self.pictures and known != list(shapes):
-            raise ValueError("pictures of one series differ in size")
+        """Raise `ValueError` unless planes of `shapes` can be the next picture."""
+        expected = [plane_shape(pyramid.details) for pyramid in self._last]
+        if self.pictures and expected != list(shapes):
+            raise ValueError("pictures of one sequence differ in size")
 
     def code(self, planes: Sequence[PlaneCoder]) -> list[SubbandPyramid]:
-        """Code a picture: luma, then colours at half its size.
+        """Code the next picture: luma, then the colour differences, half its size.
 
-        The series is as it was, see `learn`.  Raises `ValueError` as `expect` and the coders do.
+        The sequence does not change, see `advance`.  Raises `ValueError` as `check_shapes` and the
+        coders do.
         """
         self.check_shapes([plane.shape for plane in planes])
         integers = AdaptiveIntegers(2)
@@ -102,96 +110,99 @@ class PictureSequence:
         return coded
 
     def advance(self, coded: list[SubbandPyramid]) -> None:
-        """Go on to the picture that was coded."""
-        sizes = [_map(np.abs, pyramid) for pyramid in coded]
+        """Add the picture that was coded to the context of the next."""
+        totals = [_map(np.abs, pyramid) for pyramid in coded]
         if self.pictures:
-            sizes = [_map(np.add, *pair) for pair in zip(self._totals, sizes, strict=True)]
-        self._last, self._totals = coded, sizes
+            totals = [_map(np.add, *pair) for pair in zip(self._totals, totals, strict=True)]
+        self._last, self._totals = coded, totals
         self.pictures += 1
 
     def _plane(
         self,
         plane: int,
         coder: PlaneCoder,
-        before: Sequence[SubbandPyramid],
+        previous_planes: Sequence[SubbandPyramid],
         integers: AdaptiveIntegers,
     ) -> SubbandPyramid:
         empty = empty_pyramid(coder.shape)
-        site = BandPosition(self.kind, plane, 0, LOWPASS, self.pictures)
+        position = BandPosition(self.kind, plane, 0, LOWPASS, self.pictures)
         if self.kind == MODE:
-            sources = self._context_bands(site, empty.lowpass.shape, [], [], before)
-            coarse = coder.band(site, sources)
+            bands = self._context_bands(position, empty.lowpass.shape, [], [], previous_planes)
+            lowpass = coder.band(position, bands)
         else:
-            coarse = coder.lowpass_band(empty.lowpass, integers, int(plane > 0))
+            lowpass = coder.lowpass_band(empty.lowpass, integers, int(plane > 0))
         details: list[list[Integers]] = []
         parents: list[Integers] = []
         for level, blanks in enumerate(empty.details, 1):
             done: list[Integers] = []
             for orientation, band in enumerate(blanks):
-                site = BandPosition(self.kind, plane, level, orientation, self.pictures)
-                sources = self._context_bands(site, band.shape, parents, done, before)
-                done.append(coder.band(site, sources) if band.size else band)
+                position = BandPosition(self.kind, plane, level, orientation, self.pictures)
+                bands = self._context_bands(position, band.shape, parents, done, previous_planes)
+                done.append(coder.band(position, bands) if band.size else band)
             details.append(done)
             parents = [np.abs(band) for band in done]
-        return SubbandPyramid(coarse, details)
+        return SubbandPyramid(lowpass, details)
 
     def _context_bands(
         self,
-        site: BandPosition,
+        position: BandPosition,
         shape: Shape,
         parents: list[Integers],
         done: list[Integers],
-        before: Sequence[SubbandPyramid],
+        previous_planes: Sequence[SubbandPyramid],
     ) -> Integers:
-        """(len(Source), h, w) what goes with a band."""
-        sources = np.zeros((len(ContextBand), *shape), np.int64)
+        """(len(ContextBand), h, w) the bands that predict a band.
+
+        parents: magnitudes of the bands of the coarser level.  done: bands of this level so far.
+        """
+        bands = np.zeros((len(ContextBand), *shape), np.int64)
         if parents:
-            own = parents[site.orientation]
+            own = parents[position.orientation]
             others = sum(
-                crop_or_pad(p, own.shape) for i, p in enumerate(parents) if i != site.orientation
+                crop_or_pad(parent, own.shape)
+                for orientation, parent in enumerate(parents)
+                if orientation != position.orientation
             )
-            sources[ContextBand.PARENT] = upsample(own, 2, shape)
-            sources[ContextBand.PARENT_RING] = upsample(box_sum(own) - own, 2, shape)
-            sources[ContextBand.OTHER_PARENTS] = upsample(np.asarray(others), 2, shape)
+            bands[ContextBand.PARENT] = upsample(own, 2, shape)
+            bands[ContextBand.PARENT_RING] = upsample(box_sum(own) - own, 2, shape)
+            bands[ContextBand.OTHER_PARENTS] = upsample(np.asarray(others), 2, shape)
         for index, band in enumerate(reversed(done)):
-            sources[ContextBand.PREVIOUS_BAND + index] = crop_or_pad(np.abs(band), shape)
+            bands[ContextBand.PREVIOUS_BAND + index] = crop_or_pad(np.abs(band), shape)
         if self.pictures:
-            sources[ContextBand.PREVIOUS_PICTURES] = self._totals[site.plane].band(site)
-            sources[ContextBand.PREVIOUS_PICTURE] = self._last[site.plane].band(site)
-        if site.plane and site.level > 1:
-            finer = replace(site, level=site.level - 1)
-            sources[ContextBand.LUMA] = crop_or_pad(before[0].band(finer), shape)
-        if site.plane > 1:
-            sources[ContextBand.FIRST_CHROMA] = before[1].band(site)
-        return sources
+            bands[ContextBand.PREVIOUS_PICTURES] = self._totals[position.plane].band(position)
+            bands[ContextBand.PREVIOUS_PICTURE] = self._last[position.plane].band(position)
+        if position.plane and position.level > 1:
+            # The colour planes have half the size of luma.
+            of_luma = replace(position, level=position.level - 1)
+            bands[ContextBand.LUMA] = crop_or_pad(previous_planes[0].band(of_luma), shape)
+        if position.plane > 1:
+            bands[ContextBand.FIRST_CHROMA] = previous_planes[1].band(position)
+        return bands
 
     def predict_tiles(
-        self, around: CoefficientContext, site: BandPosition, turn: CodingPass
+        self, context: CoefficientContext, position: BandPosition, coding_pass: CodingPass
     ) -> Integers:
-        """(n,) probabilities that tiles hold nothing."""
-        return probability_models().tiles.zero_probabilities(
-            around.magnitude_features(turn), site, turn
-        )[:, 0]
+        """(n,) probabilities that the tiles of a pass have no flag, in 1/65536."""
+        features, mlp = context.magnitude_features(coding_pass), probability_models().tiles
+        return mlp.zero_probabilities(features, position, coding_pass)[:, 0]
 
     def predict_magnitudes(
-        self, around: CoefficientContext, site: BandPosition, turn: CodingPass
+        self, context: CoefficientContext, position: BandPosition, coding_pass: CodingPass
     ) -> Integers:
-        """(n, outputs) probabilities of sizes, see `foresee.Networks`."""
-        return probability_models().sizes.zero_probabilities(
-            around.magnitude_features(turn), site, turn
-        )
+        """(n, outputs) probabilities of the unary decisions, see `ProbabilityModels`."""
+        features, mlp = context.magnitude_features(coding_pass), probability_models().sizes
+        return mlp.zero_probabilities(features, position, coding_pass)
 
     def predict_signs(
-        self, around: CoefficientContext, site: BandPosition, turn: CodingPass
+        self, context: CoefficientContext, position: BandPosition, coding_pass: CodingPass
     ) -> Integers:
-        """(n,) probabilities that coefficients are positive."""
-        return probability_models().signs.zero_probabilities(
-            around.sign_features(turn), site, turn
-        )[:, 0]
+        """(n,) probabilities that the coefficients of a pass are positive, in 1/65536."""
+        features, mlp = context.sign_features(coding_pass), probability_models().signs
+        return mlp.zero_probabilities(features, position, coding_pass)[:, 0]
 
 
 def empty_pyramid(shape: Shape) -> SubbandPyramid:
-    """Zeros in the shapes that `wavelet.transform` makes of a plane."""
+    """Zeros in the shapes of the bands that `wavelet.transform` makes of a plane."""
     levels: list[list[Integers]] = []
     height, width = shape
     for _ in range(LEVELS):
@@ -203,59 +214,62 @@ def empty_pyramid(shape: Shape) -> SubbandPyramid:
 
 
 def plane_shape(details: Sequence[Sequence[NDArray[Any]]]) -> Shape:
-    """Of the plane that has these details."""
-    right, down, _ = details[-1]
-    return len(right) + len(down), right.shape[1] + down.shape[1]
+    """Height and width of the plane with these details."""
+    horizontal, vertical, _ = details[-1]
+    return len(horizontal) + len(vertical), horizontal.shape[1] + vertical.shape[1]
 
 
 def _map(function: Callable[..., Integers], *pyramids: SubbandPyramid) -> SubbandPyramid:
-    """A function of the bands of pyramids, band by band."""
-    coarse = function(*(pyramid.lowpass for pyramid in pyramids))
+    """A function of corresponding bands, applied to all bands of the pyramids."""
+    lowpass = function(*(pyramid.lowpass for pyramid in pyramids))
     levels = zip(*(pyramid.details for pyramid in pyramids), strict=True)
     details = [[function(*bands) for bands in zip(*level, strict=True)] for level in levels]
-    return SubbandPyramid(coarse, details)
+    return SubbandPyramid(lowpass, details)
 
 
 @dataclass(frozen=True, slots=True)
 class _PlaneDecoder:
-    """Reads a plane of `shape` of the next picture of `series`."""
+    """A `PlaneCoder` that reads a plane of the next picture of `sequence`."""
 
-    series: PictureSequence
+    sequence: PictureSequence
     coder: RangeDecoder
     shape: Shape
 
     def lowpass_band(self, empty: Integers, integers: AdaptiveIntegers, context: int) -> Integers:
         return code_lowpass_band(self.coder, integers, context, empty)
 
-    def band(self, site: BandPosition, sources: Integers) -> Integers:
-        shape = sources.shape[1:]
-        flags = self._flags(site, tile_sums(np.abs(sources)))
-        active, busy = (upsample(each, TILE, shape) for each in (flags, box_sum(flags)))
-        result = np.zeros(shape, np.int64)
-        around = CoefficientContext(sources, active > 0, busy)
-        for turn in around.passes():
-            zeros = self.series.predict_magnitudes(around, site, turn)
+    def band(self, position: BandPosition, context_bands: Integers) -> Integers:
+        shape = context_bands.shape[1:]
+        flags = self._tile_flags(position, tile_sums(np.abs(context_bands)))
+        active, around = (upsample(each, TILE, shape) for each in (flags, box_sum(flags)))
+        band = np.zeros(shape, np.int64)
+        context = CoefficientContext(context_bands, active > 0, around)
+        for coding_pass in context.passes():
+            zeros = self.sequence.predict_magnitudes(context, position, coding_pass)
             values = code_magnitudes(self.coder, np.zeros(len(zeros), np.int64), zeros)
-            some = values > 0
-            if some.any():
-                signed = turn.subset(some)
-                zeros = self.series.predict_signs(around, site, signed)
-                values[some] *= 1 - 2 * self._bits(zeros)
-            around.set_known(turn, values)
-            result[turn.rows, turn.columns] = values
-        return result
+            nonzero = values > 0
+            if nonzero.any():
+                signed = coding_pass.subset(nonzero)
+                zeros = self.sequence.predict_signs(context, position, signed)
+                values[nonzero] *= 1 - 2 * self._bits(zeros)
+            context.set_known(coding_pass, values)
+            band[coding_pass.rows, coding_pass.columns] = values
+        return band
 
-    def _flags(self, site: BandPosition, sources: Integers) -> Integers:
-        """Which tiles of a band hold anything."""
-        grid = sources.shape[1:]
+    def _tile_flags(self, position: BandPosition, context_bands: Integers) -> Integers:
+        """(rows, columns) 1 for each tile that may have nonzero coefficients.
+
+        context_bands: (len(ContextBand), rows, columns) sums over tiles.
+        """
+        grid = context_bands.shape[1:]
         if grid[0] * grid[1] * TILE**2 <= SMALL_BAND:
             return np.ones(grid, np.int64)
         flags = np.zeros(grid, np.int64)
-        around = CoefficientContext(sources, np.ones(grid, bool), np.zeros(grid, np.int64))
-        for turn in around.passes():
-            found = self._bits(self.series.predict_tiles(around, site, turn))
-            around.set_known(turn, found)
-            flags[turn.rows, turn.columns] = found
+        context = CoefficientContext(context_bands, np.ones(grid, bool), np.zeros(grid, np.int64))
+        for coding_pass in context.passes():
+            bits = self._bits(self.sequence.predict_tiles(context, position, coding_pass))
+            context.set_known(coding_pass, bits)
+            flags[coding_pass.rows, coding_pass.columns] = bits
         return flags
 
     def _bits(self, zeros: Integers) -> Integers:
@@ -263,27 +277,27 @@ class _PlaneDecoder:
 
 
 def decode_planes(
-    series: PictureSequence, name: str, data: bytes, shapes: Sequence[Shape]
+    sequence: PictureSequence, name: str, data: bytes, shapes: Sequence[Shape]
 ) -> list[SubbandPyramid]:
-    """The planes of `shapes` that `data` holds, the next picture of `series`.
+    """Decode planes of `shapes`, the next picture of `sequence`, and advance the sequence.
 
-    name: what it is, for the message.  Raises `ProtocolError` if `data` holds none; then the series
-    is as it was.
+    name: of the picture, for the message.
+    Raises `ProtocolError` if `data` is damaged; then the sequence does not advance.
     """
-    series.check_shapes(shapes)
+    sequence.check_shapes(shapes)
     coder = RangeDecoder(data)
     try:
-        pyramids = series.code([_PlaneDecoder(series, coder, shape) for shape in shapes])
+        pyramids = sequence.code([_PlaneDecoder(sequence, coder, shape) for shape in shapes])
     except ValueError as error:
         raise ProtocolError(f"{name}: {error}") from error
     if coder.unread_bytes:
         raise ProtocolError(f"{name}: {coder.unread_bytes} bytes too many")
-    series.advance(pyramids)
+    sequence.advance(pyramids)
     return pyramids
 
 
 def dequantised(pyramid: SubbandPyramid, step: float) -> Array:
-    """The plane that integers stand for, in steps of `step`."""
+    """The plane of quantised coefficients, with quantiser step `step`."""
     details = [
         [step * (band - RECONSTRUCTION_BIAS * np.sign(band)) for band in level]
         for level in pyramid.details

@@ -1,13 +1,13 @@
-"""Train the networks that foretell wavelet coefficients, on the pictures in call files.
+"""Train the probability model of wavelet coefficients on the pictures in call files.
 
     for clip in CLIPS; do for bytes in 10000 7000; do
         risorius encode $clip --model-bytes $bytes -o calls/$clip.$bytes.rzo; done; done
-    python -m scripts.train_foresight calls/*.rzo --held-out others/*.rzo
+    python -m scripts.train_probability_model calls/*.rzo --held-out others/*.rzo
 
-writes protocol/data/foresight.npz and prints how many bits a decision takes in either set, before
-the weights are rounded.  Who is in a table of results should be held out.  Calls are read by the
-weights in place, and no longer when those are replaced: encode them again, and give the format new
-version numbers.  Adam (Kingma & Ba 2015), one hidden layer.
+writes protocol/data/probability_model.npz and prints the bits per decision in either set, before
+the weights are rounded.  Hold out the people of published results.  Call files are read by the
+weights in place; with new ones they can no longer be decoded, so the format needs new numbers.
+Optimiser: Adam (Kingma & Ba 2015).
 """
 
 import argparse
@@ -45,8 +45,8 @@ from scripts.command import run
 
 Array = NDArray[np.float32]
 Integers = NDArray[np.int64]
-OUTPUT = Path(__file__).parents[1] / "protocol" / "data" / "foresight.npz"
-# Of the networks of tiles, sizes and signs: hidden values, rounds, decay of the weights.
+OUTPUT = Path(__file__).parents[1] / "protocol" / "data" / "probability_model.npz"
+# Of the networks of tiles, sizes and signs: hidden units, epochs, weight decay.
 HIDDEN, ROUNDS, DECAY = (16, 40, 24), (6, 14, 12), (0.0, 0.0, 1e-3)
 BATCH, RATE, SEED = 8192, 6e-3, 1
 # Features are sixteenths of an octave.
@@ -55,9 +55,11 @@ SCALE = 16
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """What is known of places, and what was there.
+    """Decisions of one network: inputs and outcomes.
 
-    features: (n, f) int16.  classes: (n, c) uint8.  sizes: (n,) uint8.
+    features: (n, f) int16.
+    classes: (n, c) uint8, rows of the class weights.
+    sizes: (n,) uint8, magnitudes; of tiles and signs 0 or 1.
     """
 
     features: NDArray[np.int16]
@@ -69,7 +71,7 @@ class Samples:
 
 
 def joined(samples: Sequence[Samples]) -> Samples:
-    """All of them."""
+    """All samples of a sequence."""
     return Samples(
         np.concatenate([each.features for each in samples]),
         np.concatenate([each.classes for each in samples]),
@@ -78,32 +80,32 @@ def joined(samples: Sequence[Samples]) -> Samples:
 
 
 class Recorder(PictureSequence):
-    """A series that keeps what its networks were asked."""
+    """A sequence of pictures that records the inputs of its networks."""
 
     def __init__(self, kind: int) -> None:
         super().__init__(kind)
         self.asked: list[tuple[int, BandPosition, CodingPass, NDArray[np.float64]]] = []
 
-    def foretold_tiles(
+    def predict_tiles(
         self, around: CoefficientContext, site: BandPosition, turn: CodingPass
     ) -> Integers:
         self.asked.append((0, site, turn, around.magnitude_features(turn)))
         return super().predict_tiles(around, site, turn)
 
-    def foretold_sizes(
+    def predict_magnitudes(
         self, around: CoefficientContext, site: BandPosition, turn: CodingPass
     ) -> Integers:
         self.asked.append((1, site, turn, around.magnitude_features(turn)))
         return super().predict_magnitudes(around, site, turn)
 
-    def foretold_signs(
+    def predict_signs(
         self, around: CoefficientContext, site: BandPosition, turn: CodingPass
     ) -> Integers:
         self.asked.append((2, site, turn, around.sign_features(turn)))
         return super().predict_signs(around, site, turn)
 
     def samples(self, pyramids: Sequence[SubbandPyramid]) -> Iterator[tuple[int, Samples]]:
-        """What was asked since, and what the answers were in the picture that was read."""
+        """The inputs recorded since the last call, with the outcomes in the picture decoded."""
         for network, site, turn, features in self.asked:
             band = pyramids[site.plane].band(site)
             if network == 0:
@@ -130,7 +132,7 @@ def _classes(site: BandPosition, turn: CodingPass) -> NDArray[np.uint8]:
 
 
 def read_call(path: Path) -> tuple[list[Samples], ...]:
-    """What the pictures of a call file's model packets hold, for each network."""
+    """The samples of each network in the pictures of a call file's model packets."""
     found: tuple[list[Samples], ...] = ([], [], [])
 
     def keep(recorder: Recorder, pyramids: Sequence[SubbandPyramid]) -> None:
@@ -157,9 +159,9 @@ def read_call(path: Path) -> tuple[list[Samples], ...]:
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """A network before its weights are rounded.
+    """The weights of a network before rounding.
 
-    first: (f + CLASSES, h).  last: (h + 1, outputs).
+    first: (f + CLASS_COUNT, h).  last: (h + 1, outputs).
     """
 
     first: Array
@@ -167,7 +169,7 @@ class Weights:
 
 
 def train(samples: Samples, hidden: int, outputs: int, rounds: int, decay: float) -> Weights:
-    """The weights under which the samples take the fewest bits."""
+    """The weights that minimise the code length of the samples."""
     rng = np.random.default_rng(SEED)
     inputs = samples.features.shape[1] + CLASS_COUNT
     scales = np.where(np.arange(inputs) < inputs - CLASS_COUNT, 0.15, 0.05)[:, None]
@@ -196,7 +198,7 @@ def train(samples: Samples, hidden: int, outputs: int, rounds: int, decay: float
 
 
 def gradient(weights: Weights, samples: Samples, chosen: Integers) -> tuple[Array, Array]:
-    """Slopes of the chosen samples' mean code length."""
+    """Gradient of the mean code length of the chosen samples, by `first` and by `last`."""
     given, hidden, stops = forward(weights, samples, chosen)
     stopped, asked = outcomes(samples.sizes[chosen], weights.last.shape[1])
     error = ((stops * asked - stopped) / len(chosen)).astype(np.float32)
@@ -217,7 +219,7 @@ def forward(weights: Weights, samples: Samples, chosen: Integers) -> tuple[Array
 
 
 def outcomes(sizes: NDArray[np.uint8], outputs: int) -> tuple[Array, Array]:
-    """(n, outputs) how often each output's answer was to stop, and how often it was asked."""
+    """(n, outputs) number of zeros decided by each output, and number of its decisions."""
     if outputs == 1:
         return (sizes == 0)[:, None].astype(np.float32), np.ones((len(sizes), 1), np.float32)
     steps = np.eye(outputs, dtype=np.float32)[list(STEP_OUTPUTS)]
@@ -226,7 +228,7 @@ def outcomes(sizes: NDArray[np.uint8], outputs: int) -> tuple[Array, Array]:
 
 
 def bits(weights: Weights, samples: Samples) -> float:
-    """What the samples take."""
+    """The code length of the samples, bits."""
     total = 0.0
     for start in range(0, len(samples), 8 * BATCH):
         chosen = np.arange(start, min(start + 8 * BATCH, len(samples)))
@@ -241,7 +243,7 @@ def bits(weights: Weights, samples: Samples) -> float:
 
 
 def rounded(weights: Weights) -> dict[str, NDArray[np.int32]]:
-    """The weights as `foresee.Network` takes them."""
+    """The weights in the integers of `probability_model.Mlp`."""
     count = len(weights.first) - CLASS_COUNT
     unit, hidden_unit = 2**WEIGHT_BITS, 2**HIDDEN_BITS
     logit_unit = 2 ** (LOGIT_BITS + WEIGHT_BITS)
@@ -257,9 +259,9 @@ def rounded(weights: Weights) -> dict[str, NDArray[np.int32]]:
 def main(arguments: Sequence[str]) -> None:
     """Read calls, train, write, report."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("calls", nargs="+", type=Path, help="call files to learn from")
+    parser.add_argument("calls", nargs="+", type=Path, help="call files to train on")
     parser.add_argument(
-        "--held-out", nargs="*", type=Path, default=[], help="call files to judge by"
+        "--held-out", nargs="*", type=Path, default=[], help="call files to evaluate on"
     )
     options: Any = parser.parse_args(arguments)
     calls, others = ([read_call(p) for p in ps] for ps in (options.calls, options.held_out))
