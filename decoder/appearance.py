@@ -11,7 +11,7 @@ from protocol.errors import ProtocolError
 from protocol.frames.frame_transform import parse_transform
 from protocol.model_packet import ModelPacket
 from protocol.pictures.picture_codec import (
-    ModeDecoder,
+    ModeCodec,
     decode_picture,
     is_picture,
     parse_picture_header,
@@ -81,7 +81,7 @@ class Wardrobe:
         self._damaged = model.texture
         mean = decode_image("texture", model.texture, MAX_ATLAS_SIDE_PX)
         _check_square("texture", mean)
-        series = ModeDecoder(len(mean), _relief(model.texture))
+        series = ModeCodec(len(mean), _relief(model.texture))
         self._texture, self._series = model.texture, series
         self._mean = np.asarray(self._worn(mean) + 0.5, np.uint8)
         self._damaged = None

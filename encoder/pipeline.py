@@ -36,6 +36,9 @@ from shared_model.mesh import generic_head
 from shared_model.surround import surrounded_head
 
 NO_FACE = 3
+USUAL_BITRATE = 800.0
+# A call that takes a smaller share of a rate, or its model of a size, is as fine as can be.
+USED_SHARE = 0.75
 # Warnings about a call whose end reached nobody.
 UNREACHED_MESSAGES = {
     Reachability.NO_PEER: "nobody listened when the call ended",
@@ -75,7 +78,24 @@ def encode(
             stats.warn(UNREACHED_MESSAGES[sink.reachability])
         if stats.lost_frames:
             stats.warn(f"no face in {stats.lost_frames} of {len(stats.capture_ns)} frames")
+        _warn_of_unused_bits(options, stats, len(stats.capture_ns) / float(capture.fps))
         return _report(options, capture, stats, sink.reachability)
+
+
+def _warn_of_unused_bits(options: EncodeOptions, stats: SessionStats, seconds: float) -> None:
+    """Add a warning if the call is as fine as can be with much less than it was given."""
+    taken = 8 * stats.frame_bytes / seconds
+    if options.bitrate > USUAL_BITRATE and seconds >= 1 and taken < USED_SHARE * options.bitrate:
+        stats.warn(
+            f"--bitrate {options.bitrate:g} is more than this call can use: as fine as can be, it"
+            f" takes {taken:.0f} bits a second"
+        )
+    asked = options.model_bytes
+    if asked is not None and not options.startup_bitrate and stats.model_bytes < USED_SHARE * asked:
+        stats.warn(
+            f"--model-bytes {asked} is more than this model can use: as fine as can be, it takes"
+            f" {stats.model_bytes} bytes"
+        )
 
 
 def encode_thesis(

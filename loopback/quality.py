@@ -67,19 +67,22 @@ def measure_quality(
     find_face_mask: FaceMaskFinder,
     progress: Progress,
     max_frames: int | None = None,
+    is_strict: bool = True,
 ) -> Quality:
     """Compare a decoded video with its source, frame by frame.
 
     source, decoded: anything `open_source` opens.  max_frames: compare no more frames.
-    Raises `UserError` if they have different sizes, or if one ends before the other and before
-    `max_frames`.
+    is_strict: one that ends before the other, and before `max_frames`, is an error; else only the
+        frames of both are compared.
+    Raises `UserError` if they have different sizes.
     """
     face: list[float] = []
     full: list[float] = []
     with open_source(source) as originals, open_source(decoded) as copies:
         check_size(originals, copies.name, copies.width, copies.height)
         for index, (original, copy) in enumerate(zip_longest(originals, copies)):
-            if index == max_frames:
+            ends = original is None or copy is None
+            if index == max_frames or (ends and not is_strict):
                 break
             if original is None or copy is None:
                 raise UserError(

@@ -1,8 +1,9 @@
-"""Where the bytes of a call go: model packets by part, frame packets by group of parameters.
+"""The bytes of a call by purpose: model packets by part, frame packets by group of parameters.
 
-A frame packet's decisions have ideal lengths, -log2 of their probabilities, which tell what each
-combined component costs.  A component moves several parameters; its bits are split by how much of
-its harm each group does: a basis row is in units of equal harm (`Components.unit`), so by squares.
+The ideal code length of each decision in a frame packet, -log2 of its probability, gives the bits
+of each component.  A component moves several parameters; its bits are divided among the groups in
+proportion to the distortion that each group adds: a basis row is in units of equal distortion
+(`FrameTransform.units`), so in proportion to the squares of its entries.
 """
 
 from dataclasses import dataclass
@@ -25,14 +26,14 @@ from shared_model.parameters import EAUS, LID_EAUS, THESIS_EAUS
 Array = NDArray[np.float64]
 
 GROUPS = ("pose", "expression", "lids", "gaze", "modes")
-# A packet's head, and what is lost to whole bytes; packets that nobody can decode.
+# Headers and the rounding to whole bytes; packets that cannot be decoded.
 OVERHEAD, DAMAGED = "overhead", "damaged"
 _THESIS_VALUES = {"pose": 6, "expression": len(THESIS_EAUS)}
 
 
 @dataclass(frozen=True, slots=True)
 class PacketSize:
-    """Bytes of payload of the frame packets: mean, 95th percentile, largest."""
+    """Payload bytes of the frame packets: mean, 95th percentile, largest."""
 
     mean: float
     p95: float
@@ -40,42 +41,42 @@ class PacketSize:
 
 
 class BitAccounting:
-    """Adds up what the packets of one call, given in order, spend their bytes on."""
+    """Sums of the bytes of one call's packets, which are added in order."""
 
     def __init__(self) -> None:
         self._model_parts: dict[str, int] = {}
-        self._layers, self._layered = LayerBuffer(), set[int]()
+        self._layers, self._open_layers = LayerBuffer(), set[int]()
         self._groups: dict[str, float] = {}
         self._sizes: list[int] = []
         self._model: ModelPacket | None = None
-        self._reading: _FrameContext | None = None
-        self._waiting: _FrameContext | None = None
+        self._context: _FrameContext | None = None
+        self._next_context: _FrameContext | None = None
 
     @property
     def model_parts(self) -> dict[str, int]:
-        """Bytes of each part of model and layer packets; they add up to these without byte 0."""
-        found = dict(self._model_parts)
-        for model in self._layered:
-            _reclassify(found, self._layers.bytes_by_item(model))
-        return found
+        """Bytes of each part of model and layer packets, without byte 0 of each packet."""
+        parts = dict(self._model_parts)
+        for model in self._open_layers:
+            _reclassify(parts, self._layers.bytes_by_item(model))
+        return parts
 
     @property
     def groups(self) -> dict[str, float]:
-        """Bytes that each group of parameters took; they add up to the frame packets' payloads."""
+        """Payload bytes of the frame packets by group of parameters."""
         return dict(self._groups)
 
     @property
     def packet_size(self) -> PacketSize | None:
-        """How large frame packets are; None without any."""
+        """Statistics of the frame packets' sizes; None without frame packets."""
         if not self._sizes:
             return None
         p95 = float(np.percentile(self._sizes, 95))
         return PacketSize(float(np.mean(self._sizes)), p95, max(self._sizes))
 
     def add(self, packet: Packet) -> None:
-        """Enter a packet; frame packets are read by the model packet before them.
+        """Add a packet.  The model packets before a frame packet determine how it is parsed.
 
-        Raises `ProtocolError` if a model packet's components or the stream of layers are damaged.
+        Raises `ProtocolError` if a model packet's transform or the stream of layers is damaged.
         """
         if isinstance(packet, ModelPacket):
             self._add_model(packet)
@@ -87,12 +88,12 @@ class BitAccounting:
     def _add_model(self, packet: ModelPacket) -> None:
         modes: tuple[bytes, ...] = ()
         if packet.profile_data:
-            components = parse_transform(packet.profile_data)
-            modes = components.modes
+            transform = parse_transform(packet.profile_data)
+            modes = transform.modes
             if self._model is None or packet.version > self._model.version:
-                self._waiting = _FrameContext(components, packet.sequence)
+                self._next_context = _FrameContext(transform, packet.sequence)
         if self._model is None or packet.version > self._model.version:
-            # The one before may be in use for a while, those before that are not.
+            # Frame packets of the version before may follow; those of older ones may not.
             self._close_layers(self._model.version if self._model else 0)
             self._model = packet
         parts = {
@@ -105,23 +106,23 @@ class BitAccounting:
             self._model_parts[name] = self._model_parts.get(name, 0) + count
 
     def _add_layer(self, packet: LayerPacket) -> None:
-        """Counts as shape until it is known what it is of."""
+        """Count the packet as shape until its version's stream is closed."""
         self._layers.add(packet)
         try:
             self._layers.bytes_by_item(packet.model_version)
         except ProtocolError:
-            # Nor will it ever be known what those before are of.
-            self._layered.discard(packet.model_version)
+            # The items of a damaged stream stay unknown.
+            self._open_layers.discard(packet.model_version)
             raise
         size = len(serialise(packet)) - 1
         self._model_parts["shape"] = self._model_parts.get("shape", 0) + size
-        self._layered.add(packet.model_version)
+        self._open_layers.add(packet.model_version)
 
     def _close_layers(self, model: int) -> None:
-        """Let go of the layers of older models: all that came of them has come."""
-        for older in {number for number in self._layered if number < model}:
+        """Assign the bytes of the layers of versions before `model` to their items."""
+        for older in {version for version in self._open_layers if version < model}:
             _reclassify(self._model_parts, self._layers.bytes_by_item(older))
-            self._layered.remove(older)
+            self._open_layers.remove(older)
         self._layers.drop_before(model)
 
     def _add_frame(self, packet: FramePacket) -> None:
@@ -143,73 +144,71 @@ class BitAccounting:
             )
             total = sum(values.values())
             return {name: count / total for name, count in values.items()}
-        if self._waiting and self._waiting.number(packet) < SEQUENCE_MODULUS // 2:
-            self._reading, self._waiting = self._waiting, None
+        if self._next_context and self._next_context.packet_index(packet) < SEQUENCE_MODULUS // 2:
+            self._context, self._next_context = self._next_context, None
             self._close_layers(self._model.version)
-        reading = self._reading
-        if reading is None:
-            raise ProtocolError("the model packet has no components")
-        usual = self._model.call.frames_per_packet
-        number = reading.number(packet)
-        bits = component_bits(reading.predictor, number, usual, packet.payload)
-        groups = bits @ group_shares(reading.components)
-        # The coder may find bytes shorter than the ideal; no group then took more than there is.
+        context = self._context
+        if context is None:
+            raise ProtocolError("the model packet has no frame transform")
+        nominal = self._model.call.frames_per_packet
+        index = context.packet_index(packet)
+        bits = component_bits(context.predictor, index, nominal, packet.payload)
+        groups = bits @ group_shares(context.transform)
+        # The coder's bytes may be fewer than the ideal length; the shares add up to 1 at most.
         whole = max(8.0 * len(packet.payload), float(groups.sum()))
         shares = dict(zip(GROUPS, (groups / whole).tolist(), strict=True))
         return shares | {OVERHEAD: 1 - sum(shares.values())}
 
 
-def _reclassify(found: dict[str, int], parts: dict[str, int]) -> None:
-    """Enter what counted as shape as the parts it is of."""
-    for name, count in parts.items():
-        found[name] = found.get(name, 0) + count
-        found["shape"] = found.get("shape", 0) - count
+def _reclassify(parts: dict[str, int], items: dict[str, int]) -> None:
+    """Move bytes that were counted as shape to the parts they belong to."""
+    for name, count in items.items():
+        parts[name] = parts.get(name, 0) + count
+        parts["shape"] = parts.get("shape", 0) - count
 
 
 class _FrameContext:
-    """How frame packets are read from the one numbered `first` on."""
+    """How frame packets are parsed from sequence number `first` on."""
 
-    def __init__(self, components: FrameTransform, first: int) -> None:
-        self.components, self.predictor = (
-            components,
-            FramePredictor(components.scale_codes, components.reserved_modes),
-        )
+    def __init__(self, transform: FrameTransform, first: int) -> None:
+        self.transform = transform
+        self.predictor = FramePredictor(transform.scale_codes, transform.reserved_modes)
         self._first = first
 
-    def number(self, packet: FramePacket) -> int:
-        """The packet's place in the stream of its model packet, 0..63."""
+    def packet_index(self, packet: FramePacket) -> int:
+        """Index of the packet among those of its model, modulo 64."""
         return (packet.sequence - self._first) % SEQUENCE_MODULUS
 
 
 def component_bits(
-    predictor: FramePredictor, sequence: int, usual_frames: int, payload: bytes
+    predictor: FramePredictor, sequence: int, nominal_frames: int, payload: bytes
 ) -> Array:
-    """(n,) ideal bits that each component takes of a payload; moves the predictor on.
+    """(n,) ideal bits of each component in a payload; advances the predictor.
 
-    Raises `ProtocolError` as `decode_packet` does.
+    Raises `ProtocolError` as `decode_payload` does.
     """
-    packet = parse_payload(predictor, sequence, usual_frames, payload)
-    meter, bits, before = _IdealLengthCoder(), np.zeros(predictor.component_count), 0.0
+    packet = parse_payload(predictor, sequence, nominal_frames, payload)
+    coder, bits, before = _IdealLengthCoder(), np.zeros(predictor.component_count), 0.0
     steps = code_payload_stepwise(
-        meter, predictor, sequence, usual_frames, packet.header, packet.values
+        coder, predictor, sequence, nominal_frames, packet.header, packet.values
     )
     for component in steps:
         if component is not None:
-            bits[component] += meter.bits - before
-        before = meter.bits
+            bits[component] += coder.bits - before
+        before = coder.bits
     predictor.anchor = packet.frames[-1]
     return bits
 
 
-def group_shares(components: FrameTransform) -> Array:
-    """(n, GROUPS) share of each group in the harm that each component does; rows add up to 1."""
-    squares = components.basis.astype(np.float64) ** 2
-    grouped = np.stack([squares[:, _group_of(components) == g].sum(1) for g in GROUPS], 1)
+def group_shares(transform: FrameTransform) -> Array:
+    """(n, GROUPS) share of each group in the distortion of each component; rows add up to 1."""
+    squares = transform.basis.astype(np.float64) ** 2
+    grouped = np.stack([squares[:, group_by_parameter(transform) == g].sum(1) for g in GROUPS], 1)
     return np.asarray(grouped / np.maximum(grouped.sum(1, keepdims=True), 1))
 
 
 class _IdealLengthCoder:
-    """A coder that writes nothing and adds up ideal lengths."""
+    """A `BitCoder` that adds up ideal code lengths, `bits`."""
 
     def __init__(self) -> None:
         self.bits = 0.0
@@ -219,10 +218,10 @@ class _IdealLengthCoder:
         return bit
 
 
-def _group_of(components: FrameTransform) -> NDArray[np.str_]:
-    """(d,) the group of each value of y, see `Components`."""
+def group_by_parameter(transform: FrameTransform) -> NDArray[np.str_]:
+    """(d,) name of the group of each parameter, see `FrameTransform`."""
     names = [eau.name.split("_")[0] for eau in EAUS]
     actuators = [{"lid": "lids", "gaze": "gaze"}.get(name, "expression") for name in names]
     return np.array(
-        ["pose"] * (GEOMETRY_SIZE - len(EAUS)) + actuators + ["modes"] * len(components.modes)
+        ["pose"] * (GEOMETRY_SIZE - len(EAUS)) + actuators + ["modes"] * len(transform.modes)
     )

@@ -1,7 +1,7 @@
-"""Call files (.rzo): the packets of a call, each after its length.
+"""Call files (.rzo): the magic `RZO1`, then records of a packet's length (varint) and the packet.
 
-`RZO1`, then records of a varint length and a packet.  A whole call ends with an END control packet;
-one without is truncated, as after a Ctrl-C, and is still good up to there.
+A complete call ends with an END control packet.  A file without one is truncated, for example by an
+interrupted encoder; its records up to there are valid.
 """
 
 from collections.abc import Iterator
@@ -21,45 +21,45 @@ MAX_LENGTH_BYTES = 3
 
 
 class TruncatedCall(ProtocolError):
-    """The file ends in the middle of a record; all packets before it were good."""
+    """The file ends within a record; all packets before it are valid."""
 
-    def __init__(self, place: int, reason: str) -> None:
-        super().__init__(f"the call is cut off: byte {place}: {reason}")
+    def __init__(self, offset: int, reason: str) -> None:
+        super().__init__(f"the call is cut off: byte {offset}: {reason}")
 
 
 def serialise_record(packet: bytes) -> bytes:
-    """One packet as it stands in a call file."""
+    """The record of a packet: length and packet."""
     return encode_varint(len(packet)) + packet
 
 
 def read_records(file: BinaryIO) -> Iterator[bytes]:
-    """Packets of the call file open in `file`; holds no more than one of them in memory.
+    """The packets of a call file up to the END packet, read one by one.
 
-    The END packet is the last.  Raises `ProtocolError` if it is no call file or a length is out of
-    bounds, and `TruncatedCall` if it stops inside a record.
+    Raises `ProtocolError` if `file` is not a call file or a length is out of bounds, and
+    `TruncatedCall` if it ends within a record.
     """
     head = file.read(len(MAGIC))
     if head != MAGIC:
         raise ProtocolError(f"no call file: it does not begin with {MAGIC.decode()}")
-    packet, place = b"", len(MAGIC)
-    while not is_end(packet) and (length := _read_length(file, place)) is not None:
+    packet, offset = b"", len(MAGIC)
+    while not is_end(packet) and (length := _read_length(file, offset)) is not None:
         packet = file.read(length)
         if len(packet) < length:
-            raise TruncatedCall(place, f"packet has {len(packet)} bytes of {length}")
+            raise TruncatedCall(offset, f"packet has {len(packet)} bytes of {length}")
         if length > max_packet_bytes(packet_kind(packet)):
-            raise ProtocolError(f"byte {place}: packet of {length} bytes is too long for its kind")
-        place += len(encode_varint(length)) + length
+            raise ProtocolError(f"byte {offset}: packet of {length} bytes is too long for its kind")
+        offset += len(encode_varint(length)) + length
         yield packet
 
 
 class CallWriter:
     """Writes a call file: a `PacketSink`.
 
-    The file grows under a temporary name beside `path` and takes its place on closing, so that
-    `path` is never half a record; leaving the `with` block by an exception closes it too, and what
-    was sent until then is kept.  Nothing is left behind if nothing was sent.  Where the disk
-    refuses, what it took stays under the temporary name, unless that is no packet, and what was at
-    `path` as it is; no more can be sent.
+    The file is written under a temporary name next to `path` and renamed on closing, so `path`
+    never ends within a record.  Leaving the `with` block by an exception closes the file as well
+    and keeps the packets sent so far; without any packet no file is left.  After a failed write
+    nothing more can be sent: the temporary file remains if it has a packet, and `path` is
+    unchanged.
     """
 
     def __init__(self, path: Path) -> None:
@@ -67,7 +67,7 @@ class CallWriter:
         self._part = self._path.with_name(self._path.name + ".part")
         self._empty, self._write_failed = True, False
         try:
-            # Unbuffered: what a killed process had sent is in the temporary file.
+            # Unbuffered: if the process is killed, the temporary file has all packets sent.
             self._file = open(self._part, "wb", buffering=0)  # noqa: SIM115 - kept open
         except OSError as error:
             raise cannot_write(self._path, error) from error
@@ -79,7 +79,7 @@ class CallWriter:
 
     @property
     def reachability(self) -> Reachability:
-        """Whoever reads the file."""
+        """A file always takes the packet."""
         return Reachability.HAS_PEER
 
     def send(self, packet: bytes) -> None:
@@ -90,18 +90,18 @@ class CallWriter:
     def _write(self, data: bytes) -> None:
         if self._write_failed:
             raise UserError(f"cannot write {self._path}: the disk refused before")
-        left = memoryview(data)
+        unwritten = memoryview(data)
         try:
-            while left:
-                # A disk that is nearly full takes a part.
-                left = left[self._file.write(left) :]
+            while unwritten:
+                # A disk that is nearly full writes a part.
+                unwritten = unwritten[self._file.write(unwritten) :]
         except OSError as error:
             self._write_failed = True
-            kept = "" if self._empty else f"; what was sent before is in {self._part}"
-            raise UserError(f"cannot write {self._path}: {error.strerror}{kept}") from error
+            rest = "" if self._empty else f"; what was sent before is in {self._part}"
+            raise UserError(f"cannot write {self._path}: {error.strerror}{rest}") from error
 
     def close(self) -> None:
-        """Put the file in its place; closing twice does nothing more."""
+        """Rename the file to `path`; closing twice has no further effect."""
         if self._file.closed:
             return
         self._file.close()
@@ -153,7 +153,7 @@ class CallStreamWriter:
 class CallReader:
     """Reads a call file, or the same bytes from an open stream: a `PacketSource`.
 
-    It waits for nothing but the stream, and leaves that open.
+    A stream stays open when the reader is closed.
     """
 
     def __init__(self, source: Path | BinaryIO) -> None:
@@ -174,23 +174,23 @@ class CallReader:
 
     @property
     def complete(self) -> bool:
-        """The END packet has been handed out."""
+        """Whether the END packet has been returned."""
         return self._complete
 
     @property
     def trailing_bytes(self) -> int:
-        """Bytes of a file after the END packet, once that has been handed out: of no call."""
+        """Number of bytes of a file after the END packet, once that has been returned."""
         if not self._complete or not self._is_own:
             return 0
         return self.file_bytes - self._file.tell()
 
     @property
     def ended(self) -> bool:
-        """Nothing more will come."""
+        """Whether no further packet will be returned."""
         return self._ended
 
     def receive(self, timeout_s: float | None = None) -> bytes | None:
-        """The next packet, None at the end.  Raises `ProtocolError` as `read_records` does."""
+        """The next packet; None at the end.  Raises `ProtocolError` as `read_records` does."""
         try:
             packet = next(self._records, None)
         except ProtocolError:
@@ -216,19 +216,19 @@ class CallReader:
         self.close()
 
 
-def _read_length(file: BinaryIO, place: int) -> int | None:
+def _read_length(file: BinaryIO, offset: int) -> int | None:
     data = b""
     while not data or (data[-1] >= 0x80 and len(data) < MAX_LENGTH_BYTES):
         byte = file.read(1)
         if not byte:
             if data:
-                raise TruncatedCall(place, "in the length of a record")
+                raise TruncatedCall(offset, "in the length of a record")
             return None
         data += byte
     try:
         length, _ = decode_varint(data)
     except ValueError as error:
-        raise ProtocolError(f"byte {place}: length of a record: {error}") from error
+        raise ProtocolError(f"byte {offset}: length of a record: {error}") from error
     if not 1 <= length <= MAX_MODEL_PACKET_BYTES:
-        raise ProtocolError(f"byte {place}: record of {length} bytes")
+        raise ProtocolError(f"byte {offset}: record of {length} bytes")
     return length

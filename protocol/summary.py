@@ -1,4 +1,4 @@
-"""What is in a call file: bytes of each part, rates, duration."""
+"""Summary of a call file: bytes of each part, rates, duration."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -25,23 +25,22 @@ class CallSummary:
     """Bytes and rates of one call file.
 
     frames, duration_s, fps, width, height: of the source.
-    coded_fps: frames a second that were coded; those between are interpolated.
-    matrix: of the source's Y'CbCr, see `CallParameters`.
-    model_bytes, frame_bytes, control_bytes: payload of the packets of each kind; layers are model.
-    model_packets, layer_packets: numbers of packets that say who it is.
-    container_bytes: magic, record lengths and byte 0 of each packet; with the three above it makes
-        `file_bytes`.
-    frame_packets: number of frame packets.
-    frame_bps: bits of frame payload per second of the time the frame packets are due in.
-    packet_bps: the same with byte 0 of each frame packet.
-    record_bps: the same with its length in the file, too: what an encoder's `--bitrate` bounds.
-    complete: the call has its END packet.
-    trailing_bytes: after the END packet, of no call; `container_bytes` has them in it.
-    damaged_packets: that are none, or hold what cannot be; their bytes count as container.
+    coded_fps: coded frames per second; the decoder interpolates the other source frames.
+    colour_matrix: of the source's Y'CbCr, see `CallParameters`.
+    model_bytes, frame_bytes, control_bytes: payload by kind of packet; layers count as model.
+    container_bytes: magic, record lengths and byte 0 of each packet; `file_bytes` is the sum of
+        these four.
+    model_packets, layer_packets, frame_packets: numbers of packets.
+    frame_bps: payload bits of the frame packets per second of their nominal duration.
+    packet_bps: `frame_bps` with byte 0 of each frame packet.
+    record_bps: `packet_bps` with the record length of each packet, which `--bitrate` bounds.
+    complete: the call has an END packet.
+    trailing_bytes: bytes after the END packet; `container_bytes` includes them.
+    damaged_packets: number of packets that cannot be parsed; their bytes count as container.
     packet_size: of the frame packets; None without any.
-    model_parts: bytes by part; they add up to `model_bytes`.
-    groups: bytes by group of parameters, see `accounting`; they add up to `frame_bytes`.
-    group_bits: the same in bits a source frame.
+    model_parts: bytes by part; their sum is `model_bytes`.
+    groups: bytes by group of parameters, see `bit_accounting`; their sum is `frame_bytes`.
+    group_bits: `groups` in bits per source frame.
     """
 
     profile: str
@@ -73,36 +72,36 @@ class CallSummary:
 
 
 def summarise(path: Path, shown_frames: int | None = None) -> CallSummary:
-    """Account for every byte of the call file at `path`; it may be truncated or damaged.
+    """The summary of the call file at `path`, which may be truncated or damaged.
 
-    shown_frames: of a truncated call, which does not tell; None: as many as its packets can hold.
-    Raises `ProtocolError` if it is no call, `UserError` if it cannot be read.
+    shown_frames: number of source frames of a truncated call; None: as its packets imply.
+    Raises `ProtocolError` if the file is not a call file, `UserError` if it cannot be read.
     """
-    tally, accounts = _ByteCounter(shown_frames), BitAccounting()
+    counter, accounting = _ByteCounter(shown_frames), BitAccounting()
     with CallReader(path) as reader:
         try:
             for data in reader:
-                tally.add(data, accounts)
+                counter.add(data, accounting)
         except TruncatedCall:
-            # The torn record is no packet and counts as container.
-            if tally.call is None:
+            # The incomplete record counts as container.
+            if counter.call is None:
                 raise
         except ProtocolError as error:
-            # Where a packet's length is damaged nothing can be told of what follows.
-            tally.note_damage(error)
-        return tally.summary(accounts, reader)
+            # After a damaged record length no further record can be located.
+            counter.note_damage(error)
+        return counter.summary(accounting, reader)
 
 
 class _ByteCounter:
-    """Adds up packets."""
+    """Counts packets and their bytes."""
 
     def __init__(self, shown_frames: int | None) -> None:
         self.shown_frames = shown_frames
         self.call: CallParameters | None = None
         self.payload = {kind: 0 for kind in PacketKind}
         self.packets = {kind: 0 for kind in PacketKind}
-        self.frame_records = 0  # bytes of frame packets with what the file puts around them
-        self.end: int | None = None  # what the END packet says
+        self.frame_records = 0  # bytes of the records of frame packets
+        self.end: int | None = None  # `frame` of the END packet
         self.damaged = 0
         self.first_damage: ProtocolError | None = None
 
@@ -110,10 +109,10 @@ class _ByteCounter:
         self.damaged += 1
         self.first_damage = self.first_damage or error
 
-    def add(self, data: bytes, accounts: BitAccounting) -> None:
+    def add(self, data: bytes, accounting: BitAccounting) -> None:
         try:
             packet = parse_packet(data)
-            accounts.add(packet)
+            accounting.add(packet)
         except ProtocolError as error:
             self.note_damage(error)
             return
@@ -133,8 +132,8 @@ class _ByteCounter:
             return self.shown_frames
         return _frames_of(call, self.packets[PacketKind.FRAME])
 
-    def summary(self, accounts: BitAccounting, reader: CallReader) -> CallSummary:
-        call, groups, file_bytes = self.call, accounts.groups, reader.file_bytes
+    def summary(self, accounting: BitAccounting, reader: CallReader) -> CallSummary:
+        call, groups, file_bytes = self.call, accounting.groups, reader.file_bytes
         if call is None:
             raise self.first_damage or ProtocolError("it has no model packet")
         frames = self._frames(call)
@@ -165,15 +164,15 @@ class _ByteCounter:
             complete=reader.complete,
             trailing_bytes=reader.trailing_bytes,
             damaged_packets=self.damaged,
-            packet_size=accounts.packet_size,
-            model_parts=accounts.model_parts,
+            packet_size=accounting.packet_size,
+            model_parts=accounting.model_parts,
             groups=groups,
             group_bits={name: 8 * count / max(frames, 1) for name, count in groups.items()},
         )
 
 
 def _frames_of(call: CallParameters, frame_packets: int) -> int:
-    """Source frames of a truncated call, from the packets that are there."""
+    """Source frames of a truncated call, from the number of its frame packets."""
     if call.profile == "thesis":
         return round(frame_packets / THESIS_RATE_HZ * call.fps)
     return frame_packets * call.frames_per_packet * call.frame_step
@@ -184,10 +183,10 @@ def _coded_fps(call: CallParameters) -> float:
 
 
 def nominal_duration_s(profile: str, frames: int, fps: Fraction) -> float:
-    """Time that the frame packets of `frames` source frames stand for, more than 0.
+    """Time covered by the frame packets of `frames` source frames, more than 0.
 
-    A thesis sample stands for a tenth of a second, the last one too, so a whole stream of them has
-    exactly its nominal rate.
+    A packet of the thesis profile covers a tenth of a second, so its stream has exactly the nominal
+    rate.
     """
     if profile == "thesis":
         return max(thesis_sample_count(frames, fps.numerator, fps.denominator), 1) / THESIS_RATE_HZ

@@ -34,6 +34,7 @@ from encoder.fitting.sequence_fit import follow_all, smoothed
 from encoder.learning.frame_sampler import UniformSubsampler
 from encoder.learning.person_model import build_person_model
 from protocol.bit_accounting import component_bits
+from protocol.call_parameters import CallParameters
 from protocol.frames.frame_transform import FrameTransform, vector_from_face
 from protocol.frames.payload_coding import PayloadHeader, encode_payload
 from protocol.frames.temporal_prediction import (
@@ -105,10 +106,12 @@ def read_material(source: str) -> Material:
                 points.append(found.points)
     head = surrounded_head()
     fitted, faces = follow_all(head, size, list(smoothed(np.array(points))))
+    call = CallParameters("default", *size, fps.numerator, fps.denominator, fitted.camera.focal_px)
     budget = BUDGETS["default"]
     learned = build_person_model(
         head,
         fitted,
+        call.camera,
         faces,
         sampler.frames,
         points,

@@ -1,10 +1,12 @@
 """Clips, and the program as a process of its own."""
 
+import fcntl
 import os
 import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import redirect_stdout
 from itertools import islice
 from pathlib import Path
 
@@ -29,8 +31,10 @@ PROGRAM = (
 )
 NOISE_FRAMES = 8
 
-# As on a server, in every process that a test starts: no display, and no test needs two cores.
+# As on a server, in every process that a test starts: no display.  No test needs two cores, and
+# OpenBLAS's threads wait for each other in busy loops, which takes the cores from the other tests.
 os.environ.pop("DISPLAY", None)
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
 cv2.setNumThreads(1)
 # Nor does any fail for want of time on a machine that others use as well.
 hypothesis.settings.register_profile("unhurried", deadline=None)
@@ -38,6 +42,7 @@ hypothesis.settings.load_profile("unhurried")
 
 Start = Callable[..., "subprocess.Popen[str]"]
 ClipFrames = Callable[[str, int], list[Frame]]
+MakeOnce = Callable[[str, Callable[[Path], object]], Path]
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -49,6 +54,25 @@ def hears_interrupts() -> Iterator[None]:
     yield
     signal.signal(signal.SIGINT, before)
     signal.signal(signal.SIGHUP, hung_up)
+
+
+@pytest.fixture(scope="session")
+def make_once(tmp_path_factory: pytest.TempPathFactory) -> MakeOnce:
+    """Makes a folder once for all processes of a test run: its name, and what fills it."""
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+    def make(name: str, fill: Callable[[Path], object]) -> Path:
+        folder, complete = shared / name, shared / f"{name}.complete"
+        with (shared / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not complete.exists():
+                folder.mkdir(exist_ok=True)
+                fill(folder)
+                complete.touch()
+        return folder
+
+    return make
 
 
 @pytest.fixture(scope="session")
@@ -101,12 +125,28 @@ def noise(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def call(carphone: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def call(carphone: Path, make_once: MakeOnce) -> Path:
     """The first 30 frames of the demo clip as a call file of the thesis profile."""
-    path = tmp_path_factory.mktemp("call") / "call.rzo"
-    options = ["--profile", "thesis", "--max-frames", "30", "-q"]
-    assert main(["encode", str(carphone), "-o", str(path), *options]) == 0
-    return path
+
+    def encode(folder: Path) -> None:
+        options = ["--profile", "thesis", "--max-frames", "30", "-q"]
+        assert main(["encode", str(carphone), "-o", str(folder / "call.rzo"), *options]) == 0
+
+    return make_once("thesis_call", encode) / "call.rzo"
+
+
+@pytest.fixture(scope="session")
+def demo_run(carphone: Path, make_once: MakeOnce) -> Path:
+    """A folder with `out/demo`, which `risorius demo` writes, and its standard output, `printed.txt`.
+
+    `out/demo/call.rzo` holds the whole demo clip in the default profile with its default sizes.
+    """
+
+    def run(folder: Path) -> None:
+        with (folder / "printed.txt").open("w") as printed, redirect_stdout(printed):
+            assert main(["demo", "--out", str(folder / "out" / "demo")]) == 0
+
+    return make_once("demo", run)
 
 
 @pytest.fixture(scope="session")

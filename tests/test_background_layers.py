@@ -17,9 +17,9 @@ def room() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
 
 
 def somebody() -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    silhouette = np.zeros((MASK_SIDE, MASK_SIDE), bool)
-    silhouette[30:, 36:60] = True
-    return silhouette
+    mask = np.zeros((MASK_SIDE, MASK_SIDE), bool)
+    mask[30:, 36:60] = True
+    return mask
 
 
 def test_a_person_is_opaque_and_the_room_is_not() -> None:
@@ -49,12 +49,12 @@ def test_what_is_known_stays_and_an_even_picture_stays_even() -> None:
     assert filled(picture, np.zeros((37, 50), bool)).shape == picture.shape
 
 
-def test_without_a_silhouette_nothing_shows_through() -> None:
+def test_without_a_mask_nothing_shows_through() -> None:
     still = still_of(BackgroundImage(room()).encode(2000))
     assert still.picture.shape == (96, 128, 3) and still.behind is None
     assert still_of(b"").behind is None
 
 
-def test_a_silhouette_without_a_still_is_refused() -> None:
+def test_a_mask_without_a_picture_is_refused() -> None:
     with pytest.raises(ProtocolError, match="background"):
         still_of(serialise_background(somebody(), b""))

@@ -261,7 +261,7 @@ def test_what_cannot_be_decoded_is_damaged() -> None:
 
 
 def test_components_that_are_none_are_a_protocol_error() -> None:
-    with pytest.raises(ProtocolError, match="components"):
+    with pytest.raises(ProtocolError, match="transform"):
         BitAccounting().add(replace(MODEL, profile_data=b"?"))
 
 

@@ -1,11 +1,14 @@
 """`risorius decode`: damaged calls, outputs, and the comparison with the source."""
 
 import json
+import subprocess
 from itertools import islice
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+from conftest import PROGRAM, ROOT
 from processes import error_line, one_line
 
 from decoder.frame_sink import open_sink
@@ -110,28 +113,76 @@ def test_a_source_that_cannot_be_compared_is_refused_before_decoding(
 
 
 def test_a_comparison_that_fails_does_not_hide_what_was_decoded(
-    call: Path, carphone: Path, tmp_path: Path, capsys: Capture
+    call: Path, tmp_path: Path, capsys: Capture
 ) -> None:
-    short, out, report = (tmp_path / name for name in ("short.mkv", "out.mkv", "report.json"))
-    copy_frames(carphone, short, 20)
-    arguments = ["-o", str(out), "--source", str(short), "--report", str(report)]
+    for number in range(30):
+        width = 176 if number < 20 else 160
+        cv2.imwrite(str(tmp_path / f"f{number:02d}.png"), np.zeros((144, width, 3), np.uint8))
+    out, report = tmp_path / "out.mkv", tmp_path / "report.json"
+    source = str(tmp_path / "f%02d.png")
+    arguments = ["-o", str(out), "--source", source, "--report", str(report)]
     assert main(["decode", str(call), *arguments]) == 2
     said = capsys.readouterr()
-    assert "different numbers of frames" in one_line(said.err)
+    assert "frame 20 is 160x144" in one_line(said.err)
     assert said.out.startswith("30 frames of 176x144") and out.exists()
     figures = json.loads(report.read_text())
     assert figures["frames"] == 30 and "quality" not in figures
 
 
-def test_a_video_without_a_face_has_a_psnr_of_the_picture_alone(
-    call: Path, tmp_path: Path, capsys: Capture
+@pytest.mark.parametrize("frames", [20, 40])
+def test_frames_that_call_and_source_have_are_compared(
+    frames: int, call: Path, carphone: Path, tmp_path: Path, capsys: Capture
 ) -> None:
+    source, report = tmp_path / "source.mkv", tmp_path / "report.json"
+    copy_frames(carphone, source, frames)
+    line = ["decode", str(call), "--source", str(source), "--report", str(report), "-q"]
+    assert main(line) == 0
+    common = min(frames, 30)
+    said = f"source.mkv has {frames} frames, the call 30: PSNR of the first {common}"
+    assert said in error_line(capsys)
+    assert json.loads(report.read_text())["quality"]["frames"] == common
+
+
+def test_a_container_is_not_believed_that_promises_frames_it_has_not(
+    call: Path, carphone: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    whole, cut = tmp_path / "whole.mkv", tmp_path / "cut.mkv"
+    copy_frames(carphone, whole, 40)
+    data = whole.read_bytes()
+    cut.write_bytes(data[: len(data) // 2])
+    with open_source(str(cut)) as source:
+        there = sum(1 for _ in source)
+    assert 10 < there < 30
+    assert main(["decode", str(call), "--source", str(cut), "-q"]) == 0
+    assert f"cut.mkv has {there} frames, the call 30" in error_line(capsys)
+
+
+def test_a_source_of_another_call_is_suspected(call: Path, tmp_path: Path, capsys: Capture) -> None:
     blank = tmp_path / "blank.mkv"
     with open_sink(blank, 176, 144, exact_fps(30)) as sink:
         for _ in range(30):
             sink.write(np.zeros((144, 176, 3), np.uint8))
     assert main(["decode", str(call), "--source", str(blank)]) == 0
-    assert "PSNR: no face measured, picture " in capsys.readouterr().out
+    said = capsys.readouterr()
+    assert "PSNR: no face measured, picture " in said.out
+    assert "blank.mkv what the call was made of?" in one_line(said.err)
+
+
+def test_a_call_and_its_video_go_through_pipes(call: Path, tmp_path: Path) -> None:
+    video = tmp_path / "out.y4m"
+    with call.open("rb") as given, video.open("wb") as taken:
+        line = [*PROGRAM, "decode", "-", "-o", "-"]
+        done = subprocess.run(line, stdin=given, stdout=taken, stderr=subprocess.PIPE, cwd=ROOT)
+    assert done.returncode == 0
+    assert b"30 frames of 176x144" in done.stderr
+    header, *frames = video.read_bytes().split(b"FRAME\n")
+    assert header == b"YUV4MPEG2 W176 H144 F30000:1001 Ip A1:1 C444\n"
+    assert [len(frame) for frame in frames] == 30 * [3 * 176 * 144]
+
+
+def test_a_video_that_goes_into_a_pipe_is_not_compared(call: Path, capsys: Capture) -> None:
+    assert main(["decode", str(call), "-o", "-", "--source", "me.mp4"]) == 2
+    assert "does not go with -o -" in error_line(capsys)
 
 
 def test_an_idle_timeout_ends_only_when_nothing_comes() -> None:
@@ -151,10 +202,3 @@ def test_a_decoder_does_not_wait_for_a_call_it_could_not_write(
 ) -> None:
     assert main(["decode", "--listen", "tcp/127.0.0.1:0", "-o", str(tmp_path / "a.txt")]) == 2
     assert "name it .avi" in error_line(capsys)
-
-
-def test_a_call_shorter_than_its_source_is_compared(
-    call: Path, carphone: Path, tmp_path: Path, capsys: Capture
-) -> None:
-    assert main(["decode", str(call), "--source", str(carphone), "-q"]) == 0
-    assert "goes on after the call's 30 frames" in error_line(capsys)

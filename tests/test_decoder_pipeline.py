@@ -195,6 +195,18 @@ def test_stopping_keeps_the_pictures_so_far(tmp_path: Path) -> None:
     assert not report.complete
 
 
+def test_a_stopped_decode_does_not_replace_an_older_video(tmp_path: Path) -> None:
+    call = write_call(tmp_path / "call.rzo", [model(), *samples(), end()])
+    output = tmp_path / "out.mkv"
+    run(call, output)
+    whole, done = output.read_bytes(), list[int]()
+    options = DecodeOptions(call_file=call, output=output)
+    report = decode(options, lambda n, _: done.append(n), lambda: len(done) >= 11)
+    assert output.read_bytes() == whole
+    assert report.frames == 12 == len(read(tmp_path / "out.part.mkv"))
+    assert "out.mkv is older and stays; what was decoded is in" in report.warnings[-1]
+
+
 def test_ctrl_c_keeps_the_pictures_so_far(tmp_path: Path) -> None:
     def interrupt(done: int, total: int | None) -> None:
         assert total == FRAMES

@@ -8,17 +8,12 @@ import pytest
 from encoder.capture.video_source import open_source
 from loopback.clip_paths import clip_path
 from protocol.summary import summarise
-from risorius.cli import main
 from risorius.demo import demo
 from shared_model.errors import UserError
 
 
-def test_the_demo_leaves_a_call_videos_and_a_contact_sheet(
-    carphone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder = tmp_path / "out" / "demo"
-    assert main(["demo", "--out", str(folder)]) == 0
-    printed = capsys.readouterr().out
+def test_the_demo_leaves_a_call_videos_and_a_contact_sheet(demo_run: Path) -> None:
+    folder, printed = demo_run / "out" / "demo", (demo_run / "printed.txt").read_text()
     assert summarise(folder / "call.rzo").frames == 120
     assert "PSNR of the face, dB" in printed
     with open_source(str(folder / "side_by_side.mp4")) as both:

@@ -69,13 +69,35 @@ def test_encode_writes_its_figures(carphone: Path, tmp_path: Path, capsys: Captu
     assert "12 frames of 176x144" in capsys.readouterr().out
 
 
+def test_a_call_goes_into_a_pipe(carphone: Path, tmp_path: Path) -> None:
+    line = ["encode", str(carphone), "--max-frames", "6", "--profile", "thesis", "-o"]
+    assert main([*line, str(tmp_path / "call.rzo"), "-q"]) == 0
+    done = subprocess.run([*PROGRAM, *line, "-"], capture_output=True, cwd=ROOT, check=False)
+    assert done.returncode == 0
+    assert done.stdout == (tmp_path / "call.rzo").read_bytes()
+    assert b"6 frames of 176x144" in done.stderr
+
+
 @pytest.mark.parametrize("live", [[], ["--live"]], ids=["whole", "live"])
 def test_a_rate_that_cannot_be_kept_is_said(
     live: list[str], carphone: Path, networks: Path, tmp_path: Path, capsys: Capture
 ) -> None:
-    line = ["encode", str(carphone), "-o", str(tmp_path / "call.rzo"), "--max-frames", "17", "-q"]
-    assert main([*line, "--profile", "default", "--bitrate", "20", *live]) == 0
+    line = ["encode", str(carphone), "-o", str(tmp_path / "call.rzo"), "-q", "--bitrate", "20"]
+    assert main([*line, "--max-frames", "33", *live]) == 0
     assert "--bitrate 20 is too little" in error_line(capsys)
+    # Within a second the first frame has no time to pay for itself.
+    assert main([*line, "--max-frames", "17", *live]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_bits_that_a_call_cannot_use_are_said(
+    carphone: Path, networks: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    line = ["encode", str(carphone), "-o", str(tmp_path / "call.rzo"), "-q", "--max-frames", "33"]
+    assert main([*line, "--bitrate", "20000", "--model-bytes", "100000"]) == 0
+    rate, size = capsys.readouterr().err.splitlines()
+    assert "--bitrate 20000 is more than this call can use: as fine as can be, it takes" in rate
+    assert "--model-bytes 100000 is more than this model can use" in size
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -110,7 +132,7 @@ def test_a_closed_terminal_leaves_a_whole_call(carphone: Path, tmp_path: Path) -
     assert summarise(call).complete and 0 < summarise(call).frames < 120
 
 
-def test_an_encoder_that_learns_says_so_and_is_interrupted_at_once(
+def test_an_encoder_that_trains_a_model_says_so_and_is_interrupted_at_once(
     carphone: Path, tmp_path: Path
 ) -> None:
     terminal, stderr = pty.openpty()
@@ -119,10 +141,10 @@ def test_an_encoder_that_learns_says_so_and_is_interrupted_at_once(
     os.close(stderr)
     try:
         shown = b""
-        while b"| 60/120" not in shown or not shown.endswith(b", learning the caller"):
+        while b"| 60/120" not in shown or not shown.endswith(b", training the model"):
             shown += os.read(terminal, 4096)
         process.send_signal(signal.SIGINT)
-        # Learning takes twice as long at least.
+        # Training takes twice as long at least.
         assert process.wait(4) == 130
         # Beyond the end there is an error on Linux.
         with suppress(OSError):

@@ -1,4 +1,4 @@
-"""Who is before the background: what is coded is what is decoded; the person, and nobody else."""
+"""The foreground mask: decoding inverts coding; segmentation finds the person and nobody else."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from protocol.pictures.foreground_mask import (
     serialise_background,
 )
 
-STILL = b"S and so on"
+PICTURE = b"S and so on"
 
 
 def person() -> Mask:
@@ -35,7 +35,7 @@ def person() -> Mask:
 
 
 @pytest.mark.parametrize(
-    "silhouette",
+    "mask",
     [
         person(),
         np.zeros((MASK_SIDE, MASK_SIDE), bool),
@@ -43,19 +43,19 @@ def person() -> Mask:
     ],
     ids=["person", "nobody", "noise"],
 )
-def test_a_silhouette_arrives_with_its_still(silhouette: Mask) -> None:
-    found, still = parse_background(serialise_background(silhouette, STILL))
-    assert found is not None and np.array_equal(found, silhouette)
-    assert still == STILL
+def test_a_mask_arrives_with_its_picture(mask: Mask) -> None:
+    found, picture = parse_background(serialise_background(mask, PICTURE))
+    assert found is not None and np.array_equal(found, mask)
+    assert picture == PICTURE
 
 
-def test_a_still_alone_is_sent_as_it_is() -> None:
-    assert serialise_background(None, STILL) == STILL
-    assert parse_background(STILL) == (None, STILL)
+def test_a_picture_alone_is_sent_as_it_is() -> None:
+    assert serialise_background(None, PICTURE) == PICTURE
+    assert parse_background(PICTURE) == (None, PICTURE)
     assert parse_background(b"") == (None, b"")
 
 
-def test_a_persons_silhouette_takes_a_few_dozen_bytes() -> None:
+def test_a_persons_mask_takes_a_few_dozen_bytes() -> None:
     assert len(serialise_background(person(), b"")) < 70
 
 
@@ -70,14 +70,14 @@ def test_a_persons_silhouette_takes_a_few_dozen_bytes() -> None:
     ],
     ids=["no length", "half a length", "too short", "too long", "bytes too many"],
 )
-def test_what_is_no_silhouette_is_refused(data: bytes) -> None:
-    with pytest.raises(ProtocolError, match="silhouette"):
+def test_a_damaged_mask_is_refused(data: bytes) -> None:
+    with pytest.raises(ProtocolError, match="mask"):
         parse_background(data)
 
 
-def test_flipped_bits_give_a_silhouette_or_are_refused() -> None:
-    data = serialise_background(person(), STILL)
-    for place in range(8 * (len(data) - len(STILL))):
+def test_flipped_bits_give_a_mask_or_are_refused() -> None:
+    data = serialise_background(person(), PICTURE)
+    for place in range(8 * (len(data) - len(PICTURE))):
         flipped = bytearray(data)
         flipped[place // 8] ^= 1 << place % 8
         try:
@@ -87,13 +87,13 @@ def test_flipped_bits_give_a_silhouette_or_are_refused() -> None:
         assert found is None or found.shape == (MASK_SIDE, MASK_SIDE)
 
 
-def test_a_still_and_its_silhouette_keep_to_the_bytes_for_both() -> None:
+def test_a_picture_and_its_mask_keep_to_the_bytes_for_both() -> None:
     noise = np.random.default_rng(3).integers(0, 256, (96, 128, 3), dtype=np.uint8)
     data = BackgroundImage(noise, person()).encode(900)
     assert 700 < len(data) <= 900
-    found, still = parse_background(data)
+    found, picture = parse_background(data)
     assert found is not None and np.array_equal(found, person())
-    assert still[:1] == b"S"
+    assert picture[:1] == b"S"
 
 
 @pytest.fixture
@@ -110,18 +110,18 @@ def test_a_person_is_told_from_what_is_behind(
     (frame,) = clip_frames("akiyo.mp4", 1)
     found = LandmarkTracker(networks, BlazeFaceDetector(networks)).update(frame)
     assert found is not None
-    silhouette = segment_person(segmentation, frame, face_outline(found.points))
-    assert silhouette is not None
+    mask = segment_person(segmentation, frame, face_outline(found.points))
+    assert mask is not None
 
     def shown(column_px: int, row_px: int) -> bool:
-        return bool(silhouette[row_px * MASK_SIDE // 288, column_px * MASK_SIDE // 352])
+        return bool(mask[row_px * MASK_SIDE // 288, column_px * MASK_SIDE // 352])
 
     # Read off the picture by hand: hair, chin, both shoulders; the screens, what is above the head.
     assert all(shown(*at) for at in ((180, 60), (175, 155), (90, 240), (270, 240)))
     assert not any(shown(*at) for at in ((60, 50), (260, 90), (175, 20), (20, 200), (340, 150)))
 
 
-def test_another_ones_silhouette_is_nobodys(segmentation: Path, clip_frames: ClipFrames) -> None:
+def test_another_ones_mask_is_nobodys(segmentation: Path, clip_frames: ClipFrames) -> None:
     (frame,) = clip_frames("akiyo.mp4", 1)
     on_the_wall = np.array([[10.0, 10.0], [60.0, 10.0], [60.0, 70.0], [10.0, 70.0]])
     assert segment_person(segmentation, frame, on_the_wall) is None

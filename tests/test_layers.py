@@ -237,7 +237,7 @@ def test_what_is_kept_is_bounded_and_what_is_forgotten_makes_room() -> None:
 def test_small_packets_count_for_more_than_their_bytes() -> None:
     layers = LayerBuffer(limit_bytes=1000)
     with pytest.raises(ProtocolError):
-        for number in range(1000 // LayerBuffer.COST_BYTES + 1):
+        for number in range(1000 // LayerBuffer.OVERHEAD_BYTES + 1):
             layers.add(LayerPacket(1, number, b"x"))
 
 

@@ -8,7 +8,7 @@ from encoder.picture_coding.picture_encoder import encode_mode, encode_picture, 
 from protocol.errors import ProtocolError
 from protocol.pictures.picture_codec import (
     MAX_STEP_CODE,
-    ModeDecoder,
+    ModeCodec,
     decode_picture,
     from_planes,
     parse_picture_header,
@@ -37,14 +37,14 @@ def painting(height: int, width: int) -> Single:
 
 
 def encode_still(
-    colours: Single, step: int, relief: bytes = b"", kind: int = BACKGROUND
+    colours: Single, step: int, weight_map: bytes = b"", kind: int = BACKGROUND
 ) -> tuple[bytes, Single]:
     """The bytes of a picture (h, w, 3), and what they decode to."""
-    draft = encode_picture(colours, step, relief, kind)
+    draft = encode_picture(colours, step, weight_map, kind)
     return draft.serialise(), draft.decoded
 
 
-def coded(series: ModeDecoder, mode: Single, step: int) -> tuple[bytes, Single]:
+def coded(series: ModeCodec, mode: Single, step: int) -> tuple[bytes, Single]:
     """A mode as the next of a series: its bytes, and what they decode to."""
     draft = encode_mode(series, mode, step)
     data = draft.serialise()
@@ -96,7 +96,7 @@ def test_coarser_stills_are_smaller_and_worse() -> None:
 
 def test_modes_decode_in_their_order() -> None:
     rng = np.random.default_rng(4)
-    sender, receiver = ModeDecoder(48), ModeDecoder(48)
+    sender, receiver = ModeCodec(48), ModeCodec(48)
     for number in range(4):
         mode = np.zeros((48, 48, 3), np.float32)
         mode[10:20, 5:40] = rng.normal(size=(10, 35, 3)) * 30
@@ -118,7 +118,7 @@ def test_modes_decode_in_their_order() -> None:
         (b"S\x08\x08\x00", "no step"),
         (b"S\x08\x08\x00\x51", "no step"),
         (b"S\x08\x08\x00\x10" + bytes(40), "too many"),
-        (b"S\x08\x08\xc8" + bytes(300), "relief"),
+        (b"S\x08\x08\xc8" + bytes(300), "weight map"),
     ],
 )
 def test_what_is_no_still_is_refused(data: bytes, message: str) -> None:
@@ -137,21 +137,21 @@ def test_a_harsh_picture_at_the_finest_step_is_coded() -> None:
 
 def test_a_mode_is_cheaper_after_others_that_are_busy_in_the_same_places() -> None:
     rng = np.random.default_rng(8)
-    series, sizes, alone = ModeDecoder(64), [], []
+    series, sizes, alone = ModeCodec(64), [], []
     for _ in range(3):
         mode = np.zeros((64, 64, 3), np.float32)
         mode[20:34, 8:56] = rng.normal(size=(14, 48, 3)) * 30
         sizes.append(len(coded(series, mode, 28)[0]))
-        alone.append(len(coded(ModeDecoder(64), mode, 28)[0]))
+        alone.append(len(coded(ModeCodec(64), mode, 28)[0]))
     assert sizes[0] == alone[0] and sizes[2] < 0.95 * alone[2]
 
 
 def test_a_mode_of_another_series_is_a_mode_or_a_protocol_error() -> None:
     rng = np.random.default_rng(9)
     modes = [rng.normal(size=(24, 24, 3)).astype(np.float32) * 30 for _ in range(4)]
-    series = ModeDecoder(24)
+    series = ModeCodec(24)
     packets = [coded(series, mode, 20)[0] for mode in modes]
-    out_of_order = ModeDecoder(24)
+    out_of_order = ModeCodec(24)
     for data in reversed(packets):
         try:
             decoded = out_of_order.decode("mode", data)
@@ -162,7 +162,7 @@ def test_a_mode_of_another_series_is_a_mode_or_a_protocol_error() -> None:
 
 def test_what_is_no_mode_is_refused() -> None:
     with pytest.raises(ProtocolError, match="no step"):
-        ModeDecoder(16).decode("mode 0", b"")
+        ModeCodec(16).decode("mode 0", b"")
 
 
 def test_every_truncation_and_bit_flip_is_a_still_or_a_protocol_error() -> None:
@@ -178,26 +178,26 @@ def test_every_truncation_and_bit_flip_is_a_still_or_a_protocol_error() -> None:
                 pass
 
 
-def test_a_relief_makes_the_picture_finer_where_it_is_high() -> None:
+def test_a_weight_map_makes_the_picture_finer_where_it_is_high() -> None:
     picture = np.random.default_rng(2).uniform(0, 255, (96, 96, 3)).astype(np.float32)
-    relief = encode_weight_map(hill())
-    data, stated = encode_still(picture, 40, relief)
-    assert parse_picture_header("still", data).weight_map == relief
+    weight_map = encode_weight_map(hill())
+    data, stated = encode_still(picture, 40, weight_map)
+    assert parse_picture_header("still", data).weight_map == weight_map
     assert np.array_equal(decode_picture("still", data), stated)
     middle, rim = np.s_[40:56, 40:56], np.s_[:16, :16]
     assert error(stated[middle], picture[middle]) < 0.5 * error(stated[rim], picture[rim])
 
 
-def test_modes_share_the_relief_of_their_texture() -> None:
+def test_modes_share_the_weight_map_of_their_texture() -> None:
     mode = np.random.default_rng(3).normal(size=(48, 48, 3)).astype(np.float32) * 40
-    relief = encode_weight_map(hill())
-    data, stated = coded(ModeDecoder(48, relief), mode, 24)
-    assert np.array_equal(ModeDecoder(48, relief).decode("mode", data), stated)
-    assert not np.allclose(ModeDecoder(48).decode("mode", data), stated)
+    weight_map = encode_weight_map(hill())
+    data, stated = coded(ModeCodec(48, weight_map), mode, 24)
+    assert np.array_equal(ModeCodec(48, weight_map).decode("mode", data), stated)
+    assert not np.allclose(ModeCodec(48).decode("mode", data), stated)
 
 
 def hill() -> NDArray[np.float64]:
-    """A relief with its summit in the middle."""
+    """A weight map with its maximum in the middle."""
     y, x = np.mgrid[:GRID_SIDE, :GRID_SIDE] - (GRID_SIDE - 1) / 2
     return np.asarray(np.exp2(1.5 - (x**2 + y**2) / 20))
 
@@ -207,15 +207,15 @@ def flip(data: bytes, place: int, bit: int) -> bytes:
 
 
 @pytest.mark.parametrize(
-    ("data", "message"), [(b"\xff" * 200, "texture: relief: .* too large"), (None, "too many")]
+    ("data", "message"), [(b"\xff" * 200, "texture: weight map: .* too large"), (None, "too many")]
 )
-def test_what_is_no_relief_is_refused(data: bytes | None, message: str) -> None:
+def test_a_damaged_weight_map_is_refused(data: bytes | None, message: str) -> None:
     damaged = encode_weight_map(hill()) + bytes(20) if data is None else data
     with pytest.raises(ProtocolError, match=message):
         decode_weight_map("texture", damaged, 16, 16)
 
 
-def test_a_relief_comes_back_within_half_a_step() -> None:
+def test_a_weight_map_survives_within_half_a_step() -> None:
     fineness = np.exp2(np.random.default_rng(5).uniform(*RANGE_OCTAVES, (GRID_SIDE, GRID_SIDE)))
     found = np.log2(decode_weight_map("texture", encode_weight_map(fineness), GRID_SIDE, GRID_SIDE))
     assert np.abs(found - np.log2(fineness)).max() <= STEP_OCTAVES / 2 + 1e-9
@@ -226,7 +226,7 @@ def test_what_share_of_a_mode_its_picture_would_hold_is_known_before() -> None:
     y, x = np.mgrid[:64, :64] / 64
     smooth = 12 * np.sin(7 * x) * np.cos(5 * y) + rng.normal(0, 1.5, (64, 64))
     planes = np.stack([smooth, 0.3 * smooth, -0.2 * smooth], -1).astype(np.float32)
-    series, shares = ModeDecoder(64), []
+    series, shares = ModeCodec(64), []
     for step in (8, 20, 32, 44, MAX_STEP_CODE):
         shares.append(retained_energy(series, planes, step))
         found = to_planes(encode_mode(series.copy(), planes, step).decoded)

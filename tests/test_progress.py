@@ -41,14 +41,14 @@ def test_a_terminal_gets_a_bar_that_ends_full() -> None:
 def test_a_terminal_is_told_at_once_what_is_prepared_and_when_that_is_over() -> None:
     stream, clock = Terminal(), Clock()
     with ProgressLine("encode", stream, clock=clock) as progress:
-        progress.preparing("looking first")
+        progress.preparing("first pass")
         clock.now = 1.0
         progress(60, 120)
-        progress.preparing("learning the caller")
+        progress.preparing("training the model")
         progress.preparing("")
         drawn = [line.partition("| ")[2] for line in stream.getvalue().split("\r\x1b[K")]
     rate = "60/120 60/s"
-    assert drawn == ["", f"{rate}, looking first", f"{rate}, learning the caller", rate]
+    assert drawn == ["", f"{rate}, first pass", f"{rate}, training the model", rate]
 
 
 def test_a_line_that_stays_takes_the_place_of_the_bar() -> None:

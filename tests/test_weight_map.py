@@ -1,4 +1,4 @@
-"""The relief of a texture: what is coded is what is decoded, bounded, smooth, or refused."""
+"""The weight map of a texture: what is coded is what is decoded, bounded, smooth, or refused."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from protocol.pictures.weight_map import (
 )
 
 
-def test_no_relief_is_even() -> None:
+def test_no_weight_map_is_even() -> None:
     assert np.array_equal(decode_weight_map("still", b"", 5, 9), np.ones((5, 9)))
 
 
@@ -23,7 +23,7 @@ def test_cells_keep_their_values_within_a_step() -> None:
     assert np.abs(np.log2(found) - octaves).max() < 2 * STEP_OCTAVES
 
 
-def test_a_relief_is_continuous_at_any_size_and_within_its_range() -> None:
+def test_a_weight_map_is_continuous_at_any_size_and_within_its_range() -> None:
     rough = np.exp2(np.random.default_rng(2).normal(0, 4, (GRID_SIDE, GRID_SIDE)))
     found = decode_weight_map("still", encode_weight_map(rough), 97, 260)
     assert found.shape == (97, 260)
@@ -32,11 +32,11 @@ def test_a_relief_is_continuous_at_any_size_and_within_its_range() -> None:
     assert np.abs(np.diff(found, axis=1)).max() < (high - low) * GRID_SIDE / 260 + 1e-9
 
 
-def test_a_usual_relief_is_small() -> None:
+def test_a_typical_weight_map_is_small() -> None:
     y, x = np.mgrid[:GRID_SIDE, :GRID_SIDE] - (GRID_SIDE - 1) / 2
     assert len(encode_weight_map(np.exp2(1 - (x**2 + y**2) / 30))) < 60
 
 
-def test_what_is_no_relief_is_refused() -> None:
-    with pytest.raises(ProtocolError, match="texture: relief"):
+def test_a_damaged_weight_map_is_refused() -> None:
+    with pytest.raises(ProtocolError, match="texture: weight map"):
         decode_weight_map("texture", bytes(200), 16, 16)

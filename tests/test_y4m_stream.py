@@ -24,7 +24,7 @@ def test_the_header_says_size_rate_and_sampling() -> None:
     assert frame == b"FRAME\n" + 8 * b"\x10" + 16 * b"\x80"
 
 
-@pytest.mark.parametrize(("matrix", "luma"), [("bt601", (41, 145, 82)), ("bt709", (32, 173, 63))])
+@pytest.mark.parametrize(("matrix", "luma"), [("bt601", (41, 145, 81)), ("bt709", (32, 173, 63))])
 def test_the_primaries_have_the_luma_of_the_matrix(matrix: str, luma: tuple[int, ...]) -> None:
     primaries = (255 * np.eye(3, dtype=np.uint8))[None]
     data = written(primaries, matrix).split(b"FRAME\n")[1]

@@ -57,16 +57,7 @@ def _visible_texels(
     centre_column = np.floor(centre_mm[0] / cell_mm)
     centre_row = np.floor(centre_mm[1] / cell_mm)
     for k in range(count):
-        ax, ay, az = camera_mm[corners[k, 0]]
-        bx, by, bz = camera_mm[corners[k, 1]]
-        cx, cy, cz = camera_mm[corners[k, 2]]
-        wa, wb, wc = weights[k]
-        x, y = wa * ax + wb * bx + wc * cx, wa * ay + wb * by + wc * cy
-        z = wa * az + wb * bz + wc * cz
-        bx, by, bz, cx, cy, cz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
-        nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
-        lengths = np.sqrt((nx * nx + ny * ny + nz * nz) * (x * x + y * y + z * z))
-        facing = -(nx * x + ny * y + nz * z) / max(lengths, 1e-12)
+        x, y, z, facing = _point_and_facing(camera_mm, corners, weights, k)
         depths[k] = z
         slack[k] = -np.inf
         if z > 1:
@@ -86,3 +77,22 @@ def _visible_texels(
     for k in range(count):
         visible[k] = depths[k] <= nearest[cells[k]] + slack[k]
     return visible
+
+
+@jit
+def _point_and_facing(
+    camera_mm: Array, corners: NDArray[np.int32], weights: Array, k: int
+) -> tuple[float, float, float, float]:
+    """A texel's position, mm, camera axes, and the cosine between its normal and the direction to
+    the camera."""
+    ax, ay, az = camera_mm[corners[k, 0]]
+    bx, by, bz = camera_mm[corners[k, 1]]
+    cx, cy, cz = camera_mm[corners[k, 2]]
+    wa, wb, wc = weights[k]
+    x, y = wa * ax + wb * bx + wc * cx, wa * ay + wb * by + wc * cy
+    z = wa * az + wb * bz + wc * cz
+    bx, by, bz, cx, cy, cz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
+    nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+    lengths = np.sqrt((nx * nx + ny * ny + nz * nz) * (x * x + y * y + z * z))
+    facing = -(nx * x + ny * y + nz * z) / max(lengths, 1e-12)
+    return x, y, z, facing

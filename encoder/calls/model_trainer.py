@@ -31,7 +31,7 @@ from protocol.frames.frame_transform import (
     vector_from_face,
     with_reserved_modes,
 )
-from protocol.pictures.picture_codec import ModeDecoder, decode_picture
+from protocol.pictures.picture_codec import ModeCodec, decode_picture
 from shared_model.mesh import Head
 
 Array = NDArray[np.float64]
@@ -176,6 +176,7 @@ class ModelTrainer:
         return build_person_model(
             self._head,
             identity,
+            self._call_parameters(identity.camera.focal_px).camera,
             faces,
             list(enumerate(pictures)),
             points,
@@ -199,7 +200,7 @@ class ModelTrainer:
         texture = version.packet.texture
         mean = decode_picture("texture", texture)
         appearance = replace(
-            version.person.appearance, texture=texture, mean=mean, mode_codec=ModeDecoder(len(mean))
+            version.person.appearance, texture=texture, mean=mean, mode_codec=ModeCodec(len(mean))
         )
         person = replace(version.person, appearance=appearance)
         fitter = person.image_fitter(IMAGE_FIT_PIXELS)

@@ -144,6 +144,7 @@ class TwoPassEncoder:
             trained = build_person_model(
                 head,
                 identity,
+                call.camera,
                 initial,
                 self._sampler.frames,
                 self._points,
@@ -206,7 +207,8 @@ class TwoPassEncoder:
         with self._stats.stage("code"):
             coded = values[[row[detection] for detection in detections]]
             packets = code_call(coded, transform.scale_codes, target)
-        if excess := target.overshoot_message(sum(map(packet_bits, packets)), len(coded)):
+        excess = target.overshoot_message(sum(map(packet_bits, packets)), len(coded))
+        if excess is not None and not target.is_brief(len(coded)):
             self._stats.warn(excess)
         lost = frozenset(set(range(start, frames)) - set(self._detection_of))
         payloads = tuple(each.payload for each in packets)

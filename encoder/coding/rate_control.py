@@ -41,6 +41,10 @@ class RateTarget:
     fps: float
     frames_per_packet: int
 
+    def is_brief(self, frames: int) -> bool:
+        """Whether a call of so many frames has no rate to speak of: its first frame decides."""
+        return frames < self.fps
+
     def overshoot_message(self, bits: int, frames: int) -> str | None:
         """The warning if `bits` exceed the rate of `frames` frames, else None."""
         if bits <= self.bitrate * frames / self.fps:
@@ -168,8 +172,11 @@ class OnlineRateController:
         """The warning that the target rate is too low, else None.
 
         It is too low if the call exceeded its rate at every packet of the last window, or if the
-        coarsest packets alone exceed the rate of the whole call.
+        coarsest packets alone exceed the rate of the whole call; a call of less than a second has
+        no rate.
         """
+        if self._target.is_brief(self._frames):
+            return None
         too_much = self._target.overshoot_message(self._coarsest_bits, self._frames)
         if min(self._overspend) <= 0 and too_much is None:
             return None

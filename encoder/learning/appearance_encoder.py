@@ -16,7 +16,7 @@ from encoder.appearance.texture_samples import TextureSamples
 from encoder.learning.orthogonal_residual import OrthogonalResidual
 from encoder.picture_coding.image_budget import encode_picture_within
 from encoder.picture_coding.picture_encoder import EncodedPicture, encode_mode, encode_picture
-from protocol.pictures.picture_codec import MAX_STEP_CODE, ModeDecoder, to_planes
+from protocol.pictures.picture_codec import MAX_STEP_CODE, ModeCodec, to_planes
 from protocol.pictures.probability_model import TEXTURE
 from protocol.pictures.weight_map import GRID_SIDE, encode_weight_map
 from shared_model.appearance import Atlas
@@ -60,7 +60,7 @@ class CodedAppearance:
     modes: tuple[bytes, ...]
     mean: Single
     mode_images: Single
-    mode_codec: ModeDecoder
+    mode_codec: ModeCodec
 
 
 def encode_appearance(
@@ -81,7 +81,7 @@ def encode_appearance(
         texture, decoded = encode_picture_within(atlas_mean, max_bytes, weight_map, TEXTURE)
         size = shape.atlas.size
         no_modes = np.zeros((0, size, size, 3), np.float32)
-        return CodedAppearance(texture, (), decoded, no_modes, ModeDecoder(size, weight_map))
+        return CodedAppearance(texture, (), decoded, no_modes, ModeCodec(size, weight_map))
     root, support = root_weight_and_support(samples.weight * mask, mask)
     frames = to_planes(samples.colours) * root * samples.visible[..., None]
     coder = _AppearanceCoder(
@@ -157,7 +157,7 @@ class _Candidate:
 
     texture: EncodedPicture
     modes: tuple[EncodedPicture, ...]
-    mode_codec: ModeDecoder
+    mode_codec: ModeCodec
     step: int
     cost: float
 
@@ -205,7 +205,7 @@ class _AppearanceCoder:
         """The mean, and modes until bytes or gain run out."""
         texture = encode_picture(self.atlas_mean, step, self.weight_map, TEXTURE)
         residual = self._residual(texture)
-        codec = ModeDecoder(self.atlas.size, self.weight_map)
+        codec = ModeCodec(self.atlas.size, self.weight_map)
         free_bytes = self.max_bytes - texture.size_bytes
         error = residual.mean_log_energy if free_bytes >= 0 else INFEASIBLE_COST - free_bytes
         modes: list[EncodedPicture] = []
@@ -256,8 +256,8 @@ def _finalise(candidate: _Candidate) -> CodedAppearance:
 
 
 def _encode_mode_within(
-    codec: ModeDecoder, image: Single, step: int, max_bytes: int
-) -> tuple[ModeDecoder, EncodedPicture] | None:
+    codec: ModeCodec, image: Single, step: int, max_bytes: int
+) -> tuple[ModeCodec, EncodedPicture] | None:
     """A mode within `max_bytes`, at a coarser step if need be, and the codec state after it."""
     for backoff in LAST_MODE_BACKOFF if max_bytes >= MIN_MODE_BYTES else ():
         advanced = codec.copy()

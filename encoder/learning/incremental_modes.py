@@ -20,7 +20,7 @@ from protocol.frames.frame_transform import RESERVED_MODE_GREY
 from protocol.pictures.picture_codec import (
     MAX_STEP_CODE,
     STEPS_PER_OCTAVE,
-    ModeDecoder,
+    ModeCodec,
     to_luma,
     to_planes,
 )
@@ -156,7 +156,7 @@ class ModeLearner:
         planes[self._texels] = direction * np.float32(scale)
         return planes, round(INITIAL_STEP + STEPS_PER_OCTAVE * np.log2(scale))
 
-    def _encode(self, planes: Single, step: int) -> tuple[ModeDecoder, EncodedPicture]:
+    def _encode(self, planes: Single, step: int) -> tuple[ModeCodec, EncodedPicture]:
         """A mode within `MAX_MODE_BYTES`, and the codec state after it; raises the step offset."""
         while True:
             codec = self._mode_codec.copy()

@@ -87,6 +87,7 @@ class TrainedModel:
 def build_person_model(
     head: Head,
     fitted: Fitted,
+    camera: Camera,
     faces: Sequence[FaceParameters],
     sample_frames: Sequence[tuple[int, Picture]],
     landmarks: Sequence[Array],
@@ -102,6 +103,7 @@ def build_person_model(
     """Build the model of a person from a sample of frames (index, picture).
 
     A texel's weight is the mean number of pixels it covers, less outside the face.
+    camera: of the call parameters, whose focal length is rounded.
     faces, landmarks: of all frames, (468, 3) pixels; indices of the sample refer to them.
     texture_size: the most texels a side.  appearance_bytes: of mean and modes.
     image_space_fit: fit the faces of the sample in image space after the shape-free frame.
@@ -111,7 +113,7 @@ def build_person_model(
     """
     reference = faces[0]
     face = Face(head, quantised_identity(head, fitted))
-    shape, scale = _texel_frame(face, fitted.camera, reference, texture_size)
+    shape, scale = _texel_frame(face, camera, reference, texture_size)
     crops = [crop_face(frame, landmarks[index], scale) for index, frame in sample_frames]
     sampled = [faces[index] for index, _ in sample_frames]
     sampled_landmarks = [landmarks[index] for index, _ in sample_frames]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from encoder.picture_coding.picture_rdoq import SymbolBuffer, quantise_picture
 from encoder.picture_coding.subband_rdoq import TILE_THRESHOLD
 from protocol.pictures.picture_codec import (
-    ModeDecoder,
+    ModeCodec,
     PictureFormat,
     serialise_picture_header,
     step_size,
@@ -66,7 +66,7 @@ def encode_picture(
     return _encode(PictureSequence(kind), picture_format, planes, step, header)
 
 
-def encode_mode(modes: ModeDecoder, planes: Single, step: int) -> EncodedPicture:
+def encode_mode(modes: ModeCodec, planes: Single, step: int) -> EncodedPicture:
     """Encode a mode as the next picture of `modes`, and advance `modes` by it.
 
     planes: (size, size, 3), see `to_planes`.  step: see `encode_picture`.
@@ -74,7 +74,7 @@ def encode_mode(modes: ModeDecoder, planes: Single, step: int) -> EncodedPicture
     return _encode(modes.sequence, modes.format, planes, step)
 
 
-def retained_energy(modes: ModeDecoder, planes: Single, step: int) -> float:
+def retained_energy(modes: ModeCodec, planes: Single, step: int) -> float:
     """An estimate from above of the share of a mode's energy that `encode_mode` would retain."""
     total = retained = 0.0
     for lowpass, details in _coefficients(modes.format, planes, step):

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from encoder.picture_coding.symbol_prediction import (
     PASSES,
     Predictor,
+    add_to_context,
+    context_grids,
     list_positions,
     make_predictor,
     predict,
@@ -24,7 +26,6 @@ from encoder.runtime.jit import jit
 from protocol.entropy.range_coder import PROBABILITY_ONE
 from protocol.pictures.coefficient_coding import MAX_MAGNITUDE, STEP_OUTPUTS, UNARY_LIMIT
 from protocol.pictures.coefficient_context import (
-    FIRST_SIGNED,
     PAD,
     SMALL_BAND,
     TILE,
@@ -115,31 +116,30 @@ def _quantise(
         coefficients, context_bands, band, of_flags, zero_bits
     )
     active, active_around = _expand_flags(flags, shape)
-    magnitude_grids, value_grids = _context_grids(context_bands, active_around)
-    values, count = np.zeros(shape, np.int64), active.sum()
-    rows, columns = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    magnitude_grids, value_grids = context_grids(context_bands, active_around)
+    rows, columns, starts = list_positions(active)
+    values, count, signed = np.zeros(shape, np.int64), len(rows), 0
     magnitudes, signs = np.zeros(count, np.int64), np.zeros(count, np.int64)
     magnitude_p0 = np.zeros((count, len(of_magnitudes.output_bias)), np.int64)
     sign_p0 = np.zeros((count, 1), np.int64)
     pass_ends = np.zeros((PASSES, 2), np.int64)
-    first, signed = 0, 0
     for number in range(PASSES):
-        end = list_positions(active, number, rows, columns, first)
-        here, places = slice(first, end), (rows[first:end], columns[first:end])
+        here = slice(starts[number], starts[number + 1])
+        places = rows[here], columns[here]
         predict(of_magnitudes, band, number, magnitude_grids, shape, *places, magnitude_p0[here])
         bits += _choose_magnitudes(
             coefficients, *places, magnitude_p0[here], bias, zero_bits, magnitudes[here]
         )
-        nonzero = np.nonzero(magnitudes[here])[0] + first
+        nonzero = np.nonzero(magnitudes[here])[0] + starts[number]
         places = rows[nonzero], columns[nonzero]
         p0 = sign_p0[signed : signed + len(nonzero)]
         predict(of_signs, band, number, value_grids, shape, *places, p0)
         bits = _code_signs(
             coefficients, *places, magnitudes[nonzero], p0, zero_bits, values, signs[signed:], bits
         )
-        _add_to_context(*places, values, magnitude_grids, value_grids)
-        first, signed = end, signed + len(nonzero)
-        pass_ends[number, 0], pass_ends[number, 1] = first, signed
+        add_to_context(*places, values, magnitude_grids, value_grids)
+        signed += len(nonzero)
+        pass_ends[number, 0], pass_ends[number, 1] = starts[number + 1], signed
     return (
         values, coded_flags, flag_p0, magnitudes, magnitude_p0, signs[:signed],
         sign_p0[:signed, 0].copy(), pass_ends, bits,
@@ -169,37 +169,6 @@ def _code_signs(
 
 
 @jit
-def _add_to_context(
-    rows: Integers,
-    columns: Integers,
-    values: Integers,
-    magnitude_grids: Integers,
-    value_grids: Integers,
-) -> None:
-    """Make the values (h, w) at positions (n,) of a pass context of later passes."""
-    for k in range(len(rows)):
-        value = values[rows[k], columns[k]]
-        padded = (rows[k] + PAD) * (values.shape[1] + 2 * PAD) + columns[k] + PAD
-        magnitude_grids[padded] = abs(value)
-        value_grids[padded] = value
-
-
-@jit
-def _context_grids(context_bands: Integers, active_around: Integers) -> tuple[Integers, Integers]:
-    """Padded grids, flat, that magnitudes and signs are predicted from; grid 0, the band itself, is
-    zero at first."""
-    _, height, width = context_bands.shape
-    magnitudes = np.zeros((len(context_bands) + 2, height + 2 * PAD, width + 2 * PAD), np.int64)
-    magnitudes[1:-1, PAD:-PAD, PAD:-PAD] = np.abs(context_bands)
-    magnitudes[-1, PAD:-PAD, PAD:-PAD] = active_around
-    values = np.zeros(
-        (1 + len(context_bands) - FIRST_SIGNED, height + 2 * PAD, width + 2 * PAD), np.int64
-    )
-    values[1:, PAD:-PAD, PAD:-PAD] = context_bands[FIRST_SIGNED:]
-    return magnitudes.ravel(), values.ravel()
-
-
-@jit
 def _quantise_flags(
     coefficients: Array,
     context_bands: Integers,
@@ -215,20 +184,16 @@ def _quantise_flags(
         none = np.zeros(0, np.int64)
         return np.ones(shape, np.int64), none, none, 0.0
     flags, grids = _flags_and_grids(coefficients, context_bands, shape)
-    coded, p0 = np.zeros(count, np.int64), np.zeros((count, 1), np.int64)
-    rows, columns = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    every = np.ones(shape, np.bool_)
-    first, bits = 0, 0.0
+    coded, p0, bits = np.zeros(count, np.int64), np.zeros((count, 1), np.int64), 0.0
+    rows, columns, starts = list_positions(np.ones(shape, np.bool_))
     for number in range(PASSES):
-        end = list_positions(every, number, rows, columns, first)
-        places = rows[first:end], columns[first:end]
-        predict(predictor, band, number, grids, shape, *places, p0[first:end])
-        for k in range(first, end):
+        here = slice(starts[number], starts[number + 1])
+        predict(predictor, band, number, grids, shape, rows[here], columns[here], p0[here])
+        for k in range(starts[number], starts[number + 1]):
             row, column = rows[k], columns[k]
             coded[k] = flags[row, column]
             bits += zero_bits[PROBABILITY_ONE - p0[k, 0] if coded[k] else p0[k, 0]]
             grids[(row + PAD) * (shape[1] + 2 * PAD) + column + PAD] = coded[k]
-        first = end
     return flags, coded, p0[:, 0].copy(), bits
 
 

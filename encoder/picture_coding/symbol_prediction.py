@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from encoder.runtime.jit import jit
 from protocol.pictures.coefficient_context import (
+    FIRST_SIGNED,
     LOG_TABLE,
     PAD,
     PASS_OFFSETS,
@@ -42,7 +43,7 @@ class Predictor(NamedTuple):
 
     offsets, mirrored, starts: see `coefficient_context.ContextOffsets`.
     *_weights, output_bias: see `probability_model.Mlp`.
-    log_table, sigmoid: `LOG_TABLE` and `SIGMOID` of the same modules.
+    log_table, sigmoid: `coefficient_context.LOG_TABLE` and `probability_model.SIGMOID`.
     """
 
     offsets: Integers
@@ -74,20 +75,51 @@ def make_predictor(mlp: Mlp, context: ContextOffsets) -> Predictor:
 
 
 @jit
-def list_positions(
-    active: Bools, number: int, rows: Integers, columns: Integers, first: int
-) -> int:
-    """Write the active positions of a pass to `rows` and `columns` from index `first` on; returns
-    the index after the last.
+def list_positions(active: Bools) -> tuple[Integers, Integers, Integers]:
+    """The active positions of a grid (h, w) in coding order: rows (n,), columns (n,), and the index
+    of each pass' first position and of the end (PASSES + 1,)."""
+    count = active.sum()
+    rows, columns = np.empty(count, np.int64), np.empty(count, np.int64)
+    starts, index = np.zeros(PASSES + 1, np.int64), 0
+    for number in range(PASSES):
+        for row in range(_PASS_OFFSETS[number, 0], active.shape[0], 2):
+            for column in range(_PASS_OFFSETS[number, 1], active.shape[1], 2):
+                if active[row, column]:
+                    rows[index], columns[index] = row, column
+                    index += 1
+        starts[number + 1] = index
+    return rows, columns, starts
 
-    active: (h, w).  number: of the pass.
-    """
-    for row in range(_PASS_OFFSETS[number, 0], active.shape[0], 2):
-        for column in range(_PASS_OFFSETS[number, 1], active.shape[1], 2):
-            if active[row, column]:
-                rows[first], columns[first] = row, column
-                first += 1
-    return first
+
+@jit
+def context_grids(context_bands: Integers, active_around: Integers) -> tuple[Integers, Integers]:
+    """Padded grids, flat, that magnitudes and signs are predicted from; grid 0, the band itself, is
+    zero at first."""
+    _, height, width = context_bands.shape
+    magnitudes = np.zeros((len(context_bands) + 2, height + 2 * PAD, width + 2 * PAD), np.int64)
+    magnitudes[1:-1, PAD:-PAD, PAD:-PAD] = np.abs(context_bands)
+    magnitudes[-1, PAD:-PAD, PAD:-PAD] = active_around
+    values = np.zeros(
+        (1 + len(context_bands) - FIRST_SIGNED, height + 2 * PAD, width + 2 * PAD), np.int64
+    )
+    values[1:, PAD:-PAD, PAD:-PAD] = context_bands[FIRST_SIGNED:]
+    return magnitudes.ravel(), values.ravel()
+
+
+@jit
+def add_to_context(
+    rows: Integers,
+    columns: Integers,
+    values: Integers,
+    magnitude_grids: Integers,
+    value_grids: Integers,
+) -> None:
+    """Make the values (h, w) at positions (n,) of a pass context of later passes."""
+    for k in range(len(rows)):
+        value = values[rows[k], columns[k]]
+        padded = (rows[k] + PAD) * (values.shape[1] + 2 * PAD) + columns[k] + PAD
+        magnitude_grids[padded] = abs(value)
+        value_grids[padded] = value
 
 
 @jit
@@ -108,10 +140,11 @@ def predict(
     """
     height, width = shape
     shared = _shared_activation(predictor, band, number, height)
-    hidden = np.empty(len(shared))
-    classes, feature_weights = predictor.class_weights, predictor.feature_weights
+    hidden, logits = np.empty(len(shared)), np.empty(p0.shape[1])
+    classes, features = predictor.class_weights, predictor.feature_weights
     offsets, mirrored, starts = predictor.offsets, predictor.mirrored, predictor.starts
-    log_table, last = predictor.log_table, len(predictor.log_table) - 1
+    weights, bias, sigmoid = predictor.output_weights, predictor.output_bias, predictor.sigmoid
+    log_table = predictor.log_table
     for k in range(len(rows)):
         row, column = rows[k], columns[k]
         row_class = _CLASS_STARTS[5] + row * POSITION_CELLS // height
@@ -121,19 +154,8 @@ def predict(
         row_start = (row + PAD) * (width + 2 * PAD) + PAD
         # The position itself, and its mirror image on the other side of the face.
         centres = row_start + column, row_start + width - 1 - column
-        for feature in range(len(starts)):
-            end = starts[feature + 1] if feature + 1 < len(starts) else len(offsets)
-            total = 0
-            for term in range(starts[feature], end):
-                total += grids[centres[mirrored[term]] + offsets[term]]
-            if total:
-                value = log_table[min(abs(total), last)]
-                for unit in range(len(hidden)):
-                    weighted = value * feature_weights[feature, unit]
-                    hidden[unit] += weighted if total > 0 else -weighted
-        _write_probabilities(
-            hidden, predictor.output_weights, predictor.output_bias, predictor.sigmoid, p0[k]
-        )
+        _add_features(grids, centres, offsets, mirrored, starts, log_table, features, hidden)
+        _write_probabilities(hidden, weights, bias, sigmoid, logits, p0[k])
 
 
 @jit
@@ -149,11 +171,41 @@ def _shared_activation(predictor: Predictor, band: Integers, number: int, height
 
 
 @jit
-def _write_probabilities(
-    hidden: Array, weights: Array, bias: Array, sigmoid: Integers, p0: Integers
+def _add_features(
+    grids: Integers,
+    centres: tuple[int, int],
+    offsets: Integers,
+    mirrored: Integers,
+    starts: Integers,
+    log_table: Array,
+    weights: Array,
+    hidden: Array,
 ) -> None:
-    """Write the probabilities (outputs,) for hidden activations to `p0`."""
-    logits = bias.copy()
+    """Add the contributions of a position's context to its hidden activations.
+
+    centres: indices of the position and of its mirror image in the first grid.
+    """
+    last = len(log_table) - 1
+    for feature in range(len(starts)):
+        end = starts[feature + 1] if feature + 1 < len(starts) else len(offsets)
+        total = 0
+        for term in range(starts[feature], end):
+            total += grids[centres[mirrored[term]] + offsets[term]]
+        if not total:
+            continue
+        value = log_table[min(abs(total), last)]
+        if total < 0:
+            value = -value
+        for unit in range(len(hidden)):
+            hidden[unit] += value * weights[feature, unit]
+
+
+@jit
+def _write_probabilities(
+    hidden: Array, weights: Array, bias: Array, sigmoid: Integers, logits: Array, p0: Integers
+) -> None:
+    """Write the probabilities (outputs,) for hidden activations to `p0`; overwrites `logits`."""
+    logits[:] = bias
     for unit in range(len(hidden)):
         value = np.floor(hidden[unit] * 2.0 ** (HIDDEN_BITS - WEIGHT_BITS))
         value = min(max(value, 0.0), MAX_HIDDEN)

@@ -13,7 +13,8 @@ def jit(function: Function) -> Function:
 
     The code releases the interpreter lock, divides by zero as NumPy does, and keeps the order of
     floating-point operations, so that results do not depend on the machine.  The compiled code is
-    cached next to the source or in the user's cache folder.
+    cached next to the source or in the user's cache folder; it is compiled again when the file of
+    the function changes, but not when another file does: then `make clean`.
     """
     try:
         compiled = numba.njit(cache=True, nogil=True, error_model="numpy")(function)

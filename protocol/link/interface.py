@@ -1,4 +1,4 @@
-"""What carries the packets of a call, a file or a network: the same to both ends."""
+"""Interfaces of what carries a call's packets: a file or a network."""
 
 import re
 from collections.abc import Callable, Iterator
@@ -10,7 +10,7 @@ from shared_model.errors import UserError
 
 MessageCallback = Callable[[str], None]
 
-# For how long to try to connect, if nobody says.
+# Default of `LinkOptions.connect_timeout_s`.
 CONNECT_TIMEOUT_S = 10.0
 
 _ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws)/\S+:(?P<port>\d{1,5})(\?\S*)?(#\S*)?")
@@ -19,19 +19,19 @@ _CALL_NAME = re.compile(r"[A-Za-z0-9_.-]+")
 
 
 def ignore_message(line: str) -> None:
-    """Say nothing."""
+    """Discard a message."""
 
 
 @dataclass(frozen=True, slots=True)
 class LinkOptions:
-    """Where and how to hold a call over a network.  Raises `UserError` if that cannot be.
+    """How to hold a call over a network.  Raises `UserError` if an option is invalid.
 
-    call: its name, letters, digits and `_.-`.
+    call: its name: letters, digits and `_.-`.
     listen, connect: Zenoh endpoints such as tcp/127.0.0.1:7447; at least one.
-    connect_timeout_s: for how long to try to connect.
-    lossless: frames are sent reliably and wait for a slow link rather than being dropped; over TCP
-        all arrive, in order, before END.  For files and measurements, not for live calls.
-    router: pass on what others send rather than take part.
+    connect_timeout_s: time limit for connecting.
+    lossless: frame packets are sent reliably and wait for a slow link instead of being dropped;
+        over TCP all arrive, in order, before END.  For files and measurements, not for live calls.
+    router: forward the calls of others and take part in none.
     """
 
     call: str
@@ -57,7 +57,7 @@ class LinkOptions:
 
 
 class Reachability(StrEnum):
-    """Whom a packet can reach."""
+    """Whether a packet that is sent now reaches a receiver."""
 
     HAS_PEER = "somebody"
     NO_PEER = "nobody"
@@ -67,30 +67,30 @@ class Reachability(StrEnum):
 class PacketSink(Protocol):
     """Takes the packets of one call in order.
 
-    reach: whom the newest packet could reach.
+    reachability: of the newest packet.
     """
 
     @property
     def reachability(self) -> Reachability: ...
 
     def send(self, packet: bytes) -> None:
-        """Pass on one serialised packet."""
+        """Send one serialised packet."""
 
     def close(self) -> None:
-        """Finish; what was sent is kept or delivered."""
+        """Finish; packets sent before are stored or delivered."""
 
     def __enter__(self) -> Self:
-        """Itself; closed on leaving the block, whatever happened in it."""
+        """Return the sink, which is closed on leaving the block."""
 
     def __exit__(self, *exception: object) -> None:
         """Close."""
 
 
 class PacketSource(Protocol):
-    """Yields the packets of one call in order, unparsed.
+    """Yields the serialised packets of one call in order.
 
-    complete: the END packet has been handed out.
-    ended: nothing more will come.
+    complete: the END packet has been returned.
+    ended: no further packet will be returned.
     """
 
     @property
@@ -100,16 +100,16 @@ class PacketSource(Protocol):
     def ended(self) -> bool: ...
 
     def receive(self, timeout_s: float | None = None) -> bytes | None:
-        """The next packet, waiting at most `timeout_s`; None if none came in time or `ended`."""
+        """The next packet, waiting at most `timeout_s`; None on timeout, or if `ended`."""
 
     def __iter__(self) -> Iterator[bytes]:
         """All packets until `ended`."""
 
     def close(self) -> None:
-        """Let go of the file or the network."""
+        """Close the file or the network connection."""
 
     def __enter__(self) -> Self:
-        """Itself; closed on leaving the block."""
+        """Return the source, which is closed on leaving the block."""
 
     def __exit__(self, *exception: object) -> None:
         """Close."""

@@ -1,4 +1,4 @@
-"""What an encoder keeps for decoders that join late: the models in use and to come."""
+"""The model and layer packets that a decoder needs when it joins a call late."""
 
 from protocol.limits import SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
@@ -6,26 +6,25 @@ from protocol.packets import PacketKind, packet_kind, parse_packet, serialise
 
 
 class ModelCache:
-    """Model and layer packets of one call, noted in order with its frame packets.
+    """The model and layer packets of the versions in use and to come.
 
-    An update is in use from the frame packet on whose sequence number it bears.  Then the models
-    before it and their layers are let go of: who joins would draw frames by them that are not
-    theirs.
+    An update is in use from the frame packet on that has its sequence number.  Then the cache drops
+    older versions with their layers, since later frame packets are not coded by them.
     """
 
     def __init__(self) -> None:
-        # With the number of the model; replaced, never changed, so that any thread may read it.
+        # With the model's version.  Replaced as a whole, so any thread may read it.
         self._packets: tuple[tuple[int, bytes], ...] = ()
         self._model: ModelPacket | None = None
         self._update: ModelPacket | None = None
 
     @property
     def packets(self) -> tuple[bytes, ...]:
-        """What who joins now should have, in order."""
+        """The packets for a decoder that joins now, in order."""
         return tuple(packet for _, packet in self._packets)
 
     def on_sent(self, packet: bytes) -> None:
-        """A packet has been sent.  Raises `ProtocolError` if it is none."""
+        """Take note of a packet that has been sent.  Raises `ProtocolError` if it is invalid."""
         kind, number = packet_kind(packet), packet[0] % SEQUENCE_MODULUS
         if kind is PacketKind.LAYER:
             self._packets += ((number, packet),)
@@ -43,8 +42,8 @@ class ModelCache:
                 self._activate(self._update, self._model)
 
     def _activate(self, update: ModelPacket, before: ModelPacket) -> None:
-        """Frame packets are of `update` now."""
-        # Who joins now has never seen the pictures that stay.
+        """Drop the versions before `update`, which is in use now."""
+        # A decoder that joins now lacks the pictures that an update leaves as they were.
         self._update, self._model = None, update.with_missing_pictures_from(before)
         whole = serialise(self._model)
         self._packets = tuple(

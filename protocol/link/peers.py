@@ -1,4 +1,4 @@
-"""Who listens to a call, as its sender hears of them."""
+"""Presence of the decoders of a call, for its sender."""
 
 import threading
 from contextlib import suppress
@@ -7,14 +7,14 @@ from time import monotonic
 
 from protocol.link.interface import MessageCallback
 
-# Python hears Ctrl-C between two waits at the latest: Zenoh's threads, too, may take the signal.
+# Python handles Ctrl-C between two waits: the signal may be delivered to a thread of Zenoh.
 POLL_S = 0.1
 
 
 class PeerMonitor:
-    """The decoders of a call: any thread says who comes and goes, the sender looks who is there.
+    """The decoders that are present; any thread reports who joins or leaves.
 
-    say: takes a line when the sender finds that the last has gone, or somebody is there again.
+    say: called with a line when the sender finds no decoder any more, or one again.
     """
 
     def __init__(self, say: MessageCallback) -> None:
@@ -27,27 +27,27 @@ class PeerMonitor:
         return len(self._present)
 
     def on_join(self, who: str) -> None:
-        """`who` is there."""
+        """`who` has joined."""
         with self._lock:
             self._present |= {who}
             self._any_joined = True
         self._joined.put(None)
 
     def on_leave(self, who: str) -> None:
-        """`who` is there no more."""
+        """`who` has left."""
         with self._lock:
             self._present -= {who}
 
     def wait(self, timeout_s: float) -> bool:
-        """Whether anybody is there within `timeout_s`."""
+        """Wait at most `timeout_s` for a decoder; whether one is present."""
         deadline = monotonic() + timeout_s
-        while not self._present and (left_s := deadline - monotonic()) > 0:
+        while not self._present and (remaining_s := deadline - monotonic()) > 0:
             with suppress(Empty):
-                self._joined.get(timeout=min(left_s, POLL_S))
+                self._joined.get(timeout=min(remaining_s, POLL_S))
         return bool(self._present)
 
     def poll(self) -> bool:
-        """Whether anybody is there now; news of that is said."""
+        """Whether a decoder is present; announces a change since the last call."""
         listens = bool(self._present)
         if listens and self._announced_empty:
             self._say("somebody listens again")

@@ -1,4 +1,4 @@
-"""Packets that have come from a network and not been taken: bounded, the model first."""
+"""A bounded queue of received packets that delivers the model first."""
 
 import threading
 from collections import deque
@@ -8,18 +8,18 @@ from protocol.limits import MAX_MODEL_VERSIONS, SEQUENCE_MODULUS
 from protocol.packets import PacketKind
 
 MAX_QUEUED_BYTES = 16 * 1024 * 1024
-# What an object in a queue weighs besides its bytes.
+# Memory of an object in a queue in addition to its bytes.
 QUEUE_OVERHEAD_BYTES = 64
-# Frames held back until a late joiner has the model, which takes one round trip.
+# Frame packets that wait for the model, which a late joiner gets after one round trip.
 MAX_WAITING_FRAMES = 256
 
 
 class ReceiveQueue:
-    """A queue between the thread that receives and the one that decodes.
+    """A queue between the receiving thread and the decoding one.
 
-    Frames that come before any model packet are held until one does, the oldest dropped beyond
-    `MAX_HELD_FRAMES`.  Dropped are a model packet that is the same as an earlier one, and what
-    would make the queue larger than `limit_bytes`.
+    Frame packets received before any model packet wait for one; beyond `MAX_WAITING_FRAMES` the
+    oldest are dropped.  A repeated model packet is dropped, and so is a packet that would make the
+    queue larger than `limit_bytes`.
     """
 
     def __init__(self, limit_bytes: int = MAX_QUEUED_BYTES) -> None:
@@ -31,7 +31,7 @@ class ReceiveQueue:
         self._models: deque[bytes] = deque(maxlen=MAX_MODEL_VERSIONS)
 
     def put(self, packet: bytes) -> None:
-        """Take in a packet from any thread."""
+        """Add a packet, from any thread."""
         with self._lock:
             kind = packet[0] // SEQUENCE_MODULUS if packet else None
             if kind == PacketKind.MODEL:
@@ -42,7 +42,7 @@ class ReceiveQueue:
                 self._waiting_for_model.append(packet)
 
     def take(self, timeout_s: float | None) -> bytes | None:
-        """The oldest packet; None if none came within `timeout_s`, or on `wake`."""
+        """The oldest packet; None after `timeout_s`, or on `wake`."""
         try:
             packet = self._queue.get(timeout=timeout_s)
         except Empty:
@@ -53,7 +53,7 @@ class ReceiveQueue:
         return packet
 
     def wake(self) -> None:
-        """Have whoever waits in `take` look around."""
+        """Make a waiting `take` return None."""
         self._queue.put(None)
 
     def _put_model(self, packet: bytes) -> None:

@@ -1,9 +1,9 @@
 """A call over Zenoh: the only file that imports it.
 
-Keys: risorius/CALL/model (published, and queryable with the layers for who joins late),
-risorius/CALL/layer, risorius/CALL/frame and risorius/CALL/control.  Each end keeps a liveliness
-token, so that the other knows when it comes and goes.  Nothing is found by multicast: one end
-listens where the other connects, or both connect to a router.
+Keys: risorius/CALL/model (published; a late joiner queries it for models and layers),
+risorius/CALL/layer, risorius/CALL/frame and risorius/CALL/control.  Each end declares a liveliness
+token, which tells the other end when it joins and leaves.  Multicast discovery is off: one end
+listens and the other connects to it, or both connect to a router.
 """
 
 import _thread
@@ -27,27 +27,27 @@ from protocol.link.receive_queue import ReceiveQueue
 from protocol.packets import PacketKind, is_end, packet_kind
 from shared_model.errors import LINK_FAILED, UserError
 
-# Bytes that a live frame packet grows by, measured with 8-bit sequence numbers and declared keys:
-# under UDP, under TCP; then what IP adds (20 and 8 of UDP, 20 and 32 of TCP with timestamps).
+# Bytes that Zenoh adds to a live frame packet, measured with 8-bit sequence numbers and declared
+# keys; bytes of the headers of IP (20) and UDP (8), or TCP with timestamps (32).
 ZENOH_OVERHEAD_BYTES = {"udp": 6, "tcp": 8}
 IP_OVERHEAD_BYTES = {"udp": 28, "tcp": 52}
-# For how long a call without END waits for its encoder to come back.
+# Time that a call without END waits for its encoder to return.
 LEAVE_GRACE_S = 1.0
-# How long a session that nobody wants any more may take to open.
+# Time that an interrupted program waits for a session that is being opened.
 OPENING_S = 0.5
 
 
 class _Session:
     """An open session, closed on leaving the `with` block.
 
-    Callbacks run in the thread that receives: one of its own for each, which ends with its session
-    only, would keep an interrupted program from ending.
+    Callbacks run in Zenoh's receiving thread.  With a thread of its own for each callback, which
+    lives as long as the session, an interrupted program could not end.
     """
 
     def __init__(
         self, options: LinkOptions, waiting_for: str = "", say: MessageCallback = ignore_message
     ) -> None:
-        """awaited: whom to name when it is said where the session connects to or listens."""
+        """waiting_for: the other end, as the message about connecting or listening names it."""
         if not options.listen:
             say(f"connecting to {' or '.join(options.connect)} for {waiting_for}")
         self._session = _open(options)
@@ -60,10 +60,10 @@ class _Session:
             raise
 
     def _declare(self, options: LinkOptions) -> None:
-        """Say in the open session what this end sends and wants."""
+        """Declare what this end sends and receives."""
 
     def close(self) -> None:
-        """Deliver what was sent and leave; closing twice does nothing more."""
+        """Deliver what was sent and leave; closing twice has no further effect."""
         if not self._session.is_closed():
             self._session.close()  # type: ignore[no-untyped-call]
 
@@ -75,12 +75,12 @@ class _Session:
 
 
 class ZenohSink(_Session):
-    """The encoder's end of a call: a `PacketSink`.  Zenoh connects it again by itself.
+    """The encoder's end of a call: a `PacketSink`.  Zenoh reconnects it by itself.
 
-    say: takes a line that says where a decoder is waited for; later when nobody listens any more,
-        or somebody does again.
-    Raises `UserError` with exit code 4 if the link cannot be made, or has an encoder of the same
-    call already; two that start at the same moment may miss each other.
+    say: called with a line when it waits for a decoder, when the last decoder has left, and when
+        one has joined again.
+    Raises `UserError` with exit code 4 if the link cannot be made or another encoder has the same
+    call; two encoders that start at the same moment may not notice each other.
     """
 
     def __init__(self, options: LinkOptions, say: MessageCallback = ignore_message) -> None:
@@ -111,25 +111,25 @@ class ZenohSink(_Session):
 
     @property
     def peers(self) -> int:
-        """Number of decoders that are there."""
+        """Number of decoders present."""
         return len(self._decoders)
 
     @property
     def reachability(self) -> Reachability:
-        """Whom the newest packet could reach; an encoder that listens always has its link."""
+        """Reachability of the newest packet; an encoder that listens always has a link."""
         return self._reachability
 
     def wait_for_peer(self, timeout_s: float) -> None:
-        """Return once a decoder is there and will get all that is sent from now on.
+        """Wait for a decoder, which then receives all packets sent from now on.
 
-        Raises `UserError` with exit code 4 if none has come within `timeout_s` from when the link
-        began to be made.
+        timeout_s: from the construction of the sink.
+        Raises `UserError` with exit code 4 if no decoder has joined by then.
         """
         if not self._decoders.wait(max(0.0, self._begun_s + timeout_s - monotonic())):
             raise UserError(f"no decoder came within {timeout_s:g} s", LINK_FAILED)
 
     def send(self, packet: bytes) -> None:
-        """Publish one packet; models in use and their layers are kept for who joins later."""
+        """Publish one packet; model and layer packets are cached for decoders that join later."""
         self._models.on_sent(packet)
         try:
             self._reachability = self._current_reachability()
@@ -144,7 +144,7 @@ class ZenohSink(_Session):
         return Reachability.NO_PEER if linked else Reachability.NO_LINK
 
     def _name_is_taken(self, key: str) -> bool:
-        """Whether somebody keeps the token `key`; one who leaves may take a moment to be gone."""
+        """Whether the token `key` is declared; one whose owner has left expires with a delay."""
         deadline = monotonic() + LEAVE_GRACE_S
         while any(r.ok for r in self._session.liveliness().get(key, timeout=LEAVE_GRACE_S)):
             if monotonic() >= deadline:
@@ -158,8 +158,8 @@ class ZenohSink(_Session):
             key,
             reliability=Reliability.RELIABLE if sure else Reliability.BEST_EFFORT,
             congestion_control=CongestionControl.BLOCK if sure else CongestionControl.DROP,
-            # Holding packets back for a batch gains nothing at thirty a second, but saying so costs
-            # two bytes each, and an idle link sends a live frame at once anyway.
+            # Express packets skip batching, which gains nothing at thirty packets a second, but
+            # the flag takes two bytes a packet, and an idle link sends at once without it.
             express=sure,
         )
 
@@ -178,10 +178,10 @@ class ZenohSink(_Session):
 class ZenohSource(_Session):
     """The decoder's end of a call: a `PacketSource`.
 
-    Hands out the model before any frame, whenever it joins.  Ends with the END packet, or when the
-    encoder has been gone for `gone_grace_s` without one, and nothing has come for as long: a slow
-    link goes on delivering.
-    say: takes a line that says where an encoder is waited for.
+    Returns the model before any frame, whenever it joins.  Ends with the END packet, or without one
+    when the encoder has left and no packet has arrived for `leave_grace_s`, since a slow link may
+    still deliver packets.
+    say: called with a line when it waits for an encoder.
     Raises `UserError` with exit code 4 if the link cannot be made.
     """
 
@@ -200,7 +200,7 @@ class ZenohSource(_Session):
         super().__init__(options, f"an encoder of call {options.call!r}", say)
 
     def _declare(self, options: LinkOptions) -> None:
-        # With a thread for each key, packets would change places.
+        # With a thread for each key, packets would be reordered.
         arrived = Callback(self._arrived, indirect=False)
         for kind in PacketKind:
             self._session.declare_subscriber(f"{self._key}/{kind.name.lower()}", arrived)
@@ -208,21 +208,21 @@ class ZenohSource(_Session):
         liveliness.declare_subscriber(
             f"{self._key}/encoder", Callback(self._encoder_changed, indirect=False), history=True
         )
-        # After the subscribers: who sees the token knows that they are there.
+        # After the subscribers, which the token announces.
         self._token = liveliness.declare_token(f"{self._key}/decoder/{self._session.zid()}")
 
     @property
     def complete(self) -> bool:
-        """The END packet has been handed out."""
+        """Whether the END packet has been returned."""
         return self._complete
 
     @property
     def ended(self) -> bool:
-        """Nothing more will come."""
+        """Whether no further packet will be returned."""
         return self._ended
 
     def receive(self, timeout_s: float | None = None) -> bytes | None:
-        """The next packet, waiting at most `timeout_s`; None if none came in time or `ended`."""
+        """The next packet, waiting at most `timeout_s`; None on timeout, or if `ended`."""
         deadline = None if timeout_s is None else monotonic() + timeout_s
         while not self._ended:
             packet = self._queue.take(self._wait_s(deadline))
@@ -245,7 +245,7 @@ class ZenohSource(_Session):
 
     @property
     def _end_s(self) -> float | None:
-        """When to wait no longer for an encoder that is gone."""
+        """Time at which the call ends after its encoder has left; None while it is present."""
         gone_s = self._left_s
         return None if gone_s is None else max(gone_s, self._last_arrival_s) + self._grace_s
 
@@ -256,7 +256,7 @@ class ZenohSource(_Session):
     def _encoder_changed(self, sample: zenoh.Sample) -> None:
         if sample.kind == SampleKind.PUT:
             self._left_s = None
-            # The model may have been published before we came; if also after, one is dropped.
+            # The model may have been published before; of a repeated one, one is dropped.
             self._session.get(
                 f"{self._key}/model",
                 Callback(self._replied, indirect=False),
@@ -272,7 +272,7 @@ class ZenohSource(_Session):
 
 
 class ZenohRouter(_Session):
-    """Passes calls on between ends that connect to it, until it is closed.
+    """Forwards calls between the ends that connect to it, until it is closed.
 
     Raises `UserError` with exit code 4 if it cannot listen.
     """
@@ -282,7 +282,7 @@ class ZenohRouter(_Session):
 
 
 def _open(options: LinkOptions) -> zenoh.Session:
-    """A session, opened in a thread of its own so that Ctrl-C need not wait for it."""
+    """A session, opened in a thread of its own so that Ctrl-C takes effect while it opens."""
     results: list[zenoh.Session | zenoh.ZError] = []
     done: SimpleQueue[None] = SimpleQueue()
 
@@ -293,14 +293,14 @@ def _open(options: LinkOptions) -> zenoh.Session:
             results.append(error)
         done.put(None)
 
-    # An interrupt within `threading.Thread.start` is not always one outside of it.
+    # `threading.Thread.start` may swallow an interrupt.
     _thread.start_new_thread(run, ())
     try:
         while not results:
             with suppress(Empty):
                 done.get(timeout=POLL_S)
     except BaseException:
-        # Python aborts if a thread comes back from Zenoh while it ends; one that listens does soon.
+        # Python aborts if a thread returns from Zenoh during shutdown.
         if not results:
             with suppress(Empty):
                 done.get(timeout=OPENING_S)
@@ -314,7 +314,7 @@ def _open(options: LinkOptions) -> zenoh.Session:
 def _config(options: LinkOptions) -> zenoh.Config:
     config = zenoh.Config()
     settings = {
-        # Routers pass packets on between clients, not between peers that do not gossip.
+        # Routers forward between clients, but not between peers without gossip.
         "mode": "router" if options.router else "peer" if options.listen else "client",
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
@@ -329,7 +329,7 @@ def _config(options: LinkOptions) -> zenoh.Config:
             "period_max_ms": 1000,
             "period_increase_factor": 1.5,
         },
-        # One byte of sequence number in every message instead of up to five.
+        # Sequence numbers of one byte instead of up to five.
         "transport/link/tx/sequence_number_resolution": "8bit",
         "transport/link/rx/max_message_size": 2 * MAX_MODEL_PACKET_BYTES,
     }
@@ -349,5 +349,5 @@ def _open_failure(options: LinkOptions, reason: str) -> str:
 
 
 def _reason(error: zenoh.ZError) -> str:
-    """Zenoh's message without the place in its sources."""
+    """Zenoh's message without the source location."""
     return re.sub(r"\s+at \S+\.rs:\d+\.?", "", str(error))

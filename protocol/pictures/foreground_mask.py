@@ -1,8 +1,8 @@
-"""Who is before the background: the outline of a person in the still, a map of `SIDE` x `SIDE`.
+"""The foreground mask of a background picture: `MASK_SIDE` x `MASK_SIDE` cells over the picture.
 
-A background with a silhouette is a letter, `C`, the length of the silhouette (varint), the
-silhouette, then the still.  Each place of the map is coded by what the six around it are that came
-before it; those beyond the picture's edge are as the edge is not: nothing.
+A background with a mask is the tag `C`, the length of the mask's bytes (varint), these bytes, then
+the picture.  The context of a cell is six neighbours that are coded before it; neighbours outside
+the mask count as background (0).
 """
 
 import numpy as np
@@ -16,16 +16,16 @@ from protocol.errors import ProtocolError
 Mask = NDArray[np.bool_]
 
 TAG = b"C"
-# Places a side, whatever the picture's shape; and no silhouette takes more bytes.
+# Cells along each side, for any shape of picture.
 MASK_SIDE = 96
 MAX_MASK_BYTES = 2048
-# Rows up and columns left of a place, of those that tell what it is.
+# Rows above and columns to the left of a cell: its context, the first one the highest bit.
 _CONTEXT_OFFSETS = ((0, 1), (1, 1), (1, 0), (1, -1), (0, 2), (2, 0))
 _PAD = 2
 
 
 def serialise_background(mask: Mask | None, picture: bytes) -> bytes:
-    """A still as it is sent, with the map (SIDE, SIDE) of who is before what it shows, if known."""
+    """A model packet's background.  mask: (MASK_SIDE, MASK_SIDE), true on the person, or None."""
     if mask is None:
         return picture
     coder = RangeEncoder()
@@ -35,33 +35,33 @@ def serialise_background(mask: Mask | None, picture: bytes) -> bytes:
 
 
 def parse_background(data: bytes) -> tuple[Mask | None, bytes]:
-    """The silhouette, if there is one, and the still of a model packet's background.
+    """The mask, or None, and the encoded picture of a model packet's background.
 
-    Raises `ProtocolError` if the silhouette is damaged; the still is not looked into.
+    Raises `ProtocolError` if the mask is damaged.
     """
     if data[:1] != TAG:
         return None, data
     try:
         length, size = decode_varint(data[1:])
     except ValueError as error:
-        raise ProtocolError(f"background: silhouette: {error}") from error
+        raise ProtocolError(f"background: mask: {error}") from error
     start = 1 + size
     if length > min(MAX_MASK_BYTES, len(data) - start):
-        raise ProtocolError(f"background: silhouette of {length} bytes, limit {MAX_MASK_BYTES}")
+        raise ProtocolError(f"background: mask of {length} bytes, limit {MAX_MASK_BYTES}")
     coder = RangeDecoder(data[start : start + length])
-    silhouette = _code(coder, np.zeros((MASK_SIDE, MASK_SIDE), np.bool_))
+    mask = _code(coder, np.zeros((MASK_SIDE, MASK_SIDE), np.bool_))
     if coder.unread_bytes:
-        raise ProtocolError(f"background: silhouette: {coder.unread_bytes} bytes too many")
-    return silhouette, data[start + length :]
+        raise ProtocolError(f"background: mask: {coder.unread_bytes} bytes too many")
+    return mask, data[start + length :]
 
 
-def _code(coder: BitCoder, silhouette: Mask) -> Mask:
+def _code(coder: BitCoder, mask: Mask) -> Mask:
     bits = AdaptiveBits(1 << len(_CONTEXT_OFFSETS))
     known = [[0] * (MASK_SIDE + 2 * _PAD) for _ in range(MASK_SIDE + _PAD)]
-    for i, row in enumerate(silhouette.tolist(), _PAD):
-        for j, shown in enumerate(row, _PAD):
+    for i, row in enumerate(mask.tolist(), _PAD):
+        for j, foreground in enumerate(row, _PAD):
             context = 0
             for up, left in _CONTEXT_OFFSETS:
                 context = context << 1 | known[i - up][j - left]
-            known[i][j] = bits.code(coder, context, int(shown))
+            known[i][j] = bits.code(coder, context, int(foreground))
     return np.array(known, np.bool_)[_PAD:, _PAD:-_PAD]

@@ -1,10 +1,10 @@
-"""Colour pictures in a model packet: stills and textures, and appearance modes.
+"""The picture codec: colour pictures of model packets, and appearance modes.
 
-A still is a letter, `S`, or `T` if it is a face's texture, its width and height (varints), its
-relief behind its length (one byte), a step (one byte), then its wavelet coefficients; a mode is a
-step and its coefficients, as large as the texture it belongs to and under the texture's relief.
-Luma and two colour differences are coded, these at half the size and with less weight.  Which
-integers the coefficients become is the encoder's choice: `encoder.picture_coding.picture_encoder`.
+A picture is a tag (`S` a background, `T` a texture), its width and height (varints), its weight map
+after the map's length (one byte), a step code (one byte), then its wavelet coefficients.  A mode is
+a step code and its coefficients; it has the size and the weight map of its texture.  Luma and two
+colour differences are coded, these at half the size and with a lower weight.
+`encoder.picture_coding.picture_encoder` chooses the integers of the coefficients.
 """
 
 from collections.abc import Sequence
@@ -29,16 +29,17 @@ Single = NDArray[np.float32]
 Array = NDArray[np.float64]
 
 TAGS = {BACKGROUND: b"S", TEXTURE: b"T"}
-_KINDS = {letter: kind for kind, letter in TAGS.items()}
-# How much an error of each colour difference counts against one of luma: in a still it shows as a
-# blotch, in a mode it comes and goes.
+_KINDS = {tag: kind for kind, tag in TAGS.items()}
+# Weight of the colour differences against luma.  Errors of a picture's colour are visible in all
+# frames, those of a mode in few.
 INTRA_CHROMA_WEIGHT = 0.5
 MODE_CHROMA_WEIGHT = 0.3
-# Grey level about which a still's luma is coded.
+# Subtracted from the luma of a picture, grey levels.
 LUMA_OFFSET = 128.0
-# Of 2 ** (1 / STEPS_PER_OCTAVE) each.
+# The quantiser's step doubles with every so many step codes.
 STEPS_PER_OCTAVE = 8
 MAX_STEP_CODE = 80
+# Of blue, green and red.
 _LUMA = (0.114, 0.587, 0.299)
 
 
@@ -47,23 +48,23 @@ def to_luma(colours: NDArray[np.floating]) -> Single:
     return np.asarray(colours @ np.array(_LUMA, np.float32), np.float32)
 
 
-def to_planes(colours: NDArray[np.floating], chroma: float = MODE_CHROMA_WEIGHT) -> Single:
-    """BGR colours (..., 3), or differences of such, to luma and weighted colour differences."""
+def to_planes(colours: NDArray[np.floating], chroma_weight: float = MODE_CHROMA_WEIGHT) -> Single:
+    """Luma and weighted colour differences (..., 3) of BGR colours, or of their differences."""
     y = to_luma(colours)
     blue, red = colours[..., 0] - y, colours[..., 2] - y
-    return np.asarray(np.stack([y, chroma * blue, chroma * red], -1), np.float32)
+    return np.asarray(np.stack([y, chroma_weight * blue, chroma_weight * red], -1), np.float32)
 
 
-def from_planes(planes: NDArray[np.floating], chroma: float = MODE_CHROMA_WEIGHT) -> Single:
+def from_planes(planes: NDArray[np.floating], chroma_weight: float = MODE_CHROMA_WEIGHT) -> Single:
     """The inverse of `to_planes`."""
     y = planes[..., 0]
-    blue, red = y + planes[..., 1] / chroma, y + planes[..., 2] / chroma
+    blue, red = y + planes[..., 1] / chroma_weight, y + planes[..., 2] / chroma_weight
     green = (y - _LUMA[0] * blue - _LUMA[2] * red) / _LUMA[1]
     return np.asarray(np.stack([blue, green, red], -1), np.float32)
 
 
 def step_size(code: int) -> float:
-    """The quantiser's step, grey levels."""
+    """The quantiser's step of a step code, grey levels."""
     return float(2 ** (code / STEPS_PER_OCTAVE))
 
 
@@ -71,52 +72,64 @@ def step_size(code: int) -> float:
 class PictureFormat:
     """How pictures of one kind and size are coded.
 
-    kind: see `subbands.Series`.  fineness: (h, w), what planes are multiplied by.
+    kind: `BACKGROUND`, `TEXTURE` or `MODE`.
+    weight_map: (h, w), by which the planes are multiplied before quantisation.
     """
 
     kind: int
     weight_map: Array
 
-    def weighted_planes(self, planes: Single) -> list[Array]:
-        """What is coded of a picture (h, w, 3), as `to_planes` makes it: colours at half size."""
-        offset = 0.0 if self.kind == MODE else LUMA_OFFSET
-        luma = (planes[..., 0].astype(np.float64) - offset) * self.weight_map
-        colour = [_downsampled(planes[..., i].astype(np.float64) * self.weight_map) for i in (1, 2)]
-        return [luma, *colour]
-
-    def picture_from_pyramids(self, pyramids: Sequence[SubbandPyramid], step: int) -> Single:
-        """The picture (h, w, 3), BGR, of its coded planes."""
-        planes = [dequantised(pyramid, step_size(step)) for pyramid in pyramids]
-        height, width = self.weight_map.shape
-        colour = [
-            _upsampled_rows(_upsampled_rows(plane, height).T, width).T for plane in planes[1:]
-        ]
-        even = [plane / self.weight_map for plane in (planes[0], *colour)]
-        even[0] += 0.0 if self.kind == MODE else LUMA_OFFSET
-        return from_planes(np.stack(even, -1).astype(np.float32), self.chroma_weight)
-
     @property
     def chroma_weight(self) -> float:
-        """Weight of colour."""
+        """Weight of the colour differences against luma."""
         return MODE_CHROMA_WEIGHT if self.kind == MODE else INTRA_CHROMA_WEIGHT
 
-    def decode(self, series: PictureSequence, name: str, data: bytes) -> Single:
-        """The next picture of a series.  Raises `ProtocolError` if `data` holds none."""
+    def weighted_planes(self, planes: Single) -> list[Array]:
+        """The planes that are transformed; the colour differences have half the size.
+
+        planes: (h, w, 3) of `to_planes`.
+        """
+        offset = 0.0 if self.kind == MODE else LUMA_OFFSET
+        luma = (planes[..., 0].astype(np.float64) - offset) * self.weight_map
+        chroma = [_downsampled(planes[..., i].astype(np.float64) * self.weight_map) for i in (1, 2)]
+        return [luma, *chroma]
+
+    def picture_from_pyramids(self, pyramids: Sequence[SubbandPyramid], step: int) -> Single:
+        """The picture (h, w, 3), BGR, of quantised planes.  step: step code."""
+        planes = [dequantised(pyramid, step_size(step)) for pyramid in pyramids]
+        height, width = self.weight_map.shape
+        chroma = [
+            _upsampled_rows(_upsampled_rows(plane, height).T, width).T for plane in planes[1:]
+        ]
+        unweighted = [plane / self.weight_map for plane in (planes[0], *chroma)]
+        unweighted[0] += 0.0 if self.kind == MODE else LUMA_OFFSET
+        return from_planes(np.stack(unweighted, -1).astype(np.float32), self.chroma_weight)
+
+    def decode(self, sequence: PictureSequence, name: str, data: bytes) -> Single:
+        """Decode step code and coefficients: the next picture (h, w, 3), BGR, of a sequence.
+
+        name: of the picture, for the message.  Raises `ProtocolError` if `data` is damaged.
+        """
         if not data or data[0] > MAX_STEP_CODE:
             raise ProtocolError(f"{name} has no step of 0..{MAX_STEP_CODE}")
-        pyramids = decode_planes(series, name, data[1:], plane_shapes(*self.weight_map.shape))
+        pyramids = decode_planes(sequence, name, data[1:], plane_shapes(*self.weight_map.shape))
         return self.picture_from_pyramids(pyramids, data[0])
 
 
 def plane_shapes(height: int, width: int) -> list[tuple[int, int]]:
-    """Of luma and colours of a picture."""
+    """Shapes of the three planes of a picture."""
     half = -(-height // 2), -(-width // 2)
     return [(height, width), half, half]
 
 
 @dataclass(frozen=True, slots=True)
 class PictureHeader:
-    """What comes before a still's coefficients, which start at byte `start`."""
+    """The header of a picture.
+
+    kind: `BACKGROUND` or `TEXTURE`.
+    weight_map: encoded, see `weight_map`; may be empty.
+    start: offset of the step code in the picture's bytes.
+    """
 
     kind: int
     width: int
@@ -125,29 +138,29 @@ class PictureHeader:
     start: int
 
     def picture_format(self, name: str) -> PictureFormat:
-        """How it is coded.  name: what it is, for the message.
+        """The picture's format.  Raises `ProtocolError` if the weight map is damaged.
 
-        Raises `ProtocolError` if its relief is damaged.
+        name: of the picture, for the message.
         """
-        return PictureFormat(
-            self.kind, decode_weight_map(name, self.weight_map, self.height, self.width)
-        )
+        weights = decode_weight_map(name, self.weight_map, self.height, self.width)
+        return PictureFormat(self.kind, weights)
 
 
-def serialise_picture_header(kind: int, width: int, height: int, relief: bytes) -> bytes:
-    """The bytes before a still's coefficients.  kind: `STILL` or `TEXTURE`."""
-    return TAGS[kind] + encode_varint(width) + encode_varint(height) + bytes([len(relief)]) + relief
+def serialise_picture_header(kind: int, width: int, height: int, weight_map: bytes) -> bytes:
+    """The bytes before a picture's step code.  kind: `BACKGROUND` or `TEXTURE`."""
+    size = encode_varint(width) + encode_varint(height)
+    return TAGS[kind] + size + bytes([len(weight_map)]) + weight_map
 
 
 def is_picture(data: bytes) -> bool:
-    """Whether `data` begins as a still does."""
+    """Whether `data` begins with the tag of a picture."""
     return data[:1] in _KINDS
 
 
 def parse_picture_header(name: str, data: bytes) -> PictureHeader:
-    """What the head of a still says.
+    """The header of the picture in `data`.
 
-    name: what it is, for the message.  Raises `ProtocolError` if `data` does not start with one.
+    name: of the picture, for the message.  Raises `ProtocolError` if the header is damaged.
     """
     if not is_picture(data):
         raise ProtocolError(f"{name} is no picture this program knows")
@@ -161,40 +174,43 @@ def parse_picture_header(name: str, data: bytes) -> PictureHeader:
         raise ProtocolError(f"{name} is {width}x{height}")
     start += used
     length = data[start] if start < len(data) else 0
-    relief = data[start + 1 : start + 1 + length]
-    if start >= len(data) or len(relief) < length:
-        raise ProtocolError(f"{name} ends in its head")
-    return PictureHeader(_KINDS[data[:1]], width, height, relief, start + 1 + length)
+    weight_map = data[start + 1 : start + 1 + length]
+    if start >= len(data) or len(weight_map) < length:
+        raise ProtocolError(f"{name} ends in its header")
+    return PictureHeader(_KINDS[data[:1]], width, height, weight_map, start + 1 + length)
 
 
 def decode_picture(name: str, data: bytes) -> Single:
     """The picture (h, w, 3), BGR, about 0..255.
 
-    Raises `ProtocolError` if `data` is no still.  Check `still_head` first: any size is decoded.
+    Decodes any size: check `parse_picture_header` first.
+    Raises `ProtocolError` if `data` is damaged.
     """
-    head = parse_picture_header(name, data)
-    return head.picture_format(name).decode(PictureSequence(head.kind), name, data[head.start :])
+    header = parse_picture_header(name, data)
+    picture_format = header.picture_format(name)
+    return picture_format.decode(PictureSequence(header.kind), name, data[header.start :])
 
 
-class ModeDecoder:
-    """Codes the appearance modes of one caller, in order.
+class ModeCodec:
+    """The state in which the next appearance mode of a caller is coded or decoded.
 
-    size: of the texture, a side.  relief: the texture's.
-    Raises `ProtocolError` if the relief is damaged.
+    size: side of the texture, texels.
+    weight_map: of the texture, encoded.
+    Raises `ProtocolError` if the weight map is damaged.
     """
 
     def __init__(self, size: int, weight_map: bytes = b"") -> None:
         self.format = PictureFormat(MODE, decode_weight_map("texture", weight_map, size, size))
         self.sequence = PictureSequence(MODE)
 
-    def copy(self) -> "ModeDecoder":
-        """What can go on by itself."""
+    def copy(self) -> "ModeCodec":
+        """An independent copy."""
         copied = copy(self)
         copied.sequence = self.sequence.copy()
         return copied
 
     def decode(self, name: str, data: bytes) -> Single:
-        """The next mode (size, size, 3), BGR.  Raises `ProtocolError` if `data` holds none."""
+        """The next mode (size, size, 3), BGR.  Raises `ProtocolError` if `data` is damaged."""
         return self.format.decode(self.sequence, name, data)
 
 
@@ -207,9 +223,9 @@ def _downsampled(plane: Array) -> Array:
 
 
 def _upsampled_rows(rows: Array, count: int) -> Array:
-    """Rows at twice the density, bilinear, edges repeated; `count` of them."""
+    """`count` rows at twice the resolution: bilinear, edges repeated."""
     at = np.clip((np.arange(count) + 0.5) / 2 - 0.5, 0, len(rows) - 1)
     low = np.minimum(at.astype(int), max(len(rows) - 2, 0))
     high = np.minimum(low + 1, len(rows) - 1)
-    share = (at - low)[:, None]
-    return np.asarray(rows[low] * (1 - share) + rows[high] * share)
+    fraction = (at - low)[:, None]
+    return np.asarray(rows[low] * (1 - fraction) + rows[high] * fraction)

@@ -1,6 +1,6 @@
 """Biorthogonal 9/7 wavelets (Cohen, Daubechies & Feauveau 1992) by lifting.
 
-The transform is floating point: it makes colours, nothing that is predicted from.
+The transform is in floating point: nothing is predicted from its output.
 """
 
 from collections.abc import Sequence
@@ -17,30 +17,30 @@ _GAIN = 1.149604398860241
 
 
 def transform(plane: Array, levels: int) -> tuple[Array, list[list[Array]]]:
-    """The coarsest subband, and the three details of each level, the coarsest level first."""
+    """The lowpass band, and the three detail bands of each level, the coarsest level first."""
     details: list[list[Array]] = []
-    coarse = np.asarray(plane, dtype=np.float64)
+    lowpass = np.asarray(plane, dtype=np.float64)
     for _ in range(levels):
-        low, high = _split(coarse)
-        (coarse, right), (down, both) = _split(low.T), _split(high.T)
-        coarse = coarse.T
-        details.append([right.T, down.T, both.T])
-    return coarse, details[::-1]
+        low, high = _split(lowpass)
+        (lowpass, horizontal), (vertical, both) = _split(low.T), _split(high.T)
+        lowpass = lowpass.T
+        details.append([horizontal.T, vertical.T, both.T])
+    return lowpass, details[::-1]
 
 
-def inverse_transform(coarse: Array, details: Sequence[Sequence[Array]]) -> Array:
-    """The plane of which `transform` makes these."""
-    for right, down, both in details:
-        coarse = _join(_join(coarse.T, right.T).T, _join(down.T, both.T).T)
-    return coarse
+def inverse_transform(lowpass: Array, details: Sequence[Sequence[Array]]) -> Array:
+    """The inverse of `transform`."""
+    for horizontal, vertical, both in details:
+        lowpass = _join(_join(lowpass.T, horizontal.T).T, _join(vertical.T, both.T).T)
+    return lowpass
 
 
 def _split(rows: Array) -> tuple[Array, Array]:
     even, odd = rows[0::2].copy(), rows[1::2].copy()
     if not len(odd):
         return even, odd
-    for place, factor in enumerate(_LIFT):
-        if place % 2:
+    for index, factor in enumerate(_LIFT):
+        if index % 2:
             even += factor * (_earlier(odd, len(even)) + _later(odd, len(even)))
         else:
             odd += factor * (even[: len(odd)] + _next(even, len(odd)))
@@ -51,8 +51,8 @@ def _join(low: Array, high: Array) -> Array:
     if not len(high):
         return low
     even, odd = low / _GAIN, high * _GAIN
-    for place, factor in reversed(tuple(enumerate(_LIFT))):
-        if place % 2:
+    for index, factor in reversed(tuple(enumerate(_LIFT))):
+        if index % 2:
             even -= factor * (_earlier(odd, len(even)) + _later(odd, len(even)))
         else:
             odd -= factor * (even[: len(odd)] + _next(even, len(odd)))
@@ -62,15 +62,15 @@ def _join(low: Array, high: Array) -> Array:
 
 
 def _next(even: Array, count: int) -> Array:
-    """For each odd row the even one after it, mirrored at the end."""
+    """For each odd row the even row after it, mirrored at the end."""
     return np.concatenate([even[1:], even[-1:]])[:count]
 
 
 def _earlier(odd: Array, count: int) -> Array:
-    """For each even row the odd one before it, mirrored at the start."""
+    """For each even row the odd row before it, mirrored at the start."""
     return np.concatenate([odd[:1], odd])[:count]
 
 
 def _later(odd: Array, count: int) -> Array:
-    """For each even row the odd one after it, mirrored at the end."""
+    """For each even row the odd row after it, mirrored at the end."""
     return np.concatenate([odd, odd[-1:]])[:count]

@@ -217,7 +217,10 @@ def _quality(
     source = arguments.source
     frames = _common_frames(source, shown) if known is None else min(known, shown)
     with ProgressLine("compare", sys.stderr, arguments.quiet) as progress:
-        quality = measure_quality(source, str(decoded), face_mask_finder(say), progress, frames)
+        finder = face_mask_finder(say)
+        quality = measure_quality(source, str(decoded), finder, progress, frames, is_strict=False)
+    if quality.frames < frames:
+        warn([f"{source} ends after {quality.frames} frames: PSNR of these"])
     if quality.full_psnr_db is not None and quality.full_psnr_db < UNRELATED_DB:
         warn([f"this PSNR is that of unrelated pictures: is {source} what the call was made of?"])
     return quality
