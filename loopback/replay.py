@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import tomllib
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
@@ -21,7 +20,8 @@ from loopback.bench import (
 from loopback.clip_paths import clip_path
 from loopback.quality import face_mask_finder
 from loopback.report import flatten, table
-from shared_model.errors import UserError, cannot_read
+from loopback.toml_file import read_toml
+from shared_model.errors import UserError
 
 Say = Callable[[str], None]
 
@@ -77,12 +77,7 @@ class ClipResult:
 
 def read_suite(path: Path) -> Suite:
     """Read a suite; clips are looked for beside it.  Raises `UserError`: what is wrong where."""
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise cannot_read(path, error) from error
-    except ValueError as error:
-        raise UserError(f"{path} is no TOML file: {error}") from error
+    content = read_toml(path, "a suite")
     entries = content.get("clip")
     if not isinstance(entries, list) or not entries:
         raise UserError(f"{path} has no [[clip]]")

@@ -80,8 +80,12 @@ def test_a_file_that_is_not_there_or_not_toml_is_the_users_mistake(tmp_path: Pat
         read_script(tmp_path / "none.toml")
     bad = tmp_path / "bad.toml"
     bad.write_text("width = ")
-    with pytest.raises(UserError, match="is not TOML"):
+    with pytest.raises(UserError, match="is not an animation script in TOML"):
         read_script(bad)
+    video = tmp_path / "video.mp4"
+    video.write_bytes(bytes(range(256)))
+    with pytest.raises(UserError, match=r"video\.mp4 is not an animation script: it is no text"):
+        read_script(video)
 
 
 def test_four_scripts_come_along() -> None:

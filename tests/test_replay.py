@@ -97,7 +97,7 @@ def test_a_suite_says_what_to_replay_and_what_to_hold(tmp_path: Path) -> None:
         ),
         ("settings.lids = true\n[[clip]]\npath = 'a'\nsha256 = 'a'", "lids = true is about"),
         ("[[clip]]\npath = 'package:none_such/a.mp4'\nsha256 = 'a'", "not installed"),
-        ("[[clip", "is no TOML file"),
+        ("[[clip", "is not a suite in TOML"),
     ],
 )
 def test_a_suite_with_a_mistake_is_refused(text: str, reason: str, tmp_path: Path) -> None:

@@ -439,6 +439,8 @@ def test_sending_after_closing_is_a_failed_link(endpoint: str) -> None:
         ({"call": "a/b"}, "call name"),
         ({"call": ""}, "call name"),
         ({"call": "*"}, "call name"),
+        ({"call": "é"}, "use a-z, A-Z, 0-9"),
+        ({"call": ".."}, "no . in front"),
         ({"call": "x"}, "no endpoint"),
         ({"call": "x", "connect": ("host:7447",)}, "expected something like"),
         ({"call": "x", "listen": ("tcp/host",)}, "expected something like"),

@@ -15,7 +15,7 @@ CONNECT_TIMEOUT_S = 10.0
 
 _ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws)/\S+:(?P<port>\d{1,5})(\?\S*)?(#\S*)?")
 MAX_PORT = 65535
-_CALL_NAME = re.compile(r"[A-Za-z0-9_.-]+")
+_CALL_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")
 
 
 def ignore_message(line: str) -> None:
@@ -26,7 +26,7 @@ def ignore_message(line: str) -> None:
 class LinkOptions:
     """How to hold a call over a network.  Raises `UserError` if an option is invalid.
 
-    call: its name: letters, digits and `_.-`.
+    call: its name: a-z, A-Z, 0-9 and `_.-`, no dot in front.
     listen, connect: Zenoh endpoints such as tcp/127.0.0.1:7447; at least one.
     connect_timeout_s: time limit for connecting.
     lossless: frame packets are sent reliably and wait for a slow link instead of being dropped;
@@ -43,7 +43,9 @@ class LinkOptions:
 
     def __post_init__(self) -> None:
         if not _CALL_NAME.fullmatch(self.call):
-            raise UserError(f"call name {self.call!r}: use letters, digits and _ . - only")
+            raise UserError(
+                f"call name {self.call!r}: use a-z, A-Z, 0-9 and _ . -, and no . in front"
+            )
         if not self.listen and not self.connect:
             raise UserError("no endpoint to listen on or to connect to")
         for endpoint in self.listen + self.connect:

@@ -1,6 +1,5 @@
 """Animation scripts (thesis 5.4.2): a TOML file of key frames, read and checked."""
 
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -10,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from loopback.toml_file import read_toml
 from shared_model.curves import smooth_curve
-from shared_model.errors import UserError, cannot_read
+from shared_model.errors import UserError
 from shared_model.expressions import EMOTIONS
 from shared_model.parameters import AAUS, EAUS, clip_eau
 
@@ -119,12 +119,7 @@ class Script:
 
 def read_script(path: Path) -> Script:
     """Read a script.  Raises `UserError` that says what is wrong in it and where."""
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise cannot_read(path, error) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise UserError(f"{path} is not TOML: {error}") from error
+    content = read_toml(path, "an animation script")
     try:
         return parse_script(content, path.parent)
     except ValueError as error:

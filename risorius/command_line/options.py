@@ -146,7 +146,10 @@ def add_link(parser: argparse.ArgumentParser, where: argparse._MutuallyExclusive
             option, action="append", metavar="ENDPOINT", help=f"Zenoh endpoint, as {example}"
         )
     parser.add_argument(
-        "--call", default="call", metavar="NAME", help="name on the link (default: %(default)s)"
+        "--call",
+        default="call",
+        metavar="NAME",
+        help="name on the link, of a-z, A-Z, 0-9 and _ . - (default: %(default)s)",
     )
 
 
