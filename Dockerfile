@@ -16,7 +16,7 @@ COPY encoder ./encoder
 COPY decoder ./decoder
 COPY loopback ./loopback
 COPY risorius ./risorius
-RUN pip install --no-cache-dir --no-deps --no-build-isolation .
+RUN pip install --no-cache-dir --no-deps --no-build-isolation . && risorius compile
 
 # A new volume belongs to whom its folder belongs to here.
 RUN useradd --create-home risorius && install -d -o risorius /out /home/risorius/.cache

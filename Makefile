@@ -15,6 +15,7 @@ $(INSTALLED): requirements.lock pyproject.toml scripts/system_libraries.sh
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --require-hashes --no-deps -r requirements.lock
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	$(BIN)/risorius compile
 	touch $@
 
 $(BROWSER): scripts/system_libraries.sh | $(INSTALLED)

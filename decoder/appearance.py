@@ -27,7 +27,7 @@ MAX_CODED_SIDE_PX = 1024
 MAX_MODE_TEXELS = 4 * 1024 * 1024
 
 
-class Wardrobe:
+class AppearanceModel:
     """What the caller wears in each frame: mean + modes x coefficients (eq. 2.17).
 
     Raises `ProtocolError` if an image of the model packet is damaged or of another size.
@@ -37,16 +37,16 @@ class Wardrobe:
         self._modes: NDArray[np.float32]
         # The picture that could not be decoded; all after it build on it.
         self._damaged: bytes | None = None
-        self._surrounded = model.call.profile == "default"
-        self._put_on(model)
-        self.refine(model)
+        self._has_surround = model.call.profile == "default"
+        self._load_texture(model)
+        self.update(model)
 
     @property
-    def changes(self) -> bool:
+    def has_modes(self) -> bool:
         """Whether there are any modes."""
         return bool(len(self._modes))
 
-    def refine(self, model: ModelPacket) -> None:
+    def update(self, model: ModelPacket) -> None:
         """Take in what more layers of the same model bring.
 
         Raises as the constructor does, for each damaged picture once.
@@ -54,7 +54,7 @@ class Wardrobe:
         if model.texture != self._texture:
             if model.texture == self._damaged:
                 return
-            self._put_on(model)
+            self._load_texture(model)
         coded = parse_transform(model.profile_data).modes if model.profile_data else ()
         if model.progressive or model.extensible:
             coded = tuple(takewhile(bool, coded))
@@ -72,27 +72,27 @@ class Wardrobe:
                 self._damaged = data
                 image = self._series.decode(f"mode {number}", data)
                 self._damaged = None
-                rows.append(self._worn(image).reshape(1, -1))
+                rows.append(self._to_atlas(image).reshape(1, -1))
         finally:
             # The series cannot go back: what it has decoded counts.
             self._modes = np.concatenate(rows)
 
-    def _put_on(self, model: ModelPacket) -> None:
+    def _load_texture(self, model: ModelPacket) -> None:
         self._damaged = model.texture
         mean = decode_image("texture", model.texture, MAX_ATLAS_SIDE_PX)
         _check_square("texture", mean)
-        series = ModeCodec(len(mean), _relief(model.texture))
+        series = ModeCodec(len(mean), _weight_map(model.texture))
         self._texture, self._series = model.texture, series
-        self._mean = np.asarray(self._worn(mean) + 0.5, np.uint8)
+        self._mean = np.asarray(self._to_atlas(mean) + 0.5, np.uint8)
         self._damaged = None
         self._modes = np.zeros((0, mean.size), np.float32)
 
-    def _worn(self, image: NDArray[Any]) -> NDArray[np.float32]:
+    def _to_atlas(self, image: NDArray[Any]) -> NDArray[np.float32]:
         """A picture of the packet as the head wears it."""
         atlas = image.astype(np.float32)
-        return joined(atlas) if self._surrounded else atlas
+        return joined(atlas) if self._has_surround else atlas
 
-    def texture(self, coefficients: NDArray[np.float64]) -> NDArray[np.uint8]:
+    def synthesise(self, coefficients: NDArray[np.float64]) -> NDArray[np.uint8]:
         """The atlas (size, size, 3) uint8 BGR; coefficients (m,), or none for the mean.
 
         Coefficients of modes that have not come yet add nothing.
@@ -128,7 +128,7 @@ def decode_image(name: str, data: bytes, limit_px: int = MAX_IMAGE_SIDE_PX) -> N
     return np.asarray(picture, dtype=np.uint8)
 
 
-def _relief(texture: bytes) -> bytes:
+def _weight_map(texture: bytes) -> bytes:
     """The relief that a texture's modes share with it; WebP has none."""
     return parse_picture_header("texture", texture).weight_map if is_picture(texture) else b""
 

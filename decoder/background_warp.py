@@ -37,24 +37,24 @@ MAX_CELLS = 64
 # Distances in face widths: hair beyond the head's outline, fading of the motion, length of a neck,
 # and how far the skin carries its surroundings along.
 HAIR_MARGIN = 0.15
-REACH = 0.8
+FALLOFF_WIDTH = 0.8
 NECK_LENGTH = 0.6
 SKIN_SIGMA = 0.08
 # Weight of "does not move like skin", against about 1 on the skin.
-BEYOND_SKIN = 0.15
-LEAST_WEIGHT = 1e-3
+FREE_WEIGHT = 0.15
+MIN_WEIGHT = 1e-3
 FACING_COSINE = 0.3
 # The motion of a point may change by this much over a unit of length; at 1 the map would fold.
-STEEPEST = 0.55
+MAX_STRAIN = 0.55
 # Between the lips it is this dark when they are all but closed, and light at this distance.
 CLOSED_MOUTH_LIGHT = 0.35
 OPEN_MOUTH_MM = 12.0
 # No cell may shrink below this part of its area.
-LEAST_AREA = 0.05
+MIN_AREA = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Skin:
+class SkinConstraints:
     """The skin that the still shows, and the mesh points that it carries along.
 
     vertices: (k,) int, vertices of the head.
@@ -66,11 +66,11 @@ class Skin:
     vertices: NDArray[np.intp]
     rigid_mm: Array
     points: NDArray[np.intp]
-    pull: Array
+    rbf_weights: Array
 
 
 @dataclass(frozen=True, slots=True)
-class Backdrop:
+class BackgroundMesh:
     """The still picture's mesh and how much of the head's motion each of its points takes.
 
     camera, reference: how the still was taken.
@@ -87,53 +87,59 @@ class Backdrop:
     grid_px: Array
     rigid_mm: Array
     distance_px: Array
-    turning: Array
-    skin: Skin
+    rotation_weight: Array
+    skin: SkinConstraints
 
 
-def make_backdrop(camera: Camera, reference: Pose, head: Head, vertices: Array) -> Backdrop:
+def make_background_mesh(
+    camera: Camera, reference: Pose, head: Head, vertices: Array
+) -> BackgroundMesh:
     """The backdrop of a still in which `head` was posed like `reference`.
 
     vertices: (n, 3) float64, mm, head frame: the head in the still.
     """
     solid = head.parts != PARTS.index("surround")
     outline_px = pixel_from_head(camera, reference, vertices[solid])
-    face_width_px = drawn_width_px(camera, reference, head, vertices)
+    face_width_px = projected_face_width_px(camera, reference, head, vertices)
     grid_px = _grid(camera, face_width_px)
     nearest_px2 = _squared_distances(grid_px.reshape(-1, 2), outline_px).min(axis=1)
     nearest_px = np.sqrt(nearest_px2).reshape(grid_px.shape[:2])
-    return Backdrop(
+    return BackgroundMesh(
         camera=camera,
         reference=reference,
         face_width_px=face_width_px,
         grid_px=grid_px,
         rigid_mm=_lift(camera, reference, grid_px),
         distance_px=np.maximum(nearest_px - HAIR_MARGIN * face_width_px, 0),
-        turning=_turning(camera, reference, grid_px, vertices[solid], face_width_px),
-        skin=_skin(camera, reference, head, vertices, grid_px, SKIN_SIGMA * face_width_px),
+        rotation_weight=_rotation_weight(
+            camera, reference, grid_px, vertices[solid], face_width_px
+        ),
+        skin=_skin_constraints(
+            camera, reference, head, vertices, grid_px, SKIN_SIGMA * face_width_px
+        ),
     )
 
 
-def drawn_width_px(camera: Camera, pose: Pose, head: Head, vertices: Array) -> float:
+def projected_face_width_px(camera: Camera, pose: Pose, head: Head, vertices: Array) -> float:
     """Width of the face in the picture, without the sheet beside it.  vertices: (n, 3) float64."""
     drawn = (head.opacity > 0) & (head.parts != PARTS.index("surround"))
     return float(np.ptp(pixel_from_head(camera, pose, vertices[drawn])[:, 0]))
 
 
-def warp(backdrop: Backdrop, pose: Pose, vertices: Array) -> Array:
+def warp(backdrop: BackgroundMesh, pose: Pose, vertices: Array) -> Array:
     """Where the mesh lies in another frame: (rows, columns, 2), pixels.
 
     vertices: (n, 3) float64, mm, head frame: the head in that frame, posed like `pose`.
     """
     motion = _rigid_motion(backdrop, pose)
-    motion = _hold_edges(backdrop, motion * _falloff(backdrop, motion)[..., None])
+    motion = _hold_edges(backdrop, motion * _motion_falloff(backdrop, motion)[..., None])
     carried = np.zeros_like(motion)
     skin = backdrop.skin
-    carried.reshape(-1, 2)[skin.points] = skin.pull @ _skin_motion(backdrop, pose, vertices)
+    carried.reshape(-1, 2)[skin.points] = skin.rbf_weights @ _skin_motion(backdrop, pose, vertices)
     carried = _hold_edges(backdrop, carried)
     grid_px = backdrop.grid_px + motion
-    least_px2 = LEAST_AREA * float(np.prod(backdrop.grid_px[1, 1] - backdrop.grid_px[0, 0]))
-    return grid_px + unfolded_share(grid_px, carried, least_px2) * carried
+    least_px2 = MIN_AREA * float(np.prod(backdrop.grid_px[1, 1] - backdrop.grid_px[0, 0]))
+    return grid_px + max_unfolded_step(grid_px, carried, least_px2) * carried
 
 
 def _grid(camera: Camera, face_width_px: float) -> Array:
@@ -152,7 +158,7 @@ def _lift(camera: Camera, reference: Pose, points_px: Array) -> Array:
     return np.concatenate([plane, depth_mm], axis=-1)
 
 
-def _turning(
+def _rotation_weight(
     camera: Camera, reference: Pose, grid_px: Array, vertices: Array, face_width_px: float
 ) -> Array:
     """1 down to the chin, then falling to 0 along the neck."""
@@ -164,22 +170,22 @@ def _turning(
     return 1 - smoothstep(below)
 
 
-def _skin(
+def _skin_constraints(
     camera: Camera, reference: Pose, head: Head, vertices: Array, grid_px: Array, sigma_px: float
-) -> Skin:
+) -> SkinConstraints:
     drawn = (head.opacity > 0) & (head.parts == PARTS.index("skin"))
     facing = _cosines(reference, head, vertices) > FACING_COSINE
     carriers = np.flatnonzero(drawn & facing)
     carriers_px = pixel_from_head(camera, reference, vertices[carriers])
     weights = _kernel(grid_px.reshape(-1, 2), carriers_px, sigma_px)
-    points = np.flatnonzero(weights.max(axis=1, initial=0) > LEAST_WEIGHT)
+    points = np.flatnonzero(weights.max(axis=1, initial=0) > MIN_WEIGHT)
     # A vertex counts by the area it stands for: they are dense around eyes and mouth.
     shares = weights[points] / _kernel(carriers_px, carriers_px, sigma_px).sum(axis=1)
-    return Skin(
+    return SkinConstraints(
         vertices=carriers,
         rigid_mm=_lift(camera, reference, carriers_px),
         points=points,
-        pull=shares / (shares.sum(axis=1, keepdims=True) + BEYOND_SKIN),
+        rbf_weights=shares / (shares.sum(axis=1, keepdims=True) + FREE_WEIGHT),
     )
 
 
@@ -200,38 +206,38 @@ def _squared_distances(a: Array, b: Array) -> Array:
     return np.asarray(np.maximum(squares, 0))
 
 
-def _rigid_motion(backdrop: Backdrop, pose: Pose) -> Array:
+def _rigid_motion(backdrop: BackgroundMesh, pose: Pose) -> Array:
     """(rows, columns, 2) pixels: the mesh carried by the head, the neck without its rotation."""
     turned = _carry(backdrop, pose, backdrop.rigid_mm)
     shifted = backdrop.rigid_mm + (pose.translation_mm - backdrop.reference.translation_mm)
-    target_mm = shifted + backdrop.turning[..., None] * (turned - shifted)
+    target_mm = shifted + backdrop.rotation_weight[..., None] * (turned - shifted)
     return pixel_from_camera(backdrop.camera, target_mm) - backdrop.grid_px
 
 
-def _skin_motion(backdrop: Backdrop, pose: Pose, vertices: Array) -> Array:
+def _skin_motion(backdrop: BackgroundMesh, pose: Pose, vertices: Array) -> Array:
     """(k, 2) pixels by which the skin moves otherwise than the backdrop's plane."""
     skin = backdrop.skin
     actual_px = pixel_from_head(backdrop.camera, pose, vertices[skin.vertices])
     return actual_px - pixel_from_camera(backdrop.camera, _carry(backdrop, pose, skin.rigid_mm))
 
 
-def _carry(backdrop: Backdrop, pose: Pose, points_mm: Array) -> Array:
+def _carry(backdrop: BackgroundMesh, pose: Pose, points_mm: Array) -> Array:
     """Camera-frame points (..., 3), mm, fixed to the head: where they are in another pose."""
     reference = backdrop.reference
     rotation = matrix_from_quaternion(multiply(pose.rotation, conjugate(reference.rotation)))
     return np.asarray((points_mm - reference.translation_mm) @ rotation.T + pose.translation_mm)
 
 
-def _falloff(backdrop: Backdrop, motion: Array) -> Array:
+def _motion_falloff(backdrop: BackgroundMesh, motion: Array) -> Array:
     """1 on the head and its hair, 0 beyond the reach, which grows with the motion of the head."""
     on_head = motion[backdrop.distance_px == 0]
     largest = float(np.linalg.norm(on_head, axis=-1).max(initial=0))
     # `smoothstep` is at most 1.5 steep.
-    reach_px = max(REACH * backdrop.face_width_px, 1.5 * largest / STEEPEST)
+    reach_px = max(FALLOFF_WIDTH * backdrop.face_width_px, 1.5 * largest / MAX_STRAIN)
     return 1 - smoothstep(backdrop.distance_px / reach_px)
 
 
-def _hold_edges(backdrop: Backdrop, motion: Array) -> Array:
+def _hold_edges(backdrop: BackgroundMesh, motion: Array) -> Array:
     """Let nothing come in from beyond the picture: inward motion fades between head and edge."""
     grid_px, reach = backdrop.grid_px, backdrop.face_width_px
     head = grid_px[backdrop.distance_px == 0].reshape(-1, 2)
@@ -244,7 +250,7 @@ def _hold_edges(backdrop: Backdrop, motion: Array) -> Array:
     return np.maximum(motion, 0) * from_first + np.minimum(motion, 0) * from_last
 
 
-def mouth_light(head: Head, vertices: Array) -> float:
+def mouth_shading(head: Head, vertices: Array) -> float:
     """How bright the inside of the mouth is, against light that falls in through open lips.
 
     vertices: (n, 3) float64, mm, head frame.
@@ -254,7 +260,7 @@ def mouth_light(head: Head, vertices: Array) -> float:
     return float(CLOSED_MOUTH_LIGHT + (1 - CLOSED_MOUTH_LIGHT) * opening)
 
 
-def unfolded_share(grid: Array, motion: Array, least_area: float) -> float:
+def max_unfolded_step(grid: Array, motion: Array, least_area: float) -> float:
     """The largest s in [0, 1] with which no corner of grid + s motion has less than `least_area`.
 
     grid, motion: (rows, columns, 2) float64.  Behind a turned head's cheek the still's skin would

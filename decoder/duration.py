@@ -9,7 +9,7 @@ from protocol.errors import ProtocolError
 from protocol.packets import ControlPacket, parse_packet
 
 
-def source_frames(path: Path) -> int:
+def count_frames(path: Path) -> int:
     """Told by the END packet; of a call that is cut off, as many as its packets show.
 
     Raises `UserError` if the file cannot be read.

@@ -23,29 +23,33 @@ from shared_model.parameters import EAU_INDEX, FaceParameters
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class TimedFace:
     """A face that was sent, and its place in source frames."""
 
-    place: Fraction
+    timestamp: Fraction
     face: FaceParameters
 
 
-class SampleDecoder(Protocol):
+class FrameDecoder(Protocol):
     """Decodes the frame packets of one call."""
 
-    def decode(self, number: int, payload: bytes) -> list[Sample]:
+    def decode(self, number: int, payload: bytes) -> list[TimedFace]:
         """The samples of packet `number` (0 = the call's first).  Raises `ProtocolError`."""
 
-    def number_at(self, frame: int) -> int:
+    def packet_index_at(self, frame: int) -> int:
         """The packet in which the first sample at or after source frame `frame` is sent."""
 
 
-def sample_decoder(model: ModelPacket) -> SampleDecoder:
+def frame_decoder_for(model: ModelPacket) -> FrameDecoder:
     """The decoder for a call's profile.  Raises `ProtocolError` if its model is damaged."""
-    return ThesisSamples(model) if model.call.profile == "thesis" else DefaultSamples(model)
+    return (
+        ThesisFrameDecoder(model)
+        if model.call.profile == "thesis"
+        else PredictiveFrameDecoder(model)
+    )
 
 
-class ThesisSamples:
+class ThesisFrameDecoder:
     """One face in each packet, ten a second."""
 
     def __init__(self, model: ModelPacket) -> None:
@@ -53,7 +57,7 @@ class ThesisSamples:
         call: CallParameters = model.call
         self._spacing = Fraction(call.fps_numerator, call.fps_denominator) / THESIS_RATE_HZ
 
-    def decode(self, number: int, payload: bytes) -> list[Sample]:
+    def decode(self, number: int, payload: bytes) -> list[TimedFace]:
         """See `SampleDecoder`."""
         lids = self._model.call.has_eyelids
         face = decode_thesis(payload, self._model.reference_pose, lids)
@@ -62,14 +66,14 @@ class ThesisSamples:
         sent = [EAU_INDEX[name] for name in sent_eaus(lids)]
         eau[sent] = face.eau[sent]
         place = self._model.call.start_frame + number * self._spacing
-        return [Sample(place, replace(face, eau=eau))]
+        return [TimedFace(place, replace(face, eau=eau))]
 
-    def number_at(self, frame: int) -> int:
+    def packet_index_at(self, frame: int) -> int:
         """See `SampleDecoder`."""
         return ceil((frame - self._model.call.start_frame) / self._spacing)
 
 
-class DefaultSamples:
+class PredictiveFrameDecoder:
     """Every coded frame: the first alone in packet 0, then as many a packet as the call says."""
 
     def __init__(self, model: ModelPacket) -> None:
@@ -83,7 +87,7 @@ class DefaultSamples:
             self._components.scale_codes, self._components.reserved_modes
         )
 
-    def decode(self, number: int, payload: bytes) -> list[Sample]:
+    def decode(self, number: int, payload: bytes) -> list[TimedFace]:
         """See `SampleDecoder`."""
         call, reference = self._model.call, self._model.reference_pose
         usual = call.frames_per_packet
@@ -91,11 +95,11 @@ class DefaultSamples:
         first = 1 + (number - 1) * usual if number else 0
         places = [call.start_frame + (first + i) * call.frame_step for i in range(len(frames))]
         return [
-            Sample(Fraction(place), face_from_coefficients(self._components, coded, reference))
+            TimedFace(Fraction(place), face_from_coefficients(self._components, coded, reference))
             for place, coded in zip(places, frames, strict=True)
         ]
 
-    def number_at(self, frame: int) -> int:
+    def packet_index_at(self, frame: int) -> int:
         """See `SampleDecoder`."""
         call = self._model.call
         return max(0, ceil((frame - call.start_frame) / (call.frame_step * call.frames_per_packet)))

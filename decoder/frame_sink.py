@@ -37,20 +37,20 @@ CODECS: dict[str, Literal["ffv1", "mpeg4"]] = {
 # Of the codecs, as FFmpeg calls them; the quantiser of MPEG-4 goes from 1, the finest, to 31.
 OPTIONS = {"ffv1": {}, "mpeg4": {"qmin": "1", "qmax": "1"}}
 # Pixels with colours of half the resolution.
-HALVED = "yuv420p"
+CHROMA_SUBSAMPLED = "yuv420p"
 # Y' from B'G'R' by BT.601 and BT.709, and its range in a file.
 LUMA = {None: (0.114, 0.587, 0.299), Colorspace.ITU709: (0.0722, 0.7152, 0.2126)}
 LUMA_RANGE = 219 / 255
 # MPEG-4 counts time in no smaller parts of a second.
-MPEG4_PARTS = 65535
+MPEG4_MAX_TIMEBASE = 65535
 # What files of a call with this matrix are tagged with.
 TAGS: dict[str, Colorspace | None] = {"bt601": None, "bt709": Colorspace.ITU709}
 # Pictures that may wait for a `Background` sink.
-QUEUED_PICTURES = 4
+MAX_QUEUED_PICTURES = 4
 
 
 @dataclass(frozen=True, slots=True)
-class _Colours:
+class _PixelFormat:
     """FFmpeg's name of a file's pixels; the matrix its Y'CbCr is made by and tagged with.
 
     matrix: None: RGB, or Y'CbCr by BT.601 without a tag.
@@ -60,7 +60,7 @@ class _Colours:
     matrix: Colorspace | None
 
 
-class PictureSink(Protocol):
+class FrameSink(Protocol):
     """Takes the pictures of one call in order."""
 
     def write(self, picture: Picture) -> None:
@@ -84,7 +84,7 @@ class PictureSink(Protocol):
 
 def open_sink(
     path: Path | BinaryIO, width: int, height: int, fps: Fraction, matrix: str = "bt601"
-) -> PictureSink:
+) -> FrameSink:
     """The sink that `path` asks for: .mkv, .avi, .mp4, .mov, or images such as out/%04d.png.
 
     An open stream gets YUV4MPEG2.
@@ -126,7 +126,7 @@ class VideoFile:
     def __init__(self, path: Path, width: int, height: int, fps: Fraction, matrix: str) -> None:
         self._path, self._shape = path, (height, width, 3)
         self._part = path.with_name(f"{path.stem}.part{path.suffix}")
-        self._reformatter, self._colours = VideoReformatter(), _colours(path, matrix)
+        self._reformatter, self._colours = VideoReformatter(), _pixel_format(path, matrix)
         self._luma = LUMA_RANGE * np.array([LUMA[self._colours.matrix]], np.float32)
         self._written, self._is_open, self._replaces = 0, True, True
         with ExitStack() as undo, _as_user_error(path):
@@ -149,8 +149,8 @@ class VideoFile:
             dst_colorspace=self._colours.matrix,
             dst_color_range=ColorRange.MPEG if self._colours.matrix else None,
         )
-        if self._colours.pixel_format == HALVED:
-            self._brighten(frame, picture)
+        if self._colours.pixel_format == CHROMA_SUBSAMPLED:
+            self._correct_luma(frame, picture)
         frame.pts = self._written
         with _as_user_error(self._path):
             self._container.mux(self._stream.encode(frame))
@@ -186,7 +186,7 @@ class VideoFile:
             self.mark_incomplete()
         self.close()
 
-    def _brighten(self, frame: av.VideoFrame, picture: Picture) -> None:
+    def _correct_luma(self, frame: av.VideoFrame, picture: Picture) -> None:
         """Correct a frame's luma by what a reader would make of it.
 
         FFmpeg rounds down where colours have half the resolution, by two grey levels on skin.  A
@@ -216,16 +216,16 @@ class VideoFile:
         return stream
 
 
-class Background:
+class ThreadedSink:
     """Writes into another sink from a thread of its own, so that drawing need not wait for coding.
 
     What goes wrong there is raised by the next `write` or by `close`.
     """
 
-    def __init__(self, sink: PictureSink) -> None:
+    def __init__(self, sink: FrameSink) -> None:
         self._sink = sink
         self._error: BaseException | None = None
-        self._queue: Queue[Picture | None] = Queue(QUEUED_PICTURES)
+        self._queue: Queue[Picture | None] = Queue(MAX_QUEUED_PICTURES)
         self._thread = Thread(target=self._work, daemon=True)
         self._thread.start()
 
@@ -306,24 +306,24 @@ class ImageSequence:
         self.close()
 
 
-def _colours(path: Path, matrix: str) -> _Colours:
+def _pixel_format(path: Path, matrix: str) -> _PixelFormat:
     """How pictures of a call with this matrix stand in a file such as `path`."""
     if matrix not in TAGS:
         raise ValueError(f"matrix is {matrix!r}, expected one of {', '.join(TAGS)}")
     tag = TAGS[matrix]
     if CODECS[path.suffix.lower()] != "ffv1":
-        return _Colours(HALVED, tag)
+        return _PixelFormat(CHROMA_SUBSAMPLED, tag)
     # AVI has no place for a tag.
     if tag is None or path.suffix.lower() == ".avi":
-        return _Colours("bgr0", None)
-    return _Colours("yuv444p", tag)
+        return _PixelFormat("bgr0", None)
+    return _PixelFormat("yuv444p", tag)
 
 
 def _mpeg4_rate(fps: Fraction) -> Fraction:
     """The rate nearest to `fps`, mostly `fps` itself, that MPEG-4 can state."""
-    if fps.numerator <= MPEG4_PARTS:
+    if fps.numerator <= MPEG4_MAX_TIMEBASE:
         return fps
-    return fps.limit_denominator(max(1, int(MPEG4_PARTS / fps)))
+    return fps.limit_denominator(max(1, int(MPEG4_MAX_TIMEBASE / fps)))
 
 
 @contextmanager

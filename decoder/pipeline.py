@@ -8,11 +8,11 @@ from fractions import Fraction
 from pathlib import Path
 from typing import BinaryIO
 
-from decoder.duration import source_frames
-from decoder.frame_sink import Background, PictureSink, check_sink, open_sink
-from decoder.playout import PlayedFrame, Playout
-from decoder.reenactment import read_model, recast
-from decoder.scene import Scene, StageClock, head_of
+from decoder.duration import count_frames
+from decoder.frame_sink import FrameSink, ThreadedSink, check_sink, open_sink
+from decoder.playout import Playout, PlayoutFrame
+from decoder.reenactment import read_model, reenact
+from decoder.scene import Scene, head_of
 from protocol.call_file import CallReader, TruncatedCall
 from protocol.errors import ProtocolError
 from protocol.link.interface import (
@@ -26,6 +26,7 @@ from protocol.model_packet import ModelPacket
 from protocol.packets import PacketKind, packet_kind
 from protocol.progressive_model import is_same_model
 from shared_model.errors import LINK_FAILED, UserError
+from shared_model.stage_timer import StageTimer
 
 Progress = Callable[[int, int | None], None]
 
@@ -76,18 +77,18 @@ class DecodeReport:
     shown_ns: tuple[tuple[int, int], ...]
     lost_packets: int
     late_packets: int
-    held_frames: int
+    frozen_frames: int
     complete: bool
     warnings: tuple[str, ...]
 
 
 @dataclass(slots=True)
-class _Tally:
+class _DecodeStats:
     """What the report will say, as it grows."""
 
     model_bytes: int = 0
     frame_bytes: int = 0
-    held_frames: int = 0
+    frozen_frames: int = 0
     damaged: int = 0
     first_damage: str = ""
     warnings: list[str] = field(default_factory=list)
@@ -99,26 +100,26 @@ class _Tally:
         self.first_damage = self.first_damage or str(error)
 
 
-class _Show:
+class _FramePresenter:
     """Draws frames into a sink; while one is drawn the next is worked out."""
 
     def __init__(
         self,
-        sink: PictureSink | None,
-        tally: _Tally,
-        clock: StageClock,
+        sink: FrameSink | None,
+        tally: _DecodeStats,
+        timer: StageTimer,
         progress: Callable[[int], None],
     ) -> None:
         self.scene: Scene | None = None
-        self._sink, self._tally, self._clock, self._progress = sink, tally, clock, progress
-        self._drawn: PlayedFrame | None = None
+        self._sink, self._tally, self._timer, self._progress = sink, tally, timer, progress
+        self._drawn: PlayoutFrame | None = None
 
-    def add(self, frame: PlayedFrame) -> None:
+    def add(self, frame: PlayoutFrame) -> None:
         """The next frame; the one before is finished."""
         assert self.scene is not None
-        posed = self.scene.pose(frame, self._clock)
+        posed = self.scene.prepare(frame, self._timer)
         self.finish()
-        self.scene.begin(posed, self._clock)
+        self.scene.submit(posed, self._timer)
         self._drawn = frame
 
     def finish(self) -> None:
@@ -126,11 +127,11 @@ class _Show:
         if self.scene is None or self._drawn is None:
             return
         frame, self._drawn = self._drawn, None
-        picture = self.scene.picture(self._clock)
+        picture = self.scene.read_back(self._timer)
         self._tally.shown_ns.append((frame.index, time.monotonic_ns()))
-        self._tally.held_frames += frame.held
+        self._tally.frozen_frames += frame.frozen
         if self._sink is not None:
-            with self._clock.stage("write"):
+            with self._timer.stage("write"):
                 self._sink.write(picture)
         self._progress(len(self._tally.shown_ns))
 
@@ -151,28 +152,28 @@ def decode(
     if isinstance(options.output, Path):
         check_sink(options.output)
     total = _expected_frames(options)
-    worn = read_model(options.face) if options.face else None
-    playout, tally, clock = Playout(), _Tally(), StageClock()
+    target = read_model(options.face) if options.face else None
+    playout, tally, timer = Playout(), _DecodeStats(), StageTimer()
     with ExitStack() as stack:
         source = stack.enter_context(open_source(options, say))
-        show: _Show | None = None
-        sink: PictureSink | None = None
-        for frame in played_frames(source, playout, tally, stop):
+        show: _FramePresenter | None = None
+        sink: FrameSink | None = None
+        for frame in playout_frames(source, playout, tally, stop):
             if frame is None:
                 if show is not None:
                     show.finish()
                 continue
             sender = playout.model
             assert sender is not None
-            shown = worn or sender
+            shown = target or sender
             if show is None:
                 sink = _open_sink(sender, shown, options, stack)
-                show = _Show(sink, tally, clock, lambda done: progress(done, total))
+                show = _FramePresenter(sink, tally, timer, lambda done: progress(done, total))
             if show.scene is None or show.scene.model is not shown:
                 show.finish()
-                with clock.stage("model"):
+                with timer.stage("model"):
                     show.scene = _change_scene(show.scene, shown, options, tally, stack)
-            show.add(recast(frame, sender, shown))
+            show.add(reenact(frame, sender, shown))
         if show is not None:
             show.finish()
         if not playout.ended and (stop() or options.call_file is None):
@@ -181,8 +182,8 @@ def decode(
             excess = source.trailing_bytes
             tally.warnings.append(f"{excess} bytes after the end of the call are left out")
     if playout.model is None:
-        raise _nothing(options, tally, source.ended)
-    return _report(playout, playout.model, worn, tally, clock)
+        raise _no_picture_error(options, tally, source.ended)
+    return _report(playout, playout.model, target, tally, timer)
 
 
 def open_source(options: DecodeOptions, say: MessageCallback) -> PacketSource:
@@ -198,9 +199,9 @@ def open_source(options: DecodeOptions, say: MessageCallback) -> PacketSource:
     return ZenohSource(LinkOptions(options.call, options.listen, options.connect, patience_s), say)
 
 
-def played_frames(
-    source: PacketSource, playout: Playout, tally: _Tally, stop: Callable[[], bool]
-) -> Iterator[PlayedFrame | None]:
+def playout_frames(
+    source: PacketSource, playout: Playout, tally: _DecodeStats, stop: Callable[[], bool]
+) -> Iterator[PlayoutFrame | None]:
     """The faces of the call's source frames, None before a packet is waited for; damaged packets
     are noted and skipped."""
     for data in _packets(source, tally, stop):
@@ -220,7 +221,9 @@ def played_frames(
         yield None
 
 
-def _packets(source: PacketSource, tally: _Tally, stop: Callable[[], bool]) -> Iterator[bytes]:
+def _packets(
+    source: PacketSource, tally: _DecodeStats, stop: Callable[[], bool]
+) -> Iterator[bytes]:
     while not stop() and not source.ended:
         try:
             packet = source.receive(POLL_S)
@@ -234,7 +237,7 @@ def _packets(source: PacketSource, tally: _Tally, stop: Callable[[], bool]) -> I
             yield packet
 
 
-def _count(data: bytes, tally: _Tally) -> None:
+def _count(data: bytes, tally: _DecodeStats) -> None:
     with suppress(ProtocolError):
         kind = packet_kind(data)
         if kind in (PacketKind.MODEL, PacketKind.LAYER):
@@ -247,12 +250,12 @@ def _change_scene(
     before: Scene | None,
     model: ModelPacket,
     options: DecodeOptions,
-    tally: _Tally,
+    tally: _DecodeStats,
     stack: ExitStack,
 ) -> Scene:
     if before is not None and is_same_model(before.model, model):
         try:
-            before.refine(model)
+            before.update(model)
         except ProtocolError as error:
             tally.note_damage(error)
         return before
@@ -271,16 +274,16 @@ def _open_sink(
     shown: ModelPacket,
     options: DecodeOptions,
     stack: ExitStack,
-) -> PictureSink | None:
+) -> FrameSink | None:
     call = shown.call
     if options.output is None:
         return None
     fps = Fraction(sender.call.fps_numerator, sender.call.fps_denominator)
     sink = open_sink(options.output, call.width, call.height, fps, call.colour_matrix)
-    return stack.enter_context(Background(sink))
+    return stack.enter_context(ThreadedSink(sink))
 
 
-def _unfinished(options: DecodeOptions, sink: PictureSink | None, stopped: bool) -> list[str]:
+def _unfinished(options: DecodeOptions, sink: FrameSink | None, stopped: bool) -> list[str]:
     """Keep an older video that may be complete; what to say of a call whose end did not come."""
     if stopped:
         said = ["stopped before the end of the call: decoded up to there"]
@@ -293,7 +296,7 @@ def _unfinished(options: DecodeOptions, sink: PictureSink | None, stopped: bool)
 
 
 def _expected_frames(options: DecodeOptions) -> int | None:
-    return source_frames(options.call_file) if isinstance(options.call_file, Path) else None
+    return count_frames(options.call_file) if isinstance(options.call_file, Path) else None
 
 
 def _name(options: DecodeOptions) -> str:
@@ -304,7 +307,7 @@ def _name(options: DecodeOptions) -> str:
     return str(getattr(options.call_file, "name", "the stream"))
 
 
-def _nothing(options: DecodeOptions, tally: _Tally, ended: bool) -> UserError:
+def _no_picture_error(options: DecodeOptions, tally: _DecodeStats, ended: bool) -> UserError:
     """Why there was nothing to draw.  ended: the call, rather than our patience."""
     if tally.first_damage or options.call_file is not None or not ended:
         reasons = [tally.first_damage, *tally.warnings, "it has no model packet"]
@@ -315,9 +318,9 @@ def _nothing(options: DecodeOptions, tally: _Tally, ended: bool) -> UserError:
 def _report(
     playout: Playout,
     model: ModelPacket,
-    worn: ModelPacket | None,
-    tally: _Tally,
-    clock: StageClock,
+    target: ModelPacket | None,
+    tally: _DecodeStats,
+    timer: StageTimer,
 ) -> DecodeReport:
     frames = len(tally.shown_ns)
     if not playout.ended and not tally.warnings:
@@ -329,15 +332,15 @@ def _report(
     return DecodeReport(
         frames=frames,
         fps=model.call.fps,
-        width=(worn or model).call.width,
-        height=(worn or model).call.height,
+        width=(target or model).call.width,
+        height=(target or model).call.height,
         model_bytes=tally.model_bytes,
         frame_bytes=tally.frame_bytes,
-        stage_ms=clock.mean_ms(frames),
+        stage_ms=timer.mean_ms(frames),
         shown_ns=tuple(tally.shown_ns),
         lost_packets=playout.lost,
         late_packets=playout.late,
-        held_frames=tally.held_frames,
+        frozen_frames=tally.frozen_frames,
         complete=playout.ended,
         warnings=tuple(tally.warnings),
     )

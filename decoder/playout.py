@@ -13,7 +13,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.frame_decoder import Sample, SampleDecoder, sample_decoder
+from decoder.frame_decoder import FrameDecoder, TimedFace, frame_decoder_for
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
 from protocol.limits import SEQUENCE_MODULUS
@@ -26,14 +26,8 @@ from protocol.packets import (
     parse_packet,
 )
 from protocol.progressive_model import LayerBuffer
-from shared_model.geometry import (
-    conjugate,
-    multiply,
-    normalise,
-    quaternion_from_vector,
-    vector_from_quaternion,
-)
-from shared_model.parameters import FaceParameters, Pose, refocused
+from shared_model.geometry import interpolate
+from shared_model.parameters import FaceParameters, refocused
 
 Array = NDArray[np.float64]
 
@@ -42,16 +36,16 @@ LATE_WINDOW = 16
 # A call whose first sample has a higher number is one we joined late.
 FIRST_WINDOW = 9
 # No packet may claim more frames than these beyond the last sample (ten minutes).
-MAX_HELD_S = 600
+MAX_FROZEN_S = 600
 
 
 @dataclass(frozen=True, slots=True)
-class PlayedFrame:
+class PlayoutFrame:
     """The face to show for source frame `index`; `held`: the encoder had no face there."""
 
     index: int
     face: FaceParameters
-    held: bool
+    frozen: bool
 
 
 class Playout:
@@ -71,15 +65,15 @@ class Playout:
         self.joined_late = False
         self.lost = self.late = self.unusable = 0
         self._next = 0
-        self._number = -1  # of the newest sample
-        self._sample: Sample | None = None
-        self._decoder: SampleDecoder | None = None
+        self._newest = -1  # of the newest sample
+        self._last: TimedFace | None = None
+        self._decoder: FrameDecoder | None = None
         self._first = 0  # number of the model's first frame packet
-        self._update: tuple[ModelPacket, SampleDecoder, int] | None = None
+        self._update: tuple[ModelPacket, FrameDecoder, int] | None = None
         self._layers = LayerBuffer()
         self._face_lost = False
 
-    def receive(self, data: bytes) -> Iterator[PlayedFrame]:
+    def receive(self, data: bytes) -> Iterator[PlayoutFrame]:
         """The frames that can be shown now that the packet `data` has come, perhaps none.
 
         The packet takes effect as the iterator is consumed.
@@ -101,16 +95,16 @@ class Playout:
         """Take the first model packet, and updates; each may be repeated for who joins late."""
         newest = self._update[0] if self._update else self.model
         if newest is None:
-            self.model, self._decoder = packet, sample_decoder(packet)
-            self._first, self._number = packet.sequence, packet.sequence - 1
+            self.model, self._decoder = packet, frame_decoder_for(packet)
+            self._first, self._newest = packet.sequence, packet.sequence - 1
             if packet.version:
                 self._join_late()
             self.model = self._layers.apply(packet)
         elif packet.version > newest.version:
             check_update(newest.call, packet.call)
-            ahead = (packet.sequence - self._number) % SEQUENCE_MODULUS
-            self._update = packet, sample_decoder(packet), self._number + ahead
-            self._refine_update()
+            ahead = (packet.sequence - self._newest) % SEQUENCE_MODULUS
+            self._update = packet, frame_decoder_for(packet), self._newest + ahead
+            self._apply_layers_to_update()
         elif self.model is not None and self.model.with_missing_pictures_from(packet) != self.model:
             # Who joined at an update learns later what that left as it was.
             check_update(self.model.call, packet.call)
@@ -123,107 +117,107 @@ class Playout:
         if self.model is not None and packet.model_version == self.model.version:
             self.model = self._layers.apply(self.model)
         elif self._update is not None and packet.model_version == self._update[0].version:
-            self._refine_update()
+            self._apply_layers_to_update()
 
-    def _refine_update(self) -> None:
+    def _apply_layers_to_update(self) -> None:
         """Before the update holds: its first frame packet must not suffer from damaged layers."""
         assert self._update is not None
         model, decoder, first = self._update
         self._update = self._layers.apply(model), decoder, first
 
-    def _receive_frame(self, packet: FramePacket) -> Iterator[PlayedFrame]:
-        number = self._unwrap(packet.sequence)
+    def _receive_frame(self, packet: FramePacket) -> Iterator[PlayoutFrame]:
+        number = self._extend_sequence_number(packet.sequence)
         if number is None:
             self.late += 1
             return
         if self._update is not None and number >= self._update[2]:
-            self._enter(*self._update)
+            self._activate_update(*self._update)
         assert self.model is not None and self._decoder is not None
         call = self.model.call
         samples = self._decoder.decode(number - self._first, packet.payload)
-        self.lost += number - self._number - 1
-        self._number = number
+        self.lost += number - self._newest - 1
+        self._newest = number
         for sample in samples:
             yield from self._frames_until(call, sample)
-            held = self._face_lost and self._sample is not None
-            face = self._sample.face if held and self._sample else sample.face
-            self._sample = Sample(sample.place, face)
+            held = self._face_lost and self._last is not None
+            face = self._last.face if held and self._last else sample.face
+            self._last = TimedFace(sample.timestamp, face)
 
-    def _enter(self, update: ModelPacket, decoder: SampleDecoder, first: int) -> None:
+    def _activate_update(self, update: ModelPacket, decoder: FrameDecoder, first: int) -> None:
         """Frame packets from now on are of `update`."""
         assert self.model is not None
-        if self._sample is not None:
+        if self._last is not None:
             # Its coefficients are of modes that are no more.
             longer = update.call.focal_px / self.model.call.focal_px
-            bare = replace(refocused(self._sample.face, longer), modes=np.zeros(0))
-            self._sample = replace(self._sample, face=bare)
+            bare = replace(refocused(self._last.face, longer), modes=np.zeros(0))
+            self._last = replace(self._last, face=bare)
         self.model, self._update = update.with_missing_pictures_from(self.model), None
         self._decoder, self._first = decoder, first
         self._layers.drop_before(update.version)
 
-    def _unwrap(self, sequence: int) -> int | None:
+    def _extend_sequence_number(self, sequence: int) -> int | None:
         """The sample's number in the call; None if it is late or a repetition."""
-        ahead = (sequence - self._number) % SEQUENCE_MODULUS
-        if self._sample is None and self._number < self._first and ahead > FIRST_WINDOW:
+        ahead = (sequence - self._newest) % SEQUENCE_MODULUS
+        if self._last is None and self._newest < self._first and ahead > FIRST_WINDOW:
             self._join_late()
-            self._number += ahead - 1
-            return self._number + 1
+            self._newest += ahead - 1
+            return self._newest + 1
         if ahead == 0 or ahead >= SEQUENCE_MODULUS - LATE_WINDOW:
             return None
-        return self._number + ahead
+        return self._newest + ahead
 
     def _join_late(self) -> None:
         self.joined_late = True
         self._next = -1
 
-    def _frames_until(self, call: CallParameters, sample: Sample) -> Iterator[PlayedFrame]:
+    def _frames_until(self, call: CallParameters, sample: TimedFace) -> Iterator[PlayoutFrame]:
         """Source frames after those already shown up to the place of `sample`."""
-        before = self._sample
+        before = self._last
         if self._next < 0:
-            self._next = ceil(sample.place)
-        self._check_held(call, sample.place)
-        while self._next <= sample.place:
+            self._next = ceil(sample.timestamp)
+        self._check_gap(call, sample.timestamp)
+        while self._next <= sample.timestamp:
             index = self._next
             self._next += 1
             if self._face_lost and before is not None:
-                yield PlayedFrame(index, before.face, True)
-            elif before is None or index <= before.place:
-                yield PlayedFrame(index, sample.face, index < call.start_frame)
+                yield PlayoutFrame(index, before.face, True)
+            elif before is None or index <= before.timestamp:
+                yield PlayoutFrame(index, sample.face, index < call.start_frame)
             else:
-                share = float((index - before.place) / (sample.place - before.place))
-                yield PlayedFrame(index, interpolate(before.face, sample.face, share), False)
+                share = float((index - before.timestamp) / (sample.timestamp - before.timestamp))
+                yield PlayoutFrame(index, interpolate(before.face, sample.face, share), False)
 
     def _receive_control(
         self, call: CallParameters, packet: ControlPacket
-    ) -> Iterator[PlayedFrame]:
-        yield from self._hold_until(call, packet.frame)
+    ) -> Iterator[PlayoutFrame]:
+        yield from self._freeze_until(call, packet.frame)
         if packet.kind is ControlKind.END:
             self.ended = True
         elif packet.kind is ControlKind.FACE_LOST:
             self._face_lost = True
         else:
             self._face_lost = False
-            self._skip_to(packet.frame)
+            self._resynchronise(packet.frame)
 
-    def _hold_until(self, call: CallParameters, end: int) -> Iterator[PlayedFrame]:
+    def _freeze_until(self, call: CallParameters, end: int) -> Iterator[PlayoutFrame]:
         """The last face for every source frame before `end`."""
-        if self._sample is None or self.joined_late:
+        if self._last is None or self.joined_late:
             return
-        self._check_held(call, end)
+        self._check_gap(call, end)
         while self._next < end:
             index = self._next
             self._next += 1
-            yield PlayedFrame(index, self._sample.face, self._face_lost)
+            yield PlayoutFrame(index, self._last.face, self._face_lost)
 
-    def _skip_to(self, frame: int) -> None:
+    def _resynchronise(self, frame: int) -> None:
         """Expect the samples at and after source frame `frame`: none were sent without a face."""
         if not self.joined_late and self._decoder is not None:
-            self._number = max(self._number, self._first + self._decoder.number_at(frame) - 1)
+            self._newest = max(self._newest, self._first + self._decoder.packet_index_at(frame) - 1)
 
-    def _check_held(self, call: CallParameters, end: int | Fraction) -> None:
-        if end - self._next > MAX_HELD_S * call.fps:
+    def _check_gap(self, call: CallParameters, end: int | Fraction) -> None:
+        if end - self._next > MAX_FROZEN_S * call.fps:
             raise ProtocolError(
-                f"call jumps from frame {self._next} to {int(end)}, limit {MAX_HELD_S} s"
+                f"call jumps from frame {self._next} to {int(end)}, limit {MAX_FROZEN_S} s"
             )
 
 
@@ -236,25 +230,3 @@ def check_update(call: CallParameters, update: CallParameters) -> None:
 
 def _shape(call: CallParameters) -> tuple[int, int, int, int]:
     return call.width, call.height, call.fps_numerator, call.fps_denominator
-
-
-def interpolate(first: FaceParameters, second: FaceParameters, share: float) -> FaceParameters:
-    """The face `share` (0..1) of the way: rotation along the shortest arc, all else linearly."""
-    turn = vector_from_quaternion(multiply(second.pose.rotation, conjugate(first.pose.rotation)))
-    rotation = multiply(quaternion_from_vector(share * turn), first.pose.rotation)
-    return FaceParameters(
-        Pose(
-            normalise(rotation),
-            _mix(first.pose.translation_mm, second.pose.translation_mm, share),
-        ),
-        _mix(first.eau, second.eau, share),
-        # After an update there are none yet.
-        _mix(first.modes, second.modes, share)
-        if first.modes.shape == second.modes.shape
-        else second.modes,
-        _mix(first.light, second.light, share),
-    )
-
-
-def _mix(first: Array, second: Array, share: float) -> Array:
-    return np.asarray(first + share * (second - first))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from decoder.playout import PlayedFrame
+from decoder.playout import PlayoutFrame
 from protocol.call_file import CallReader, TruncatedCall
 from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import motion_from_pose, pose_from_motion
@@ -51,15 +51,15 @@ def read_model(path: Path) -> ModelPacket:
     raise UserError(f"{path} has no model packet: nobody to draw")
 
 
-def recast(frame: PlayedFrame, sender: ModelPacket, worn: ModelPacket) -> PlayedFrame:
+def reenact(frame: PlayoutFrame, source: ModelPacket, target: ModelPacket) -> PlayoutFrame:
     """The frame of `sender`'s stream as the face of `worn` plays it.
 
     Its head moves from its own reference pose as the sender's does from theirs; actuators are
     everybody's.  Modes are of one caller: unless both are the same model, the mean is worn.
     """
-    if is_same_model(worn, sender):
+    if is_same_model(target, source):
         return frame
     face = frame.face
-    motion = motion_from_pose(face.pose, sender.reference_pose)
-    pose = pose_from_motion(motion, worn.reference_pose)
+    motion = motion_from_pose(face.pose, source.reference_pose)
+    pose = pose_from_motion(motion, target.reference_pose)
     return replace(frame, face=FaceParameters(pose, face.eau, modes=np.zeros(0)))

@@ -28,7 +28,7 @@ Picture = NDArray[np.uint8]
 DEPTH_RANGE_MM = 500.0
 NEAR_MM = 10.0
 # The cosine below which a triangle may be at the outline of the head.
-ASLANT = 0.7
+GRAZING_COSINE = 0.7
 # An atlas this many times finer than the picture is averaged (mipmaps), else drawn as it is: what
 # has been fitted through plain bilinear sampling must be shown by it.
 COARSE_TEXELS_PER_PX = 3.0
@@ -78,13 +78,13 @@ def clip_from_head(camera: Camera, pose: Pose) -> Array:
     return clip_from_camera @ camera_from_head
 
 
-def widened(clip: Array, vertices: Array, camera: Camera, rim_px: float) -> Array:
+def expanded_silhouette(clip: Array, vertices: Array, camera: Camera, expansion_px: float) -> Array:
     """The matrix `clip` that draws the head about its middle, its outline `rim_px` further out."""
     homogeneous = np.column_stack([vertices, np.ones(len(vertices))]) @ clip.T
     flat = homogeneous[:, :2] / homogeneous[:, 3:]
     low, high = flat.min(0), flat.max(0)
     middle = (low + high) / 2
-    factor = 1 + 2 * rim_px * 2 / (np.array([camera.width, camera.height]) * (high - low))
+    factor = 1 + 2 * expansion_px * 2 / (np.array([camera.width, camera.height]) * (high - low))
     wide = clip.copy()
     wide[:2] = factor[:, None] * clip[:2] + ((1 - factor) * middle)[:, None] * clip[3]
     return wide
@@ -111,20 +111,24 @@ class Renderer:
             raise UserError(f"cannot draw pictures of {width}x{height} here: {error}") from error
         self._textures: dict[str, moderngl.Texture] = {}
         self._positions = self._context.buffer(reserve=12 * len(head.vertices), dynamic=True)
-        self._outline_triangles = self._context.buffer(reserve=head.triangles.nbytes, dynamic=True)
-        self._textured, self._outline = self._head_arrays()
+        self._silhouette_triangles = self._context.buffer(
+            reserve=head.triangles.nbytes, dynamic=True
+        )
+        self._textured, self._silhouette = self._head_arrays()
         opacity = head.opacity[head.triangles]
         # Skin of opacity 0 hides the inside of the head, but not in a rim, which knows no depth.
         inside = inside_mouth(head)[head.triangles[:, 0]]
-        self._seen = head.triangles[(opacity.max(1) > 0) & ~inside]
+        self._visible_triangles = head.triangles[(opacity.max(1) > 0) & ~inside]
         blended = head.triangles[opacity.min(1) < 1]
-        near_ends = self._seen[np.isin(self._seen, open_edges(self._seen)).any(1)]
+        near_ends = self._visible_triangles[
+            np.isin(self._visible_triangles, open_edges(self._visible_triangles)).any(1)
+        ]
         gaps = np.concatenate([blended, near_ends])
-        self._beside_gaps = np.asarray(np.isin(self._seen, gaps).any(1))
+        self._borders_gap = np.asarray(np.isin(self._visible_triangles, gaps).any(1))
         self._shaded: moderngl.VertexArray | None = None
         self._attributes: moderngl.Buffer | None = None
-        self._backdrop: moderngl.VertexArray | None = None
-        self._behind: moderngl.Framebuffer | None = None
+        self._background: moderngl.VertexArray | None = None
+        self._static_background: moderngl.Framebuffer | None = None
         self._grid: moderngl.Buffer | None = None
 
     def __enter__(self) -> "Renderer":
@@ -146,7 +150,9 @@ class Renderer:
         """Set what the head wears.  atlas: (n, m, 3) uint8 BGR."""
         self._set_picture("atlas", atlas)
 
-    def set_backdrop(self, still: Picture, grid_px: Array, behind: Picture | None = None) -> None:
+    def set_background(
+        self, moving: Picture, grid_px: Array, static: Picture | None = None
+    ) -> None:
         """Set what stands behind the head.
 
         still: (h, w, 3) uint8 BGR, stretched over the picture if it is of another size; or
@@ -155,9 +161,9 @@ class Renderer:
         grid_px: (rows, columns, 2) float64, where the mesh that warps it lies in the picture when
             it is not warped, pixels (`composite.Backdrop.grid_px`).
         """
-        self._set_picture("still", still)
-        if behind is not None:
-            self._set_picture("behind", behind)
+        self._set_picture("still", moving)
+        if static is not None:
+            self._set_picture("behind", static)
         rows, columns = grid_px.shape[:2]
         picture_px = (self.width, self.height)
         coordinates = _single((grid_px.reshape(-1, 2) + 0.5) / picture_px)
@@ -174,8 +180,10 @@ class Renderer:
                 )
                 return drawn
 
-            self._backdrop = mesh(_visible_triangles(triangles, coordinates, still))
-            self._behind = None if behind is None else self._drawn_once(mesh(triangles), "behind")
+            self._background = mesh(_visible_triangles(triangles, coordinates, moving))
+            self._static_background = (
+                None if static is None else self._render_static(mesh(triangles), "behind")
+            )
             context.gc()
 
     def draw(
@@ -184,21 +192,21 @@ class Renderer:
         pose: Pose,
         vertices: Array,
         grid_px: Array | None = None,
-        mouth_light: float | None = None,
-        rim_px: float = 0.0,
+        mouth_shading: float | None = None,
+        expansion_px: float = 0.0,
     ) -> Picture:
         """The textured head over the backdrop: (height, width, 3) uint8 BGR.  See `begin`."""
-        self.begin(camera, pose, vertices, grid_px, mouth_light, rim_px)
-        return self.picture()
+        self.submit(camera, pose, vertices, grid_px, mouth_shading, expansion_px)
+        return self.read_back()
 
-    def begin(
+    def submit(
         self,
         camera: Camera,
         pose: Pose,
         vertices: Array,
         grid_px: Array | None = None,
-        mouth_light: float | None = None,
-        rim_px: float = 0.0,
+        mouth_shading: float | None = None,
+        expansion_px: float = 0.0,
     ) -> None:
         """Have a picture drawn, beside what the caller does until it asks for `picture`.
 
@@ -213,28 +221,32 @@ class Renderer:
             raise ValueError("no texture has been set, expected set_texture before draw")
         with self._context as context:
             self._clear()
-            self._draw_backdrop(grid_px)
+            self._draw_background(grid_px)
             self._write_pose(self._textured, camera, pose, vertices)
-            self._textured.program["mouth_light"] = 1.0 if mouth_light is None else mouth_light
-            self._textured.program["painted_light"] = mouth_light is None
+            self._textured.program["mouth_light"] = 1.0 if mouth_shading is None else mouth_shading
+            self._textured.program["painted_light"] = mouth_shading is None
             self._use_atlas(camera, pose)
-            if rim_px:
+            if expansion_px:
                 _write_uniform(
                     self._textured.program,
                     "clip_from_head",
-                    widened(clip_from_head(camera, pose), vertices, camera, rim_px),
+                    expanded_silhouette(
+                        clip_from_head(camera, pose), vertices, camera, expansion_px
+                    ),
                 )
                 context.enable_only(moderngl.CULL_FACE | moderngl.BLEND)
-                outline = outline_triangles(self._seen, self._beside_gaps, pose, vertices)
-                self._outline_triangles.write(outline)
-                self._outline.render(vertices=outline.size)
+                outline = silhouette_triangles(
+                    self._visible_triangles, self._borders_gap, pose, vertices
+                )
+                self._silhouette_triangles.write(outline)
+                self._silhouette.render(vertices=outline.size)
                 _write_uniform(
                     self._textured.program, "clip_from_head", clip_from_head(camera, pose)
                 )
             context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE | moderngl.BLEND)
             self._textured.render()
 
-    def picture(self) -> Picture:
+    def read_back(self) -> Picture:
         """The picture that was begun last: (height, width, 3) uint8 BGR."""
         with self._context:
             return self._read()
@@ -267,7 +279,7 @@ class Renderer:
         depth = context.depth_renderbuffer(size, samples=samples) if is_deep else None
         return context.framebuffer([context.renderbuffer(size, 4, samples=samples)], depth)
 
-    def _drawn_once(self, mesh: moderngl.VertexArray, name: str) -> moderngl.Framebuffer:
+    def _render_static(self, mesh: moderngl.VertexArray, name: str) -> moderngl.Framebuffer:
         """What is the same in every frame: a texture on a mesh that does not move."""
         drawn = self._framebuffer(self._samples, is_deep=False)
         drawn.use()
@@ -281,7 +293,7 @@ class Renderer:
         """Of all triangles, and of those in `_outline_triangles`."""
         context, head = self._context, self.head
         inside = inside_mouth(head)
-        fading = fading_teeth(head)
+        fading = teeth_falloff(head)
         attributes = np.column_stack([head.texture_coordinates, head.opacity, inside, fading])
         names = ("texture_coordinate", "vertex_opacity", "inside_mouth", "fading")
         content = [
@@ -292,7 +304,7 @@ class Renderer:
         program = _program(context, "head")
         whole, outline = (
             context.vertex_array(program, content, chosen)
-            for chosen in (triangles, self._outline_triangles)
+            for chosen in (triangles, self._silhouette_triangles)
         )
         return whole, outline
 
@@ -358,17 +370,17 @@ class Renderer:
             atlas.filter = moderngl.LINEAR, moderngl.LINEAR
         atlas.use()
 
-    def _draw_backdrop(self, grid_px: Array | None) -> None:
-        if self._backdrop is None or self._grid is None:
+    def _draw_background(self, grid_px: Array | None) -> None:
+        if self._background is None or self._grid is None:
             return
         if grid_px is not None:
             self._grid.write(_single(grid_px))
         self._context.enable_only(moderngl.NOTHING)
-        if self._behind is not None:
-            self._context.copy_framebuffer(self._target, self._behind)
+        if self._static_background is not None:
+            self._context.copy_framebuffer(self._target, self._static_background)
             self._context.enable_only(moderngl.BLEND)
         self._textures["still"].use()
-        self._backdrop.render()
+        self._background.render()
 
     def _read(self) -> Picture:
         if self._target is not self._resolved:
@@ -378,8 +390,8 @@ class Renderer:
         return np.frombuffer(data, np.uint8).reshape(self.height, self.width, 3)
 
 
-def outline_triangles(
-    triangles: NDArray[np.int32], beside_gaps: NDArray[np.bool_], pose: Pose, vertices: Array
+def silhouette_triangles(
+    triangles: NDArray[np.int32], borders_gap: NDArray[np.bool_], pose: Pose, vertices: Array
 ) -> NDArray[np.int32]:
     """Those of triangles (m, 3) that may show beside what is drawn over them: seen aslant, or
     `beside_gaps` (m,), where they end or what is behind shines through.
@@ -394,12 +406,12 @@ def outline_triangles(
     camera_mm = -pose.translation_mm @ matrix_from_quaternion(pose.rotation)
     towards = _single(camera_mm)[:, None] - first
     facing = (normals * towards).sum(0)
-    aslant = facing**2 < ASLANT**2 * (normals**2).sum(0) * (towards**2).sum(0)
-    chosen: NDArray[np.int32] = triangles[(facing > 0) & (aslant | beside_gaps)]
+    aslant = facing**2 < GRAZING_COSINE**2 * (normals**2).sum(0) * (towards**2).sum(0)
+    chosen: NDArray[np.int32] = triangles[(facing > 0) & (aslant | borders_gap)]
     return chosen
 
 
-def fading_teeth(head: Head) -> Array:
+def teeth_falloff(head: Head) -> Array:
     """(n,) what part of the light on the front teeth comes to each vertex: less to molars."""
     teeth = np.isin(head.parts, [PARTS.index(part) for part in ("teeth_upper", "teeth_lower")])
     front_mm = float(head.vertices[teeth, 2].max(initial=-np.inf))

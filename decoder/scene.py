@@ -3,18 +3,21 @@
 A model packet can be well-formed and still be no caller: what cannot be drawn is refused here.
 """
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.appearance import Wardrobe
-from decoder.background_layers import still_of
-from decoder.background_warp import Backdrop, drawn_width_px, make_backdrop, mouth_light, warp
-from decoder.playout import PlayedFrame
+from decoder.appearance import AppearanceModel
+from decoder.background_layers import load_background
+from decoder.background_warp import (
+    BackgroundMesh,
+    make_background_mesh,
+    mouth_shading,
+    projected_face_width_px,
+    warp,
+)
+from decoder.playout import PlayoutFrame
 from decoder.renderer import NEAR_MM, Renderer
 from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import AAU_STEP, EAU_STEP, RESIDUAL_STEP_MM, values_from_codes
@@ -24,6 +27,7 @@ from shared_model.anthropometry import residual_basis
 from shared_model.geometry import Camera, camera_from_head
 from shared_model.mesh import Head, generic_head
 from shared_model.parameters import Pose
+from shared_model.stage_timer import StageTimer
 from shared_model.surround import surrounded_head
 
 Array = NDArray[np.float64]
@@ -35,20 +39,20 @@ SMALL_SAMPLES = 4
 # Larger pictures are refused: each takes 3 bytes a pixel, its buffers 8, and several are waiting.
 MAX_PICTURE_PX = 4096 * 4096
 # Matting at the outline takes from the face; drawn this much wider it meets the still's contour.
-RIM_PX = 0.7
+EDGE_EXPANSION_PX = 0.7
 # A face narrower than this in the still is none.
-LEAST_FACE_PX = 4.0
+MIN_FACE_WIDTH_PX = 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class Posed:
+class FrameState:
     """What a frame looks like, see `Renderer.begin`.  texture: None: as it was."""
 
     texture: Picture | None
     pose: Pose
     vertices: Array
     grid_px: Array
-    light: float | None
+    mouth_shading: float | None
 
 
 class Scene:
@@ -68,15 +72,17 @@ class Scene:
         self._face = self._own_face = face_from_model(model, head)
         rest = self._face.animate(values_from_codes(model.reference_eau, EAU_STEP))
         check_reference(self._camera, model.reference_pose, head, rest)
-        self._wardrobe = Wardrobe(model)
-        still = still_of(model.background)
-        self._backdrop: Backdrop = make_backdrop(self._camera, model.reference_pose, head, rest)
+        self._appearance = AppearanceModel(model)
+        still = load_background(model.background)
+        self._background: BackgroundMesh = make_background_mesh(
+            self._camera, model.reference_pose, head, rest
+        )
         size = model.call.width, model.call.height
         self._renderer = Renderer(*size, head, edge_samples(*size))
-        self._renderer.set_texture(self._wardrobe.texture(np.zeros(0)))
-        self._renderer.set_backdrop(still.picture, self._backdrop.grid_px, still.behind)
+        self._renderer.set_texture(self._appearance.synthesise(np.zeros(0)))
+        self._renderer.set_background(still.moving, self._background.grid_px, still.static)
 
-    def refine(self, model: ModelPacket) -> None:
+    def update(self, model: ModelPacket) -> None:
         """Take in what more layers of the same model bring.
 
         Raises `ProtocolError` if one of them is damaged; what does not build on it is drawn.
@@ -84,78 +90,62 @@ class Scene:
         before, self.model = self.model, model
         try:
             if model.background != before.background:
-                still = still_of(model.background)
-                self._renderer.set_backdrop(still.picture, self._backdrop.grid_px, still.behind)
+                still = load_background(model.background)
+                self._renderer.set_background(still.moving, self._background.grid_px, still.static)
         finally:
-            self._refine_texture(model)
+            self._update_texture(model)
 
-    def _refine_texture(self, model: ModelPacket) -> None:
+    def _update_texture(self, model: ModelPacket) -> None:
         try:
-            self._wardrobe.refine(model)
+            self._appearance.update(model)
         finally:
-            self._renderer.set_texture(self._wardrobe.texture(np.zeros(0)))
+            self._renderer.set_texture(self._appearance.synthesise(np.zeros(0)))
 
-    def reshape(self, aau: Array) -> None:
+    def set_aau_offset(self, aau: Array) -> None:
         """From now on draw the caller with `aau` (len(AAUS),) added to their own AAUs."""
         self._face = self._own_face.reshaped(aau)
 
-    def draw(self, frame: PlayedFrame, clock: "StageClock") -> Picture:
+    def draw(self, frame: PlayoutFrame, timer: StageTimer) -> Picture:
         """The picture of one frame, (height, width, 3) uint8 BGR."""
-        self.begin(self.pose(frame, clock), clock)
-        return self.picture(clock)
+        self.submit(self.prepare(frame, timer), timer)
+        return self.read_back(timer)
 
-    def pose(self, frame: PlayedFrame, clock: "StageClock") -> "Posed":
+    def prepare(self, frame: PlayoutFrame, timer: StageTimer) -> "FrameState":
         """Work out what a frame looks like, which may be done while another one is drawn."""
         texture = None
-        if self._wardrobe.changes:
-            with clock.stage("texture"):
-                texture = self._wardrobe.texture(frame.face.modes)
-        with clock.stage("animate"):
+        if self._appearance.has_modes:
+            with timer.stage("texture"):
+                texture = self._appearance.synthesise(frame.face.modes)
+        with timer.stage("animate"):
             vertices = self._face.animate(frame.face.eau)
-        with clock.stage("composite"):
-            pose = before_camera(frame.face.pose, vertices)
-            grid_px = warp(self._backdrop, pose, vertices)
-            light = mouth_light(self._head, vertices) if self._shade_mouth else None
-        return Posed(texture, pose, vertices, grid_px, light)
+        with timer.stage("composite"):
+            pose = pushed_before_camera(frame.face.pose, vertices)
+            grid_px = warp(self._background, pose, vertices)
+            light = mouth_shading(self._head, vertices) if self._shade_mouth else None
+        return FrameState(texture, pose, vertices, grid_px, light)
 
-    def begin(self, posed: "Posed", clock: "StageClock") -> None:
+    def submit(self, posed: "FrameState", timer: StageTimer) -> None:
         """Have a frame drawn, beside what the caller does until it asks for `picture`."""
-        with clock.stage("render"):
+        with timer.stage("render"):
             if posed.texture is not None:
                 self._renderer.set_texture(posed.texture)
-            self._renderer.begin(
-                self._camera, posed.pose, posed.vertices, posed.grid_px, posed.light, RIM_PX
+            self._renderer.submit(
+                self._camera,
+                posed.pose,
+                posed.vertices,
+                posed.grid_px,
+                posed.mouth_shading,
+                EDGE_EXPANSION_PX,
             )
 
-    def picture(self, clock: "StageClock") -> Picture:
+    def read_back(self, timer: StageTimer) -> Picture:
         """The picture of the frame that was begun last, (height, width, 3) uint8 BGR."""
-        with clock.stage("render"):
-            return self._renderer.picture()
+        with timer.stage("render"):
+            return self._renderer.read_back()
 
     def close(self) -> None:
         """Free the renderer."""
         self._renderer.close()
-
-
-class StageClock:
-    """Adds up the time of each stage."""
-
-    def __init__(self) -> None:
-        self._total_ns: dict[str, int] = {}
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Count the time in the `with` block for stage `name`."""
-        start = time.perf_counter_ns()
-        try:
-            yield
-        finally:
-            spent = time.perf_counter_ns() - start
-            self._total_ns[name] = self._total_ns.get(name, 0) + spent
-
-    def mean_ms(self, frames: int) -> dict[str, float]:
-        """Milliseconds per frame of each stage."""
-        return {name: ns / 1e6 / max(frames, 1) for name, ns in self._total_ns.items()}
 
 
 def head_of(model: ModelPacket) -> Head:
@@ -202,12 +192,12 @@ def check_reference(camera: Camera, pose: Pose, head: Head, vertices: Array) -> 
     nearest_mm = float(camera_from_head(pose, vertices)[:, 2].min())
     if nearest_mm < NEAR_MM:
         raise ProtocolError(f"reference pose puts the head {nearest_mm:.0f} mm before the camera")
-    width_px = drawn_width_px(camera, pose, head, vertices)
-    if width_px < LEAST_FACE_PX:
+    width_px = projected_face_width_px(camera, pose, head, vertices)
+    if width_px < MIN_FACE_WIDTH_PX:
         raise ProtocolError(f"reference pose makes the face {width_px:.1g} px wide")
 
 
-def before_camera(pose: Pose, vertices: Array) -> Pose:
+def pushed_before_camera(pose: Pose, vertices: Array) -> Pose:
     """The pose, moved away from the camera if a part of the head would be behind it.
 
     vertices: (n, 3) float64, mm, head frame.

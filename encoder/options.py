@@ -1,11 +1,10 @@
-"""What an encoder run is asked for, and what it reports."""
+"""What an encoder run is asked for."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-from encoder.tracking.trackers import FollowOptions
-from protocol.link.interface import Reachability
+from encoder.tracking.trackers import TrackingOptions
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,36 +40,9 @@ class EncodeOptions:
     startup_bitrate: float | None = None
     fps: float | None = None
     live: bool = False
-    follow: FollowOptions = field(default_factory=FollowOptions)
+    follow: TrackingOptions = field(default_factory=TrackingOptions)
     pace: bool = False
     max_frames: int | None = None
     wait_for_peer_s: float = 0.0
     look_for_face_s: float = 10.0
     model_bytes: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class EncodeReport:
-    """What was sent.
-
-    frames: of the call.  fps, width, height: of the source.
-    coded_fps: frames a second that were coded.
-    model_bytes, frame_bytes: payload of the packets.
-    stage_ms: mean time per frame of each stage, ms.
-    capture_ns: `time.monotonic_ns` at which each source frame was read.
-    reach: whom the last packet could reach.
-    """
-
-    frames: int
-    fps: float
-    coded_fps: float
-    width: int
-    height: int
-    model_bytes: int
-    frame_bytes: int
-    packets: int
-    lost_frames: int
-    stage_ms: dict[str, float]
-    warnings: tuple[str, ...]
-    capture_ns: tuple[int, ...]
-    reach: Reachability

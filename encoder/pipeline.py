@@ -25,25 +25,17 @@ from encoder.capture.video_source import Capture, open_source
 from encoder.coding.gop import gop_for_fps
 from encoder.coding.model_packet import budget_for
 from encoder.coding.pacer import LayerPacer
-from encoder.options import EncodeOptions, EncodeReport
+from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
+from encoder.report import EncodeReport, report_of
 from encoder.runtime.parallel import short_switch_interval
-from encoder.tracking.trackers import FOLLOWED, open_follower
-from protocol.frames.scalar_quantiser import THESIS_RATE_HZ
-from protocol.link.interface import MessageCallback, PacketSink, Reachability, ignore_message
+from encoder.tracking.trackers import TRACKED_EAUS, open_tracker
+from protocol.link.interface import MessageCallback, PacketSink, ignore_message
 from shared_model.errors import UserError
 from shared_model.mesh import generic_head
 from shared_model.surround import surrounded_head
 
 NO_FACE = 3
-USUAL_BITRATE = 800.0
-# A call that takes a smaller share of a rate, or its model of a size, is as fine as can be.
-USED_SHARE = 0.75
-# Warnings about a call whose end reached nobody.
-UNREACHED_MESSAGES = {
-    Reachability.NO_PEER: "nobody listened when the call ended",
-    Reachability.NO_LINK: "the link had broken when the call ended",
-}
 
 
 def encode(
@@ -74,28 +66,7 @@ def encode(
             encode_live(options, capture, sink, stats, callbacks)
         else:
             encode_two_pass(options, capture, sink, stats, callbacks)
-        if sink.reachability in UNREACHED_MESSAGES:
-            stats.warn(UNREACHED_MESSAGES[sink.reachability])
-        if stats.lost_frames:
-            stats.warn(f"no face in {stats.lost_frames} of {len(stats.capture_ns)} frames")
-        _warn_of_unused_bits(options, stats, len(stats.capture_ns) / float(capture.fps))
-        return _report(options, capture, stats, sink.reachability)
-
-
-def _warn_of_unused_bits(options: EncodeOptions, stats: SessionStats, seconds: float) -> None:
-    """Add a warning if the call is as fine as can be with much less than it was given."""
-    taken = 8 * stats.frame_bytes / seconds
-    if options.bitrate > USUAL_BITRATE and seconds >= 1 and taken < USED_SHARE * options.bitrate:
-        stats.warn(
-            f"--bitrate {options.bitrate:g} is more than this call can use: as fine as can be, it"
-            f" takes {taken:.0f} bits a second"
-        )
-    asked = options.model_bytes
-    if asked is not None and not options.startup_bitrate and stats.model_bytes < USED_SHARE * asked:
-        stats.warn(
-            f"--model-bytes {asked} is more than this model can use: as fine as can be, it takes"
-            f" {stats.model_bytes} bytes"
-        )
+        return report_of(options, capture, stats, sink.reachability)
 
 
 def encode_thesis(
@@ -107,7 +78,7 @@ def encode_thesis(
 ) -> None:
     """Track the face frame by frame and send ten samples a second."""
     size, frame_s = (capture.width, capture.height), float(1 / capture.fps)
-    tracker = open_follower(options.follow, generic_head(), size, FOLLOWED, frame_s, stats.warn)
+    tracker = open_tracker(options.follow, generic_head(), size, TRACKED_EAUS, frame_s, stats.warn)
     session = ThesisEncoder(
         capture,
         tracker,
@@ -115,7 +86,7 @@ def encode_thesis(
         budget_for("thesis", options.model_bytes),
         options.look_for_face_s,
         stats,
-        options.follow.lids,
+        options.follow.eyelids,
     )
     run_session(session, options, capture, stats, callbacks)
 
@@ -259,25 +230,3 @@ def _pacer(options: EncodeOptions) -> LayerPacer | None:
     if options.startup_bitrate is None:
         return None
     return LayerPacer(options.startup_bitrate, options.bitrate)
-
-
-def _report(
-    options: EncodeOptions, capture: Capture, stats: SessionStats, reach: Reachability
-) -> EncodeReport:
-    captured = len(stats.capture_ns)
-    coded_fps = gop_for_fps(capture.fps, options.fps).coded_fps(capture.fps)
-    return EncodeReport(
-        frames=captured if stats.frames is None else stats.frames,
-        fps=float(capture.fps),
-        coded_fps=THESIS_RATE_HZ if options.profile == "thesis" else float(coded_fps),
-        width=capture.width,
-        height=capture.height,
-        model_bytes=stats.model_bytes,
-        frame_bytes=stats.frame_bytes,
-        packets=stats.packets,
-        lost_frames=stats.lost_frames,
-        stage_ms={name: ns / 1e6 / max(captured, 1) for name, ns in stats.stage_ns.items()},
-        warnings=tuple(stats.warnings),
-        capture_ns=tuple(stats.capture_ns),
-        reach=reach,
-    )

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from html import escape
 from pathlib import Path
@@ -55,10 +55,15 @@ def rounded(value: float | None, digits: int = 2) -> float | None:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
-    """Columns that line up: the first to the left, figures to the right; None is a dash."""
+    """Columns that line up: texts to the left, figures to the right; None is a dash.
+
+    A column is of texts if it is the first, or if all its cells are.
+    """
     texts = [list(header), *([_text(cell) for cell in row] for row in rows)]
     widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
-    lines = ["  ".join(_aligned(row, widths)).rstrip() for row in texts]
+    columns = range(1, len(header))
+    left = {0, *(i for i in columns if rows and all(isinstance(row[i], str) for row in rows))}
+    lines = ["  ".join(_aligned(row, widths, left)).rstrip() for row in texts]
     return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
 
 
@@ -75,10 +80,9 @@ def html_page(title: str, header: Sequence[str], rows: Sequence[Sequence[Cell]])
     )
 
 
-def _aligned(row: Sequence[str], widths: Sequence[int]) -> Iterator[str]:
-    yield row[0].ljust(widths[0])
-    for text, width in zip(row[1:], widths[1:], strict=True):
-        yield text.rjust(width)
+def _aligned(row: Sequence[str], widths: Sequence[int], left: Container[int]) -> Iterator[str]:
+    for column, (text, width) in enumerate(zip(row, widths, strict=True)):
+        yield text.ljust(width) if column in left else text.rjust(width)
 
 
 def _text(cell: Cell) -> str:

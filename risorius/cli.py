@@ -14,6 +14,7 @@ from typing import NoReturn
 
 from risorius.command_line.parser import BAD_USAGE, EXIT_CODES, INTERRUPTED, Parser
 from risorius.commands.benchmarks import add_bench, add_replay
+from risorius.commands.compile import add_compile
 from risorius.commands.decode import add_decode
 from risorius.commands.demo import add_demo
 from risorius.commands.drawing import add_animate, add_view
@@ -33,6 +34,7 @@ COMMANDS = (
     add_animate,
     add_view,
     add_demo,
+    add_compile,
 )
 DESCRIPTION = """\
 A videophone that sends a face as muscles, not pixels: one model packet that says who it is, then

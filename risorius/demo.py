@@ -20,6 +20,7 @@ from loopback.clip_paths import CARPHONE, clip_path
 from loopback.quality import Quality, face_mask_finder, measure_quality
 from loopback.report import Cell, table
 from protocol.summary import CallSummary, summarise
+from risorius.command_line.progress import warn
 from shared_model.errors import UserError
 
 Picture = NDArray[np.uint8]
@@ -33,23 +34,40 @@ LABELS = ("source", "decoded")
 def demo(folder: Path, say: Callable[[str], None], stop: Callable[[], bool]) -> str:
     """Encode and decode the demo clip, leave a video and a contact sheet in `folder`.
 
-    Returns the table to print.  Raises `UserError` if the clip is not installed.
+    Returns what to print.  Raises `UserError` if the clip is not installed.
     """
     source = str(clip_path(CARPHONE, Path()))
     make_folder(folder)
     call, decoded = folder / "call.rzo", folder / "decoded.mkv"
-    say("demo: encode")
+    say("demo: encode: twice through the clip, which takes some seconds for each of its own")
     report = encode(EncodeOptions(source, call, profile=available_profile()), _ignore, stop)
-    for warning in report.warnings:
-        say(f"risorius: warning: {warning}")
+    warn(report.warnings)
     say("demo: decode")
     decode(DecodeOptions(call_file=call, output=decoded), _ignore, stop)
     say("demo: compare")
     quality = measure_quality(source, str(decoded), face_mask_finder(say), _ignore)
-    write_side_by_side(source, decoded, folder / "side_by_side.mp4")
-    write_contact_sheet(source, decoded, folder / "contact_sheet.png", quality.frames)
-    files = (call, decoded, folder / "side_by_side.mp4", folder / "contact_sheet.png")
-    return f"{_demo_table(summarise(call), quality)}\n\nwritten: {' '.join(map(str, files))}"
+    both, sheet = folder / "side_by_side.mp4", folder / "contact_sheet.png"
+    write_side_by_side(source, decoded, both)
+    write_contact_sheet(source, decoded, sheet, quality.frames)
+    return "\n\n".join(
+        [
+            _size_table(summarise(call)),
+            _quality_table(quality),
+            f"also written: {call} {decoded} {sheet}",
+            f"{headline(summarise(call), quality)}\nsource and call side by side: {both}",
+        ]
+    )
+
+
+def headline(summary: CallSummary, quality: Quality) -> str:
+    """The rate, the PSNR of the face and the size of a minute, in a line."""
+    minute_bytes = summary.model_bytes + 60 * summary.record_bps / 8
+    face_db = quality.face_psnr_db
+    psnr = "" if face_db is None else f", {face_db:.1f} dB over the face"
+    return (
+        f"{summary.frame_bps:.0f} bits a second{psnr};"
+        f" a minute of such a call weighs {minute_bytes / 1000:.1f} kB"
+    )
 
 
 def write_side_by_side(source: str, decoded: Path, output: Path) -> None:
@@ -90,7 +108,7 @@ def _labelled(picture: Picture, text: str) -> Picture:
     return np.asarray(labelled, dtype=np.uint8)
 
 
-def _demo_table(summary: CallSummary, quality: Quality) -> str:
+def _size_table(summary: CallSummary) -> str:
     rows: list[list[Cell]] = [
         ["frames", summary.frames],
         ["duration, s", summary.duration_s],
@@ -98,11 +116,18 @@ def _demo_table(summary: CallSummary, quality: Quality) -> str:
         ["frame packets, bytes", summary.frame_bytes],
         ["frame packets, bit/s", summary.frame_bps],
         ["call file, bytes", summary.file_bytes],
-        ["PSNR of the face, dB", quality.face_psnr_db],
-        ["PSNR of the face, 5th percentile, dB", quality.face_psnr_p5_db],
-        ["PSNR of the picture, dB", quality.full_psnr_db],
     ]
-    return table(("carphone, 176x144", "value"), rows)
+    return table((f"carphone, {summary.width}x{summary.height}", "value"), rows)
+
+
+def _quality_table(quality: Quality) -> str:
+    still = "hair, shoulders and background come from one still picture"
+    rows: list[list[Cell]] = [
+        ["face", quality.face_psnr_db, "fitted and sent in every frame"],
+        ["face, 5th percentile", quality.face_psnr_p5_db, "its worst frames"],
+        ["whole picture", quality.full_psnr_db, still],
+    ]
+    return table(("PSNR of the", "dB", "why"), rows)
 
 
 def _ignore(done: int, total: int | None) -> None:

@@ -1,12 +1,11 @@
-"""What each step of the default profile's coding saves: bits a second at equal harm.
+"""The coding gain of each step of the default profile: bits a second at equal distortion.
 
-    python -m scripts.coding_gain CLIP... [--harm 4]
+    python -m scripts.coding_gain CLIP... [--distortion 4]
 
-Prints a table in Markdown.  Harm is the squared error of luma, mean over the visible texels of the
-shape-free face, that quantisation adds by the Gauss-Newton model of the picture
-(`Sensitivity.harm`).
-All rows code the same values: pose, actuators and coefficients of every frame, as the two-pass
-encoder finds them.  From the static code on, rows are ideal code lengths; the last is what is sent.
+Prints a table in Markdown.  Distortion is the squared luma error that quantisation adds, mean over
+the visible texels, by the Gauss-Newton model of the picture (`DistortionModel`).  All rows code the
+same values: pose, EAUs and mode coefficients of every frame, fitted in the shape-free frame.  From
+the static code on, rows are ideal code lengths; the last row is the bytes of the packets.
 """
 
 import argparse
@@ -19,23 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.capture.face_crop import crop_face
-from encoder.capture.video_source import open_source
-from encoder.coding.distortion import measure_distortion
 from encoder.coding.gop import FRAMES_PER_PACKET
-from encoder.coding.model_packet import BUDGETS
 from encoder.coding.rate_control import QUALITIES, packet_spans
 from encoder.coding.rdo_quantiser import code_packet
-from encoder.coding.transform import design_transform, project
-from encoder.detection.blazeface import BlazeFaceDetector
-from encoder.detection.landmarks import LandmarkTracker
-from encoder.detection.tflite import find_network_folder
-from encoder.fitting.sequence_fit import follow_all, smoothed
-from encoder.learning.frame_sampler import UniformSubsampler
-from encoder.learning.person_model import build_person_model
 from protocol.bit_accounting import component_bits
-from protocol.call_parameters import CallParameters
-from protocol.frames.frame_transform import FrameTransform, vector_from_face
 from protocol.frames.payload_coding import PayloadHeader, encode_payload
 from protocol.frames.temporal_prediction import (
     PREDICTION_KINDS,
@@ -49,181 +35,123 @@ from protocol.frames.temporal_prediction import (
 )
 from protocol.limits import SEQUENCE_MODULUS
 from scripts.command import run
-from shared_model.parameters import FaceParameters
-from shared_model.surround import surrounded_head
+from scripts.fitted_clip import FittedClip, fit_clip
 
 Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
 
 ROWS = (
     "8 bits a parameter, over its range",
-    "steps by sensitivity, fixed length",
-    "combined components, fixed length",
+    "steps of equal distortion, fixed length",
+    "decorrelated components, fixed length",
     "hierarchical prediction, one static code",
     "adaptive contexts",
     "rate-distortion optimised values",
-    "packet heads and whole bytes",
+    "packet headers and whole bytes",
 )
 
 
 @dataclass(frozen=True, slots=True)
-class Material:
-    """What is to be coded: y (t, d) of each frame, the harm (d, d) of errors, its components."""
+class OperatingPoint:
+    """Distortion, and bits a second by row, of a coder at one quality."""
 
-    vectors: Array
-    harm: Array
-    components: FrameTransform
-    values: Array
-    fps: float
-
-    def harm_of(self, decoded: Array) -> float:
-        """Mean harm of vectors (t, d) that come out instead, grey levels squared."""
-        error = self.vectors - decoded
-        return float(np.einsum("td,de,te->t", error, self.harm, error).mean())
-
-    def harm_of_values(self, values: Array) -> float:
-        """Mean harm of component values (t, n) that come out instead."""
-        return self.harm_of(self.components.mean + values @ self.components.matrix)
-
-
-@dataclass(frozen=True, slots=True)
-class Point:
-    """A way of coding at one setting: its harm, and its bits a second by row."""
-
-    harm: float
+    distortion: float
     bps: dict[str, float]
 
 
-def read_material(source: str) -> Material:
-    """Learn a clip's caller and follow the face through it, as the two-pass encoder does."""
-    folder, sampler = find_network_folder(), UniformSubsampler()
-    tracker = LandmarkTracker(folder, BlazeFaceDetector(folder), refine_eyelids=False)
-    with open_source(source) as capture:
-        size, fps = (capture.width, capture.height), capture.fps
-        points: list[Array] = []
-        for _, frame in capture:
-            if (found := tracker.update(frame)) is not None:
-                sampler.offer(len(points), lambda frame=frame: frame)  # type: ignore[misc]
-                points.append(found.points)
-    head = surrounded_head()
-    fitted, faces = follow_all(head, size, list(smoothed(np.array(points))))
-    call = CallParameters("default", *size, fps.numerator, fps.denominator, fitted.camera.focal_px)
-    budget = BUDGETS["default"]
-    learned = build_person_model(
-        head,
-        fitted,
-        call.camera,
-        faces,
-        sampler.frames,
-        points,
-        texture_size=budget.texture_size,
-        appearance_bytes=budget.appearance_bytes,
-        max_modes=budget.max_modes,
-    )
-    caller, refined = learned.person, list[FaceParameters]()
-    tracker = LandmarkTracker(folder, BlazeFaceDetector(folder), refine_eyelids=False)
-    with open_source(source) as capture:
-        for _, frame in capture:
-            if tracker.update(frame) is not None:
-                number = len(refined)
-                crop = crop_face(frame, points[number], caller.pixels_per_texel)
-                refined.append(caller.texel_fitter.refine(crop, faces[number], 3))
-    pose = caller.reference.pose
-    measured = measure_distortion(caller.texel_fitter, learned.crops[::8], learned.faces[::8], pose)
-    harm = measured.distortion_matrix(caller.texel_fitter.template.modes)
-    vectors = np.array([vector_from_face(face, pose) for face in refined])
-    components = design_transform(vectors, harm, caller.appearance.modes, FRAMES_PER_PACKET)
-    values = project(components, vectors, harm)
-    return Material(vectors, harm, components, values, float(fps))
-
-
-def eight_bits(material: Material) -> Point:
+def eight_bits(clip: FittedClip) -> OperatingPoint:
     """Every parameter in 255 steps of its range in the clip."""
-    low, high = material.vectors.min(0), material.vectors.max(0)
+    low, high = clip.vectors.min(0), clip.vectors.max(0)
     steps = np.maximum(high - low, 1e-9) / 255
-    decoded = low + np.rint((material.vectors - low) / steps) * steps
-    bps = 8 * material.vectors.shape[1] * material.fps
-    return Point(material.harm_of(decoded), {ROWS[0]: bps})
+    decoded = low + np.rint((clip.vectors - low) / steps) * steps
+    bps = 8 * clip.vectors.shape[1] * clip.fps
+    return OperatingPoint(clip.distortion_of(decoded), {ROWS[0]: bps})
 
 
-def fixed_length(values: Array, steps: Array) -> tuple[Array, float]:
-    """Values (t, k) rounded to steps (k,), and the bits a frame takes in codes of fixed length."""
+def fixed_length_code(values: Array, steps: Array) -> tuple[Array, float]:
+    """Values (t, k) rounded to steps (k,), and bits a frame in a code of fixed length."""
     codes = np.rint(values / steps)
     return codes * steps, float(np.ceil(np.log2(np.ptp(codes, axis=0) + 1)).sum())
 
 
-def at_harm(code: Callable[[float], tuple[float, float]], harm: float) -> float:
-    """Bits a frame of a way of coding whose (harm, bits) depend on a step, at `harm`."""
+def bits_at_distortion(code: Callable[[float], tuple[float, float]], distortion: float) -> float:
+    """Bits a frame at `distortion` of a coder whose (distortion, bits) depend on its step."""
     low, high = -8.0, 8.0
     for _ in range(40):
         middle = (low + high) / 2
-        low, high = (middle, high) if code(2.0**middle)[0] < harm else (low, middle)
+        low, high = (middle, high) if code(2.0**middle)[0] < distortion else (low, middle)
     return code(2.0**low)[1]
 
 
-def plain_rows(material: Material, harm: float) -> dict[str, float]:
-    """Bits a second without prediction, at `harm`."""
-    sensitivity = 1 / np.sqrt(np.diag(material.harm))
+def unpredicted(clip: FittedClip, distortion: float) -> dict[str, float]:
+    """Bits a second without prediction, at `distortion`."""
+    equal_steps = 1 / np.sqrt(np.diag(clip.distortion_matrix))
 
     def by_parameter(size: float) -> tuple[float, float]:
-        decoded, bits = fixed_length(material.vectors, size * sensitivity)
-        return material.harm_of(decoded), bits
+        decoded, bits = fixed_length_code(clip.vectors, size * equal_steps)
+        return clip.distortion_of(decoded), bits
 
     def by_component(size: float) -> tuple[float, float]:
-        decoded, bits = fixed_length(material.values, np.full(material.values.shape[1], size))
-        return material.harm_of_values(decoded), bits
+        decoded, bits = fixed_length_code(clip.values, np.full(clip.values.shape[1], size))
+        return clip.distortion_of_values(decoded), bits
 
-    ways = {ROWS[1]: by_parameter, ROWS[2]: by_component}
-    return {row: material.fps * at_harm(way, harm) for row, way in ways.items()}
+    coders = {ROWS[1]: by_parameter, ROWS[2]: by_component}
+    return {row: clip.fps * bits_at_distortion(coder, distortion) for row, coder in coders.items()}
 
 
-def predicted(material: Material, quality: int) -> Point:
-    """Plain rounding of what prediction leaves, coded in two ways."""
-    predictor = FramePredictor(material.components.scale_codes)
-    listener = FramePredictor(material.components.scale_codes)
+def predicted(clip: FittedClip, quality: int) -> OperatingPoint:
+    """Prediction errors rounded to the nearest step, by a static code and by adaptive contexts."""
+    predictor = FramePredictor(clip.transform.scale_codes)
+    reader = FramePredictor(clip.transform.scale_codes)
     frames, symbols, by_context = [], list[Integers](), 0.0
-    for number, (start, end) in enumerate(packet_spans(len(material.values), FRAMES_PER_PACKET)):
-        wanted = np.rint(material.values[start:end] * STEPS_PER_UNIT).astype(np.int64)
-        head, sequence = PayloadHeader(quality, end - start, number == 0), number % SEQUENCE_MODULUS
-        coded, known = round_packet(predictor, wanted, head, sequence)
-        symbols += [differences for _, differences in coded]
-        payload = encode_payload(predictor, sequence, FRAMES_PER_PACKET, head, coded)
-        by_context += component_bits(listener, sequence, FRAMES_PER_PACKET, payload).sum()
+    for number, (start, end) in enumerate(packet_spans(len(clip.values), FRAMES_PER_PACKET)):
+        targets = np.rint(clip.values[start:end] * STEPS_PER_UNIT).astype(np.int64)
+        header = PayloadHeader(quality, end - start, number == 0)
+        sequence = number % SEQUENCE_MODULUS
+        coded, known = quantise_packet(predictor, targets, header, sequence)
+        symbols += [values for _, values in coded]
+        payload = encode_payload(predictor, sequence, FRAMES_PER_PACKET, header, coded)
+        by_context += component_bits(reader, sequence, FRAMES_PER_PACKET, payload).sum()
         frames += [known[index] for index in range(1, end - start + 1)]
         predictor.anchor = frames[-1]
-    per_second = material.fps / len(frames)
-    spent = dict(zip(ROWS[3:5], (static_bits(symbols), by_context), strict=True))
-    harm = material.harm_of_values(np.array(frames) / STEPS_PER_UNIT)
-    return Point(harm, {row: count * per_second for row, count in spent.items()})
+    per_second = clip.fps / len(frames)
+    bits_by_row = dict(zip(ROWS[3:5], (static_entropy_bits(symbols), by_context), strict=True))
+    distortion = clip.distortion_of_values(np.array(frames) / STEPS_PER_UNIT)
+    return OperatingPoint(
+        distortion, {row: count * per_second for row, count in bits_by_row.items()}
+    )
 
 
-def round_packet(
-    predictor: FramePredictor, wanted: Integers, head: PayloadHeader, sequence: int
+def quantise_packet(
+    predictor: FramePredictor, frames: Integers, header: PayloadHeader, sequence: int
 ) -> tuple[list[tuple[CodedFrame, Integers]], dict[int, Integers]]:
-    """Differences of the frames (count, n) by place, each rounded to the nearest; the frames."""
-    steps = np.array([step(head.quality, kind) for kind in range(PREDICTION_KINDS)])
+    """The values of frames (count, n), each rounded to the nearest; and the decoded frames."""
+    steps = np.array([step(header.quality, kind) for kind in range(PREDICTION_KINDS)])
     values, known = [], {0: predictor.anchor}
-    for place in coding_order(len(wanted)):
-        kinds = predictor.kinds(place, sequence, head.intra)
-        error = wanted[place.index - 1] - predictor.predict(place, kinds, known)
-        differences = np.rint(error / steps[kinds]).astype(np.int64)
-        values.append((place, differences))
-        known[place.index] = reconstruct(predictor, place, kinds, known, head.quality, differences)
+    for coded_frame in coding_order(len(frames)):
+        kinds = predictor.kinds(coded_frame, sequence, header.intra)
+        error = frames[coded_frame.index - 1] - predictor.predict(coded_frame, kinds, known)
+        rounded = np.rint(error / steps[kinds]).astype(np.int64)
+        values.append((coded_frame, rounded))
+        known[coded_frame.index] = reconstruct(
+            predictor, coded_frame, kinds, known, header.quality, rounded
+        )
     return values, known
 
 
-def static_bits(symbols: list[Integers]) -> float:
-    """Entropy of all symbols by one histogram of them all, bits."""
+def static_entropy_bits(symbols: list[Integers]) -> float:
+    """Bits of all symbols by their zero-order entropy."""
     counts = np.unique(np.concatenate(symbols), return_counts=True)[1]
     return float(-(counts * np.log2(counts / counts.sum())).sum())
 
 
-def optimised(material: Material, quality: int) -> Point:
-    """The encoder's own choice of values, at one quality."""
-    predictor = FramePredictor(material.components.scale_codes)
-    listener = FramePredictor(material.components.scale_codes)
+def optimised(clip: FittedClip, quality: int) -> OperatingPoint:
+    """Rate-distortion optimised values, at one quality."""
+    predictor = FramePredictor(clip.transform.scale_codes)
+    reader = FramePredictor(clip.transform.scale_codes)
     frames, ideal, payload = [], 0.0, 0
-    for number, (start, end) in enumerate(packet_spans(len(material.values), FRAMES_PER_PACKET)):
-        targets = material.values[start:end]
+    for number, (start, end) in enumerate(packet_spans(len(clip.values), FRAMES_PER_PACKET)):
+        targets = clip.values[start:end]
         sequence = number % SEQUENCE_MODULUS
         packet = code_packet(
             predictor, sequence, FRAMES_PER_PACKET, targets, quality, intra=number == 0
@@ -231,45 +159,39 @@ def optimised(material: Material, quality: int) -> Point:
         predictor.anchor = packet.frames[-1]
         frames.append(packet.frames)
         payload += len(packet.payload)
-        ideal += component_bits(listener, sequence, FRAMES_PER_PACKET, packet.payload).sum()
-    harm = material.harm_of_values(np.concatenate(frames) / STEPS_PER_UNIT)
-    per_second = material.fps / len(material.values)
-    return Point(harm, {ROWS[5]: ideal * per_second, ROWS[6]: 8 * payload * per_second})
+        ideal += component_bits(reader, sequence, FRAMES_PER_PACKET, packet.payload).sum()
+    distortion = clip.distortion_of_values(np.concatenate(frames) / STEPS_PER_UNIT)
+    per_second = clip.fps / len(clip.values)
+    return OperatingPoint(
+        distortion, {ROWS[5]: ideal * per_second, ROWS[6]: 8 * payload * per_second}
+    )
 
 
-def between(points: list[Point], harm: float) -> dict[str, float]:
-    """Bits a second at `harm`, by logarithms between the points; nan where none are around it."""
-    ordered = sorted(points, key=lambda point: point.harm)
-    harms = np.log([point.harm for point in ordered])
-    return {
-        row: float(
-            np.exp(
-                np.interp(
-                    np.log(harm),
-                    harms,
-                    np.log([point.bps[row] for point in ordered]),
-                    left=np.nan,
-                    right=np.nan,
-                )
-            )
-        )
-        for row in ordered[0].bps
-    }
+def interpolated_bps(points: list[OperatingPoint], distortion: float) -> dict[str, float]:
+    """Bits a second at `distortion`, interpolated in logarithms; nan outside the points."""
+    ordered = sorted(points, key=lambda point: point.distortion)
+    grid = np.log([point.distortion for point in ordered])
+
+    def interpolated(row: str) -> float:
+        bps = np.log([point.bps[row] for point in ordered])
+        return float(np.exp(np.interp(np.log(distortion), grid, bps, left=np.nan, right=np.nan)))
+
+    return {row: interpolated(row) for row in ordered[0].bps}
 
 
-def gains(material: Material, harm: float) -> dict[str, float]:
-    """Bits a second of every row at `harm`; the first has the harm that it has."""
+def bps_by_row(clip: FittedClip, distortion: float) -> dict[str, float]:
+    """Bits a second of every row at `distortion`; the first row has its own."""
     qualities = range(QUALITIES)
     return {
-        **eight_bits(material).bps,
-        **plain_rows(material, harm),
-        **between([predicted(material, quality) for quality in qualities], harm),
-        **between([optimised(material, quality) for quality in qualities], harm),
+        **eight_bits(clip).bps,
+        **unpredicted(clip, distortion),
+        **interpolated_bps([predicted(clip, quality) for quality in qualities], distortion),
+        **interpolated_bps([optimised(clip, quality) for quality in qualities], distortion),
     }
 
 
 def markdown(columns: dict[str, dict[str, float]]) -> str:
-    """The rows of every clip and what each saves against the one before, geometric mean."""
+    """A table of the rows by clip, and the saving against the row before, geometric mean."""
     lines = [
         f"| bit/s | {' | '.join(columns)} | saves |",
         "|---" * (len(columns) + 2) + "|",
@@ -286,19 +208,19 @@ def main(arguments: Sequence[str]) -> None:
     """Print the table of the clips named on the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("clip", nargs="+")
-    parser.add_argument("--harm", type=float, default=4.0, help="grey levels squared")
+    parser.add_argument("--distortion", type=float, default=4.0, help="grey levels squared")
     options: Any = parser.parse_args(arguments)
     columns = {}
-    for clip in options.clip:
-        print(f"coding_gain: {clip}", file=sys.stderr)
-        material = read_material(clip)
-        columns[Path(clip).stem] = gains(material, options.harm)
-        eight = eight_bits(material)
+    for path in options.clip:
+        print(f"coding_gain: {path}", file=sys.stderr)
+        clip = fit_clip(path)
+        columns[Path(path).stem] = bps_by_row(clip, options.distortion)
         print(
-            f"{Path(clip).stem}: {material.vectors.shape[1]} parameters,"
-            f" {material.values.shape[1]} components; 8 bits each: harm {eight.harm:.2g}"
+            f"{Path(path).stem}: {clip.vectors.shape[1]} parameters,"
+            f" {clip.values.shape[1]} components;"
+            f" 8 bits each: distortion {eight_bits(clip).distortion:.2g}"
         )
-    print(f"\nat harm {options.harm:g}:\n\n{markdown(columns)}")
+    print(f"\nat distortion {options.distortion:g}:\n\n{markdown(columns)}")
 
 
 if __name__ == "__main__":

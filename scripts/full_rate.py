@@ -16,17 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.frame_sink import open_sink
-from decoder.playout import PlayedFrame
-from decoder.scene import Scene, StageClock
+from decoder.playout import PlayoutFrame
+from decoder.scene import Scene
 from encoder.capture.video_source import Capture, open_source
 from encoder.coding.model_packet import budget_for, build_thesis_model_packet, call_parameters
-from encoder.tracking.trackers import FOLLOWED, FollowOptions, open_follower
+from encoder.tracking.trackers import TRACKED_EAUS, TrackingOptions, open_tracker
 from loopback.quality import TrackedFaceMask
 from scripts.command import run, warn
 from scripts.track_synthetic import follow_frame
 from shared_model.errors import UserError
 from shared_model.mesh import generic_head
 from shared_model.parameters import FaceParameters
+from shared_model.stage_timer import StageTimer
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -44,7 +45,7 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--light", action="store_true", help="light as it suits each frame")
     parser.add_argument("--without-lids", action="store_true", help="the thesis' four actuators")
     options = parser.parse_args(arguments)
-    follow = FollowOptions(lids=not options.without_lids, refine=False)
+    follow = TrackingOptions(eyelids=not options.without_lids, refine_identity=False)
     with ExitStack() as stack:
         capture = stack.enter_context(open_source(options.source))
         size = capture.width, capture.height
@@ -58,12 +59,12 @@ def main(arguments: Sequence[str]) -> None:
 
 
 def drawings(
-    capture: Capture, options: FollowOptions, frames: int | None, stack: ExitStack
+    capture: Capture, options: TrackingOptions, frames: int | None, stack: ExitStack
 ) -> Iterator[tuple[Picture, Picture]]:
     """Each source frame and the caller drawn as the tracker has them, who may not move before."""
     head, scene, last = generic_head(), None, None
     size, elapsed_s = (capture.width, capture.height), float(1 / capture.fps)
-    follower = open_follower(options, head, size, FOLLOWED, elapsed_s, warn)
+    follower = open_tracker(options, head, size, TRACKED_EAUS, elapsed_s, warn)
     for index, frame in capture:
         if index == frames:
             return
@@ -81,7 +82,7 @@ def drawings(
         last = face or last
         assert last is not None
         shown = FaceParameters(last.pose, last.eau)
-        yield frame, scene.draw(PlayedFrame(index, shown, face is None), StageClock())
+        yield frame, scene.draw(PlayoutFrame(index, shown, face is None), StageTimer())
 
 
 def relit(drawn: Picture, original: Picture, face: Mask) -> Picture:

@@ -16,9 +16,9 @@ from encoder.capture.video_source import open_source
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.landmarks import LandmarkTracker
 from encoder.detection.tflite import find_network_folder
-from encoder.fitting.fit_results import Fitted
+from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import fit_identity
-from encoder.fitting.landmark_fit import LandmarkModel, fit_frame, landmark_model, personalise
+from encoder.fitting.landmark_fit import LandmarkModel, fit_landmarks, landmark_model, personalise
 from scripts.command import run
 from shared_model.geometry import pixel_from_head
 from shared_model.mesh import generic_head
@@ -60,14 +60,14 @@ def track(clip: Path, frames: int, every: int) -> tuple[tuple[int, int], list[Ar
 
 
 def left_over(
-    model: LandmarkModel, fitted: Fitted, landmarks: Sequence[Array], active: Sequence[int]
+    model: LandmarkModel, fitted: IdentityFit, landmarks: Sequence[Array], active: Sequence[int]
 ) -> Array:
     """(frames, points, 2) mm on the face: what the fit of each frame leaves, less its mean."""
     state = FaceParameters(fitted.frames[0].pose)
     rest = []
     for points in landmarks:
-        state = fit_frame(model, fitted.camera, points, state, active=active, iterations=6)
-        fields = np.where((state.eau >= 0)[:, None, None], model.up, -model.down)
+        state = fit_landmarks(model, fitted.camera, points, state, active=active, iterations=6)
+        fields = np.where((state.eau >= 0)[:, None, None], model.eau_up, -model.eau_down)
         vertices = model.neutral + np.tensordot(state.eau, fields, 1)
         seen = pixel_from_head(fitted.camera, state.pose, vertices)
         mm_per_px = state.pose.translation_mm[2] / fitted.camera.focal_px

@@ -20,21 +20,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture.video_source import open_source
-from encoder.fitting.person_texture import OwnTexture
-from encoder.tracking.detection_measurement import NetworkSighter
+from encoder.fitting.person_texture import PersonTexture
+from encoder.tracking.detection_measurement import LandmarkMeasurer
 from encoder.tracking.ekf import FaceFilter
 from encoder.tracking.klt import KltTracker
-from encoder.tracking.trackers import FOLLOWED, FollowOptions, open_follower
+from encoder.tracking.trackers import TRACKED_EAUS, TrackingOptions, open_tracker
 from scripts.command import run, warn
 from scripts.track_synthetic import CONFIGURATIONS, follow_frame
 from shared_model.geometry import euler_deg
 from shared_model.mesh import generic_head
 
 PARTS: dict[str, tuple[tuple[type, str], ...]] = {
-    "landmarks and their fit": ((NetworkSighter, "sight"),),
+    "landmarks and their fit": ((LandmarkMeasurer, "sight"),),
     "KLT": ((KltTracker, "track"), (KltTracker, "put_back")),
     "EKF": ((FaceFilter, "predict"), (FaceFilter, "update")),
-    "ABS": ((OwnTexture, "look"), (OwnTexture, "refine"), (OwnTexture, "learn")),
+    "ABS": ((PersonTexture, "look"), (PersonTexture, "refine"), (PersonTexture, "learn")),
 }
 
 
@@ -60,12 +60,12 @@ def main(arguments: Sequence[str]) -> None:
     print("\n".join(parts))
 
 
-def row(source: str, follow: FollowOptions, count: int) -> str:
+def row(source: str, follow: TrackingOptions, count: int) -> str:
     """Cells of one clip and tracker."""
     spent, angles = [], []
     with open_source(source) as capture:
         size, elapsed_s = (capture.width, capture.height), float(1 / capture.fps)
-        follower = open_follower(follow, generic_head(), size, FOLLOWED, elapsed_s, warn)
+        follower = open_tracker(follow, generic_head(), size, TRACKED_EAUS, elapsed_s, warn)
         for _, frame in islice(capture, count):
             start = time.process_time()
             face = follow_frame(follower, frame)

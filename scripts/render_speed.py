@@ -11,9 +11,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from decoder.background_warp import make_backdrop, warp
+from decoder.background_warp import make_background_mesh, warp
 from decoder.renderer import Renderer
-from decoder.scene import RIM_PX, edge_samples
+from decoder.scene import EDGE_EXPANSION_PX, edge_samples
 from scripts.command import run
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, pose_from_euler
@@ -30,14 +30,14 @@ def measure(width: int, height: int) -> np.ndarray:
     head, camera = surrounded_head(), Camera(width, height, 1.3 * height)
     face = Face(head, Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices)))
     reference = pose_from_euler(0, 0, 0, np.array([0.0, 0.0, 600.0]))
-    backdrop = make_backdrop(camera, reference, head, head.vertices)
+    backdrop = make_background_mesh(camera, reference, head, head.vertices)
     rng = np.random.default_rng(0)
     atlas = rng.integers(0, 256, (256, 256, 3), dtype=np.uint8)
     still = rng.integers(0, 256, (height, width, 3), dtype=np.uint8)
     times = np.zeros((FRAMES + 5, len(STAGES) + 1))
     with Renderer(width, height, head, edge_samples(width, height)) as renderer:
         renderer.set_texture(atlas)
-        renderer.set_backdrop(still, backdrop.grid_px)
+        renderer.set_background(still, backdrop.grid_px)
         for row, phase in zip(times, np.linspace(0, 6.28, len(times)), strict=True):
             shift = np.array([30 * np.sin(phase), 0.0, 0.0])
             pose = pose_from_euler(3, 15 * np.cos(phase), 2, reference.translation_mm + shift)
@@ -49,7 +49,7 @@ def measure(width: int, height: int) -> np.ndarray:
             row[2] = time.perf_counter()
             renderer.set_texture(atlas)
             row[3] = time.perf_counter()
-            renderer.draw(camera, pose, vertices, grid_px, rim_px=RIM_PX)
+            renderer.draw(camera, pose, vertices, grid_px, expansion_px=EDGE_EXPANSION_PX)
             row[4] = time.perf_counter()
     return np.asarray(1000 * np.diff(times[5:], axis=1))
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from encoder.appearance.photometric import NORMALISATIONS
 from encoder.capture.video_source import open_source
-from encoder.tracking.trackers import FOLLOWED, FollowOptions, open_follower
+from encoder.tracking.trackers import TRACKED_EAUS, TrackingOptions, open_tracker
 from scripts.command import run, warn
 from scripts.track_synthetic import follow_frame
 from shared_model.geometry import Camera, euler_deg, pixel_from_head
@@ -39,7 +39,7 @@ COLUMNS = (
 class Stage:
     """The undisturbed clip: its frames, and where the face was in each, pixels."""
 
-    def __init__(self, source: str, count: int, options: FollowOptions) -> None:
+    def __init__(self, source: str, count: int, options: TrackingOptions) -> None:
         self._options = options
         with open_source(source) as capture:
             self.frames = [frame for _, frame in islice(capture, count)]
@@ -56,7 +56,7 @@ class Stage:
     def follow(self, frames: Sequence[Picture]) -> tuple[list[FaceParameters | None], Camera]:
         """Faces of the frames, and the camera."""
         head = generic_head()
-        follower = open_follower(self._options, head, self.size, FOLLOWED, self.elapsed_s, warn)
+        follower = open_tracker(self._options, head, self.size, TRACKED_EAUS, self.elapsed_s, warn)
         faces = [follow_frame(follower, frame) for frame in frames]
         return faces, follower.fitted.camera
 
@@ -90,7 +90,7 @@ def main(arguments: Sequence[str]) -> None:
     print(f"| {' | '.join(COLUMNS)} |")
     print("|---" * len(COLUMNS) + "|")
     for source in options.source:
-        stage = Stage(source, options.frames, FollowOptions(normalise=options.normalise))
+        stage = Stage(source, options.frames, TrackingOptions(normalise=options.normalise))
         for name, disturbed in disturbances(stage).items():
             print(f"| {source.rsplit('/', 1)[-1]} | {name} | {row(stage, disturbed)} |", flush=True)
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture.video_source import open_source
-from encoder.tracking.trackers import FOLLOWED, Follower, FollowOptions, open_follower
+from encoder.tracking.trackers import TRACKED_EAUS, FaceTracker, TrackingOptions, open_tracker
 from risorius.animation.animate import AnimateOptions, animate
 from scripts.command import run, warn
 from scripts.line_charts import Chart, draw_charts
@@ -42,18 +42,20 @@ EAUS = {
 }
 LIGHT = {"brightness": (0.15, 5.0), "side": (0.4, 8.3)}
 
-CONFIGURATIONS: Mapping[str, FollowOptions] = {
-    "all parts": FollowOptions(tracker="full"),
-    "without EKF": FollowOptions(tracker="full", without=frozenset({"ekf"})),
-    "without ABS": FollowOptions(tracker="full", without=frozenset({"abs"})),
-    "without KLT": FollowOptions(tracker="full", without=frozenset({"klt"})),
-    "identity of the first frame": FollowOptions(refine=False),
-    "without network after frame 1": FollowOptions(tracker="full", without=frozenset({"network"})),
-    "no network at all (Viola-Jones)": FollowOptions("haar", "full"),
-    "retinex": FollowOptions(normalise="retinex"),
-    "visible half mirrored": FollowOptions(step="mirrored"),
-    "prediction matrix": FollowOptions(step="matrix"),
-    "network alone, each frame": FollowOptions(tracker="single"),
+CONFIGURATIONS: Mapping[str, TrackingOptions] = {
+    "all parts": TrackingOptions(tracker="full"),
+    "without EKF": TrackingOptions(tracker="full", without=frozenset({"ekf"})),
+    "without ABS": TrackingOptions(tracker="full", without=frozenset({"abs"})),
+    "without KLT": TrackingOptions(tracker="full", without=frozenset({"klt"})),
+    "identity of the first frame": TrackingOptions(refine_identity=False),
+    "without network after frame 1": TrackingOptions(
+        tracker="full", without=frozenset({"network"})
+    ),
+    "no network at all (Viola-Jones)": TrackingOptions("haar", "full"),
+    "retinex": TrackingOptions(normalise="retinex"),
+    "visible half mirrored": TrackingOptions(step="mirrored"),
+    "prediction matrix": TrackingOptions(step="matrix"),
+    "network alone, each frame": TrackingOptions(tracker="single"),
 }
 
 
@@ -119,11 +121,11 @@ def draw(script: Path, call: Path, out: Path) -> tuple[Path, dict[str, Any]]:
     return video, json.loads(video.with_suffix(".json").read_text())
 
 
-def follow(video: Path, options: FollowOptions) -> Followed:
+def follow(video: Path, options: TrackingOptions) -> Followed:
     """Follow a video from its first frame."""
     with open_source(str(video)) as capture:
         size, elapsed_s = (capture.width, capture.height), float(1 / capture.fps)
-        follower = open_follower(options, generic_head(), size, FOLLOWED, elapsed_s, warn)
+        follower = open_tracker(options, generic_head(), size, TRACKED_EAUS, elapsed_s, warn)
         values = [_values(follow_frame(follower, frame)) for _, frame in capture]
     try:
         focal_px = follower.fitted.camera.focal_px
@@ -132,10 +134,10 @@ def follow(video: Path, options: FollowOptions) -> Followed:
     return Followed(np.array(values), focal_px)
 
 
-def follow_frame(follower: Follower, frame: Picture) -> FaceParameters | None:
+def follow_frame(follower: FaceTracker, frame: Picture) -> FaceParameters | None:
     """The face in the next frame; a better identity is adopted as soon as it is there."""
     face = follower.update(frame)
-    better = follower.improvement()
+    better = follower.take_refined_identity()
     if better is not None:
         follower.adopt(better)
     return face

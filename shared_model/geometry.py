@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shared_model.parameters import Pose
+from shared_model.parameters import FaceParameters, Pose
 
 Array = NDArray[np.float64]
 
@@ -144,3 +144,24 @@ def pose_from_euler(
     pitch, yaw, roll = quaternion_from_vector(np.diag(angles))
     turned = multiply(np.array(FRONTAL), multiply(pitch, multiply(yaw, roll)))
     return Pose(normalise(turned), np.asarray(translation_mm, dtype=np.float64))
+
+
+def interpolate(first: FaceParameters, second: FaceParameters, fraction: float) -> FaceParameters:
+    """The face `fraction` (0..1) of the way from `first` to `second`.
+
+    Rotation goes along the shortest arc, all other parameters linearly.  If the numbers of mode
+    coefficients differ, as at a model update, the modes are those of `second`.
+    """
+    turn = vector_from_quaternion(multiply(second.pose.rotation, conjugate(first.pose.rotation)))
+    rotation = multiply(quaternion_from_vector(fraction * turn), first.pose.rotation)
+    translation_mm = _mix(first.pose.translation_mm, second.pose.translation_mm, fraction)
+    same_modes = first.modes.shape == second.modes.shape
+    return FaceParameters(
+        Pose(normalise(rotation), translation_mm),
+        _mix(first.eau, second.eau, fraction),
+        _mix(first.modes, second.modes, fraction) if same_modes else second.modes,
+    )
+
+
+def _mix(first: Array, second: Array, fraction: float) -> Array:
+    return np.asarray(first + fraction * (second - first))

@@ -80,13 +80,11 @@ class FaceParameters:
     pose: the head against the camera.
     eau: (len(EAUS),) float64, each within its `Eau` range.
     modes: (k,) float64, coefficients of the caller's appearance modes (eq. 2.17); may be empty.
-    light: (j,) float64, low-order light; may be empty.
     """
 
     pose: Pose
     eau: Array = field(default_factory=lambda: np.zeros(len(EAUS)))
     modes: Array = field(default_factory=lambda: np.zeros(0))
-    light: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def clip_eau(eau: Array) -> Array:

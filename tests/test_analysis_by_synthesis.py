@@ -11,7 +11,7 @@ from encoder.appearance.template import Template
 from encoder.appearance.texel_visibility import visible_texels
 from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import crop_face
-from encoder.fitting.analysis_by_synthesis import Refiner
+from encoder.fitting.analysis_by_synthesis import TexelFitter
 from encoder.fitting.increments import apply_increment
 from encoder.runtime.image_ops import sample_bicubic
 from shared_model.appearance import atlas_of
@@ -36,8 +36,8 @@ def template_of(shots: Shots, shape: ShapeFreeFrame, number: int) -> Template:
     return Template(mean, np.zeros((0, len(shape)), np.float32), (worn & seen).astype(np.float32))
 
 
-def refiner_of(shots: Shots, shape: ShapeFreeFrame, number: int) -> Refiner:
-    return Refiner(shots.face.head, shots.face, shape, template_of(shots, shape, number))
+def refiner_of(shots: Shots, shape: ShapeFreeFrame, number: int) -> TexelFitter:
+    return TexelFitter(shots.face.head, shots.face, shape, template_of(shots, shape, number))
 
 
 def astray(face: FaceParameters, seed: int) -> FaceParameters:
@@ -59,7 +59,7 @@ def test_pose_and_actuators_are_recovered(shots: Shots, shape: ShapeFreeFrame, n
     truth = shots.faces[number]
     start = astray(truth, number)
     refiner = refiner_of(shots, shape, number)
-    found = refiner.refine(whole(shots.pictures[number]), start, 8, MOVED)
+    found = refiner.fit_crop(whole(shots.pictures[number]), start, 8, MOVED)
     assert angle_deg(found.pose, truth.pose) < 0.3
     shift = found.pose.translation_mm - truth.pose.translation_mm
     assert np.abs(shift[:2]).max() < 0.5 and abs(shift[2]) < 4
@@ -70,7 +70,7 @@ def test_a_crop_is_as_good_as_the_whole_picture(shots: Shots, shape: ShapeFreeFr
     truth, picture = shots.faces[4], shots.pictures[4]
     crop = crop_face(picture, np.nan_to_num(shots.points[4], nan=160.0), 1.0)
     refiner = refiner_of(shots, shape, 4)
-    found = [refiner.refine(view, astray(truth, 9), 4, MOVED) for view in (crop, whole(picture))]
+    found = [refiner.fit_crop(view, astray(truth, 9), 4, MOVED) for view in (crop, whole(picture))]
     assert angle_deg(found[0].pose, found[1].pose) < 0.02
     assert found[0].eau == pytest.approx(found[1].eau, abs=0.01)
 
@@ -78,7 +78,7 @@ def test_a_crop_is_as_good_as_the_whole_picture(shots: Shots, shape: ShapeFreeFr
 def test_actuators_that_may_not_move_stay(shots: Shots, shape: ShapeFreeFrame) -> None:
     start = astray(shots.faces[2], 5)
     refiner = refiner_of(shots, shape, 2)
-    found = refiner.refine(whole(shots.pictures[2]), start, 3, [EAU_INDEX["jaw_drop"]])
+    found = refiner.fit_crop(whole(shots.pictures[2]), start, 3, [EAU_INDEX["jaw_drop"]])
     still = [index for index in range(len(EAUS)) if index != EAU_INDEX["jaw_drop"]]
     assert np.array_equal(found.eau[still], start.eau[still])
     assert found.eau[EAU_INDEX["jaw_drop"]] != start.eau[EAU_INDEX["jaw_drop"]]
@@ -87,9 +87,9 @@ def test_actuators_that_may_not_move_stay(shots: Shots, shape: ShapeFreeFrame) -
 def test_a_light_is_explained_by_its_coefficient(shots: Shots, shape: ShapeFreeFrame) -> None:
     template = template_of(shots, shape, 3)
     brighter = replace(template, modes=np.full((1, len(shape)), 2.0, np.float32))
-    refiner = Refiner(shots.face.head, shots.face, shape, brighter)
+    refiner = TexelFitter(shots.face.head, shots.face, shape, brighter)
     picture = np.clip(shots.pictures[3].astype(int) + 12, 0, 255).astype(np.uint8)
-    found = refiner.refine(whole(picture), astray(shots.faces[3], 3), 5, MOVED)
+    found = refiner.fit_crop(whole(picture), astray(shots.faces[3], 3), 5, MOVED)
     assert found.modes == pytest.approx([6.0], abs=0.6)
     assert angle_deg(found.pose, shots.faces[3].pose) < 0.5
 
@@ -100,13 +100,13 @@ def test_a_mode_that_is_added_later_is_found_as_one_known_from_the_start(
     rows = np.asarray(np.random.default_rng(5).normal(size=(2, len(shape))) * 3, np.float32)
     template = template_of(shots, shape, 3)
     refiners = [
-        Refiner(shots.face.head, shots.face, shape, replace(template, modes=rows[:known]))
+        TexelFitter(shots.face.head, shots.face, shape, replace(template, modes=rows[:known]))
         for known in (2, 1)
     ]
     picture = whole(shots.pictures[3])
-    start = refiners[1].refine(picture, shots.faces[3], 1, MOVED)
+    start = refiners[1].fit_crop(picture, shots.faces[3], 1, MOVED)
     fewer, refiners[1] = refiners[1], refiners[1].with_mode(rows[1])
-    found = [refiner.refine(picture, start, 3, MOVED) for refiner in refiners]
+    found = [refiner.fit_crop(picture, start, 3, MOVED) for refiner in refiners]
     assert len(start.modes) == 1 and len(found[1].modes) == 2
     assert found[1].modes == pytest.approx(found[0].modes)
     assert found[1].eau == pytest.approx(found[0].eau)
@@ -116,7 +116,7 @@ def test_a_mode_that_is_added_later_is_found_as_one_known_from_the_start(
 def test_a_hand_before_the_face_is_borne(shots: Shots, shape: ShapeFreeFrame) -> None:
     picture, truth = shots.pictures[3].copy(), shots.faces[3]
     picture[150:190, 100:150] = (40, 200, 40)
-    found = refiner_of(shots, shape, 3).refine(whole(picture), astray(truth, 1), 8, MOVED)
+    found = refiner_of(shots, shape, 3).fit_crop(whole(picture), astray(truth, 1), 8, MOVED)
     assert angle_deg(found.pose, truth.pose) < 1.5
 
 
@@ -124,7 +124,7 @@ def test_another_picture_is_explained_though_its_light_differs(
     shots: Shots, shape: ShapeFreeFrame
 ) -> None:
     truth = shots.faces[4]
-    found = refiner_of(shots, shape, 3).refine(whole(shots.pictures[4]), shots.faces[3], 8, MOVED)
+    found = refiner_of(shots, shape, 3).fit_crop(whole(shots.pictures[4]), shots.faces[3], 8, MOVED)
     assert angle_deg(found.pose, truth.pose) < 1.5
     assert angle_deg(shots.faces[3].pose, truth.pose) > 2
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from decoder.background_layers import filled, still_of
+from decoder.background_layers import load_background, pull_push_fill
 from encoder.coding.background import BackgroundImage
 from protocol.errors import ProtocolError
 from protocol.pictures.foreground_mask import MASK_SIDE, serialise_background
@@ -23,38 +23,38 @@ def somebody() -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
 
 
 def test_a_person_is_opaque_and_the_room_is_not() -> None:
-    still = still_of(BackgroundImage(room(), somebody()).encode(4000))
-    opacity = still.picture[..., 3]
+    still = load_background(BackgroundImage(room(), somebody()).encode(4000))
+    opacity = still.moving[..., 3]
     assert (opacity[34:, 52:76] == 255).all()
     assert (opacity[:20] == 0).all() and (opacity[:, :40] == 0).all()
 
 
 def test_behind_the_person_the_room_goes_on() -> None:
-    still = still_of(BackgroundImage(room(), somebody()).encode(4000))
-    assert still.behind is not None
+    still = load_background(BackgroundImage(room(), somebody()).encode(4000))
+    assert still.static is not None
     wall = np.linspace(60, 200, 128)[None, :, None]
     # The coder's own errors are within a few levels.
-    assert np.abs(still.behind[:20].astype(float) - wall).max() < 12
-    assert np.abs(still.behind.astype(float) - wall).max() < 50
-    assert still.behind.min() > 40
+    assert np.abs(still.static[:20].astype(float) - wall).max() < 12
+    assert np.abs(still.static.astype(float) - wall).max() < 50
+    assert still.static.min() > 40
 
 
 def test_what_is_known_stays_and_an_even_picture_stays_even() -> None:
     rng = np.random.default_rng(2)
     picture = rng.integers(0, 256, (37, 50, 3), dtype=np.uint8)
     known = rng.random((37, 50)) < 0.4
-    assert np.array_equal(filled(picture, known)[known], picture[known])
+    assert np.array_equal(pull_push_fill(picture, known)[known], picture[known])
     even = np.full((37, 50, 3), 90, np.uint8)
-    assert (filled(even, known) == 90).all()
-    assert filled(picture, np.zeros((37, 50), bool)).shape == picture.shape
+    assert (pull_push_fill(even, known) == 90).all()
+    assert pull_push_fill(picture, np.zeros((37, 50), bool)).shape == picture.shape
 
 
 def test_without_a_mask_nothing_shows_through() -> None:
-    still = still_of(BackgroundImage(room()).encode(2000))
-    assert still.picture.shape == (96, 128, 3) and still.behind is None
-    assert still_of(b"").behind is None
+    still = load_background(BackgroundImage(room()).encode(2000))
+    assert still.moving.shape == (96, 128, 3) and still.static is None
+    assert load_background(b"").static is None
 
 
 def test_a_mask_without_a_picture_is_refused() -> None:
     with pytest.raises(ProtocolError, match="background"):
-        still_of(serialise_background(somebody(), b""))
+        load_background(serialise_background(somebody(), b""))

@@ -8,7 +8,13 @@ import pytest
 from heads import synthetic_head
 from numpy.typing import NDArray
 
-from decoder.background_warp import Backdrop, make_backdrop, mouth_light, smoothstep, warp
+from decoder.background_warp import (
+    BackgroundMesh,
+    make_background_mesh,
+    mouth_shading,
+    smoothstep,
+    warp,
+)
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, euler_deg, pixel_from_head, pose_from_euler
 from shared_model.mesh import Head
@@ -28,8 +34,8 @@ def head() -> Head:
 
 
 @pytest.fixture(scope="module")
-def backdrop(head: Head) -> Backdrop:
-    return make_backdrop(CAMERA, REFERENCE, head, head.vertices)
+def backdrop(head: Head) -> BackgroundMesh:
+    return make_background_mesh(CAMERA, REFERENCE, head, head.vertices)
 
 
 def moved(dx: float = 0, dy: float = 0, dz: float = 0, angles: Angles = (0, 0, 0)) -> Pose:
@@ -52,18 +58,18 @@ def jacobian(grid: Array) -> Array:
     )
 
 
-def test_nothing_moves_in_the_reference_pose(backdrop: Backdrop, head: Head) -> None:
+def test_nothing_moves_in_the_reference_pose(backdrop: BackgroundMesh, head: Head) -> None:
     still = warp(backdrop, REFERENCE, head.vertices)
     np.testing.assert_allclose(still, backdrop.grid_px, atol=1e-9)
 
 
-def test_mesh_covers_the_picture_to_its_edges(backdrop: Backdrop) -> None:
+def test_mesh_covers_the_picture_to_its_edges(backdrop: BackgroundMesh) -> None:
     np.testing.assert_array_equal(backdrop.grid_px[0, 0], (-0.5, -0.5))
     np.testing.assert_array_equal(backdrop.grid_px[-1, -1], (639.5, 479.5))
     assert max(backdrop.grid_px.shape[:2]) <= 65
 
 
-def test_hair_and_outline_move_as_far_as_the_head(backdrop: Backdrop, head: Head) -> None:
+def test_hair_and_outline_move_as_far_as_the_head(backdrop: BackgroundMesh, head: Head) -> None:
     pose = moved(40, -15)
     motion = warp(backdrop, pose, head.vertices) - backdrop.grid_px
     at_head = motion[backdrop.distance_px == 0]
@@ -75,7 +81,7 @@ def test_hair_and_outline_move_as_far_as_the_head(backdrop: Backdrop, head: Head
 
 @pytest.mark.parametrize("angles", [(0, 20, 0), (12, 0, 0), (0, 0, 15), (8, -15, 10)])
 def test_skin_in_the_still_stays_under_the_drawn_skin(
-    backdrop: Backdrop, head: Head, angles: Angles
+    backdrop: BackgroundMesh, head: Head, angles: Angles
 ) -> None:
     """On the opaque face the still moves with the mesh, not with a flat card."""
     pose = moved(15, 5, angles=angles)
@@ -87,7 +93,7 @@ def test_skin_in_the_still_stays_under_the_drawn_skin(
     assert np.linalg.norm(shown - after, axis=1).max() < 5.5
 
 
-def test_chin_of_the_still_goes_with_the_jaw(backdrop: Backdrop, head: Head) -> None:
+def test_chin_of_the_still_goes_with_the_jaw(backdrop: BackgroundMesh, head: Head) -> None:
     face = Face(head, Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices)))
     eau = np.zeros(len(EAUS))
     eau[EAU_INDEX["jaw_drop"]] = 1
@@ -98,13 +104,13 @@ def test_chin_of_the_still_goes_with_the_jaw(backdrop: Backdrop, head: Head) -> 
     assert shown[0, 1] - before[0, 1] == pytest.approx(drop_px, rel=0.35)
 
 
-def test_far_points_hold_still(backdrop: Backdrop, head: Head) -> None:
+def test_far_points_hold_still(backdrop: BackgroundMesh, head: Head) -> None:
     motion = warp(backdrop, moved(20, 10, angles=(5, 8, 4)), head.vertices) - backdrop.grid_px
     far = backdrop.distance_px > backdrop.face_width_px
     assert far.sum() > 100 and np.abs(motion[far]).max() == 0
 
 
-def test_neck_follows_translation_but_not_rotation(backdrop: Backdrop, head: Head) -> None:
+def test_neck_follows_translation_but_not_rotation(backdrop: BackgroundMesh, head: Head) -> None:
     """A hand below the chin, a roll of 15 degrees would swing the neck by 50 px."""
     chin = pixel_from_head(CAMERA, REFERENCE, np.array([0.0, -110, 0]))
     below = np.linalg.norm(backdrop.grid_px - chin - (0, 0.62 * backdrop.face_width_px), axis=-1)
@@ -117,7 +123,7 @@ def test_neck_follows_translation_but_not_rotation(backdrop: Backdrop, head: Hea
 
 def test_nothing_comes_in_from_beyond_the_picture(head: Head) -> None:
     close = replace(REFERENCE, translation_mm=np.array([150.0, -120, 900]))
-    backdrop = make_backdrop(CAMERA, close, head, head.vertices)
+    backdrop = make_background_mesh(CAMERA, close, head, head.vertices)
     for dx, dy in product((-60, 60), (-60, 60)):
         pose = replace(close, translation_mm=close.translation_mm + np.array([dx, dy, 0]))
         grid = warp(backdrop, pose, head.vertices)
@@ -128,7 +134,7 @@ def test_nothing_comes_in_from_beyond_the_picture(head: Head) -> None:
 @pytest.mark.parametrize("yaw", [-25, -12, 0, 12, 25])
 @pytest.mark.parametrize("shift", [(0, 0), (0.7, 0), (-0.7, 0), (0, 0.5), (-0.5, -0.5)])
 def test_mesh_never_folds_over(
-    backdrop: Backdrop, head: Head, yaw: float, shift: tuple[float, float]
+    backdrop: BackgroundMesh, head: Head, yaw: float, shift: tuple[float, float]
 ) -> None:
     for pitch, roll, dz in ((0, 0, 0), (12, 15, -120), (-12, -15, 150)):
         pose = moved(shift[0] * FACE_MM, shift[1] * FACE_MM, dz, (pitch, yaw, roll))
@@ -136,7 +142,7 @@ def test_mesh_never_folds_over(
         assert jacobian(warp(backdrop, pose, head.vertices)).min() > 0
 
 
-def test_motion_fades_without_a_step(backdrop: Backdrop, head: Head) -> None:
+def test_motion_fades_without_a_step(backdrop: BackgroundMesh, head: Head) -> None:
     """Neighbouring cells are stretched alike: no edge shows in a plain wall."""
     grid = warp(backdrop, moved(40), head.vertices)
     widths = np.diff(grid[..., 0], axis=1) / np.diff(backdrop.grid_px[..., 0], axis=1)
@@ -150,7 +156,7 @@ def test_mouth_lightens_as_it_opens(head: Head) -> None:
         vertices = head.vertices.copy()
         lip = vertices[head.landmarks["sto_upper"]]
         vertices[head.landmarks["sto_lower"]] = lip - np.array([0, gap_mm, 0])
-        lights.append(mouth_light(head, vertices))
+        lights.append(mouth_shading(head, vertices))
     assert lights == sorted(lights) and lights[0] < 0.5 and lights[-2:] == [1.0, 1.0]
 
 
@@ -161,7 +167,7 @@ def test_smoothstep_is_smooth() -> None:
     assert np.abs(np.diff(slope)).max() < 0.01
 
 
-def _sample(backdrop: Backdrop, grid: Array, points: Array) -> Array:
+def _sample(backdrop: BackgroundMesh, grid: Array, points: Array) -> Array:
     """Where `points` (k, 2) of the still are shown: bilinear between the mesh's points."""
     rows, columns = grid.shape[:2]
     cell = (points + 0.5) / (640, 480) * (columns - 1, rows - 1)

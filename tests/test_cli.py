@@ -12,7 +12,18 @@ from processes import LIMIT_S, error_line, one_line
 from encoder.capture.video_source import open_source
 from risorius.cli import build_parser, main
 
-COMMANDS = ("encode", "decode", "relay", "bench", "replay", "info", "animate", "view", "demo")
+COMMANDS = (
+    "encode",
+    "decode",
+    "relay",
+    "bench",
+    "replay",
+    "info",
+    "animate",
+    "view",
+    "demo",
+    "compile",
+)
 
 Capture = pytest.CaptureFixture[str]
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from encoder.tracking.ekf import Estimate, FaceFilter, Motion
+from encoder.tracking.ekf import Estimate, FaceFilter, ProcessNoise
 from encoder.tracking.measurement_model import Projection, lowe, perspective
 from shared_model.geometry import (
     Camera,
@@ -41,7 +41,7 @@ def eau_at(frame: int) -> np.ndarray:
 
 
 def started(
-    motion: Motion, projection: Projection = perspective, focal_error: float = 1.15
+    motion: ProcessNoise, projection: Projection = perspective, focal_error: float = 1.15
 ) -> FaceFilter:
     """A filter that begins with a focal length, hence a depth, wrong by 15 %."""
     pose = pose_at(0)
@@ -127,7 +127,7 @@ def test_lowe_jacobian_is_table_4_2() -> None:
 def test_pose_focal_length_and_actuators_are_recovered(
     velocities: bool, projection: Projection, tolerance_deg: float
 ) -> None:
-    filter_ = started(Motion(velocities=velocities), projection)
+    filter_ = started(ProcessNoise(velocities=velocities), projection)
     angles, eaus = [], []
     for frame, estimate in track(filter_, np.random.default_rng(1), 500):
         if frame > 100:
@@ -144,7 +144,7 @@ def test_pose_focal_length_and_actuators_are_recovered(
 def test_prediction_runs_ahead_with_the_velocity() -> None:
     errors = {}
     for velocities in (True, False):
-        filter_, misses = started(Motion(velocities=velocities), focal_error=1.0), []
+        filter_, misses = started(ProcessNoise(velocities=velocities), focal_error=1.0), []
         for frame, _ in track(filter_, np.random.default_rng(2), 200, outliers=0.0):
             ahead = filter_.estimate.pose
             if frame > 30:
@@ -164,7 +164,7 @@ def predicted(filter_: FaceFilter) -> Pose:
 
 
 def test_occluded_points_are_neutral_and_come_back() -> None:
-    filter_ = started(Motion(), focal_error=1.0)
+    filter_ = started(ProcessNoise(), focal_error=1.0)
     for _, _ in track(filter_, np.random.default_rng(3), 60, outliers=0.0):
         pass
     before = filter_.predict(1 / FPS)
@@ -174,34 +174,37 @@ def test_occluded_points_are_neutral_and_come_back() -> None:
     )
     assert nothing.pose.translation_mm == pytest.approx(before.pose.translation_mm)
     assert nothing.eau == pytest.approx(before.eau, abs=1e-6)
-    assert not nothing.used.any()
+    assert not nothing.inliers.any()
     filter_.predict(1 / FPS)
     pixels = pixel_from_head(TRUE, pose_at(61), POINTS)
     back = filter_.update(POINTS, pixels, SEEN, eau_at(61), np.full(4, 0.01))
-    assert back.used.all()
+    assert back.inliers.all()
     assert euler_deg(back.pose) == pytest.approx(euler_deg(pose_at(61)), abs=1)
 
 
 def test_gross_outliers_are_left_out() -> None:
-    filter_ = started(Motion(), focal_error=1.0)
+    filter_ = started(ProcessNoise(), focal_error=1.0)
     for _, _ in track(filter_, np.random.default_rng(4), 60, outliers=0.0):
         pass
     filter_.predict(1 / FPS)
     pixels = pixel_from_head(TRUE, pose_at(60), POINTS)
     pixels[:12] += [25.0, -10.0]
     estimate = filter_.update(POINTS, pixels, SEEN, eau_at(60), np.full(4, 0.01))
-    assert not estimate.used[:12].any() and estimate.used[12:].all()
+    assert not estimate.inliers[:12].any() and estimate.inliers[12:].all()
     assert euler_deg(estimate.pose) == pytest.approx(euler_deg(pose_at(60)), abs=1)
 
 
 def test_a_face_that_jumps_is_followed_and_the_jump_shows_in_distance() -> None:
-    filter_ = started(Motion(), focal_error=1.0)
-    calm = max(e.distance for _, e in track(filter_, np.random.default_rng(5), 60, outliers=0.0))
+    filter_ = started(ProcessNoise(), focal_error=1.0)
+    calm = max(
+        e.normalised_innovation
+        for _, e in track(filter_, np.random.default_rng(5), 60, outliers=0.0)
+    )
     jumped = pose_from_euler(0, -20, 10, np.array([150.0, 20, 620]))
     pixels = pixel_from_head(TRUE, jumped, POINTS)
     filter_.predict(1 / FPS)
     first = filter_.update(POINTS, pixels, SEEN, eau_at(60), np.full(4, 0.01))
-    assert first.distance > 3 * calm
+    assert first.normalised_innovation > 3 * calm
     for _ in range(10):
         filter_.predict(1 / FPS)
         last = filter_.update(POINTS, pixels, SEEN, eau_at(60), np.full(4, 0.01))
@@ -209,7 +212,7 @@ def test_a_face_that_jumps_is_followed_and_the_jump_shows_in_distance() -> None:
 
 
 def test_covariance_stays_symmetric_and_positive() -> None:
-    filter_ = started(Motion())
+    filter_ = started(ProcessNoise())
     for _, _ in track(filter_, np.random.default_rng(6), 300):
         pass
     P = filter_.covariance
@@ -219,7 +222,7 @@ def test_covariance_stays_symmetric_and_positive() -> None:
 
 @pytest.mark.parametrize("wrong", range(5))
 def test_wrong_shapes_are_named(wrong: int) -> None:
-    filter_ = started(Motion())
+    filter_ = started(ProcessNoise())
     shapes = [(30, 3), (30, 2), (30,), (4,), (4,)]
     arrays = [np.ones(shape) for shape in shapes]
     arrays[wrong] = arrays[wrong][..., None]
@@ -230,4 +233,4 @@ def test_wrong_shapes_are_named(wrong: int) -> None:
 
 def test_time_must_pass() -> None:
     with pytest.raises(ValueError, match="elapsed_s"):
-        started(Motion()).predict(0.0)
+        started(ProcessNoise()).predict(0.0)

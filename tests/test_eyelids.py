@@ -7,11 +7,11 @@ import pytest
 from heads import seen_points
 
 from encoder.fitting.eyelids import (
-    CLOSED_GAP,
-    GAZE,
-    between_lids,
-    fit_with_lids,
-    with_seen_lids,
+    CLOSED_APERTURE,
+    GAZE_EAUS,
+    fit_with_eyelids,
+    with_averaged_eyelids,
+    with_measured_eyelids,
 )
 from encoder.fitting.landmark_fit import LandmarkModel, landmark_model
 from shared_model.geometry import Camera, pose_from_euler
@@ -42,16 +42,16 @@ def a_face(*lids: float, gaze: float = 0.0) -> FaceParameters:
 def test_lids_are_as_far_apart_as_they_are_seen(
     head: Head, model: LandmarkModel, lids: tuple[float, float]
 ) -> None:
-    found = with_seen_lids(
+    found = with_measured_eyelids(
         model, CAMERA, seen_points(head, CAMERA, a_face(*lids)), a_face(0.2, 0.1)
     )
     # The network leaves closed margins apart: what it sees as nearly closed is closed.
-    wanted = [lid / (1 - CLOSED_GAP) if lid > 0 else lid for lid in lids]
+    wanted = [lid / (1 - CLOSED_APERTURE) if lid > 0 else lid for lid in lids]
     assert found.eau[LIDS] == pytest.approx(wanted, abs=0.12)
 
 
 def test_margins_that_nearly_touch_are_closed(head: Head, model: LandmarkModel) -> None:
-    found = with_seen_lids(
+    found = with_measured_eyelids(
         model, CAMERA, seen_points(head, CAMERA, a_face(0.85, 0.85)), a_face(0, 0)
     )
     assert found.eau[LIDS] == pytest.approx(1, abs=0.1)
@@ -59,14 +59,14 @@ def test_margins_that_nearly_touch_are_closed(head: Head, model: LandmarkModel) 
 
 def test_a_blink_is_no_look_down(head: Head, model: LandmarkModel) -> None:
     before = a_face(0, 0, gaze=-0.5)
-    found = fit_with_lids(model, CAMERA, seen_points(head, CAMERA, a_face(0.8, 0.8)), before)
-    assert not found.eau[GAZE].any()
+    found = fit_with_eyelids(model, CAMERA, seen_points(head, CAMERA, a_face(0.8, 0.8)), before)
+    assert not found.eau[GAZE_EAUS].any()
     assert (found.eau[LIDS] > 0.8).all()
 
 
 def test_margins_and_texels_have_as_much_a_say() -> None:
     seen, refined = a_face(1.0, 0.0), replace(a_face(0.4, -0.3, gaze=0.2), modes=np.ones(2))
-    found = between_lids(seen, refined)
+    found = with_averaged_eyelids(seen, refined)
     wanted = refined.eau.copy()
     wanted[LIDS] = 0.7, -0.15
     assert found.eau == pytest.approx(wanted)

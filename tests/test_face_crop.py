@@ -1,4 +1,4 @@
-"""The window on the face: where it is, how large, and that positions in it are right."""
+"""The crop of the face: its place, its size, and the positions in it."""
 
 import cv2
 import numpy as np
@@ -28,7 +28,7 @@ def test_the_window_holds_the_face_and_a_margin() -> None:
 
 
 @pytest.mark.parametrize("texel_px", [0.5, 1.0, 1.2, 2.0, 3.7])
-def test_positions_in_the_frame_are_found_in_the_window(texel_px: float) -> None:
+def test_positions_in_the_frame_map_to_the_window(texel_px: float) -> None:
     crop = crop_face(ramp(), POINTS, texel_px)
     places = np.array([(70.0, 50.0), (100.5, 77.25), (118.0, 60.0)], np.float32)
     colours = sample_bicubic(crop.picture, crop.to_crop_px(places))
@@ -36,7 +36,7 @@ def test_positions_in_the_frame_are_found_in_the_window(texel_px: float) -> None
     assert np.abs(colours[:, :2] - places).max() <= 1
 
 
-def test_a_fine_picture_is_shrunk_to_a_pixel_for_each_texel() -> None:
+def test_a_fine_picture_is_scaled_down_to_a_pixel_per_texel() -> None:
     whole, small = crop_face(ramp(), POINTS, 1.0), crop_face(ramp(), POINTS, 2.5)
     ratio = np.array(whole.picture.shape[:2]) / np.array(small.picture.shape[:2])
     assert ratio == pytest.approx(2.5, rel=0.03)
@@ -44,7 +44,7 @@ def test_a_fine_picture_is_shrunk_to_a_pixel_for_each_texel() -> None:
 
 
 @pytest.mark.parametrize("shift", [(-500, 0), (500, 0), (0, -500), (0, 500), (-70, -50)])
-def test_a_face_at_or_beyond_the_border_still_has_a_window(shift: tuple[int, int]) -> None:
+def test_a_face_at_or_beyond_the_border_has_a_window(shift: tuple[int, int]) -> None:
     crop = crop_face(ramp(), POINTS + np.array([*shift, 0.0]), 1.0)
     height, width = crop.picture.shape[:2]
     assert min(height, width) >= 2

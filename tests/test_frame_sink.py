@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from decoder.frame_sink import Background, open_sink
+from decoder.frame_sink import ThreadedSink, open_sink
 from shared_model.errors import UserError
 
 Picture = NDArray[np.uint8]
@@ -223,7 +223,7 @@ def test_a_picture_of_another_size_is_refused(tmp_path: Path) -> None:
 
 def test_background_sink_writes_everything_in_order(tmp_path: Path) -> None:
     path, pictures = tmp_path / "out.mkv", noise(25)
-    with Background(open_sink(path, 64, 48, Fraction(25))) as sink:
+    with ThreadedSink(open_sink(path, 64, 48, Fraction(25))) as sink:
         for picture in pictures:
             sink.write(picture)
     assert all(np.array_equal(a, b) for a, b in zip(pictures, read(path)[0], strict=True))
@@ -233,7 +233,7 @@ def test_background_sink_is_finished_when_interrupted(tmp_path: Path) -> None:
     path = tmp_path / "out.mkv"
     with (
         pytest.raises(KeyboardInterrupt),
-        Background(open_sink(path, 64, 48, Fraction(25))) as sink,
+        ThreadedSink(open_sink(path, 64, 48, Fraction(25))) as sink,
     ):
         for picture in noise(11):
             sink.write(picture)
@@ -242,7 +242,7 @@ def test_background_sink_is_finished_when_interrupted(tmp_path: Path) -> None:
 
 
 def test_background_sink_passes_errors_on_and_still_closes(tmp_path: Path) -> None:
-    sink = Background(open_sink(tmp_path / "out.mkv", 64, 48, Fraction(25)))
+    sink = ThreadedSink(open_sink(tmp_path / "out.mkv", 64, 48, Fraction(25)))
     sink.write(noise(1)[0])
     sink.write(noise(1, 62, 48)[0])
     with pytest.raises(ValueError, match="expected"):
@@ -264,7 +264,7 @@ def test_an_older_video_is_kept_until_the_new_one_is_complete(tmp_path: Path) ->
         sink.write(picture)
         raise KeyboardInterrupt
     assert path.read_bytes() == b"complete"
-    with Background(open_sink(path, 64, 48, Fraction(25))) as sink:
+    with ThreadedSink(open_sink(path, 64, 48, Fraction(25))) as sink:
         sink.write(picture)
         aside = sink.mark_incomplete()
     assert aside is not None and aside.exists() and path.read_bytes() == b"complete"

@@ -187,6 +187,7 @@ def test_counts_of_spare_modes_that_cannot_be_are_refused(counts: object) -> Non
         parse_transform(msgpack.packb(fields | {"s": counts}))
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("components", [sample(2), grown(3, (b"third",), 2)])
 def test_every_truncation_and_bit_flip_is_components_or_a_protocol_error(
     components: FrameTransform,
@@ -201,6 +202,7 @@ def test_every_truncation_and_bit_flip_is_components_or_a_protocol_error(
         makes_a_face_or_a_protocol_error(bytes(flipped))
 
 
+@pytest.mark.no_cover
 def test_fuzz_of_mutated_components() -> None:
     seed = 511
     print(f"seed {seed}")

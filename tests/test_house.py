@@ -20,14 +20,12 @@ LONGER_MODULES: dict[str, int] = {
     "decoder/renderer.py": 454,
     "encoder/calls/live_session.py": 414,
     "encoder/fitting/analysis_by_synthesis.py": 311,
-    "encoder/picture_coding/subband_rdoq.py": 386,
     "encoder/pipeline.py": 396,
     "encoder/tracking/model_tracker.py": 368,
     "protocol/frames/temporal_prediction.py": 305,
     "protocol/link/zenoh_link.py": 350,
     "risorius/command_line/arguments.py": 314,
     "risorius/command_line/commands.py": 323,
-    "scripts/coding_gain.py": 302,
     "tests/test_bad_wire.py": 302,
     "tests/test_cli.py": 869,
     "tests/test_packets.py": 349,
@@ -39,13 +37,9 @@ LONGER_MODULES: dict[str, int] = {
 LONGER_FUNCTIONS: dict[str, int] = {
     "decoder/pipeline.py:decode": 44,
     "decoder/renderer.py:begin": 42,
-    "encoder/appearance/rasteriser.py:_rasterise": 41,
     "encoder/calls/live_session.py:__init__": 49,
     "encoder/fitting/identity.py:_joint_equations": 46,
-    "encoder/learning/person_model.py:learn_caller": 54,
-    "encoder/picture_coding/subband_rdoq.py:_band": 67,
-    "encoder/picture_coding/subband_rdoq.py:_flags": 43,
-    "encoder/picture_coding/subband_rdoq.py:_foretell": 48,
+    "encoder/picture_coding/subband_rdoq.py:_quantise": 47,
     "encoder/tracking/outlier_rejection.py:distances": 41,
     "protocol/model_packet.py:_model_from_fields": 41,
     "risorius/command_line/commands.py:run_decode": 47,
@@ -54,7 +48,7 @@ LONGER_FUNCTIONS: dict[str, int] = {
     "risorius/view/server.py:_handler": 55,
 }
 LARGER_PACKAGES: dict[str, int] = {
-    "scripts": 19,
+    "scripts": 20,
     "shared_model": 18,
     "tests": 118,
 }

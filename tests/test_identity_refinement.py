@@ -9,20 +9,20 @@ from numpy.random import default_rng
 
 from decoder.renderer import Renderer
 from encoder.capture.colour import luma_u8
-from encoder.fitting.bundle_adjustment import Bundle
-from encoder.fitting.fit_results import Fitted
+from encoder.fitting.bundle_adjustment import PhotometricBundleAdjustment
+from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import AAU_SIGMA
-from encoder.fitting.increments import shared_parameters
-from encoder.fitting.person_texture import OwnTexture
+from encoder.fitting.increments import shared_parameter_count
+from encoder.fitting.person_texture import PersonTexture
 from encoder.tracking.identity_refinement import (
-    DUE_S,
-    MOST_VIEWS,
-    TAKES_S,
-    Album,
-    KeptView,
-    Refinement,
-    improved,
-    place_of,
+    LATENCY_S,
+    MAX_KEYFRAMES,
+    SCHEDULE_S,
+    IdentityRefiner,
+    Keyframe,
+    KeyframeSet,
+    pose_descriptor,
+    validated_adjustment,
 )
 from shared_model.animate import Face, identity_from_controls
 from shared_model.anthropometry import residual_basis
@@ -41,14 +41,14 @@ TIP = HEAD.landmarks["prn"]
 Picture = np.ndarray
 
 
-def guessed(nose_mm: float) -> Fitted:
+def guessed(nose_mm: float) -> IdentityFit:
     """A caller whose nose stands out so much farther than in truth, which is the generic head."""
     control = CONTROL.copy()
     control[list(control_points(HEAD)).index(nearest_control(TIP)), 2] = nose_mm
     first = FaceParameters(pose_from_euler(0, 0, 0, PLACE))
     identity = identity_from_controls(HEAD, np.zeros(len(AAUS)), control)
-    fitted = Fitted(CAMERA, identity, control, (first,))
-    shared = shared_parameters(fitted)
+    fitted = IdentityFit(CAMERA, identity, control, (first,))
+    shared = shared_parameter_count(fitted)
     # The first frame is known, depths only by what people usually look like.
     precise = np.r_[1e4, np.full(shared - 1, 0.1), np.full(3, 1e4), np.full(3, 1.0)]
     precise[1 : 1 + len(AAUS)] = 1 / AAU_SIGMA**2
@@ -72,7 +72,7 @@ def film() -> list[tuple[Picture, FaceParameters]]:
     worn = cv2.resize(coarse, (240, 240), interpolation=cv2.INTER_CUBIC)
     renderer.set_texture(np.asarray(worn, np.uint8))
     u, v = np.linspace(-0.5, CAMERA.width - 0.5, 3), np.linspace(-0.5, CAMERA.height - 0.5, 3)
-    renderer.set_backdrop(np.full((8, 8, 3), 130, np.uint8), np.stack(np.meshgrid(u, v), -1))
+    renderer.set_background(np.full((8, 8, 3), 130, np.uint8), np.stack(np.meshgrid(u, v), -1))
     face, shots = Face(HEAD, identity_from_controls(HEAD, np.zeros(len(AAUS)), CONTROL)), []
     for pitch, yaw in ANGLES:
         shown = FaceParameters(pose_from_euler(pitch, yaw, 0, PLACE))
@@ -83,18 +83,21 @@ def film() -> list[tuple[Picture, FaceParameters]]:
     return shots
 
 
-def own_texture(film: list[tuple[Picture, FaceParameters]], caller: Fitted) -> OwnTexture:
+def own_texture(film: list[tuple[Picture, FaceParameters]], caller: IdentityFit) -> PersonTexture:
     face, (grey, start) = Face(HEAD, caller.identity), film[0]
-    return OwnTexture(HEAD, face, caller.camera, grey, start, 56)
+    return PersonTexture(HEAD, face, caller.camera, grey, start, 56)
 
 
-def kept_views(film: list[tuple[Picture, FaceParameters]], texture: OwnTexture) -> list[KeptView]:
+def kept_views(
+    film: list[tuple[Picture, FaceParameters]], texture: PersonTexture
+) -> list[Keyframe]:
     return [
-        KeptView(texture.look(grey, face), face, place_of(face, ACTIVE)) for grey, face in film[1:]
+        Keyframe(texture.observe(grey, face), face, pose_descriptor(face, ACTIVE))
+        for grey, face in film[1:]
     ]
 
 
-def tip_off_mm(fitted: Fitted) -> float:
+def tip_off_mm(fitted: IdentityFit) -> float:
     """How far off the tip of the nose is, along the first camera's axis."""
     return abs(float(Face(HEAD, fitted.identity).neutral[TIP, 2] - HEAD.vertices[TIP, 2]))
 
@@ -105,9 +108,9 @@ def test_turned_heads_show_how_long_a_nose_is(
 ) -> None:
     caller = guessed(nose_mm)
     texture = own_texture(film, caller)
-    first, views = texture.look(*film[0]), kept_views(film, texture)
-    bundle = Bundle(HEAD, caller, first.target, ACTIVE)
-    better = improved(bundle, caller, first, views)
+    first, views = texture.observe(*film[0]), kept_views(film, texture)
+    bundle = PhotometricBundleAdjustment(HEAD, caller, first.target, ACTIVE)
+    better = validated_adjustment(bundle, caller, first, views)
     assert better is not None
     assert tip_off_mm(better) < 0.5 * tip_off_mm(caller)
     assert better.camera.focal_px == pytest.approx(CAMERA.focal_px, rel=0.05)
@@ -116,42 +119,42 @@ def test_turned_heads_show_how_long_a_nose_is(
 def test_who_is_known_already_stays(film: list[tuple[Picture, FaceParameters]]) -> None:
     caller = guessed(0.0)
     texture = own_texture(film, caller)
-    first, views = texture.look(*film[0]), kept_views(film, texture)
-    bundle = Bundle(HEAD, caller, first.target, ACTIVE)
-    better = improved(bundle, caller, first, views) or caller
+    first, views = texture.observe(*film[0]), kept_views(film, texture)
+    bundle = PhotometricBundleAdjustment(HEAD, caller, first.target, ACTIVE)
+    better = validated_adjustment(bundle, caller, first, views) or caller
     assert tip_off_mm(better) < 1
     # Nothing is to be gained from the first frame again, nor where no view is left to check it.
-    same = [KeptView(first, film[0][1], views[0].place)] * 6
-    assert improved(bundle, caller, first, same) is None
-    assert improved(bundle, caller, first, views[:2]) is None
+    same = [Keyframe(first, film[0][1], views[0].descriptor)] * 6
+    assert validated_adjustment(bundle, caller, first, same) is None
+    assert validated_adjustment(bundle, caller, first, views[:2]) is None
 
 
 def test_a_bundle_needs_what_the_first_frame_says(
     film: list[tuple[Picture, FaceParameters]],
 ) -> None:
     caller = replace(guessed(0.0), information=None)
-    first = own_texture(film, caller).look(*film[0])
+    first = own_texture(film, caller).observe(*film[0])
     with pytest.raises(ValueError, match="information"):
-        Bundle(HEAD, caller, first.target, ACTIVE)
+        PhotometricBundleAdjustment(HEAD, caller, first.target, ACTIVE)
 
 
 def test_an_album_keeps_what_differs_most(film: list[tuple[Picture, FaceParameters]]) -> None:
     texture = own_texture(film, guessed(0.0))
-    view = texture.look(*film[0])
-    album, face = Album(), film[0][1]
+    view = texture.observe(*film[0])
+    album, face = KeyframeSet(), film[0][1]
     random = default_rng(1)
-    crowd = [random.normal(0, 0.2, 5) for _ in range(MOST_VIEWS)]
+    crowd = [random.normal(0, 0.2, 5) for _ in range(MAX_KEYFRAMES)]
     apart = [np.eye(5)[axis] * side for axis in range(5) for side in (-3.0, 3.0)]
     for place in (*crowd, *apart):
         if album.wants(place):
-            album.add(KeptView(view, face, place))
-    assert len(album.kept) == MOST_VIEWS
-    places = [kept.place.tolist() for kept in album.kept]
+            album.add(Keyframe(view, face, place))
+    assert len(album.keyframes) == MAX_KEYFRAMES
+    places = [kept.descriptor.tolist() for kept in album.keyframes]
     assert all(place.tolist() in places for place in apart)
     assert not album.wants(apart[0] + 0.01)
-    before = album.kept[0].face.pose.translation_mm[2]
+    before = album.keyframes[0].face.pose.translation_mm[2]
     album.refocus(1.1)
-    assert album.kept[0].face.pose.translation_mm[2] == pytest.approx(1.1 * before)
+    assert album.keyframes[0].face.pose.translation_mm[2] == pytest.approx(1.1 * before)
 
 
 def test_an_improvement_comes_once_at_a_fixed_frame_and_faces_are_kept_again_once_it_is_adopted(
@@ -159,14 +162,14 @@ def test_an_improvement_comes_once_at_a_fixed_frame_and_faces_are_kept_again_onc
 ) -> None:
     caller = guessed(6.0)
     texture = own_texture(film, caller)
-    refinement = Refinement(HEAD, caller, texture, texture.look(*film[0]), ACTIVE)
+    refinement = IdentityRefiner(HEAD, caller, texture, texture.observe(*film[0]), ACTIVE)
     elapsed_s, came = 0.25, []
-    for number in range(round(DUE_S[0] / elapsed_s) + 12):
-        refinement.tick(elapsed_s)
-        refinement.look(*film[1 + number % (len(film) - 1)])
-        better = refinement.improvement()
+    for number in range(round(SCHEDULE_S[0] / elapsed_s) + 12):
+        refinement.advance(elapsed_s)
+        refinement.add_keyframe_candidate(*film[1 + number % (len(film) - 1)])
+        better = refinement.take_result()
         if better is not None:
             came.append((number, better))
-            assert refinement.improvement() is None
-    assert [number for number, _ in came] == [round((DUE_S[0] + TAKES_S) / elapsed_s) - 1]
+            assert refinement.take_result() is None
+    assert [number for number, _ in came] == [round((SCHEDULE_S[0] + LATENCY_S) / elapsed_s) - 1]
     refinement.adopt(came[0][1])

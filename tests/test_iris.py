@@ -1,4 +1,4 @@
-"""Irises and lids are where real eyes have them."""
+"""Irises and eyelids of real eyes."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from encoder.detection.roi import roi_from_landmarks
         ("smile.mp4", [[259, 169], [326.5, 166]]),
     ],
 )
-def test_irises_are_where_the_pupils_are(
+def test_irises_surround_the_pupils(
     name: str, pupils: list[list[float]], networks: Path, clip_frames: ClipFrames
 ) -> None:
     (frame,) = clip_frames(name, 1)
@@ -34,9 +34,9 @@ def test_irises_are_where_the_pupils_are(
 
 
 @pytest.mark.parametrize("crop", [TRAINED_CROP_SCALE, WIDE_CROP_SCALE])
-def test_lids_close_in_a_blink(crop: float, networks: Path, clip_frames: ClipFrames) -> None:
+def test_eyelids_close_in_a_blink(crop: float, networks: Path, clip_frames: ClipFrames) -> None:
     tracker = LandmarkTracker(networks, BlazeFaceDetector(networks), eye_crop_scale=crop)
-    # The caller blinks in frame 42.
+    # The person blinks in frame 42.
     opening = [eyes_opening(tracker, frame) for frame in clip_frames("carphone.mp4", 45)]
     assert min(opening) == opening[42] < 0.4 * np.median(opening)
 
@@ -49,7 +49,7 @@ def eyes_opening(tracker: LandmarkTracker, frame: Frame) -> float:
     return float(np.linalg.norm(gaps, axis=1).mean() / np.linalg.norm(eyes))
 
 
-def test_only_the_lids_are_seen_anew(networks: Path, clip_frames: ClipFrames) -> None:
+def test_only_the_eyelids_are_replaced(networks: Path, clip_frames: ClipFrames) -> None:
     (frame,) = clip_frames("smile.mp4", 1)
     tracker = LandmarkTracker(networks, BlazeFaceDetector(networks))
     found = tracker.update(frame)

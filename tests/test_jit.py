@@ -1,4 +1,4 @@
-"""Compiled loops do what they are written to do, wherever they come from."""
+"""Compiled functions give the results of the Python code, with or without a cache folder."""
 
 import numpy as np
 
@@ -13,8 +13,8 @@ def ratios(over, under):
 """
 
 
-def test_a_loop_for_which_there_is_no_folder_is_compiled_all_the_same() -> None:
-    # What is in no file can be kept beside none.
+def test_a_function_without_a_file_is_compiled_without_a_cache() -> None:
+    # Code that is in no file has no folder for a cache.
     names: dict[str, object] = {"np": np}
     exec(LOOP, names)
     ratios = names["ratios"]
@@ -23,7 +23,7 @@ def test_a_loop_for_which_there_is_no_folder_is_compiled_all_the_same() -> None:
     np.testing.assert_array_equal(found, [0.5, 0.75])
 
 
-def test_what_is_divided_by_nothing_is_infinite_as_in_numpy() -> None:
+def test_division_by_zero_is_infinite_as_in_numpy() -> None:
     @jit
     def inverse(value: float) -> float:
         return 1 / value

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from encoder.tracking.klt import KltTracker
-from encoder.tracking.vertex_visibility import Visibility
+from encoder.tracking.vertex_visibility import VertexVisibility
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, pixel_from_head, pose_from_euler
 from shared_model.mesh import generic_head
@@ -78,7 +78,7 @@ def test_unforeseen_motion_is_followed_to_a_fifth_of_a_pixel(
     tracks = tracker.track(moved(picture, truth, still), FAR, still)
     expected = pixel_from_head(FAR, truth.pose, HEAD.vertices[tracker.index])
     found = np.isfinite(tracks.variance_px2)
-    assert tracks.share > 0.9
+    assert tracks.inlier_share > 0.9
     assert np.linalg.norm(tracks.pixels - expected, axis=1)[found].mean() < 0.2
 
 
@@ -92,7 +92,7 @@ def test_points_put_back_do_not_drift_over_many_frames(
         truth = face_at(8 * np.sin(step / 5), (10 * np.sin(step / 7), 6 * np.cos(step / 7) - 6))
         frame = moved(picture, truth, still)
         tracks = tracker.track(frame, FAR, before)
-        tracker.put_back(frame, FAR, truth)
+        tracker.reset_points(frame, FAR, truth)
         before = truth
     expected = pixel_from_head(FAR, truth.pose, HEAD.vertices[tracker.index])
     found = np.isfinite(tracks.variance_px2)
@@ -111,7 +111,7 @@ def test_points_behind_an_occluder_are_given_up(
     found = np.isfinite(tracks.variance_px2)
     assert found[behind].mean() < 0.3
     assert found[~behind].mean() > 0.7
-    assert tracks.share < 0.8
+    assert tracks.inlier_share < 0.8
 
 
 def test_a_face_out_of_the_picture_has_no_tracks(
@@ -120,7 +120,7 @@ def test_a_face_out_of_the_picture_has_no_tracks(
     tracker = KltTracker(FACE, start[0], FAR, start[1])
     tracks = tracker.track(start[0], FAR, face_at(0, (900, 0)))
     assert not np.isfinite(tracks.variance_px2).any()
-    assert tracks.share == 0
+    assert tracks.inlier_share == 0
 
 
 def test_normals_point_out_of_the_head() -> None:
@@ -132,10 +132,10 @@ def test_normals_point_out_of_the_head() -> None:
 
 def test_the_far_side_of_the_face_is_hidden_when_the_head_turns() -> None:
     marks = [HEAD.landmarks[name] for name in ("zy_l", "zy_r", "en_l", "en_r", "prn")]
-    visibility = Visibility(HEAD.vertices, HEAD.triangles, np.array(marks, np.int32))
+    visibility = VertexVisibility(HEAD.vertices, HEAD.triangles, np.array(marks, np.int32))
     place = np.array([0.0, 0, 700])
-    ahead = visibility.seen(pose_from_euler(0, 0, 0, place))
-    left = visibility.seen(pose_from_euler(0, 50, 0, place))
+    ahead = visibility.visible(pose_from_euler(0, 0, 0, place))
+    left = visibility.visible(pose_from_euler(0, 50, 0, place))
     assert ahead[2:].all()
     # The subject turns to the left: the camera sees the right cheek, the nose hides the left eye.
     assert list(left[:4]) == [False, True, False, True]
@@ -147,8 +147,8 @@ def test_points_are_on_another_head_once_the_caller_has_another_shape(
     picture, face = start
     tracker = KltTracker(FACE, picture, FAR, face)
     wider = Face(HEAD, Identity(np.full(len(AAUS), 0.5), np.zeros_like(HEAD.vertices)))
-    tracker.reshape(wider)
-    tracker.put_back(picture, FAR, face)
+    tracker.set_face(wider)
+    tracker.reset_points(picture, FAR, face)
     tracks = tracker.track(picture, FAR, face)
     np.testing.assert_allclose(tracks.points_mm, wider.neutral[tracker.index])
     assert np.abs(tracks.points_mm - FACE.neutral[tracker.index]).max() > 0.5

@@ -7,18 +7,18 @@ import pytest
 from heads import seen_points
 from numpy.typing import NDArray
 
-from encoder.fitting.fit_results import Fitted
+from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import fit_identity
 from encoder.fitting.landmark_fit import (
     LandmarkModel,
-    fit_frame,
+    fit_landmarks,
+    initial_parameters,
     landmark_model,
     personalise,
-    pixel_change,
-    start_parameters,
-    turned_points,
+    projection_jacobian,
+    rotated_points,
 )
-from encoder.tracking.detection_measurement import points_in
+from encoder.tracking.detection_measurement import animated_points
 from shared_model.animate import Face, Identity
 from shared_model.geometry import (
     Camera,
@@ -76,7 +76,7 @@ def angles(face: FaceParameters) -> Array:
 @pytest.mark.parametrize("turn", [(0, 0, 0), (20, -10, 5), (-30, 8, -20)])
 def test_a_first_pose_is_near(head: Head, model: LandmarkModel, turn: tuple[int, int, int]) -> None:
     truth = a_face(*turn)
-    found = start_parameters(model, CAMERA, seen_points(head, CAMERA, truth))
+    found = initial_parameters(model, CAMERA, seen_points(head, CAMERA, truth))
     assert np.abs(angles(found) - angles(truth)).max() < 3
     shift = found.pose.translation_mm - truth.pose.translation_mm
     # Weak perspective takes the face's depth for the head's origin's, behind it.
@@ -90,7 +90,9 @@ def test_pose_and_actuators_are_recovered(
 ) -> None:
     truth = a_face(*turn, jaw_drop=0.6, mouth_corners=-0.4, eyebrow_middle=0.5, lip_stretch=0.3)
     points = seen_points(head, CAMERA, truth)
-    found = fit_frame(model, CAMERA, points, start_parameters(model, CAMERA, points), iterations=8)
+    found = fit_landmarks(
+        model, CAMERA, points, initial_parameters(model, CAMERA, points), iterations=8
+    )
     assert np.abs(angles(found) - angles(truth)).max() < 0.5
     assert np.abs(found.pose.translation_mm - truth.pose.translation_mm)[:2].max() < 0.5
     assert found.pose.translation_mm[2] == pytest.approx(650, abs=5)
@@ -101,7 +103,7 @@ def test_pose_and_actuators_are_recovered(
 def test_noise_of_a_pixel_costs_little(head: Head, model: LandmarkModel) -> None:
     truth = a_face(12, 4, -3, jaw_drop=0.4)
     points = seen_points(head, CAMERA, truth, noise_px=1.0)
-    found = fit_frame(model, CAMERA, points, start_parameters(model, CAMERA, points))
+    found = fit_landmarks(model, CAMERA, points, initial_parameters(model, CAMERA, points))
     assert np.abs(angles(found) - angles(truth)).max() < 1
     assert found.eau[EAU_INDEX["jaw_drop"]] == pytest.approx(0.4, abs=0.1)
 
@@ -109,8 +111,8 @@ def test_noise_of_a_pixel_costs_little(head: Head, model: LandmarkModel) -> None
 def test_actuators_that_may_not_move_stay(head: Head, model: LandmarkModel) -> None:
     truth = a_face(0, 0, 0, jaw_drop=0.7, mouth_corners=0.5)
     points = seen_points(head, CAMERA, truth)
-    start = replace(start_parameters(model, CAMERA, points), eau=np.full(len(EAUS), 0.05))
-    found = fit_frame(model, CAMERA, points, start, active=[EAU_INDEX["jaw_drop"]])
+    start = replace(initial_parameters(model, CAMERA, points), eau=np.full(len(EAUS), 0.05))
+    found = fit_landmarks(model, CAMERA, points, start, active=[EAU_INDEX["jaw_drop"]])
     still = np.arange(len(EAUS)) != EAU_INDEX["jaw_drop"]
     assert (found.eau[still] == 0.05).all()
     assert found.eau[EAU_INDEX["jaw_drop"]] > 0.5
@@ -119,7 +121,7 @@ def test_actuators_that_may_not_move_stay(head: Head, model: LandmarkModel) -> N
 def test_whatever_the_points_actuators_stay_in_range(model: LandmarkModel) -> None:
     rng = np.random.default_rng(8)
     points = rng.uniform(50, 400, (468, 3))
-    found = fit_frame(model, CAMERA, points, a_face(0, 0, 0))
+    found = fit_landmarks(model, CAMERA, points, a_face(0, 0, 0))
     assert all(eau.low <= value <= eau.high for eau, value in zip(EAUS, found.eau, strict=True))
     assert np.isfinite(found.pose.translation_mm).all()
 
@@ -150,7 +152,7 @@ def test_an_identity_is_found_again_from_one_that_is_near(head: Head) -> None:
     first = fit_identity(head, (640, 480), seen[:2])
     anew, near = (
         fit_identity(head, (640, 480), seen),
-        fit_identity(head, (640, 480), seen, near=first),
+        fit_identity(head, (640, 480), seen, initial=first),
     )
     assert near.camera.focal_px == pytest.approx(anew.camera.focal_px, rel=0.02)
     off, gap = (
@@ -174,7 +176,7 @@ def test_personal_points_are_those_of_the_personal_head(head: Head, model: Landm
 def test_projection_has_the_stated_derivative() -> None:
     points = np.array([(10.0, -20.0, 500.0), (-80.0, 60.0, 700.0)])
     moves = np.random.default_rng(4).normal(size=(5, 3, len(points)))
-    for stated, move in zip(pixel_change(CAMERA, points, moves), moves, strict=True):
+    for stated, move in zip(projection_jacobian(CAMERA, points, moves), moves, strict=True):
         step = 1e-4 * move.T
         ahead, behind = (pixel_from_camera(CAMERA, points + s * step) for s in (1, -1))
         assert np.allclose(stated.T, (ahead - behind) / 2e-4, atol=1e-4)
@@ -190,12 +192,12 @@ def test_the_actuators_that_are_sent_can_close_a_mouth_first_seen_open(head: Hea
     assert np.abs(eau[unsent]).max() < 0.01
     assert eau[EAU_INDEX["jaw_drop"]] > 0.3
 
-    def apart_mm(found: Fitted) -> float:
+    def apart_mm(found: IdentityFit) -> float:
         """Between the lips when all that is sent is at rest."""
         model = personalise(landmark_model(head), found.identity.aau, found.control_mm)
         eau = found.frames[0].eau.copy()
         eau[list(SENT)] = 0
-        lips = points_in(model, eau)[np.searchsorted(model.index, (13, 14))]
+        lips = animated_points(model, eau)[np.searchsorted(model.index, (13, 14))]
         return float(np.linalg.norm(lips[0] - lips[1]))
 
     assert apart_mm(fitted) < 1.6 < 5 < apart_mm(all_move)
@@ -215,22 +217,22 @@ def test_points_move_as_stated(model: LandmarkModel) -> None:
     eau = rng.uniform(0.2, 0.8, len(EAUS)) * rng.choice([-1, 1], len(EAUS))
     eau = np.where(clip_eau(eau) == eau, eau, -eau)
     rotation = matrix_from_quaternion(quaternion_from_vector(np.array([0.2, -0.3, 0.1])))
-    _, moves = turned_points(model, rotation, eau)
+    _, moves = rotated_points(model, rotation, eau)
     for number, stated in enumerate(moves):
         ends = []
         for step in (1e-5, -1e-5):
             parameter = np.zeros(len(moves))
             parameter[number] = step
             turn = matrix_from_quaternion(quaternion_from_vector(parameter[:3]))
-            points, _ = turned_points(model, turn @ rotation, eau + parameter[6:])
+            points, _ = rotated_points(model, turn @ rotation, eau + parameter[6:])
             ends.append(points + parameter[3:6])
         assert np.allclose(stated.T, (ends[0] - ends[1]) / 2e-5, atol=1e-3)
 
 
 def test_a_face_far_from_the_one_before_is_found_as_well(head: Head, model: LandmarkModel) -> None:
     truth = a_face(-30, 10, 5, jaw_drop=0.6)
-    found = fit_frame(model, CAMERA, seen_points(head, CAMERA, truth), a_face(35, -5, 0))
-    near = fit_frame(model, CAMERA, seen_points(head, CAMERA, truth), truth)
+    found = fit_landmarks(model, CAMERA, seen_points(head, CAMERA, truth), a_face(35, -5, 0))
+    near = fit_landmarks(model, CAMERA, seen_points(head, CAMERA, truth), truth)
     turn = multiply(found.pose.rotation, conjugate(near.pose.rotation))
     assert np.degrees(np.linalg.norm(vector_from_quaternion(turn))) < 1
     assert np.abs(found.eau - near.eau).max() < 0.1

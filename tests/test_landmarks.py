@@ -1,4 +1,4 @@
-"""Landmarks: geometry of the field of view, and agreement with itself on real faces."""
+"""Landmarks: geometry of the ROI, and consistency on real faces."""
 
 import threading
 from pathlib import Path
@@ -16,14 +16,14 @@ from encoder.detection.landmarks import FaceMesh, Landmarks, LandmarkTracker
 from encoder.detection.roi import RotatedRoi, roi_from_detection, roi_from_landmarks
 
 
-def test_crop_corners_lie_on_the_square() -> None:
-    square = RotatedRoi(np.array([100.0, 50.0]), 40.0, np.radians(90))
-    affine = square.pixel_from_crop(192)
+def test_crop_corners_lie_on_the_roi() -> None:
+    roi = RotatedRoi(np.array([100.0, 50.0]), 40.0, np.radians(90))
+    affine = roi.pixel_from_crop(192)
     corners = np.array([[-0.5, -0.5], [191.5, -0.5]]) @ affine[:, :2].T + affine[:, 2]
     assert corners == pytest.approx(np.array([[120.0, 30.0], [120.0, 70.0]]))
 
 
-def test_square_of_landmarks_follows_shift_scale_and_roll() -> None:
+def test_roi_of_landmarks_follows_shift_scale_and_roll() -> None:
     points = np.random.default_rng(3).uniform(0, 100, (468, 3))
     points[OUTER_EYE_CORNERS[0]], points[OUTER_EYE_CORNERS[1]] = [20, 50, 0], [80, 50, 0]
     before = roi_from_landmarks(points)
@@ -33,13 +33,13 @@ def test_square_of_landmarks_follows_shift_scale_and_roll() -> None:
     assert after.roll_rad == before.roll_rad == 0
 
 
-def test_square_of_a_rolled_detection_is_rolled() -> None:
+def test_roi_of_a_rolled_detection_is_rolled() -> None:
     keypoints = np.zeros((6, 2))
     keypoints[1] = [10, 10]
-    square = roi_from_detection(Detection(np.array([0.0, 0, 30, 40]), keypoints, 0.9))
-    assert square.roll_rad == pytest.approx(np.radians(45))
-    assert square.side == 60
-    assert square.centre == pytest.approx([15, 20])
+    roi = roi_from_detection(Detection(np.array([0.0, 0, 30, 40]), keypoints, 0.9))
+    assert roi.roll_rad == pytest.approx(np.radians(45))
+    assert roi.side == 60
+    assert roi.centre == pytest.approx([15, 20])
 
 
 def test_nothing_is_found_where_no_face_is(networks: Path) -> None:
@@ -55,13 +55,13 @@ def test_mirrored_faces_give_mirrored_landmarks(networks: Path, clip_frames: Cli
         for frame in clip_frames(name, 6):
             found = tracker.update(frame)
             assert found is not None
-            square, last = roi_from_landmarks(found.points), frame.shape[1] - 1
-            centre = np.array([last - square.centre[0], square.centre[1]])
-            other = RotatedRoi(centre, square.side, -square.roll_rad)
+            roi, last = roi_from_landmarks(found.points), frame.shape[1] - 1
+            centre = np.array([last - roi.centre[0], roi.centre[1]])
+            other = RotatedRoi(centre, roi.side, -roi.roll_rad)
             mirrored = mesh.find(np.ascontiguousarray(frame[:, ::-1]), other).points[:, 0]
             # The set of points is symmetric, hence so is its mean.
-            middle = (mesh.find(frame, square).points[:, 0].mean() + mirrored.mean()) / 2
-            offsets.append((middle - last / 2) / square.side * 192)
+            middle = (mesh.find(frame, roi).points[:, 0].mean() + mirrored.mean()) / 2
+            offsets.append((middle - last / 2) / roi.side * 192)
     assert abs(np.mean(offsets)) < 0.25, "half a pixel of the crop would show as 0.5"
 
 
@@ -91,71 +91,67 @@ def test_lost_face_is_found_again(networks: Path, clip_frames: ClipFrames) -> No
 
 
 @pytest.mark.parametrize("name", ["carphone.mp4", "akiyo.mp4", "turn.mp4", "still.mpg"])
-def test_face_is_held_over_a_real_clip(networks: Path, name: str, clip_frames: ClipFrames) -> None:
+def test_a_face_is_tracked_through_a_real_clip(
+    networks: Path, name: str, clip_frames: ClipFrames
+) -> None:
     tracker = LandmarkTracker(networks, BlazeFaceDetector(networks))
     for index, frame in enumerate(clip_frames(name, 60)):
         found = tracker.update(frame)
         assert found is not None and found.score > 0.7, f"frame {index}"
 
 
-def test_a_frame_looked_at_ahead_gives_the_same_landmarks(
+def test_prefetched_landmarks_are_the_same(
     networks: Path, clip_frames: ClipFrames, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    looks: list[tuple[int, bool]] = []
+    runs: list[tuple[int, bool]] = []
     find = FaceMesh.find
 
-    def noted(mesh: FaceMesh, frame: Frame, square: RotatedRoi) -> Landmarks:
-        looks.append((id(frame), threading.current_thread() is threading.main_thread()))
-        return find(mesh, frame, square)
+    def recorded(mesh: FaceMesh, frame: Frame, roi: RotatedRoi) -> Landmarks:
+        runs.append((id(frame), threading.current_thread() is threading.main_thread()))
+        return find(mesh, frame, roi)
 
     frames = clip_frames("akiyo.mp4", 6)
     plain, ahead = (LandmarkTracker(networks, BlazeFaceDetector(networks)) for _ in range(2))
     expected = [plain.update(frame) for frame in frames]
-    monkeypatch.setattr(FaceMesh, "find", noted)
-    for frame, coming, known in zip(frames, [*frames[1:], None], expected, strict=True):
-        found = ahead.update(frame, coming)
-        assert known is not None and found is not None
-        assert (found.points == known.points).all()
-    assert looks[-5:] == [(id(frame), False) for frame in frames[1:]]
+    monkeypatch.setattr(FaceMesh, "find", recorded)
+    for frame, next_frame, landmarks in zip(frames, [*frames[1:], None], expected, strict=True):
+        found = ahead.update(frame, next_frame)
+        assert landmarks is not None and found is not None
+        assert (found.points == landmarks.points).all()
+    assert runs[-5:] == [(id(frame), False) for frame in frames[1:]]
 
 
-def test_what_was_seen_ahead_elsewhere_is_not_believed(
-    networks: Path, clip_frames: ClipFrames
-) -> None:
+def test_a_new_roi_discards_what_was_prefetched(networks: Path, clip_frames: ClipFrames) -> None:
     first, second = clip_frames("akiyo.mp4", 2)
     found = LandmarkTracker(networks, BlazeFaceDetector(networks)).update(first)
     assert found is not None
-    square, nobody = roi_from_landmarks(found.points), Nobody()
+    roi, nobody = roi_from_landmarks(found.points), Nobody()
     tracker = LandmarkTracker(networks, nobody)
-    tracker.set_roi(square)
+    tracker.set_roi(roi)
     assert tracker.update(first, second) is not None
-    tracker.set_roi(beside(square, 2.0))
+    tracker.set_roi(shifted(roi, 2.0))
     assert tracker.update(second) is None and nobody.asked == 1
 
 
-def beside(square: RotatedRoi, sides: float) -> RotatedRoi:
-    """The square so many of its sides to the right."""
-    return RotatedRoi(
-        square.centre + np.array([sides * square.side, 0]), square.side, square.roll_rad
-    )
+def shifted(roi: RotatedRoi, share: float) -> RotatedRoi:
+    """The ROI, shifted to the right by this share of its side."""
+    return RotatedRoi(roi.centre + np.array([share * roi.side, 0]), roi.side, roi.roll_rad)
 
 
-def turned(square: RotatedRoi, rad: float) -> RotatedRoi:
-    """The square, turned once around and by so much."""
-    return RotatedRoi(square.centre, square.side, square.roll_rad + 2 * np.pi + rad)
+def turned(roi: RotatedRoi, rad: float) -> RotatedRoi:
+    """The ROI, turned by a full turn and `rad`."""
+    return RotatedRoi(roi.centre, roi.side, roi.roll_rad + 2 * np.pi + rad)
 
 
-def test_steering_close_by_changes_nothing(networks: Path, clip_frames: ClipFrames) -> None:
+def test_an_equivalent_roi_changes_nothing(networks: Path, clip_frames: ClipFrames) -> None:
     first, second = clip_frames("akiyo.mp4", 2)
-    plain, steered = (LandmarkTracker(networks, BlazeFaceDetector(networks)) for _ in range(2))
-    found, same = plain.update(first), steered.update(first)
+    plain, guided = (LandmarkTracker(networks, BlazeFaceDetector(networks)) for _ in range(2))
+    found, same = plain.update(first), guided.update(first)
     assert found is not None and same is not None
-    square = roi_from_landmarks(found.points)
-    steered.set_roi(beside(square, 0.05))
-    assert square.overlaps_closely(beside(square, 0.05)) and not square.overlaps_closely(
-        turned(square, 0.5)
-    )
-    expected, after = plain.update(second), steered.update(second)
+    roi = roi_from_landmarks(found.points)
+    guided.set_roi(shifted(roi, 0.05))
+    assert roi.overlaps_closely(shifted(roi, 0.05)) and not roi.overlaps_closely(turned(roi, 0.5))
+    expected, after = plain.update(second), guided.update(second)
     assert expected is not None and after is not None
     assert (after.points == expected.points).all()
 
@@ -171,7 +167,7 @@ class Nobody:
         return []
 
 
-def test_the_detector_rests_where_there_is_no_face(networks: Path) -> None:
+def test_detection_backs_off_while_there_is_no_face(networks: Path) -> None:
     nobody = Nobody()
     tracker = LandmarkTracker(networks, nobody)
     empty = np.zeros((120, 160, 3), np.uint8)
@@ -183,18 +179,18 @@ def test_the_detector_rests_where_there_is_no_face(networks: Path) -> None:
     assert nobody.asked < 20
 
 
-def test_steered_landmarks_need_no_detector(networks: Path, clip_frames: ClipFrames) -> None:
+def test_landmarks_in_a_given_roi_need_no_detector(networks: Path, clip_frames: ClipFrames) -> None:
     (frame,) = clip_frames("akiyo.mp4", 1)
     first = LandmarkTracker(networks, BlazeFaceDetector(networks)).update(frame)
     assert first is not None
     nobody = Nobody()
     tracker = LandmarkTracker(networks, nobody)
-    known = np.full((468, 3), np.nan)
-    known[::3], known[list(OUTER_EYE_CORNERS)] = (
+    landmarks = np.full((468, 3), np.nan)
+    landmarks[::3], landmarks[list(OUTER_EYE_CORNERS)] = (
         first.points[::3],
         first.points[list(OUTER_EYE_CORNERS)],
     )
-    tracker.set_roi(roi_from_landmarks(known))
+    tracker.set_roi(roi_from_landmarks(landmarks))
     found = tracker.update(frame)
     assert found is not None and nobody.asked == 0
     assert np.abs(found.points[:, :2] - first.points[:, :2]).mean() < 1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_layers import FIRST, GROWN, ITEMS, KNOWN, STREAM, WHOLE, expected, grown, pieces
 
-from decoder.playout import PlayedFrame, Playout
+from decoder.playout import Playout, PlayoutFrame
 from encoder.coding.rdo_quantiser import code_packet
 from protocol.errors import ProtocolError
 from protocol.frames.frame_transform import parse_transform
@@ -42,7 +42,7 @@ def frames(count: int, first: int = 0, model: ModelPacket = FIRST) -> list[bytes
     return packets
 
 
-def play(playout: Playout, packets: list[bytes]) -> list[tuple[PlayedFrame, ModelPacket]]:
+def play(playout: Playout, packets: list[bytes]) -> list[tuple[PlayoutFrame, ModelPacket]]:
     found = []
     for data in packets:
         for frame in playout.receive(data):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from shots import draw
 
-from decoder.playout import PlayedFrame, Playout
+from decoder.playout import Playout, PlayoutFrame
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
-from encoder.tracking.trackers import FollowOptions
+from encoder.tracking.trackers import TrackingOptions
 from protocol.call_file import CallReader
 from protocol.model_packet import EYELIDS_FORMAT, ModelPacket
 from protocol.packets import parse_packet
@@ -44,20 +44,20 @@ def film(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> str:
     return str(folder / "frame%03d.png")
 
 
-def called(film: str, path: Path, lids: bool) -> list[PlayedFrame]:
+def called(film: str, path: Path, lids: bool) -> list[PlayoutFrame]:
     return played(
-        EncodeOptions(film, path, profile="thesis", follow=FollowOptions(lids=lids)), path
+        EncodeOptions(film, path, profile="thesis", follow=TrackingOptions(eyelids=lids)), path
     )
 
 
-def played(options: EncodeOptions, path: Path) -> list[PlayedFrame]:
+def played(options: EncodeOptions, path: Path) -> list[PlayoutFrame]:
     encode(options, lambda done, total: None, lambda: False)
     playout = Playout()
     with CallReader(path) as reader:
         return [frame for data in reader for frame in playout.receive(data)]
 
 
-def closed(frame: PlayedFrame) -> float:
+def closed(frame: PlayoutFrame) -> float:
     return float(np.mean([frame.face.eau[EAU_INDEX[name]] for name in LID_EAUS]))
 
 

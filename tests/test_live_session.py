@@ -7,7 +7,7 @@ import pytest
 from shots import draw, talking
 
 from decoder.pipeline import DecodeOptions, decode
-from decoder.playout import PlayedFrame, Playout
+from decoder.playout import Playout, PlayoutFrame
 from encoder.calls.model_schedule import TRAINING_SCHEDULE
 from encoder.calls.model_version import RESERVED_MODES
 from encoder.calls.packet_sender import LEAD_PACKETS
@@ -46,7 +46,7 @@ def raw_packets(path: Path) -> list[bytes]:
         return list(reader)
 
 
-def played(path: Path) -> list[PlayedFrame]:
+def played(path: Path) -> list[PlayoutFrame]:
     playout = Playout()
     return [frame for data in raw_packets(path) for frame in playout.receive(data)]
 

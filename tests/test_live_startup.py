@@ -11,8 +11,9 @@ from decoder.playout import Playout
 from encoder.calls.model_updates import MIN_ITEMS_BEFORE_SWITCH, lead_packets
 from encoder.calls.packet_sender import LEAD_PACKETS
 from encoder.coding.progressive_model import BASE_LAYER_BYTES, UPDATE_BASE_LAYER_BYTES
-from encoder.options import EncodeOptions, EncodeReport
+from encoder.options import EncodeOptions
 from encoder.pipeline import encode
+from encoder.report import EncodeReport
 from protocol.call_file import CallReader, serialise_record
 from protocol.frames.frame_transform import parse_transform
 from protocol.limits import SEQUENCE_MODULUS

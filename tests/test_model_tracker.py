@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from decoder.renderer import Renderer
-from encoder.fitting.analysis_by_synthesis import Refiner
-from encoder.fitting.fit_results import Fitted
-from encoder.fitting.person_texture import USUAL, Synthesis
-from encoder.fitting.prediction_matrix import MatrixRefiner
-from encoder.tracking.detection_measurement import Sight
+from encoder.fitting.analysis_by_synthesis import TexelFitter
+from encoder.fitting.fit_results import IdentityFit
+from encoder.fitting.person_texture import DEFAULT_OPTIONS, FitOptions
+from encoder.fitting.prediction_matrix import PredictionMatrixFitter
+from encoder.tracking.detection_measurement import FrameMeasurement
 from encoder.tracking.klt import eye_distance_px
-from encoder.tracking.model_tracker import BAD_FRAMES, PARTS, TrackingFollower
+from encoder.tracking.model_tracker import LOST_AFTER_FRAMES, TRACKER_PARTS, ModelTracker
 from risorius.animation.synthetic_skin import painted_colours
 from shared_model.animate import Face, identity_from_controls
 from shared_model.anthropometry import residual_basis
@@ -60,7 +60,7 @@ def film() -> list[Picture]:
     return frames
 
 
-class Eyewitness:
+class TruthMeasurer:
     """A `Sighter` that knows the truth, apart from `error_px`, where it is not blind."""
 
     def __init__(
@@ -70,41 +70,45 @@ class Eyewitness:
         self._error_px, self._random = error_px, np.random.default_rng(1)
         skin = np.flatnonzero((HEAD.parts == 0) & (HEAD.opacity > 0.9))
         self._index = skin[:: len(skin) // max(points, 1)][:points]
-        self.lies: FaceParameters | None = None
+        self.false_face: FaceParameters | None = None
 
-    def first(self, frame: Picture) -> Fitted | None:
-        return None if self.step in self._blind else Fitted(CAMERA, IDENTITY, CONTROL, (self.face,))
+    def initialise(self, frame: Picture) -> IdentityFit | None:
+        return (
+            None
+            if self.step in self._blind
+            else IdentityFit(CAMERA, IDENTITY, CONTROL, (self.face,))
+        )
 
-    def sight(
-        self, frame: Picture, near: FaceParameters | None, coming: Picture | None = None
-    ) -> Sight | None:
+    def measure(
+        self, frame: Picture, predicted: FaceParameters | None, next_frame: Picture | None = None
+    ) -> FrameMeasurement | None:
         if self.step in self._blind:
             return None
-        face = self.lies or self.face
+        face = self.false_face or self.face
         points = FACE.animate(face.eau)[self._index]
         pixels = pixel_from_head(CAMERA, face.pose, points)
         pixels = pixels + self._random.normal(0, self._error_px, pixels.shape)
-        return Sight(face, points, pixels, np.full(len(points), self._error_px**2))
+        return FrameMeasurement(face, points, pixels, np.full(len(points), self._error_px**2))
 
-    def know(self, fitted: Fitted) -> None:
-        self.known = fitted
+    def set_identity(self, fitted: IdentityFit) -> None:
+        self.identity = fitted
 
     @property
     def face(self) -> FaceParameters:
         return face_at(self.step)
 
 
-def follow(
+def track_film(
     film: list[Picture],
-    witness: Eyewitness,
+    measurer: TruthMeasurer,
     without: frozenset[str] = frozenset(),
-    synthesis: Synthesis = USUAL,
+    fit_options: FitOptions = DEFAULT_OPTIONS,
 ) -> list[FaceParameters | None]:
-    follower = TrackingFollower(HEAD, ACTIVE, STEP_S, witness, without, synthesis)
+    tracker = ModelTracker(HEAD, ACTIVE, STEP_S, measurer, without, fit_options)
     found = []
     for step, frame in enumerate(film):
-        witness.step = step
-        found.append(follower.update(frame))
+        measurer.step = step
+        found.append(tracker.update(frame))
     return found
 
 
@@ -121,37 +125,39 @@ def actuators_off(found: list[FaceParameters | None]) -> float:
 
 
 def test_pose_and_mouth_are_followed_from_pictures_alone(film: list[Picture]) -> None:
-    found = follow(film, Eyewitness(), frozenset({"network"}))
+    found = track_film(film, TruthMeasurer(), frozenset({"network"}))
     assert None not in found
     assert degrees_off(found) < 1.0
     assert actuators_off(found) < 0.08
 
 
-@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("part", TRACKER_PARTS)
 def test_any_part_can_be_left_out(film: list[Picture], part: str) -> None:
-    found = follow(film, Eyewitness(), frozenset({part}))
+    found = track_film(film, TruthMeasurer(), frozenset({part}))
     assert None not in found
     assert degrees_off(found) < 2.0
 
 
 def test_the_thesis_prediction_matrix_follows_pose_and_mouth(film: list[Picture]) -> None:
-    found = follow(film, Eyewitness(), frozenset({"network"}), Synthesis(refiner=MatrixRefiner))
+    found = track_film(
+        film, TruthMeasurer(), frozenset({"network"}), FitOptions(fitter=PredictionMatrixFitter)
+    )
     assert None not in found
     assert degrees_off(found) < 2.0
     assert actuators_off(found) < 0.1
 
 
 def test_the_fit_of_the_texture_mends_what_the_landmarks_get_wrong(film: list[Picture]) -> None:
-    alone = degrees_off(follow(film, Eyewitness(4.0), frozenset({"abs", "klt"})))
-    assert degrees_off(follow(film, Eyewitness(4.0))) < 0.5 * alone
+    alone = degrees_off(track_film(film, TruthMeasurer(4.0), frozenset({"abs", "klt"})))
+    assert degrees_off(track_film(film, TruthMeasurer(4.0))) < 0.5 * alone
 
 
 def test_a_face_that_leaves_is_given_up_and_found_again(film: list[Picture]) -> None:
     gone = frozenset(range(12, 22))
     empty = np.full_like(film[0], 90)
     seen = [empty if step in gone else frame for step, frame in enumerate(film)]
-    found = follow(seen, Eyewitness(blind=gone))
-    assert [f is None for f in found[12 : 12 + BAD_FRAMES]] == [False, False, True]
+    found = track_film(seen, TruthMeasurer(blind=gone))
+    assert [f is None for f in found[12 : 12 + LOST_AFTER_FRAMES]] == [False, False, True]
     assert found[15:22] == [None] * 7
     assert None not in found[22:]
     assert degrees_off(found, 22) < 1.0
@@ -159,41 +165,41 @@ def test_a_face_that_leaves_is_given_up_and_found_again(film: list[Picture]) -> 
 
 def test_a_picture_frozen_over_is_held_before_it_is_given_up(film: list[Picture]) -> None:
     empty = np.full_like(film[0], 90)
-    seen = [*film[:10], *[empty] * (BAD_FRAMES - 1), *film[12:16]]
-    found = follow(seen, Eyewitness(blind=frozenset({10, 11})))
+    seen = [*film[:10], *[empty] * (LOST_AFTER_FRAMES - 1), *film[12:16]]
+    found = track_film(seen, TruthMeasurer(blind=frozenset({10, 11})))
     assert found[10] is found[9] and found[11] is found[9]
     assert None not in found
 
 
 def test_an_absurd_sight_is_not_believed(film: list[Picture]) -> None:
-    witness = Eyewitness()
-    follower = TrackingFollower(HEAD, ACTIVE, STEP_S, witness)
+    witness = TruthMeasurer()
+    follower = ModelTracker(HEAD, ACTIVE, STEP_S, witness)
     for step, frame in enumerate(film[:12]):
         witness.step = step
         if step >= 6:
             pose = witness.face.pose
             behind = replace(pose, translation_mm=pose.translation_mm * [1, 1, -1])
-            witness.lies = replace(witness.face, pose=behind)
+            witness.false_face = replace(witness.face, pose=behind)
         found = follower.update(frame)
         assert found is not None
         assert np.linalg.norm(np.subtract(euler_deg(found.pose), euler_deg(face_at(step).pose))) < 3
 
 
 def test_landmarks_that_would_have_a_face_far_aside_count_little(film: list[Picture]) -> None:
-    witness = Eyewitness()
-    follower = TrackingFollower(HEAD, ACTIVE, STEP_S, witness, frozenset({"abs"}))
+    witness = TruthMeasurer()
+    follower = ModelTracker(HEAD, ACTIVE, STEP_S, witness, frozenset({"abs"}))
     for step, frame in enumerate(film[:10]):
         witness.step = step
         aside = pose_from_euler(0, 60, 0, witness.face.pose.translation_mm)
-        witness.lies = replace(witness.face, pose=aside) if step else None
+        witness.false_face = replace(witness.face, pose=aside) if step else None
         found = follower.update(frame)
         assert found is not None
         assert np.linalg.norm(np.subtract(euler_deg(found.pose), euler_deg(face_at(step).pose))) < 6
 
 
 def test_no_face_no_identity(film: list[Picture]) -> None:
-    witness = Eyewitness(blind=frozenset({0}))
-    follower = TrackingFollower(HEAD, ACTIVE, STEP_S, witness)
+    witness = TruthMeasurer(blind=frozenset({0}))
+    follower = ModelTracker(HEAD, ACTIVE, STEP_S, witness)
     witness.step = 0
     assert follower.update(film[0]) is None
     with pytest.raises(ValueError, match="no face has been seen"):
@@ -205,13 +211,13 @@ def test_no_face_no_identity(film: list[Picture]) -> None:
 
 def test_an_unknown_part_is_refused() -> None:
     with pytest.raises(ValueError, match=r"without is \['eyes'\]"):
-        TrackingFollower(HEAD, ACTIVE, STEP_S, Eyewitness(), frozenset({"eyes"}))
+        ModelTracker(HEAD, ACTIVE, STEP_S, TruthMeasurer(), frozenset({"eyes"}))
 
 
-class Doubter(Eyewitness):
+class UncertainMeasurer(TruthMeasurer):
     """Takes the caller for somebody with a longer nose, and knows how sure that is."""
 
-    def first(self, frame: Picture) -> Fitted | None:
+    def first(self, frame: Picture) -> IdentityFit | None:
         control = CONTROL.copy()
         points = HEAD.vertices[control_points(HEAD)]
         nearest = np.linalg.norm(points - HEAD.vertices[HEAD.landmarks["prn"]], axis=1).argmin()
@@ -220,26 +226,26 @@ class Doubter(Eyewitness):
         # Log f, AAUs, controls, turn, way, actuators.
         sure = [1e4] + [4.0] * len(AAUS) + [0.1] * control.size + [1e4] * 3 + [1.0] * 3
         information = np.diag(np.array([*sure, *[1e4] * len(EAUS)]))
-        return Fitted(CAMERA, identity, control, (self.face,), information)
+        return IdentityFit(CAMERA, identity, control, (self.face,), information)
 
 
-@pytest.mark.parametrize("step", [Refiner, MatrixRefiner])
+@pytest.mark.parametrize("step", [TexelFitter, PredictionMatrixFitter])
 def test_a_better_identity_is_found_and_the_face_followed_on_with_it(
-    film: list[Picture], step: type[Refiner]
+    film: list[Picture], step: type[TexelFitter]
 ) -> None:
-    witness = Doubter()
-    follower = TrackingFollower(
-        HEAD, ACTIVE, 4 * STEP_S, witness, synthesis=Synthesis(refiner=step), refines=True
+    witness = UncertainMeasurer()
+    follower = ModelTracker(
+        HEAD, ACTIVE, 4 * STEP_S, witness, fit_options=FitOptions(fitter=step), refine_identity=True
     )
     found, adopted = [], None
     for number, frame in enumerate(film):
         witness.step = number
         found.append(follower.update(frame))
-        better = follower.improvement()
+        better = follower.take_refined_identity()
         if better is not None:
             before, adopted = follower.fitted, number
             follower.adopt(better)
-            assert follower.fitted is better and witness.known is better
+            assert follower.fitted is better and witness.identity is better
     assert adopted is not None and adopted < len(film) - 5
     assert np.abs(follower.fitted.control_mm - before.control_mm).max() > 0.1
     assert None not in found
@@ -250,15 +256,15 @@ def test_nothing_is_improved_unless_it_is_asked_for_and_there_is_evidence(
     film: list[Picture],
 ) -> None:
     for witness, without, asked in (
-        (Eyewitness(), frozenset[str](), True),
-        (Doubter(), frozenset({"abs"}), True),
-        (Doubter(), frozenset[str](), False),
+        (TruthMeasurer(), frozenset[str](), True),
+        (UncertainMeasurer(), frozenset({"abs"}), True),
+        (UncertainMeasurer(), frozenset[str](), False),
     ):
-        follower = TrackingFollower(HEAD, ACTIVE, 4 * STEP_S, witness, without, refines=asked)
+        follower = ModelTracker(HEAD, ACTIVE, 4 * STEP_S, witness, without, refine_identity=asked)
         for number, frame in enumerate(film):
             witness.step = number
             follower.update(frame)
-            assert follower.improvement() is None
+            assert follower.take_refined_identity() is None
         with pytest.raises(ValueError, match="improvement"):
             follower.adopt(follower.fitted)
 
@@ -266,11 +272,11 @@ def test_nothing_is_improved_unless_it_is_asked_for_and_there_is_evidence(
 def test_the_identity_of_a_small_face_stays_as_it_is(
     film: list[Picture], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    smaller = eye_distance_px(CAMERA, Doubter().face.pose) + 1
-    monkeypatch.setattr("encoder.tracking.model_tracker.LEAST_EYES_PX", smaller)
-    witness = Doubter()
-    follower = TrackingFollower(HEAD, ACTIVE, 4 * STEP_S, witness, refines=True)
+    smaller = eye_distance_px(CAMERA, UncertainMeasurer().face.pose) + 1
+    monkeypatch.setattr("encoder.tracking.model_tracker.MIN_EYE_DISTANCE_PX", smaller)
+    witness = UncertainMeasurer()
+    follower = ModelTracker(HEAD, ACTIVE, 4 * STEP_S, witness, refine_identity=True)
     for number, frame in enumerate(film):
         witness.step = number
         follower.update(frame)
-        assert follower.improvement() is None
+        assert follower.take_refined_identity() is None

@@ -8,7 +8,7 @@ import pytest
 from processes import error_line
 
 from encoder.appearance.photometric import NORMALISATIONS
-from encoder.tracking.trackers import DETECTORS, STEPS, TRACKERS
+from encoder.tracking.trackers import DETECTORS, FITTERS, TRACKERS
 from protocol.summary import summarise
 from risorius.cli import build_parser, main
 from risorius.command_line.option_rules import profile_of
@@ -97,7 +97,7 @@ def test_the_profile_follows_from_the_options(
         ("--detector", DETECTORS),
         ("--tracker", TRACKERS),
         ("--normalise", NORMALISATIONS),
-        ("--abs", STEPS),
+        ("--abs", FITTERS),
     ],
 )
 def test_the_choices_of_an_option_are_those_that_the_encoder_has(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from encoder.tracking.outlier_rejection import TRIALS, USUAL, distances
+from encoder.tracking.outlier_rejection import IRLS_ROUNDS, MEDIAN_RMS, robust_residuals
 
 RANDOM = np.random.default_rng(3)
 POINTS, STATE, MOVED = 30, 9, 4
@@ -26,7 +26,7 @@ class Scene:
         self.towards = RANDOM.normal(size=STATE)
 
     def distances(self) -> tuple[np.ndarray, float]:
-        return distances(
+        return robust_residuals(
             self.known, self.towards, self.H, self.innovation, self.weight, ~self.hidden
         )
 
@@ -35,12 +35,12 @@ def by_matrices(scene: Scene) -> tuple[np.ndarray, float]:
     """The same by matrices of all measurements and the whole state."""
     H = np.hstack([scene.H, np.zeros((2 * POINTS, STATE - MOVED))])
     trial = scene.weight.copy()
-    for _ in range(TRIALS):
+    for _ in range(IRLS_ROUNDS):
         J = H * trial[:, None]
         step = np.linalg.solve(scene.known + J.T @ H, scene.towards + J.T @ scene.innovation)
         left = scene.innovation - H @ step
         off = np.sqrt(np.mean((left**2 * scene.weight).reshape(-1, 2), axis=1))
-        crowd = max(1.0, float(np.median(off[~scene.hidden])) / USUAL)
+        crowd = max(1.0, float(np.median(off[~scene.hidden])) / MEDIAN_RMS)
         trial = scene.weight / np.repeat(1 + (off / crowd) ** 2, 2)
     return off, crowd
 

@@ -65,6 +65,7 @@ def test_every_truncation_is_a_packet_or_a_protocol_error(packet: Packet) -> Non
         parses_or_protocol_error(data[:length])
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("packet", GOLDEN.values(), ids=GOLDEN)
 def test_every_bit_flip_is_a_packet_or_a_protocol_error(packet: Packet) -> None:
     data = serialise(packet)
@@ -84,6 +85,7 @@ def test_an_added_byte_never_goes_unnoticed(packet: Packet) -> None:
             parse_packet(data)
 
 
+@pytest.mark.no_cover
 def test_fuzz_of_random_and_mutated_packets() -> None:
     seed = 20061
     print(f"seed {seed}")

@@ -1,4 +1,4 @@
-"""Work on several cores: the same results whatever their number."""
+"""Thread pools: results do not depend on the number of threads, and no job outlives its pool."""
 
 import os
 import sys
@@ -28,7 +28,7 @@ def test_the_first_exception_is_raised(workers: int) -> None:
         parallel_map(lambda item: 1 / item, [1, 0, 2], workers)
 
 
-def test_nothing_goes_on_when_a_block_with_workers_beside_fails() -> None:
+def test_no_job_runs_after_the_block_of_a_worker_pool_has_failed() -> None:
     running, release = threading.Event(), threading.Event()
 
     def work() -> None:
@@ -43,7 +43,7 @@ def test_nothing_goes_on_when_a_block_with_workers_beside_fails() -> None:
     assert all(future.done() for future in futures)
 
 
-def test_workers_beside_take_turns_quickly() -> None:
+def test_a_worker_pool_shortens_the_switch_interval() -> None:
     before = sys.getswitchinterval()
     with worker_pool() as pool:
         assert pool.submit(sys.getswitchinterval).result() <= before
@@ -51,13 +51,13 @@ def test_workers_beside_take_turns_quickly() -> None:
     assert sys.getswitchinterval() == before
 
 
-def test_one_worker_is_the_caller_itself() -> None:
+def test_one_worker_runs_in_the_calling_thread() -> None:
     assert set(parallel_map(lambda _: threading.get_ident(), range(4), 1)) == {
         threading.get_ident()
     }
 
 
-def test_items_are_read_beside_what_is_done_with_the_one_before() -> None:
+def test_the_next_item_is_computed_while_an_item_is_in_use() -> None:
     made = [threading.Event() for _ in range(4)]
 
     def items() -> Iterator[int]:
@@ -72,14 +72,14 @@ def test_items_are_read_beside_what_is_done_with_the_one_before() -> None:
     assert found == [0, 1, 2, 3]
 
 
-def test_an_item_that_cannot_be_read_is_missed_where_it_would_be() -> None:
+def test_an_exception_is_raised_in_place_of_the_item_that_failed() -> None:
     items = prefetch(1 // (2 - number) for number in range(4))
     assert [next(items), next(items)] == [0, 1]
     with pytest.raises(ZeroDivisionError):
         next(items)
 
 
-def test_nothing_is_being_read_once_reading_ahead_is_closed() -> None:
+def test_closing_waits_for_the_item_under_way() -> None:
     begun, done = threading.Event(), threading.Event()
 
     def items() -> Iterator[int]:

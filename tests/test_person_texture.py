@@ -7,10 +7,10 @@ import pytest
 
 from decoder.renderer import Renderer
 from encoder.appearance.photometric import retinex
-from encoder.fitting.analysis_by_synthesis import NOISE_GREY
-from encoder.fitting.fit_results import Refined
-from encoder.fitting.person_texture import LEARN_EVERY, OwnTexture, Synthesis
-from encoder.tracking.model_tracker import LEFT_LESS, across_rest
+from encoder.fitting.analysis_by_synthesis import RESIDUAL_SIGMA_GREY
+from encoder.fitting.fit_results import TextureFit
+from encoder.fitting.person_texture import UPDATE_INTERVAL, FitOptions, PersonTexture
+from encoder.tracking.model_tracker import MIN_IMPROVEMENT, opposite_start
 from risorius.animation.synthetic_skin import painted_colours
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, euler_deg, pose_from_euler
@@ -45,8 +45,8 @@ def studio() -> Studio:
     return Studio()
 
 
-def own_texture(studio: Studio) -> OwnTexture:
-    return OwnTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96)
+def own_texture(studio: Studio) -> PersonTexture:
+    return PersonTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96)
 
 
 def moved_face() -> FaceParameters:
@@ -56,9 +56,13 @@ def moved_face() -> FaceParameters:
 
 
 def fitted(
-    texture: OwnTexture, picture: np.ndarray, start: FaceParameters, active: list[int], steps: int
-) -> Refined:
-    return texture.refine(texture.look(picture, start), start, active, steps)
+    texture: PersonTexture,
+    picture: np.ndarray,
+    start: FaceParameters,
+    active: list[int],
+    steps: int,
+) -> TextureFit:
+    return texture.fit(texture.observe(picture, start), start, active, steps)
 
 
 def off_deg(found: FaceParameters, truth: FaceParameters) -> float:
@@ -81,7 +85,7 @@ def test_a_shadow_over_half_the_face_misleads_the_luma_alone(studio: Studio, sid
     gain = 0.35 + 0.65 / (1 + np.exp(-np.clip(away_px / 8, -30, 30)))
     picture = np.asarray(np.rint(studio.draw(truth) * gain[None, :, None]), np.uint8)
     by_luma = own_texture(studio)
-    by_retinex = OwnTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96, Synthesis(retinex))
+    by_retinex = PersonTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96, FitOptions(retinex))
     off = [
         off_deg(fitted(texture, picture, REST, [JAW], 12).face, truth)
         for texture in (by_luma, by_retinex)
@@ -101,9 +105,9 @@ def test_what_a_fit_leaves_is_the_noise_of_its_picture(studio: Studio) -> None:
     grain = np.random.default_rng(4).normal(0, 25, clear.shape[:2])[..., None]
     noisy = np.clip(np.rint(clear + grain), 0, 255).astype(np.uint8)
     found = [fitted(texture, picture, REST, [], 2) for picture in (clear, noisy)]
-    assert found[0].noise_grey < 0.7 * NOISE_GREY
-    assert found[1].noise_grey == pytest.approx(25, rel=0.2)
-    assert found[1].left_grey2 > 5 * found[0].left_grey2
+    assert found[0].residual_sigma_grey < 0.7 * RESIDUAL_SIGMA_GREY
+    assert found[1].residual_sigma_grey == pytest.approx(25, rel=0.2)
+    assert found[1].residual_mse_grey2 > 5 * found[0].residual_mse_grey2
 
 
 def test_where_pictures_are_clear_a_first_guess_holds_less(studio: Studio) -> None:
@@ -116,7 +120,7 @@ def test_where_pictures_are_clear_a_first_guess_holds_less(studio: Studio) -> No
 
     before, fit = off(), fitted(texture, picture, truth, [BROW], 2)
     for _ in range(50):
-        texture.expect(fit)
+        texture.update_noise_level(fit)
     assert off() < before
 
 
@@ -130,8 +134,8 @@ def test_corners_held_on_the_wrong_side_of_rest_are_found_from_the_other(
     texture, picture = own_texture(studio), studio.draw(truth)
     # An actuator that may not move is what a fit that halts is.
     halted = fitted(texture, picture, held, [], 6)
-    freed = fitted(texture, picture, across_rest(held), [index], 6)
-    assert freed.left_grey2 < (1 - LEFT_LESS) * halted.left_grey2
+    freed = fitted(texture, picture, opposite_start(held), [index], 6)
+    assert freed.residual_mse_grey2 < (1 - MIN_IMPROVEMENT) * halted.residual_mse_grey2
     assert freed.face.eau[index] == pytest.approx(corners, abs=0.06)
 
 
@@ -152,9 +156,9 @@ def test_what_the_first_picture_hid_is_learned_as_the_head_turns(studio: Studio)
     texture = own_texture(studio)
     turned = replace(REST, pose=pose_from_euler(0, 32, 0, PLACE))
     picture = studio.draw(turned, 0.9)
-    before = texture.texels_known
-    for _ in range(LEARN_EVERY):
-        texture.learn(picture, fitted(texture, picture, turned, [JAW], 3))
-    assert texture.texels_known > before
+    before = texture.observed_texel_count
+    for _ in range(UPDATE_INTERVAL):
+        texture.update_template(picture, fitted(texture, picture, turned, [JAW], 3))
+    assert texture.observed_texel_count > before
     again = fitted(texture, picture, turned, [JAW], 3)
     assert again.correlation > 0.85 and off_deg(again.face, turned) < 1.5

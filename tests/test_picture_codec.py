@@ -165,6 +165,7 @@ def test_what_is_no_mode_is_refused() -> None:
         ModeCodec(16).decode("mode 0", b"")
 
 
+@pytest.mark.no_cover
 def test_every_truncation_and_bit_flip_is_a_still_or_a_protocol_error() -> None:
     data, _ = encode_still(painting(12, 14), 32, encode_weight_map(hill()))
     for place in range(len(data)):

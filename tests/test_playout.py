@@ -5,13 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from decoder.playout import PlayedFrame, Playout, interpolate
+from decoder.playout import Playout, PlayoutFrame
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import encode_thesis, thesis_sample_count
 from protocol.model_packet import ModelPacket
 from protocol.packets import ControlKind, ControlPacket, FramePacket, serialise
 from shared_model.geometry import (
+    interpolate,
     matrix_from_quaternion,
     pose_from_euler,
     quaternion_from_vector,
@@ -45,12 +46,12 @@ def control(kind: ControlKind, frame: int) -> bytes:
     return serialise(ControlPacket(0, kind, frame))
 
 
-def play(packets: list[bytes], playout: Playout | None = None) -> list[PlayedFrame]:
+def play(packets: list[bytes], playout: Playout | None = None) -> list[PlayoutFrame]:
     playout = playout or Playout()
     return [frame for data in packets for frame in playout.receive(data)]
 
 
-def jaw(frames: list[PlayedFrame]) -> list[float]:
+def jaw(frames: list[PlayoutFrame]) -> list[float]:
     return [254 * float(frame.face.eau[JAW]) for frame in frames]
 
 
@@ -69,7 +70,7 @@ def test_one_face_per_source_frame_under_any_loss(
     packets = [model(fps, start), *map(sample, kept), control(ControlKind.END, total)]
     played = play(packets)
     assert [frame.index for frame in played] == list(range(total))
-    assert all(frame.held == (frame.index < start) for frame in played)
+    assert all(frame.frozen == (frame.index < start) for frame in played)
 
 
 def test_faces_between_samples_are_interpolated_at_their_own_time() -> None:
@@ -121,7 +122,7 @@ def test_lost_face_is_held_and_marked_while_samples_go_on() -> None:
     packets += [control(ControlKind.FACE_FOUND, 4), sample(4), control(ControlKind.END, 5)]
     played = play([model((10, 1)), *packets])
     assert jaw(played) == pytest.approx([0, 1, 1, 1, 4])
-    assert [frame.held for frame in played] == [False, False, True, True, False]
+    assert [frame.frozen for frame in played] == [False, False, True, True, False]
 
 
 def test_lost_face_is_held_when_no_samples_come_for_longer_than_the_numbers_reach() -> None:
@@ -136,13 +137,13 @@ def test_lost_face_is_held_when_no_samples_come_for_longer_than_the_numbers_reac
     played = play([model((10, 1)), *packets], playout)
     assert [frame.index for frame in played] == list(range(102)) and playout.lost == 0
     assert jaw(played)[98:] == pytest.approx([1, 1, 100, 101])
-    assert sum(frame.held for frame in played) == 98
+    assert sum(frame.frozen for frame in played) == 98
 
 
 def test_call_that_ends_without_a_face_holds_the_last_one() -> None:
     packets = [sample(0), control(ControlKind.FACE_LOST, 1), control(ControlKind.END, 30)]
     played = play([model((10, 1)), *packets])
-    assert [frame.held for frame in played] == [False] + [True] * 29
+    assert [frame.frozen for frame in played] == [False] + [True] * 29
 
 
 def test_joining_late_starts_at_the_first_sample_that_comes() -> None:

@@ -10,9 +10,9 @@ from shots import Shots, whole
 from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.appearance.template import Template
 from encoder.capture.colour import luma_f32
-from encoder.fitting.analysis_by_synthesis import Refiner
+from encoder.fitting.analysis_by_synthesis import TexelFitter
 from encoder.fitting.increments import apply_increment
-from encoder.fitting.prediction_matrix import MatrixRefiner
+from encoder.fitting.prediction_matrix import PredictionMatrixFitter
 from encoder.runtime.image_ops import sample_bicubic
 from shared_model.appearance import atlas_of
 from shared_model.geometry import (
@@ -29,7 +29,7 @@ JAW, CORNERS = 6 + EAU_INDEX["jaw_drop"], 6 + EAU_INDEX["mouth_corners"]
 NUMBER = 0
 
 
-def made(kind: type[Refiner], shots: Shots, number: int = NUMBER) -> Refiner:
+def made(kind: type[TexelFitter], shots: Shots, number: int = NUMBER) -> TexelFitter:
     """Fits what one picture shows of the face."""
     head, face = shots.face.head, shots.faces[number]
     shape = ShapeFreeFrame(shots.face, atlas_of(head, 72), shots.camera)
@@ -37,16 +37,16 @@ def made(kind: type[Refiner], shots: Shots, number: int = NUMBER) -> Refiner:
     mean = sample_bicubic(luma_f32(shots.pictures[number]), shape.positions(face))[:, 0]
     light = np.stack([mean - mean.mean(), np.ones_like(mean)])
     refiner = kind(head, shots.face, shape, Template(mean, light, worn))
-    seen = refiner.seen(face)
+    seen = refiner.visible(face)
     template = refiner.template
     refiner.template = replace(template, weight=template.weight * seen)
     return refiner
 
 
 @pytest.fixture(scope="module")
-def refiner(shots: Shots) -> MatrixRefiner:
-    refiner = made(MatrixRefiner, shots)
-    assert isinstance(refiner, MatrixRefiner)
+def refiner(shots: Shots) -> PredictionMatrixFitter:
+    refiner = made(PredictionMatrixFitter, shots)
+    assert isinstance(refiner, PredictionMatrixFitter)
     refiner.learn(whole(shots.pictures[NUMBER]), shots.faces[NUMBER])
     return refiner
 
@@ -71,11 +71,11 @@ def off(found: FaceParameters, truth: FaceParameters) -> tuple[float, float]:
     ],
 )
 def test_one_prediction_takes_back_part_of_a_learned_displacement(
-    shots: Shots, refiner: MatrixRefiner, index: int, by: float
+    shots: Shots, refiner: PredictionMatrixFitter, index: int, by: float
 ) -> None:
     truth = shots.faces[NUMBER]
     start = displaced(truth, index, by)
-    found = refiner.refine(whole(shots.pictures[NUMBER]), start, 1, MOVED)
+    found = refiner.fit_crop(whole(shots.pictures[NUMBER]), start, 1, MOVED)
     if index < 3:
         left, was = off(found, truth)[0], off(start, truth)[0]
     elif index < 6:
@@ -87,28 +87,30 @@ def test_one_prediction_takes_back_part_of_a_learned_displacement(
 
 
 @pytest.mark.parametrize("number", [0, 1])
-def test_a_face_that_has_moved_is_found(shots: Shots, refiner: MatrixRefiner, number: int) -> None:
+def test_a_face_that_has_moved_is_found(
+    shots: Shots, refiner: PredictionMatrixFitter, number: int
+) -> None:
     truth = shots.faces[number]
     step = np.zeros(6 + len(EAUS))
     step[:5] = [0.05, -0.05, 0.04, 2, -2]
-    found = refiner.refine(whole(shots.pictures[number]), apply_increment(truth, step), 8, MOVED)
+    found = refiner.fit_crop(whole(shots.pictures[number]), apply_increment(truth, step), 8, MOVED)
     angle, eau = off(found, truth)
     assert angle < 1.5 and eau < 0.1
 
 
 def test_brighter_light_is_explained_by_its_coefficients(
-    shots: Shots, refiner: MatrixRefiner
+    shots: Shots, refiner: PredictionMatrixFitter
 ) -> None:
     truth = shots.faces[NUMBER]
     picture = np.clip(1.25 * shots.pictures[NUMBER].astype(float), 0, 255).astype(np.uint8)
-    found = refiner.refine(whole(picture), displaced(truth, 1, np.radians(4)), 8, MOVED)
+    found = refiner.fit_crop(whole(picture), displaced(truth, 1, np.radians(4)), 8, MOVED)
     assert found.modes[0] == pytest.approx(0.25, abs=0.04)
     assert off(found, truth)[0] < 0.5
 
 
 @pytest.mark.parametrize("degrees", [-60.0, 45.0])
 def test_a_tilted_head_is_found_like_an_upright_one(
-    shots: Shots, refiner: MatrixRefiner, degrees: float
+    shots: Shots, refiner: PredictionMatrixFitter, degrees: float
 ) -> None:
     turn = quaternion_from_vector(np.array([0, 0, np.radians(degrees)]))
     matrix, centre = matrix_from_quaternion(turn), shots.camera.centre
@@ -122,14 +124,14 @@ def test_a_tilted_head_is_found_like_an_upright_one(
     size = (shots.camera.width, shots.camera.height)
     turned = np.asarray(cv2.warpAffine(picture, about, size, flags=cv2.INTER_CUBIC), np.uint8)
     start = displaced(shots.faces[NUMBER], 1, np.radians(5))
-    upright = tilted(refiner.refine(whole(picture), start, 2, MOVED))
-    found = refiner.refine(whole(turned), tilted(start), 2, MOVED)
+    upright = tilted(refiner.fit_crop(whole(picture), start, 2, MOVED))
+    found = refiner.fit_crop(whole(turned), tilted(start), 2, MOVED)
     assert off(upright, tilted(start))[0] > 1
     assert off(found, upright)[0] < 0.5 and off(found, upright)[1] < 0.03
     assert found.pose.translation_mm[:2] == pytest.approx(upright.pose.translation_mm[:2], abs=0.5)
 
 
 def test_nothing_is_predicted_before_a_face_is_known(shots: Shots) -> None:
-    fresh = made(MatrixRefiner, shots)
+    fresh = made(PredictionMatrixFitter, shots)
     with pytest.raises(ValueError, match="no matrix has been trained"):
-        fresh.refine(whole(shots.pictures[NUMBER]), shots.faces[NUMBER], 1, MOVED)
+        fresh.fit_crop(whole(shots.pictures[NUMBER]), shots.faces[NUMBER], 1, MOVED)

@@ -12,13 +12,14 @@ from packets import MODEL
 from shots import draw
 from test_decoder_pipeline import read
 
-from decoder.appearance import Wardrobe
+from decoder.appearance import AppearanceModel
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
 from decoder.reenactment import read_model
 from encoder.coding.pacer import LayerPacer
 from encoder.coding.progressive_model import BASE_LAYER_BYTES, LayeredModel
-from encoder.options import EncodeOptions, EncodeReport
+from encoder.options import EncodeOptions
 from encoder.pipeline import encode
+from encoder.report import EncodeReport
 from loopback.quality import face_mask_finder, measure_quality
 from protocol.call_file import MAGIC, CallReader, serialise_record
 from protocol.entropy.varint import decode_varint
@@ -278,18 +279,18 @@ def test_who_draws_layer_by_layer_draws_the_same(at_once: Path, whole: Path) -> 
     """Decoding modes one after the other is decoding all of them."""
     first, *rest = packets(at_once)
     assert isinstance(first, ModelPacket)
-    wardrobe, layers, model = Wardrobe(first), LayerBuffer(), first
-    assert not wardrobe.changes
+    wardrobe, layers, model = AppearanceModel(first), LayerBuffer(), first
+    assert not wardrobe.has_modes
     for packet in rest:
         if isinstance(packet, LayerPacket):
             layers.add(packet)
             model = layers.apply(model)
-            wardrobe.refine(model)
+            wardrobe.update(model)
     expected = packets(whole)[0]
-    assert isinstance(expected, ModelPacket) and wardrobe.changes
+    assert isinstance(expected, ModelPacket) and wardrobe.has_modes
     coefficients = np.linspace(-3, 3, len(parse_transform(expected.profile_data).modes))
     np.testing.assert_array_equal(
-        wardrobe.texture(coefficients), Wardrobe(expected).texture(coefficients)
+        wardrobe.synthesise(coefficients), AppearanceModel(expected).synthesise(coefficients)
     )
 
 
@@ -315,12 +316,12 @@ def test_a_damaged_layer_leaves_what_was_drawn_before(at_once: Path, tmp_path: P
 def test_a_damaged_texture_is_told_once_and_the_one_before_worn(whole: Path) -> None:
     model = packets(whole)[0]
     assert isinstance(model, ModelPacket)
-    wardrobe, damaged = Wardrobe(model), replace(model, texture=b"RIFF no picture")
-    before = wardrobe.texture(np.zeros(0)).copy()
+    wardrobe, damaged = AppearanceModel(model), replace(model, texture=b"RIFF no picture")
+    before = wardrobe.synthesise(np.zeros(0)).copy()
     with pytest.raises(ProtocolError, match="texture"):
-        wardrobe.refine(damaged)
-    wardrobe.refine(damaged)
-    np.testing.assert_array_equal(wardrobe.texture(np.zeros(0)), before)
+        wardrobe.update(damaged)
+    wardrobe.update(damaged)
+    np.testing.assert_array_equal(wardrobe.synthesise(np.zeros(0)), before)
 
 
 def test_modes_before_a_damaged_one_are_worn_and_not_decoded_again(whole: Path) -> None:
@@ -334,13 +335,15 @@ def test_modes_before_a_damaged_one_are_worn_and_not_decoded_again(whole: Path) 
         extension = serialise_transform(replace(components, modes=modes + missing))
         return replace(model, profile_data=extension, progressive=True)
 
-    wardrobe = Wardrobe(with_modes())
+    wardrobe = AppearanceModel(with_modes())
     with pytest.raises(ProtocolError, match="mode 1 has no step"):
-        wardrobe.refine(with_modes(components.modes[0], b"\xff"))
-    wardrobe.refine(with_modes(components.modes[0], b"\xff", *components.modes[2:]))
+        wardrobe.update(with_modes(components.modes[0], b"\xff"))
+    wardrobe.update(with_modes(components.modes[0], b"\xff", *components.modes[2:]))
     coefficients = np.linspace(-3, 3, len(components.modes))
-    expected = Wardrobe(with_modes(components.modes[0]))
-    np.testing.assert_array_equal(wardrobe.texture(coefficients), expected.texture(coefficients))
+    expected = AppearanceModel(with_modes(components.modes[0]))
+    np.testing.assert_array_equal(
+        wardrobe.synthesise(coefficients), expected.synthesise(coefficients)
+    )
 
 
 def test_whose_face_is_worn_has_all_layers(at_once: Path, whole: Path) -> None:

@@ -1,4 +1,4 @@
-"""Triangles drawn without a graphics card: the nearest one shows, as far as it faces us."""
+"""The rasteriser: the nearest front-facing triangle in each pixel."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ def shown_points(wanted: NDArray[np.bool_], triangles: NDArray[np.int32]) -> dic
     return dict(zip(surface.pixels.tolist(), places, strict=True))
 
 
-def test_every_pixel_shows_the_point_that_projects_onto_it() -> None:
+def test_each_fragment_is_the_point_that_projects_onto_its_pixel() -> None:
     shown = shown_points(WHOLE, TRIANGLES)
     assert len(shown) > 250 and list(shown) == sorted(shown)
     pixels, places = np.array(list(shown)), np.array(list(shown.values()))
@@ -38,21 +38,21 @@ def test_every_pixel_shows_the_point_that_projects_onto_it() -> None:
     np.testing.assert_allclose(project(places), expected, atol=1e-4)
 
 
-def test_the_nearer_one_of_two_shows_whichever_comes_first() -> None:
+def test_the_nearest_triangle_wins_in_any_order() -> None:
     for triangles in (TRIANGLES, TRIANGLES[::-1]):
         shown = shown_points(WHOLE, triangles)
         assert shown[10 * 24 + 10][2] < 150
         assert shown[21 * 24 + 21][2] > 170
 
 
-def test_backs_do_not_show() -> None:
+def test_back_faces_are_culled() -> None:
     backs = TRIANGLES[:, ::-1].copy()
     assert not shown_points(WHOLE, backs)
     mixed = np.concatenate([backs[:2], TRIANGLES[2:]])
     assert min(place[2] for place in shown_points(WHOLE, mixed).values()) > 170
 
 
-def test_only_wanted_pixels_are_looked_at() -> None:
+def test_only_pixels_of_the_mask_are_covered() -> None:
     wanted = np.zeros((24, 24), bool)
     wanted[9:12, 9:12] = True
     assert list(shown_points(wanted, TRIANGLES)) == np.flatnonzero(wanted).tolist()

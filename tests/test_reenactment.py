@@ -11,8 +11,8 @@ from test_animate import call_file
 from test_decoder_pipeline import read
 from test_layers import FIRST, GROWN, ITEMS, KNOWN, STREAM, WHOLE, expected, grown, pieces
 
-from decoder.playout import PlayedFrame
-from decoder.reenactment import read_model, recast
+from decoder.playout import PlayoutFrame
+from decoder.reenactment import read_model, reenact
 from protocol.call_file import MAGIC, CallReader, serialise_record
 from protocol.frames.frame_transform import parse_transform
 from protocol.frames.scalar_quantiser import motion_from_pose
@@ -36,29 +36,31 @@ WORN = replace(
 )
 
 
-def frame(modes: NDArray[np.float64] | None = None) -> PlayedFrame:
+def frame(modes: NDArray[np.float64] | None = None) -> PlayoutFrame:
     pose = pose_from_euler(4, -12, 3, np.array([30.0, -25.0, 640.0]))
     eau = np.linspace(0, 0.5, len(EAUS))
-    return PlayedFrame(7, FaceParameters(pose, eau, np.zeros(0) if modes is None else modes), False)
+    return PlayoutFrame(
+        7, FaceParameters(pose, eau, np.zeros(0) if modes is None else modes), False
+    )
 
 
 def test_the_other_moves_from_their_own_reference_as_the_sender_does() -> None:
     sent = frame()
-    shown = recast(sent, MODEL, WORN)
+    shown = reenact(sent, MODEL, WORN)
     before = motion_from_pose(sent.face.pose, MODEL.reference_pose)
     after = motion_from_pose(shown.face.pose, WORN.reference_pose)
     np.testing.assert_allclose(after, before, atol=1e-6)
     np.testing.assert_array_equal(shown.face.eau, sent.face.eau)
-    assert (shown.index, shown.held) == (sent.index, sent.held)
+    assert (shown.index, shown.frozen) == (sent.index, sent.frozen)
 
 
 def test_the_senders_appearance_is_not_worn() -> None:
-    assert recast(frame(np.ones(4)), MODEL, WORN).face.modes.size == 0
+    assert reenact(frame(np.ones(4)), MODEL, WORN).face.modes.size == 0
 
 
 def test_a_callers_own_face_is_played_as_it_was_sent() -> None:
     sent = frame(np.ones(4))
-    assert recast(sent, MODEL, replace(MODEL)) is sent
+    assert reenact(sent, MODEL, replace(MODEL)) is sent
 
 
 def test_decode_draws_another_caller_with_this_calls_frames(call: Path, tmp_path: Path) -> None:
@@ -129,7 +131,7 @@ def test_modes_learned_in_a_call_are_worn(tmp_path: Path) -> None:
     worn = read_model(path)
     assert parse_transform(worn.profile_data).modes == (*KNOWN, *GROWN, b"")
     sent = frame(np.ones(5))
-    assert recast(sent, WHOLE, worn) is sent
+    assert reenact(sent, WHOLE, worn) is sent
 
 
 def test_the_calls_own_file_as_its_face_changes_nothing(call: Path, tmp_path: Path) -> None:

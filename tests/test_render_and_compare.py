@@ -12,7 +12,7 @@ from decoder.renderer import Renderer
 from encoder.capture.colour import luma_f32
 from encoder.detection.landmark_indices import FACE_OVAL
 from encoder.fitting.increments import apply_increment
-from encoder.fitting.render_and_compare import Drawing
+from encoder.fitting.render_and_compare import ImageFitter
 from encoder.runtime.image_ops import hull_mask
 from shared_model.parameters import EAU_INDEX, EAUS, FaceParameters
 
@@ -62,8 +62,8 @@ def outline_of(shots: Shots, number: int) -> NDArray[np.float64]:
     return np.asarray(points[np.isfinite(points[:, 0])])
 
 
-def drawing_of(shots: Shots, modes: int = 1) -> Drawing:
-    return Drawing(shots.face, shots.camera, MEAN, MODE[None][:modes])
+def drawing_of(shots: Shots, modes: int = 1) -> ImageFitter:
+    return ImageFitter(shots.face, shots.camera, MEAN, MODE[None][:modes])
 
 
 @pytest.mark.parametrize("number", [0, 3, 6])
@@ -83,14 +83,14 @@ def test_a_mode_taught_later_is_found_as_the_others_are(shots: Shots) -> None:
     before = drawing_of(shots, 0)
     found, known = (
         drawing.fit(whole(picture), start, outline_of(shots, 3), 2)
-        for drawing in (before.taught(MODE), drawing_of(shots))
+        for drawing in (before.with_mode(MODE), drawing_of(shots))
     )
     assert found.modes == pytest.approx(known.modes)
 
 
 def test_teaching_leaves_the_drawing_before_as_it_was(shots: Shots) -> None:
     picture, before = picture_of(shots, shots.faces[3]), drawing_of(shots, 0)
-    before.taught(MODE)
+    before.with_mode(MODE)
     assert len(before.fit(whole(picture), shots.faces[3], outline_of(shots, 3)).modes) == 0
 
 

@@ -9,7 +9,7 @@ from heads import synthetic_head
 from numpy.typing import NDArray
 
 from decoder import renderer as render
-from decoder.renderer import Renderer, fading_teeth, part_colours
+from decoder.renderer import Renderer, part_colours, teeth_falloff
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS, Head, generic_head, inside_mouth
@@ -148,7 +148,7 @@ def test_a_far_face_is_averaged_from_its_atlas_and_a_near_one_is_not() -> None:
 def test_still_at_rest_is_shown_exactly(renderer: Renderer, head: Head) -> None:
     still = np.random.default_rng(1).integers(0, 256, (240, 320, 3), dtype=np.uint8)
     u, v = np.linspace(-0.5, 319.5, 21), np.linspace(-0.5, 239.5, 16)
-    renderer.set_backdrop(still, np.stack(np.meshgrid(u, v), -1))
+    renderer.set_background(still, np.stack(np.meshgrid(u, v), -1))
     renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
     away = pose_from_euler(0, 0, 0, np.array([9000.0, 0, 700]))
     picture = renderer.draw(CAMERA, away, head.vertices)
@@ -160,7 +160,7 @@ def test_moved_mesh_moves_the_still(renderer: Renderer, head: Head) -> None:
     still = rng.integers(0, 256, (240, 320, 3), dtype=np.uint8)
     u, v = np.linspace(-0.5, 319.5, 21), np.linspace(-0.5, 239.5, 16)
     rest = np.stack(np.meshgrid(u, v), -1)
-    renderer.set_backdrop(still, rest)
+    renderer.set_background(still, rest)
     renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
     away = pose_from_euler(0, 0, 0, np.array([9000.0, 0, 700]))
     picture = renderer.draw(CAMERA, away, head.vertices, rest + np.array((7, -4)))
@@ -184,7 +184,7 @@ def test_what_is_behind_stands_still_where_the_still_lets_it_through(
     away = pose_from_euler(0, 0, 0, np.array([9000.0, 0, 700]))
     expected = np.where(opacity[..., None], still, behind)
     with Renderer(CAMERA.width, CAMERA.height, head, samples) as renderer:
-        renderer.set_backdrop(np.dstack([still, opacity]), rest, behind)
+        renderer.set_background(np.dstack([still, opacity]), rest, behind)
         renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
         picture = renderer.draw(CAMERA, away, head.vertices)
         np.testing.assert_allclose(picture.astype(int), expected, atol=1)
@@ -193,7 +193,7 @@ def test_what_is_behind_stands_still_where_the_still_lets_it_through(
         moved[:236, 7:] = np.where(opacity[4:, :-7, None], still[4:, :-7], behind[:236, 7:])
         within = picture[:236, 7:].astype(int)
         np.testing.assert_allclose(within, moved[:236, 7:], atol=1)
-        renderer.set_backdrop(still, rest)
+        renderer.set_background(still, rest)
         picture = renderer.draw(CAMERA, away, head.vertices)
         np.testing.assert_allclose(picture.astype(int), still, atol=1)
 
@@ -205,7 +205,7 @@ def test_opacity_blends_the_head_over_the_still() -> None:
         renderer.set_texture(np.full((8, 8, 3), (200, 100, 40), dtype=np.uint8))
         u, v = np.linspace(-0.5, 319.5, 3), np.linspace(-0.5, 239.5, 3)
         still = np.full((240, 320, 3), (40, 60, 80), dtype=np.uint8)
-        renderer.set_backdrop(still, np.stack(np.meshgrid(u, v), -1))
+        renderer.set_background(still, np.stack(np.meshgrid(u, v), -1))
         picture = renderer.draw(CAMERA, AHEAD, quad.vertices)
     np.testing.assert_allclose(picture[120, 160].astype(int), (80, 70, 70), atol=1)
     np.testing.assert_array_equal(picture[5, 5], (40, 60, 80))
@@ -233,7 +233,7 @@ def test_only_the_inside_of_the_mouth_is_darkened() -> None:
     with Renderer(CAMERA.width, CAMERA.height, mouth) as renderer:
         renderer.set_texture(np.full((8, 8, 3), 200, dtype=np.uint8))
         for light, expected in ((0.5, 100), (None, 200)):
-            picture = renderer.draw(CAMERA, AHEAD, mouth.vertices, mouth_light=light)
+            picture = renderer.draw(CAMERA, AHEAD, mouth.vertices, mouth_shading=light)
             assert abs(int(picture[120, 143, 0]) - 200) <= 1
             assert abs(int(picture[120, 176, 0]) - expected) <= 1
 
@@ -255,11 +255,11 @@ def test_a_rim_is_that_of_the_whole_head(yaw_deg: float, monkeypatch: pytest.Mon
     with Renderer(CAMERA.width, CAMERA.height, head) as renderer:
         renderer.set_texture(rng.integers(0, 256, (64, 64, 3), np.uint8))
         still = rng.integers(0, 256, (240, 320, 3), np.uint8)
-        renderer.set_backdrop(still, np.stack(np.meshgrid(u, v), -1))
+        renderer.set_background(still, np.stack(np.meshgrid(u, v), -1))
         bare = renderer.draw(CAMERA, pose, head.vertices)
-        rimmed = renderer.draw(CAMERA, pose, head.vertices, rim_px=0.7)
+        rimmed = renderer.draw(CAMERA, pose, head.vertices, expansion_px=0.7)
         monkeypatch.setattr(render, "outline_triangles", lambda triangles, *_: triangles)
-        expected = renderer.draw(CAMERA, pose, head.vertices, rim_px=0.7)
+        expected = renderer.draw(CAMERA, pose, head.vertices, expansion_px=0.7)
     rim = (expected != bare).any(2)
     assert rim.sum() > 300
     np.testing.assert_array_equal(rimmed, expected)
@@ -275,7 +275,7 @@ def test_the_inside_of_a_closed_mouth_shows_nowhere(pitch_deg: float) -> None:
     atlas[top:] = 0, 0, 255
     with Renderer(CAMERA.width, CAMERA.height, head) as renderer:
         renderer.set_texture(atlas)
-        picture = renderer.draw(CAMERA, pose, head.vertices, rim_px=0.7).astype(int)
+        picture = renderer.draw(CAMERA, pose, head.vertices, expansion_px=0.7).astype(int)
     shown = picture[..., 2] > picture[..., 0] + 60
     assert (picture > 150).any() and shown.sum() <= 12
 
@@ -323,7 +323,7 @@ def test_missing_egl_tells_what_to_install(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_molars_are_in_the_dark_and_front_teeth_are_not() -> None:
     head = generic_head()
-    light, depth_mm = fading_teeth(head), head.vertices[:, 2]
+    light, depth_mm = teeth_falloff(head), head.vertices[:, 2]
     teeth = np.isin(head.parts, [PARTS.index(part) for part in ("teeth_upper", "teeth_lower")])
     assert light[teeth & (depth_mm > depth_mm[teeth].max() - 10)].min() == 1
     assert light[teeth & (depth_mm < depth_mm[teeth].max() - 40)].max() < 0.1

@@ -13,7 +13,7 @@ from conftest import ROOT
 
 HEAD = ROOT / "shared_model" / "data" / "head.npz"
 # Not commands but parts of them.
-PARTS = {"command", "line_charts", "model_tables"}
+PARTS = {"command", "fitted_clip", "line_charts", "model_tables"}
 SCRIPTS = sorted(path.stem for path in (ROOT / "scripts").glob("*.py") if path.stem not in PARTS)
 
 

@@ -1,4 +1,4 @@
-"""Texels lie where the geometry says, and move as their derivative says."""
+"""The shape-free frame: projection of texels, and its derivatives."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ def shape(shots: Shots) -> ShapeFreeFrame:
     return ShapeFreeFrame(shots.face, atlas_of(shots.face.head, 48), shots.camera)
 
 
-def test_texels_lie_where_the_mesh_is_drawn(shots: Shots, shape: ShapeFreeFrame) -> None:
+def test_texels_project_as_the_mesh_does(shots: Shots, shape: ShapeFreeFrame) -> None:
     for face in shots.faces:
         vertices = shots.face.animate(face.eau)
         expected = pixel_from_head(shots.camera, face.pose, shape.atlas.points(vertices))
@@ -27,7 +27,7 @@ def test_texels_lie_where_the_mesh_is_drawn(shots: Shots, shape: ShapeFreeFrame)
 
 
 @pytest.mark.parametrize("number", range(6 + len(EAUS)))
-def test_change_is_the_derivative_along_the_pictures_slope(
+def test_the_image_jacobian_is_the_numeric_derivative(
     shots: Shots, shape: ShapeFreeFrame, number: int
 ) -> None:
     # Away from zero and from the limits, where actuators have kinks.
@@ -40,16 +40,18 @@ def test_change_is_the_derivative_along_the_pictures_slope(
         shape.positions(apply_increment(face, -step)),
     )
     measured = (ahead - behind) / (2 * size)
-    slope = np.tile(np.array([[0.6], [-0.8]], np.float32), len(shape))
-    stated = shape.image_jacobian(shape.project(face), slope, np.arange(len(EAUS)))[number]
-    expected = measured @ slope[:, 0]
+    gradient = np.tile(np.array([[0.6], [-0.8]], np.float32), len(shape))
+    stated = shape.image_jacobian(shape.project(face), gradient, np.arange(len(EAUS)))[number]
+    expected = measured @ gradient[:, 0]
     assert np.abs(stated - expected).max() < 0.02 * np.abs(measured).max() + 0.1
 
 
-def test_only_actuators_that_may_move_are_asked_for(shots: Shots, shape: ShapeFreeFrame) -> None:
-    slope = np.ones((2, len(shape)), np.float32)
-    every = shape.image_jacobian(shape.project(shots.faces[1]), slope, np.arange(len(EAUS)))
-    few = shape.image_jacobian(shape.project(shots.faces[1]), slope, np.array([2, 0]))
+def test_the_jacobian_has_a_row_for_each_active_actuator(
+    shots: Shots, shape: ShapeFreeFrame
+) -> None:
+    gradient = np.ones((2, len(shape)), np.float32)
+    every = shape.image_jacobian(shape.project(shots.faces[1]), gradient, np.arange(len(EAUS)))
+    few = shape.image_jacobian(shape.project(shots.faces[1]), gradient, np.array([2, 0]))
     assert np.allclose(few, every[[*range(6), 8, 6]], rtol=1e-5, atol=1e-3)
 
 
@@ -60,7 +62,7 @@ def test_a_step_keeps_actuators_in_range_and_the_rotation_of_unit_length(shots: 
     assert all(eau.low <= value <= eau.high for eau, value in zip(EAUS, face.eau, strict=True))
 
 
-def test_a_negative_actuator_moves_along_its_own_field(shots: Shots, shape: ShapeFreeFrame) -> None:
+def test_a_negative_activation_uses_its_own_field(shots: Shots, shape: ShapeFreeFrame) -> None:
     lowered = np.zeros(len(EAUS))
     lowered[EAU_INDEX["mouth_corners"]] = -0.5
     face = replace(shots.faces[0], eau=lowered)

@@ -244,6 +244,7 @@ def test_bytes_too_many_are_refused() -> None:
     assert series.pictures == 0 and same(decode_planes(series, "it", data, [(32, 32)]), chosen)
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("kind", [BACKGROUND, MODE])
 def test_every_truncation_and_bit_flip_is_a_picture_or_a_protocol_error(kind: int) -> None:
     data, _ = encode(PictureSequence(kind), [drawing((16, 12))], 12.0)
@@ -256,6 +257,7 @@ def test_every_truncation_and_bit_flip_is_a_picture_or_a_protocol_error(kind: in
         check(damaged, kind)
 
 
+@pytest.mark.no_cover
 def test_fuzz_of_random_bytes() -> None:
     seed = 20261121
     print("seed", seed)
@@ -266,6 +268,7 @@ def test_fuzz_of_random_bytes() -> None:
         check(b"\xff" * 300, kind)
 
 
+@pytest.mark.no_cover
 def test_fuzz_of_a_series_of_colour_pictures() -> None:
     seed = 20261122
     print("seed", seed)

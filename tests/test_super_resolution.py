@@ -1,4 +1,4 @@
-"""Sharpened textures draw nearer to the picture than sampled ones."""
+"""Back-projected textures reproduce the picture better than sampled ones."""
 
 import numpy as np
 import pytest
@@ -45,7 +45,7 @@ def sample_bilinear(image: NDArray[np.float32], places: NDArray[np.float32]) -> 
     return np.asarray(top * (1 - y) + bottom * y, np.float32)
 
 
-def test_pixels_find_the_texels_that_they_show(shots: Shots, shape: ShapeFreeFrame) -> None:
+def test_the_inverse_warp_inverts_the_projection(shots: Shots, shape: ShapeFreeFrame) -> None:
     face = shots.faces[2]
     positions = shape.positions(face)
     seen = visible_texels(shots.face.head, shape.atlas, face.pose, shots.face.animate(face.eau))
@@ -59,7 +59,7 @@ def test_pixels_find_the_texels_that_they_show(shots: Shots, shape: ShapeFreeFra
     assert np.nanmedian(off) < 0.05 and np.nanpercentile(off, 95) < 0.5
 
 
-def test_what_is_sharpened_draws_nearer_to_the_picture(
+def test_a_back_projected_texture_reproduces_the_picture_better(
     shots: Shots, shape: ShapeFreeFrame, detailed: Picture
 ) -> None:
     face = shots.faces[3]
@@ -74,17 +74,17 @@ def test_what_is_sharpened_draws_nearer_to_the_picture(
     assert np.array_equal(better[~seen], colours[~seen])
 
 
-def test_an_even_picture_stays_even(shots: Shots, shape: ShapeFreeFrame) -> None:
+def test_a_uniform_picture_stays_uniform(shots: Shots, shape: ShapeFreeFrame) -> None:
     face = shots.faces[1]
     picture = np.full((240, 320, 3), 120, np.uint8)
     positions = shape.positions(face)
     colours = sample_bicubic(picture, positions)
     result = back_projected(shape, whole(picture), positions, colours, np.ones(len(shape), bool))
-    # Texels beside the atlas' islands are drawn into pixels of the face as well.
+    # Pixels at the border of an island interpolate texels outside it, too.
     assert np.median(np.abs(result - 120)) < 0.01 and np.isfinite(result).all()
 
 
-def test_luma_is_sharpened_as_the_colours_are(
+def test_luma_is_back_projected_as_colours_are(
     shots: Shots, shape: ShapeFreeFrame, detailed: Picture
 ) -> None:
     positions, seen = shape.positions(shots.faces[2]), np.ones(len(shape), bool)

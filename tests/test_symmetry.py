@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from test_person_texture import CAMERA, FACE, HEAD, JAW, PLACE, REST, Studio, fitted, off_deg
 
-from encoder.fitting.person_texture import USUAL, OwnTexture, Synthesis
-from encoder.fitting.symmetry import MIRROR_DEG, MirroredRefiner, twins
+from encoder.fitting.person_texture import DEFAULT_OPTIONS, FitOptions, PersonTexture
+from encoder.fitting.symmetry import MIRROR_DEG, SymmetricTexelFitter, mirror_index
 from shared_model.appearance import atlas_of
 from shared_model.geometry import pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS
 from shared_model.parameters import FaceParameters
 
-MIRRORED = Synthesis(refiner=MirroredRefiner)
+MIRRORED = FitOptions(fitter=SymmetricTexelFitter)
 
 
 @pytest.fixture(scope="module")
@@ -19,8 +19,8 @@ def studio() -> Studio:
     return Studio()
 
 
-def own_texture(studio: Studio, synthesis: Synthesis) -> OwnTexture:
-    return OwnTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96, synthesis)
+def own_texture(studio: Studio, synthesis: FitOptions) -> PersonTexture:
+    return PersonTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96, synthesis)
 
 
 def turned(yaw: float, off: float = 0.0) -> FaceParameters:
@@ -41,7 +41,7 @@ def half_hidden(picture: np.ndarray, face: FaceParameters, near: bool) -> np.nda
 
 def test_twins_lie_opposite_of_each_other() -> None:
     atlas = atlas_of(HEAD, 96)
-    twin = twins(atlas)[atlas.rows, atlas.columns]
+    twin = mirror_index(atlas)[atlas.rows, atlas.columns]
     skin = HEAD.parts[atlas.corners[:, 0]] == PARTS.index("skin")
     kept = np.flatnonzero((twin >= 0) & skin & skin[twin])
     assert len(kept) > 0.95 * skin.sum()
@@ -54,7 +54,10 @@ def test_twins_lie_opposite_of_each_other() -> None:
 @pytest.mark.parametrize("yaw", [-MIRROR_DEG + 4, MIRROR_DEG - 4])
 def test_little_turned_nothing_is_mirrored(studio: Studio, yaw: float) -> None:
     first, picture = studio.draw(REST), studio.draw(turned(yaw))
-    textures = (OwnTexture(HEAD, FACE, CAMERA, first, REST, 96, kind) for kind in (MIRRORED, USUAL))
+    textures = (
+        PersonTexture(HEAD, FACE, CAMERA, first, REST, 96, kind)
+        for kind in (MIRRORED, DEFAULT_OPTIONS)
+    )
     one, other = (
         fitted(texture, picture, turned(yaw, 1.5), [JAW], 3).face.pose for texture in textures
     )
@@ -85,7 +88,7 @@ def test_the_near_half_stands_for_the_far_one(studio: Studio, yaw: float) -> Non
         sides = studio.draw(even(degrees)), studio.draw(even(-degrees))[:, ::-1]
         return np.asarray(np.rint(np.mean(sides, axis=0)), np.uint8)
 
-    texture = OwnTexture(HEAD, FACE, CAMERA, drawn(0), even(0), 96, MIRRORED)
+    texture = PersonTexture(HEAD, FACE, CAMERA, drawn(0), even(0), 96, MIRRORED)
     found = fitted(texture, drawn(yaw), even(yaw), [JAW], 0)
     assert found.correlation > 0.78
     ahead = fitted(texture, drawn(0), even(0), [JAW], 0)

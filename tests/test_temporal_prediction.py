@@ -203,6 +203,7 @@ def test_parents_are_the_frames_within_the_packet() -> None:
     assert first is not None and first.tolist() == [3, 4]
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize(("spare", "call"), [(0, packets(7, 3)), (SPARE, growing(7))])
 def test_every_truncation_and_bit_flip_is_frames_or_a_protocol_error(
     spare: int, call: list[tuple[int, bytes, Integers]]
@@ -216,6 +217,7 @@ def test_every_truncation_and_bit_flip_is_frames_or_a_protocol_error(
             decodes_or_protocol_error(sequence, bytes(flipped), spare)
 
 
+@pytest.mark.no_cover
 def test_fuzz_of_random_payloads() -> None:
     seed = 8128
     print(f"seed {seed}")

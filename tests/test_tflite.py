@@ -1,5 +1,4 @@
-"""The landmark networks' runner: the same for one picture and several, quiet, and plain about files
-it cannot read."""
+"""TFLite networks: batches, input range, messages and unreadable files."""
 
 import subprocess
 import sys
@@ -13,7 +12,7 @@ from encoder.detection.tflite import IRIS, NetworkFilesMissing, TfliteNetwork
 SIDE = 64
 
 
-def test_several_pictures_give_what_each_gives_alone(networks: Path) -> None:
+def test_a_batch_gives_the_outputs_of_single_pictures(networks: Path) -> None:
     network = TfliteNetwork(networks / IRIS)
     pictures = list(np.random.default_rng(3).integers(0, 256, (3, SIDE, SIDE, 3), np.uint8))
     together = network.run_all(pictures, 0.0)
@@ -25,7 +24,7 @@ def test_several_pictures_give_what_each_gives_alone(networks: Path) -> None:
             np.testing.assert_array_equal(output, together[length][number])
 
 
-def test_the_picture_is_read_as_blue_green_red_on_the_scale_asked_for(networks: Path) -> None:
+def test_pictures_are_bgr_and_scaled_to_the_given_range(networks: Path) -> None:
     network = TfliteNetwork(networks / IRIS)
     red, blue = (np.zeros((SIDE, SIDE, 3), np.uint8) for _ in range(2))
     red[..., 2], blue[..., 0] = 255, 255
@@ -35,8 +34,8 @@ def test_the_picture_is_read_as_blue_green_red_on_the_scale_asked_for(networks: 
 
 
 @pytest.mark.parametrize("closed", ["", "2>&-"])
-def test_a_network_is_loaded_without_a_word(networks: Path, closed: str) -> None:
-    # In a process of its own: LiteRT says it once.
+def test_a_network_loads_without_messages(networks: Path, closed: str) -> None:
+    # In a new process, since LiteRT writes its message once.
     load = (
         "import sys; from pathlib import Path; from encoder.detection.tflite import TfliteNetwork;"
     )

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from packets import MODEL
 
-from decoder.playout import PlayedFrame, Playout
+from decoder.playout import Playout, PlayoutFrame
 from encoder.calls.packet_sender import LEAD_PACKETS, PacketSender
 from encoder.calls.session_stats import SessionStats
 from encoder.calls.thesis_session import FixedRateSender
@@ -47,7 +47,7 @@ def face(index: int, focal: float = 1.0) -> FaceParameters:
 
 def call(
     path: Path, fps: tuple[int, int] = (25, 1), lost: range = range(0)
-) -> tuple[list[bytes], list[tuple[PlayedFrame, ModelPacket]], int]:
+) -> tuple[list[bytes], list[tuple[PlayoutFrame, ModelPacket]], int]:
     """A call with an update: its packets, what is played by which model, and where it begins."""
     start = FRAMES
     with CallWriter(path / "call.rzo") as file:
@@ -92,7 +92,7 @@ def test_every_frame_is_played_at_its_time_under_the_shape_that_it_is_of(
 def test_an_update_outlives_a_loss(lost: range, tmp_path: Path) -> None:
     _, shown, start = call(tmp_path, lost=lost)
     assert [frame.index for frame, _ in shown] == list(range(FRAMES))
-    assert [frame.index for frame, _ in shown if frame.held and frame.index >= 2] == list(lost)
+    assert [frame.index for frame, _ in shown if frame.frozen and frame.index >= 2] == list(lost)
     for frame, drawn_by in shown[max(start, lost[-1] + 4) :]:
         assert drawn_by.version == 1
         expected = face(min(frame.index, FRAMES - 2), LONGER).pose.translation_mm

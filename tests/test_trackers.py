@@ -5,38 +5,35 @@ import pytest
 
 from encoder.detection.tflite import NetworkFilesMissing
 from encoder.tracking import trackers as follow
-from encoder.tracking.model_tracker import TrackingFollower
+from encoder.tracking.model_tracker import ModelTracker
 from encoder.tracking.trackers import (
-    FOLLOWED,
-    Follower,
-    FollowOptions,
-    HaarFollower,
-    NetworkFollower,
-    blend,
-    open_follower,
+    TRACKED_EAUS,
+    FaceTracker,
+    HaarPoseTracker,
+    LandmarkFitTracker,
+    TrackingOptions,
+    open_tracker,
 )
 from shared_model.errors import UserError
-from shared_model.geometry import euler_deg, pose_from_euler
+from shared_model.geometry import euler_deg, interpolate, pose_from_euler
 from shared_model.mesh import generic_head
 from shared_model.parameters import EAU_INDEX, THESIS_EAUS, FaceParameters
 
 
-def opened(options: FollowOptions, warnings: list[str] | None = None) -> Follower:
+def opened(options: TrackingOptions, warnings: list[str] | None = None) -> FaceTracker:
     said = [] if warnings is None else warnings
-    return open_follower(options, generic_head(), (320, 240), FOLLOWED, 0.04, said.append)
+    return open_tracker(options, generic_head(), (320, 240), TRACKED_EAUS, 0.04, said.append)
 
 
 def test_the_whole_tracker_is_the_default(networks: object) -> None:
-    assert isinstance(opened(FollowOptions()), TrackingFollower)
+    assert isinstance(opened(TrackingOptions()), ModelTracker)
 
 
 def test_each_frame_can_be_measured_by_itself(networks: object) -> None:
-    assert isinstance(opened(FollowOptions(tracker="single")), NetworkFollower)
+    assert isinstance(opened(TrackingOptions(tracker="single")), LandmarkFitTracker)
 
 
-@pytest.mark.parametrize(
-    ("tracker", "kind"), [("single", HaarFollower), ("full", TrackingFollower)]
-)
+@pytest.mark.parametrize(("tracker", "kind"), [("single", HaarPoseTracker), ("full", ModelTracker)])
 def test_viola_jones_steps_in_where_the_networks_are_missing(
     monkeypatch: pytest.MonkeyPatch, tracker: str, kind: type
 ) -> None:
@@ -45,22 +42,22 @@ def test_viola_jones_steps_in_where_the_networks_are_missing(
 
     monkeypatch.setattr(follow, "find_network_folder", missing)
     warnings: list[str] = []
-    assert isinstance(opened(FollowOptions(tracker=tracker), warnings), kind)
+    assert isinstance(opened(TrackingOptions(tracker=tracker), warnings), kind)
     assert warnings == ["no landmark networks; following by Viola-Jones"]
 
 
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
-        (FollowOptions(detector="guess"), "detector guess is unknown"),
-        (FollowOptions(tracker="guess"), "tracker guess is unknown"),
-        (FollowOptions(step="guess"), "step guess is unknown; choose one of gauss-newton"),
-        (FollowOptions(normalise="guess"), "normalisation guess is unknown; choose one of none"),
-        (FollowOptions(without=frozenset({"guess"})), "part guess is unknown; choose one of net"),
+        (TrackingOptions(detector="guess"), "detector guess is unknown"),
+        (TrackingOptions(tracker="guess"), "tracker guess is unknown"),
+        (TrackingOptions(step="guess"), "step guess is unknown; choose one of gauss-newton"),
+        (TrackingOptions(normalise="guess"), "normalisation guess is unknown; choose one of none"),
+        (TrackingOptions(without=frozenset({"guess"})), "part guess is unknown; choose one of net"),
     ],
 )
 def test_an_option_that_cannot_be_is_the_users_mistake(
-    networks: object, options: FollowOptions, complaint: str
+    networks: object, options: TrackingOptions, complaint: str
 ) -> None:
     with pytest.raises(UserError, match=complaint):
         opened(options)
@@ -68,7 +65,7 @@ def test_an_option_that_cannot_be_is_the_users_mistake(
 
 @pytest.mark.parametrize("tracker", ["single", "full"])
 def test_a_picture_without_a_face_has_no_identity(networks: object, tracker: str) -> None:
-    follower = opened(FollowOptions(tracker=tracker))
+    follower = opened(TrackingOptions(tracker=tracker))
     assert follower.update(np.full((240, 320, 3), 128, np.uint8)) is None
     with pytest.raises(ValueError, match="no face has been seen"):
         _ = follower.fitted
@@ -76,12 +73,12 @@ def test_a_picture_without_a_face_has_no_identity(networks: object, tracker: str
 
 def test_a_grey_picture_has_no_face_for_viola_jones() -> None:
     for tracker in ("single", "full"):
-        follower = opened(FollowOptions("haar", tracker))
+        follower = opened(TrackingOptions("haar", tracker))
         assert follower.update(np.full((240, 320, 3), 128, np.uint8)) is None
 
 
 def test_all_that_the_thesis_sends_is_followed() -> None:
-    assert {EAU_INDEX[name] for name in THESIS_EAUS} <= set(FOLLOWED)
+    assert {EAU_INDEX[name] for name in THESIS_EAUS} <= set(TRACKED_EAUS)
 
 
 def test_blending_goes_half_the_way_in_angle_place_and_actuators() -> None:
@@ -90,7 +87,7 @@ def test_blending_goes_half_the_way_in_angle_place_and_actuators() -> None:
     second = FaceParameters(
         pose_from_euler(0, 20, 0, place + np.array([10, 0, 0])), np.full(14, 0.4)
     )
-    half = blend(first, second, 0.5)
+    half = interpolate(first, second, 0.5)
     assert euler_deg(half.pose) == pytest.approx((0, 10, 0), abs=1e-6)
     assert half.pose.translation_mm == pytest.approx([5, 0, 600])
     assert half.eau == pytest.approx(np.full(14, 0.2))

@@ -9,7 +9,7 @@ from encoder.appearance.template import Template
 from encoder.capture.colour import luma_f32
 from encoder.coding.distortion import EYELID_DISTORTION, measure_distortion
 from encoder.coding.transform import MIN_STD, design_transform, estimate_scales, project
-from encoder.fitting.analysis_by_synthesis import Refiner
+from encoder.fitting.analysis_by_synthesis import TexelFitter
 from encoder.runtime.image_ops import sample_bicubic
 from protocol.frames.frame_transform import GEOMETRY_SIZE, face_from_coefficients, vector_from_face
 from protocol.frames.scalar_quantiser import pose_from_motion
@@ -103,22 +103,24 @@ def test_the_shortest_calls_have_components(count: int) -> None:
 
 
 @pytest.fixture(scope="module")
-def refiner(shots: Shots) -> Refiner:
+def refiner(shots: Shots) -> TexelFitter:
     shape = ShapeFreeFrame(shots.face, atlas_of(shots.face.head, 96), shots.camera)
     grey = sample_bicubic(luma_f32(shots.pictures[2]), shape.positions(shots.faces[2]))[:, 0]
     modes = np.full((1, len(shape)), 2.0, np.float32)
-    return Refiner(
+    return TexelFitter(
         shots.face.head, shots.face, shape, Template(grey, modes, np.ones(len(shape), np.float32))
     )
 
 
-def test_harm_foretells_what_an_error_does_to_the_picture(shots: Shots, refiner: Refiner) -> None:
+def test_harm_foretells_what_an_error_does_to_the_picture(
+    shots: Shots, refiner: TexelFitter
+) -> None:
     face, reference = shots.faces[2], shots.faces[0].pose
     sensed = measure_distortion(refiner, [whole(shots.pictures[2])], [face], reference)
     h = sensed.distortion_matrix(refiner.template.modes)
     assert np.allclose(h, h.T) and (np.linalg.eigvalsh(h) > 0).all()
     grey, shape = luma_f32(shots.pictures[2]), refiner.shape
-    weight = refiner.seen(face).astype(float)
+    weight = refiner.visible(face).astype(float)
     before = sample_bicubic(grey, shape.positions(face))[:, 0]
     y = vector_from_face(face, reference)[:GEOMETRY_SIZE]
     for number, size in ((1, 0.5), (4, 1.0), (6 + EAU_INDEX["jaw_drop"], 0.05)):
@@ -133,7 +135,7 @@ def test_harm_foretells_what_an_error_does_to_the_picture(shots: Shots, refiner:
     assert h[-1, -1] == pytest.approx(4, rel=0.01)
 
 
-def test_lids_may_count_for_more_together_than_apart(refiner: Refiner, shots: Shots) -> None:
+def test_lids_may_count_for_more_together_than_apart(refiner: TexelFitter, shots: Shots) -> None:
     sensed = measure_distortion(
         refiner, [whole(shots.pictures[2])], [shots.faces[2]], shots.faces[0].pose
     )

@@ -1,4 +1,4 @@
-"""Capture: every kind of source, exact rates, one-line errors."""
+"""Video sources: every kind, exact rates, one-line errors."""
 
 import os
 from collections.abc import Iterator
@@ -67,7 +67,7 @@ def test_rate_is_exact_and_absurd_rates_become_25(reported: float, exact: Fracti
 
 
 @pytest.mark.parametrize(("fps", "assumed"), [(30.0, False), (0.5, True), (1000.0, True)])
-def test_a_rate_that_cannot_be_is_said_to_be_assumed(
+def test_an_unusable_rate_is_replaced_and_marked_as_assumed(
     fps: float, assumed: bool, tmp_path: Path
 ) -> None:
     write_video(tmp_path / "v.avi", [(64, 48)] * 3, fps)
@@ -95,7 +95,7 @@ def test_video_file_gives_every_frame_in_order(tmp_path: Path) -> None:
         (Colorspace.BT2020, ColorPrimaries.BT2020, "bt601"),
     ],
 )
-def test_a_file_says_by_which_matrix_it_was_made(
+def test_the_colour_matrix_of_a_file_is_that_of_its_tag(
     tmp_path: Path, tag: int, primaries: int, matrix: str
 ) -> None:
     write_tagged(tmp_path / "v.mkv", tag, primaries)
@@ -103,7 +103,7 @@ def test_a_file_says_by_which_matrix_it_was_made(
         assert capture.colour_matrix == matrix
 
 
-def test_what_says_nothing_of_its_matrix_is_bt601(tmp_path: Path) -> None:
+def test_a_file_without_a_tag_is_bt601(tmp_path: Path) -> None:
     write_video(tmp_path / "v.mkv", [(64, 48)])
     write_images(tmp_path, [1])
     for name in ("v.mkv", "frame_%04d.png"):
@@ -111,7 +111,7 @@ def test_what_says_nothing_of_its_matrix_is_bt601(tmp_path: Path) -> None:
             assert capture.colour_matrix == "bt601"
 
 
-def test_a_file_that_cannot_be_asked_for_its_matrix_is_bt601_in_silence(
+def test_an_unreadable_file_is_bt601_without_a_message(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     write_tagged(tmp_path / "whole.mkv", Colorspace.ITU709)
@@ -249,7 +249,7 @@ def camera() -> Iterator[str]:
             thread.join()
 
 
-def test_what_a_live_source_gives_while_nobody_is_ready_is_dropped() -> None:
+def test_frames_of_a_live_source_are_dropped_while_busy() -> None:
     with camera() as url, open_source(url) as capture:
         assert capture.is_live
         busy = iter([True] * 40 + [False])

@@ -100,8 +100,7 @@ def _rasterise(
                 if not mask[row, column]:
                     continue
                 x, y = column - ax, row - ay
-                b = (x * cy - y * cx) / area
-                c = (bx * y - by * x) / area
+                b, c = (x * cy - y * cx) / area, (bx * y - by * x) / area
                 if b < -EDGE_TOLERANCE or c < -EDGE_TOLERANCE or b + c > 1 + EDGE_TOLERANCE:
                     continue
                 # Perspective-correct: coordinates in the picture become coordinates in space.

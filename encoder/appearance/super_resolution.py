@@ -43,6 +43,7 @@ def back_projected(
     corners, weights = _bilinear(texels.T, size)
     channels = crop.picture.shape[2] if crop.picture.ndim == 3 else 1
     target = crop.picture.reshape(height * width, channels).take(pixels, axis=0)
+    target = target.astype(np.float32)
     texture = np.zeros((size * size, channels), np.float32)
     texture[shape_free.flat_index] = colours
     _back_project(texture, corners, weights, target)
@@ -50,9 +51,7 @@ def back_projected(
 
 
 @jit
-def _back_project(
-    texture: Single, corners: Indices, weights: Single, target: NDArray[np.generic]
-) -> None:
+def _back_project(texture: Single, corners: Indices, weights: Single, target: Single) -> None:
     """Change a texture (n, channels) in place so that its drawing comes closer to `target`.
 
     target: (p, channels) the pixels.  corners, weights: (4, p), see `_bilinear`.
@@ -69,7 +68,7 @@ def _back_project(
             a, b, c, d = corners[:, pixel]
             wa, wb, wc, wd = weights[:, pixel]
             for channel in range(channels):
-                residual = np.float32(target[pixel, channel]) - (
+                residual = target[pixel, channel] - (
                     wa * texture[a, channel]
                     + wb * texture[b, channel]
                     + wc * texture[c, channel]

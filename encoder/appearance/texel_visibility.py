@@ -51,13 +51,15 @@ def _visible_texels(
     count = len(corners)
     nearest = np.full((2 * DEPTH_GRID_HALF) ** 2, np.inf)
     cells = np.zeros(count, np.int32)
+    depths = np.empty(count)
     # How far behind the nearest one in its cell each texel may lie; none for texels facing away.
-    slack = np.full(count, -np.inf)
+    slack = np.empty(count)
     centre_column = np.floor(centre_mm[0] / cell_mm)
     centre_row = np.floor(centre_mm[1] / cell_mm)
-    points, cosines = _points_and_cosines(camera_mm, corners, weights)
     for k in range(count):
-        x, y, z = points[k]
+        x, y, z, facing = _point_and_facing(camera_mm, corners, weights, k)
+        depths[k] = z
+        slack[k] = -np.inf
         if z > 1:
             column = np.floor(x / z * centre_mm[2] / cell_mm) - centre_column
             row = np.floor(y / z * centre_mm[2] / cell_mm) - centre_row
@@ -67,33 +69,31 @@ def _visible_texels(
             row = min(max(row, -DEPTH_GRID_HALF), DEPTH_GRID_HALF - 1) + DEPTH_GRID_HALF
             cells[k] = int(column) * 2 * DEPTH_GRID_HALF + int(row)
             nearest[cells[k]] = min(nearest[cells[k]], z)
-            if cosines[k] > FACING_COSINE:
+            if facing > FACING_COSINE:
                 # The depth of a slanted surface changes by this much within a cell.
-                slant = cell_mm * np.sqrt(1 - min(cosines[k] * cosines[k], 1.0)) / cosines[k]
+                slant = cell_mm * np.sqrt(1 - min(facing * facing, 1.0)) / facing
                 slack[k] = DEPTH_TOLERANCE_MM + slant
     visible = np.empty(count, np.bool_)
     for k in range(count):
-        visible[k] = points[k, 2] <= nearest[cells[k]] + slack[k]
+        visible[k] = depths[k] <= nearest[cells[k]] + slack[k]
     return visible
 
 
 @jit
-def _points_and_cosines(
-    camera_mm: Array, corners: NDArray[np.int32], weights: Array
-) -> tuple[Array, Array]:
-    """(k, 3) positions of texels, mm, camera axes; (k,) cosines between their normals and the
+def _point_and_facing(
+    camera_mm: Array, corners: NDArray[np.int32], weights: Array, k: int
+) -> tuple[float, float, float, float]:
+    """Position of texel number k, mm, camera axes, and the cosine between its normal and the
     direction to the camera."""
-    points, cosines = np.empty((len(corners), 3)), np.empty(len(corners))
-    for k in range(len(corners)):
-        ax, ay, az = camera_mm[corners[k, 0]]
-        bx, by, bz = camera_mm[corners[k, 1]]
-        cx, cy, cz = camera_mm[corners[k, 2]]
-        wa, wb, wc = weights[k]
-        x, y = wa * ax + wb * bx + wc * cx, wa * ay + wb * by + wc * cy
-        z = wa * az + wb * bz + wc * cz
-        bx, by, bz, cx, cy, cz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
-        nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
-        lengths = np.sqrt((nx * nx + ny * ny + nz * nz) * (x * x + y * y + z * z))
-        points[k, 0], points[k, 1], points[k, 2] = x, y, z
-        cosines[k] = -(nx * x + ny * y + nz * z) / max(lengths, 1e-12)
-    return points, cosines
+    a, b, c = corners[k, 0], corners[k, 1], corners[k, 2]
+    ax, ay, az = camera_mm[a, 0], camera_mm[a, 1], camera_mm[a, 2]
+    bx, by, bz = camera_mm[b, 0], camera_mm[b, 1], camera_mm[b, 2]
+    cx, cy, cz = camera_mm[c, 0], camera_mm[c, 1], camera_mm[c, 2]
+    wa, wb, wc = weights[k, 0], weights[k, 1], weights[k, 2]
+    x, y = wa * ax + wb * bx + wc * cx, wa * ay + wb * by + wc * cy
+    z = wa * az + wb * bz + wc * cz
+    bx, by, bz, cx, cy, cz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
+    nx, ny, nz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+    lengths = np.sqrt((nx * nx + ny * ny + nz * nz) * (x * x + y * y + z * z))
+    facing = -(nx * x + ny * y + nz * z) / max(lengths, 1e-12)
+    return x, y, z, facing

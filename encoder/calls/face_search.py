@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from encoder.calls.session_stats import SessionStats
 from encoder.detection.landmarks import Landmarks, LandmarkTracker
-from encoder.tracking.detection_measurement import warn_of_several
+from encoder.tracking.detection_measurement import warn_of_several_faces
 
 Picture = NDArray[np.uint8]
 
@@ -23,7 +23,7 @@ class LandmarkSearch:
         """
         with self._stats.stage("landmarks"):
             found = self._tracker.update(picture, next_frame)
-        warn_of_several(self._tracker.face_count, self._stats.warn)
+        warn_of_several_faces(self._tracker.face_count, self._stats.warn)
         if found is None:
             self._stats.lost_frames += 1
         return found

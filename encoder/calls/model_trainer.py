@@ -19,12 +19,13 @@ from encoder.coding.progressive_model import (
     UPDATE_BASE_LAYER_BYTES,
     split_into_layers,
 )
-from encoder.fitting.eyelids import fit_with_lids
-from encoder.fitting.fit_results import Fitted
+from encoder.fitting.eyelids import fit_with_eyelids
+from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.landmark_fit import LandmarkModel, landmark_model, personalise
-from encoder.fitting.sequence_fit import follow_all
+from encoder.fitting.quantised_identity import quantised_identity
+from encoder.fitting.sequence_fit import fit_sequence
 from encoder.learning.frame_sampler import UniformSubsampler
-from encoder.learning.person_model import TrainedModel, build_person_model
+from encoder.learning.person_model import TrainedModel, TrainingOptions, build_person_model
 from protocol.call_parameters import CallParameters
 from protocol.frames.frame_transform import (
     serialise_transform,
@@ -32,6 +33,7 @@ from protocol.frames.frame_transform import (
     with_reserved_modes,
 )
 from protocol.pictures.picture_codec import ModeCodec, decode_picture
+from shared_model.animate import Face
 from shared_model.mesh import Head
 
 Array = NDArray[np.float64]
@@ -93,7 +95,7 @@ class ModelTrainer:
         self._head, self._capture, self._gop = head, capture, gop
         self._background, self._budget = background, budget
         self._progressive, self._workers = progressive, workers
-        self._identity: Fitted | None = None  # of the version before
+        self._identity: IdentityFit | None = None  # of the version before
         # Encoded while the first version is trained: each takes as long as many frames.
         executor = ThreadPoolExecutor(1)
         self._background_data = executor.submit(background.encode, budget.background_bytes)
@@ -164,29 +166,32 @@ class ModelTrainer:
         self, budget: ModelBudget, pictures: Sequence[Picture], points: Sequence[Array]
     ) -> TrainedModel:
         size = (self._capture.width, self._capture.height)
-        identity, faces = follow_all(self._head, size, points, self._identity)
+        identity, faces = fit_sequence(self._head, size, points, self._identity)
         self._identity = identity
         # Eyelids as `ModelVersion.fit_texels` finds them.
         landmarks = self._landmark_model(identity)
         faces = [
-            fit_with_lids(landmarks, identity.camera, each, face)
+            fit_with_eyelids(landmarks, identity.camera, each, face)
             for each, face in zip(points, faces, strict=True)
         ]
         # Later frames show what these hide in the mouth and behind the eyelids.
+        options = TrainingOptions(
+            budget.texture_size,
+            budget.appearance_bytes,
+            budget.max_modes,
+            image_space_fit=False,
+            weight_disoccluded=True,
+            weight_mouth=True,
+        )
         return build_person_model(
-            self._head,
             identity,
+            Face(self._head, quantised_identity(self._head, identity)),
             self._call_parameters(identity.camera.focal_px).camera,
             faces,
             list(enumerate(pictures)),
             points,
-            texture_size=budget.texture_size,
-            appearance_bytes=budget.appearance_bytes,
-            max_modes=budget.max_modes,
-            image_space_fit=False,
-            weight_disoccluded=True,
-            weight_mouth=True,
-            workers=self._workers,
+            options,
+            self._workers,
         )
 
     def _in_layers(self, version: ModelVersion, base_bytes: int = BASE_LAYER_BYTES) -> ModelVersion:
@@ -206,7 +211,7 @@ class ModelTrainer:
         fitter = person.image_fitter(IMAGE_FIT_PIXELS)
         return replace(version, person=person, image_fitter=fitter, layers=None)
 
-    def _landmark_model(self, identity: Fitted) -> LandmarkModel:
+    def _landmark_model(self, identity: IdentityFit) -> LandmarkModel:
         return personalise(landmark_model(self._head), identity.identity.aau, identity.control_mm)
 
     def _call_parameters(self, focal_px: float) -> CallParameters:

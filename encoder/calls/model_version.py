@@ -12,9 +12,9 @@ from encoder.coding.model_packet import BUDGETS
 from encoder.coding.progressive_model import LayeredModel
 from encoder.coding.transform import project
 from encoder.detection.landmark_indices import face_outline
-from encoder.fitting.eyelids import between_lids, fit_with_lids
-from encoder.fitting.landmark_fit import LandmarkModel, start_parameters
-from encoder.fitting.render_and_compare import Drawing
+from encoder.fitting.eyelids import fit_with_eyelids, with_averaged_eyelids
+from encoder.fitting.landmark_fit import LandmarkModel, initial_parameters
+from encoder.fitting.render_and_compare import ImageFitter
 from encoder.learning.incremental_modes import FaceSample, LearnedMode
 from encoder.learning.person_model import PersonModel
 from protocol.frames.frame_transform import (
@@ -62,7 +62,7 @@ class ModelVersion:
     transform: FrameTransform
     distortion_model: DistortionModel
     distortion: Array
-    image_fitter: Drawing
+    image_fitter: ImageFitter
     layers: LayeredModel | None = None
     first_packet: int = 0
 
@@ -112,10 +112,10 @@ class ModelVersion:
         initial: see `fit`.
         """
         camera = self.packet.call.camera
-        start = initial or start_parameters(self.landmarks, camera, sample.landmarks)
-        by_landmarks = fit_with_lids(self.landmarks, camera, sample.landmarks, start)
-        by_texels = self.person.texel_fitter.refine(sample.crop, by_landmarks, FIT_STEPS)
-        return between_lids(by_landmarks, by_texels)
+        start = initial or initial_parameters(self.landmarks, camera, sample.landmarks)
+        by_landmarks = fit_with_eyelids(self.landmarks, camera, sample.landmarks, start)
+        by_texels = self.person.texel_fitter.fit_crop(sample.crop, by_landmarks, FIT_STEPS)
+        return with_averaged_eyelids(by_landmarks, by_texels)
 
     def refit(self, sample: FaceSample, face: FaceParameters) -> FaceParameters:
         """A face that was fitted before the newest modes were learned, with these."""
@@ -139,7 +139,7 @@ class ModelVersion:
             person=replace(self.person, texel_fitter=fitter),
             transform=with_reserved_modes(self.transform, 1),
             distortion=model.distortion_matrix(modes, EYELID_DISTORTION),
-            image_fitter=self.image_fitter.taught(mode.luma),
+            image_fitter=self.image_fitter.with_mode(mode.luma),
         )
 
 

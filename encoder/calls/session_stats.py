@@ -1,9 +1,9 @@
 """Counts, stage times and warnings of one call on the sending side."""
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+
+from shared_model.stage_timer import StageTimer
 
 
 @dataclass(slots=True)
@@ -15,7 +15,7 @@ class SessionStats:
     packets: number of packets of any kind.
     lost_frames: number of source frames without a face.
     capture_ns: `time.monotonic_ns` at which each source frame was read.
-    stage_ns: time spent in each stage, ns.
+    timer: time of each stage.
     """
 
     frames: int | None = None
@@ -25,16 +25,11 @@ class SessionStats:
     lost_frames: int = 0
     warnings: list[str] = field(default_factory=list)
     capture_ns: list[int] = field(default_factory=list)
-    stage_ns: dict[str, int] = field(default_factory=dict)
+    timer: StageTimer = field(default_factory=StageTimer)
 
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
+    def stage(self, name: str) -> AbstractContextManager[None]:
         """Add the time that the `with` block takes to stage `name`."""
-        start = time.perf_counter_ns()
-        try:
-            yield
-        finally:
-            self.stage_ns[name] = self.stage_ns.get(name, 0) + time.perf_counter_ns() - start
+        return self.timer.stage(name)
 
     def warn(self, message: str) -> None:
         """Add a warning; one that is there already is not repeated."""

@@ -23,11 +23,12 @@ from encoder.coding.model_packet import (
     geometry_packet,
     reference_face,
 )
-from encoder.fitting.fit_results import Fitted
-from encoder.tracking.trackers import Follower, blend
+from encoder.fitting.fit_results import IdentityFit
+from encoder.tracking.trackers import FaceTracker
 from protocol.frames.scalar_quantiser import THESIS_RATE_HZ, encode_thesis
 from protocol.limits import SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
+from shared_model.geometry import interpolate
 from shared_model.mesh import generic_head
 from shared_model.parameters import FaceParameters
 
@@ -81,7 +82,7 @@ class FixedRateSender:
         while (time := self._next_sample_time()) <= index:
             share = 1.0 if time <= index - 1 else float(time - (index - 1))
             model = self._model
-            sample = blend(previous, face, share)
+            sample = interpolate(previous, face, share)
             payload = encode_thesis(sample, model.reference_pose, model.call.has_eyelids)
             self._packets.send_frames(self._number, payload, SAMPLE_S)
             self._number += 1
@@ -117,7 +118,7 @@ class ThesisEncoder:
     def __init__(
         self,
         capture: Capture,
-        tracker: Follower,
+        tracker: FaceTracker,
         packets: PacketSender,
         budget: ModelBudget,
         look_for_face_s: float,
@@ -129,7 +130,7 @@ class ThesisEncoder:
         self._look_for_face_s, self._lids = look_for_face_s, lids
         self._sender: FixedRateSender | None = None
         # An improved identity, and the source frame from which on it is used.
-        self._pending_identity: tuple[int, Fitted] | None = None
+        self._pending_identity: tuple[int, IdentityFit] | None = None
 
     @property
     def started(self) -> bool:
@@ -174,7 +175,7 @@ class ThesisEncoder:
         )
 
     def _send_improved_identity(self, sender: FixedRateSender) -> None:
-        improved = self._tracker.improvement()
+        improved = self._tracker.take_refined_identity()
         if improved is not None:
             call = replace(sender.model.call, focal_px=improved.camera.focal_px)
             shape = geometry_packet(improved, improved.frames[0], call)

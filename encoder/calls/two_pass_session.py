@@ -30,13 +30,15 @@ from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.landmark_indices import face_outline
 from encoder.detection.landmarks import LandmarkTracker
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
-from encoder.fitting.render_and_compare import Drawing
-from encoder.fitting.sequence_fit import follow_all, smoothed
+from encoder.fitting.quantised_identity import quantised_identity
+from encoder.fitting.render_and_compare import ImageFitter
+from encoder.fitting.sequence_fit import fit_sequence, smooth_landmarks
 from encoder.learning.frame_sampler import UniformSubsampler
-from encoder.learning.person_model import TrainedModel, build_person_model
+from encoder.learning.person_model import TrainedModel, TrainingOptions, build_person_model
 from encoder.runtime.parallel import worker_pool
 from protocol.call_parameters import CallParameters
 from protocol.model_packet import ModelPacket
+from shared_model.animate import Face
 from shared_model.errors import UserError
 from shared_model.parameters import FaceParameters
 from shared_model.surround import surrounded_head
@@ -78,7 +80,7 @@ class _CallModel:
     call: CallParameters
     budget: ModelBudget
     trained: TrainedModel
-    image_fitter: Drawing
+    image_fitter: ImageFitter
     detections: list[int]
     initial: list[FaceParameters]
 
@@ -134,7 +136,9 @@ class TwoPassEncoder:
         head = surrounded_head()
         size = (self._capture.width, self._capture.height)
         with self._stats.stage("identity"):
-            identity, initial = follow_all(head, size, list(smoothed(np.array(self._points))))
+            identity, initial = fit_sequence(
+                head, size, list(smooth_landmarks(np.array(self._points)))
+            )
         start, gop = min(self._detection_of), self._gop
         held = hold_last_detection(self._detection_of, start, max(self._detection_of) + 1)
         packing = (gop.frames_per_packet, gop.frame_step)
@@ -142,15 +146,13 @@ class TwoPassEncoder:
         call = call_parameters(self._capture, "default", focal_px, start, *packing)
         with self._stats.stage("train"):
             trained = build_person_model(
-                head,
                 identity,
+                Face(head, quantised_identity(head, identity)),
                 call.camera,
                 initial,
                 self._sampler.frames,
                 self._points,
-                texture_size=budget.texture_size,
-                appearance_bytes=budget.appearance_bytes,
-                max_modes=budget.max_modes,
+                TrainingOptions(budget.texture_size, budget.appearance_bytes, budget.max_modes),
             )
         detections, image_fitter = held[:: gop.frame_step], trained.person.image_fitter()
         self._model = _CallModel(call, budget, trained, image_fitter, detections, initial)
@@ -165,7 +167,7 @@ class TwoPassEncoder:
         person, needed = model.trained.person, frozenset(model.detections)
 
         def fit(detection: int, crop: Crop) -> FaceParameters:
-            face = person.texel_fitter.refine(crop, model.initial[detection], FIT_STEPS)
+            face = person.texel_fitter.fit_crop(crop, model.initial[detection], FIT_STEPS)
             return model.image_fitter.fit(crop, face, face_outline(self._points[detection]))
 
         in_flight = deque[tuple[int, Future[FaceParameters]]]()

@@ -1,31 +1,37 @@
-"""Runs a live call's work once, on noise, before the first frame.
+"""Runs an encoder's work once, on noise: what runs for the first time takes long.
 
-What runs for the first time takes long: compiled loops are loaded then, or compiled, which takes
-about fifteen seconds on a machine that never ran them.  No frame may wait for that.
+Compiled loops are loaded then, or compiled if that has not been done on this machine.  No frame of
+a live call may wait for that, and nobody's first call should.
 """
 
 from dataclasses import replace
+from tempfile import TemporaryDirectory
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from encoder.calls.model_trainer import ModelTrainer
-from encoder.capture.video_source import Capture
+from encoder.capture.video_source import Capture, open_source
 from encoder.coding.background import BackgroundImage
-from encoder.coding.gop import GopStructure
+from encoder.coding.gop import GopStructure, gop_for_fps
 from encoder.coding.model_packet import BUDGETS
 from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.fitting.identity import TYPICAL_FOCAL
 from encoder.fitting.landmark_fit import landmark_model
 from encoder.learning.incremental_modes import ModeLearner
+from encoder.tracking.outlier_rejection import robust_residuals
 from shared_model.geometry import Camera, camera_from_head, pixel_from_camera, pose_from_euler
 from shared_model.mesh import Head
+from shared_model.surround import surrounded_head
 
 Array = NDArray[np.float64]
 
 # Distance of the face, and the size of its model.
 DISTANCE_MM = 600.0
 BYTES, MODES, FRAMES = 1500, 2, 4
+# Height and width of the picture that loops are compiled with.
+COMPILE_SIZE = (240, 320)
 # Grey levels of the noise.
 GREY = (100, 156)
 
@@ -44,6 +50,22 @@ def warm_up(head: Head, capture: Capture, gop: GopStructure, rng: np.random.Gene
     samples = [version.sample(picture, points) for picture in pictures]
     version.fit(samples[0])
     ModeLearner(version.person).update(samples, version.fit_texels, BYTES, 1)
+
+
+def compile_loops() -> None:
+    """Compile the loops of all profiles, or load them where that has been done."""
+    rng = np.random.default_rng(0)
+    with TemporaryDirectory() as folder:
+        # Lossless: the noise of each pixel stays.
+        noise = rng.integers(*GREY, (*COMPILE_SIZE, 3), np.uint8)
+        cv2.imwrite(f"{folder}/0.png", noise)
+        with open_source(f"{folder}/%d.png") as capture:
+            warm_up(surrounded_head(), capture, gop_for_fps(capture.fps, None), rng)
+    # Of the thesis profile's filter; the other loops are those of the default one.
+    points, state = 4, 7
+    jacobian = np.zeros((2 * points, 2 * state))[:, :state]
+    pixels, visible = np.zeros(2 * points), np.ones(points, bool)
+    robust_residuals(np.eye(state), np.zeros(state), jacobian, pixels, pixels + 1, visible)
 
 
 def frontal_landmarks(head: Head, camera: Camera) -> Array:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import Crop
-from encoder.fitting.analysis_by_synthesis import Refiner
+from encoder.fitting.analysis_by_synthesis import TexelFitter
 from encoder.learning.person_model import TrainedModel
 from encoder.runtime.image_ops import sample_bicubic
 from protocol.frames.frame_transform import GEOMETRY_SIZE, vector_from_face
@@ -76,7 +76,7 @@ def distortion_of(trained: TrainedModel) -> DistortionModel:
 
 
 def measure_distortion(
-    fitter: Refiner, crops: Sequence[Crop], faces: Sequence[FaceParameters], reference: Pose
+    fitter: TexelFitter, crops: Sequence[Crop], faces: Sequence[FaceParameters], reference: Pose
 ) -> DistortionModel:
     """The mean distortion at some frames.  reference: see `vector_from_face`."""
     count = len(fitter.shape)
@@ -85,7 +85,7 @@ def measure_distortion(
     geometry_hessian = np.zeros((GEOMETRY_SIZE, GEOMETRY_SIZE))
     for crop, face in zip(crops, faces, strict=True):
         jacobian = _luma_jacobian(fitter.shape, crop, face, reference).astype(np.float64)
-        visible = fitter.template.weight * fitter.seen(face)
+        visible = fitter.template.weight * fitter.visible(face)
         share = visible.astype(np.float64) / visible.sum() / len(crops)
         weighted = jacobian * share[:, None]
         weight += share

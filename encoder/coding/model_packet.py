@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from encoder.appearance.texture import atlas_size_for, extract_texture
 from encoder.capture.video_source import Capture
-from encoder.fitting.fit_results import Fitted
+from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.quantised_identity import identity_codes, quantised_identity
 from encoder.learning.person_model import PersonModel
 from encoder.picture_coding.image_budget import encode_background_webp_within, encode_webp_within
@@ -94,7 +94,9 @@ def call_parameters(
     )
 
 
-def geometry_packet(fitted: Fitted, reference: FaceParameters, call: CallParameters) -> ModelPacket:
+def geometry_packet(
+    fitted: IdentityFit, reference: FaceParameters, call: CallParameters
+) -> ModelPacket:
     """A model packet with quantised identity and reference face, without pictures."""
     aau, residual = identity_codes(fitted)
     return ModelPacket(
@@ -109,7 +111,7 @@ def geometry_packet(fitted: Fitted, reference: FaceParameters, call: CallParamet
 
 def build_thesis_model_packet(
     head: Head,
-    fitted: Fitted,
+    fitted: IdentityFit,
     reference: FaceParameters,
     frame: Picture,
     call: CallParameters,

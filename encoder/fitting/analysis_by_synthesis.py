@@ -38,11 +38,11 @@ Indices = NDArray[np.intp]
 EAU_CHANGE_SIGMA = 0.25
 # Of the residual of a texture that was sampled in the same call, grey levels; the Cauchy scale,
 # beyond which a texel counts as an outlier (a hand, a highlight).
-NOISE_GREY, ROBUST_GREY = 6.0, 25.0
+RESIDUAL_SIGMA_GREY, CAUCHY_SCALE_GREY = 6.0, 25.0
 # Where fits leave less, outliers begin at so many standard deviations of it (Cauchy's usual
 # constant); a picture is never taken to be better than this.
-ROBUST_SIGMAS = 2.4
-LEAST_NOISE_GREY = 2.0
+CAUCHY_SCALE_SIGMAS = 2.4
+MIN_RESIDUAL_SIGMA_GREY = 2.0
 # Keeps equations solvable that no texel takes part in.
 TINY = 1e-9
 # Fits start near their solution: steps are undamped until one raises the cost.
@@ -56,11 +56,11 @@ PICTURE_DAMPING = Damping(
 # Neighbouring texels err together; this many texels count as one.
 CORRELATED_TEXELS = 10.0
 # Texels that a fit looks at.
-TEXELS = 5000
+NOMINAL_TEXELS = 5000
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class FitTarget:
     """What to fit: the texels' places, and what they should look like."""
 
     shape: ShapeFreeFrame
@@ -68,30 +68,30 @@ class Target:
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class Observation:
     """A picture to explain.
 
     stack: (h, w, 3) the crop's luma and its gradients, grey levels per pixel of the crop.
     shown: (k,) the texels' weights, 0 where they are not seen.  precision: see `Refiner`.
     """
 
-    target: Target
+    target: FitTarget
     crop: Crop
-    stack: Single
-    shown: Single
-    precision: float
+    luma_and_gradients: Single
+    weights: Single
+    eau_precision: float
 
 
 @dataclass(frozen=True, slots=True)
-class Explained:
+class TexelFit:
     """A fit: the face with its coefficients; luma (k,) and weight (k,) of the texels seen."""
 
     face: FaceParameters
-    grey: Single
-    shown: Single
+    luma: Single
+    weights: Single
 
 
-class Refiner:
+class TexelFitter:
     """Fits one caller's textured model to pictures, at about `TEXELS` of its texels.
 
     shape: all texels.  template: what they should look like.
@@ -104,14 +104,14 @@ class Refiner:
         face: Face,
         shape: ShapeFreeFrame,
         template: Template,
-        grey: Callable[[Picture], Single] = luma_f32,
+        normalise: Callable[[Picture], Single] = luma_f32,
         cell_mm: float = DEPTH_CELL_MM,
     ) -> None:
-        self._head, self._face, self._grey = head, face, grey
-        stride = max(1, round(np.sqrt(len(shape) / TEXELS)))
+        self._head, self._face, self._normalise = head, face, normalise
+        stride = max(1, round(np.sqrt(len(shape) / NOMINAL_TEXELS)))
         atlas = shape.atlas
-        self._noise_grey, self._robust_grey = NOISE_GREY, ROBUST_GREY
-        self._kept = kept = (atlas.rows % stride == 0) & (atlas.columns % stride == 0)
+        self._residual_sigma_grey, self._cauchy_scale_grey = RESIDUAL_SIGMA_GREY, CAUCHY_SCALE_GREY
+        self._sampled = kept = (atlas.rows % stride == 0) & (atlas.columns % stride == 0)
         thin = Atlas(
             atlas.size,
             atlas.rows[kept],
@@ -128,25 +128,25 @@ class Refiner:
     def with_mode(self, mode: Single) -> Self:
         """A copy whose template has one more mode, luma (k,) of all texels."""
         fitter, template = copy(self), self.template
-        modes = np.concatenate([template.modes, mode[None, self._kept]])
+        modes = np.concatenate([template.modes, mode[None, self._sampled]])
         fitter.template = replace(template, modes=modes)
         return fitter
 
-    def expect(self, noise_grey: float) -> None:
+    def set_noise_level(self, residual_sigma_grey: float) -> None:
         """Fits leave so much, a standard deviation: the less, the sooner a motion is evident."""
-        least = max(noise_grey, LEAST_NOISE_GREY)
-        self._noise_grey = min(least, NOISE_GREY)
-        self._robust_grey = min(ROBUST_SIGMAS * least, ROBUST_GREY)
+        least = max(residual_sigma_grey, MIN_RESIDUAL_SIGMA_GREY)
+        self._residual_sigma_grey = min(least, RESIDUAL_SIGMA_GREY)
+        self._cauchy_scale_grey = min(CAUCHY_SCALE_SIGMAS * least, CAUCHY_SCALE_GREY)
 
-    def seen(self, face: FaceParameters) -> NDArray[np.bool_]:
+    def visible(self, face: FaceParameters) -> NDArray[np.bool_]:
         """(k,) which texels the camera sees."""
-        return self._seen(self.shape.atlas, face)
+        return self._visible(self.shape.atlas, face)
 
-    def _seen(self, atlas: Atlas, face: FaceParameters) -> NDArray[np.bool_]:
+    def _visible(self, atlas: Atlas, face: FaceParameters) -> NDArray[np.bool_]:
         vertices = self._face.animate(face.eau)
         return visible_texels(self._head, atlas, face.pose, vertices, self._cell_mm)
 
-    def refine(
+    def fit_crop(
         self,
         crop: Crop,
         start: FaceParameters,
@@ -157,21 +157,25 @@ class Refiner:
 
         active: the actuators that may move; the others stay where `start` has them.
         """
-        return self.explain(self.look(crop, start), start, iterations, active).face
+        return self.fit(self.observe(crop, start), start, iterations, active).face
 
-    def look(self, crop: Crop, near: FaceParameters) -> "View":
+    def observe(self, crop: Crop, initial: FaceParameters) -> "Observation":
         """What a picture shows of a face about like `near`: what fits start from."""
-        return self._look(Target(self.shape, self.template), crop, near)
+        return self._observe(FitTarget(self.shape, self.template), crop, initial)
 
-    def explain(
-        self, view: "View", start: FaceParameters, iterations: int, active: Sequence[int]
-    ) -> Explained:
+    def fit(
+        self,
+        observation: "Observation",
+        start: FaceParameters,
+        iterations: int,
+        active: Sequence[int],
+    ) -> TexelFit:
         """See `refine`; coefficients are sought from `start.modes` on, if it has as many."""
-        template, free = view.target.template, np.asarray(active, np.intp)
+        template, free = observation.target.template, np.asarray(active, np.intp)
         modes = len(template.modes)
         light = start.modes if len(start.modes) == modes else np.zeros(modes)
         face, best = levenberg_marquardt(
-            lambda face: self._attempt(view, face, start.eau, free),
+            lambda face: self._attempt(observation, face, start.eau, free),
             replace(start, modes=light),
             lambda face, step: apply_picture_step(face, step, free),
             PICTURE_DAMPING,
@@ -179,37 +183,41 @@ class Refiner:
             undamped=modes,
         )
         grey = best.seen[:, 0]
-        modes_found = coefficients(template, grey, view.shown)
-        return Explained(replace(face, modes=modes_found), grey, view.shown)
+        modes_found = solve_coefficients(template, grey, observation.weights)
+        return TexelFit(replace(face, modes=modes_found), grey, observation.weights)
 
-    def learn(self, crop: Crop, face: FaceParameters) -> None:
+    def train(self, crop: Crop, face: FaceParameters) -> None:
         """Take notice of a picture whose face is known; derivatives of each picture need none."""
 
-    def precision(self, shown: Single) -> float:
+    def eau_precision(self, weights: Single) -> float:
         """What an actuator one unit off its first guess costs, `shown` (k,) being the weights."""
-        return CORRELATED_TEXELS * float(shown.mean()) * (self._noise_grey / EAU_CHANGE_SIGMA) ** 2
+        return (
+            CORRELATED_TEXELS
+            * float(weights.mean())
+            * (self._residual_sigma_grey / EAU_CHANGE_SIGMA) ** 2
+        )
 
-    def _look(self, target: Target, crop: Crop, near: FaceParameters) -> "View":
-        grey = self._grey(crop.picture)
-        shown = target.template.weight * self._seen(target.shape.atlas, near)
-        stack = np.asarray(cv2.merge([grey, *gradients(grey)]), np.float32)
-        return View(target, crop, stack, shown, self.precision(shown))
+    def _observe(self, target: FitTarget, crop: Crop, initial: FaceParameters) -> "Observation":
+        grey = self._normalise(crop.picture)
+        shown = target.template.weight * self._visible(target.shape.atlas, initial)
+        stack = np.asarray(cv2.merge([grey, *image_gradients(grey)]), np.float32)
+        return Observation(target, crop, stack, shown, self.eau_precision(shown))
 
     def _attempt(
-        self, view: "View", face: FaceParameters, expected_eau: Array, free: Indices
+        self, view: "Observation", face: FaceParameters, expected_eau: Array, free: Indices
     ) -> "_TexelEvaluation":
         template, shape = view.target.template, view.target.shape
         placed = shape.project(face)
-        seen = sample_bicubic(view.stack, view.crop.to_crop_px(placed.pixels))
+        seen = sample_bicubic(view.luma_and_gradients, view.crop.to_crop_px(placed.pixels))
         residual = seen[:, 0] - template.mean
         left = residual - face.modes.astype(np.float32) @ template.modes
         away = (expected_eau - face.eau)[free]
-        scale = self._robust_grey
-        cost = float(view.shown @ robust_cost(left, scale))
-        cost += view.precision * float(away @ away)
+        scale = self._cauchy_scale_grey
+        cost = float(view.weights @ cauchy_loss(left, scale))
+        cost += view.eau_precision * float(away @ away)
 
         def equations() -> tuple[Array, Array]:
-            root = np.sqrt(view.shown * robust(left, scale))
+            root = np.sqrt(view.weights * cauchy_weights(left, scale))
             across, down = view.crop.scale.astype(np.float32)
             slope = np.stack([seen[:, 1] * (across * root), seen[:, 2] * (down * root)])
             rows = np.concatenate(
@@ -218,8 +226,8 @@ class Refiner:
             normal = (rows @ rows.T).astype(np.float64)
             gradient = -(rows @ (root * residual)).astype(np.float64)
             eau = np.arange(6, 6 + len(free))
-            normal[eau, eau] += view.precision
-            gradient[eau] += view.precision * away
+            normal[eau, eau] += view.eau_precision
+            gradient[eau] += view.eau_precision * away
             return normal, gradient
 
         return _TexelEvaluation(cost, equations, seen)
@@ -232,7 +240,7 @@ class _TexelEvaluation(Evaluation):
     seen: Single
 
 
-def coefficients(template: Template, grey: Single, weight: Single) -> Array:
+def solve_coefficients(template: Template, grey: Single, weight: Single) -> Array:
     """(m,) least-squares coefficients of the template's modes; grey, weight: (k,)."""
     modes = template.modes
     if not len(modes):
@@ -245,19 +253,19 @@ def coefficients(template: Template, grey: Single, weight: Single) -> Array:
     return np.asarray(np.linalg.solve(normal, right.astype(np.float64)))
 
 
-def gradients(grey: Single) -> tuple[Single, Single]:
+def image_gradients(grey: Single) -> tuple[Single, Single]:
     """d grey / du and d grey / dv, grey levels per pixel."""
     u = cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
     v = cv2.Sobel(grey, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
     return np.asarray(u, np.float32), np.asarray(v, np.float32)
 
 
-def robust_cost(residual: Single, scale_grey: float = ROBUST_GREY) -> Single:
+def cauchy_loss(residual: Single, scale_grey: float = CAUCHY_SCALE_GREY) -> Single:
     """Squared grey levels (k,), of outliers only their logarithm: what `robust` minimises."""
     square = np.float32(scale_grey**2)
     return np.asarray(square * np.log1p(residual**2 / square))
 
 
-def robust(residual: Single, scale_grey: float = ROBUST_GREY) -> Single:
+def cauchy_weights(residual: Single, scale_grey: float = CAUCHY_SCALE_GREY) -> Single:
     """Cauchy weights (k,)."""
     return np.asarray(1 / (1 + (residual / np.float32(scale_grey)) ** 2))

@@ -16,18 +16,18 @@ from encoder.appearance.shape_free import ShapeFreeFrame, rigid_jacobian
 from encoder.appearance.template import Template
 from encoder.fitting.analysis_by_synthesis import (
     CORRELATED_TEXELS,
-    Target,
-    View,
-    coefficients,
-    robust,
-    robust_cost,
+    FitTarget,
+    Observation,
+    cauchy_loss,
+    cauchy_weights,
+    solve_coefficients,
 )
-from encoder.fitting.fit_results import Fitted
-from encoder.fitting.identity import AT_REST_SIGMA
+from encoder.fitting.fit_results import IdentityFit
+from encoder.fitting.identity import INACTIVE_EAU_SIGMA
 from encoder.fitting.increments import (
     apply_identity_increment,
     identity_increment_between,
-    shared_parameters,
+    shared_parameter_count,
 )
 from encoder.fitting.landmark_fit import EAU_PRIOR_SIGMA
 from encoder.fitting.levenberg_marquardt import Damping, Evaluation, levenberg_marquardt
@@ -43,7 +43,7 @@ Single = NDArray[np.float32]
 
 # Standard deviation of the residual between different views of a face, grey levels, and the Cauchy
 # scale of its outliers.  Shading and shape err more from view to view than from frame to frame.
-VIEW_NOISE_GREY, VIEW_ROBUST_GREY = 8.0, 20.0
+VIEW_RESIDUAL_SIGMA_GREY, VIEW_CAUCHY_SCALE_GREY = 8.0, 20.0
 # What the first frame's landmarks are worth: they err together, and more than they scatter.
 LANDMARKS_SHARE = 0.2
 # The expression of the first frame stays, or faults of the shape would pass for it.
@@ -59,17 +59,17 @@ PER_FRAME = 6 + len(EAUS)
 
 
 @dataclass(frozen=True, slots=True)
-class Adjusted:
+class Adjustment:
     """What it came to.
 
     left_grey2: mean square of what the views but the first leave, outliers less, grey levels.
     """
 
-    fitted: Fitted
-    left_grey2: float
+    fitted: IdentityFit
+    residual_mse_grey2: float
 
 
-class Bundle:
+class PhotometricBundleAdjustment:
     """One caller's first frame with its texture, and what else may be learned of it.
 
     origin: the caller in that frame alone, with its information.
@@ -77,7 +77,9 @@ class Bundle:
     active: actuators that move from frame to frame.
     """
 
-    def __init__(self, head: Head, origin: Fitted, target: Target, active: Sequence[int]) -> None:
+    def __init__(
+        self, head: Head, origin: IdentityFit, target: FitTarget, active: Sequence[int]
+    ) -> None:
         if origin.information is None:
             raise ValueError("origin has no information, expected that of one frame's landmarks")
         self._head, self._origin, self._active = head, origin, np.asarray(active, np.intp)
@@ -90,39 +92,41 @@ class Bundle:
         self._controls = controls.astype(np.float32)
         self._prior = _held(origin.information)
 
-    def adjust(self, fitted: Fitted, views: Sequence[View]) -> Adjusted:
+    def adjust(self, fitted: IdentityFit, views: Sequence[Observation]) -> Adjustment:
         """Shape, lens and faces that explain all views best.
 
         fitted: where to start; its frames are the views', the origin's first.
         """
         return self._solve(fitted, views, 0)
 
-    def settle(self, fitted: Fitted, views: Sequence[View]) -> Adjusted:
+    def resect(self, fitted: IdentityFit, views: Sequence[Observation]) -> Adjustment:
         """The same with shape, lens and the first face as they are."""
         return self._solve(fitted, views, len(self._prior))
 
-    def _solve(self, fitted: Fitted, views: Sequence[View], fixed: int) -> Adjusted:
+    def _solve(self, fitted: IdentityFit, views: Sequence[Observation], fixed: int) -> Adjustment:
         """Fit all parameters from number `fixed` on."""
 
-        def apply_step(fitted: Fitted, step: Array) -> Fitted:
+        def apply_step(fitted: IdentityFit, step: Array) -> IdentityFit:
             whole = np.concatenate([np.zeros(fixed), step])
             return apply_identity_increment(self._head, fitted, whole)
 
         found, evaluation = levenberg_marquardt(
             lambda fitted: self._attempt(fitted, views, fixed), fitted, apply_step, DAMPING, STEPS
         )
-        return Adjusted(found, evaluation.left_grey2)
+        return Adjustment(found, evaluation.residual_mse_grey2)
 
-    def _attempt(self, fitted: Fitted, views: Sequence[View], fixed: int) -> "_BundleEvaluation":
+    def _attempt(
+        self, fitted: IdentityFit, views: Sequence[Observation], fixed: int
+    ) -> "_BundleEvaluation":
         shape = ShapeFreeFrame(Face(self._head, fitted.identity), self._atlas, fitted.camera)
-        shared = shared_parameters(fitted)
+        shared = shared_parameter_count(fitted)
         size = shared + PER_FRAME * len(views)
         normal, gradient = np.zeros((size, size)), np.zeros(size)
         away, first = identity_increment_between(self._origin, fitted), slice(0, len(self._prior))
         normal[first, first] = self._prior
         gradient[first] = -self._prior @ away
         cost, left_grey2 = float(away @ self._prior @ away), 0.0
-        share = 1 / (CORRELATED_TEXELS * VIEW_NOISE_GREY**2)
+        share = 1 / (CORRELATED_TEXELS * VIEW_RESIDUAL_SIGMA_GREY**2)
         others = len(views) - 1
         for number, view in enumerate(views):
             seen = self._compared(shape, fitted, number, view)
@@ -133,7 +137,7 @@ class Bundle:
             gradient[place] += worth * seen.gradient
             cost += worth * seen.cost
             if number:
-                left_grey2 += seen.cost / float(view.shown.sum()) / others
+                left_grey2 += seen.cost / float(view.weights.sum()) / others
                 cost += self._expect_rest(fitted.frames[number].eau, normal, gradient, own + 6)
         equations = normal[fixed:, fixed:], gradient[fixed:]
         return _BundleEvaluation(cost, lambda: equations, left_grey2)
@@ -141,20 +145,20 @@ class Bundle:
     def _expect_rest(self, eau: Array, normal: Array, gradient: Array, at: int) -> float:
         """Add what is known of actuators, those from number `at` on, to the equations; its cost."""
         every, own = at + np.arange(len(eau)), at + self._active
-        precision = np.full(len(eau), 1 / AT_REST_SIGMA**2)
+        precision = np.full(len(eau), 1 / INACTIVE_EAU_SIGMA**2)
         precision[self._active] = 1 / EAU_PRIOR_SIGMA**2
         normal[every, every] += precision
         gradient[own] -= eau[self._active] / EAU_PRIOR_SIGMA**2
         return float(np.sum(eau[self._active] ** 2)) / EAU_PRIOR_SIGMA**2
 
     def _compared(
-        self, shape: ShapeFreeFrame, fitted: Fitted, number: int, view: View
+        self, shape: ShapeFreeFrame, fitted: IdentityFit, number: int, view: Observation
     ) -> "_Compared":
         """What one view says of all that is shared, of its pose and of active actuators."""
         placed = shape.project(fitted.frames[number])
-        seen = sample_bicubic(view.stack, view.crop.to_crop_px(placed.pixels))
-        left, weight = self._unlit(seen[:, 0], view.shown)
-        cost = float(view.shown @ robust_cost(left, VIEW_ROBUST_GREY))
+        seen = sample_bicubic(view.luma_and_gradients, view.crop.to_crop_px(placed.pixels))
+        left, weight = self._unlit(seen[:, 0], view.weights)
+        cost = float(view.weights @ cauchy_loss(left, VIEW_CAUCHY_SCALE_GREY))
         root = np.sqrt(weight)
         slope = np.ascontiguousarray((seen[:, 1:] * view.crop.scale.astype(np.float32)).T) * root
         rigid = rigid_jacobian(placed.rotated_mm, placed.camera_mm, placed.pixels_per_mm, slope)
@@ -179,9 +183,9 @@ class Bundle:
         """(k,) what texture and light leave of a view's luma, and the texels' weights."""
         weight = shown
         for _ in range(LIGHT_TURNS):
-            light = coefficients(self._template, grey, weight).astype(np.float32)
+            light = solve_coefficients(self._template, grey, weight).astype(np.float32)
             left = grey - self._template.mean - light @ self._template.modes
-            weight = shown * robust(left, VIEW_ROBUST_GREY)
+            weight = shown * cauchy_weights(left, VIEW_CAUCHY_SCALE_GREY)
         return left, weight
 
 
@@ -198,7 +202,7 @@ class _Compared:
 class _BundleEvaluation(Evaluation):
     """left_grey2: see `Adjusted`."""
 
-    left_grey2: float
+    residual_mse_grey2: float
 
 
 def _held(information: Array) -> Array:

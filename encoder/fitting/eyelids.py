@@ -9,22 +9,22 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.fitting.landmark_fit import LandmarkModel, fit_frame, turned_points
+from encoder.fitting.landmark_fit import LandmarkModel, fit_landmarks, rotated_points
 from shared_model.geometry import Camera, matrix_from_quaternion, pixel_from_camera
 from shared_model.parameters import EAU_INDEX, EAU_LOW, EAUS, LIDS, FaceParameters, clip_eau
 from shared_model.sheets import EYES, Sheet
 
 Array = NDArray[np.float64]
 
-GAZE = [EAU_INDEX[name] for name in ("gaze_horizontal", "gaze_vertical")]
-WITHOUT_GAZE = [index for index in range(len(EAUS)) if index not in GAZE]
+GAZE_EAUS = [EAU_INDEX[name] for name in ("gaze_horizontal", "gaze_vertical")]
+WITHOUT_GAZE = [index for index in range(len(EAUS)) if index not in GAZE_EAUS]
 # The margins of closed lids, as the iris network sees them, stay this part of the open gap apart.
-CLOSED_GAP = 0.2
+CLOSED_APERTURE = 0.2
 # Where lids are at rest, and as far raised as they can be.
-REST, RAISED = 0.0, EAU_LOW[LIDS[0]]
+REST, WIDE_OPEN = 0.0, EAU_LOW[LIDS[0]]
 
 
-def fit_with_lids(
+def fit_with_eyelids(
     model: LandmarkModel, camera: Camera, points_px: Array, start: FaceParameters
 ) -> FaceParameters:
     """Pose and actuators of one frame as `fit_frame` finds them, but the lids as they are seen.
@@ -32,19 +32,19 @@ def fit_with_lids(
     The eyes look straight ahead: landmarks show a gaze by the lids alone.
     """
     eau = start.eau.copy()
-    eau[GAZE] = 0
-    face = fit_frame(model, camera, points_px, replace(start, eau=eau), WITHOUT_GAZE)
-    return with_seen_lids(model, camera, points_px, face)
+    eau[GAZE_EAUS] = 0
+    face = fit_landmarks(model, camera, points_px, replace(start, eau=eau), WITHOUT_GAZE)
+    return with_measured_eyelids(model, camera, points_px, face)
 
 
-def with_seen_lids(
+def with_measured_eyelids(
     model: LandmarkModel, camera: Camera, points_px: Array, face: FaceParameters
 ) -> FaceParameters:
     """The face with its lids as far apart as the landmarks (468, >= 2), pixels, have them.
 
     model: of this caller.
     """
-    rest, raised = (_with_lids(face, travel) for travel in (REST, RAISED))
+    rest, raised = (_with_lids(face, travel) for travel in (REST, WIDE_OPEN))
     drawn, widest = (_drawn(model, camera, tried) for tried in (rest, raised))
     eau = face.eau.copy()
     for lid, sheet in zip(LIDS, EYES, strict=True):
@@ -55,7 +55,7 @@ def with_seen_lids(
     return replace(face, eau=clip_eau(eau))
 
 
-def between_lids(seen: FaceParameters, refined: FaceParameters) -> FaceParameters:
+def with_averaged_eyelids(seen: FaceParameters, refined: FaceParameters) -> FaceParameters:
     """The refined face with its lids half way to where they were seen.
 
     Two witnesses who err apart: margins jitter where eyes are small, and texels of a caller who has
@@ -69,8 +69,8 @@ def between_lids(seen: FaceParameters, refined: FaceParameters) -> FaceParameter
 def _travel(share: float, most: float) -> float:
     """The lid's actuator where the gap is `share` of that at rest; `most` is that of `RAISED`."""
     if share < 1:
-        return (1 - share) / (1 - CLOSED_GAP)
-    return RAISED * (share - 1) / max(most - 1, 1e-3)
+        return (1 - share) / (1 - CLOSED_APERTURE)
+    return WIDE_OPEN * (share - 1) / max(most - 1, 1e-3)
 
 
 def _with_lids(face: FaceParameters, travel: float) -> FaceParameters:
@@ -81,7 +81,7 @@ def _with_lids(face: FaceParameters, travel: float) -> FaceParameters:
 
 def _drawn(model: LandmarkModel, camera: Camera, face: FaceParameters) -> Array:
     """(468, 2) pixels of the model's landmarks, nan for those that it has not."""
-    turned, _ = turned_points(model, matrix_from_quaternion(face.pose.rotation), face.eau)
+    turned, _ = rotated_points(model, matrix_from_quaternion(face.pose.rotation), face.eau)
     places = np.full((468, 2), np.nan)
     places[model.index] = pixel_from_camera(camera, turned + face.pose.translation_mm)
     return places

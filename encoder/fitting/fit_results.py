@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Fitted:
+class IdentityFit:
     """Identity of a person and lens of their camera, with the faces of the frames fitted together.
 
     control_mm: (k, 3) displacement of the residual's control points.
@@ -30,7 +30,7 @@ class Fitted:
 
 
 @dataclass(frozen=True, slots=True)
-class Refined:
+class TextureFit:
     """A fit of the textured model to one frame.
 
     face: pose and actuators; its modes are gain, offset and slopes of the light.
@@ -41,5 +41,5 @@ class Refined:
 
     face: FaceParameters
     correlation: float
-    left_grey2: float
-    noise_grey: float
+    residual_mse_grey2: float
+    residual_sigma_grey: float

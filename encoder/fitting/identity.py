@@ -10,21 +10,21 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.fitting.fit_results import Fitted
-from encoder.fitting.increments import apply_identity_increment, shared_parameters
+from encoder.fitting.fit_results import IdentityFit
+from encoder.fitting.increments import apply_identity_increment, shared_parameter_count
 from encoder.fitting.landmark_fit import (
     EAU_PRIOR_SIGMA,
     LANDMARK_SIGMA,
     LandmarkModel,
-    in_axes,
+    initial_parameters,
     landmark_model,
-    measured,
+    observed_points,
     personalise,
-    pixel_change,
-    start_parameters,
-    turned_points,
+    projection_jacobian,
+    rotate_fields,
+    rotated_points,
 )
-from encoder.fitting.lip_closure import closing_rows
+from encoder.fitting.lip_closure import lip_closure_constraints
 from shared_model import geometry
 from shared_model.animate import identity_from_controls
 from shared_model.geometry import Camera
@@ -38,7 +38,7 @@ DEPTH_SIGMA = 0.08
 AAU_SIGMA = 0.5
 # Of actuators that never move, and of brows where an identity is for few actuators: one frame's
 # raised brows may as well be high ones.
-AT_REST_SIGMA = 1e-3
+INACTIVE_EAU_SIGMA = 1e-3
 BROWS_SIGMA = 0.05
 RESIDUAL_SIGMA_MM = 2.0
 RESIDUAL_DEPTH_SIGMA_MM = 1.2
@@ -54,8 +54,8 @@ def fit_identity(
     size: tuple[int, int],
     landmarks: Sequence[Array],
     active: Sequence[int] | None = None,
-    near: Fitted | None = None,
-) -> Fitted:
+    initial: IdentityFit | None = None,
+) -> IdentityFit:
     """Identity and focal length that explain all frames, with pose and actuators of each.
 
     size: (width, height) of the picture.  landmarks: one (468, 3) array a frame, pixels (z too).
@@ -67,20 +67,20 @@ def fit_identity(
     """
     eau_sigma = _expected_eau(active)
     model = landmark_model(head)
-    if near is None:
+    if initial is None:
         control = np.zeros((len(model.residual), 3))
         identity = identity_from_controls(head, np.zeros(len(AAUS)), control)
         camera, first = Camera(*size, TYPICAL_FOCAL * max(size)), model
     else:
-        control, identity, camera = near.control_mm, near.identity, near.camera
+        control, identity, camera = initial.control_mm, initial.identity, initial.camera
         first = personalise(model, identity.aau, control)
-    frames = tuple(start_parameters(first, camera, points) for points in landmarks)
-    found = Fitted(camera, identity, control, frames)
-    for _ in range(STEPS_NEAR if near else STEPS):
+    frames = tuple(initial_parameters(first, camera, points) for points in landmarks)
+    found = IdentityFit(camera, identity, control, frames)
+    for _ in range(STEPS_NEAR if initial else STEPS):
         personal = personalise(model, found.identity.aau, found.control_mm)
         lips = None
         if active is not None:
-            lips = closing_rows(
+            lips = lip_closure_constraints(
                 model.index, personal.neutral, model.neutral, model.aau, model.residual
             )
         normal, gradient = _joint_equations(personal, found, landmarks, eau_sigma, lips)
@@ -93,7 +93,7 @@ def _expected_eau(active: Sequence[int] | None) -> Array:
     """(EAUs,) how far actuators are from rest in the frames that show who it is."""
     if active is None:
         return np.full(len(EAUS), EAU_PRIOR_SIGMA)
-    sigma = np.full(len(EAUS), AT_REST_SIGMA)
+    sigma = np.full(len(EAUS), INACTIVE_EAU_SIGMA)
     for index in active:
         sigma[index] = BROWS_SIGMA if EAUS[index].name in BROW_EAUS else EAU_PRIOR_SIGMA
     return sigma
@@ -101,7 +101,7 @@ def _expected_eau(active: Sequence[int] | None) -> Array:
 
 def _joint_equations(
     model: LandmarkModel,
-    fitted: Fitted,
+    fitted: IdentityFit,
     landmarks: Sequence[Array],
     eau_sigma: Array,
     lips: tuple[Array, Array] | None,
@@ -112,7 +112,7 @@ def _joint_equations(
     controls.
     """
     camera, aau, control = fitted.camera, fitted.identity.aau, fitted.control_mm
-    shared, per_frame = shared_parameters(fitted), 6 + len(EAUS)
+    shared, per_frame = shared_parameter_count(fitted), 6 + len(EAUS)
     size = shared + per_frame * len(landmarks)
     normal, gradient = np.zeros((size, size)), np.zeros(size)
     for number, (state, points_px) in enumerate(zip(fitted.frames, landmarks, strict=True)):
@@ -153,18 +153,18 @@ def _identity_rows(
     """(n, 3 m) how one frame's weighted measurements change by log f, AAUs, controls, w, t, EAUs;
     and (3 m,) what they lack.
     """
-    target, sigma = measured(model, points_px)
+    target, sigma = observed_points(model, points_px)
     rotation = geometry.matrix_from_quaternion(state.pose.rotation)
-    turned, moves = turned_points(model, rotation, state.eau)
+    turned, moves = rotated_points(model, rotation, state.eau)
     seen = turned + state.pose.translation_mm
     predicted = geometry.pixel_from_camera(camera, seen)
-    bases = in_axes(model.aau, rotation)
+    bases = rotate_fields(model.aau, rotation)
     controls = model.residual[:, None, None] * rotation.T[..., None]
     # A longer lens at a proportionally larger distance: only perspective changes (see `refocused`).
     away = np.zeros((1, 3, len(seen)))
     away[0, 2] = z = state.pose.translation_mm[2]
     moves = np.concatenate([away, bases, controls.reshape(-1, 3, len(seen)), moves])
-    change = pixel_change(camera, seen, moves)
+    change = projection_jacobian(camera, seen, moves)
     change[0] += (predicted - camera.centre).T
     # The network's z, in pixels, relative to its mean: weak evidence of depth.
     per_mm = camera.focal_px / z

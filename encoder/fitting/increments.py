@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.fitting.fit_results import Fitted
+from encoder.fitting.fit_results import IdentityFit
 from shared_model import geometry
 from shared_model.animate import identity_from_controls
 from shared_model.mesh import Head
@@ -63,17 +63,17 @@ def apply_picture_step(face: FaceParameters, solution: Array, active: Indices) -
     return replace(face, modes=solution[size:])
 
 
-def shared_parameters(fitted: Fitted) -> int:
+def shared_parameter_count(fitted: IdentityFit) -> int:
     """Number of parameters that all frames of a person share: log f, AAUs, controls."""
     return 1 + len(AAUS) + fitted.control_mm.size
 
 
-def apply_identity_increment(head: Head, fitted: Fitted, step: Array) -> Fitted:
+def apply_identity_increment(head: Head, fitted: IdentityFit, step: Array) -> IdentityFit:
     """Add a step over log f, AAUs, x, y, z of each control, then w, t, EAUs of each frame.
 
     Depths change in proportion to the focal length, so that faces keep their size.
     """
-    n, shared = len(AAUS), shared_parameters(fitted)
+    n, shared = len(AAUS), shared_parameter_count(fitted)
     log_ratio = np.clip(step[0], -LOG_FOCAL_LIMIT, LOG_FOCAL_LIMIT)
     focal_px = fitted.camera.focal_px * float(np.exp(log_ratio))
     ratio = focal_px / fitted.camera.focal_px
@@ -92,7 +92,7 @@ def apply_identity_increment(head: Head, fitted: Fitted, step: Array) -> Fitted:
     )
 
 
-def identity_increment_between(origin: Fitted, fitted: Fitted) -> Array:
+def identity_increment_between(origin: IdentityFit, fitted: IdentityFit) -> Array:
     """The step from `origin` to `fitted` and its first face, see `apply_identity_increment`."""
     ratio = fitted.camera.focal_px / origin.camera.focal_px
     here, there = fitted.frames[0], origin.frames[0]

@@ -38,8 +38,8 @@ class LandmarkModel:
 
     index: NDArray[np.intp]
     neutral: Array
-    up: Array
-    down: Array
+    eau_up: Array
+    eau_down: Array
     aau: Array
     residual: Array
     weight: Array
@@ -75,7 +75,7 @@ def personalise(model: LandmarkModel, aau: Array, control_mm: Array) -> Landmark
     return replace(model, neutral=moved)
 
 
-def fit_frame(
+def fit_landmarks(
     model: LandmarkModel,
     camera: Camera,
     points_px: Array,
@@ -89,7 +89,7 @@ def fit_frame(
     active: the actuators that may move; the others stay where `start` has them.
     iterations: at most; fewer where a step hardly explains more.
     """
-    target, sigma = measured(model, points_px)
+    target, sigma = observed_points(model, points_px)
     moving = np.asarray(active, dtype=np.intp)
     free = np.append(np.arange(6), 6 + moving)
     prior = 1 / EAU_PRIOR_SIGMA**2
@@ -111,7 +111,7 @@ def fit_frame(
     return current
 
 
-def start_parameters(model: LandmarkModel, camera: Camera, points_px: Array) -> FaceParameters:
+def initial_parameters(model: LandmarkModel, camera: Camera, points_px: Array) -> FaceParameters:
     """A first pose, actuators at rest: weak perspective on the rigid points, then Gauss-Newton."""
     position = {int(network): i for i, network in enumerate(model.index)}
     chosen = [position[i] for i in RIGID_LANDMARKS if i in position]
@@ -133,7 +133,7 @@ def _weak_perspective(points: Array, seen: Array) -> tuple[Array, float]:
     return u @ sign @ vt, float(np.trace(np.diag(s) @ sign) / (a**2).sum())
 
 
-def measured(model: LandmarkModel, points_px: Array) -> tuple[Array, float]:
+def observed_points(model: LandmarkModel, points_px: Array) -> tuple[Array, float]:
     """The model's points (m, >= 2) among landmarks (468, >= 2), and their uncertainty, pixels."""
     left, right = points_px[OUTER_EYE_CORNERS[0], :3], points_px[OUTER_EYE_CORNERS[1], :3]
     return points_px[model.index], float(LANDMARK_SIGMA * np.linalg.norm(left - right))
@@ -142,14 +142,14 @@ def measured(model: LandmarkModel, points_px: Array) -> tuple[Array, float]:
 def _observe(model: LandmarkModel, camera: Camera, state: FaceParameters) -> tuple[Array, Array]:
     """Projected points (m, 2), and how they change (6 + EAUs, 2, m) by w, t, actuators."""
     rotation = geometry.matrix_from_quaternion(state.pose.rotation)
-    turned, moves = turned_points(model, rotation, state.eau)
+    turned, moves = rotated_points(model, rotation, state.eau)
     seen = turned + state.pose.translation_mm
-    return geometry.pixel_from_camera(camera, seen), pixel_change(camera, seen, moves)
+    return geometry.pixel_from_camera(camera, seen), projection_jacobian(camera, seen, moves)
 
 
-def turned_points(model: LandmarkModel, rotation: Array, eau: Array) -> tuple[Array, Array]:
+def rotated_points(model: LandmarkModel, rotation: Array, eau: Array) -> tuple[Array, Array]:
     """Points (m, 3), camera axes, and how they move (6 + EAUs, 3, m) by w, t, actuators."""
-    return _turned(model.neutral, model.up, model.down, rotation, eau)
+    return _turned(model.neutral, model.eau_up, model.eau_down, rotation, eau)
 
 
 @jit
@@ -187,12 +187,12 @@ def _turned(
     return turned, moves
 
 
-def in_axes(fields: Array, rotation: Array) -> Array:
+def rotate_fields(fields: Array, rotation: Array) -> Array:
     """(..., 3, m) of vectors (..., m, 3): turned into other axes."""
     return (fields.reshape(-1, 3) @ rotation.T).reshape(fields.shape).swapaxes(-1, -2)
 
 
-def pixel_change(camera: Camera, seen: Array, moves: Array) -> Array:
+def projection_jacobian(camera: Camera, seen: Array, moves: Array) -> Array:
     """(n, 2, m) how pixels change as points (m, 3), camera frame, move (n, 3, m), eq. 4.12-4.15."""
     return _pixel_change(camera.focal_px, seen, moves)
 

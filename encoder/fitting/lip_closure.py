@@ -10,7 +10,7 @@ Array = NDArray[np.float64]
 SIGMA_MM = 0.3
 
 
-def closing_rows(
+def lip_closure_constraints(
     index: NDArray[np.intp], neutral: Array, rest: Array, aau: Array, residual: Array
 ) -> tuple[Array, Array]:
     """Rows (15, 11 + 3 k) and residuals (15,), in sigmas, of lips at rest as far apart as `rest`'s.

@@ -13,8 +13,14 @@ from encoder.appearance.template import Template
 from encoder.appearance.texture import atlas_size_for, pixels_per_texel
 from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import Crop, crop_face
-from encoder.fitting.analysis_by_synthesis import NOISE_GREY, Explained, Refiner, View, robust_cost
-from encoder.fitting.fit_results import Refined
+from encoder.fitting.analysis_by_synthesis import (
+    RESIDUAL_SIGMA_GREY,
+    Observation,
+    TexelFit,
+    TexelFitter,
+    cauchy_loss,
+)
+from encoder.fitting.fit_results import TextureFit
 from encoder.runtime.image_ops import sample_bicubic
 from shared_model.animate import Face
 from shared_model.appearance import atlas_of
@@ -27,12 +33,12 @@ Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
 # Texels a side, coarse to fine.
-LARGEST_ATLASES = (56, 192)
+MAX_ATLAS_SIZES = (56, 192)
 # Eyes look about and blink without the actuators that are followed.
 EYE_WEIGHT = 0.3
 # Share of a new frame in the texture where the first frame did not show it.
 FILL_GAIN = 0.2
-LEARN_EVERY = 4
+UPDATE_INTERVAL = 4
 # Frames that explain the texture this well may fill what it lacks.
 GOOD_CORRELATION = 0.8
 # Share of a new fit in what fits are expected to leave.
@@ -46,17 +52,17 @@ MEDIAN_EVERY = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Synthesis:
+class FitOptions:
     """How the textured model is fitted: to what of a picture, and by which steps."""
 
-    grey: Normalisation = luma_f32
-    refiner: type[Refiner] = Refiner
+    normalise: Normalisation = luma_f32
+    fitter: type[TexelFitter] = TexelFitter
 
 
-USUAL = Synthesis()
+DEFAULT_OPTIONS = FitOptions()
 
 
-class OwnTexture:
+class PersonTexture:
     """Texture of one caller, fitted to pictures with gain, offset and a slope of light.
 
     Pictures are (h, w, 3) uint8 BGR or, which saves time, (h, w) `in_luma`.
@@ -73,13 +79,13 @@ class OwnTexture:
         frame: Picture,
         start: FaceParameters,
         largest_atlas: int,
-        synthesis: Synthesis = USUAL,
+        options: FitOptions = DEFAULT_OPTIONS,
     ) -> None:
         rest = face.animate(start.eau)
         size = atlas_size_for(atlas_of(head, 64), camera, start.pose, rest, largest_atlas)
         atlas = atlas_of(head, size)
-        self._head, self._atlas, self._synthesis = head, atlas, synthesis
-        self._grey = synthesis.grey
+        self._head, self._atlas, self._synthesis = head, atlas, options
+        self._grey = options.normalise
         self._ratio = pixels_per_texel(atlas, camera, start.pose, rest)
         self._refiner = self._blank_refiner(face, camera)
         thin = self._refiner.shape.atlas
@@ -90,69 +96,73 @@ class OwnTexture:
         self._light = np.stack([np.ones_like(across), across, along])
         self._lit = np.zeros(4)
         self._learned = 0
-        self._noise_grey = NOISE_GREY
+        self._noise_grey = RESIDUAL_SIGMA_GREY
         self._first_crop = crop = self._crop(frame, start)
         self._mean = self._sampled(crop, start)
-        self._known = self._refiner.seen(start) & (self._worth > 0)
+        self._known = self._refiner.visible(start) & (self._worth > 0)
         self._rebuild()
-        self._refiner.learn(crop, replace(start, modes=self._lit))
+        self._refiner.train(crop, replace(start, modes=self._lit))
 
-    def _blank_refiner(self, face: Face, camera: Camera) -> Refiner:
+    def _blank_refiner(self, face: Face, camera: Camera) -> TexelFitter:
         count, synthesis = len(self._atlas.rows), self._synthesis
         blank = np.zeros(count, np.float32)
         empty = Template(blank, np.zeros((0, count), np.float32), blank)
         shape = ShapeFreeFrame(face, self._atlas, camera)
-        return synthesis.refiner(self._head, face, shape, empty, synthesis.grey)
+        return synthesis.fitter(self._head, face, shape, empty, synthesis.normalise)
 
-    def put_on(self, face: Face, camera: Camera, start: FaceParameters) -> None:
+    def set_shape(self, face: Face, camera: Camera, start: FaceParameters) -> None:
         """Fit the same texture on another shape.  start: its face in the first picture."""
         template = self._refiner.template
         self._refiner = self._blank_refiner(face, camera)
         self._refiner.template = template
-        self._refiner.expect(self._noise_grey)
-        self._refiner.learn(self._first_crop, replace(start, modes=np.zeros(4)))
+        self._refiner.set_noise_level(self._noise_grey)
+        self._refiner.train(self._first_crop, replace(start, modes=np.zeros(4)))
 
     @property
-    def texels_known(self) -> int:
+    def observed_texel_count(self) -> int:
         """How many texels some frame has shown."""
         return int(self._known.sum())
 
-    def look(self, frame: Picture, near: FaceParameters) -> View:
+    def observe(self, frame: Picture, initial: FaceParameters) -> Observation:
         """What a frame shows of a face about like `near`: what fits start from."""
-        return self._refiner.look(self._crop(frame, near), near)
+        return self._refiner.observe(self._crop(frame, initial), initial)
 
-    def refine(
-        self, view: View, start: FaceParameters, active: Sequence[int], iterations: int
-    ) -> Refined:
+    def fit(
+        self,
+        observation: Observation,
+        start: FaceParameters,
+        active: Sequence[int],
+        iterations: int,
+    ) -> TextureFit:
         """The face near `start` that explains what is seen best; `active` actuators may move."""
-        found = self._refiner.explain(view, replace(start, modes=self._lit), iterations, active)
-        seen = found.shown > 0
+        found = self._refiner.fit(observation, replace(start, modes=self._lit), iterations, active)
+        seen = found.weights > 0
         if not seen.any():
-            return Refined(found.face, 0.0, np.inf, NOISE_GREY)
+            return TextureFit(found.face, 0.0, np.inf, RESIDUAL_SIGMA_GREY)
         left = self._left(found)[seen]
-        left_grey2 = float(np.average(robust_cost(left), weights=found.shown[seen]))
+        left_grey2 = float(np.average(cauchy_loss(left), weights=found.weights[seen]))
         noise_grey = MEDIAN_TO_SIGMA * float(np.median(np.abs(left[::MEDIAN_EVERY])))
-        return Refined(found.face, self._correlation(found.grey, seen), left_grey2, noise_grey)
+        return TextureFit(found.face, self._correlation(found.luma, seen), left_grey2, noise_grey)
 
-    def expect(self, refined: Refined) -> None:
+    def update_noise_level(self, fit: TextureFit) -> None:
         """Expect coming fits to leave about as much as this one."""
-        self._noise_grey += NOISE_GAIN * (refined.noise_grey - self._noise_grey)
-        self._refiner.expect(self._noise_grey)
+        self._noise_grey += NOISE_GAIN * (fit.residual_sigma_grey - self._noise_grey)
+        self._refiner.set_noise_level(self._noise_grey)
 
-    def _left(self, found: Explained) -> Single:
+    def _left(self, found: TexelFit) -> Single:
         """(k,) grey levels that a fit leaves unexplained."""
         template = self._refiner.template
-        return found.grey - template.mean - found.face.modes.astype(np.float32) @ template.modes
+        return found.luma - template.mean - found.face.modes.astype(np.float32) @ template.modes
 
-    def learn(self, frame: Picture, refined: Refined) -> None:
+    def update_template(self, frame: Picture, fit: TextureFit) -> None:
         """Keep the light of a frame, and of one in a few what the first did not show."""
-        self._lit = refined.face.modes
+        self._lit = fit.face.modes
         self._learned += 1
-        if refined.correlation > GOOD_CORRELATION and self._learned % LEARN_EVERY == 0:
-            crop = self._crop(frame, refined.face)
-            texels = self._sampled(crop, refined.face)
-            self._fill(texels, self._refiner.seen(refined.face), refined.face.modes)
-            self._refiner.learn(crop, refined.face)
+        if fit.correlation > GOOD_CORRELATION and self._learned % UPDATE_INTERVAL == 0:
+            crop = self._crop(frame, fit.face)
+            texels = self._sampled(crop, fit.face)
+            self._fill(texels, self._refiner.visible(fit.face), fit.face.modes)
+            self._refiner.train(crop, fit.face)
 
     def _fill(self, texels: Single, seen: NDArray[np.bool_], coefficients: Array) -> None:
         """Take from a frame what the first one did not show, as the first one's light had it."""

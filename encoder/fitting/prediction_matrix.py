@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from encoder.capture.face_crop import Crop
 from encoder.fitting.analysis_by_synthesis import (
     EAU_CHANGE_SIGMA,
-    Explained,
-    Refiner,
-    View,
-    coefficients,
-    robust,
-    robust_cost,
+    Observation,
+    TexelFit,
+    TexelFitter,
+    cauchy_loss,
+    cauchy_weights,
+    solve_coefficients,
 )
 from encoder.fitting.increments import apply_increment
 from encoder.fitting.levenberg_marquardt import RELATIVE_TOLERANCE
@@ -65,7 +65,7 @@ class Training:
     texels: float
 
 
-class MatrixRefiner(Refiner):
+class PredictionMatrixFitter(TexelFitter):
     """A `Refiner` whose steps are predicted by matrices made beforehand."""
 
     _trained: tuple[Training, ...] = ()
@@ -83,7 +83,7 @@ class MatrixRefiner(Refiner):
             return
         made = Training(
             self._displaced(crop, face),
-            self.template.weight * self.seen(face),
+            self.template.weight * self.visible(face),
             matrix_from_quaternion(face.pose.rotation),
             float(face.pose.translation_mm[2]),
             texels,
@@ -95,13 +95,16 @@ class MatrixRefiner(Refiner):
         """Nothing: the matrices are made for the usual noise."""
 
     def explain(
-        self, view: View, start: FaceParameters, iterations: int, active: Sequence[int]
-    ) -> Explained:
+        self, view: Observation, start: FaceParameters, iterations: int, active: Sequence[int]
+    ) -> TexelFit:
         """See `Refiner`.  Raises `ValueError` before the first picture to train on."""
         if not self._trained:
             raise ValueError("no matrix has been trained, expected learn before explain")
-        free, grey = np.asarray(active, np.intp), np.ascontiguousarray(view.stack[..., 0])
-        seen = _Seen(view.crop, grey, view.shown, start, view.precision)
+        free, grey = (
+            np.asarray(active, np.intp),
+            np.ascontiguousarray(view.luma_and_gradients[..., 0]),
+        )
+        seen = _Seen(view.crop, grey, view.weights, start, view.eau_precision)
         known = min(self._trained, key=lambda known: _turned(known, start)[1])
         modes = len(self.template.modes)
         light = start.modes if len(start.modes) == modes else np.zeros(modes)
@@ -116,12 +119,12 @@ class MatrixRefiner(Refiner):
                     break
             if before.cost - best.cost <= RELATIVE_TOLERANCE * before.cost:
                 break
-        found = replace(best.face, modes=coefficients(self.template, best.grey, view.shown))
-        return Explained(found, best.grey, view.shown)
+        found = replace(best.face, modes=solve_coefficients(self.template, best.grey, view.weights))
+        return TexelFit(found, best.grey, view.weights)
 
     def _displaced(self, crop: Crop, face: FaceParameters) -> Single:
         """(k, 6 + EAUs) change of the residual, from displacements smoothed by a Gaussian."""
-        grey = self._grey(crop.picture)
+        grey = self._normalise(crop.picture)
 
         def shown(at: FaceParameters) -> Single:
             return sample_bicubic(grey, crop.to_crop_px(self.shape.positions(at)))[:, 0]
@@ -148,10 +151,10 @@ class MatrixRefiner(Refiner):
         template = self.template
         grey = sample_bicubic(seen.grey, seen.crop.to_crop_px(self.shape.positions(face)))[:, 0]
         left = grey - template.mean - face.modes.astype(np.float32) @ template.modes
-        modes = coefficients(template, grey, seen.shown * robust(left))
+        modes = solve_coefficients(template, grey, seen.shown * cauchy_weights(left))
         left = grey - template.mean - modes.astype(np.float32) @ template.modes
         away = seen.start.eau - face.eau
-        cost = float(seen.shown @ robust_cost(left)) + seen.precision * float(away @ away)
+        cost = float(seen.shown @ cauchy_loss(left)) + seen.precision * float(away @ away)
         return _Tried(replace(face, modes=modes), left, grey, cost)
 
     def _predicted(
@@ -178,7 +181,7 @@ class MatrixRefiner(Refiner):
             rows = np.concatenate([moves, -self.template.modes.T], axis=1)
             weighted = rows * known.weight[:, None]
             normal = (rows.T @ weighted).astype(np.float64)
-            eau, precision = np.arange(6, 6 + len(free)), self.precision(known.weight)
+            eau, precision = np.arange(6, 6 + len(free)), self.eau_precision(known.weight)
             normal[eau, eau] += precision
             normal[np.diag_indices(len(normal))] *= 1 + TINY
             normal[np.diag_indices(len(normal))] += TINY

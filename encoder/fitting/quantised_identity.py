@@ -1,6 +1,6 @@
 """The identity as a model packet carries it: quantised."""
 
-from encoder.fitting.fit_results import Fitted
+from encoder.fitting.fit_results import IdentityFit
 from protocol.frames.scalar_quantiser import (
     AAU_STEP,
     RESIDUAL_STEP_MM,
@@ -11,7 +11,7 @@ from shared_model.animate import Identity, identity_from_controls
 from shared_model.mesh import Head
 
 
-def identity_codes(fitted: Fitted) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def identity_codes(fitted: IdentityFit) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """The codes of the AAUs and of the shape residual's control points, see `ModelPacket`."""
     return (
         codes_from_values(fitted.identity.aau, AAU_STEP),
@@ -19,7 +19,7 @@ def identity_codes(fitted: Fitted) -> tuple[tuple[int, ...], tuple[int, ...]]:
     )
 
 
-def quantised_identity(head: Head, fitted: Fitted) -> Identity:
+def quantised_identity(head: Head, fitted: IdentityFit) -> Identity:
     """The identity as the decoder reads it from a model packet.
 
     Textures are sampled through this shape, so that the rounding of the shape moves no texel.

@@ -17,7 +17,7 @@ from encoder.appearance.rasteriser import Fragments, rasterise
 from encoder.appearance.shape_free import directional_jacobian, rigid_jacobian
 from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import Crop
-from encoder.fitting.analysis_by_synthesis import PICTURE_DAMPING, gradients, robust
+from encoder.fitting.analysis_by_synthesis import PICTURE_DAMPING, cauchy_weights, image_gradients
 from encoder.fitting.increments import FACE_PARAMETERS, apply_picture_step
 from encoder.fitting.levenberg_marquardt import Evaluation, levenberg_marquardt
 from encoder.runtime.image_ops import hull_mask
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 # Pixels of the face that are looked at; half as many cost .07 dB.
-MOST_PIXELS = 6000
+MAX_PIXELS = 6000
 # What an actuator one unit off its first guess costs, squared grey levels.  Lids stay: what PSNR
 # gains by a lid that is half closed, people lose.
 HELD_GREY2 = np.array([400.0 if eau.name in LID_EAUS else 6.0 for eau in EAUS])
@@ -45,7 +45,7 @@ WIDE = 0.1
 EVERY = np.arange(len(EAUS))
 
 
-class Drawing:
+class ImageFitter:
     """Draws one caller's face in luma, and fits it to pictures.
 
     mean: (size, size) luma of the texture.  modes: (m, size, size), per unit coefficient.
@@ -59,11 +59,11 @@ class Drawing:
         camera: Camera,
         mean: Single,
         modes: Single,
-        most_pixels: int = MOST_PIXELS,
+        max_pixels: int = MAX_PIXELS,
     ) -> None:
         head, size = face.head, len(mean)
         self._face, self._camera, self._size = face, camera, size
-        self._most_pixels = most_pixels
+        self._most_pixels = max_pixels
         layers = np.concatenate([mean[None], modes]).reshape(1 + len(modes), -1)
         self._layers = np.ascontiguousarray(layers.T, np.float32)
         places = head.texture_coordinates * size - 0.5
@@ -71,7 +71,7 @@ class Drawing:
         fields = np.stack([head.eau_up, -head.eau_down]).swapaxes(-1, -2)
         self._fields = np.ascontiguousarray(fields, np.float32)
 
-    def taught(self, mode: Single) -> "Drawing":
+    def with_mode(self, mode: Single) -> "ImageFitter":
         """The same with one mode more, (size, size) luma per unit coefficient."""
         taught = copy(self)
         taught._layers = np.column_stack([self._layers, mode.ravel()])
@@ -256,7 +256,7 @@ def _view(crop: Crop, start: FaceParameters, outline_px: Array, most_pixels: int
     rows, columns = (slice(low[i], max(low[i], high[i])) for i in (1, 0))
     inside = hull_mask(outline - low, grey[rows, columns].shape) > 0
     step = max(1, int(np.ceil(np.sqrt(inside.sum() / most_pixels))))
-    thin = (each[rows, columns][::step, ::step].ravel() for each in (grey, *gradients(grey)))
+    thin = (each[rows, columns][::step, ::step].ravel() for each in (grey, *image_gradients(grey)))
     seen, *slopes = thin
     scaled = np.stack(slopes) * crop.scale.astype(np.float32)[:, None]
     wanted = np.ascontiguousarray(inside[::step, ::step])
@@ -274,4 +274,4 @@ def _trust(view: _View, look: _Look) -> Single:
     side = 2 * round(WIDE * width / 2) + 1
     around = cv2.blur(away.reshape(height, width), (side, side)) if len(away) else away
     # Squared: a large area that is far off must not pull at all.
-    return robust(np.asarray(around, np.float32).ravel()) ** 2
+    return cauchy_weights(np.asarray(around, np.float32).ravel()) ** 2

@@ -10,7 +10,14 @@ from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.appearance.template import Template
 from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import Crop
-from encoder.fitting.analysis_by_synthesis import Explained, Picture, Refiner, Single, Target, View
+from encoder.fitting.analysis_by_synthesis import (
+    FitTarget,
+    Observation,
+    Picture,
+    Single,
+    TexelFit,
+    TexelFitter,
+)
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
 from shared_model.geometry import euler_deg, matrix_from_quaternion
@@ -21,7 +28,7 @@ from shared_model.parameters import FaceParameters
 MIRROR_DEG = 20.0
 
 
-class MirroredRefiner(Refiner):
+class SymmetricTexelFitter(TexelFitter):
     """A `Refiner` that takes the far half of a turned face from the near one.
 
     What a texel of the far half should look like is then compared with its twin of the near half.
@@ -38,20 +45,20 @@ class MirroredRefiner(Refiner):
         super().__init__(head, face, shape, template, grey)
         self._halves = {left: self._half(shape.atlas, left) for left in (False, True)}
 
-    def look(self, crop: Crop, near: FaceParameters) -> View:
+    def look(self, crop: Crop, near: FaceParameters) -> Observation:
         """See `Refiner`."""
         if abs(euler_deg(near.pose)[1]) <= MIRROR_DEG:
-            return super().look(crop, near)
+            return super().observe(crop, near)
         left_is_near = matrix_from_quaternion(near.pose.rotation)[2, 0] < 0
         half = self._halves[bool(left_is_near)]
-        return self._look(Target(half.shape, half.template_of(self.template)), crop, near)
+        return self._observe(FitTarget(half.shape, half.template_of(self.template)), crop, near)
 
     def explain(
-        self, view: View, start: FaceParameters, iterations: int, active: Sequence[int]
-    ) -> Explained:
+        self, view: Observation, start: FaceParameters, iterations: int, active: Sequence[int]
+    ) -> TexelFit:
         """See `Refiner`."""
         padded = _padded(start, len(view.target.template.modes))
-        found = super().explain(view, padded, iterations, active)
+        found = super().fit(view, padded, iterations, active)
         return replace(found, face=_padded(found.face, len(self.template.modes)))
 
     def _half(self, every: Atlas, left: bool) -> "_Half":
@@ -60,7 +67,7 @@ class MirroredRefiner(Refiner):
         across = atlas.points(self._face.neutral)[:, 0]
         far = (across < 0) if left else (across > 0)
         corners, weights, kept = atlas.corners.copy(), atlas.weights.copy(), ~far
-        twin = twins(every)[atlas.rows[far], atlas.columns[far]]
+        twin = mirror_index(every)[atlas.rows[far], atlas.columns[far]]
         corners[far], weights[far] = every.corners[twin], every.weights[twin]
         kept[far] = twin >= 0
         mirrored = Atlas(atlas.size, atlas.rows, atlas.columns, corners, weights)
@@ -94,7 +101,7 @@ def _padded(face: FaceParameters, count: int) -> FaceParameters:
     return replace(face, modes=modes)
 
 
-def twins(atlas: Atlas) -> NDArray[np.intp]:
+def mirror_index(atlas: Atlas) -> NDArray[np.intp]:
     """(size, size) index of the texel that shows the other side of the face; -1: there is none."""
     index = np.full((atlas.size, atlas.size), -1, np.intp)
     index[atlas.rows, atlas.columns] = np.arange(len(atlas.rows))

@@ -20,10 +20,9 @@ from encoder.appearance.texture_samples import (
     texel_footprints,
 )
 from encoder.capture.face_crop import Crop, crop_face
-from encoder.fitting.analysis_by_synthesis import Refiner
-from encoder.fitting.fit_results import Fitted
-from encoder.fitting.quantised_identity import quantised_identity
-from encoder.fitting.render_and_compare import MOST_PIXELS, Drawing
+from encoder.fitting.analysis_by_synthesis import TexelFitter
+from encoder.fitting.fit_results import IdentityFit
+from encoder.fitting.render_and_compare import MAX_PIXELS, ImageFitter
 from encoder.learning.appearance_encoder import CodedAppearance, encode_appearance
 from encoder.learning.sample_fitting import (
     fit_samples,
@@ -36,7 +35,6 @@ from protocol.pictures.picture_codec import to_luma
 from shared_model.animate import Face
 from shared_model.appearance import atlas_of
 from shared_model.geometry import Camera
-from shared_model.mesh import Head
 from shared_model.parameters import EAU_INDEX, EAUS, FaceParameters
 
 Array = NDArray[np.float64]
@@ -55,24 +53,24 @@ class PersonModel:
 
     face: with the quantised identity.  reference: the pose of the model packet.
     texel_fitter: fits frames at a subset of the texels.
-    shape: all texels.  weight: (k,) of squared errors of each texel, see `build_person_model`.
+    shape: all texels.  weight: (k,) of squared errors of each texel.
     mask: (k,) 1 on the face, see `face_mask`.
     """
 
-    fitted: Fitted
+    fitted: IdentityFit
     face: Face
     reference: FaceParameters
-    texel_fitter: Refiner
+    texel_fitter: TexelFitter
     appearance: CodedAppearance
     pixels_per_texel: float
     shape: ShapeFreeFrame
     weight: Single
     mask: Single
 
-    def image_fitter(self, max_pixels: int = MOST_PIXELS) -> Drawing:
+    def image_fitter(self, max_pixels: int = MAX_PIXELS) -> ImageFitter:
         """A fitter that renders the appearance as a decoder does.  max_pixels: see `Drawing`."""
         mean, modes = to_luma(self.appearance.mean), to_luma(self.appearance.mode_images)
-        return Drawing(self.face, self.shape.camera, mean, modes, max_pixels)
+        return ImageFitter(self.face, self.shape.camera, mean, modes, max_pixels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,58 +82,63 @@ class TrainedModel:
     faces: list[FaceParameters]
 
 
+@dataclass(frozen=True, slots=True)
+class TrainingOptions:
+    """How a person model is trained.
+
+    texture_size: the most texels a side.  appearance_bytes: of mean and modes.
+    image_space_fit: fit the faces of the sample in image space after the shape-free frame.
+    weight_disoccluded: give hidden texels the weight that they have in a wide open face.
+    weight_mouth: multiply the weight of mouth and lips, see `mouth_weights`.
+    """
+
+    texture_size: int
+    appearance_bytes: int
+    max_modes: int
+    image_space_fit: bool = True
+    weight_disoccluded: bool = False
+    weight_mouth: bool = False
+
+
 def build_person_model(
-    head: Head,
-    fitted: Fitted,
+    fitted: IdentityFit,
+    face: Face,
     camera: Camera,
     faces: Sequence[FaceParameters],
     sample_frames: Sequence[tuple[int, Picture]],
     landmarks: Sequence[Array],
-    *,
-    texture_size: int,
-    appearance_bytes: int,
-    max_modes: int,
-    image_space_fit: bool = True,
-    weight_disoccluded: bool = False,
-    weight_mouth: bool = False,
+    options: TrainingOptions,
     workers: int | None = None,
 ) -> TrainedModel:
     """Build the model of a person from a sample of frames (index, picture).
 
-    A texel's weight is the mean number of pixels it covers, less outside the face.
-    camera: of the call parameters, whose focal length is rounded.
+    face: with the quantised identity.  camera: of the call parameters, with rounded focal length.
     faces, landmarks: of all frames, (468, 3) pixels; indices of the sample refer to them.
-    texture_size: the most texels a side.  appearance_bytes: of mean and modes.
-    image_space_fit: fit the faces of the sample in image space after the shape-free frame.
-    weight_disoccluded: give hidden texels the weight that they have in a wide open face.
-    weight_mouth: multiply the weight of mouth and lips, see `mouth_weight`.
     workers: see `parallel_map`.
     """
     reference = faces[0]
-    face = Face(head, quantised_identity(head, fitted))
-    shape, scale = _texel_frame(face, camera, reference, texture_size)
+    shape, scale = _texel_frame(face, camera, reference, options.texture_size)
     crops = [crop_face(frame, landmarks[index], scale) for index, frame in sample_frames]
     sampled = [faces[index] for index, _ in sample_frames]
     sampled_landmarks = [landmarks[index] for index, _ in sample_frames]
     sampled = fit_samples_coarse(face, shape, crops, sampled, workers)
-    if image_space_fit:
+    if options.image_space_fit:
         sampled = fit_samples_in_image(face, shape, crops, sampled, sampled_landmarks, workers)
     samples = sample_faces(face, shape, crops, sampled, workers)
     coverage = outline_coverage(shape, crops, sampled, sampled_landmarks)
-    mask = np.maximum(face_mask(head, shape.atlas), coverage)
-    weight = samples.weight
-    if weight_disoccluded:
-        weight = np.maximum(weight, disocclusion_weight(face, shape, sampled))
-    if weight_mouth:
-        weight = weight * mouth_weights(head, shape.atlas)
-    samples = replace(samples, weight=weight * np.where(shape.on_face, np.float32(1), mask))
+    mask = np.maximum(face_mask(face.head, shape.atlas), coverage)
+    weight = _texel_weight(face, shape, samples.weight, sampled, mask, options)
+    samples = replace(samples, weight=weight)
     sharp = super_resolved(shape, samples, crops, sampled, workers)
-    mean = mean_texture(shape, sharp, default_colours(head, shape.atlas))
-    appearance = encode_appearance(shape, sharp, mean, mask, appearance_bytes, max_modes)
-    fitter = Refiner(head, face, shape, sampled_template(shape, samples, sharp, appearance))
+    mean = mean_texture(shape, sharp, default_colours(face.head, shape.atlas))
+    max_bytes = options.appearance_bytes
+    appearance = encode_appearance(shape, sharp, mean, mask, max_bytes, options.max_modes)
+    fitter = TexelFitter(
+        face.head, face, shape, sampled_template(shape, samples, sharp, appearance)
+    )
     sampled = fit_samples(fitter, crops, sampled, workers)
     person = PersonModel(
-        fitted, face, reference, fitter, appearance, scale, shape, samples.weight * mask, mask
+        fitted, face, reference, fitter, appearance, scale, shape, weight * mask, mask
     )
     return TrainedModel(person, crops, sampled)
 
@@ -150,6 +153,26 @@ def _texel_frame(
     atlas = atlas_of(face.head, size)
     scale = pixels_per_texel(atlas, camera, reference.pose, vertices)
     return ShapeFreeFrame(face, atlas, camera), scale
+
+
+def _texel_weight(
+    face: Face,
+    shape: ShapeFreeFrame,
+    footprints: Single,
+    faces: Sequence[FaceParameters],
+    mask: Single,
+    options: TrainingOptions,
+) -> Single:
+    """(k,) weight of each texel's squared errors, less outside the face.
+
+    footprints: (k,) mean number of pixels in the sample.  faces: of the sample.
+    """
+    weight = footprints
+    if options.weight_disoccluded:
+        weight = np.maximum(weight, disocclusion_weight(face, shape, faces))
+    if options.weight_mouth:
+        weight = weight * mouth_weights(face.head, shape.atlas)
+    return np.asarray(weight * np.where(shape.on_face, np.float32(1), mask), np.float32)
 
 
 def disocclusion_weight(

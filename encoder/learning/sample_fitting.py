@@ -15,8 +15,8 @@ from encoder.appearance.texture import default_colours
 from encoder.appearance.texture_samples import TextureSamples, mean_texture, sample_textures
 from encoder.capture.face_crop import Crop
 from encoder.detection.landmark_indices import face_outline
-from encoder.fitting.analysis_by_synthesis import TEXELS, Refiner, coefficients
-from encoder.fitting.render_and_compare import Drawing
+from encoder.fitting.analysis_by_synthesis import NOMINAL_TEXELS, TexelFitter, solve_coefficients
+from encoder.fitting.render_and_compare import ImageFitter
 from encoder.learning.pca import luma_modes, make_template
 from encoder.runtime.parallel import parallel_map
 from protocol.pictures.picture_codec import to_luma
@@ -47,7 +47,7 @@ def fit_samples_coarse(
     shape: all texels; the fit uses an atlas of about `TEXELS` texels.
     faces: initial, one a crop.  workers: see `parallel_map`.
     """
-    reduction = max(1, round(float(np.sqrt(len(shape) / TEXELS))))
+    reduction = max(1, round(float(np.sqrt(len(shape) / NOMINAL_TEXELS))))
     atlas = atlas_of(face.head, shape.atlas.size // reduction)
     coarse = ShapeFreeFrame(face, atlas, shape.camera)
     cell_mm = reduction * DEPTH_CELL_MM
@@ -55,7 +55,7 @@ def fit_samples_coarse(
     for modes in COARSE_MODE_SCHEDULE:
         samples = sample_faces(face, coarse, luma_crops, faces, workers, cell_mm)
         template = luma_template(face, coarse, samples, modes)
-        fitter = Refiner(face.head, face, coarse, template, cell_mm=cell_mm)
+        fitter = TexelFitter(face.head, face, coarse, template, cell_mm=cell_mm)
         faces = fit_samples(fitter, crops, faces, workers)
     return faces
 
@@ -79,26 +79,26 @@ def fit_samples_in_image(
     template = luma_template(face, shape, sharp, IMAGE_FIT_MODES)
     layers = [template.mean, *template.modes]
     images = np.array([filled_atlas(shape.atlas, layer[:, None])[..., 0] for layer in layers])
-    fitter = Drawing(face, shape.camera, images[0], images[1:])
+    fitter = ImageFitter(face, shape.camera, images[0], images[1:])
     weights = samples.weight * samples.visible
 
     def fit(index: int) -> FaceParameters:
         luma = sharp.colours[index][:, 0]
-        start = replace(faces[index], modes=coefficients(template, luma, weights[index]))
+        start = replace(faces[index], modes=solve_coefficients(template, luma, weights[index]))
         return fitter.fit(crops[index], start, face_outline(landmarks[index]))
 
     return parallel_map(fit, range(len(crops)), workers)
 
 
 def fit_samples(
-    fitter: Refiner,
+    fitter: TexelFitter,
     crops: Sequence[Crop],
     faces: Sequence[FaceParameters],
     workers: int | None = None,
 ) -> list[FaceParameters]:
     """The faces in crops after `FIT_STEPS` steps of `fitter`.  workers: see `parallel_map`."""
     pairs = zip(crops, faces, strict=True)
-    return parallel_map(lambda pair: fitter.refine(pair[0], pair[1], FIT_STEPS), pairs, workers)
+    return parallel_map(lambda pair: fitter.fit_crop(pair[0], pair[1], FIT_STEPS), pairs, workers)
 
 
 def luma_template(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.tracking.measurement_model import Projection, perspective
-from encoder.tracking.outlier_rejection import distances
+from encoder.tracking.outlier_rejection import robust_residuals
 from shared_model.geometry import (
     Camera,
     matrix_from_quaternion,
@@ -32,7 +32,7 @@ _NOTHING = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class ProcessNoise:
     """How heads and faces move: the filter's process noise, as standard deviations.
 
     velocities: True is the constant-velocity model (4.4), False the thesis' simplified vector.
@@ -52,7 +52,7 @@ class Motion:
 
 
 @dataclass(frozen=True, slots=True)
-class Doubt:
+class InitialUncertainty:
     """How far off the first state may be, as standard deviations."""
 
     pixels: float = 3.0
@@ -79,8 +79,8 @@ class Estimate:
     pose: Pose
     camera: Camera
     eau: Array
-    used: Mask = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
-    distance: float = 0.0
+    inliers: Mask = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    normalised_innovation: float = 0.0
 
 
 class FaceFilter:
@@ -98,14 +98,18 @@ class FaceFilter:
         pose: Pose,
         eau: Array,
         point_count: int,
-        motion: Motion | None = None,
-        doubt: Doubt | None = None,
+        process_noise: ProcessNoise | None = None,
+        uncertainty: InitialUncertainty | None = None,
         projection: Projection = perspective,
         gate: float = 3.5,
     ) -> None:
         self._camera = camera
         self._points, self._eaus = point_count, len(eau)
-        self._motion, self._projection, self._gate = motion or Motion(), projection, gate
+        self._motion, self._projection, self._gate = (
+            process_noise or ProcessNoise(),
+            projection,
+            gate,
+        )
         rigid = _RIGID + (6 if self._motion.velocities else 0)
         # Takes most of a second to import, which calls of the default profile need not wait for.
         from filterpy.kalman import ExtendedKalmanFilter
@@ -114,7 +118,7 @@ class FaceFilter:
         self._rotation, position = projection.state_from_pose(pose, camera.focal_px)
         self._filter.x = np.concatenate([position, np.zeros(3), [camera.focal_px]])
         self._filter.x = np.concatenate([self._filter.x, np.zeros(rigid - _RIGID), eau])
-        self._filter.P = self._first_covariance(doubt or Doubt())
+        self._filter.P = self._first_covariance(uncertainty or InitialUncertainty())
         self._used = np.zeros(point_count, dtype=np.bool_)
         self._distance = 0.0
 
@@ -206,7 +210,9 @@ class FaceFilter:
         weighted = H[eaus].T * weight[eaus]
         known = np.linalg.inv(self._filter.P) + weighted @ H[eaus]
         towards, rigid = weighted @ innovation[eaus], H[points, :_RIGID]
-        off, crowd = distances(known, towards, rigid, innovation[points], weight[points], visible)
+        off, crowd = robust_residuals(
+            known, towards, rigid, innovation[points], weight[points], visible
+        )
         self._used = np.asarray(visible & (off < self._gate * crowd))
         weight[points] *= np.repeat(self._used, 2)
 
@@ -265,7 +271,7 @@ class FaceFilter:
         Q[eaus, eaus] = (motion.eau_per_s * elapsed_s) ** 2
         return np.asarray(Q)
 
-    def _first_covariance(self, doubt: Doubt) -> Array:
+    def _first_covariance(self, doubt: InitialUncertainty) -> Array:
         x = self._filter.x
         pixel_per_mm = x[6] / x[2]
         sigma = np.full(len(x), doubt.eau)

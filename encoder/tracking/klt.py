@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture.colour import luma_u8
-from encoder.tracking.vertex_visibility import Visibility
+from encoder.tracking.vertex_visibility import VertexVisibility
 from shared_model.animate import Face
 from shared_model.geometry import Camera, pixel_from_head
 from shared_model.parameters import FaceParameters, Pose
@@ -44,7 +44,7 @@ class Tracks:
     points_mm: Array
     pixels: Array
     variance_px2: Array
-    share: float
+    inlier_share: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,36 +76,38 @@ class KltTracker:
         count: int = 40,
     ) -> None:
         grey = luma_u8(frame)
-        self.index = choose_points(face, grey, camera, start, count)
-        self.reshape(face)
+        self.index = select_features(face, grey, camera, start, count)
+        self.set_face(face)
         self._last = self._view(grey, camera, start)
 
     def track(self, frame: Frame, camera: Camera, predicted: FaceParameters) -> Tracks:
         """Find the points in `frame` near where the prediction has them."""
         points = self._points.animate(predicted.eau)
         expected = pixel_from_head(camera, predicted.pose, points)
-        visible = self._visibility.seen(predicted.pose) & self._last.seen
+        visible = self._visibility.visible(predicted.pose) & self._last.seen
         eyes_px = eye_distance_px(camera, predicted.pose)
         pixels, ok = _follow(self._last, luma_u8(frame), expected, visible, eyes_px)
         variance = np.where(ok, max(_SIGMA * eyes_px, 0.1) ** 2, np.inf)
         share = float(ok.sum() / max(visible.sum(), 1))
         return Tracks(points, np.where(ok[:, None], pixels, expected), variance, share)
 
-    def reshape(self, face: Face) -> None:
+    def set_face(self, face: Face) -> None:
         """The same points are on this head from now on."""
         self._points = face.at(self.index)
-        self._visibility = Visibility(face.neutral, face.head.triangles, self.index)
+        self._visibility = VertexVisibility(face.neutral, face.head.triangles, self.index)
 
-    def put_back(self, frame: Frame, camera: Camera, fitted: FaceParameters) -> None:
+    def reset_points(self, frame: Frame, camera: Camera, fitted: FaceParameters) -> None:
         """Take the fitted model's word for where the points are in `frame`."""
         self._last = self._view(luma_u8(frame), camera, fitted)
 
     def _view(self, grey: Grey, camera: Camera, fitted: FaceParameters) -> _View:
         pixels = pixel_from_head(camera, fitted.pose, self._points.animate(fitted.eau))
-        return _View(grey, pixels, self._visibility.seen(fitted.pose) & _inside(pixels, grey.shape))
+        return _View(
+            grey, pixels, self._visibility.visible(fitted.pose) & _inside(pixels, grey.shape)
+        )
 
 
-def choose_points(
+def select_features(
     face: Face, grey: Grey, camera: Camera, start: FaceParameters, count: int
 ) -> Indices:
     """(n <= count,) vertices worth following: visible, textured, apart, in muscle-free zones."""
@@ -123,7 +125,9 @@ def choose_points(
     chosen: list[int] = []
     # Whether a point is hidden takes long to tell; most are never asked for.
     for block in np.array_split(order, max(1, len(order) // _LOOKED_AT)):
-        visible = Visibility(face.neutral, head.triangles, candidates[block]).seen(start.pose)
+        visible = VertexVisibility(face.neutral, head.triangles, candidates[block]).visible(
+            start.pose
+        )
         for k in block[visible]:
             near = np.linalg.norm(pixels[chosen] - pixels[k], axis=1)
             if near.min(initial=np.inf) > _SPACING * eyes_px:

@@ -10,21 +10,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture.colour import luma_u8
-from encoder.fitting.analysis_by_synthesis import LEAST_NOISE_GREY, NOISE_GREY, View
-from encoder.fitting.fit_results import Fitted, Refined
+from encoder.fitting.analysis_by_synthesis import (
+    MIN_RESIDUAL_SIGMA_GREY,
+    RESIDUAL_SIGMA_GREY,
+    Observation,
+)
+from encoder.fitting.fit_results import IdentityFit, TextureFit
 from encoder.fitting.person_texture import (
+    DEFAULT_OPTIONS,
     GOOD_CORRELATION,
-    LARGEST_ATLASES,
-    USUAL,
-    OwnTexture,
-    Synthesis,
+    MAX_ATLAS_SIZES,
+    FitOptions,
+    PersonTexture,
 )
 from encoder.fitting.pose_initialisation import pose_from_points
-from encoder.tracking.detection_measurement import Sight, Sighter
-from encoder.tracking.ekf import Doubt, Estimate, FaceFilter, Motion
-from encoder.tracking.identity_refinement import LEAST_EYES_PX, Refinement
+from encoder.tracking.detection_measurement import FrameMeasurement, FrameMeasurer
+from encoder.tracking.ekf import Estimate, FaceFilter, InitialUncertainty, ProcessNoise
+from encoder.tracking.identity_refinement import MIN_EYE_DISTANCE_PX, IdentityRefiner
 from encoder.tracking.klt import KltTracker, Tracks, eye_distance_px
-from encoder.tracking.track_loss import FOUND_CORRELATION, LEAST_CORRELATION, is_bad, is_plausible
+from encoder.tracking.track_loss import (
+    MIN_CORRELATION,
+    MIN_CORRELATION_RECOVERED,
+    is_plausible,
+    is_tracking_failure,
+)
 from shared_model.animate import Face
 from shared_model.geometry import matrix_from_quaternion, pixel_from_head
 from shared_model.mesh import Head
@@ -33,7 +42,7 @@ from shared_model.parameters import EAU_INDEX, LIDS, FaceParameters, Pose, clip_
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-PARTS = ("network", "klt", "ekf", "abs")
+TRACKER_PARTS = ("network", "klt", "ekf", "abs")
 
 # Standard deviations of what the parts measure: points in units of the distance between the eyes.
 ABS_SIGMA = 0.012
@@ -58,24 +67,24 @@ OTHER_STARTS_EVERY = 4
 # less of the picture.
 CORNERS = EAU_INDEX["mouth_corners"]
 ACROSS, NEAR_REST = 0.4, 0.2
-ACROSS_EVERY, LEFT_LESS = 6, 0.02
+ACROSS_EVERY, MIN_IMPROVEMENT = 6, 0.02
 
 # Frames in a row that must look bad before the face counts as lost.
-BAD_FRAMES = 3
+LOST_AFTER_FRAMES = 3
 
 
 @dataclass(frozen=True, slots=True)
-class Caller:
+class TrackedPerson:
     """Who is followed: the same from the first face on, but for a better identity at times."""
 
-    fitted: Fitted
+    fitted: IdentityFit
     face: Face
-    textures: tuple[OwnTexture, ...]
+    textures: tuple[PersonTexture, ...]
     klt: KltTracker
     anchors: NDArray[np.int32]
 
 
-class TrackingFollower:
+class ModelTracker:
     """A `Follower` that fuses landmarks, KLT and the fit of the caller's own textured model.
 
     active: actuators that may move after the first frame.  elapsed_s: from frame to frame.
@@ -90,51 +99,53 @@ class TrackingFollower:
         head: Head,
         active: Sequence[int],
         elapsed_s: float,
-        sighter: Sighter,
+        measurer: FrameMeasurer,
         without: frozenset[str] = frozenset(),
-        synthesis: Synthesis = USUAL,
-        refines: bool = False,
+        fit_options: FitOptions = DEFAULT_OPTIONS,
+        refine_identity: bool = False,
     ) -> None:
-        if not without <= set(PARTS):
-            raise ValueError(f"without is {sorted(without)}, expected some of {', '.join(PARTS)}")
+        if not without <= set(TRACKER_PARTS):
+            raise ValueError(
+                f"without is {sorted(without)}, expected some of {', '.join(TRACKER_PARTS)}"
+            )
         self._head, self._active = head, list(active)
-        self._elapsed_s, self._sighter, self._without = elapsed_s, sighter, without
-        self._synthesis, self._refines = synthesis, refines
-        self._caller: Caller | None = None
-        self._refinement: Refinement | None = None
+        self._elapsed_s, self._sighter, self._without = elapsed_s, measurer, without
+        self._synthesis, self._refines = fit_options, refine_identity
+        self._caller: TrackedPerson | None = None
+        self._refinement: IdentityRefiner | None = None
         self._filter: FaceFilter | None = None
         self._last: FaceParameters | None = None
         self._bad = self._number = 0
 
     @property
-    def fitted(self) -> Fitted:
+    def fitted(self) -> IdentityFit:
         """See `Follower`."""
         if self._caller is None:
             raise ValueError("no face has been seen, expected update before fitted")
         return self._caller.fitted
 
-    def update(self, frame: Picture, coming: Picture | None = None) -> FaceParameters | None:
+    def update(self, frame: Picture, next_frame: Picture | None = None) -> FaceParameters | None:
         """See `Follower`."""
         self._number += 1
         if self._caller is None:
             return self._begin(frame)
         if self._last is None:
             return self._recover(self._caller, frame)
-        return self._follow(self._caller, self._last, frame, coming)
+        return self._follow(self._caller, self._last, frame, next_frame)
 
-    def improvement(self) -> Fitted | None:
+    def take_refined_identity(self) -> IdentityFit | None:
         """See `Follower`."""
-        return self._refinement.improvement() if self._refinement is not None else None
+        return self._refinement.take_result() if self._refinement is not None else None
 
-    def adopt(self, fitted: Fitted) -> None:
+    def adopt(self, fitted: IdentityFit) -> None:
         """See `Follower`."""
         if self._caller is None or self._refinement is None:
             raise ValueError("no face is followed, expected an improvement before it is adopted")
         before, face = self._caller, Face(self._head, fitted.identity)
         for texture in before.textures:
-            texture.put_on(face, fitted.camera, fitted.frames[0])
-        before.klt.reshape(face)
-        self._sighter.know(fitted)
+            texture.set_shape(face, fitted.camera, fitted.frames[0])
+        before.klt.set_face(face)
+        self._sighter.set_identity(fitted)
         self._refinement.adopt(fitted)
         self._caller = replace(before, fitted=fitted, face=face)
         if self._last is not None:
@@ -145,42 +156,46 @@ class TrackingFollower:
         return part not in self._without
 
     def _begin(self, frame: Picture) -> FaceParameters | None:
-        fitted = self._sighter.first(frame)
+        fitted = self._sighter.initialise(frame)
         if fitted is None:
             return None
         grey = luma_u8(frame)
         face, start, camera = Face(self._head, fitted.identity), fitted.frames[0], fitted.camera
         textures = tuple(
-            OwnTexture(self._head, face, camera, grey, start, size, self._synthesis)
-            for size in LARGEST_ATLASES
+            PersonTexture(self._head, face, camera, grey, start, size, self._synthesis)
+            for size in MAX_ATLAS_SIZES
         )
         klt = KltTracker(face, grey, camera, start)
         spread = np.linspace(0, len(klt.index) - 1, min(ANCHORS, len(klt.index)))
-        self._caller = Caller(fitted, face, textures, klt, klt.index[spread.astype(int)])
-        large_enough = eye_distance_px(camera, start.pose) > LEAST_EYES_PX
+        self._caller = TrackedPerson(fitted, face, textures, klt, klt.index[spread.astype(int)])
+        large_enough = eye_distance_px(camera, start.pose) > MIN_EYE_DISTANCE_PX
         if self._refines and self._has("abs") and fitted.information is not None and large_enough:
             texture = textures[-1]
-            first = texture.look(grey, start)
-            self._refinement = Refinement(self._head, fitted, texture, first, self._active)
+            first = texture.observe(grey, start)
+            self._refinement = IdentityRefiner(self._head, fitted, texture, first, self._active)
         self._restart(self._caller, start)
         return start
 
-    def _restart(self, caller: Caller, face: FaceParameters) -> None:
+    def _restart(self, caller: TrackedPerson, face: FaceParameters) -> None:
         """Follow from `face` on."""
         count = len(caller.klt.index) + self._sighter.point_count + len(caller.anchors)
         # The wire has one focal length, the identity's; a filter free to change it runs away with
         # the depth, since one head shows it hardly.
-        motion, doubt = Motion(focal_per_s=0.0), Doubt(focal_share=1e-6)
+        motion, doubt = ProcessNoise(focal_per_s=0.0), InitialUncertainty(focal_share=1e-6)
         camera, eau = caller.fitted.camera, face.eau[self._active]
         self._filter = FaceFilter(camera, face.pose, eau, count, motion, doubt)
         self._last, self._bad = face, 0
 
     def _follow(
-        self, caller: Caller, last: FaceParameters, frame: Picture, coming: Picture | None
+        self,
+        caller: TrackedPerson,
+        last: FaceParameters,
+        frame: Picture,
+        next_frame: Picture | None,
     ) -> FaceParameters | None:
         predicted = self._predict(last)
         looks = self._measured_by_network()
-        sight = self._sighter.sight(frame, predicted, coming) if looks else None
+        sight = self._sighter.measure(frame, predicted, next_frame) if looks else None
         if sight is not None and not is_plausible(sight.face, caller.fitted):
             sight = None
         # What follows looks at luma alone.
@@ -190,22 +205,22 @@ class TrackingFollower:
         refined = None
         if self._has("abs"):
             refined = self._refine(caller, grey, self._starts(start, sight), ITERATIONS)
-        if refined is not None and refined.correlation < LEAST_CORRELATION and sight is not None:
+        if refined is not None and refined.correlation < MIN_CORRELATION and sight is not None:
             # The landmarks still see a face where the texture does not know it.
             start, refined = sight.face, None
-        elif is_bad(looks and sight is None, tracks, refined):
+        elif is_tracking_failure(looks and sight is None, tracks, refined):
             return self._miss(last)
         found = self._correct(caller, start, refined)
         if not is_plausible(found, caller.fitted):
             return self._miss(last)
         if refined is not None:
             for texture in caller.textures:
-                texture.learn(grey, refined)
+                texture.update_template(grey, refined)
             if self._refinement is not None:
-                self._refinement.tick(self._elapsed_s)
+                self._refinement.advance(self._elapsed_s)
                 if refined.correlation > GOOD_CORRELATION:
-                    self._refinement.look(grey, found)
-        caller.klt.put_back(grey, camera, found)
+                    self._refinement.add_keyframe_candidate(grey, found)
+        caller.klt.reset_points(grey, camera, found)
         self._last, self._bad = found, 0
         return found
 
@@ -223,7 +238,11 @@ class TrackingFollower:
         return replace(like, pose=estimate.pose, eau=clip_eau(eau))
 
     def _fuse(
-        self, caller: Caller, predicted: FaceParameters, sight: Sight | None, tracks: Tracks | None
+        self,
+        caller: TrackedPerson,
+        predicted: FaceParameters,
+        sight: FrameMeasurement | None,
+        tracks: Tracks | None,
     ) -> FaceParameters:
         """Where landmarks and KLT points have the face."""
         if self._filter is not None and self._has("ekf"):
@@ -242,43 +261,49 @@ class TrackingFollower:
 
     def _refine(
         self,
-        caller: Caller,
+        caller: TrackedPerson,
         grey: Picture,
         starts: Sequence[FaceParameters],
         iterations: Sequence[int],
-    ) -> Refined:
+    ) -> TextureFit:
         """Fit the textured model, coarse to fine; only the best start goes on to be fitted fine."""
         for texture, count in zip(caller.textures, iterations, strict=True):
-            view = texture.look(grey, starts[0])
-            best = texture.refine(view, starts[0], self._active, count)
+            view = texture.observe(grey, starts[0])
+            best = texture.fit(view, starts[0], self._active, count)
             if self._number % OTHER_STARTS_EVERY == 0 or best.correlation < GOOD_CORRELATION:
-                rest = [texture.refine(view, face, self._active, count) for face in starts[1:]]
+                rest = [texture.fit(view, face, self._active, count) for face in starts[1:]]
                 other = max(rest, key=lambda r: r.correlation, default=best)
                 if other.correlation > best.correlation + CLEARLY_BETTER:
                     best = other
             if texture is caller.textures[0] and self._number % ACROSS_EVERY == 0:
                 best = self._across_rest(texture, view, best, count)
-            texture.expect(best)
+            texture.update_noise_level(best)
             starts = [best.face]
         return best
 
     def _across_rest(
-        self, texture: OwnTexture, view: View, best: Refined, iterations: int
-    ) -> Refined:
+        self, texture: PersonTexture, view: Observation, best: TextureFit, iterations: int
+    ) -> TextureFit:
         """The better of a fit and, where that halts near rest, one from the other side."""
         if CORNERS not in self._active or abs(best.face.eau[CORNERS]) > NEAR_REST:
             return best
-        other = texture.refine(view, across_rest(best.face), self._active, iterations)
-        return other if other.left_grey2 < (1 - LEFT_LESS) * best.left_grey2 else best
+        other = texture.fit(view, opposite_start(best.face), self._active, iterations)
+        return (
+            other
+            if other.residual_mse_grey2 < (1 - MIN_IMPROVEMENT) * best.residual_mse_grey2
+            else best
+        )
 
-    def _starts(self, start: FaceParameters, sight: Sight | None) -> list[FaceParameters]:
+    def _starts(
+        self, start: FaceParameters, sight: FrameMeasurement | None
+    ) -> list[FaceParameters]:
         """Where the fit may start: an expression lost sight of is found by its landmarks."""
         if sight is None:
             return [start]
         return [start, replace(start, eau=sight.face.eau), sight.face]
 
     def _correct(
-        self, caller: Caller, start: FaceParameters, refined: Refined | None
+        self, caller: TrackedPerson, start: FaceParameters, refined: TextureFit | None
     ) -> FaceParameters:
         """What the fit of the textured model has to say, filtered."""
         if refined is None:
@@ -289,10 +314,10 @@ class TrackingFollower:
 
     def _measure(
         self,
-        caller: Caller,
+        caller: TrackedPerson,
         tracks: Tracks | None,
-        sight: Sight | None,
-        fit: Refined | None,
+        sight: FrameMeasurement | None,
+        fit: TextureFit | None,
         like: FaceParameters,
     ) -> Estimate:
         """Update the filter by what there is; the rest has infinite variance."""
@@ -322,7 +347,10 @@ class TrackingFollower:
             pixels[n + m :] = pixel_from_head(camera, refined.pose, points[n + m :])
             variance[n + m :] = (ABS_SIGMA * eyes_px) ** 2
             eau = refined.eau[self._active]
-            clear = np.clip(fit.noise_grey, LEAST_NOISE_GREY, NOISE_GREY) / NOISE_GREY
+            clear = (
+                np.clip(fit.residual_sigma_grey, MIN_RESIDUAL_SIGMA_GREY, RESIDUAL_SIGMA_GREY)
+                / RESIDUAL_SIGMA_GREY
+            )
             # The texture knows nothing of closed lids: the network sees them at least as well.
             sharper = np.where(np.isin(self._active, LIDS), 1.0, clear)
             eau_variance[:] = (sharper * ABS_EAU_SIGMA) ** 2
@@ -331,29 +359,29 @@ class TrackingFollower:
     def _miss(self, last: FaceParameters) -> FaceParameters | None:
         """Hold the last face for a few frames, then give it up."""
         self._bad += 1
-        if self._bad < BAD_FRAMES:
+        if self._bad < LOST_AFTER_FRAMES:
             return last
         self._last = None
         return None
 
-    def _recover(self, caller: Caller, frame: Picture) -> FaceParameters | None:
+    def _recover(self, caller: TrackedPerson, frame: Picture) -> FaceParameters | None:
         """Look for the same caller anywhere in the picture."""
-        sight = self._sighter.sight(frame, None)
+        sight = self._sighter.measure(frame, None)
         if sight is None or not is_plausible(sight.face, caller.fitted):
             return None
         found, grey = sight.face, luma_u8(frame)
         if self._has("abs"):
             refined = self._refine(caller, grey, [found], RECOVERY_ITERATIONS)
-            if refined.correlation >= FOUND_CORRELATION:
+            if refined.correlation >= MIN_CORRELATION_RECOVERED:
                 found = refined.face
             elif not self._measured_by_network():
                 return None
-        caller.klt.put_back(grey, caller.fitted.camera, found)
+        caller.klt.reset_points(grey, caller.fitted.camera, found)
         self._restart(caller, found)
         return found
 
 
-def across_rest(face: FaceParameters) -> FaceParameters:
+def opposite_start(face: FaceParameters) -> FaceParameters:
     """The face with the mouth's corners on the other side of rest."""
     corners = np.arange(len(face.eau)) == CORNERS
     side = -ACROSS if face.eau[CORNERS] >= 0 else ACROSS

@@ -9,13 +9,13 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 # Trial updates: enough for the weights to settle.
-TRIALS = 10
+IRLS_ROUNDS = 10
 # The median of the root mean square of two normal deviates.
-USUAL = 0.83
+MEDIAN_RMS = 0.83
 
 
 @jit
-def distances(
+def robust_residuals(
     known: Array, towards: Array, H: Array, innovation: Array, weight: Array, visible: Mask
 ) -> tuple[Array, float]:
     """(n,) how far off each point stays after an update, and how far off points usually are.
@@ -32,7 +32,7 @@ def distances(
     rows, rigid = H.shape
     normal, right = np.empty_like(known), np.empty_like(towards)
     trial, off, crowd = weight.copy(), np.zeros(len(visible)), 1.0
-    for _ in range(TRIALS):
+    for _ in range(IRLS_ROUNDS):
         # The gain in information form: a small inverse, whatever the number of points.
         normal[:], right[:] = known, towards
         for row in range(rows):
@@ -52,7 +52,7 @@ def distances(
                     left -= H[row, i] * step[i]
                 mean += left * left * weight[row] / 2
             off[point] = np.sqrt(mean)
-        crowd = max(1.0, float(np.median(off[visible])) / USUAL)
+        crowd = max(1.0, float(np.median(off[visible])) / MEDIAN_RMS)
         for row in range(rows):
             trial[row] = weight[row] / (1 + (off[row // 2] / crowd) ** 2)
     return off, crowd

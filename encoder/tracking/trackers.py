@@ -1,7 +1,7 @@
 """One face parameter set per frame: a picture in, pose and actuators out, lightly filtered."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -12,29 +12,28 @@ from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.landmarks import LandmarkTracker
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.detection.viola_jones import HaarDetector
-from encoder.fitting.analysis_by_synthesis import Refiner
-from encoder.fitting.fit_results import Fitted
+from encoder.fitting.analysis_by_synthesis import TexelFitter
+from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import TYPICAL_FOCAL, fit_identity
-from encoder.fitting.landmark_fit import LandmarkModel, fit_frame, landmark_model, personalise
-from encoder.fitting.person_texture import Synthesis
+from encoder.fitting.landmark_fit import LandmarkModel, fit_landmarks, landmark_model, personalise
+from encoder.fitting.person_texture import FitOptions
 from encoder.fitting.pose_initialisation import pose_from_three_points
-from encoder.fitting.prediction_matrix import MatrixRefiner
-from encoder.fitting.symmetry import MirroredRefiner
+from encoder.fitting.prediction_matrix import PredictionMatrixFitter
+from encoder.fitting.symmetry import SymmetricTexelFitter
 from encoder.tracking.detection_measurement import (
-    HaarSighter,
-    NetworkSighter,
-    Sighter,
-    warn_of_several,
+    FrameMeasurer,
+    HaarMeasurer,
+    LandmarkMeasurer,
+    warn_of_several_faces,
 )
-from encoder.tracking.model_tracker import PARTS, TrackingFollower
+from encoder.tracking.model_tracker import TRACKER_PARTS, ModelTracker
 from protocol.frames.scalar_quantiser import sent_eaus
-from shared_model import geometry
 from shared_model.animate import identity_from_controls
 from shared_model.anthropometry import residual_basis
 from shared_model.errors import UserError
-from shared_model.geometry import Camera
+from shared_model.geometry import Camera, interpolate
 from shared_model.mesh import Head
-from shared_model.parameters import AAUS, EAU_INDEX, FaceParameters, Pose
+from shared_model.parameters import AAUS, EAU_INDEX, FaceParameters
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -44,43 +43,43 @@ DETECTORS = ("network", "haar")
 TRACKERS = ("single", "full")
 # Steps of the analysis by synthesis: by each picture's own gradient, also with the far half of a
 # turned face taken from the near one, or the thesis' own.
-STEPS: Mapping[str, type[Refiner]] = {
-    "gauss-newton": Refiner,
-    "mirrored": MirroredRefiner,
-    "matrix": MatrixRefiner,
+FITTERS: Mapping[str, type[TexelFitter]] = {
+    "gauss-newton": TexelFitter,
+    "mirrored": SymmetricTexelFitter,
+    "matrix": PredictionMatrixFitter,
 }
 # What the thesis profile sends, and the lids even if it does not, lest blinks pass for the brows'
 # motion.
-FOLLOWED = tuple(EAU_INDEX[name] for name in sent_eaus(with_eyelids=True))
+TRACKED_EAUS = tuple(EAU_INDEX[name] for name in sent_eaus(with_eyelids=True))
 # Share of a new measurement in the filtered value: little lag, and half of the jitter's power gone.
-GAIN = 0.7
+SMOOTHING_GAIN = 0.7
 
 
-class Follower(Protocol):
+class FaceTracker(Protocol):
     """Follows one caller from frame to frame."""
 
     @property
-    def fitted(self) -> Fitted:
+    def fitted(self) -> IdentityFit:
         """The caller's identity.  Raises `ValueError` before the first face."""
 
-    def update(self, frame: Picture, coming: Picture | None = None) -> FaceParameters | None:
+    def update(self, frame: Picture, next_frame: Picture | None = None) -> FaceParameters | None:
         """Pose and actuators in the next frame (h, w, 3) BGR; None where there is no face.
 
         coming: the frame after it, see `LandmarkTracker.update`; changes nothing but the time.
         """
 
-    def improvement(self) -> Fitted | None:
+    def take_refined_identity(self) -> IdentityFit | None:
         """A better identity of the caller, once, with their face in the first frame.
 
         Faces are those of the one before until it is adopted.
         """
 
-    def adopt(self, fitted: Fitted) -> None:
+    def adopt(self, fitted: IdentityFit) -> None:
         """From the next frame on faces are those of the improved identity."""
 
 
 @dataclass(frozen=True, slots=True)
-class FollowOptions:
+class TrackingOptions:
     """How to follow a face.
 
     detector: what finds it, one of `DETECTORS`.
@@ -98,18 +97,18 @@ class FollowOptions:
     without: frozenset[str] = frozenset()
     normalise: str = "none"
     step: str = "gauss-newton"
-    lids: bool = False
-    refine: bool = True
+    eyelids: bool = False
+    refine_identity: bool = True
 
 
-def open_follower(
-    options: FollowOptions,
+def open_tracker(
+    options: TrackingOptions,
     head: Head,
     size: tuple[int, int],
     active: Sequence[int],
     elapsed_s: float,
     warn: Warn,
-) -> Follower:
+) -> FaceTracker:
     """The follower for `options`; by Viola-Jones where the networks are missing.
 
     size: (width, height) of the picture.  active: actuators that may move after the first frame.
@@ -117,24 +116,24 @@ def open_follower(
     """
     _check("detector", [options.detector], DETECTORS)
     _check("tracker", [options.tracker], TRACKERS)
-    _check("part", options.without, PARTS)
+    _check("part", options.without, TRACKER_PARTS)
     _check("normalisation", [options.normalise], tuple(NORMALISATIONS))
-    _check("step", [options.step], tuple(STEPS))
+    _check("step", [options.step], tuple(FITTERS))
     by_network = options.detector == "network"
-    landmarks = _landmark_tracker(warn, options.lids) if by_network else None
+    landmarks = _landmark_tracker(warn, options.eyelids) if by_network else None
     if options.tracker == "full":
-        sighter: Sighter
+        sighter: FrameMeasurer
         if landmarks is None:
-            sighter = HaarSighter(head, size, HaarDetector(), warn)
+            sighter = HaarMeasurer(head, size, HaarDetector(), warn)
         else:
-            sighter = NetworkSighter(head, size, active, landmarks, warn)
-        synthesis = Synthesis(NORMALISATIONS[options.normalise], STEPS[options.step])
-        return TrackingFollower(
-            head, active, elapsed_s, sighter, options.without, synthesis, options.refine
+            sighter = LandmarkMeasurer(head, size, active, landmarks, warn)
+        synthesis = FitOptions(NORMALISATIONS[options.normalise], FITTERS[options.step])
+        return ModelTracker(
+            head, active, elapsed_s, sighter, options.without, synthesis, options.refine_identity
         )
     if landmarks is None:
-        return HaarFollower(head, size, HaarDetector(), warn)
-    return NetworkFollower(head, size, active, landmarks, warn)
+        return HaarPoseTracker(head, size, HaarDetector(), warn)
+    return LandmarkFitTracker(head, size, active, landmarks, warn)
 
 
 def _check(what: str, chosen: Iterable[str], known: Sequence[str]) -> None:
@@ -152,19 +151,19 @@ def _landmark_tracker(warn: Warn, lids: bool) -> LandmarkTracker | None:
     return LandmarkTracker(folder, BlazeFaceDetector(folder), refine_eyelids=lids)
 
 
-class Unimproved:
+class FixedIdentityTracker:
     """A `Follower` whose caller stays as they were first seen."""
 
-    def improvement(self) -> Fitted | None:
+    def take_refined_identity(self) -> IdentityFit | None:
         """See `Follower`: there is none."""
         return None
 
-    def adopt(self, fitted: Fitted) -> None:
+    def adopt(self, fitted: IdentityFit) -> None:
         """See `Follower`.  Raises `ValueError`: no identity can have come from here."""
         raise ValueError("this follower improves no identity, expected none to adopt")
 
 
-class NetworkFollower(Unimproved):
+class LandmarkFitTracker(FixedIdentityTracker):
     """Pose and actuators by least squares on the landmark network's 468 points."""
 
     def __init__(
@@ -178,26 +177,28 @@ class NetworkFollower(Unimproved):
         self._head, self._size, self._active = head, size, active
         self._tracker, self._warn = tracker, warn
         self._model: LandmarkModel | None = None
-        self._fitted: Fitted | None = None
+        self._fitted: IdentityFit | None = None
         self._last: FaceParameters | None = None
 
     @property
-    def fitted(self) -> Fitted:
+    def fitted(self) -> IdentityFit:
         """See `Follower`."""
         if self._fitted is None:
             raise ValueError("no face has been seen, expected update before fitted")
         return self._fitted
 
-    def update(self, frame: Picture, coming: Picture | None = None) -> FaceParameters | None:
+    def update(self, frame: Picture, next_frame: Picture | None = None) -> FaceParameters | None:
         """See `Follower`."""
-        found = self._tracker.update(frame, coming)
-        warn_of_several(self._tracker.face_count, self._warn)
+        found = self._tracker.update(frame, next_frame)
+        warn_of_several_faces(self._tracker.face_count, self._warn)
         if found is None:
             return None
         if self._model is None or self._last is None:
             return self._begin(found.points)
-        face = fit_frame(self._model, self.fitted.camera, found.points, self._last, self._active)
-        self._last = blend(self._last, face, GAIN)
+        face = fit_landmarks(
+            self._model, self.fitted.camera, found.points, self._last, self._active
+        )
+        self._last = interpolate(self._last, face, SMOOTHING_GAIN)
         return self._last
 
     def _begin(self, points_px: Array) -> FaceParameters:
@@ -208,7 +209,7 @@ class NetworkFollower(Unimproved):
         return self._last
 
 
-class HaarFollower(Unimproved):
+class HaarPoseTracker(FixedIdentityTracker):
     """Pose alone, from Viola-Jones' eyes and the nose between (thesis 5.1); generic identity."""
 
     def __init__(
@@ -216,31 +217,21 @@ class HaarFollower(Unimproved):
     ) -> None:
         control = np.zeros((len(residual_basis(head)), 3))
         identity = identity_from_controls(head, np.zeros(len(AAUS)), control)
-        self._fitted = Fitted(Camera(*size, TYPICAL_FOCAL * max(size)), identity, control, ())
+        self._fitted = IdentityFit(Camera(*size, TYPICAL_FOCAL * max(size)), identity, control, ())
         self._head, self._detector, self._warn = head, detector, warn
         self._last: FaceParameters | None = None
 
     @property
-    def fitted(self) -> Fitted:
+    def fitted(self) -> IdentityFit:
         """See `Follower`."""
         return self._fitted
 
-    def update(self, frame: Picture, coming: Picture | None = None) -> FaceParameters | None:
+    def update(self, frame: Picture, next_frame: Picture | None = None) -> FaceParameters | None:
         """See `Follower`."""
         faces = self._detector.detect(frame)
-        warn_of_several(len(faces), self._warn)
+        warn_of_several_faces(len(faces), self._warn)
         if not faces:
             return None
         face = FaceParameters(pose_from_three_points(self._head, self._fitted.camera, faces[0]))
-        self._last = face if self._last is None else blend(self._last, face, GAIN)
+        self._last = face if self._last is None else interpolate(self._last, face, SMOOTHING_GAIN)
         return self._last
-
-
-def blend(first: FaceParameters, second: FaceParameters, share: float) -> FaceParameters:
-    """The face `share` (0..1) of the way from `first` to `second`."""
-    turn = geometry.multiply(second.pose.rotation, geometry.conjugate(first.pose.rotation))
-    part = geometry.quaternion_from_vector(share * geometry.vector_from_quaternion(turn))
-    start, end = first.pose.translation_mm, second.pose.translation_mm
-    rotation = geometry.normalise(geometry.multiply(part, first.pose.rotation))
-    pose = Pose(rotation, start + share * (end - start))
-    return replace(second, pose=pose, eau=first.eau + share * (second.eau - first.eau))

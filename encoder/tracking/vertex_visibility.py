@@ -18,7 +18,7 @@ _CLEARANCE_MM = 2.0
 _STEP_DEG = 5.0
 
 
-class Visibility:
+class VertexVisibility:
     """Visibility of a few vertices of one mesh from any direction.
 
     Self-occlusion is looked up in cells of 5 degrees, each worked out when first needed.
@@ -31,7 +31,7 @@ class Visibility:
         self._touching = (triangles[None] == index[:, None, None]).any(axis=2)
         self._cells: dict[tuple[int, int], Mask] = {}
 
-    def seen(self, pose: Pose) -> Mask:
+    def visible(self, pose: Pose) -> Mask:
         """(k,) whether the camera sees each vertex when the head has this pose."""
         camera_in_head = -matrix_from_quaternion(pose.rotation).T @ pose.translation_mm
         towards = camera_in_head / np.linalg.norm(camera_in_head)

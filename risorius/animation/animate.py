@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.frame_sink import open_sink
-from decoder.playout import PlayedFrame
+from decoder.playout import PlayoutFrame
 from decoder.reenactment import read_model
 from decoder.renderer import Renderer
-from decoder.scene import Scene, StageClock, face_from_model, head_of
+from decoder.scene import Scene, face_from_model, head_of
 from protocol.errors import ProtocolError
 from protocol.model_packet import ModelPacket
 from risorius.animation.animation_script import AnimationState, Script, read_script
@@ -36,6 +36,7 @@ from shared_model.geometry import (
 )
 from shared_model.mesh import Head, generic_head
 from shared_model.parameters import AAUS, FaceParameters, Pose
+from shared_model.stage_timer import StageTimer
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -159,7 +160,7 @@ class CallerActor:
         self.head, self._model = head_of(model), model
         self._face = face_from_model(model, self.head)
         self._scene = Scene(model, self.head)
-        self._clock = StageClock()
+        self._timer = StageTimer()
 
     def geometry(self, state: AnimationState) -> FrameGeometry:
         """Poses are relative to that of the caller's still picture, AAUs to their own."""
@@ -169,9 +170,9 @@ class CallerActor:
 
     def draw(self, state: AnimationState, geometry: FrameGeometry) -> Picture:
         """As the decoder draws a frame of a call."""
-        self._scene.reshape(state.aau)
-        frame = PlayedFrame(0, FaceParameters(geometry.pose, state.eau), held=False)
-        return self._scene.draw(frame, self._clock)
+        self._scene.set_aau_offset(state.aau)
+        frame = PlayoutFrame(0, FaceParameters(geometry.pose, state.eau), frozen=False)
+        return self._scene.draw(frame, self._timer)
 
     def close(self) -> None:
         """Free the renderer."""

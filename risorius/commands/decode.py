@@ -180,7 +180,7 @@ def _frames_to_compare(arguments: argparse.Namespace) -> int | None:
 
     Raises `UserError` if the pictures of the call cannot be compared with the source's.
     """
-    from decoder.duration import source_frames
+    from decoder.duration import count_frames
     from decoder.reenactment import read_model
     from encoder.capture.video_source import open_source
     from loopback.quality import check_size
@@ -191,7 +191,7 @@ def _frames_to_compare(arguments: argparse.Namespace) -> int | None:
             return None
         call = read_model(path).call
         check_size(originals, str(path), call.width, call.height)
-    return _common_frames(arguments.source, source_frames(path))
+    return _common_frames(arguments.source, count_frames(path))
 
 
 def _common_frames(source: str, frames: int) -> int:

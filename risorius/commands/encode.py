@@ -21,7 +21,8 @@ from risorius.command_line.standard_streams import output_of
 from shared_model.errors import LINK_FAILED, UserError
 
 if TYPE_CHECKING:
-    from encoder.options import EncodeOptions, EncodeReport
+    from encoder.options import EncodeOptions
+    from encoder.report import EncodeReport
     from risorius.command_line.parser import Commands
 
 SOURCE_HELP = "video file, image pattern (frame_%%04d.png), camera index or URL (rtsp://...)"
@@ -88,7 +89,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
 
 def _encode_options(arguments: argparse.Namespace, profile: str) -> "EncodeOptions":
     from encoder.options import EncodeOptions
-    from encoder.tracking.trackers import FollowOptions
+    from encoder.tracking.trackers import TrackingOptions
 
     over_link = arguments.output is None
     return EncodeOptions(
@@ -102,7 +103,7 @@ def _encode_options(arguments: argparse.Namespace, profile: str) -> "EncodeOptio
         bitrate=arguments.bitrate,
         startup_bitrate=arguments.startup_bitrate,
         fps=arguments.fps,
-        follow=FollowOptions(
+        follow=TrackingOptions(
             arguments.detector,
             arguments.tracker,
             arguments.without,

@@ -40,9 +40,9 @@ def run_info(arguments: argparse.Namespace) -> int:
     try:
         summary = summarise(path)
         if not summary.complete:
-            from decoder.duration import source_frames
+            from decoder.duration import count_frames
 
-            summary = summarise(path, source_frames(path))
+            summary = summarise(path, count_frames(path))
     except ProtocolError as error:
         raise UserError(f"{path}: {error}") from error
     if not summary.complete:

@@ -1,4 +1,4 @@
-"""Detection: faces of any size and place, by networks and by Viola-Jones."""
+"""Face detectors: faces of any size and place, by BlazeFace and by Viola-Jones."""
 
 from pathlib import Path
 
@@ -48,7 +48,7 @@ def test_overlapping_detections_become_their_weighted_mean() -> None:
     assert merged.keypoints[0, 0] == pytest.approx(10 * 0.6 / 1.5)
 
 
-def test_separate_and_nested_detections_are_told_apart() -> None:
+def test_separate_detections_stay_and_nested_ones_merge() -> None:
     assert len(weighted_nms([face(0, 0, 100), face(200, 0, 100)])) == 2
     assert len(weighted_nms([face(0, 0, 100), face(20, 20, 40)])) == 1
 
@@ -73,9 +73,7 @@ def test_no_face_in_noise_and_in_flat_pictures(detector: FaceDetector) -> None:
         ("smile.mp4", [[258, 170], [330, 168]]),
     ],
 )
-def test_eyes_are_found_where_they_are(
-    detector: FaceDetector, name: str, eyes: list[list[int]]
-) -> None:
+def test_eyes_are_found_in_place(detector: FaceDetector, name: str, eyes: list[list[int]]) -> None:
     (found,) = detector.detect(first_frame(name))
     distance = np.linalg.norm(np.diff(np.array(eyes), axis=0))
     error = np.linalg.norm(found.keypoints[:2] - eyes, axis=1)

@@ -1,0 +1,93 @@
+"""What an encoder run reports."""
+
+from dataclasses import dataclass
+
+from encoder.calls.session_stats import SessionStats
+from encoder.capture.video_source import Capture
+from encoder.coding.gop import gop_for_fps
+from encoder.options import EncodeOptions
+from protocol.frames.scalar_quantiser import THESIS_RATE_HZ
+from protocol.link.interface import Reachability
+
+USUAL_BITRATE = 800.0
+# A call that takes a smaller share of a rate, or its model of a size, is as fine as can be.
+USED_SHARE = 0.75
+# Warnings about a call whose end reached nobody.
+UNREACHED_MESSAGES = {
+    Reachability.NO_PEER: "nobody listened when the call ended",
+    Reachability.NO_LINK: "the link had broken when the call ended",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class EncodeReport:
+    """What was sent.
+
+    frames: of the call.  fps, width, height: of the source.
+    coded_fps: frames a second that were coded.
+    model_bytes, frame_bytes: payload of the packets.
+    stage_ms: mean time per frame of each stage, ms.
+    capture_ns: `time.monotonic_ns` at which each source frame was read.
+    reach: whom the last packet could reach.
+    """
+
+    frames: int
+    fps: float
+    coded_fps: float
+    width: int
+    height: int
+    model_bytes: int
+    frame_bytes: int
+    packets: int
+    lost_frames: int
+    stage_ms: dict[str, float]
+    warnings: tuple[str, ...]
+    capture_ns: tuple[int, ...]
+    reach: Reachability
+
+
+def report_of(
+    options: EncodeOptions, capture: Capture, stats: SessionStats, reach: Reachability
+) -> EncodeReport:
+    """The report of a call that has ended, with warnings about how it went.
+
+    reach: whom the last packet could reach.
+    """
+    if reach in UNREACHED_MESSAGES:
+        stats.warn(UNREACHED_MESSAGES[reach])
+    if stats.lost_frames:
+        stats.warn(f"no face in {stats.lost_frames} of {len(stats.capture_ns)} frames")
+    _warn_of_unused_bits(options, stats, len(stats.capture_ns) / float(capture.fps))
+    captured = len(stats.capture_ns)
+    coded_fps = gop_for_fps(capture.fps, options.fps).coded_fps(capture.fps)
+    return EncodeReport(
+        frames=captured if stats.frames is None else stats.frames,
+        fps=float(capture.fps),
+        coded_fps=THESIS_RATE_HZ if options.profile == "thesis" else float(coded_fps),
+        width=capture.width,
+        height=capture.height,
+        model_bytes=stats.model_bytes,
+        frame_bytes=stats.frame_bytes,
+        packets=stats.packets,
+        lost_frames=stats.lost_frames,
+        stage_ms=stats.timer.mean_ms(captured),
+        warnings=tuple(stats.warnings),
+        capture_ns=tuple(stats.capture_ns),
+        reach=reach,
+    )
+
+
+def _warn_of_unused_bits(options: EncodeOptions, stats: SessionStats, seconds: float) -> None:
+    """Add a warning if the call is as fine as can be with much less than it was given."""
+    taken = 8 * stats.frame_bytes / seconds
+    if options.bitrate > USUAL_BITRATE and seconds >= 1 and taken < USED_SHARE * options.bitrate:
+        stats.warn(
+            f"--bitrate {options.bitrate:g} is more than this call can use: as fine as can be, it"
+            f" takes {taken:.0f} bits a second"
+        )
+    asked = options.model_bytes
+    if asked is not None and not options.startup_bitrate and stats.model_bytes < USED_SHARE * asked:
+        stats.warn(
+            f"--model-bytes {asked} is more than this model can use: as fine as can be, it takes"
+            f" {stats.model_bytes} bytes"
+        )
