@@ -40,7 +40,7 @@ class EncodeOptions:
     startup_bitrate: float | None = None
     fps: float | None = None
     live: bool = False
-    follow: TrackingOptions = field(default_factory=TrackingOptions)
+    tracking: TrackingOptions = field(default_factory=TrackingOptions)
     pace: bool = False
     max_frames: int | None = None
     wait_for_peer_s: float = 0.0

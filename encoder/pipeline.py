@@ -78,7 +78,9 @@ def encode_thesis(
 ) -> None:
     """Track the face frame by frame and send ten samples a second."""
     size, frame_s = (capture.width, capture.height), float(1 / capture.fps)
-    tracker = open_tracker(options.follow, generic_head(), size, TRACKED_EAUS, frame_s, stats.warn)
+    tracker = open_tracker(
+        options.tracking, generic_head(), size, TRACKED_EAUS, frame_s, stats.warn
+    )
     session = ThesisEncoder(
         capture,
         tracker,
@@ -86,7 +88,7 @@ def encode_thesis(
         budget_for("thesis", options.model_bytes),
         options.look_for_face_s,
         stats,
-        options.follow.eyelids,
+        options.tracking.eyelids,
     )
     run_session(session, options, capture, stats, callbacks)
 
@@ -99,7 +101,8 @@ def encode_live(
     callbacks: SessionCallbacks,
 ) -> None:
     """Fit, code and send every frame as it comes."""
-    gop, pacer = gop_for_fps(capture.fps, options.fps), _pacer(options)
+    packets = PacketSender(sink, stats, _pacer(options))
+    gop = gop_for_fps(capture.fps, options.fps)
     # A source that waits for its reader can wait for the training, too.
     synchronous = not (options.pace or capture.is_live)
     if not synchronous:
@@ -109,14 +112,13 @@ def encode_live(
         callbacks.on_preparing("")
     session = LiveEncoder(
         capture,
-        PacketSender(sink, stats, pacer),
+        packets,
         stats,
         budget_for("live", options.model_bytes),
         options.bitrate,
         gop,
         options.look_for_face_s,
         synchronous,
-        pacer,
     )
     run_session(session, options, capture, stats, callbacks)
 
@@ -129,10 +131,9 @@ def encode_two_pass(
     callbacks: SessionCallbacks,
 ) -> None:
     """Go through the whole source twice, then code and send the call."""
-    pacer = _pacer(options)
+    packets = PacketSender(sink, stats, _pacer(options))
     encoder = first_and_second_pass(options, capture, stats, callbacks)
-    call = encoder.encode(options.bitrate, progressive=pacer is not None)
-    packets = PacketSender(sink, stats, pacer)
+    call = encoder.encode(options.bitrate, progressive=packets.pacer is not None)
     if options.pace:
         send_call(call, packets, float(capture.fps), callbacks.stop)
     else:

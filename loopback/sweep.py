@@ -90,11 +90,11 @@ def measure_curve(
     measured = {point["bitrate"] for point in curve["points"]}
     missing = [rate for rate in settings.bitrates if rate not in measured]
     if missing:
-        survey, tally = _survey(source, settings, progress(f"{stem.name}: learn"))
+        encoder, stats = _trained_encoder(source, settings, progress(f"{stem.name}: train"))
         for rate in missing:
             say(f"sweep: {stem.name} at {rate:g} bit/s")
             path = stem.with_name(f"{stem.name}-{rate:g}.rzo")
-            point = measure_point(survey, tally, rate, source, path, settings, say, progress)
+            point = measure_point(encoder, stats, rate, source, path, settings, say, progress)
             curve["points"].append(point)
             _write_notes(notes, curve)
     else:
@@ -104,8 +104,8 @@ def measure_curve(
 
 
 def measure_point(
-    survey: TwoPassEncoder,
-    tally: SessionStats,
+    encoder: TwoPassEncoder,
+    stats: SessionStats,
     rate: float,
     source: str,
     path: Path,
@@ -115,7 +115,7 @@ def measure_point(
 ) -> dict[str, Any]:
     """Code at `rate` into the call file `path`, decode it, and compare it with the source."""
     with CallWriter(path) as sink:
-        send_call(survey.encode(rate), PacketSender(sink, tally), None, lambda: False)
+        send_call(encoder.encode(rate), PacketSender(sink, stats), None, lambda: False)
     decoded = path.with_suffix(".mkv")
     try:
         with progress("decode") as shown:
@@ -219,17 +219,17 @@ def _write_notes(notes: Path, curve: Mapping[str, Any]) -> None:
     draft.replace(notes)
 
 
-def _survey(
+def _trained_encoder(
     source: str,
     settings: SweepSettings,
     progress: AbstractContextManager[Callable[[int, int | None], None]],
 ) -> tuple[TwoPassEncoder, SessionStats]:
     options = EncodeOptions(source=source, profile="default", max_frames=settings.max_frames)
-    tally = SessionStats()
+    stats = SessionStats()
     with open_source(source) as capture, progress as shown:
         return first_and_second_pass(
-            options, capture, tally, SessionCallbacks(shown, lambda: False)
-        ), tally
+            options, capture, stats, SessionCallbacks(shown, lambda: False)
+        ), stats
 
 
 def _points(report: Mapping[str, Any]) -> list[tuple[str, list[dict[str, Any]]]]:

@@ -28,9 +28,6 @@ from shared_model.surround import surrounded_head
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-# Steps of the fit of each frame.
-FIT_STEPS = 3
-
 
 @dataclass(frozen=True, slots=True)
 class FittedClip:
@@ -82,7 +79,7 @@ def fit_clip(source: str) -> FittedClip:
             frames_with_face(capture), landmarks, initial, strict=True
         ):
             crop = crop_face(frame, points, person.pixels_per_texel)
-            faces.append(person.texel_fitter.fit_crop(crop, start, FIT_STEPS))
+            faces.append(person.fit_texels(crop, start))
     pose = person.reference.pose
     model = measure_distortion(person.texel_fitter, trained.crops[::8], trained.faces[::8], pose)
     distortion = model.distortion_matrix(person.texel_fitter.template.modes)

@@ -70,7 +70,7 @@ def test_a_figure_is_found_by_its_dotted_name() -> None:
 def test_timings_add_up_to_the_whole_of_each_end() -> None:
     clip = {
         "source": "a.mp4",
-        "encoder_ms": {"capture": 2.0, "follow": 6.0},
+        "encoder_ms": {"capture": 2.0, "track": 6.0},
         "decoder_ms": {"render": 4.0},
         "encoder_fps": 125.0,
         "decoder_fps": 250.0,
@@ -78,7 +78,7 @@ def test_timings_add_up_to_the_whole_of_each_end() -> None:
     cells = [line.split() for line in timings_tables([clip]).splitlines()[2:]]
     assert cells == [
         ["encoder,", "capture", "2.00", "25.00", "-"],
-        ["encoder,", "follow", "6.00", "75.00", "-"],
+        ["encoder,", "track", "6.00", "75.00", "-"],
         ["encoder,", "whole", "8.00", "100.00", "125.00"],
         ["decoder,", "render", "4.00", "100.00", "-"],
         ["decoder,", "whole", "4.00", "100.00", "250.00"],

@@ -46,7 +46,7 @@ def film(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> str:
 
 def called(film: str, path: Path, lids: bool) -> list[PlayoutFrame]:
     return played(
-        EncodeOptions(film, path, profile="thesis", follow=TrackingOptions(eyelids=lids)), path
+        EncodeOptions(film, path, profile="thesis", tracking=TrackingOptions(eyelids=lids)), path
     )
 
 

@@ -22,7 +22,7 @@ def report(profile: str, psnr: float | None) -> dict[str, Any]:
         "mouth_corr": 0.912,
         "blink_corr": None,
         "latency_ms": {"p50": 116.4, "p99": None},
-        "encoder_ms": {"follow": 10.0, "fit": 2.55},
+        "encoder_ms": {"track": 10.0, "fit": 2.55},
         "decoder_ms": {"render": 3.0},
     }
     mean: dict[str, float | None] = {

@@ -1,4 +1,4 @@
-"""A caller's appearance: learned from what was visible, coded within its bytes, mode by mode."""
+"""Texture samples, masks and principal components, and appearances encoded from them."""
 
 from dataclasses import replace
 
@@ -48,7 +48,7 @@ def shape(head: Head, shots: Shots) -> ShapeFreeFrame:
 def patterns(shape: ShapeFreeFrame) -> Single:
     """(2, k) smooth patterns over the face that are nowhere alike."""
     u, v = shape.atlas.columns / SIZE, shape.atlas.rows / SIZE
-    return np.samples([np.sin(7 * u), np.cos(9 * v + 2 * u)]).astype(np.float32)
+    return np.stack([np.sin(7 * u), np.cos(9 * v + 2 * u)]).astype(np.float32)
 
 
 def synthetic_samples(

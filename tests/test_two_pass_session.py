@@ -260,17 +260,17 @@ def test_stopped_in_the_second_pass_a_call_is_kept_and_in_the_first_there_is_non
 def test_a_call_that_stops_while_it_is_sent_ends_where_it_stopped(
     call: Path, tmp_path: Path
 ) -> None:
-    output, tally = tmp_path / "part.rzo", SessionStats()
+    output, stats = tmp_path / "part.rzo", SessionStats()
     model, *rest = packets(call)
     assert isinstance(model, ModelPacket)
     payloads = tuple(packet.payload for packet in rest if isinstance(packet, FramePacket))
     asked = iter([False, False, True])
     with CallWriter(output) as sink:
         whole = EncodedCall(model, payloads, FRAMES, frozenset())
-        send_call(whole, PacketSender(sink, tally), None, lambda: next(asked))
+        send_call(whole, PacketSender(sink, stats), None, lambda: next(asked))
     frames = START + 1 + 2 * FRAMES_PER_PACKET
     assert [sample.timestamp for sample in samples(output)] == list(range(START, frames))
-    assert tally.frames == summarise(output).frames == frames
+    assert stats.frames == summarise(output).frames == frames
 
 
 def test_a_clip_without_a_face_has_its_own_exit_code(

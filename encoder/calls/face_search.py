@@ -4,8 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.calls.session_stats import SessionStats
+from encoder.detection.blazeface import BlazeFaceDetector
+from encoder.detection.iris import TRAINED_CROP_SCALE
 from encoder.detection.landmarks import Landmarks, LandmarkTracker
+from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.tracking.detection_measurement import warn_of_several_faces
+from shared_model.errors import UserError
 
 Picture = NDArray[np.uint8]
 
@@ -27,6 +31,25 @@ class LandmarkSearch:
         if found is None:
             self._stats.lost_frames += 1
         return found
+
+
+def open_landmark_search(
+    stats: SessionStats, refine_eyelids: bool = True, eye_crop_scale: float = TRAINED_CROP_SCALE
+) -> LandmarkSearch:
+    """A search with the installed networks.
+
+    refine_eyelids, eye_crop_scale: see `LandmarkTracker`.
+    Raises `UserError` if the networks are missing.
+    """
+    try:
+        folder = find_network_folder()
+        detector = BlazeFaceDetector(folder)
+        tracker = LandmarkTracker(
+            folder, detector, refine_eyelids=refine_eyelids, eye_crop_scale=eye_crop_scale
+        )
+    except NetworkFilesMissing as error:
+        raise UserError(f"{error}; without them use --profile thesis") from error
+    return LandmarkSearch(tracker, stats)
 
 
 def warn_of_long_search(seconds: float, limit_s: float, stats: SessionStats) -> None:

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.calls.face_search import LandmarkSearch, warn_of_long_search
+from encoder.calls.face_search import open_landmark_search, warn_of_long_search
 from encoder.calls.model_lifecycle import ModelLifecycle, ModelState
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
 from encoder.calls.overload import OverloadController
@@ -22,12 +22,8 @@ from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget
-from encoder.coding.pacer import LayerPacer
 from encoder.coding.rate_control import OnlineRateController, RateTarget
-from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.iris import WIDE_CROP_SCALE
-from encoder.detection.landmarks import LandmarkTracker
-from encoder.detection.tflite import find_network_folder
 from encoder.runtime.parallel import low_priority_executor
 
 Array = NDArray[np.float64]
@@ -46,7 +42,6 @@ class LiveEncoder:
     synchronous: train before the next frame, so that the same source gives the same bytes;
         otherwise in the background, and a call that falls behind its source fits faces by texels
         only.
-    pacer: the one of `packets`; None: models are sent whole.
     clock: seconds from any origin.
     """
 
@@ -60,20 +55,16 @@ class LiveEncoder:
         gop: GopStructure,
         look_for_face_s: float,
         synchronous: bool,
-        pacer: LayerPacer | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        folder = find_network_folder()
-        detector = BlazeFaceDetector(folder)
-        tracker = LandmarkTracker(folder, detector, eye_crop_scale=WIDE_CROP_SCALE)
         fps, coded_fps = float(capture.fps), float(gop.coded_fps(capture.fps))
         self._packets, self._stats, self._gop, self._fps = packets, stats, gop, fps
         self._look_for_face_s, self._clock = look_for_face_s, clock
         self._executor = None if synchronous else low_priority_executor(2)
         self._overload = None if synchronous else OverloadController(1 / fps)
         self._mode_latency_frames = 0 if synchronous else round(MODE_LATENCY_S * coded_fps)
-        updates = ModelUpdateSender(packets, stats, gop, fps, pacer)
-        self._search = LandmarkSearch(tracker, stats)
+        updates = ModelUpdateSender(packets, stats, gop, fps)
+        self._search = open_landmark_search(stats, eye_crop_scale=WIDE_CROP_SCALE)
         self._model = ModelLifecycle(capture, gop, budget, updates, stats, self._executor)
         self._filler = PacketFiller(gop.frame_step)
         self._rate = OnlineRateController(RateTarget(bitrate, coded_fps, gop.frames_per_packet))

@@ -13,7 +13,6 @@ from encoder.calls.packet_sender import LEAD_PACKETS, MAX_LEAD_PACKETS, PacketSe
 from encoder.calls.session_stats import SessionStats
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget
-from encoder.coding.pacer import LayerPacer
 from encoder.coding.progressive_model import UPDATE_BASE_LAYER_BYTES, LayeredModel
 from protocol.packets import LayerPacket
 from protocol.progressive_model import PICTURE_ITEMS, stream_item
@@ -46,7 +45,7 @@ class StreamPosition:
 class ModelUpdateSender:
     """Sends model versions, and the modes that are learned in addition to a version.
 
-    fps: of the source.  pacer: the one of `packets`; None: versions are sent whole.
+    packets: with a pacer versions are sent in layers.  fps: of the source.
     """
 
     def __init__(
@@ -55,9 +54,8 @@ class ModelUpdateSender:
         stats: SessionStats,
         gop: GopStructure,
         fps: float,
-        pacer: LayerPacer | None,
     ) -> None:
-        self._packets, self._stats, self._pacer = packets, stats, pacer
+        self._packets, self._stats, self._pacer = packets, stats, packets.pacer
         self._gop, self._fps = gop, fps
         self._pending: ModelVersion | None = None  # its layers are sent, its packet is not
 

@@ -37,8 +37,6 @@ RESERVED_MODES = MAX_MODES - BUDGETS["live"].max_modes
 # coarse quantiser steps of a live call's beginning would lose it.  The difference of the two
 # eyelids counts less: people shut both.
 EYELID_DISTORTION = 500.0 * np.array([[1.0, 0.8], [0.8, 1.0]])
-# Levenberg-Marquardt steps of the fit in the shape-free frame.
-FIT_STEPS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +112,7 @@ class ModelVersion:
         camera = self.packet.call.camera
         start = initial or initial_parameters(self.landmarks, camera, sample.landmarks)
         by_landmarks = fit_with_eyelids(self.landmarks, camera, sample.landmarks, start)
-        by_texels = self.person.texel_fitter.fit_crop(sample.crop, by_landmarks, FIT_STEPS)
+        by_texels = self.person.fit_texels(sample.crop, by_landmarks)
         return with_averaged_eyelids(by_landmarks, by_texels)
 
     def refit(self, sample: FaceSample, face: FaceParameters) -> FaceParameters:

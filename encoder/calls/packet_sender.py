@@ -32,6 +32,11 @@ class PacketSender:
         self._sink, self._stats, self._pacer = sink, stats, pacer
         self._face_visible = True
 
+    @property
+    def pacer(self) -> LayerPacer | None:
+        """What paces the layers of the model; None: it is sent whole."""
+        return self._pacer
+
     def send_model(self, packet: ModelPacket) -> None:
         """Send a model packet, whole or the base layer of one."""
         size = self._send_model_part(packet)

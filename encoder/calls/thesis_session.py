@@ -79,8 +79,8 @@ class FixedRateSender:
         if self._packets.report_face(True, index):
             self._resume_at(index)
         previous = self._previous or face
-        while (time := self._next_sample_time()) <= index:
-            share = 1.0 if time <= index - 1 else float(time - (index - 1))
+        while (due := self._next_sample_time()) <= index:
+            share = 1.0 if due <= index - 1 else float(due - (index - 1))
             model = self._model
             sample = interpolate(previous, face, share)
             payload = encode_thesis(sample, model.reference_pose, model.call.has_eyelids)

@@ -15,7 +15,7 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.calls.face_search import LandmarkSearch
+from encoder.calls.face_search import open_landmark_search
 from encoder.calls.packet_sender import PacketSender
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.face_crop import Crop, crop_face
@@ -26,10 +26,7 @@ from encoder.coding.model_packet import ModelBudget, build_model_packet, call_pa
 from encoder.coding.progressive_model import LayeredModel, split_into_layers
 from encoder.coding.rate_control import RateTarget, code_call, packet_bits, packet_spans
 from encoder.coding.transform import transform_call
-from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.landmark_indices import face_outline
-from encoder.detection.landmarks import LandmarkTracker
-from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.fitting.quantised_identity import quantised_identity
 from encoder.fitting.render_and_compare import ImageFitter
 from encoder.fitting.sequence_fit import fit_sequence, smooth_landmarks
@@ -39,7 +36,6 @@ from encoder.runtime.parallel import worker_pool
 from protocol.call_parameters import CallParameters
 from protocol.model_packet import ModelPacket
 from shared_model.animate import Face
-from shared_model.errors import UserError
 from shared_model.parameters import FaceParameters
 from shared_model.surround import surrounded_head
 
@@ -48,8 +44,6 @@ Picture = NDArray[np.uint8]
 
 # Frames of the second pass whose fits are under way or done when the next frame is read.
 MAX_IN_FLIGHT = 32
-# Levenberg-Marquardt steps of the fit in the shape-free frame.
-FIT_STEPS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,17 +83,12 @@ class TwoPassEncoder:
     """Encodes a source that can be read twice.
 
     Call `frame` with every frame, `build_model`, `fit_frames` with every frame again, then `encode`
-    at one bitrate or several.  Raises `UserError` if the landmark networks are missing.
+    at one bitrate or several.  Raises `UserError` as `open_landmark_search` does.
     """
 
     def __init__(self, capture: Capture, stats: SessionStats, gop: GopStructure) -> None:
-        try:
-            folder = find_network_folder()
-        except NetworkFilesMissing as error:
-            raise UserError(f"{error}; without them use --profile thesis") from error
         # Eyelids are fitted with the person's own appearance, in the second pass.
-        tracker = LandmarkTracker(folder, BlazeFaceDetector(folder), refine_eyelids=False)
-        self._search = LandmarkSearch(tracker, stats)
+        self._search = open_landmark_search(stats, refine_eyelids=False)
         self._capture, self._stats, self._gop = capture, stats, gop
         self._points: list[Array] = []  # landmarks of each detection
         self._detection_of: dict[int, int] = {}  # by source frame
@@ -167,7 +156,7 @@ class TwoPassEncoder:
         person, needed = model.trained.person, frozenset(model.detections)
 
         def fit(detection: int, crop: Crop) -> FaceParameters:
-            face = person.texel_fitter.fit_crop(crop, model.initial[detection], FIT_STEPS)
+            face = person.fit_texels(crop, model.initial[detection])
             return model.image_fitter.fit(crop, face, face_outline(self._points[detection]))
 
         in_flight = deque[tuple[int, Future[FaceParameters]]]()
@@ -205,19 +194,26 @@ class TwoPassEncoder:
             transform, values = transform_call(model.trained, faces, gop.frames_per_packet)
             background = self._background.encode(model.budget.background_bytes)
             packet = build_model_packet(model.trained.person, transform, model.call, background)
-        target = RateTarget(bitrate, float(gop.coded_fps(self._capture.fps)), gop.frames_per_packet)
-        with self._stats.stage("code"):
-            coded = values[[row[detection] for detection in detections]]
-            packets = code_call(coded, transform.scale_codes, target)
-        excess = target.overshoot_message(sum(map(packet_bits, packets)), len(coded))
-        if excess is not None and not target.is_brief(len(coded)):
-            self._stats.warn(excess)
+        coded = values[[row[detection] for detection in detections]]
+        payloads = self._code(coded, transform.scale_codes, bitrate)
         lost = frozenset(set(range(start, frames)) - set(self._detection_of))
-        payloads = tuple(each.payload for each in packets)
         if not progressive:
             return EncodedCall(packet, payloads, frames, lost)
         layers = split_into_layers(packet, model.trained.person.appearance.mean, self._background)
         return EncodedCall(layers.base, payloads, frames, lost, layers)
+
+    def _code(
+        self, values: Array, scale_codes: NDArray[np.uint8], bitrate: float
+    ) -> tuple[bytes, ...]:
+        """Payloads of the frame packets, from the components (t, n) of the coded frames."""
+        gop = self._gop
+        target = RateTarget(bitrate, float(gop.coded_fps(self._capture.fps)), gop.frames_per_packet)
+        with self._stats.stage("code"):
+            packets = code_call(values, scale_codes, target)
+        excess = target.overshoot_message(sum(map(packet_bits, packets)), len(values))
+        if excess is not None and not target.is_brief(len(values)):
+            self._stats.warn(excess)
+        return tuple(packet.payload for packet in packets)
 
 
 def hold_last_detection(detection_of: dict[int, int], start: int, end: int) -> list[int]:

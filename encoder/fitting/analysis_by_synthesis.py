@@ -1,9 +1,9 @@
-"""Analysis by synthesis (thesis 2.4.3, 4.4): pose, actuators and coefficients that explain a face.
+"""Analysis by synthesis in the shape-free frame (thesis 2.4.3, 4.4).
 
-The residual r = g_image - g_model lives in the shape-free frame (eq. 2.22).  Each step solves the
-normal equations of eq. 2.27 for pose, actuators and appearance coefficients together; the
-derivative of the residual is the picture's own gradient carried along the texels' motion, so it
-holds at any pose.
+Pose, actuators and appearance coefficients minimise the residual r = g_image - g_model of the
+texels (eq. 2.22).  Each step solves the normal equations of eq. 2.27 for all of them.  The
+derivative of the residual is the gradient of the picture at hand along the motion of the texels,
+and therefore holds at any pose.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,8 +20,13 @@ from encoder.appearance.template import Template
 from encoder.appearance.texel_visibility import DEPTH_CELL_MM, visible_texels
 from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import Crop
-from encoder.fitting.increments import apply_picture_step
-from encoder.fitting.levenberg_marquardt import Damping, Evaluation, levenberg_marquardt
+from encoder.fitting.increments import RIGID, apply_picture_step
+from encoder.fitting.levenberg_marquardt import (
+    Damping,
+    Equations,
+    Evaluation,
+    levenberg_marquardt,
+)
 from encoder.runtime.image_ops import sample_bicubic
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
@@ -32,18 +37,19 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
 
-# Standard deviation of an actuator about its initial estimate, which comes from the frame before or
-# from landmarks.
+# Standard deviation of an actuator about its initial estimate, which comes from the previous frame
+# or from landmarks.
 EAU_CHANGE_SIGMA = 0.25
-# Of the residual of a texture that was sampled in the same call, grey levels; the Cauchy scale,
-# beyond which a texel counts as an outlier (a hand, a highlight).
+# Standard deviation of the residual, grey levels, where no fit has measured it, and at most; the
+# Cauchy scale, above which texels count as outliers (a hand, a highlight), at most.
 RESIDUAL_SIGMA_GREY, CAUCHY_SCALE_GREY = 6.0, 25.0
-# Where fits leave less, outliers begin at so many standard deviations of it (Cauchy's usual
-# constant); a picture is never taken to be better than this.
+# The Cauchy scale in standard deviations of the residual: 95 % efficiency for Gaussian noise; the
+# least standard deviation that is assumed.
 CAUCHY_SCALE_SIGMAS = 2.4
 MIN_RESIDUAL_SIGMA_GREY = 2.0
-# Keeps equations solvable that no texel takes part in.
+# Keeps equations solvable that no texel contributes to.
 TINY = 1e-9
 # Fits start near their solution: steps are undamped until one raises the cost.
 PICTURE_DAMPING = Damping(
@@ -53,15 +59,15 @@ PICTURE_DAMPING = Damping(
     relative_ridge=1e-6,
     absolute_ridge=TINY,
 )
-# Neighbouring texels err together; this many texels count as one.
+# Errors of neighbouring texels are correlated; this many texels count as one measurement.
 CORRELATED_TEXELS = 10.0
-# Texels that a fit looks at.
+# Approximate number of texels that a fit samples.
 NOMINAL_TEXELS = 5000
 
 
 @dataclass(frozen=True, slots=True)
 class FitTarget:
-    """What to fit: the texels' places, and what they should look like."""
+    """The model of a fit: texels on the moving head, and the template of their luma."""
 
     shape: ShapeFreeFrame
     template: Template
@@ -69,10 +75,11 @@ class FitTarget:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """A picture to explain.
+    """A picture prepared for fits.
 
-    stack: (h, w, 3) the crop's luma and its gradients, grey levels per pixel of the crop.
-    shown: (k,) the texels' weights, 0 where they are not seen.  precision: see `Refiner`.
+    luma_and_gradients: (h, w, 3) the crop's luma and its gradients, grey levels per crop pixel.
+    weights: (k,) of the texels, 0 where invisible.
+    eau_precision: see `TexelFitter.eau_precision`.
     """
 
     target: FitTarget
@@ -84,7 +91,7 @@ class Observation:
 
 @dataclass(frozen=True, slots=True)
 class TexelFit:
-    """A fit: the face with its coefficients; luma (k,) and weight (k,) of the texels seen."""
+    """A fitted face with its coefficients; luma (k,) and weights (k,) of its texels."""
 
     face: FaceParameters
     luma: Single
@@ -92,10 +99,11 @@ class TexelFit:
 
 
 class TexelFitter:
-    """Fits one caller's textured model to pictures, at about `TEXELS` of its texels.
+    """Fits the textured model of one person to pictures, at about `NOMINAL_TEXELS` texels.
 
-    shape: all texels.  template: what they should look like.
-    grey: what of a BGR picture they show.  cell_mm: see `visible_texels`, for all texels.
+    shape: all texels.  template: their luma.
+    normalise: takes a BGR picture to the (h, w) values that the template describes.
+    cell_mm: see `visible_texels`; for the spacing of all texels.
     """
 
     def __init__(
@@ -111,18 +119,19 @@ class TexelFitter:
         stride = max(1, round(np.sqrt(len(shape) / NOMINAL_TEXELS)))
         atlas = shape.atlas
         self._residual_sigma_grey, self._cauchy_scale_grey = RESIDUAL_SIGMA_GREY, CAUCHY_SCALE_GREY
-        self._sampled = kept = (atlas.rows % stride == 0) & (atlas.columns % stride == 0)
-        thin = Atlas(
+        sampled: Mask = (atlas.rows % stride == 0) & (atlas.columns % stride == 0)
+        self._sampled = sampled
+        subset = Atlas(
             atlas.size,
-            atlas.rows[kept],
-            atlas.columns[kept],
-            atlas.corners[kept],
-            atlas.weights[kept],
+            atlas.rows[sampled],
+            atlas.columns[sampled],
+            atlas.corners[sampled],
+            atlas.weights[sampled],
         )
         self._cell_mm = cell_mm * stride
-        self.shape = ShapeFreeFrame(face, thin, shape.camera)
+        self.shape = ShapeFreeFrame(face, subset, shape.camera)
         self.template = Template(
-            template.mean[kept], template.modes[:, kept], template.weight[kept]
+            template.mean[sampled], template.modes[:, sampled], template.weight[sampled]
         )
 
     def with_mode(self, mode: Single) -> Self:
@@ -133,16 +142,16 @@ class TexelFitter:
         return fitter
 
     def set_noise_level(self, residual_sigma_grey: float) -> None:
-        """Fits leave so much, a standard deviation: the less, the sooner a motion is evident."""
-        least = max(residual_sigma_grey, MIN_RESIDUAL_SIGMA_GREY)
-        self._residual_sigma_grey = min(least, RESIDUAL_SIGMA_GREY)
-        self._cauchy_scale_grey = min(CAUCHY_SCALE_SIGMAS * least, CAUCHY_SCALE_GREY)
+        """Set the standard deviation of residuals: less noise needs less evidence of a motion."""
+        sigma = max(residual_sigma_grey, MIN_RESIDUAL_SIGMA_GREY)
+        self._residual_sigma_grey = min(sigma, RESIDUAL_SIGMA_GREY)
+        self._cauchy_scale_grey = min(CAUCHY_SCALE_SIGMAS * sigma, CAUCHY_SCALE_GREY)
 
-    def visible(self, face: FaceParameters) -> NDArray[np.bool_]:
-        """(k,) which texels the camera sees."""
+    def visible(self, face: FaceParameters) -> Mask:
+        """(k,) whether the camera sees each texel."""
         return self._visible(self.shape.atlas, face)
 
-    def _visible(self, atlas: Atlas, face: FaceParameters) -> NDArray[np.bool_]:
+    def _visible(self, atlas: Atlas, face: FaceParameters) -> Mask:
         vertices = self._face.animate(face.eau)
         return visible_texels(self._head, atlas, face.pose, vertices, self._cell_mm)
 
@@ -153,119 +162,122 @@ class TexelFitter:
         iterations: int,
         active: Sequence[int] = range(len(EAUS)),
     ) -> FaceParameters:
-        """The face near `start` that the template explains best, with its coefficients.
-
-        active: the actuators that may move; the others stay where `start` has them.
-        """
+        """Observe a crop at `start` and fit it, see `fit`: the face with its coefficients."""
         return self.fit(self.observe(crop, start), start, iterations, active).face
 
-    def observe(self, crop: Crop, initial: FaceParameters) -> "Observation":
-        """What a picture shows of a face about like `near`: what fits start from."""
+    def observe(self, crop: Crop, initial: FaceParameters) -> Observation:
+        """Prepare a picture for fits; texels that `initial` hides get no weight."""
         return self._observe(FitTarget(self.shape, self.template), crop, initial)
 
     def fit(
         self,
-        observation: "Observation",
+        observation: Observation,
         start: FaceParameters,
         iterations: int,
         active: Sequence[int],
     ) -> TexelFit:
-        """See `refine`; coefficients are sought from `start.modes` on, if it has as many."""
+        """The face of least cost that a few iterations from `start` reach.
+
+        start: initial pose, actuators and, if as many as the template's modes, coefficients.
+        active: actuators that are fitted; the others keep the values of `start`.
+        """
         template, free = observation.target.template, np.asarray(active, np.intp)
-        modes = len(template.modes)
-        light = start.modes if len(start.modes) == modes else np.zeros(modes)
+        count = len(template.modes)
+        modes = start.modes if len(start.modes) == count else np.zeros(count)
         face, best = levenberg_marquardt(
-            lambda face: self._attempt(observation, face, start.eau, free),
-            replace(start, modes=light),
+            lambda face: self._evaluate(observation, face, start.eau, free),
+            replace(start, modes=modes),
             lambda face, step: apply_picture_step(face, step, free),
             PICTURE_DAMPING,
             iterations,
-            undamped=modes,
+            undamped=count,
         )
-        grey = best.seen[:, 0]
-        modes_found = solve_coefficients(template, grey, observation.weights)
-        return TexelFit(replace(face, modes=modes_found), grey, observation.weights)
+        luma = best.samples[:, 0]
+        modes = solve_coefficients(template, luma, observation.weights)
+        return TexelFit(replace(face, modes=modes), luma, observation.weights)
 
     def train(self, crop: Crop, face: FaceParameters) -> None:
-        """Take notice of a picture whose face is known; derivatives of each picture need none."""
+        """Use a picture whose face is known for training; does nothing in this class."""
 
     def eau_precision(self, weights: Single) -> float:
-        """What an actuator one unit off its first guess costs, `shown` (k,) being the weights."""
+        """Cost of an actuator one unit off its initial value, for texels of `weights` (k,)."""
         return (
             CORRELATED_TEXELS
             * float(weights.mean())
             * (self._residual_sigma_grey / EAU_CHANGE_SIGMA) ** 2
         )
 
-    def _observe(self, target: FitTarget, crop: Crop, initial: FaceParameters) -> "Observation":
-        grey = self._normalise(crop.picture)
-        shown = target.template.weight * self._visible(target.shape.atlas, initial)
-        stack = np.asarray(cv2.merge([grey, *image_gradients(grey)]), np.float32)
-        return Observation(target, crop, stack, shown, self.eau_precision(shown))
+    def _observe(self, target: FitTarget, crop: Crop, initial: FaceParameters) -> Observation:
+        luma = self._normalise(crop.picture)
+        weights = target.template.weight * self._visible(target.shape.atlas, initial)
+        stack = np.asarray(cv2.merge([luma, *image_gradients(luma)]), np.float32)
+        return Observation(target, crop, stack, weights, self.eau_precision(weights))
 
-    def _attempt(
-        self, view: "Observation", face: FaceParameters, expected_eau: Array, free: Indices
+    def _evaluate(
+        self, observation: Observation, face: FaceParameters, initial_eau: Array, free: Indices
     ) -> "_TexelEvaluation":
-        template, shape = view.target.template, view.target.shape
-        placed = shape.project(face)
-        seen = sample_bicubic(view.luma_and_gradients, view.crop.to_crop_px(placed.pixels))
-        residual = seen[:, 0] - template.mean
-        left = residual - face.modes.astype(np.float32) @ template.modes
-        away = (expected_eau - face.eau)[free]
-        scale = self._cauchy_scale_grey
-        cost = float(view.weights @ cauchy_loss(left, scale))
-        cost += view.eau_precision * float(away @ away)
+        template, shape = observation.target.template, observation.target.shape
+        crop, weights, precision = observation.crop, observation.weights, observation.eau_precision
+        texels = shape.project(face)
+        samples = sample_bicubic(observation.luma_and_gradients, crop.to_crop_px(texels.pixels))
+        difference = samples[:, 0] - template.mean
+        residual = difference - face.modes.astype(np.float32) @ template.modes
+        eau_change = (initial_eau - face.eau)[free]
+        scale_grey = self._cauchy_scale_grey
+        cost = float(weights @ cauchy_loss(residual, scale_grey))
+        cost += precision * float(eau_change @ eau_change)
 
-        def equations() -> tuple[Array, Array]:
-            root = np.sqrt(view.weights * cauchy_weights(left, scale))
-            across, down = view.crop.scale.astype(np.float32)
-            slope = np.stack([seen[:, 1] * (across * root), seen[:, 2] * (down * root)])
+        def equations() -> Equations:
+            root = np.sqrt(weights * cauchy_weights(residual, scale_grey))
+            u, v = crop.scale.astype(np.float32)
+            gradient = np.stack([samples[:, 1] * (u * root), samples[:, 2] * (v * root)])
             rows = np.concatenate(
-                [shape.image_jacobian(placed, slope, free), template.modes * -root]
+                [shape.image_jacobian(texels, gradient, free), template.modes * -root]
             )
             normal = (rows @ rows.T).astype(np.float64)
-            gradient = -(rows @ (root * residual)).astype(np.float64)
-            eau = np.arange(6, 6 + len(free))
-            normal[eau, eau] += view.eau_precision
-            gradient[eau] += view.eau_precision * away
-            return normal, gradient
+            # The difference, not the residual: coefficients are solved for as values.
+            right = -(rows @ (root * difference)).astype(np.float64)
+            eau = np.arange(RIGID, RIGID + len(free))
+            normal[eau, eau] += precision
+            right[eau] += precision * eau_change
+            return normal, right
 
-        return _TexelEvaluation(cost, equations, seen)
+        return _TexelEvaluation(cost, equations, samples)
 
 
 @dataclass(frozen=True, slots=True)
 class _TexelEvaluation(Evaluation):
-    """With the texels' luma and its gradient (k, 3)."""
+    """samples: (k, 3) luma of the texels and its gradients."""
 
-    seen: Single
+    samples: Single
 
 
-def solve_coefficients(template: Template, grey: Single, weight: Single) -> Array:
-    """(m,) least-squares coefficients of the template's modes; grey, weight: (k,)."""
+def solve_coefficients(template: Template, luma: Single, weights: Single) -> Array:
+    """(m,) least-squares coefficients of the template's modes; luma, weights: (k,)."""
     modes = template.modes
     if not len(modes):
         return np.zeros(0)
-    weighted = modes * weight
+    weighted = modes * weights
     normal = (weighted @ modes.T).astype(np.float64)
     normal[np.diag_indices(len(normal))] *= 1 + 1e-4
     normal[np.diag_indices(len(normal))] += TINY
-    right = weighted @ (grey - template.mean)
+    right = weighted @ (luma - template.mean)
     return np.asarray(np.linalg.solve(normal, right.astype(np.float64)))
 
 
-def image_gradients(grey: Single) -> tuple[Single, Single]:
-    """d grey / du and d grey / dv, grey levels per pixel."""
-    u = cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
-    v = cv2.Sobel(grey, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
+def image_gradients(luma: Single) -> tuple[Single, Single]:
+    """Derivatives of luma (h, w) by u and v, grey levels per pixel."""
+    u = cv2.Sobel(luma, cv2.CV_32F, 1, 0, ksize=3, scale=0.125)
+    v = cv2.Sobel(luma, cv2.CV_32F, 0, 1, ksize=3, scale=0.125)
     return np.asarray(u, np.float32), np.asarray(v, np.float32)
 
 
 def cauchy_loss(residual: Single, scale_grey: float = CAUCHY_SCALE_GREY) -> Single:
-    """Squared grey levels (k,), of outliers only their logarithm: what `robust` minimises."""
+    """(k,) robust loss, squared grey levels: quadratic for small residuals, logarithmic beyond."""
     square = np.float32(scale_grey**2)
     return np.asarray(square * np.log1p(residual**2 / square))
 
 
 def cauchy_weights(residual: Single, scale_grey: float = CAUCHY_SCALE_GREY) -> Single:
-    """Cauchy weights (k,)."""
+    """(k,) weights of iteratively reweighted least squares that minimise `cauchy_loss`."""
     return np.asarray(1 / (1 + (residual / np.float32(scale_grey)) ** 2))

@@ -1,9 +1,9 @@
-"""Who it is, from textures: shape, lens and the faces of several frames, adjusted together.
+"""Photometric bundle adjustment: shape, focal length and the faces of several frames together.
 
-One frame's landmarks say little of depth.  Here the first frame's texture is fitted to several
-frames at once, the residual of eq. 2.22 in each of them, by what they share as well: photometric
-bundle adjustment.  The texture stays as it was taken, texel by texel, as a receiver has it; the
-frame that it was taken from weighs as much as all others together and holds the shape in place.
+Landmarks of one frame determine depth poorly.  Here the texture of the first frame is fitted to
+several frames at once, by the residual of eq. 2.22 in each of them and by the parameters that they
+share.  The texture stays fixed texel by texel, as at the receiver.  The first frame has as much
+weight as all others together and thereby holds the shape in place.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.shape_free import ShapeFreeFrame, rigid_jacobian
+from encoder.appearance.shape_free import ProjectedTexels, ShapeFreeFrame, rigid_jacobian
 from encoder.appearance.template import Template
 from encoder.fitting.analysis_by_synthesis import (
     CORRELATED_TEXELS,
@@ -25,6 +25,8 @@ from encoder.fitting.analysis_by_synthesis import (
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.identity import INACTIVE_EAU_SIGMA
 from encoder.fitting.increments import (
+    FACE_PARAMETERS,
+    RIGID,
     apply_identity_increment,
     identity_increment_between,
     shared_parameter_count,
@@ -41,28 +43,27 @@ from shared_model.parameters import EAUS
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-# Standard deviation of the residual between different views of a face, grey levels, and the Cauchy
-# scale of its outliers.  Shading and shape err more from view to view than from frame to frame.
+# Standard deviation of the residual of one frame's texture in other views of the face, grey levels,
+# and the Cauchy scale of its outliers.
 VIEW_RESIDUAL_SIGMA_GREY, VIEW_CAUCHY_SCALE_GREY = 8.0, 20.0
-# What the first frame's landmarks are worth: they err together, and more than they scatter.
-LANDMARKS_SHARE = 0.2
-# The expression of the first frame stays, or faults of the shape would pass for it.
-HELD_SIGMA = 0.01
-# The lens is known from the first frame to so much of its logarithm: what faces do in front of it
-# would pass for its perspective.
+# Weight of the first frame's landmarks: their errors are correlated, and exceed their scatter.
+LANDMARK_PRIOR_WEIGHT = 0.2
+# Of the first frame's actuators: a freer expression would absorb errors of the shape.
+EXPRESSION_PRIOR_SIGMA = 0.01
+# Of the logarithm of the focal length about that of the first frame: a freer one would absorb
+# motion of the face.
 LOG_FOCAL_CHANGE_SIGMA = 0.03
-STEPS = 8
+MAX_ITERATIONS = 8
 DAMPING = Damping(initial=1e-3, least_after_increase=0.0, decrease=5.0)
-# Turns of weighing outliers in what the light is made of.
-LIGHT_TURNS = 3
-PER_FRAME = 6 + len(EAUS)
+# Rounds of reweighting outliers when the illumination is fitted.
+IRLS_ROUNDS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Adjustment:
-    """What it came to.
+    """The result of an adjustment.
 
-    left_grey2: mean square of what the views but the first leave, outliers less, grey levels.
+    residual_mse_grey2: robust mean square residual of all views but the first, squared grey levels.
     """
 
     fitted: IdentityFit
@@ -70,11 +71,12 @@ class Adjustment:
 
 
 class PhotometricBundleAdjustment:
-    """One caller's first frame with its texture, and what else may be learned of it.
+    """Adjusts the identity of one person, given their first frame and its texture.
 
-    origin: the caller in that frame alone, with its information.
-    target: the texture; its modes are gain, offset and slopes of light.
+    origin: the identity fitted to that frame alone, with its information.
+    target: the texture; its modes are gain, offset and slopes of illumination.
     active: actuators that move from frame to frame.
+    Raises `ValueError` where `origin` has no information.
     """
 
     def __init__(
@@ -87,128 +89,139 @@ class PhotometricBundleAdjustment:
         self._template: Template = target.template
         corners, weights = self._atlas.corners, self._atlas.weights
         aau = np.einsum("kc,akcd->adk", weights, head.aau[:, corners])
-        self._aau = aau.astype(np.float32)
+        self._aau_fields = aau.astype(np.float32)
         controls = np.einsum("kc,nkc->nk", weights, residual_basis(head)[:, corners])
-        self._controls = controls.astype(np.float32)
-        self._prior = _held(origin.information)
+        self._control_weights = controls.astype(np.float32)
+        self._prior = _first_frame_prior(origin.information)
 
     def adjust(self, fitted: IdentityFit, views: Sequence[Observation]) -> Adjustment:
-        """Shape, lens and faces that explain all views best.
+        """Fit shape, focal length and all faces to all views.
 
-        fitted: where to start; its frames are the views', the origin's first.
+        fitted: the initial estimate; its frames are those of the views, the first one the origin's.
         """
         return self._solve(fitted, views, 0)
 
     def resect(self, fitted: IdentityFit, views: Sequence[Observation]) -> Adjustment:
-        """The same with shape, lens and the first face as they are."""
+        """Fit the faces of all views but the first; all other parameters are fixed."""
         return self._solve(fitted, views, len(self._prior))
 
     def _solve(self, fitted: IdentityFit, views: Sequence[Observation], fixed: int) -> Adjustment:
-        """Fit all parameters from number `fixed` on."""
+        """Fit all parameters but the first `fixed` ones."""
 
         def apply_step(fitted: IdentityFit, step: Array) -> IdentityFit:
-            whole = np.concatenate([np.zeros(fixed), step])
-            return apply_identity_increment(self._head, fitted, whole)
+            padded = np.concatenate([np.zeros(fixed), step])
+            return apply_identity_increment(self._head, fitted, padded)
 
-        found, evaluation = levenberg_marquardt(
-            lambda fitted: self._attempt(fitted, views, fixed), fitted, apply_step, DAMPING, STEPS
+        result, evaluation = levenberg_marquardt(
+            lambda fitted: self._evaluate(fitted, views, fixed),
+            fitted,
+            apply_step,
+            DAMPING,
+            MAX_ITERATIONS,
         )
-        return Adjustment(found, evaluation.residual_mse_grey2)
+        return Adjustment(result, evaluation.residual_mse_grey2)
 
-    def _attempt(
+    def _evaluate(
         self, fitted: IdentityFit, views: Sequence[Observation], fixed: int
     ) -> "_BundleEvaluation":
         shape = ShapeFreeFrame(Face(self._head, fitted.identity), self._atlas, fitted.camera)
         shared = shared_parameter_count(fitted)
-        size = shared + PER_FRAME * len(views)
-        normal, gradient = np.zeros((size, size)), np.zeros(size)
-        away, first = identity_increment_between(self._origin, fitted), slice(0, len(self._prior))
+        size = shared + FACE_PARAMETERS * len(views)
+        normal, right = np.zeros((size, size)), np.zeros(size)
+        change, first = identity_increment_between(self._origin, fitted), slice(len(self._prior))
         normal[first, first] = self._prior
-        gradient[first] = -self._prior @ away
-        cost, left_grey2 = float(away @ self._prior @ away), 0.0
-        share = 1 / (CORRELATED_TEXELS * VIEW_RESIDUAL_SIGMA_GREY**2)
+        right[first] = -self._prior @ change
+        cost, mse_grey2 = float(change @ self._prior @ change), 0.0
+        weight = 1 / (CORRELATED_TEXELS * VIEW_RESIDUAL_SIGMA_GREY**2)
         others = len(views) - 1
         for number, view in enumerate(views):
-            seen = self._compared(shape, fitted, number, view)
-            worth = share if number else max(others, 1) * share
-            own = shared + PER_FRAME * number
-            place = np.r_[:shared, own : own + 6, own + 6 + self._active]
-            normal[np.ix_(place, place)] += worth * seen.normal
-            gradient[place] += worth * seen.gradient
-            cost += worth * seen.cost
+            equations = self._view_equations(shape, fitted, number, view)
+            view_weight = weight if number else max(others, 1) * weight
+            own = shared + FACE_PARAMETERS * number
+            index = np.r_[:shared, own : own + RIGID, own + RIGID + self._active]
+            normal[np.ix_(index, index)] += view_weight * equations.normal
+            right[index] += view_weight * equations.right
+            cost += view_weight * equations.cost
             if number:
-                left_grey2 += seen.cost / float(view.weights.sum()) / others
-                cost += self._expect_rest(fitted.frames[number].eau, normal, gradient, own + 6)
-        equations = normal[fixed:, fixed:], gradient[fixed:]
-        return _BundleEvaluation(cost, lambda: equations, left_grey2)
+                mse_grey2 += equations.cost / float(view.weights.sum()) / others
+                cost += self._add_eau_prior(fitted.frames[number].eau, normal, right, own + RIGID)
+        reduced = normal[fixed:, fixed:], right[fixed:]
+        return _BundleEvaluation(cost, lambda: reduced, mse_grey2)
 
-    def _expect_rest(self, eau: Array, normal: Array, gradient: Array, at: int) -> float:
-        """Add what is known of actuators, those from number `at` on, to the equations; its cost."""
-        every, own = at + np.arange(len(eau)), at + self._active
+    def _add_eau_prior(self, eau: Array, normal: Array, right: Array, offset: int) -> float:
+        """Add the actuators' prior to the equations, from parameter `offset` on; its cost."""
+        every, active = offset + np.arange(len(eau)), offset + self._active
         precision = np.full(len(eau), 1 / INACTIVE_EAU_SIGMA**2)
         precision[self._active] = 1 / EAU_PRIOR_SIGMA**2
         normal[every, every] += precision
-        gradient[own] -= eau[self._active] / EAU_PRIOR_SIGMA**2
+        right[active] -= eau[self._active] / EAU_PRIOR_SIGMA**2
         return float(np.sum(eau[self._active] ** 2)) / EAU_PRIOR_SIGMA**2
 
-    def _compared(
+    def _view_equations(
         self, shape: ShapeFreeFrame, fitted: IdentityFit, number: int, view: Observation
-    ) -> "_Compared":
-        """What one view says of all that is shared, of its pose and of active actuators."""
-        placed = shape.project(fitted.frames[number])
-        seen = sample_bicubic(view.luma_and_gradients, view.crop.to_crop_px(placed.pixels))
-        left, weight = self._unlit(seen[:, 0], view.weights)
-        cost = float(view.weights @ cauchy_loss(left, VIEW_CAUCHY_SCALE_GREY))
-        root = np.sqrt(weight)
-        slope = np.ascontiguousarray((seen[:, 1:] * view.crop.scale.astype(np.float32)).T) * root
-        rigid = rigid_jacobian(placed.rotated_mm, placed.camera_mm, placed.pixels_per_mm, slope)
-        back = placed.rotation.T @ rigid[3:]
-        depth_mm = np.float32(fitted.frames[number].pose.translation_mm[2])
-        centre = fitted.camera.centre.astype(np.float32)[:, None]
-        # The face goes away with the focal length, see `refocused`.
-        focal = ((placed.pixels.T - centre) * slope).sum(0) + rigid[5] * depth_mm
-        aau = (self._aau * back).sum(1)
-        controls = (self._controls[:, None] * back).reshape(-1, len(root))
-        own = shape.image_jacobian(placed, slope, self._active)
-        rows = np.concatenate([focal[None], aau, controls, own])
+    ) -> "_ViewEquations":
+        """Equations of one view, the illumination eliminated from them (Schur complement)."""
+        texels = shape.project(fitted.frames[number])
+        samples = sample_bicubic(view.luma_and_gradients, view.crop.to_crop_px(texels.pixels))
+        residual, weights = self._without_illumination(samples[:, 0], view.weights)
+        cost = float(view.weights @ cauchy_loss(residual, VIEW_CAUCHY_SCALE_GREY))
+        root = np.sqrt(weights)
+        scale = view.crop.scale.astype(np.float32)
+        gradient = np.ascontiguousarray((samples[:, 1:] * scale).T) * root
+        own = shape.image_jacobian(texels, gradient, self._active)
+        rows = np.concatenate([self._shared_jacobian(fitted, texels, gradient), own])
         light = self._template.modes * root
         normal = (rows @ rows.T).astype(np.float64)
-        across = (rows @ light.T).astype(np.float64)
-        among = (light @ light.T).astype(np.float64)
-        # The light is whatever suits the rest best.
-        normal -= across @ np.linalg.lstsq(among, across.T, rcond=None)[0]
-        return _Compared(normal, -(rows @ (root * left)).astype(np.float64), cost)
+        mixed = (rows @ light.T).astype(np.float64)
+        light_normal = (light @ light.T).astype(np.float64)
+        normal -= mixed @ np.linalg.lstsq(light_normal, mixed.T, rcond=None)[0]
+        right = -(rows @ (root * residual)).astype(np.float64)
+        return _ViewEquations(normal, right, cost)
 
-    def _unlit(self, grey: Single, shown: Single) -> tuple[Single, Single]:
-        """(k,) what texture and light leave of a view's luma, and the texels' weights."""
-        weight = shown
-        for _ in range(LIGHT_TURNS):
-            light = solve_coefficients(self._template, grey, weight).astype(np.float32)
-            left = grey - self._template.mean - light @ self._template.modes
-            weight = shown * cauchy_weights(left, VIEW_CAUCHY_SCALE_GREY)
-        return left, weight
+    def _shared_jacobian(
+        self, fitted: IdentityFit, texels: ProjectedTexels, gradient: Single
+    ) -> Single:
+        """(n, k) how texels change by log f, AAUs and controls; gradient: (2, k) per pixel."""
+        rigid = rigid_jacobian(texels.rotated_mm, texels.camera_mm, texels.pixels_per_mm, gradient)
+        head_gradient = texels.rotation.T @ rigid[3:]
+        depth_mm = np.float32(texels.face.pose.translation_mm[2])
+        centre = fitted.camera.centre.astype(np.float32)[:, None]
+        # Depth changes in proportion to the focal length, see `refocused`.
+        focal = ((texels.pixels.T - centre) * gradient).sum(0) + rigid[5] * depth_mm
+        aau = (self._aau_fields * head_gradient).sum(1)
+        controls = self._control_weights[:, None] * head_gradient
+        return np.concatenate([focal[None], aau, controls.reshape(-1, len(focal))])
+
+    def _without_illumination(self, luma: Single, weights: Single) -> tuple[Single, Single]:
+        """(k,) residual of luma (k,) under the best illumination, and the texels' weights (k,)."""
+        robust = weights
+        for _ in range(IRLS_ROUNDS):
+            light = solve_coefficients(self._template, luma, robust).astype(np.float32)
+            residual = luma - self._template.mean - light @ self._template.modes
+            robust = weights * cauchy_weights(residual, VIEW_CAUCHY_SCALE_GREY)
+        return residual, robust
 
 
 @dataclass(frozen=True, slots=True)
-class _Compared:
-    """Normal equations over shared and own parameters, (n, n) and (n,), and robust cost."""
+class _ViewEquations:
+    """Normal equations over shared and own parameters, (n, n) and (n,), and the robust cost."""
 
     normal: Array
-    gradient: Array
+    right: Array
     cost: float
 
 
 @dataclass(frozen=True, slots=True)
 class _BundleEvaluation(Evaluation):
-    """left_grey2: see `Adjusted`."""
+    """residual_mse_grey2: see `Adjustment`."""
 
     residual_mse_grey2: float
 
 
-def _held(information: Array) -> Array:
-    """What the first frame's landmarks are believed: less, with expression and lens held."""
-    prior = LANDMARKS_SHARE * information
+def _first_frame_prior(information: Array) -> Array:
+    """(n, n) precision of the first frame's parameters, from its landmarks' information."""
+    prior = LANDMARK_PRIOR_WEIGHT * information
     prior[0, 0] += 1 / LOG_FOCAL_CHANGE_SIGMA**2
     expression = np.arange(len(prior) - len(EAUS), len(prior))
-    prior[expression, expression] += 1 / HELD_SIGMA**2
+    prior[expression, expression] += 1 / EXPRESSION_PRIOR_SIGMA**2
     return prior

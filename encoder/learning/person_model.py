@@ -47,6 +47,10 @@ WIDE_OPEN_EAUS = {"jaw_drop": 0.6, "upper_lip_raise": 0.5, "lower_lip_lower": 0.
 DISOCCLUSION_SHARE = 0.5
 
 
+# Levenberg-Marquardt steps of a frame's fit.
+FRAME_FIT_STEPS = 3
+
+
 @dataclass(frozen=True, slots=True)
 class PersonModel:
     """What is constant for a person between two model packets.
@@ -66,6 +70,10 @@ class PersonModel:
     shape: ShapeFreeFrame
     weight: Single
     mask: Single
+
+    def fit_texels(self, crop: Crop, initial: FaceParameters) -> FaceParameters:
+        """The face of a frame, near `initial`, fitted in the shape-free frame."""
+        return self.texel_fitter.fit_crop(crop, initial, FRAME_FIT_STEPS)
 
     def image_fitter(self, max_pixels: int = MAX_PIXELS) -> ImageFitter:
         """A fitter that renders the appearance as a decoder does.  max_pixels: see `Drawing`."""

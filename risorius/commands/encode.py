@@ -103,7 +103,7 @@ def _encode_options(arguments: argparse.Namespace, profile: str) -> "EncodeOptio
         bitrate=arguments.bitrate,
         startup_bitrate=arguments.startup_bitrate,
         fps=arguments.fps,
-        follow=TrackingOptions(
+        tracking=TrackingOptions(
             arguments.detector,
             arguments.tracker,
             arguments.without,
