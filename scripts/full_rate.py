@@ -34,7 +34,7 @@ Mask = NDArray[np.bool_]
 Picture = NDArray[np.uint8]
 
 # The light ends softly: so much of the picture's width beyond the face, a standard deviation.
-SOFT = 0.01
+EDGE_SIGMA = 0.01
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -94,7 +94,7 @@ def relit(drawn: Picture, original: Picture, face: Mask) -> Picture:
     light = np.linalg.lstsq(np.stack([*gains, np.ones_like(have)], 1), want - have, rcond=None)[0]
     gain = np.tensordot(light[:-1], factors, 1)
     # Beyond the face, where it was not measured, the light fades.
-    share = cv2.GaussianBlur(face.astype(np.float64), (0, 0), SOFT * face.shape[1])
+    share = cv2.GaussianBlur(face.astype(np.float64), (0, 0), EDGE_SIGMA * face.shape[1])
     share[face] = 1.0
     change = share[..., None] * (gain[..., None] * drawn + light[-1])
     return np.asarray(np.clip(np.rint(drawn + change), 0, 255), np.uint8)
