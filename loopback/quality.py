@@ -4,13 +4,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import zip_longest
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.capture.colour import luma_u8
 from encoder.capture.video_source import Capture, open_source
+from encoder.detection.landmark_indices import face_outline
 from encoder.detection.landmarks import open_landmark_tracker
 from encoder.detection.tflite import NetworkFilesMissing
+from encoder.runtime.image_ops import hull_mask
 from loopback.report import rounded
 from shared_model.errors import UserError
 
@@ -20,12 +22,6 @@ Progress = Callable[[int, int | None], None]
 # The face of a picture as a mask, (height, width) bool; None: no face.
 FaceMaskFinder = Callable[[Picture], Mask | None]
 
-# The points of the 468-point face mesh on the outline of the face.
-FACE_OVAL = (
-    *(10, 338, 297, 332, 284, 251, 389, 356, 454, 323, 361, 288),
-    *(397, 365, 379, 378, 400, 377, 152, 148, 176, 149, 150, 136),
-    *(172, 58, 132, 93, 234, 127, 162, 21, 54, 103, 67, 109),
-)
 # Two pictures without any difference: the error is taken as this, so that a mean stays finite.
 LEAST_SQUARED_ERROR = 1e-6
 
@@ -109,9 +105,7 @@ def source_frame_count(source: str, expected: int) -> int:
 
 def squared_error(original: Picture, copy: Picture) -> NDArray[np.float64]:
     """Squared difference of luma, (height, width)."""
-    first, second = (
-        cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).astype(np.float64) for picture in (original, copy)
-    )
+    first, second = (luma_u8(picture).astype(np.float64) for picture in (original, copy))
     return np.asarray((first - second) ** 2)
 
 
@@ -122,10 +116,7 @@ def psnr_db(error: NDArray[np.float64]) -> float:
 
 def face_oval_mask(points_px: NDArray[np.floating], height: int, width: int) -> Mask:
     """The mask inside the face's outline.  points_px: (468 or more, 2 or more), pixels."""
-    outline = np.round(points_px[list(FACE_OVAL), :2]).astype(np.int32)
-    mask = np.zeros((height, width), np.uint8)
-    cv2.fillConvexPoly(mask, cv2.convexHull(outline), 1)
-    return mask.astype(np.bool_)
+    return hull_mask(face_outline(points_px), (height, width)) > 0
 
 
 def check_size(originals: Capture, copy: str, width: int, height: int) -> None:

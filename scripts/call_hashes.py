@@ -1,9 +1,9 @@
-"""Whether a change altered a call: python -m scripts.call_hashes CLIPS [--against FILE]
+"""Hashes of calls and decoded pictures: python -m scripts.call_hashes CLIPS [--against FILE]
 
 Encodes four clips of the folder CLIPS in three profiles, decodes each call, and prints the SHA-256
-of each call file and of its decoded pictures.  With --out the list is written to a file; with
---against it is compared with a list written before.  Run before and after a change that should
-alter nothing.  Hashes are of one machine: another processor's arithmetic rounds differently.
+of each call file and of its decoded pictures.  --out writes the list to a file; --against compares
+it with such a file: a change of code that must not change calls is tested this way.  Hashes hold
+for one machine, since processors round differently.
 """
 
 import argparse
@@ -35,7 +35,7 @@ def main(arguments: Sequence[str]) -> None:
         options.out.parent.mkdir(parents=True, exist_ok=True)
         options.out.write_text("".join(f"{line}\n" for line in lines))
     if options.against:
-        compare(options.against.read_text().splitlines(), lines)
+        check_unchanged(options.against.read_text().splitlines(), lines)
 
 
 def hash_lines(clips: Path, names: Sequence[str]) -> Iterator[str]:
@@ -70,9 +70,9 @@ def _run(package: str, *arguments: str) -> None:
     subprocess.run([sys.executable, "-m", package, *arguments], check=True)
 
 
-def compare(expected: Sequence[str], found: Sequence[str]) -> None:
-    """Raise `UserError` that names the calls whose hashes differ."""
-    changed = sorted(set(found) - set(expected))
+def check_unchanged(expected: Sequence[str], actual: Sequence[str]) -> None:
+    """Raise `UserError` with the calls whose hashes differ."""
+    changed = sorted(set(actual) - set(expected))
     if changed:
         names = ", ".join(" ".join(line.split()[:2]) for line in changed)
         raise UserError(f"calls have changed: {names}")

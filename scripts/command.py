@@ -1,4 +1,4 @@
-"""How scripts are run: `python -m scripts.NAME` in the project's folder."""
+"""Running a script: `python -m scripts.NAME` in the project's folder."""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -10,12 +10,12 @@ from shared_model.errors import UserError
 
 
 def warn(message: str) -> None:
-    """Say what an encoder's part has to say beside its result."""
+    """Print a warning of the encoder to standard error."""
     print(message, file=sys.stderr)
 
 
 def run(main: Callable[[Sequence[str]], None]) -> NoReturn:
-    """Hand the command line's arguments to `main` and exit; the user's mistake is one line."""
+    """Run `main` on the command line's arguments and exit; a user's error is one line."""
     try:
         main(sys.argv[1:])
     except (UserError, OSError) as error:

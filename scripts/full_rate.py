@@ -1,9 +1,9 @@
-"""The tracker's faces as they are: python -m scripts.full_rate SOURCE VIDEO
+"""Rendering of tracked faces at the full frame rate: python -m scripts.full_rate SOURCE VIDEO
 
-Follows SOURCE with the whole tracker and draws the first frame's texture and shape at the face of
-every frame, as the thesis profile would be without its ten samples a second and eight bits.  With
---light each picture is given the low-order light that suits its source best over the face: an
-offset, and a gain that is quadratic in the place; seven numbers a frame, not quantised.
+Tracks SOURCE and renders the first frame's texture and shape at the face of every frame: the thesis
+profile without its sampling at ten frames a second and its quantisation to eight bits.  --light
+fits low-order illumination to each frame's face by least squares: an offset and a quadratic gain,
+seven numbers a frame, not quantised.
 """
 
 import argparse
@@ -23,7 +23,7 @@ from encoder.coding.model_packet import budget_for, build_thesis_model_packet, c
 from encoder.tracking.trackers import TRACKED_EAUS, TrackingOptions, open_tracker
 from loopback.quality import TrackedFaceMask
 from scripts.command import run, warn
-from scripts.track_synthetic import follow_frame
+from scripts.track_synthetic import track_frame
 from shared_model.errors import UserError
 from shared_model.mesh import generic_head
 from shared_model.parameters import FaceParameters
@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Picture = NDArray[np.uint8]
 
-# The light ends softly: so much of the picture's width beyond the face, a standard deviation.
+# The standard deviation of the illumination's edge outside the face, in picture widths.
 EDGE_SIGMA = 0.01
 
 
@@ -45,34 +45,34 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--light", action="store_true", help="light as it suits each frame")
     parser.add_argument("--without-lids", action="store_true", help="the thesis' four actuators")
     options = parser.parse_args(arguments)
-    follow = TrackingOptions(eyelids=not options.without_lids, refine_identity=False)
+    tracking = TrackingOptions(eyelids=not options.without_lids, refine_identity=False)
     with ExitStack() as stack:
         capture = stack.enter_context(open_source(options.source))
         size = capture.width, capture.height
         sink = stack.enter_context(
             open_sink(options.video, *size, capture.fps, capture.colour_matrix)
         )
-        area = TrackedFaceMask() if options.light else None
-        for original, drawn in drawings(capture, follow, options.frames, stack):
-            face = area(original) if area else None
-            sink.write(drawn if face is None else relit(drawn, original, face))
+        face_mask = TrackedFaceMask() if options.light else None
+        for original, rendered in tracked_renderings(capture, tracking, options.frames, stack):
+            face = face_mask(original) if face_mask else None
+            sink.write(rendered if face is None else relit(rendered, original, face))
 
 
-def drawings(
+def tracked_renderings(
     capture: Capture, options: TrackingOptions, frames: int | None, stack: ExitStack
 ) -> Iterator[tuple[Picture, Picture]]:
-    """Each source frame and the caller drawn as the tracker has them, who may not move before."""
+    """Each source frame, and the rendering of its face; a lost face stays where it was."""
     head, scene, last = generic_head(), None, None
     size, elapsed_s = (capture.width, capture.height), float(1 / capture.fps)
-    follower = open_tracker(options, head, size, TRACKED_EAUS, elapsed_s, warn)
+    tracker = open_tracker(options, head, size, TRACKED_EAUS, elapsed_s, warn)
     for index, frame in capture:
         if index == frames:
             return
-        face = follow_frame(follower, frame)
+        face = track_frame(tracker, frame)
         if scene is None:
             if face is None:
                 raise UserError(f"{capture.name} begins without a face")
-            fitted = follower.fitted
+            fitted = tracker.fitted
             call = call_parameters(capture, "thesis", fitted.camera.focal_px, index)
             model = build_thesis_model_packet(
                 head, fitted, face, frame, call, budget_for("thesis", None)
@@ -85,23 +85,30 @@ def drawings(
         yield frame, scene.draw(PlayoutFrame(index, shown, face is None), StageTimer())
 
 
-def relit(drawn: Picture, original: Picture, face: Mask) -> Picture:
-    """`drawn` under the light of `original`, both (h, w, 3) BGR, where the `face` (h, w) is."""
-    factors = _light(face)
-    have, want = (_luma(picture)[face] for picture in (drawn, original))
-    gains = [factor[face] * have for factor in factors]
-    # Luma tells the light of all channels: lamps that change their colour are rare.
-    light = np.linalg.lstsq(np.stack([*gains, np.ones_like(have)], 1), want - have, rcond=None)[0]
-    gain = np.tensordot(light[:-1], factors, 1)
-    # Beyond the face, where it was not measured, the light fades.
-    share = cv2.GaussianBlur(face.astype(np.float64), (0, 0), EDGE_SIGMA * face.shape[1])
-    share[face] = 1.0
-    change = share[..., None] * (gain[..., None] * drawn + light[-1])
-    return np.asarray(np.clip(np.rint(drawn + change), 0, 255), np.uint8)
+def relit(rendered: Picture, original: Picture, face: Mask) -> Picture:
+    """A rendering with the illumination of the original fitted to it.
+
+    rendered, original: (h, w, 3) uint8 BGR.  face: (h, w) mask of the face in the original.
+    """
+    factors = _gain_basis(face)
+    rendered_luma, original_luma = (_luma(picture)[face] for picture in (rendered, original))
+    columns = [factor[face] * rendered_luma for factor in factors]
+    # One illumination for all channels, from luma.
+    coefficients = np.linalg.lstsq(
+        np.stack([*columns, np.ones_like(rendered_luma)], 1),
+        original_luma - rendered_luma,
+        rcond=None,
+    )[0]
+    gain = np.tensordot(coefficients[:-1], factors, 1)
+    # The illumination is extrapolated outside the face, and fades.
+    opacity = cv2.GaussianBlur(face.astype(np.float64), (0, 0), EDGE_SIGMA * face.shape[1])
+    opacity[face] = 1.0
+    change = opacity[..., None] * (gain[..., None] * rendered + coefficients[-1])
+    return np.asarray(np.clip(np.rint(rendered + change), 0, 255), np.uint8)
 
 
-def _light(face: Mask) -> Array:
-    """(6, h, w) how gains may change over a picture: quadratically, about the face's middle."""
+def _gain_basis(face: Mask) -> Array:
+    """(6, h, w) quadratic monomials of the place in the picture, about the face's centre."""
     rows, columns = np.nonzero(face)
     down, across = np.mgrid[: face.shape[0], : face.shape[1]]
     x = (across - columns.mean()) / max(float(np.ptp(columns)), 1.0)

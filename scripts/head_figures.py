@@ -30,7 +30,7 @@ INK = ((90, 90, 90), EYES, EYES, TEETH, TEETH, (150, 0, 120), (0, 0, 200))
 MARK, NETWORK_MARK, LABEL = (0, 0, 220), (0, 170, 0), (160, 60, 0)
 
 
-def views() -> tuple[Pose, ...]:
+def view_poses() -> tuple[Pose, ...]:
     """The head from the front, from the half profile and from the side."""
     centre = np.array([0.0, 5.0, DISTANCE_MM])
     return tuple(pose_from_euler(0, yaw, 0, centre) for yaw in YAWS_DEG)
@@ -50,7 +50,7 @@ def landmark_figure(renderer: Renderer, head: Head) -> Picture:
     """The landmarks by name on the left half, seen from three sides."""
     normals = vertex_normals(head.vertices, head.triangles)
     tiles = []
-    for pose in views():
+    for pose in view_poses():
         tile = renderer.draw_shaded(CAMERA, pose, head.vertices, part_colours(head))
         facing = camera_from_head(Pose(pose.rotation, np.zeros(3)), normals)[:, 2] < 0.1
         for name, vertex in head.landmarks.items():
@@ -67,7 +67,7 @@ def network_figure(renderer: Renderer, head: Head) -> Picture:
     places = (head.network_weights[..., None] * corners).sum(1)
     left = places[places[:, 0] > -1]
     tiles = []
-    for pose in views():
+    for pose in view_poses():
         tile = renderer.draw_shaded(CAMERA, pose, head.vertices, painted_colours(head))
         for pixel in pixel_from_head(CAMERA, pose, left):
             _mark(tile, pixel, NETWORK_MARK)
@@ -80,7 +80,7 @@ def opacity_figure(renderer: Renderer, head: Head) -> Picture:
     shade = np.rint(60 + 170 * head.opacity).astype(np.uint8)
     colours = np.repeat(shade[:, None], 3, 1)
     colours[head.parts == PARTS.index("mouth")] = 60
-    tiles = [renderer.draw_shaded(CAMERA, pose, head.vertices, colours) for pose in views()]
+    tiles = [renderer.draw_shaded(CAMERA, pose, head.vertices, colours) for pose in view_poses()]
     return np.hstack(tiles)
 
 

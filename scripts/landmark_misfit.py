@@ -1,7 +1,7 @@
-"""How much of real faces' motion the model leaves over: python -m scripts.landmark_misfit CLIP...
+"""Motion of real faces that the model cannot reproduce: python -m scripts.landmark_misfit CLIP...
 
-Tracks the landmark network through clips, fits identity once, pose and actuators to each frame,
-and prints what is left of the landmarks' motion: root mean square about each point's own mean, mm.
+Tracks the landmark network through clips, fits identity once, and pose and EAUs to each frame, and
+prints the RMS residual motion of the landmarks about each point's mean, mm.
 """
 
 import argparse
@@ -26,12 +26,12 @@ from shared_model.parameters import EAU_INDEX, EAUS, THESIS_EAUS, FaceParameters
 
 Array = NDArray[np.float64]
 
-# The network's points do not see the iris: gaze would only chase the lids.
-UNSEEN = ("gaze_horizontal", "gaze_vertical")
+# The network has no iris landmarks: the gaze EAUs would fit the eyelids.
+GAZE_EAUS = ("gaze_horizontal", "gaze_vertical")
 SETS: Mapping[str, tuple[int, ...]] = {
     "pose only": (),
     "the thesis' four": tuple(EAU_INDEX[name] for name in THESIS_EAUS),
-    "all but gaze": tuple(i for i, eau in enumerate(EAUS) if eau.name not in UNSEEN),
+    "all but gaze": tuple(i for i, eau in enumerate(EAUS) if eau.name not in GAZE_EAUS),
 }
 MOUTH = (
     *(61, 185, 40, 39, 37, 0, 267, 269, 270, 409, 291, 375, 321, 405, 314, 17, 84, 181, 91, 146),
@@ -41,39 +41,39 @@ BROWS = (
     *(70, 63, 105, 66, 107, 46, 53, 52, 65, 55),
     *(336, 296, 334, 293, 300, 285, 295, 282, 283, 276),
 )
-LIDS = (
+EYELIDS = (
     *(33, 246, 161, 160, 159, 158, 157, 173, 133, 155, 154, 153, 145, 144, 163, 7),
     *(263, 466, 388, 387, 386, 385, 384, 398, 362, 382, 381, 380, 374, 373, 390, 249),
 )
-REGIONS = {"mouth": MOUTH, "brows": BROWS, "lids": LIDS}
+REGIONS = {"mouth": MOUTH, "brows": BROWS, "lids": EYELIDS}
 
 
-def track(clip: Path, frames: int, every: int) -> tuple[tuple[int, int], list[Array]]:
-    """Picture size and the landmarks (468, 3), pixels, of every so many frames with a face."""
+def track_landmarks(clip: Path, frames: int, every: int) -> tuple[tuple[int, int], list[Array]]:
+    """Picture size, and the landmarks (468, 3), pixels, of every `every`-th frame with a face."""
     folder = find_network_folder()
     tracker = LandmarkTracker(folder, BlazeFaceDetector(folder))
     with open_source(str(clip)) as source:
         pictures = islice(source, 0, frames, every)
-        seen = [tracker.update(picture) for _, picture in pictures]
+        detections = [tracker.update(picture) for _, picture in pictures]
         size = source.width, source.height
-    return size, [found.points for found in seen if found is not None]
+    return size, [found.points for found in detections if found is not None]
 
 
-def left_over(
+def residual_motion(
     model: LandmarkModel, fitted: IdentityFit, landmarks: Sequence[Array], active: Sequence[int]
 ) -> Array:
-    """(frames, points, 2) mm on the face: what the fit of each frame leaves, less its mean."""
-    state = FaceParameters(fitted.frames[0].pose)
-    rest = []
+    """(frames, points, 2) mm: the landmarks' residual after each fit, about its mean."""
+    face = FaceParameters(fitted.frames[0].pose)
+    residuals = []
     for points in landmarks:
-        state = fit_landmarks(model, fitted.camera, points, state, active=active, iterations=6)
-        fields = np.where((state.eau >= 0)[:, None, None], model.eau_up, -model.eau_down)
-        vertices = model.neutral + np.tensordot(state.eau, fields, 1)
-        seen = pixel_from_head(fitted.camera, state.pose, vertices)
-        mm_per_px = state.pose.translation_mm[2] / fitted.camera.focal_px
-        rest.append((points[model.index, :2] - seen) * mm_per_px)
-    left = np.array(rest)
-    return np.asarray(left - left.mean(0))
+        face = fit_landmarks(model, fitted.camera, points, face, active=active, iterations=6)
+        fields = np.where((face.eau >= 0)[:, None, None], model.eau_up, -model.eau_down)
+        vertices = model.neutral + np.tensordot(face.eau, fields, 1)
+        projected = pixel_from_head(fitted.camera, face.pose, vertices)
+        mm_per_px = face.pose.translation_mm[2] / fitted.camera.focal_px
+        residuals.append((points[model.index, :2] - projected) * mm_per_px)
+    residual = np.array(residuals)
+    return np.asarray(residual - residual.mean(0))
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -90,13 +90,13 @@ def main(arguments: Sequence[str]) -> None:
     }
     squares: dict[str, list[list[float]]] = {name: [] for name in SETS}
     for clip in options.clips:
-        size, landmarks = track(clip, options.frames, options.every)
+        size, landmarks = track_landmarks(clip, options.frames, options.every)
         fitted = fit_identity(
             head, size, [landmarks[0], landmarks[len(landmarks) // 2], landmarks[-1]]
         )
         personal = personalise(model, fitted.identity.aau, fitted.control_mm)
         for name, active in SETS.items():
-            left = left_over(personal, fitted, landmarks, active)
+            left = residual_motion(personal, fitted, landmarks, active)
             mean = [float((left[:, where] ** 2).sum(2).mean()) for where in regions.values()]
             squares[name].append(mean)
     print("| actuators | " + " | ".join(f"{name}, mm" for name in regions) + " |")

@@ -1,4 +1,4 @@
-"""Line charts without a plotting library: truth against estimate over time, as in Fig. 5.6/5.7."""
+"""Line charts of ground truth and estimates over time, as in Fig. 5.6/5.7, drawn with OpenCV."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,26 +13,26 @@ Picture = NDArray[np.uint8]
 WIDTH, HEIGHT = 800, 160
 LEFT, RIGHT, TOP, BOTTOM = 64, 12, 26, 20
 INK, GRID = (70, 70, 70), (225, 225, 225)
-# BGR of the curves in their order: what is true is drawn first, wide and grey.
+# BGR of the curves in their order; the ground truth comes first, wide and grey.
 COLOURS = ((175, 175, 175), (180, 90, 20), (40, 110, 220))
 WIDTHS = (4, 1, 1)
 # Few grey levels keep the files small without a visible loss.
-LEVEL = 51
+GREY_STEP = 51
 
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """One panel: its title and its curves over common times."""
+    """A panel: title and curves over common times."""
 
     title: str
     curves: Sequence[Array]
 
 
 def draw_charts(charts: Sequence[Chart], time_s: Array, names: Sequence[str]) -> Picture:
-    """The panels one above the other, (h, w, 3) uint8 BGR; names: of the curves."""
+    """The panels one above the other, (h, w, 3) uint8 BGR.  names: of the curves."""
     panels = [_panel(chart, time_s) for chart in charts]
     picture = np.concatenate([_legend(names), *panels])
-    return np.asarray(np.rint(picture / LEVEL) * LEVEL, np.uint8)
+    return np.asarray(np.rint(picture / GREY_STEP) * GREY_STEP, np.uint8)
 
 
 def _panel(chart: Chart, time_s: Array) -> Picture:
@@ -42,25 +42,25 @@ def _panel(chart: Chart, time_s: Array) -> Picture:
     margin = 0.05 * max(high - low, 1e-6)
     low, high = low - margin, high + margin
 
-    def place(t: Array, value: Array) -> NDArray[np.int32]:
+    def to_pixels(t: Array, value: Array) -> NDArray[np.int32]:
         x = LEFT + (WIDTH - LEFT - RIGHT) * (t - time_s[0]) / (time_s[-1] - time_s[0])
         y = HEIGHT - BOTTOM - (HEIGHT - TOP - BOTTOM) * (value - low) / (high - low)
         return np.asarray(np.rint(16 * np.stack([x, y], -1)), np.int32)
 
     for tick in _ticks(low, high):
-        ends = place(time_s[[0, -1]], np.full(2, tick))
+        ends = to_pixels(time_s[[0, -1]], np.full(2, tick))
         cv2.line(image, ends[0].tolist(), ends[1].tolist(), GRID, 1, cv2.LINE_AA, 4)
         _write(image, f"{tick:g}", (8, int(ends[0, 1] / 16) + 4))
     for tick in _ticks(float(time_s[0]), float(time_s[-1])):
-        at = place(np.array([tick]), np.array([low]))[0]
+        at = to_pixels(np.array([tick]), np.array([low]))[0]
         _write(image, f"{tick:g} s", (int(at[0] / 16) - 8, HEIGHT - 5))
     for curve, colour, width in zip(chart.curves, COLOURS, WIDTHS, strict=False):
-        seen = np.isfinite(curve)
+        finite = np.isfinite(curve)
         for run in np.split(
-            np.flatnonzero(seen), np.flatnonzero(np.diff(np.flatnonzero(seen)) > 1) + 1
+            np.flatnonzero(finite), np.flatnonzero(np.diff(np.flatnonzero(finite)) > 1) + 1
         ):
             cv2.polylines(
-                image, [place(time_s[run], curve[run])], False, colour, width, cv2.LINE_AA, 4
+                image, [to_pixels(time_s[run], curve[run])], False, colour, width, cv2.LINE_AA, 4
             )
     _write(image, chart.title, (LEFT, 17))
     return image
@@ -77,7 +77,7 @@ def _legend(names: Sequence[str]) -> Picture:
 
 
 def _ticks(low: float, high: float) -> list[float]:
-    """Round numbers between, about four of them."""
+    """About four round numbers between `low` and `high`."""
     raw = (high - low) / 4
     power = 10.0 ** np.floor(np.log10(raw))
     step = power * next(s for s in (1, 2, 2.5, 5, 10) if s * power >= raw)

@@ -1,8 +1,8 @@
-"""Whether a long call drifts: python -m scripts.long_run SOURCE DECODED [--after SECONDS]
+"""PSNR over the minutes of a long call: python -m scripts.long_run SOURCE DECODED [--after SECONDS]
 
-Prints the face PSNR (thesis eq. 6.1), dB, of each minute of a decoded call; with --after that of
-all but its beginning; and of two minutes or more by how much the last 60 seconds are better than
-the first.
+Prints the mean face PSNR (thesis eq. 6.1), dB, of each minute of a decoded call; with --after also
+that of the call without its first SECONDS; and from two minutes on the difference between the last
+and the first 60 seconds.
 """
 
 import argparse
@@ -31,11 +31,13 @@ def main(arguments: Sequence[str]) -> None:
     options = parser.parse_args(arguments)
     with open_source(options.source) as capture:
         fps = float(capture.fps)
-    print("\n".join(summary(face_psnr_db(options.source, options.decoded), fps, options.after)))
+    print(
+        "\n".join(summary_lines(face_psnr_db(options.source, options.decoded), fps, options.after))
+    )
 
 
-def summary(figures: Sequence[float], fps: float, after_s: float | None = None) -> list[str]:
-    """What to say of the figures of each frame, of those after `after_s` once more."""
+def summary_lines(figures: Sequence[float], fps: float, after_s: float | None = None) -> list[str]:
+    """The lines to print of the PSNR of each frame, dB.  after_s: see --after."""
     a_minute = round(60 * fps)
     starts = range(0, len(figures), a_minute)
     parts = {f"minute {number}": figures[k : k + a_minute] for number, k in enumerate(starts, 1)}
@@ -59,7 +61,7 @@ def _mean(figures: Sequence[float]) -> float:
 
 
 def face_psnr_db(source: str, decoded: str) -> list[float]:
-    """Of each frame; nan where the source shows no face.
+    """The PSNR of each frame, dB; nan where the source shows no face.
 
     Raises `UserError` if one of the videos ends before the other.
     """

@@ -29,8 +29,8 @@ ANGLES = ((0, 0), (0, -35), (0, 35), (0, -80), (22, -15))
 LEVELS = 5
 
 
-class Studio:
-    """Draws the painted head in tiles of one size."""
+class HeadRenderer:
+    """Renders the painted head in tiles of one size."""
 
     def __init__(self, head: Head) -> None:
         self.head = head
@@ -38,23 +38,23 @@ class Studio:
         self._camera = Camera(TILE, TILE, TILE * 4.6)
         self._colours = painted_colours(head)
 
-    def face(
+    def draw_face(
         self, eau: Array | None = None, aau: Array | None = None, pitch: float = 0, yaw: float = 0
     ) -> Picture:
-        """A picture (TILE, TILE, 3) uint8 BGR of the head with these actuators and this pose."""
+        """A tile (TILE, TILE, 3) uint8 BGR of the head with EAUs, AAUs and a pose in degrees."""
         identity = np.zeros(len(AAUS)) if aau is None else aau
         face = Face(self.head, Identity(identity, np.zeros_like(self.head.vertices)))
         vertices = face.animate(np.zeros(len(EAUS)) if eau is None else eau)
-        return self.shape(vertices, pitch, yaw)
+        return self.draw_vertices(vertices, pitch, yaw)
 
-    def shape(self, vertices: Array, pitch: float = 0, yaw: float = 0) -> Picture:
-        """A picture of any vertices (n, 3) mm."""
+    def draw_vertices(self, vertices: Array, pitch: float = 0, yaw: float = 0) -> Picture:
+        """A tile of vertices (n, 3) mm."""
         centre = np.array([0.0, 5.0, DISTANCE_MM])
         pose = pose_from_euler(pitch, yaw, 0, centre)
         return self._renderer.draw_shaded(self._camera, pose, vertices, self._colours)
 
 
-def unit(index: int, value: float, size: int) -> Array:
+def one_hot(index: int, value: float, size: int) -> Array:
     """(size,) zeros but for one value."""
     vector = np.zeros(size)
     vector[index] = value
@@ -68,12 +68,12 @@ def labelled(picture: Picture, text: str) -> Picture:
     return out
 
 
-def sheet(rows: Sequence[Sequence[Picture]]) -> Picture:
+def tiled(rows: Sequence[Sequence[Picture]]) -> Picture:
     """Rows of equal tiles as one picture."""
     return np.vstack([np.hstack(row) for row in rows])
 
 
-def eau_sheet(studio: Studio, names: Sequence[str]) -> Picture:
+def eau_sheet(studio: HeadRenderer, names: Sequence[str]) -> Picture:
     """A row for each actuator: both ends of its range and rest, from the front and the side."""
     rows = []
     for name in names:
@@ -84,28 +84,34 @@ def eau_sheet(studio: Studio, names: Sequence[str]) -> Picture:
                 if value == 0 and eau.low == 0 and len(row) % 3 == 0:
                     row.append(np.full((TILE, TILE, 3), 31, np.uint8))
                     continue
-                tile = studio.face(unit(EAU_INDEX[name], value, len(EAUS)), yaw=yaw)
+                tile = studio.draw_face(one_hot(EAU_INDEX[name], value, len(EAUS)), yaw=yaw)
                 row.append(labelled(tile, f"{name} {value:+g}" if value else name))
         rows.append(row)
-    return sheet(rows)
+    return tiled(rows)
 
 
-def emotion_sheet(studio: Studio) -> Picture:
+def emotion_sheet(studio: HeadRenderer) -> Picture:
     """The six emotions at their peak (fig. 2.8), from the front and from the side."""
-    return sheet(
+    return tiled(
         [
-            [labelled(studio.face(e.peak(), yaw=yaw), e.name if yaw == 0 else "") for e in EMOTIONS]
+            [
+                labelled(studio.draw_face(e.peak(), yaw=yaw), e.name if yaw == 0 else "")
+                for e in EMOTIONS
+            ]
             for yaw in (0, -35)
         ]
     )
 
 
-def aau_sheet(studio: Studio, names: Sequence[str]) -> Picture:
+def aau_sheet(studio: HeadRenderer, names: Sequence[str]) -> Picture:
     """A column for each AAU: -1 above +1, from the front and from the side."""
-    return sheet(
+    return tiled(
         [
             [
-                labelled(studio.face(aau=unit(AAUS.index(n), v, len(AAUS)), yaw=yaw), f"{n} {v:+g}")
+                labelled(
+                    studio.draw_face(aau=one_hot(AAUS.index(n), v, len(AAUS)), yaw=yaw),
+                    f"{n} {v:+g}",
+                )
                 for n in names
             ]
             for yaw in (0, -35)
@@ -114,19 +120,21 @@ def aau_sheet(studio: Studio, names: Sequence[str]) -> Picture:
     )
 
 
-def angle_sheet(studio: Studio) -> Picture:
+def angle_sheet(studio: HeadRenderer) -> Picture:
     """At rest, smiling and speaking, from five angles."""
-    smile = unit(EAU_INDEX["mouth_corners"], 1, len(EAUS))
-    speech = unit(EAU_INDEX["jaw_drop"], 0.35, len(EAUS))
-    return sheet(
+    smile = one_hot(EAU_INDEX["mouth_corners"], 1, len(EAUS))
+    speech = one_hot(EAU_INDEX["jaw_drop"], 0.35, len(EAUS))
+    return tiled(
         [
-            [studio.face(eau, pitch=pitch, yaw=yaw) for pitch, yaw in ANGLES]
+            [studio.draw_face(eau, pitch=pitch, yaw=yaw) for pitch, yaw in ANGLES]
             for eau in (np.zeros(len(EAUS)), smile, speech)
         ]
     )
 
 
-def reference_sheet(studio: Studio, reference: dict[str, Array], names: Sequence[str]) -> Picture:
+def reference_sheet(
+    studio: HeadRenderer, reference: dict[str, Array], names: Sequence[str]
+) -> Picture:
     """Ours above, the CC0 target below, for every actuator that has a counterpart."""
     head = studio.head
     ours, theirs = [], []
@@ -135,11 +143,13 @@ def reference_sheet(studio: Studio, reference: dict[str, Array], names: Sequence
         field = (head.eau_up if name.endswith("+") else head.eau_down)[index]
         target = reference[name]
         size = float((field * target).sum() / (target * target).sum())
-        ours.append(labelled(studio.shape(head.vertices + field), name))
-        theirs.append(labelled(studio.shape(head.vertices + size * target), f"CC0 x {size:.2f}"))
+        ours.append(labelled(studio.draw_vertices(head.vertices + field), name))
+        theirs.append(
+            labelled(studio.draw_vertices(head.vertices + size * target), f"CC0 x {size:.2f}")
+        )
     half = (len(names) + 1) // 2
     blank = [np.full((TILE, TILE, 3), 31, np.uint8)] * (2 * half - len(names))
-    return sheet([ours[:half], theirs[:half], ours[half:] + blank, theirs[half:] + blank])
+    return tiled([ours[:half], theirs[:half], ours[half:] + blank, theirs[half:] + blank])
 
 
 def save(name: str, picture: Picture, folder: Path) -> None:
@@ -161,7 +171,7 @@ def main(arguments: Sequence[str]) -> None:
     options = parser.parse_args(arguments)
     head = generic_head()
     reference = reference_fields(options.reference, head) if options.reference else {}
-    studio = Studio(head)
+    studio = HeadRenderer(head)
     figures = options.docs / "figures"
     figures.mkdir(parents=True, exist_ok=True)
     names = [eau.name for eau in EAUS]

@@ -1,4 +1,4 @@
-"""The tables of docs/model.md: actuators against CC0 counterparts, AAUs against each other."""
+"""The tables of docs/model.md: EAUs against CC0 counterparts, AAUs against each other."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,7 +14,7 @@ from shared_model.parameters import AAUS, EAU_INDEX, EAUS
 
 Array = NDArray[np.float64]
 
-# EAU and the end of its range (+ or -) -> the CC0 facial targets that together show the same.
+# EAU and end of its range (+ or -) -> the CC0 facial targets whose sum is its counterpart.
 COUNTERPARTS: Mapping[str, tuple[str, ...]] = {
     "jaw_drop+": ("jawOpen",),
     "mouth_corners+": ("mouthSmileLeft", "mouthSmileRight"),
@@ -60,7 +60,7 @@ def face_skin(head: Head) -> NDArray[np.bool_]:
     return np.asarray(skin & (head.vertices[:, 2] > 25) & (head.vertices[:, 1] > chin - 5))
 
 
-def agreement(field: Array, target: Array, where: NDArray[np.bool_]) -> tuple[float, float]:
+def field_agreement(field: Array, target: Array, where: NDArray[np.bool_]) -> tuple[float, float]:
     """Cosine of two fields over the vertices `where`, and RMS difference, mm, at the best scale."""
     a, b = field[where].ravel(), target[where].ravel()
     cosine = float(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)))
@@ -85,7 +85,7 @@ def eau_table(head: Head, reference: Mapping[str, Array]) -> str:
             key = eau.name + sign
             cells = [eau.name, eau.au, actuators[eau.name].works_by, f"{end:+g}", f"{largest:.1f}"]
             if key in reference:
-                cosine, rms = agreement(field, reference[key], where)
+                cosine, rms = field_agreement(field, reference[key], where)
                 cells += [" + ".join(COUNTERPARTS[key]), f"{cosine:.2f}", f"{rms:.2f}"]
             else:
                 cells += ["", "", ""]

@@ -1,8 +1,8 @@
-"""Time the decoder's drawing: `python -m scripts.render_speed`.
+"""Speed of the decoder's rendering: `python -m scripts.render_speed`.
 
-Prints, for each picture size, median and least milliseconds a frame of animating the head of the
-default profile, warping the backdrop, setting a new texture, and drawing with readback, and the
-frames a second of the medians together.
+Prints for each picture size the median and least milliseconds a frame of animating the head,
+warping the background, setting a new texture, and rendering with readback, and the frames a second
+of the sum of the medians.
 """
 
 import argparse
@@ -25,19 +25,19 @@ FRAMES = 100
 STAGES = ("animate", "warp", "texture", "draw")
 
 
-def measure(width: int, height: int) -> np.ndarray:
-    """(FRAMES, len(STAGES)) milliseconds of each stage of each frame, after a few to warm up."""
+def measure_stages_ms(width: int, height: int) -> np.ndarray:
+    """(FRAMES, len(STAGES)) milliseconds, after frames that warm up."""
     head, camera = surrounded_head(), Camera(width, height, 1.3 * height)
     face = Face(head, Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices)))
     reference = pose_from_euler(0, 0, 0, np.array([0.0, 0.0, 600.0]))
-    backdrop = make_background_mesh(camera, reference, head, head.vertices)
+    background_mesh = make_background_mesh(camera, reference, head, head.vertices)
     rng = np.random.default_rng(0)
     atlas = rng.integers(0, 256, (256, 256, 3), dtype=np.uint8)
-    still = rng.integers(0, 256, (height, width, 3), dtype=np.uint8)
+    background = rng.integers(0, 256, (height, width, 3), dtype=np.uint8)
     times = np.zeros((FRAMES + 5, len(STAGES) + 1))
     with Renderer(width, height, head, edge_samples(width, height)) as renderer:
         renderer.set_texture(atlas)
-        renderer.set_background(still, backdrop.grid_px)
+        renderer.set_background(background, background_mesh.grid_px)
         for row, phase in zip(times, np.linspace(0, 6.28, len(times)), strict=True):
             shift = np.array([30 * np.sin(phase), 0.0, 0.0])
             pose = pose_from_euler(3, 15 * np.cos(phase), 2, reference.translation_mm + shift)
@@ -45,7 +45,7 @@ def measure(width: int, height: int) -> np.ndarray:
             row[0] = time.perf_counter()
             vertices = face.animate(eau)
             row[1] = time.perf_counter()
-            grid_px = warp(backdrop, pose, vertices)
+            grid_px = warp(background_mesh, pose, vertices)
             row[2] = time.perf_counter()
             renderer.set_texture(atlas)
             row[3] = time.perf_counter()
@@ -59,10 +59,11 @@ def main(arguments: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.parse_args(arguments)
     for width, height in SIZES:
-        ms = measure(width, height)
+        ms = measure_stages_ms(width, height)
         median, least = np.median(ms, axis=0), ms.min(axis=0)
         stages = "  ".join(
-            f"{name} {m:.2f} ({n:.2f})" for name, m, n in zip(STAGES, median, least, strict=True)
+            f"{name} {median_ms:.2f} ({minimum:.2f})"
+            for name, median_ms, minimum in zip(STAGES, median, least, strict=True)
         )
         print(f"{width}x{height}: {stages} ms, {1000 / median.sum():.0f} frames a second")
 

@@ -1,8 +1,8 @@
-"""What a paced start shows when: bytes, seconds and PSNR after each layer of a caller's model.
+"""Quality during a paced start: bytes, seconds and PSNR after each layer of a model.
 
-Each clip is encoded once with all layers before its second frame packet; decoded with the first
-layers only, each number of them has its PSNR over the whole clip.  Seconds are when the link has
-carried a layer, frames beside it, if all packets keep to the rate from the first byte on.
+Each clip is encoded with all layers before its second frame packet.  Its PSNR over the whole clip
+is measured after decoding the first layers only, for several numbers of layers.  Seconds are the
+arrival times of the layers over a link that carries all packets, frames included, at the rate.
 """
 
 import argparse
@@ -27,41 +27,45 @@ from protocol.packets import FramePacket, LayerPacket, parse_packet, serialise
 from scripts.command import run
 from shared_model.errors import UserError
 
-# So fast that every layer goes out at once.
-AT_ONCE_BPS = 1e8
-# After which numbers of layers there is a row: texture, background, modes.
-ROWS = (0, 1, 2, 3, 4, 6, 10, 18)
+# A rate at which all layers are sent after the first frame packet.
+UNLIMITED_BPS = 1e8
+# Numbers of layers with a row: texture, background, then modes.
+LAYER_COUNTS = (0, 1, 2, 3, 4, 6, 10, 18)
 
 
 @dataclass(frozen=True, slots=True)
 class LayeredCall:
-    """A call with its layers apart: packets as they are sent, one layer packet for each item."""
+    """A call: base layer, one layer packet for each item, and all other packets, as bytes."""
 
-    first: bytes
+    base: bytes
     layers: tuple[bytes, ...]
     frames: tuple[bytes, ...]
 
     @property
     def model(self) -> LayeredModel:
-        """The model as a pacer takes it."""
-        first = parse_packet(self.first)
-        assert isinstance(first, ModelPacket)
-        return LayeredModel(first, tuple(map(_item_of, self.layers)))
+        """The model as `LayerPacer` takes it."""
+        base = parse_packet(self.base)
+        assert isinstance(base, ModelPacket)
+        return LayeredModel(base, tuple(map(_item_of, self.layers)))
 
-    def cut(self, count: int) -> bytes:
+    def truncated_to(self, count: int) -> bytes:
         """A call file with the first `count` layers, all before the frames."""
         return MAGIC + b"".join(
-            map(serialise_record, (self.first, *self.layers[:count], *self.frames))
+            map(serialise_record, (self.base, *self.layers[:count], *self.frames))
         )
 
     def bytes_until(self, count: int) -> int:
-        """What the first layer and `count` more take in a call file."""
-        return len(self.cut(count)) - len(self.cut(0)) + len(serialise_record(self.first))
+        """Bytes of the base layer and `count` layers in a call file."""
+        return (
+            len(self.truncated_to(count))
+            - len(self.truncated_to(0))
+            + len(serialise_record(self.base))
+        )
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """What there is after so many layers."""
+class TableRow:
+    """Quality after a number of layers."""
 
     layers: int
     bytes: int
@@ -69,64 +73,68 @@ class Row:
     face_psnr_db: float
 
 
-def encoded(clip: str, path: Path, max_frames: int | None) -> LayeredCall:
-    """A clip's call, with its layers apart."""
+def encode_progressively(clip: str, path: Path, max_frames: int | None) -> LayeredCall:
+    """The call of a clip in layers."""
     options = EncodeOptions(
-        clip, path, profile="default", startup_bitrate=AT_ONCE_BPS, max_frames=max_frames
+        clip, path, profile="default", startup_bitrate=UNLIMITED_BPS, max_frames=max_frames
     )
     encode(options, lambda done, total: None, lambda: False)
     with CallReader(path) as reader:
-        first, *rest = reader
-    layers = [data for data in rest if isinstance(parse_packet(data), LayerPacket)]
-    return LayeredCall(first, tuple(layers), tuple(data for data in rest if data not in layers))
+        base, *others = reader
+    layers = [data for data in others if isinstance(parse_packet(data), LayerPacket)]
+    return LayeredCall(base, tuple(layers), tuple(data for data in others if data not in layers))
 
 
-def arrivals_s(call: LayeredCall, bitrate: float) -> list[float]:
-    """When the first layer and each of the others has come over a link of `bitrate`."""
+def arrival_times_s(call: LayeredCall, bitrate: float) -> list[float]:
+    """When the base layer and each further layer has arrived over a link of `bitrate`."""
     pacer, model = LayerPacer(bitrate), call.model
     pacer.start(model)
-    pacer.on_packet_sent(len(call.first))
+    pacer.on_packet_sent(len(call.base))
     parameters = model.base.call
     slot_s = parameters.frames_per_packet * parameters.frame_step / parameters.fps
     frames = [data for data in call.frames if isinstance(parse_packet(data), FramePacket)]
-    found, slots = [8 * len(serialise_record(call.first)) / bitrate], 0
+    times_s, packets = [8 * len(serialise_record(call.base)) / bitrate], 0
     for data in cycle(frames):
         if not pacer.pending_items:
-            return found
-        slots, before = slots + 1, pacer.pending_items
+            return times_s
+        packets, before = packets + 1, pacer.pending_items
         pacer.on_packet_sent(len(data))
         pacer.packets_due(slot_s)
-        found += [slots * slot_s] * (before - pacer.pending_items)
+        times_s += [packets * slot_s] * (before - pacer.pending_items)
     raise UserError("the call has no frame packets")
 
 
-def measured(clip: str, call: LayeredCall, bitrate: float, folder: Path) -> list[Row]:
+def measure_layers(clip: str, call: LayeredCall, bitrate: float, folder: Path) -> list[TableRow]:
     """The rows of one clip."""
-    times, rows = arrivals_s(call, bitrate), []
-    for count in sorted({*(row for row in ROWS if row < len(call.layers)), len(call.layers)}):
+    times, rows = arrival_times_s(call, bitrate), []
+    for count in sorted(
+        {*(row for row in LAYER_COUNTS if row < len(call.layers)), len(call.layers)}
+    ):
         path, video = folder / "cut.rzo", folder / "cut.mkv"
-        path.write_bytes(call.cut(count))
+        path.write_bytes(call.truncated_to(count))
         report = decode(DecodeOptions(path, output=video), lambda done, total: None, lambda: False)
-        area = face_mask_finder(lambda message: print(message, file=sys.stderr))
-        quality = measure_quality(clip, str(video), area, lambda done, total: None, report.frames)
+        find_face = face_mask_finder(lambda message: print(message, file=sys.stderr))
+        quality = measure_quality(
+            clip, str(video), find_face, lambda done, total: None, report.frames
+        )
         assert quality.face_psnr_db is not None
-        rows.append(Row(count, call.bytes_until(count), times[count], quality.face_psnr_db))
+        rows.append(TableRow(count, call.bytes_until(count), times[count], quality.face_psnr_db))
     return rows
 
 
-def whole_bytes(call: LayeredCall) -> int:
-    """About what the model takes if it is sent whole."""
+def unlayered_bytes(call: LayeredCall) -> int:
+    """Approximate bytes of the model packet without layers."""
     model = call.model
-    rough = len(model.base.texture) + len(model.base.background)
-    return len(serialise(model.base)) - rough + sum(map(len, model.items))
+    coarse = len(model.base.texture) + len(model.base.background)
+    return len(serialise(model.base)) - coarse + sum(map(len, model.items))
 
 
-def markdown(tables: dict[str, list[Row]]) -> str:
-    """One table; a row for each number of layers."""
+def markdown(tables: dict[str, list[TableRow]]) -> str:
+    """A table of all clips with a row for each number of layers."""
     names = list(tables)
     head = " | ".join(f"{name}: bytes | s | dB" for name in names)
-    lines = [f"| has come | {head} |", "|---" * (1 + 3 * len(names)) + "|"]
-    labels = {0: "first layer", 1: "+ texture", 2: "+ background", 3: "+ 1 mode"}
+    lines = [f"| received | {head} |", "|---" * (1 + 3 * len(names)) + "|"]
+    labels = {0: "base layer", 1: "+ texture", 2: "+ background", 3: "+ 1 mode"}
     counts = sorted({row.layers for rows in tables.values() for row in rows})
     for count in counts:
         cells = []
@@ -152,10 +160,10 @@ def main(arguments: Sequence[str]) -> None:
         print(f"startup_layers: {clip}", file=sys.stderr)
         with TemporaryDirectory() as name:
             folder, stem = Path(name), Path(clip).stem
-            call = encoded(clip, folder / "call.rzo", options.max_frames)
-            tables[stem] = measured(clip, call, options.bitrate, folder)
-        seconds = 8 * whole_bytes(call) / options.bitrate
-        print(f"{stem}: whole model {whole_bytes(call)} bytes, {seconds:.1f} s", flush=True)
+            call = encode_progressively(clip, folder / "call.rzo", options.max_frames)
+            tables[stem] = measure_layers(clip, call, options.bitrate, folder)
+        seconds = 8 * unlayered_bytes(call) / options.bitrate
+        print(f"{stem}: whole model {unlayered_bytes(call)} bytes, {seconds:.1f} s", flush=True)
     print(f"\nat {options.bitrate:g} bit/s:\n\n{markdown(tables)}")
 
 

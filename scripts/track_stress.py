@@ -1,8 +1,8 @@
-"""What disturbs the tracker, and how soon it is back: python -m scripts.track_stress CLIP...
+"""Robustness of the tracker against disturbances: python -m scripts.track_stress CLIP...
 
-Follows each clip as it is, then with an occluder crossing the face, with a shadow from the side
-(thesis 5.3.3) and with a second of frames dropped, and prints how far pose and actuators are from
-the undisturbed ones during the disturbance and after it, and how many frames were given up.
+Tracks each clip undisturbed, then with an occluder that crosses the face, with a side shadow
+(thesis 5.3.3) and with a second of frames dropped.  Prints the differences of pose and EAUs from
+the undisturbed track during and after the disturbance, and the number of lost frames.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from encoder.appearance.photometric import NORMALISATIONS
 from encoder.capture.video_source import open_source
 from encoder.tracking.trackers import TRACKED_EAUS, TrackingOptions, open_tracker
 from scripts.command import run, warn
-from scripts.track_synthetic import follow_frame
+from scripts.track_synthetic import track_frame
 from shared_model.geometry import Camera, euler_deg, pixel_from_head
 from shared_model.mesh import generic_head
 from shared_model.parameters import EAU_INDEX, THESIS_EAUS, FaceParameters
@@ -25,45 +25,49 @@ from shared_model.parameters import EAU_INDEX, THESIS_EAUS, FaceParameters
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-FIRST, LAST = 40, 65  # frames of the disturbance
-SETTLE = 10
-# A head's half width, mm: the occluder's size and how far it goes.
-HEAD_MM = 80.0
-DARKNESS = 0.35
+# Frames of the disturbance.
+DISTURBED = range(40, 65)
+RECOVERY_FRAMES = 10
+# Half the width of a head: the occluder's size, and the length of its way.
+HALF_HEAD_MM = 80.0
+SHADOW_GAIN = 0.35
 COLUMNS = (
     *("clip", "disturbed by", "degrees off, mean", "at worst", "after"),
     *("actuators off, mean", "after", "frames lost"),
 )
 
 
-class Stage:
-    """The undisturbed clip: its frames, and where the face was in each, pixels."""
+class DisturbedClip:
+    """A clip, and its undisturbed track: faces, their centres (pixels) and scales."""
 
     def __init__(self, source: str, count: int, options: TrackingOptions) -> None:
         self._options = options
         with open_source(source) as capture:
             self.frames = [frame for _, frame in islice(capture, count)]
             self.size, self.elapsed_s = (capture.width, capture.height), float(1 / capture.fps)
-        found, camera = self.follow(self.frames)
-        self.faces = seen = [face for face in found if face is not None]
-        if len(self.frames) <= LAST + SETTLE:
-            raise SystemExit(f"{source} has {len(self.frames)} frames, {LAST + SETTLE + 1} needed")
-        if len(seen) < len(self.frames):
-            raise SystemExit(f"{source}: lost undisturbed in {len(self.frames) - len(seen)} frames")
-        self.centres = [pixel_from_head(camera, f.pose, np.array([0.0, -20, 90])) for f in seen]
-        self.px_per_mm = [camera.focal_px / float(f.pose.translation_mm[2]) for f in seen]
+        found, camera = self.track(self.frames)
+        self.faces = faces = [face for face in found if face is not None]
+        needed = DISTURBED.stop + RECOVERY_FRAMES + 1
+        if len(self.frames) < needed:
+            raise SystemExit(f"{source} has {len(self.frames)} frames, {needed} needed")
+        if len(faces) < len(self.frames):
+            raise SystemExit(
+                f"{source}: lost undisturbed in {len(self.frames) - len(faces)} frames"
+            )
+        self.centres = [pixel_from_head(camera, f.pose, np.array([0.0, -20, 90])) for f in faces]
+        self.px_per_mm = [camera.focal_px / float(f.pose.translation_mm[2]) for f in faces]
 
-    def follow(self, frames: Sequence[Picture]) -> tuple[list[FaceParameters | None], Camera]:
-        """Faces of the frames, and the camera."""
+    def track(self, frames: Sequence[Picture]) -> tuple[list[FaceParameters | None], Camera]:
+        """The faces of frames, and the camera."""
         head = generic_head()
-        follower = open_tracker(self._options, head, self.size, TRACKED_EAUS, self.elapsed_s, warn)
-        faces = [follow_frame(follower, frame) for frame in frames]
-        return faces, follower.fitted.camera
+        tracker = open_tracker(self._options, head, self.size, TRACKED_EAUS, self.elapsed_s, warn)
+        faces = [track_frame(tracker, frame) for frame in frames]
+        return faces, tracker.fitted.camera
 
     def occluded(self, index: int) -> Picture:
-        """A grey card as wide as half the face crosses it from left to right."""
-        frame, share = self.frames[index].copy(), (index - FIRST) / (LAST - FIRST)
-        reach = HEAD_MM * self.px_per_mm[index]
+        """Frame `index` with a grey rectangle that crosses the face from left to right."""
+        frame, share = self.frames[index].copy(), _progress(index)
+        reach = HALF_HEAD_MM * self.px_per_mm[index]
         x = self.centres[index][0] + (3 * share - 1.5) * reach
         y = self.centres[index][1]
         low = np.rint([x - reach / 2, y - 2 * reach]).astype(int).tolist()
@@ -72,13 +76,18 @@ class Stage:
         return frame
 
     def shadowed(self, index: int) -> Picture:
-        """One side of the face falls into shadow, and comes out of it."""
-        depth = (1 - DARKNESS) * np.sin(np.pi * (index - FIRST) / (LAST - FIRST))
+        """Frame `index` with one side of the face in a shadow that comes and goes."""
+        depth = (1 - SHADOW_GAIN) * np.sin(np.pi * _progress(index))
         edge = (np.arange(self.size[0]) - self.centres[index][0]) / (
-            0.1 * HEAD_MM * self.px_per_mm[index]
+            0.1 * HALF_HEAD_MM * self.px_per_mm[index]
         )
         gain = 1 - depth / (1 + np.exp(np.clip(edge, -30, 30)))
         return np.asarray(np.rint(self.frames[index] * gain[None, :, None]), np.uint8)
+
+
+def _progress(index: int) -> float:
+    """0 at the first frame of the disturbance, 1 after its last."""
+    return (index - DISTURBED.start) / len(DISTURBED)
 
 
 def main(arguments: Sequence[str]) -> None:
@@ -90,49 +99,52 @@ def main(arguments: Sequence[str]) -> None:
     print(f"| {' | '.join(COLUMNS)} |")
     print("|---" * len(COLUMNS) + "|")
     for source in options.source:
-        stage = Stage(source, options.frames, TrackingOptions(normalise=options.normalise))
-        for name, disturbed in disturbances(stage).items():
-            print(f"| {source.rsplit('/', 1)[-1]} | {name} | {row(stage, disturbed)} |", flush=True)
+        clip = DisturbedClip(source, options.frames, TrackingOptions(normalise=options.normalise))
+        for name, disturbed in disturbances(clip).items():
+            print(
+                f"| {source.rsplit('/', 1)[-1]} | {name} | {table_cells(clip, disturbed)} |",
+                flush=True,
+            )
 
 
-def disturbances(stage: Stage) -> Mapping[str, Sequence[int | Picture]]:
-    """Name -> frames: the number of an undisturbed one, or another picture."""
+def disturbances(clip: DisturbedClip) -> Mapping[str, Sequence[int | Picture]]:
+    """The frames of each disturbance: the index of an undisturbed frame, or a picture."""
 
     def replaced(change: Callable[[int], Picture]) -> list[int | Picture]:
-        return [change(i) if FIRST <= i < LAST else i for i in range(len(stage.frames))]
+        return [change(i) if i in DISTURBED else i for i in range(len(clip.frames))]
 
     return {
-        "occluder": replaced(stage.occluded),
-        "side shadow": replaced(stage.shadowed),
-        "a second dropped": [i for i in range(len(stage.frames)) if not FIRST <= i < LAST],
+        "occluder": replaced(clip.occluded),
+        "side shadow": replaced(clip.shadowed),
+        "a second dropped": [i for i in range(len(clip.frames)) if i not in DISTURBED],
     }
 
 
-def row(stage: Stage, disturbed: Sequence[int | Picture]) -> str:
-    """One row's cells."""
-    frames = [stage.frames[item] if isinstance(item, int) else item for item in disturbed]
-    faces, _ = stage.follow(frames)
+def table_cells(clip: DisturbedClip, disturbed: Sequence[int | Picture]) -> str:
+    """The cells of one clip and disturbance."""
+    frames = [clip.frames[item] if isinstance(item, int) else item for item in disturbed]
+    faces, _ = clip.track(frames)
     numbers = [item if isinstance(item, int) else i for i, item in enumerate(disturbed)]
     during: list[tuple[float, float]] = []
     after: list[tuple[float, float]] = []
     for number, face in zip(numbers, faces, strict=True):
-        if face is None or number < FIRST:
+        if face is None or number < DISTURBED.start:
             continue
-        off = _off(face, stage.faces[number])
-        (during if number < LAST + SETTLE else after).append(off)
+        errors = _rms_errors(face, clip.faces[number])
+        (during if number < DISTURBED.stop + RECOVERY_FRAMES else after).append(errors)
     lost = sum(face is None for face in faces)
-    hit, rest = np.array(during), np.array(after)
+    during_errors, after_errors = np.array(during), np.array(after)
     return (
-        f"{hit[:, 0].mean():.2f} | {hit[:, 0].max():.2f} | {rest[:, 0].mean():.2f}"
-        f" | {hit[:, 1].mean():.3f} | {rest[:, 1].mean():.3f} | {lost}"
+        f"{during_errors[:, 0].mean():.2f} | {during_errors[:, 0].max():.2f}"
+        f" | {after_errors[:, 0].mean():.2f} | {during_errors[:, 1].mean():.3f} | {after_errors[:, 1].mean():.3f} | {lost}"
     )
 
 
-def _off(face: FaceParameters, like: FaceParameters) -> tuple[float, float]:
-    """Root mean square difference of the three angles, degrees, and of the four actuators."""
-    angles = np.array(euler_deg(face.pose)) - euler_deg(like.pose)
+def _rms_errors(face: FaceParameters, reference: FaceParameters) -> tuple[float, float]:
+    """RMS difference of the three angles, degrees, and of the thesis' EAUs."""
+    angles = np.array(euler_deg(face.pose)) - euler_deg(reference.pose)
     at = [EAU_INDEX[name] for name in THESIS_EAUS]
-    difference = face.eau[at] - like.eau[at]
+    difference = face.eau[at] - reference.eau[at]
     return float(np.sqrt(np.mean(angles**2))), float(np.sqrt(np.mean(difference**2)))
 
 

@@ -1,8 +1,8 @@
-"""Synthetic-pose-expression experiment (thesis 5.3.1): python -m scripts.track_synthetic CALL...
+"""Synthetic pose and expression (thesis 5.3.1): python -m scripts.track_synthetic CALL...
 
-Draws each caller of the given call files (thesis profile) turning, nodding, tilting and making
-faces, follows the video with the whole tracker and with each part left out, and prints root mean
-square errors (eq. 5.1) as Markdown.  --out takes the sequences, figures.json and charts.
+Renders the person of each call file (thesis profile) with moving pose and expression, tracks the
+video with the whole tracker and with each part left out, and prints RMS errors (eq. 5.1) in
+Markdown.  --out takes the sequences, figures.json and charts.
 """
 
 import argparse
@@ -60,8 +60,8 @@ CONFIGURATIONS: Mapping[str, TrackingOptions] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Followed:
-    """What a tracker said: (t, 7) angles and actuators, nan where it was lost; its focal length."""
+class TrackedValues:
+    """(t, 7) tracked angles and EAUs, nan where the face was lost; the fitted focal length."""
 
     values: Array
     focal_px: float
@@ -79,16 +79,16 @@ def main(arguments: Sequence[str]) -> None:
     script.write_text(calibration_script(options.frames / FPS))
     figures: dict[str, dict[str, Any]] = {}
     for call in options.call:
-        video, truth = draw(script, call, options.out)
-        found = {name: follow(video, CONFIGURATIONS[name]) for name in options.only}
+        video, truth = render_sequence(script, call, options.out)
+        found = {name: track_video(video, CONFIGURATIONS[name]) for name in options.only}
         figures[call.stem] = {name: errors(f, truth) for name, f in found.items()}
-        draw_figures(options.out / call.stem, truth, found)
+        write_charts(options.out / call.stem, truth, found)
         (options.out / "figures.json").write_text(json.dumps(figures, indent=1))
     print(error_table(figures))
 
 
 def calibration_script(seconds: float) -> str:
-    """An animation script (docs/animate.md): every track swings, at rest in the first picture."""
+    """An animation script (docs/animate.md) whose tracks are sinusoids, neutral at time 0."""
     lines = [f"seconds = {seconds}", f"fps = {FPS}", "noise = 2.0"]
     for time_s in np.arange(0, seconds, KEY_S):
 
@@ -113,33 +113,33 @@ def calibration_script(seconds: float) -> str:
     return "\n".join(lines) + "\n"
 
 
-def draw(script: Path, call: Path, out: Path) -> tuple[Path, dict[str, Any]]:
-    """The sequence of one caller, drawn where it is not there yet, and its truth."""
+def render_sequence(script: Path, call: Path, out: Path) -> tuple[Path, dict[str, Any]]:
+    """The sequence of one call, rendered unless it exists, and its ground truth."""
     video = out / f"{call.stem}.mkv"
     if not video.exists():
         animate(AnimateOptions(script, video, call_file=call), lambda *_: None, lambda: False)
     return video, json.loads(video.with_suffix(".json").read_text())
 
 
-def follow(video: Path, options: TrackingOptions) -> Followed:
-    """Follow a video from its first frame."""
+def track_video(video: Path, options: TrackingOptions) -> TrackedValues:
+    """Track a video from its first frame."""
     with open_source(str(video)) as capture:
         size, elapsed_s = (capture.width, capture.height), float(1 / capture.fps)
-        follower = open_tracker(options, generic_head(), size, TRACKED_EAUS, elapsed_s, warn)
-        values = [_values(follow_frame(follower, frame)) for _, frame in capture]
+        tracker = open_tracker(options, generic_head(), size, TRACKED_EAUS, elapsed_s, warn)
+        values = [_values(track_frame(tracker, frame)) for _, frame in capture]
     try:
-        focal_px = follower.fitted.camera.focal_px
+        focal_px = tracker.fitted.camera.focal_px
     except ValueError:
         focal_px = float("nan")
-    return Followed(np.array(values), focal_px)
+    return TrackedValues(np.array(values), focal_px)
 
 
-def follow_frame(follower: FaceTracker, frame: Picture) -> FaceParameters | None:
-    """The face in the next frame; a better identity is adopted as soon as it is there."""
-    face = follower.update(frame)
-    better = follower.take_refined_identity()
-    if better is not None:
-        follower.adopt(better)
+def track_frame(tracker: FaceTracker, frame: Picture) -> FaceParameters | None:
+    """The face in the next frame; adopts a refined identity when one is ready."""
+    face = tracker.update(frame)
+    refined = tracker.take_refined_identity()
+    if refined is not None:
+        tracker.adopt(refined)
     return face
 
 
@@ -149,33 +149,33 @@ def _values(face: FaceParameters | None) -> Array:
     return np.array([*euler_deg(face.pose), *(face.eau[EAU_INDEX[n]] for n in THESIS_EAUS)])
 
 
-def true_values(truth: Mapping[str, Any]) -> Array:
-    """(t, 7) angles in degrees and actuators."""
+def ground_truth_values(truth: Mapping[str, Any]) -> Array:
+    """(t, 7) angles in degrees and EAUs."""
     at = [truth["eaus"].index(name) for name in THESIS_EAUS]
     rows = [[*f["pitch_yaw_roll_deg"], *np.array(f["eau"])[at]] for f in truth["frames"]]
     return np.asarray(rows, np.float64)
 
 
-def errors(found: Followed, truth: Mapping[str, Any]) -> dict[str, Any]:
-    """Root mean square errors, also about their mean; share of frames lost; focal length.
+def errors(tracked: TrackedValues, truth: Mapping[str, Any]) -> dict[str, Any]:
+    """RMS errors, their standard deviation, the share of lost frames and the focal length's error.
 
-    Somebody else's idea of a straight face differs by a constant: the errors about their mean do
-    not count it.
+    The definition of a neutral face differs by a constant between models; the standard deviation
+    does not contain it.
     """
-    expected = true_values(truth)
-    off = found.values[: len(expected)] - expected[: len(found.values)]
-    off[:, :3] = (off[:, :3] + 180) % 360 - 180
+    truth_values = ground_truth_values(truth)
+    error = tracked.values[: len(truth_values)] - truth_values[: len(tracked.values)]
+    error[:, :3] = (error[:, :3] + 180) % 360 - 180
     focal = truth["frames"][0]["focal_px"]
     return {
-        "rmse": np.sqrt(np.nanmean(off**2, axis=0)).tolist(),
-        "about_mean": np.nanstd(off, axis=0).tolist(),
-        "lost": float(np.isnan(off[:, 0]).mean()),
-        "focal_percent": 100 * (found.focal_px / focal - 1),
+        "rmse": np.sqrt(np.nanmean(error**2, axis=0)).tolist(),
+        "about_mean": np.nanstd(error, axis=0).tolist(),
+        "lost": float(np.isnan(error[:, 0]).mean()),
+        "focal_percent": 100 * (tracked.focal_px / focal - 1),
     }
 
 
 def error_table(figures: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
-    """Markdown: errors of each configuration and caller, the mean of all callers, the thesis'."""
+    """A table of the errors of each configuration and call, their mean, and the thesis' errors."""
     names = [*ANGLES, *(name.replace("_", " ") for name in THESIS_EAUS), "lost %", "focal %"]
     lines = ["| | caller | " + " | ".join(names) + " |", "|---" * (len(names) + 2) + "|"]
     lines.append(f"| thesis | | {_cells(THESIS_RMSE)} | | |")
@@ -194,10 +194,10 @@ def _cells(row: Sequence[float]) -> str:
     return " | ".join(f"{v:.2f}" if i < 3 else f"{v:.3f}" for i, v in enumerate(row))
 
 
-def draw_figures(stem: Path, truth: Mapping[str, Any], found: Mapping[str, Followed]) -> None:
-    """Charts as Fig. 5.6 (angles) and Fig. 5.7 (actuators), of the first configuration."""
+def write_charts(stem: Path, truth: Mapping[str, Any], found: Mapping[str, TrackedValues]) -> None:
+    """Charts as Fig. 5.6 (angles) and Fig. 5.7 (EAUs), of the first configuration."""
     name, first = next(iter(found.items()))
-    expected, time_s = true_values(truth), np.array([f["time_s"] for f in truth["frames"]])
+    expected, time_s = ground_truth_values(truth), np.array([f["time_s"] for f in truth["frames"]])
     titles = [*(f"{a}, degrees" for a in ANGLES), *(n.replace("_", " ") for n in THESIS_EAUS)]
     charts = [Chart(title, (expected[:, k], first.values[:, k])) for k, title in enumerate(titles)]
     for part, panels in (("pose", charts[:3]), ("expression", charts[3:])):

@@ -64,22 +64,22 @@ class Samples:
 
     features: NDArray[np.int16]
     classes: NDArray[np.uint8]
-    sizes: NDArray[np.uint8]
+    outcomes: NDArray[np.uint8]
 
     def __len__(self) -> int:
-        return len(self.sizes)
+        return len(self.outcomes)
 
 
-def joined(samples: Sequence[Samples]) -> Samples:
+def concatenated(samples: Sequence[Samples]) -> Samples:
     """All samples of a sequence."""
     return Samples(
         np.concatenate([each.features for each in samples]),
         np.concatenate([each.classes for each in samples]),
-        np.concatenate([each.sizes for each in samples]),
+        np.concatenate([each.outcomes for each in samples]),
     )
 
 
-class Recorder(PictureSequence):
+class ContextRecorder(PictureSequence):
     """A sequence of pictures that records the inputs of its networks."""
 
     def __init__(self, kind: int) -> None:
@@ -135,7 +135,7 @@ def read_call(path: Path) -> tuple[list[Samples], ...]:
     """The samples of each network in the pictures of a call file's model packets."""
     found: tuple[list[Samples], ...] = ([], [], [])
 
-    def keep(recorder: Recorder, pyramids: Sequence[SubbandPyramid]) -> None:
+    def keep(recorder: ContextRecorder, pyramids: Sequence[SubbandPyramid]) -> None:
         for network, samples in recorder.samples(pyramids):
             found[network].append(samples)
 
@@ -148,10 +148,10 @@ def read_call(path: Path) -> tuple[list[Samples], ...]:
             raise SystemExit(f"{path} is of the {packet.call.profile} profile, expected default")
         for still in (parse_background(packet.background)[1], packet.texture):
             head = parse_picture_header("still", still)
-            recorder = Recorder(head.kind)
+            recorder = ContextRecorder(head.kind)
             shapes = plane_shapes(head.height, head.width)
             keep(recorder, decode_planes(recorder, "still", still[head.start + 1 :], shapes))
-        recorder = Recorder(MODE)
+        recorder = ContextRecorder(MODE)
         for mode in parse_transform(packet.profile_data).modes:
             keep(recorder, decode_planes(recorder, "mode", mode[1:], shapes))
     return found
@@ -200,7 +200,7 @@ def train(samples: Samples, hidden: int, outputs: int, rounds: int, decay: float
 def gradient(weights: Weights, samples: Samples, chosen: Integers) -> tuple[Array, Array]:
     """Gradient of the mean code length of the chosen samples, by `first` and by `last`."""
     given, hidden, stops = forward(weights, samples, chosen)
-    stopped, asked = outcomes(samples.sizes[chosen], weights.last.shape[1])
+    stopped, asked = outputs_and_decisions(samples.outcomes[chosen], weights.last.shape[1])
     error = ((stops * asked - stopped) / len(chosen)).astype(np.float32)
     back = (error @ weights.last[:-1].T) * (hidden > 0)
     ahead = np.concatenate([hidden.T @ error, error.sum(0, keepdims=True)])
@@ -218,7 +218,7 @@ def forward(weights: Weights, samples: Samples, chosen: Integers) -> tuple[Array
     return given, hidden, 1 / (1 + np.exp(-np.clip(logits, -30, 30)))
 
 
-def outcomes(sizes: NDArray[np.uint8], outputs: int) -> tuple[Array, Array]:
+def outputs_and_decisions(sizes: NDArray[np.uint8], outputs: int) -> tuple[Array, Array]:
     """(n, outputs) number of zeros decided by each output, and number of its decisions."""
     if outputs == 1:
         return (sizes == 0)[:, None].astype(np.float32), np.ones((len(sizes), 1), np.float32)
@@ -227,7 +227,7 @@ def outcomes(sizes: NDArray[np.uint8], outputs: int) -> tuple[Array, Array]:
     return steps[unary], np.cumsum(steps, axis=0)[unary]
 
 
-def bits(weights: Weights, samples: Samples) -> float:
+def code_length_bits(weights: Weights, samples: Samples) -> float:
     """The code length of the samples, bits."""
     total = 0.0
     for start in range(0, len(samples), 8 * BATCH):
@@ -237,12 +237,12 @@ def bits(weights: Weights, samples: Samples) -> float:
             MIN_PROBABILITY / PROBABILITY_ONE,
             1 - MIN_PROBABILITY / PROBABILITY_ONE,
         )
-        stopped, asked = outcomes(samples.sizes[chosen], weights.last.shape[1])
+        stopped, asked = outputs_and_decisions(samples.outcomes[chosen], weights.last.shape[1])
         total -= float((stopped * np.log2(stops) + (asked - stopped) * np.log2(1 - stops)).sum())
     return total
 
 
-def rounded(weights: Weights) -> dict[str, NDArray[np.int32]]:
+def integer_weights(weights: Weights) -> dict[str, NDArray[np.int32]]:
     """The weights in the integers of `probability_model.Mlp`."""
     count = len(weights.first) - CLASS_COUNT
     unit, hidden_unit = 2**WEIGHT_BITS, 2**HIDDEN_BITS
@@ -268,13 +268,19 @@ def main(arguments: Sequence[str]) -> None:
     stored: dict[str, NDArray[np.int32]] = {}
     outputs = (1, len(set(STEP_OUTPUTS)), 1)
     for index, name in enumerate(ProbabilityModels.__slots__):
-        ours = joined([samples for call in calls for samples in call[index]])
+        ours = concatenated([samples for call in calls for samples in call[index]])
         weights = train(ours, HIDDEN[index], outputs[index], ROUNDS[index], DECAY[index])
-        stored |= {f"{name}_{part}": values for part, values in rounded(weights).items()}
-        print(f"{name}: {bits(weights, ours) / len(ours):.4f} bits each of {len(ours)}", end="")
+        stored |= {f"{name}_{part}": values for part, values in integer_weights(weights).items()}
+        print(
+            f"{name}: {code_length_bits(weights, ours) / len(ours):.4f} bits each of {len(ours)}",
+            end="",
+        )
         if others:
-            rest = joined([samples for call in others for samples in call[index]])
-            print(f", held out {bits(weights, rest) / len(rest):.4f} of {len(rest)}", end="")
+            rest = concatenated([samples for call in others for samples in call[index]])
+            print(
+                f", held out {code_length_bits(weights, rest) / len(rest):.4f} of {len(rest)}",
+                end="",
+            )
         print(flush=True)
     # Its type stubs take the arrays for other arguments.
     np.savez_compressed(OUTPUT, **stored)  # type: ignore[arg-type]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,9 @@ from numpy.typing import NDArray
 from shots import draw, talking
 
 from decoder.pipeline import DecodeOptions, decode
+from encoder.calls.model_lifecycle import NEXT_STATES, ModelLifecycle, ModelState
 from encoder.calls.model_schedule import MODE_SPENDING_EXPONENT
-from encoder.calls.model_updates import ModelUpdateSender
+from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
 from encoder.calls.model_version import RESERVED_MODES, ModelVersion
 from encoder.capture.video_source import open_source
 from encoder.coding.rate_control import OnlineRateController
@@ -44,10 +46,15 @@ light = { side = 0.8 }
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """What an encoder meant to send: modes by the number of their model; the values of each
-    packet's frames, as they were found and as they were coded."""
+    """What an encoder meant to send, and how its model went on.
+
+    modes: by the number of their version.  wanted, frames: the values of each packet's frames, as
+        they were fitted and as they were coded.
+    states: of the model, before and after each packet.
+    """
 
     path: Path
+    states: list[ModelState] = field(default_factory=list)
     modes: dict[int, list[bytes]] = field(default_factory=dict)
     wanted: list[NDArray[np.float64]] = field(default_factory=list)
     frames: list[NDArray[np.int64]] = field(default_factory=list)
@@ -77,6 +84,13 @@ def send(clip: Path, startup_bitrate: float | None = None) -> Sent:
             found.modes.setdefault(version.number, []).append(mode)
             super().send_mode(version, mode)
 
+    class NotingLifecycle(ModelLifecycle):
+        def on_packet_sent(self, position: StreamPosition) -> bool:
+            found.states.append(self.state)
+            switched = super().on_packet_sent(position)
+            found.states.append(self.state)
+            return switched
+
     class NotingRateController(OnlineRateController):
         def encode_packet(
             self, predictor: FramePredictor, number: int, targets: Any
@@ -91,6 +105,7 @@ def send(clip: Path, startup_bitrate: float | None = None) -> Sent:
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("encoder.calls.live_session.ModelUpdateSender", NotingSender)
+        patch.setattr("encoder.calls.live_session.ModelLifecycle", NotingLifecycle)
         patch.setattr("encoder.calls.live_session.OnlineRateController", NotingRateController)
         encode(options, lambda done, total: None, lambda: False)
     return found
@@ -132,6 +147,16 @@ def test_the_decoder_has_the_encoders_modes_of_each_model(sent: Sent) -> None:
         found = components.modes[len(components.modes) - components.reserved_modes :]
         assert found == (*sent.modes[model.version], *found[len(sent.modes[model.version]) :])
         assert not any(found[len(sent.modes[model.version]) :])
+
+
+def test_the_model_goes_through_the_states_of_the_table(sent: Sent) -> None:
+    states = [state for state, _ in groupby(sent.states)]
+    assert states[0] is states[-1] is ModelState.CODING
+    assert ModelState.ANNOUNCED in states
+    # Between two packets the model may pass through more than one state.
+    for before, after in pairwise(states):
+        near = {after} | {state for state in ModelState if after in NEXT_STATES[state]}
+        assert near & set(NEXT_STATES[before])
 
 
 def frames_and_modes(packets: Sequence[Packet]) -> list[tuple[NDArray[np.int64], int]]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from decoder.frame_sink import open_sink
-from scripts.long_run import face_psnr_db, main, summary
+from scripts.long_run import face_psnr_db, main, summary_lines
 from shared_model.errors import UserError
 
 # Two frames a second, for a moment without a face.
@@ -16,7 +16,7 @@ CALL = [20.0] * 10 + [math.nan] * 10 + [30.0] * 100 + [32.0] * 120
 
 
 def test_minutes_and_what_is_after_the_beginning() -> None:
-    assert summary(CALL, 2, after_s=10) == [
+    assert summary_lines(CALL, 2, after_s=10) == [
         "minute 1: 29.09 dB over 110 frames",
         "minute 2: 32.00 dB over 120 frames",
         "after 10 s: 31.09 dB over 220 frames",
@@ -25,14 +25,14 @@ def test_minutes_and_what_is_after_the_beginning() -> None:
 
 
 def test_minutes_that_are_the_same_are_not_compared() -> None:
-    assert summary(CALL[:-1], 2) == [
+    assert summary_lines(CALL[:-1], 2) == [
         "minute 1: 29.09 dB over 110 frames",
         "minute 2: 32.00 dB over 119 frames",
     ]
 
 
 def test_a_call_that_ends_before_has_nothing_after() -> None:
-    assert summary([25.0] * 4, 2, after_s=5)[1] == "after 5 s: nan dB over 0 frames"
+    assert summary_lines([25.0] * 4, 2, after_s=5)[1] == "after 5 s: nan dB over 0 frames"
 
 
 @pytest.mark.parametrize("after", ["-1", "nan"])

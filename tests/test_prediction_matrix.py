@@ -47,7 +47,7 @@ def made(kind: type[TexelFitter], shots: Shots, number: int = NUMBER) -> TexelFi
 def refiner(shots: Shots) -> PredictionMatrixFitter:
     refiner = made(PredictionMatrixFitter, shots)
     assert isinstance(refiner, PredictionMatrixFitter)
-    refiner.learn(whole(shots.pictures[NUMBER]), shots.faces[NUMBER])
+    refiner.train(whole(shots.pictures[NUMBER]), shots.faces[NUMBER])
     return refiner
 
 

@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from decoder.frame_sink import open_sink
+from encoder.detection.landmark_indices import FACE_OVAL
 from loopback.quality import (
-    FACE_OVAL,
     Mask,
     Picture,
     face_mask_finder,

@@ -9,7 +9,7 @@ from test_layers import ITEMS
 from protocol.call_file import read_records, serialise_record
 from protocol.packets import LayerPacket, serialise
 from protocol.progressive_model import stream_item
-from scripts.startup_layers import LayeredCall, Row, arrivals_s, markdown, whole_bytes
+from scripts.startup_layers import LayeredCall, TableRow, arrival_times_s, markdown, unlayered_bytes
 from shared_model.errors import UserError
 
 BITRATE = 4000.0
@@ -24,19 +24,19 @@ CALL = LayeredCall(
 
 def test_a_cut_call_has_its_first_layers_and_all_frames() -> None:
     for count in range(len(ITEMS) + 1):
-        packets = list(read_records(io.BytesIO(CALL.cut(count))))
-        assert packets == [CALL.first, *CALL.layers[:count], *CALL.frames]
+        packets = list(read_records(io.BytesIO(CALL.truncated_to(count))))
+        assert packets == [CALL.base, *CALL.layers[:count], *CALL.frames]
 
 
 def test_bytes_are_those_of_the_model_in_a_call_file() -> None:
-    assert CALL.bytes_until(0) == len(serialise_record(CALL.first))
-    every = sum(len(serialise_record(data)) for data in (CALL.first, *CALL.layers))
+    assert CALL.bytes_until(0) == len(serialise_record(CALL.base))
+    every = sum(len(serialise_record(data)) for data in (CALL.base, *CALL.layers))
     assert CALL.bytes_until(len(ITEMS)) == every
     assert CALL.model.items == ITEMS
 
 
 def test_layers_come_one_after_the_other_and_no_faster_than_the_link() -> None:
-    times = arrivals_s(CALL, BITRATE)
+    times = arrival_times_s(CALL, BITRATE)
     assert len(times) == 1 + len(ITEMS) and times == sorted(times)
     assert times[0] == 8 * CALL.bytes_until(0) / BITRATE
     for count, seconds in enumerate(times):
@@ -45,16 +45,19 @@ def test_layers_come_one_after_the_other_and_no_faster_than_the_link() -> None:
 
 def test_a_call_without_frames_has_no_times() -> None:
     with pytest.raises(UserError, match="no frame packets"):
-        arrivals_s(LayeredCall(CALL.first, CALL.layers, ()), BITRATE)
+        arrival_times_s(LayeredCall(CALL.base, CALL.layers, ()), BITRATE)
 
 
 def test_a_model_sent_whole_has_the_whole_pictures_only() -> None:
     rough = len(BASE.texture) + len(BASE.background)
-    assert whole_bytes(CALL) == len(CALL.first) - rough + sum(map(len, ITEMS))
+    assert unlayered_bytes(CALL) == len(CALL.base) - rough + sum(map(len, ITEMS))
 
 
 def test_the_table_has_a_row_for_each_number_of_layers() -> None:
-    tables = {"a": [Row(0, 100, 0.5, 25.0), Row(5, 900, 2.0, 30.0)], "b": [Row(0, 90, 0.4, 24.0)]}
+    tables = {
+        "a": [TableRow(0, 100, 0.5, 25.0), TableRow(5, 900, 2.0, 30.0)],
+        "b": [TableRow(0, 90, 0.4, 24.0)],
+    }
     lines = markdown(tables).splitlines()
     assert len(lines) == 4
     assert lines[2] == "| first layer | 100 | 0.5 | 25.0 | 90 | 0.4 | 24.0 |"

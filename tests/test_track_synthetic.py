@@ -12,11 +12,11 @@ from scripts.measure_tracking import jitter
 from scripts.track_synthetic import (
     EAUS,
     POSE,
-    Followed,
+    TrackedValues,
     calibration_script,
     error_table,
     errors,
-    true_values,
+    ground_truth_values,
 )
 from shared_model import parameters
 from shared_model.parameters import EAU_INDEX
@@ -51,33 +51,33 @@ def test_the_sequence_starts_at_rest_and_goes_to_its_ends() -> None:
 
 
 def test_the_truth_has_no_error() -> None:
-    figures = errors(Followed(true_values(TRUTH), 800.0), TRUTH)
+    figures = errors(TrackedValues(ground_truth_values(TRUTH), 800.0), TRUTH)
     assert figures["rmse"] == pytest.approx([0] * 7)
     assert figures["lost"] == 0 and figures["focal_percent"] == 0
 
 
 def test_an_offset_counts_but_not_about_the_mean() -> None:
-    figures = errors(Followed(true_values(TRUTH) + 0.5, 840.0), TRUTH)
+    figures = errors(TrackedValues(ground_truth_values(TRUTH) + 0.5, 840.0), TRUTH)
     assert figures["rmse"] == pytest.approx([0.5] * 7)
     assert figures["about_mean"] == pytest.approx([0] * 7)
     assert figures["focal_percent"] == pytest.approx(5)
 
 
 def test_angles_are_compared_round_the_circle() -> None:
-    turned = true_values(TRUTH)
+    turned = ground_truth_values(TRUTH)
     turned[:, 2] += 359
-    assert errors(Followed(turned, 800.0), TRUTH)["rmse"][2] == pytest.approx(1)
+    assert errors(TrackedValues(turned, 800.0), TRUTH)["rmse"][2] == pytest.approx(1)
 
 
 def test_frames_without_a_face_are_counted_and_left_out() -> None:
-    values = true_values(TRUTH)
+    values = ground_truth_values(TRUTH)
     values[5:10] = np.nan
-    figures = errors(Followed(values, 800.0), TRUTH)
+    figures = errors(TrackedValues(values, 800.0), TRUTH)
     assert figures["lost"] == 0.25 and figures["rmse"] == pytest.approx([0] * 7)
 
 
 def test_the_table_has_the_thesis_and_every_caller() -> None:
-    figures = errors(Followed(true_values(TRUTH), 800.0), TRUTH)
+    figures = errors(TrackedValues(ground_truth_values(TRUTH), 800.0), TRUTH)
     table = error_table({"anna": {"all parts": figures}, "otto": {"all parts": figures}})
     assert "| thesis | | 3.40 | 4.57 | 2.55 | 0.095" in table
     assert "| all parts | anna |" in table and "| all parts | otto |" in table

@@ -3,10 +3,12 @@
 Right and left are the subject's.
 """
 
+from typing import Any, TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Float = TypeVar("Float", bound=np.floating[Any])
 
 LANDMARK_COUNT = 468
 # The outline of the face, in order.
@@ -38,6 +40,6 @@ LANDMARK_DISTANCES = {
 }
 
 
-def face_outline(points: Array) -> Array:
+def face_outline(points: NDArray[Float]) -> NDArray[Float]:
     """(36, 2) the outline of the face, pixels, of landmarks (468, >= 2)."""
     return points[list(FACE_OVAL), :2]

@@ -9,9 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.detection.blazeface import Array, Frame
+from encoder.capture.colour import luma_u8
 from encoder.detection.detector import Detection, by_size
 
+Array = NDArray[np.float64]
+Frame = NDArray[np.uint8]
 Grey = NDArray[np.uint8]
 
 # (longer side of the searched picture, pixels; roll of the face, degrees), the quickest and most
@@ -105,7 +107,7 @@ def _grey(frame: Frame, long_px: int) -> Grey:
     scale = long_px / max(frame.shape[:2])
     method = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
     small = cv2.resize(frame, None, fx=scale, fy=scale, interpolation=method)
-    return np.asarray(cv2.equalizeHist(cv2.cvtColor(small, cv2.COLOR_BGR2GRAY)), np.uint8)
+    return np.asarray(cv2.equalizeHist(luma_u8(np.asarray(small, np.uint8))), np.uint8)
 
 
 def _keypoints(eyes: Array) -> Array:

@@ -1,7 +1,7 @@
-"""Who is in the picture, from landmarks: identity and focal length, by regularised least squares.
+"""Identity and focal length from landmarks, by regularised least squares.
 
-One frame gives a first identity; several frames at different yaw, solved together, see depth that
-one frame cannot.
+One frame gives a first identity.  Several frames at different yaw, solved together, determine depth
+as well.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.fitting.fit_results import IdentityFit
-from encoder.fitting.increments import apply_identity_increment, shared_parameter_count
+from encoder.fitting.increments import (
+    FACE_PARAMETERS,
+    RIGID,
+    apply_identity_increment,
+    shared_parameter_count,
+)
 from encoder.fitting.landmark_fit import (
     EAU_PRIOR_SIGMA,
     LANDMARK_SIGMA,
@@ -24,6 +29,7 @@ from encoder.fitting.landmark_fit import (
     rotate_fields,
     rotated_points,
 )
+from encoder.fitting.levenberg_marquardt import Equations
 from encoder.fitting.lip_closure import lip_closure_constraints
 from shared_model import geometry
 from shared_model.animate import identity_from_controls
@@ -33,20 +39,22 @@ from shared_model.parameters import AAUS, BROW_EAUS, EAUS, FaceParameters
 
 Array = NDArray[np.float64]
 
-# Standard deviations of the priors, and of the network's depths in units of the eyes' distance.
+# Standard deviation of the network's depths, in units of the distance between the eyes.
 DEPTH_SIGMA = 0.08
+# Standard deviations of the priors.
 AAU_SIGMA = 0.5
-# Of actuators that never move, and of brows where an identity is for few actuators: one frame's
-# raised brows may as well be high ones.
+# Of actuators that never move, and of brows where few actuators move: brows that one frame shows
+# raised may be part of the shape.
 INACTIVE_EAU_SIGMA = 1e-3
 BROWS_SIGMA = 0.05
 RESIDUAL_SIGMA_MM = 2.0
 RESIDUAL_DEPTH_SIGMA_MM = 1.2
 # Of the logarithm of the focal length about that of a typical lens.
 LOG_FOCAL_PRIOR_SIGMA = 0.15
-# How many times an identity is improved, from the usual one or one that is near.
-STEPS, STEPS_NEAR = 12, 4
-TYPICAL_FOCAL = 1.3  # of the picture's longer side: a webcam or a portrait lens
+# Gauss-Newton iterations from the generic identity, and from an initial one.
+ITERATIONS, ITERATIONS_FROM_INITIAL = 12, 4
+# Focal length of a webcam or a portrait lens, of the picture's longer side.
+TYPICAL_FOCAL = 1.3
 
 
 def fit_identity(
@@ -56,16 +64,18 @@ def fit_identity(
     active: Sequence[int] | None = None,
     initial: IdentityFit | None = None,
 ) -> IdentityFit:
-    """Identity and focal length that explain all frames, with pose and actuators of each.
+    """Identity and focal length from all frames, with pose and actuators of each.
+
+    The steps are plain Gauss-Newton, a fixed number of them: the problem is nearly linear, no cost
+    is evaluated, and the matrix of the last step is the information of the result.
 
     size: (width, height) of the picture.  landmarks: one (468, 3) array a frame, pixels (z too).
-    active: the only actuators that will ever move.  The others then stay at rest, the brows nearly
-        so, and the lips meet there, so that these alone can close a mouth that is open in the
-        frames.  None: all.
-    near: an identity that other frames of the same caller gave, if there is one; the way is shorter
-        from there.
+    active: the actuators that will move later, None: all.  All others are fixed at rest, the brows
+        nearly so, and the lips are constrained to meet at rest: the active actuators alone must be
+        able to close a mouth that is open in the frames.
+    initial: identity from other frames of the same person; fewer iterations are made from there.
     """
-    eau_sigma = _expected_eau(active)
+    eau_sigma = _eau_prior_sigma(active)
     model = landmark_model(head)
     if initial is None:
         control = np.zeros((len(model.residual), 3))
@@ -75,22 +85,22 @@ def fit_identity(
         control, identity, camera = initial.control_mm, initial.identity, initial.camera
         first = personalise(model, identity.aau, control)
     frames = tuple(initial_parameters(first, camera, points) for points in landmarks)
-    found = IdentityFit(camera, identity, control, frames)
-    for _ in range(STEPS_NEAR if initial else STEPS):
-        personal = personalise(model, found.identity.aau, found.control_mm)
+    fitted = IdentityFit(camera, identity, control, frames)
+    for _ in range(ITERATIONS_FROM_INITIAL if initial else ITERATIONS):
+        personal = personalise(model, fitted.identity.aau, fitted.control_mm)
         lips = None
         if active is not None:
             lips = lip_closure_constraints(
                 model.index, personal.neutral, model.neutral, model.aau, model.residual
             )
-        normal, gradient = _joint_equations(personal, found, landmarks, eau_sigma, lips)
-        step = np.asarray(np.linalg.solve(normal, gradient), float)
-        found = apply_identity_increment(head, found, step)
-    return replace(found, information=normal if len(frames) == 1 else None)
+        normal, right = _normal_equations(personal, fitted, landmarks, eau_sigma, lips)
+        step = np.asarray(np.linalg.solve(normal, right), float)
+        fitted = apply_identity_increment(head, fitted, step)
+    return replace(fitted, information=normal if len(frames) == 1 else None)
 
 
-def _expected_eau(active: Sequence[int] | None) -> Array:
-    """(EAUs,) how far actuators are from rest in the frames that show who it is."""
+def _eau_prior_sigma(active: Sequence[int] | None) -> Array:
+    """(EAUs,) standard deviations of actuators about rest."""
     if active is None:
         return np.full(len(EAUS), EAU_PRIOR_SIGMA)
     sigma = np.full(len(EAUS), INACTIVE_EAU_SIGMA)
@@ -99,79 +109,88 @@ def _expected_eau(active: Sequence[int] | None) -> Array:
     return sigma
 
 
-def _joint_equations(
+def _normal_equations(
     model: LandmarkModel,
     fitted: IdentityFit,
     landmarks: Sequence[Array],
     eau_sigma: Array,
     lips: tuple[Array, Array] | None,
-) -> tuple[Array, Array]:
+) -> Equations:
     """Normal matrix and right side of a Gauss-Newton step, see `apply_identity_increment`.
 
-    model: personal.  eau_sigma: (EAUs,) of the prior.  lips: more rows and residuals over AAUs and
-    controls.
+    model: personalised.  eau_sigma: (EAUs,) of the prior.
+    lips: rows and residuals of constraints on AAUs and controls.
     """
-    camera, aau, control = fitted.camera, fitted.identity.aau, fitted.control_mm
-    shared, per_frame = shared_parameter_count(fitted), 6 + len(EAUS)
-    size = shared + per_frame * len(landmarks)
-    normal, gradient = np.zeros((size, size)), np.zeros(size)
-    for number, (state, points_px) in enumerate(zip(fitted.frames, landmarks, strict=True)):
-        at = shared + per_frame * number
-        own = slice(at, at + per_frame)
-        rows, error = _identity_rows(model, camera, state, points_px)
-        both, pull = rows @ rows.T, rows @ error
-        normal[:shared, :shared] += both[:shared, :shared]
-        normal[:shared, own], normal[own, :shared] = both[:shared, shared:], both[shared:, :shared]
-        normal[own, own] = both[shared:, shared:]
-        gradient[:shared] += pull[:shared]
-        gradient[own] = pull[shared:]
-        eau = np.arange(at + 6, at + per_frame)
+    shared = shared_parameter_count(fitted)
+    size = shared + FACE_PARAMETERS * len(landmarks)
+    normal, right = np.zeros((size, size)), np.zeros(size)
+    for number, (face, points_px) in enumerate(zip(fitted.frames, landmarks, strict=True)):
+        offset = shared + FACE_PARAMETERS * number
+        own = slice(offset, offset + FACE_PARAMETERS)
+        rows, error = _identity_jacobian(model, fitted.camera, face, points_px)
+        block, block_right = rows @ rows.T, rows @ error
+        normal[:shared, :shared] += block[:shared, :shared]
+        normal[:shared, own] = block[:shared, shared:]
+        normal[own, :shared] = block[shared:, :shared]
+        normal[own, own] = block[shared:, shared:]
+        right[:shared] += block_right[:shared]
+        right[own] = block_right[shared:]
+        eau = np.arange(offset + RIGID, offset + FACE_PARAMETERS)
         normal[eau, eau] += 1 / eau_sigma**2
-        gradient[eau] -= state.eau / eau_sigma**2
+        right[eau] -= face.eau / eau_sigma**2
     if lips is not None:
-        a, r = lips
-        normal[1:shared, 1:shared] += a.T @ a
-        gradient[1:shared] += a.T @ r
-    deviation = np.log(camera.focal_px / (TYPICAL_FOCAL * max(camera.width, camera.height)))
-    sigma = np.r_[RESIDUAL_SIGMA_MM, RESIDUAL_SIGMA_MM, RESIDUAL_DEPTH_SIGMA_MM]
+        rows, error = lips
+        normal[1:shared, 1:shared] += rows.T @ rows
+        right[1:shared] += rows.T @ error
+    precision, deviation = _shared_prior(fitted)
+    normal[np.arange(shared), np.arange(shared)] += precision
+    right[:shared] -= precision * deviation
+    return normal, right
+
+
+def _shared_prior(fitted: IdentityFit) -> tuple[Array, Array]:
+    """(n,) precision and deviation from the prior's mean of log f, AAUs, controls."""
+    camera, aau, control = fitted.camera, fitted.identity.aau, fitted.control_mm
+    log_focal = np.log(camera.focal_px / (TYPICAL_FOCAL * max(camera.width, camera.height)))
+    sigma_mm = np.r_[RESIDUAL_SIGMA_MM, RESIDUAL_SIGMA_MM, RESIDUAL_DEPTH_SIGMA_MM]
     precision = np.concatenate(
         [
             [1 / LOG_FOCAL_PRIOR_SIGMA**2],
             np.full(len(aau), 1 / AAU_SIGMA**2),
-            np.tile(1 / sigma**2, len(control)),
+            np.tile(1 / sigma_mm**2, len(control)),
         ]
     )
-    values = np.concatenate([[deviation], aau, control.ravel()])
-    normal[np.arange(shared), np.arange(shared)] += precision
-    gradient[:shared] -= precision * values
-    return normal, gradient
+    return precision, np.concatenate([[log_focal], aau, control.ravel()])
 
 
-def _identity_rows(
-    model: LandmarkModel, camera: Camera, state: FaceParameters, points_px: Array
+def _identity_jacobian(
+    model: LandmarkModel, camera: Camera, face: FaceParameters, points_px: Array
 ) -> tuple[Array, Array]:
-    """(n, 3 m) how one frame's weighted measurements change by log f, AAUs, controls, w, t, EAUs;
-    and (3 m,) what they lack.
+    """Derivatives (n, 3 m) of one frame's weighted measurements by log f, AAUs, controls, w, t,
+    EAUs, and their errors (3 m,).
     """
-    target, sigma = observed_points(model, points_px)
-    rotation = geometry.matrix_from_quaternion(state.pose.rotation)
-    turned, moves = rotated_points(model, rotation, state.eau)
-    seen = turned + state.pose.translation_mm
-    predicted = geometry.pixel_from_camera(camera, seen)
-    bases = rotate_fields(model.aau, rotation)
+    target, sigma_px = observed_points(model, points_px)
+    rotation = geometry.matrix_from_quaternion(face.pose.rotation)
+    rotated, derivatives = rotated_points(model, rotation, face.eau)
+    points = rotated + face.pose.translation_mm
+    predicted = geometry.pixel_from_camera(camera, points)
+    aau = rotate_fields(model.aau, rotation)
     controls = model.residual[:, None, None] * rotation.T[..., None]
-    # A longer lens at a proportionally larger distance: only perspective changes (see `refocused`).
-    away = np.zeros((1, 3, len(seen)))
-    away[0, 2] = z = state.pose.translation_mm[2]
-    moves = np.concatenate([away, bases, controls.reshape(-1, 3, len(seen)), moves])
-    change = projection_jacobian(camera, seen, moves)
-    change[0] += (predicted - camera.centre).T
-    # The network's z, in pixels, relative to its mean: weak evidence of depth.
-    per_mm = camera.focal_px / z
-    deeper = (moves[:, 2] - moves[:, 2].mean(1, keepdims=True)) * per_mm
-    depth_error = (target[:, 2] - target[:, 2].mean()) - (seen[:, 2] - seen[:, 2].mean()) * per_mm
-    w = np.sqrt(model.weight) / sigma
-    wz = w * (LANDMARK_SIGMA / DEPTH_SIGMA)
-    rows = np.concatenate([(change * w).reshape(len(change), -1), deeper * wz], 1)
-    error = (target[:, :2] - predicted).T * w
-    return rows, np.append(error, depth_error * wz)
+    # Depth changes in proportion to the focal length, so that only perspective does (`refocused`).
+    recession = np.zeros((1, 3, len(points)))
+    recession[0, 2] = depth_mm = face.pose.translation_mm[2]
+    derivatives = np.concatenate(
+        [recession, aau, controls.reshape(-1, 3, len(points)), derivatives]
+    )
+    jacobian = projection_jacobian(camera, points, derivatives)
+    jacobian[0] += (predicted - camera.centre).T
+    # The network's z, in pixels, relative to its mean, is weak evidence of depth.
+    px_per_mm = camera.focal_px / depth_mm
+    z_rows = (derivatives[:, 2] - derivatives[:, 2].mean(1, keepdims=True)) * px_per_mm
+    z_px = (points[:, 2] - points[:, 2].mean()) * px_per_mm
+    z_error = (target[:, 2] - target[:, 2].mean()) - z_px
+    weight = 1 / sigma_px
+    z_weight = weight * (LANDMARK_SIGMA / DEPTH_SIGMA)
+    rows = np.concatenate([(jacobian * weight).reshape(len(jacobian), -1), z_rows * z_weight], 1)
+    error = (target[:, :2] - predicted).T * weight
+    return rows, np.append(error, z_error * z_weight)

@@ -65,7 +65,7 @@ DEFAULT_OPTIONS = FitOptions()
 class PersonTexture:
     """Texture of one caller, fitted to pictures with gain, offset and a slope of light.
 
-    Pictures are (h, w, 3) uint8 BGR or, which saves time, (h, w) `in_luma`.
+    Pictures are (h, w, 3) uint8 BGR or, which saves time, (h, w) `luma_u8`.
 
     face: the caller's shape.  frame, start: the picture that shows the texture.
     largest_atlas: texels a side, at most.

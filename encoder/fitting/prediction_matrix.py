@@ -1,9 +1,9 @@
-"""The thesis' own step of the analysis by synthesis (2.4.3): a prediction matrix made beforehand.
+"""The steps of analysis by synthesis that the thesis takes: a prediction matrix (2.4.3).
 
-Pose and actuators are displaced one by one (Table 2.4) on pictures whose face is known; how the
-residual changes gives the matrix Psi of eq. 2.27, which then predicts a displacement from the
-residual alone (eq. 2.26).  The thesis trains on many people, once for all poses; here the pictures
-are the caller's own, with a matrix for each direction in which they have looked.
+For training, pose and actuators are displaced one by one (Table 2.4) in a picture whose face is
+known.  The changes of the residual give the matrix Psi of eq. 2.27, which then predicts a
+displacement from a residual (eq. 2.26).  The thesis trains on many people, once for all poses.
+Here the pictures are of the person in the call, and each direction of view has its own matrix.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -23,229 +23,248 @@ from encoder.fitting.analysis_by_synthesis import (
     cauchy_weights,
     solve_coefficients,
 )
-from encoder.fitting.increments import apply_increment
+from encoder.fitting.increments import FACE_PARAMETERS, RIGID, apply_increment
 from encoder.fitting.levenberg_marquardt import RELATIVE_TOLERANCE
 from encoder.runtime.image_ops import sample_bicubic
 from shared_model.geometry import matrix_from_quaternion
-from shared_model.parameters import EAUS, FaceParameters
+from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
+Indices = NDArray[np.intp]
 
-# Table 2.4: shares of the face's width and height, degrees, scales, standard deviations.
-SHARES = (-0.1, -0.05, 0.05, 0.1)
-TURNS_DEG = (-15.0, -5.0, 5.0, 15.0)
+# Displacements of Table 2.4: shares of the face's width and height, degrees, scales, standard
+# deviations of an actuator.
+TRANSLATION_SHARES = (-0.1, -0.05, 0.05, 0.1)
+ROTATIONS_DEG = (-15.0, -5.0, 5.0, 15.0)
 SCALES = (0.9, 1.1)
-DEVIATIONS = (-1.5, -0.5, 0.5, 1.5)
-# Texels a side for which they are meant: of a finer texture the features are passed sooner.
-TABLE_ATLAS = 56
-# Along one prediction, in the order in which they are tried (3.1).
-STEPS = (1.0, 1.5, 0.5)
-# A face that looks this far aside of all known directions gets a matrix of its own.
-APART_DEG = 5.0
-# Texels known by which a matrix is outdated.
-GROWN = 1.1
-# Keeps equations solvable that no texel takes part in; the gain of a light, at least.
-TINY, LEAST_GAIN = 1e-6, 0.2
+EAU_SIGMAS = (-1.5, -0.5, 0.5, 1.5)
+# Texels a side to which the table applies; a finer texture has finer features, and displacements
+# are reduced in proportion.
+TABLE_ATLAS_SIZE = 56
+# Shares of a predicted step, in the order in which they are evaluated (3.1).
+STEP_SHARES = (1.0, 1.5, 0.5)
+# A direction of view this far from all others is trained for itself.
+VIEW_SPACING_DEG = 5.0
+# A matrix is trained again when the template's weight has increased by this factor.
+RETRAIN_RATIO = 1.1
+# Keeps equations solvable that no texel contributes to; the least gain of an illumination.
+TINY, MIN_GAIN = 1e-6, 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Training:
-    """How the residual changes about a known face; equal to itself alone.
+class TrainingView:
+    """Derivatives of the residual about a known face; compared by identity.
 
-    change: (k, 6 + EAUs) grey levels of the first frame's light per radian, mm and unit.
-    weight: (k,) of the texels that took part.  rotation: (3, 3) camera from head.
-    depth_mm: of the head.  texels: the template's weight at the time.
+    jacobian: (k, 6 + EAUs) grey levels, in the illumination of the first frame, per radian, mm and
+        unit.
+    weights: (k,) of the texels.  rotation: (3, 3) camera from head.  depth_mm: of the head.
+    template_weight: sum of the template's weights at the time.
     """
 
-    change: Single
-    weight: Single
+    jacobian: Single
+    weights: Single
     rotation: Array
     depth_mm: float
-    texels: float
+    template_weight: float
 
 
 class PredictionMatrixFitter(TexelFitter):
-    """A `Refiner` whose steps are predicted by matrices made beforehand."""
+    """A `TexelFitter` whose steps are predicted by trained matrices."""
 
-    _trained: tuple[Training, ...] = ()
-    # By training and active actuators.  Each is of the template as it was when first needed, and
-    # kept until the training is outdated.
-    _matrices: Mapping[tuple[Training, tuple[int, ...]], tuple[Single, Array]] = MappingProxyType(
-        {}
+    _views: tuple[TrainingView, ...] = ()
+    # By view and active actuators.  A matrix is computed from the template at its first use, and
+    # used until its view is trained again.
+    _matrices: Mapping[tuple[TrainingView, tuple[int, ...]], tuple[Single, Array]] = (
+        MappingProxyType({})
     )
 
-    def learn(self, crop: Crop, face: FaceParameters) -> None:
-        """Train on a picture whose face is known, unless its direction has been trained."""
-        texels = float(self.template.weight.sum())
-        near = [known for known in self._trained if _turned(known, face)[1] < APART_DEG]
-        if any(texels <= GROWN * known.texels for known in near):
+    def train(self, crop: Crop, face: FaceParameters) -> None:
+        """Train on a picture whose face is known, unless its direction of view is trained."""
+        weight = float(self.template.weight.sum())
+        near = [view for view in self._views if _roll_alignment(view, face)[1] < VIEW_SPACING_DEG]
+        if any(weight <= RETRAIN_RATIO * view.template_weight for view in near):
             return
-        made = Training(
-            self._displaced(crop, face),
+        trained = TrainingView(
+            self._measure_jacobian(crop, face),
             self.template.weight * self.visible(face),
             matrix_from_quaternion(face.pose.rotation),
             float(face.pose.translation_mm[2]),
-            texels,
+            weight,
         )
-        self._trained = (*(known for known in self._trained if known not in near), made)
-        self._matrices = {k: found for k, found in self._matrices.items() if k[0] not in near}
+        self._views = (*(view for view in self._views if view not in near), trained)
+        self._matrices = {key: m for key, m in self._matrices.items() if key[0] not in near}
 
-    def expect(self, noise_grey: float) -> None:
-        """Nothing: the matrices are made for the usual noise."""
+    def set_noise_level(self, residual_sigma_grey: float) -> None:
+        """Do nothing: matrices are trained for the default noise level."""
 
-    def explain(
-        self, view: Observation, start: FaceParameters, iterations: int, active: Sequence[int]
+    def fit(
+        self,
+        observation: Observation,
+        start: FaceParameters,
+        iterations: int,
+        active: Sequence[int],
     ) -> TexelFit:
-        """See `Refiner`.  Raises `ValueError` before the first picture to train on."""
-        if not self._trained:
-            raise ValueError("no matrix has been trained, expected learn before explain")
-        free, grey = (
-            np.asarray(active, np.intp),
-            np.ascontiguousarray(view.luma_and_gradients[..., 0]),
+        """See `TexelFitter`.  Raises `ValueError` before the first training."""
+        if not self._views:
+            raise ValueError("no matrix has been trained, expected train before fit")
+        free = np.asarray(active, np.intp)
+        target = _Target(
+            observation.crop,
+            np.ascontiguousarray(observation.luma_and_gradients[..., 0]),
+            observation.weights,
+            start.eau,
+            observation.eau_precision,
         )
-        seen = _Seen(view.crop, grey, view.weights, start, view.eau_precision)
-        known = min(self._trained, key=lambda known: _turned(known, start)[1])
-        modes = len(self.template.modes)
-        light = start.modes if len(start.modes) == modes else np.zeros(modes)
-        best = self._tried(seen, replace(start, modes=light))
+        view = min(self._views, key=lambda view: _roll_alignment(view, start)[1])
+        count = len(self.template.modes)
+        modes = start.modes if len(start.modes) == count else np.zeros(count)
+        best = self._render(target, replace(start, modes=modes))
         for _ in range(iterations):
-            step = self._predicted(known, seen, best, free)
+            step = self._predicted_step(view, target, best, free)
             before = best
-            for share in STEPS:
-                trial = self._tried(seen, apply_increment(best.face, share * step))
+            for share in STEP_SHARES:
+                trial = self._render(target, apply_increment(best.face, share * step))
                 if trial.cost < best.cost:
                     best = trial
                     break
             if before.cost - best.cost <= RELATIVE_TOLERANCE * before.cost:
                 break
-        found = replace(best.face, modes=solve_coefficients(self.template, best.grey, view.weights))
-        return TexelFit(found, best.grey, view.weights)
+        modes = solve_coefficients(self.template, best.luma, target.weights)
+        return TexelFit(replace(best.face, modes=modes), best.luma, target.weights)
 
-    def _displaced(self, crop: Crop, face: FaceParameters) -> Single:
-        """(k, 6 + EAUs) change of the residual, from displacements smoothed by a Gaussian."""
-        grey = self._normalise(crop.picture)
+    def _measure_jacobian(self, crop: Crop, face: FaceParameters) -> Single:
+        """(k, 6 + EAUs) derivatives of the residual, from displacements smoothed by a Gaussian."""
+        luma = self._normalise(crop.picture)
 
-        def shown(at: FaceParameters) -> Single:
-            return sample_bicubic(grey, crop.to_crop_px(self.shape.positions(at)))[:, 0]
+        def texels(at: FaceParameters) -> Single:
+            return sample_bicubic(luma, crop.to_crop_px(self.shape.positions(at)))[:, 0]
 
-        slopes = [_slope(shown, face, index, steps) for index, steps in self._displacements(face)]
-        return np.asarray(np.stack(slopes, 1) / np.float32(_gain(face)))
+        columns = [
+            _smoothed_derivative(texels, face, index, steps)
+            for index, steps in self._displacements(face)
+        ]
+        return np.asarray(np.stack(columns, 1) / np.float32(_gain(face)))
 
     def _displacements(self, face: FaceParameters) -> Iterator[tuple[int, list[float]]]:
         """Each parameter with its displacements (Table 2.4): radians, mm, units."""
-        reach = min(1.0, TABLE_ATLAS / self.shape.atlas.size)
+        ratio = min(1.0, TABLE_ATLAS_SIZE / self.shape.atlas.size)
         corners = self.shape.atlas.corners[self.template.weight > 0]
         width, height = np.ptp(self._face.neutral[corners].reshape(-1, 3), axis=0)[:2]
         for index in range(3):
-            yield index, [reach * float(np.radians(turn)) for turn in TURNS_DEG]
-        yield 3, [reach * share * float(width) for share in SHARES]
-        yield 4, [reach * share * float(height) for share in SHARES]
+            yield index, [ratio * float(np.radians(angle)) for angle in ROTATIONS_DEG]
+        yield 3, [ratio * share * float(width) for share in TRANSLATION_SHARES]
+        yield 4, [ratio * share * float(height) for share in TRANSLATION_SHARES]
         depth_mm = float(face.pose.translation_mm[2])
-        yield 5, [reach * depth_mm * (1 / scale - 1) for scale in SCALES]
-        for index in range(6, 6 + len(EAUS)):
-            yield index, [reach * deviation * EAU_CHANGE_SIGMA for deviation in DEVIATIONS]
+        yield 5, [ratio * depth_mm * (1 / scale - 1) for scale in SCALES]
+        for index in range(RIGID, FACE_PARAMETERS):
+            yield index, [ratio * sigmas * EAU_CHANGE_SIGMA for sigmas in EAU_SIGMAS]
 
-    def _tried(self, seen: "_Seen", face: FaceParameters) -> "_Tried":
-        """The residual of `face` under the light that explains it best, `face.modes` near it."""
+    def _render(self, target: "_Target", face: FaceParameters) -> "_Rendering":
+        """The residual of `face` under the best illumination, `face.modes` being a first one."""
         template = self.template
-        grey = sample_bicubic(seen.grey, seen.crop.to_crop_px(self.shape.positions(face)))[:, 0]
-        left = grey - template.mean - face.modes.astype(np.float32) @ template.modes
-        modes = solve_coefficients(template, grey, seen.shown * cauchy_weights(left))
-        left = grey - template.mean - modes.astype(np.float32) @ template.modes
-        away = seen.start.eau - face.eau
-        cost = float(seen.shown @ cauchy_loss(left)) + seen.precision * float(away @ away)
-        return _Tried(replace(face, modes=modes), left, grey, cost)
+        positions = target.crop.to_crop_px(self.shape.positions(face))
+        luma = sample_bicubic(target.luma, positions)[:, 0]
+        residual = luma - template.mean - face.modes.astype(np.float32) @ template.modes
+        modes = solve_coefficients(template, luma, target.weights * cauchy_weights(residual))
+        residual = luma - template.mean - modes.astype(np.float32) @ template.modes
+        change = target.initial_eau - face.eau
+        cost = float(target.weights @ cauchy_loss(residual))
+        cost += target.eau_precision * float(change @ change)
+        return _Rendering(replace(face, modes=modes), residual, luma, cost)
 
-    def _predicted(
-        self, known: Training, seen: "_Seen", at: "_Tried", free: NDArray[np.intp]
+    def _predicted_step(
+        self, view: TrainingView, target: "_Target", current: "_Rendering", free: Indices
     ) -> Array:
-        """(6 + EAUs,) the displacement that explains what is left (eq. 2.26)."""
-        psi, pull = self._matrix(known, free)
-        # No robust weights: the matrix was made without, and would take too short a step.
-        residual = at.left * (seen.shown > 0) / np.float32(_gain(at.face))
-        found = -(psi @ residual) + pull @ (seen.start.eau - at.face.eau)[free]
-        turn, _ = _turned(known, at.face)
-        step = np.zeros(6 + len(EAUS))
-        nearer = float(at.face.pose.translation_mm[2]) / known.depth_mm
-        step[:3] = turn @ found[:3]
-        step[3:6] = turn @ found[3:6] * [1, 1, nearer]
-        step[6 + free] = found[6:]
+        """(6 + EAUs,) the displacement that explains the residual (eq. 2.26)."""
+        psi, eau_gain = self._matrix(view, free)
+        # No robust weights: the matrix was trained without, and steps would be too short.
+        residual = current.residual * (target.weights > 0) / np.float32(_gain(current.face))
+        eau_change = (target.initial_eau - current.face.eau)[free]
+        solution = -(psi @ residual) + eau_gain @ eau_change
+        roll, _ = _roll_alignment(view, current.face)
+        step = np.zeros(FACE_PARAMETERS)
+        depth_ratio = float(current.face.pose.translation_mm[2]) / view.depth_mm
+        step[:3] = roll @ solution[:3]
+        step[3:RIGID] = roll @ solution[3:RIGID] * [1, 1, depth_ratio]
+        step[RIGID + free] = solution[RIGID:]
         return step
 
-    def _matrix(self, known: Training, free: NDArray[np.intp]) -> tuple[Single, Array]:
-        """Psi of eq. 2.27, (6 + a, k), light aside; what a unit off the first guess pulls back."""
-        key = known, tuple(free.tolist())
+    def _matrix(self, view: TrainingView, free: Indices) -> tuple[Single, Array]:
+        """Psi of eq. 2.27, (6 + a, k), illumination eliminated; the gain (6 + a, a) of the prior
+        of actuators."""
+        key = view, tuple(free.tolist())
         if key not in self._matrices:
-            moves = known.change[:, np.r_[0:6, 6 + free]]
-            rows = np.concatenate([moves, -self.template.modes.T], axis=1)
-            weighted = rows * known.weight[:, None]
+            motion = view.jacobian[:, np.r_[0:RIGID, RIGID + free]]
+            rows = np.concatenate([motion, -self.template.modes.T], axis=1)
+            weighted = rows * view.weights[:, None]
             normal = (rows.T @ weighted).astype(np.float64)
-            eau, precision = np.arange(6, 6 + len(free)), self.eau_precision(known.weight)
+            size = RIGID + len(free)
+            eau, precision = np.arange(RIGID, size), self.eau_precision(view.weights)
             normal[eau, eau] += precision
             normal[np.diag_indices(len(normal))] *= 1 + TINY
             normal[np.diag_indices(len(normal))] += TINY
-            inverse = np.asarray(np.linalg.inv(normal), np.float64)[: 6 + len(free)]
+            inverse = np.asarray(np.linalg.inv(normal), np.float64)[:size]
             psi = np.asarray(inverse @ weighted.T, np.float32)
             self._matrices = {**self._matrices, key: (psi, precision * inverse[:, eau])}
         return self._matrices[key]
 
 
 @dataclass(frozen=True, slots=True)
-class _Seen:
-    """A picture to explain: its grey levels, the texels' weights, the first guess."""
+class _Target:
+    """A picture to fit: luma of the crop (h, w), weights (k,) of the texels, prior of actuators."""
 
     crop: Crop
-    grey: Single
-    shown: Single
-    start: FaceParameters
-    precision: float
+    luma: Single
+    weights: Single
+    initial_eau: Array
+    eau_precision: float
 
 
 @dataclass(frozen=True, slots=True)
-class _Tried:
-    """A face with the coefficients of its light; what they leave (k,), grey levels, cost."""
+class _Rendering:
+    """A face with the coefficients of its illumination; residual and luma (k,), grey levels."""
 
     face: FaceParameters
-    left: Single
-    grey: Single
+    residual: Single
+    luma: Single
     cost: float
 
 
-def _slope(
-    shown: Callable[[FaceParameters], Single],
+def _smoothed_derivative(
+    texels: Callable[[FaceParameters], Single],
     face: FaceParameters,
     index: int,
     steps: Sequence[float],
 ) -> Single:
-    """(k,) how what is shown changes with a parameter: a mean over displacements, near ones first.
+    """(k,) derivative of texels by a parameter: a weighted mean of difference quotients.
 
-    The Gaussian kernel of 2.4.3 is as wide as the least displacement.
+    The weights are the Gaussian kernel of 2.4.3, as wide as the smallest displacement.
     """
-    before, width = shown(face), min(map(abs, steps))
-    total, worth = np.zeros_like(before), TINY
+    reference, width = texels(face), min(map(abs, steps))
+    total, weight = np.zeros_like(reference), TINY
     for step in steps:
-        displaced = apply_increment(face, step * np.eye(6 + len(EAUS))[index])
-        # An actuator may be at its end.
-        done = step if index < 6 else float((displaced.eau - face.eau)[index - 6])
-        if done:
-            kernel = float(np.exp(-0.5 * (done / width) ** 2))
-            total += np.float32(kernel / done) * (shown(displaced) - before)
-            worth += kernel
-    return total / np.float32(worth)
+        displaced = apply_increment(face, step * np.eye(FACE_PARAMETERS)[index])
+        # Less than the step where an actuator reaches its limit.
+        change = step if index < RIGID else float((displaced.eau - face.eau)[index - RIGID])
+        if change:
+            kernel = float(np.exp(-0.5 * (change / width) ** 2))
+            total += np.float32(kernel / change) * (texels(displaced) - reference)
+            weight += kernel
+    return total / np.float32(weight)
 
 
 def _gain(face: FaceParameters) -> float:
-    """How much brighter than at first the face is lit, by the first of its coefficients."""
-    return max(1 + float(face.modes[0]), LEAST_GAIN) if len(face.modes) else 1.0
+    """Brightness relative to the first frame, from the first coefficient."""
+    return max(1 + float(face.modes[0]), MIN_GAIN) if len(face.modes) else 1.0
 
 
-def _turned(known: Training, face: FaceParameters) -> tuple[Array, float]:
-    """(3, 3) turn about the optical axis that brings a known face nearest to `face`; what is left
-    between them, degrees."""
-    between = matrix_from_quaternion(face.pose.rotation) @ known.rotation.T
+def _roll_alignment(view: TrainingView, face: FaceParameters) -> tuple[Array, float]:
+    """(3, 3) rotation about the optical axis that best aligns a view with `face`, and the angle
+    that remains between them, degrees."""
+    between = matrix_from_quaternion(face.pose.rotation) @ view.rotation.T
     angle = np.arctan2(between[1, 0] - between[0, 1], between[0, 0] + between[1, 1])
     c, s = np.cos(angle), np.sin(angle)
-    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    cosine = (np.trace(turn.T @ between) - 1) / 2
-    return turn, float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+    roll = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    cosine = (np.trace(roll.T @ between) - 1) / 2
+    return roll, float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))

@@ -1,9 +1,9 @@
-"""The face that draws best: analysis by synthesis in the picture, the last step of a fit.
+"""Analysis by synthesis in the picture (render and compare): the last step of a fit.
 
-`refine` compares texels, which is quick and finds its way from afar.  A receiver sees pixels: where
-a surface is foreshortened many texels share one, along outlines neighbours lie on different
-surfaces, and what is drawn has been interpolated.  Here the pixels of the face are drawn as a
-decoder draws them, and their squared error is made least.
+`analysis_by_synthesis` compares texels: it is fast and converges from far.  A receiver sees pixels:
+where a surface is foreshortened many texels share one pixel, neighbours across an outline belong to
+different surfaces, and a rendered texture has been interpolated.  Here the pixels of the face are
+rendered as by a decoder, and their squared error is minimised.
 """
 
 from copy import copy
@@ -18,8 +18,8 @@ from encoder.appearance.shape_free import directional_jacobian, rigid_jacobian
 from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import Crop
 from encoder.fitting.analysis_by_synthesis import PICTURE_DAMPING, cauchy_weights, image_gradients
-from encoder.fitting.increments import FACE_PARAMETERS, apply_picture_step
-from encoder.fitting.levenberg_marquardt import Evaluation, levenberg_marquardt
+from encoder.fitting.increments import FACE_PARAMETERS, RIGID, apply_picture_step
+from encoder.fitting.levenberg_marquardt import Equations, Evaluation, levenberg_marquardt
 from encoder.runtime.image_ops import hull_mask
 from encoder.runtime.jit import jit
 from shared_model.animate import Face
@@ -29,28 +29,29 @@ from shared_model.parameters import EAUS, LID_EAUS, FaceParameters
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-# Pixels of the face that are looked at; half as many cost .07 dB.
+# Pixels of the face that are compared, at most; half as many cost .07 dB.
 MAX_PIXELS = 6000
-# What an actuator one unit off its first guess costs, squared grey levels.  Lids stay: what PSNR
-# gains by a lid that is half closed, people lose.
-HELD_GREY2 = np.array([400.0 if eau.name in LID_EAUS else 6.0 for eau in EAUS])
-STEPS = 1
-# Less of the face's own colour than this in a pixel, and it says little about the face.
-LEAST_OPACITY = 0.5
-# A face that shows in less than this share of the pixels has gone astray; none is nearer than this.
-LEAST_SHOWN = 0.5
-NEAREST_MM = 10.0
-# The side of what is called all around a pixel, in widths of the face.
-WIDE = 0.1
-EVERY = np.arange(len(EAUS))
+# Cost of an actuator one unit off its initial value, squared grey levels.  Lids hardly move: a lid
+# that is half closed may raise PSNR, but viewers notice it.
+EAU_CHANGE_COST_GREY2 = np.array([400.0 if eau.name in LID_EAUS else 6.0 for eau in EAUS])
+ITERATIONS = 1
+# Pixels in which the face is less opaque than this are not compared.
+MIN_OPACITY = 0.5
+# A face that covers less than this share of the pixels has infinite cost.
+MIN_VISIBLE_SHARE = 0.5
+# Vertices nearer to the camera are rendered at this depth.
+MIN_DEPTH_MM = 10.0
+# Side of the window in which the error is averaged to detect occlusion, in widths of the face.
+OCCLUSION_WINDOW = 0.1
+ALL_EAUS = np.arange(len(EAUS))
 
 
 class ImageFitter:
-    """Draws one caller's face in luma, and fits it to pictures.
+    """Renders the face of one person in luma, and fits it to pictures.
 
     mean: (size, size) luma of the texture.  modes: (m, size, size), per unit coefficient.
-    most_pixels: of a larger face every second, third, ... pixel of each row and column is looked
-        at.
+    max_pixels: compared at most; of a larger face, every second, third, ... pixel of each row and
+        column is used.
     """
 
     def __init__(
@@ -63,126 +64,138 @@ class ImageFitter:
     ) -> None:
         head, size = face.head, len(mean)
         self._face, self._camera, self._size = face, camera, size
-        self._most_pixels = max_pixels
+        self._max_pixels = max_pixels
         layers = np.concatenate([mean[None], modes]).reshape(1 + len(modes), -1)
         self._layers = np.ascontiguousarray(layers.T, np.float32)
-        places = head.texture_coordinates * size - 0.5
-        self._worn = np.vstack([places.T, head.opacity]).astype(np.float32)
+        texels = head.texture_coordinates * size - 0.5
+        self._vertex_attributes = np.vstack([texels.T, head.opacity]).astype(np.float32)
         fields = np.stack([head.eau_up, -head.eau_down]).swapaxes(-1, -2)
         self._fields = np.ascontiguousarray(fields, np.float32)
 
     def with_mode(self, mode: Single) -> "ImageFitter":
-        """The same with one mode more, (size, size) luma per unit coefficient."""
-        taught = copy(self)
-        taught._layers = np.column_stack([self._layers, mode.ravel()])
-        return taught
+        """A copy with one more mode, (size, size) luma per unit coefficient."""
+        fitter = copy(self)
+        fitter._layers = np.column_stack([self._layers, mode.ravel()])
+        return fitter
 
     def fit(
-        self, crop: Crop, start: FaceParameters, outline_px: Array, steps: int = STEPS
+        self, crop: Crop, start: FaceParameters, outline_px: Array, iterations: int = ITERATIONS
     ) -> FaceParameters:
-        """The face near `start` whose drawn pixels within the outline are nearest to the crop's.
+        """The face near `start` of least squared error in the pixels within the outline.
 
-        start: with as many coefficients as there are modes.  One that does not show stays.
+        start: with as many coefficients as there are modes; returned if it is hardly visible.
         outline_px: (n, 2) of the face, pixels of the frame.
         """
-        view = _view(crop, start, outline_px, self._most_pixels)
-        first = self._look(view, start)
-        trust = _trust(view, first)
+        observation = _observe(crop, start, outline_px, self._max_pixels)
+        first = self._render(observation, start)
+        weights = _occlusion_weights(observation, first)
 
-        def attempt(face: FaceParameters) -> Evaluation:
-            look = first if face is start else self._look(view, face)
-            return self._tried(view, look, trust[look.surface.pixels])
+        def evaluate(face: FaceParameters) -> Evaluation:
+            rendering = first if face is start else self._render(observation, face)
+            return self._evaluate(observation, rendering, weights[rendering.fragments.pixels])
 
-        found, _ = levenberg_marquardt(
-            attempt,
+        result, _ = levenberg_marquardt(
+            evaluate,
             start,
-            lambda face, step: apply_picture_step(face, step, EVERY),
+            lambda face, step: apply_picture_step(face, step, ALL_EAUS),
             PICTURE_DAMPING,
-            steps,
+            iterations,
             undamped=len(start.modes),
         )
-        return found
+        return result
 
-    def _look(self, view: "_View", face: FaceParameters) -> "_Look":
+    def _render(self, observation: "_Observation", face: FaceParameters) -> "_Rendering":
         rotation = matrix_from_quaternion(face.pose.rotation)
-        turned = self._face.animate(face.eau) @ rotation.T
-        seen = turned + face.pose.translation_mm
-        depth = np.maximum(seen[:, 2:], NEAREST_MM)
-        frame_px = self._camera.centre + seen[:, :2] * (self._camera.focal_px / depth)
-        at_px = view.from_frame(frame_px.astype(np.float32)).astype(np.float64)
-        surface = rasterise(at_px, depth[:, 0], self._face.head.triangles, view.wanted)
-        worn = surface.interpolate(self._worn)
-        kept = worn[2] > LEAST_OPACITY
-        surface = surface.select(kept)
-        places, opacity = worn[:2, kept], worn[2, kept]
+        rotated = self._face.animate(face.eau) @ rotation.T
+        vertices = rotated + face.pose.translation_mm
+        depth = np.maximum(vertices[:, 2:], MIN_DEPTH_MM)
+        frame_px = self._camera.centre + vertices[:, :2] * (self._camera.focal_px / depth)
+        points_px = observation.from_frame(frame_px.astype(np.float32)).astype(np.float64)
+        triangles = self._face.head.triangles
+        fragments = rasterise(points_px, depth[:, 0], triangles, observation.inside)
+        attributes = fragments.interpolate(self._vertex_attributes)
+        opaque = attributes[2] > MIN_OPACITY
+        fragments = fragments.select(opaque)
+        texels, opacity = attributes[:2, opaque], attributes[2, opaque]
         values = np.append(1, face.modes).astype(np.float32)
-        drawn = _shaded(places, self._layers, values, self._size)
-        # Where the face is not opaque it is taken to cover what is right.
-        error = opacity * (view.grey[surface.pixels] - drawn)
-        return _Look(face, rotation, turned, surface, places, opacity, error)
+        luma = _combine_layers(texels, self._layers, values, self._size)
+        # Transparent parts are assumed to show the right background.
+        error = opacity * (observation.luma[fragments.pixels] - luma)
+        return _Rendering(face, rotation, rotated, fragments, texels, opacity, error)
 
-    def _tried(self, view: "_View", look: "_Look", trust: Single) -> Evaluation:
-        face, surface, error = look.face, look.surface, look.error
-        away = view.start.eau - face.eau
-        shown = len(error) > LEAST_SHOWN * view.wanted.sum()
-        cost = float((trust * error**2).sum() / trust.sum()) if shown else np.inf
+    def _evaluate(
+        self, observation: "_Observation", rendering: "_Rendering", weights: Single
+    ) -> Evaluation:
+        face, error = rendering.face, rendering.error
+        eau_change = observation.initial_eau - face.eau
+        visible = len(error) > MIN_VISIBLE_SHARE * observation.inside.sum()
+        cost = float((weights * error**2).sum() / weights.sum()) if visible else np.inf
 
-        def equations() -> tuple[Array, Array]:
-            at = surface.interpolate(look.turned.T.astype(np.float32))
-            place = at + face.pose.translation_mm.astype(np.float32)[:, None]
-            # What a pixel shows changes as if the picture stood still and the point moved back.
-            slope = -view.slopes[:, surface.pixels]
-            per_mm = np.float32(self._camera.focal_px) / place[2]
-            rigid = rigid_jacobian(at, place, per_mm, slope)
-            back = look.rotation.astype(np.float32).T @ rigid[3:]
-            rows = np.empty((len(error), FACE_PARAMETERS + len(face.modes)), np.float32)
-            rows[:, :6] = rigid.T
-            rows[:, 6:FACE_PARAMETERS] = self._eau_jacobian(surface, face.eau, back).T
-            rows[:, FACE_PARAMETERS:] = _textured(look.places, self._layers, self._size)[:, 1:]
-            root = np.sqrt(trust)
-            rows *= (look.opacity * root)[:, None]
+        def equations() -> Equations:
+            rows = self._jacobian(observation, rendering)
+            root = np.sqrt(weights)
+            rows *= (rendering.opacity * root)[:, None]
             normal = (rows.T @ rows).astype(np.float64)
-            gradient = (rows.T @ (root * error)).astype(np.float64)
-            # Coefficients are sought themselves, not by how much they change.
-            gradient += normal[:, FACE_PARAMETERS:] @ face.modes
-            eau, held = np.arange(6, FACE_PARAMETERS), HELD_GREY2 * float(trust.sum())
-            normal[eau, eau] += held
-            gradient[eau] += held * away
-            return normal, gradient
+            right = (rows.T @ (root * error)).astype(np.float64)
+            # Coefficients are solved for as values.
+            right += normal[:, FACE_PARAMETERS:] @ face.modes
+            eau = np.arange(RIGID, FACE_PARAMETERS)
+            precision = EAU_CHANGE_COST_GREY2 * float(weights.sum())
+            normal[eau, eau] += precision
+            right[eau] += precision * eau_change
+            return normal, right
 
-        return Evaluation(cost + float(HELD_GREY2 @ away**2), equations)
+        return Evaluation(cost + float(EAU_CHANGE_COST_GREY2 @ eau_change**2), equations)
 
-    def _eau_jacobian(self, surface: Fragments, eau: Array, gradient: Single) -> Single:
-        """(EAUs, p) how each actuator changes the pixels; gradient: (3, p) per mm, head frame."""
-        fields = self._fields[np.where(eau >= 0, 0, 1), EVERY]
-        fields = surface.interpolate(fields.reshape(-1, fields.shape[-1]))
-        fields = fields.reshape(len(EVERY), 3, -1)
-        support = np.tile([0, fields.shape[-1]], (len(EVERY), 1))
-        return directional_jacobian(fields, support, EVERY, gradient)
+    def _jacobian(self, observation: "_Observation", rendering: "_Rendering") -> Single:
+        """(p, 6 + EAUs + m) derivatives of the rendered pixels by pose, actuators, coefficients."""
+        face, fragments = rendering.face, rendering.fragments
+        rotated = fragments.interpolate(rendering.rotated.T.astype(np.float32))
+        points = rotated + face.pose.translation_mm.astype(np.float32)[:, None]
+        # A pixel changes as if the picture stood still and the point moved the opposite way.
+        gradient = -observation.gradients[:, fragments.pixels]
+        px_per_mm = np.float32(self._camera.focal_px) / points[2]
+        rigid = rigid_jacobian(rotated, points, px_per_mm, gradient)
+        head_gradient = rendering.rotation.astype(np.float32).T @ rigid[3:]
+        rows = np.empty((len(rendering.error), FACE_PARAMETERS + len(face.modes)), np.float32)
+        rows[:, :RIGID] = rigid.T
+        rows[:, RIGID:FACE_PARAMETERS] = self._eau_jacobian(fragments, face.eau, head_gradient).T
+        rows[:, FACE_PARAMETERS:] = _sample_layers(rendering.texels, self._layers, self._size)[
+            :, 1:
+        ]
+        return rows
+
+    def _eau_jacobian(self, fragments: Fragments, eau: Array, gradient: Single) -> Single:
+        """(EAUs, p) derivatives by each actuator; gradient: (3, p) per mm, head frame."""
+        fields = self._fields[np.where(eau >= 0, 0, 1), ALL_EAUS]
+        fields = fragments.interpolate(fields.reshape(-1, fields.shape[-1]))
+        fields = fields.reshape(len(ALL_EAUS), 3, -1)
+        support = np.tile([0, fields.shape[-1]], (len(ALL_EAUS), 1))
+        return directional_jacobian(fields, support, ALL_EAUS, gradient)
 
 
 @jit
-def _textured(places: Single, layers: Single, size: int) -> Single:
-    """(p, m) texels (size * size, m) at places (2, p), column and row, bilinear."""
-    found = np.empty((places.shape[1], layers.shape[1]), np.float32)
-    for pixel in range(len(found)):
-        first, a, b, c, d = _corners(places[0, pixel], places[1, pixel], size)
+def _sample_layers(texels: Single, layers: Single, size: int) -> Single:
+    """(p, m) layers (size * size, m) at texels (2, p), column and row, bilinear."""
+    samples = np.empty((texels.shape[1], layers.shape[1]), np.float32)
+    for pixel in range(len(samples)):
+        first, a, b, c, d = _bilinear_weights(texels[0, pixel], texels[1, pixel], size)
         for layer in range(layers.shape[1]):
-            found[pixel, layer] = (
+            samples[pixel, layer] = (
                 a * layers[first, layer]
                 + b * layers[first + 1, layer]
                 + c * layers[first + size, layer]
                 + d * layers[first + size + 1, layer]
             )
-    return found
+    return samples
 
 
 @jit
-def _shaded(places: Single, layers: Single, values: Single, size: int) -> Single:
-    """(p,) the sum of what `_textured` gives, `values` (m,) being how much of each."""
-    found = np.empty(places.shape[1], np.float32)
-    for pixel in range(len(found)):
-        first, a, b, c, d = _corners(places[0, pixel], places[1, pixel], size)
+def _combine_layers(texels: Single, layers: Single, values: Single, size: int) -> Single:
+    """(p,) `_sample_layers` @ `values` (m,), without the intermediate array."""
+    luma = np.empty(texels.shape[1], np.float32)
+    for pixel in range(len(luma)):
+        first, a, b, c, d = _bilinear_weights(texels[0, pixel], texels[1, pixel], size)
         total = np.float32(0)
         for layer in range(layers.shape[1]):
             total += values[layer] * (
@@ -191,16 +204,16 @@ def _shaded(places: Single, layers: Single, values: Single, size: int) -> Single
                 + c * layers[first + size, layer]
                 + d * layers[first + size + 1, layer]
             )
-        found[pixel] = total
-    return found
+        luma[pixel] = total
+    return luma
 
 
 @jit
-def _corners(
+def _bilinear_weights(
     u: np.float32, v: np.float32, size: int
 ) -> tuple[int, np.float32, np.float32, np.float32, np.float32]:
-    """The texel up and left of a place, row by row, and the shares in the place of it, of those to
-    its right, below, and both."""
+    """Row-major index of the texel above and to the left of a position, and the weights of that
+    texel, of those to its right, below, and below right."""
     most, least, one = np.float32(size - 1.001), np.float32(0), np.float32(1)
     u, v = np.float32(min(max(u, least), most)), np.float32(min(max(v, least), most))
     column, row = int(u), int(v)
@@ -209,69 +222,69 @@ def _corners(
 
 
 @dataclass(frozen=True, slots=True)
-class _View:
-    """The pixels of a crop that are looked at, as a picture of their own.
+class _Observation:
+    """The compared pixels of a crop, every `step`-th of a rectangle (h, w).
 
-    crop: where they are from.  corner: (2,) of the picture in the crop.  step: crop pixels between.
-    wanted: (h, w) which of them are the face's.  grey: (h w,).  slopes: (2, h w), grey levels per
-    pixel of the frame.  start: the first guess.
+    corner: (2,) of the rectangle, crop pixels.  step: crop pixels.
+    inside: (h, w) whether a pixel lies within the outline.  luma: (h w,).
+    gradients: (2, h w), grey levels per pixel of the frame.  initial_eau: (EAUs,).
     """
 
     crop: Crop
     corner: NDArray[np.intp]
     step: int
-    wanted: NDArray[np.bool_]
-    grey: Single
-    slopes: Single
-    start: FaceParameters
+    inside: NDArray[np.bool_]
+    luma: Single
+    gradients: Single
+    initial_eau: Array
 
     def from_frame(self, positions_px: Single) -> Single:
-        """Positions (k, 2) in the frame to positions among these pixels."""
+        """Positions (k, 2) in the frame as columns and rows of the compared pixels."""
         return np.asarray((self.crop.to_crop_px(positions_px) - self.corner) / self.step)
 
 
 @dataclass(frozen=True, slots=True)
-class _Look:
-    """A face as it would be drawn.
+class _Rendering:
+    """A rendered face.
 
-    rotation: of its pose.  turned: (n, 3) vertices, mm, camera axes, before its translation.
-    surface: what the pixels show.  places: (2, p) where in the texture, column and row.
-    opacity: (p,).  error: (p,) grey levels that the picture is brighter.
+    rotation: of its pose.  rotated: (n, 3) vertices, mm, camera axes, before the translation.
+    fragments: the p pixels that show it.  texels: (2, p) column and row in the texture.
+    opacity: (p,).  error: (p,) grey levels, observed less rendered.
     """
 
     face: FaceParameters
     rotation: Array
-    turned: Array
-    surface: Fragments
-    places: Single
+    rotated: Array
+    fragments: Fragments
+    texels: Single
     opacity: Single
     error: Single
 
 
-def _view(crop: Crop, start: FaceParameters, outline_px: Array, most_pixels: int) -> _View:
-    grey = luma_f32(crop.picture)
+def _observe(crop: Crop, start: FaceParameters, outline_px: Array, max_pixels: int) -> _Observation:
+    luma = luma_f32(crop.picture)
     outline = crop.to_crop_px(outline_px.astype(np.float32))
     low = np.maximum(np.floor(outline.min(0)), 0).astype(np.intp)
-    high = np.minimum(np.ceil(outline.max(0)) + 1, grey.shape[::-1]).astype(np.intp)
+    high = np.minimum(np.ceil(outline.max(0)) + 1, luma.shape[::-1]).astype(np.intp)
     rows, columns = (slice(low[i], max(low[i], high[i])) for i in (1, 0))
-    inside = hull_mask(outline - low, grey[rows, columns].shape) > 0
-    step = max(1, int(np.ceil(np.sqrt(inside.sum() / most_pixels))))
-    thin = (each[rows, columns][::step, ::step].ravel() for each in (grey, *image_gradients(grey)))
-    seen, *slopes = thin
-    scaled = np.stack(slopes) * crop.scale.astype(np.float32)[:, None]
-    wanted = np.ascontiguousarray(inside[::step, ::step])
-    return _View(crop, low, step, wanted, seen, scaled, start)
+    inside = hull_mask(outline - low, luma[rows, columns].shape) > 0
+    step = max(1, int(np.ceil(np.sqrt(inside.sum() / max_pixels))))
+    planes = (luma, *image_gradients(luma))
+    sampled = [plane[rows, columns][::step, ::step].ravel() for plane in planes]
+    gradients = np.stack(sampled[1:]) * crop.scale.astype(np.float32)[:, None]
+    inside = np.ascontiguousarray(inside[::step, ::step])
+    return _Observation(crop, low, step, inside, sampled[0], gradients, start.eau)
 
 
-def _trust(view: _View, look: _Look) -> Single:
-    """(h w,) how much each pixel counts: less where all around it is far off, behind a hand.
+def _occlusion_weights(observation: _Observation, rendering: _Rendering) -> Single:
+    """(h w,) weights of the pixels: low where the error is large all around, as behind a hand.
 
-    An edge that is drawn a pixel off is thin, and counts.
+    The error of an outline rendered a pixel off is confined to a thin line, and keeps its weight.
     """
-    height, width = view.wanted.shape
-    away = np.zeros(height * width, np.float32)
-    away[look.surface.pixels] = np.abs(look.error)
-    side = 2 * round(WIDE * width / 2) + 1
-    around = cv2.blur(away.reshape(height, width), (side, side)) if len(away) else away
-    # Squared: a large area that is far off must not pull at all.
-    return cauchy_weights(np.asarray(around, np.float32).ravel()) ** 2
+    height, width = observation.inside.shape
+    error = np.zeros(height * width, np.float32)
+    error[rendering.fragments.pixels] = np.abs(rendering.error)
+    side = 2 * round(OCCLUSION_WINDOW * width / 2) + 1
+    mean = cv2.blur(error.reshape(height, width), (side, side)) if len(error) else error
+    # Squared, since a large occluded area must have no influence.
+    return cauchy_weights(np.asarray(mean, np.float32).ravel()) ** 2

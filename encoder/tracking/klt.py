@@ -62,7 +62,7 @@ class KltTracker:
     face: the caller's head.  frame, camera, start: a fitted first frame; points are chosen in it.
     count: how many points, at most.
 
-    Frames are (h, w, 3) uint8 BGR or, which saves time, (h, w) `in_luma`.
+    Frames are (h, w, 3) uint8 BGR or, which saves time, (h, w) `luma_u8`.
     Each frame follows from the one before, as in the thesis.  Following from the nearest of several
     kept views instead did not drift, but jittered two to five times as much and fitted no better.
     """
