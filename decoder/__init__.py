@@ -1,1 +1,1 @@
-"""From packets to pictures: order, animate, render, composite."""
+"""From packets to pictures: order, animate, warp the background, render."""

@@ -1,4 +1,4 @@
-"""Coded pictures of the model packet: the atlas with its modes, and the still."""
+"""The appearance model (thesis eq. 2.17): mean texture and modes, decoded from a model packet."""
 
 from itertools import takewhile
 from typing import Any
@@ -18,24 +18,24 @@ from protocol.pictures.picture_codec import (
 )
 from shared_model.surround import joined
 
-# An image of a few kilobytes may claim any size; this bounds what decoding it may allocate.
+# An image of a few kilobytes may state any size; this limits the memory of its decoding.
 MAX_IMAGE_SIDE_PX = 4096
 MAX_ATLAS_SIDE_PX = 1024
-# Of a picture of `protocol.pictures.picture_codec`, which takes its time for each pixel.
+# Of pictures of `protocol.pictures.picture_codec`, which takes time for each pixel.
 MAX_CODED_SIDE_PX = 1024
 # All modes together; each texel takes 12 bytes.
 MAX_MODE_TEXELS = 4 * 1024 * 1024
 
 
 class AppearanceModel:
-    """What the caller wears in each frame: mean + modes x coefficients (eq. 2.17).
+    """The texture of each frame: mean + modes x coefficients (eq. 2.17).
 
     Raises `ProtocolError` if an image of the model packet is damaged or of another size.
     """
 
     def __init__(self, model: ModelPacket) -> None:
         self._modes: NDArray[np.float32]
-        # The picture that could not be decoded; all after it build on it.
+        # The picture that could not be decoded; the modes after it depend on it.
         self._damaged: bytes | None = None
         self._has_surround = model.call.profile == "default"
         self._load_texture(model)
@@ -43,13 +43,13 @@ class AppearanceModel:
 
     @property
     def has_modes(self) -> bool:
-        """Whether there are any modes."""
+        """Whether the texture changes from frame to frame."""
         return bool(len(self._modes))
 
     def update(self, model: ModelPacket) -> None:
-        """Take in what more layers of the same model bring.
+        """Decode what further layers have added to the model.
 
-        Raises as the constructor does, for each damaged picture once.
+        Raises `ProtocolError` as the constructor does, once for each damaged picture.
         """
         if model.texture != self._texture:
             if model.texture == self._damaged:
@@ -70,47 +70,49 @@ class AppearanceModel:
                 if data == self._damaged:
                     break
                 self._damaged = data
-                image = self._series.decode(f"mode {number}", data)
+                image = self._codec.decode(f"mode {number}", data)
                 self._damaged = None
                 rows.append(self._to_atlas(image).reshape(1, -1))
         finally:
-            # The series cannot go back: what it has decoded counts.
+            # The codec has advanced by the modes decoded before the damaged one.
             self._modes = np.concatenate(rows)
 
     def _load_texture(self, model: ModelPacket) -> None:
         self._damaged = model.texture
         mean = decode_image("texture", model.texture, MAX_ATLAS_SIDE_PX)
         _check_square("texture", mean)
-        series = ModeCodec(len(mean), _weight_map(model.texture))
-        self._texture, self._series = model.texture, series
+        codec = ModeCodec(len(mean), _weight_map(model.texture))
+        self._texture, self._codec = model.texture, codec
         self._mean = np.asarray(self._to_atlas(mean) + 0.5, np.uint8)
         self._damaged = None
         self._modes = np.zeros((0, mean.size), np.float32)
 
     def _to_atlas(self, image: NDArray[Any]) -> NDArray[np.float32]:
-        """A picture of the packet as the head wears it."""
+        """A decoded picture as an atlas of the head."""
         atlas = image.astype(np.float32)
         return joined(atlas) if self._has_surround else atlas
 
     def synthesise(self, coefficients: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """The atlas (size, size, 3) uint8 BGR; coefficients (m,), or none for the mean.
+        """The atlas (size, size, 3) uint8 BGR.
 
-        Coefficients of modes that have not come yet add nothing.
+        coefficients: (m,) of the modes, or empty for the mean; those of modes that have not been
+            received are ignored.
         """
         if not coefficients.size:
             return self._mean
         flat = coefficients[: len(self._modes)].astype(np.float32) @ self._modes
         flat += self._mean.ravel()
-        # Half a level up, then cut: rounding at a fraction of its price.
+        # Adding 0.5 and truncating is faster than rounding.
         flat += np.float32(0.5)
         return np.asarray(np.clip(flat, 0, 255), np.uint8).reshape(self._mean.shape)
 
 
 def decode_image(name: str, data: bytes, limit_px: int = MAX_IMAGE_SIDE_PX) -> NDArray[np.uint8]:
-    """The picture in `data`, of the picture codec or a WebP file: (h, w, 3) uint8 BGR.
+    """The picture (h, w, 3) uint8 BGR in `data`, of the picture codec or a WebP file.
 
-    name: what the picture is, for the message.  limit_px: longest side allowed.
-    Raises `ProtocolError` if it is neither, is damaged, or is too large.
+    name: of the picture, for the message.
+    limit_px: maximum of width and height.
+    Raises `ProtocolError` if `data` is neither, is damaged, or is too large.
     """
     own = is_picture(data)
     limit_px = min(limit_px, MAX_CODED_SIDE_PX) if own else limit_px
@@ -129,7 +131,7 @@ def decode_image(name: str, data: bytes, limit_px: int = MAX_IMAGE_SIDE_PX) -> N
 
 
 def _weight_map(texture: bytes) -> bytes:
-    """The relief that a texture's modes share with it; WebP has none."""
+    """The encoded weight map that modes share with their texture; WebP has none."""
     return parse_picture_header("texture", texture).weight_map if is_picture(texture) else b""
 
 
@@ -145,7 +147,7 @@ def _coded_size(name: str, data: bytes) -> tuple[int, int]:
 
 
 def _webp_size(name: str, data: bytes) -> tuple[int, int]:
-    """Width and height that the file's first chunk states (RFC 9649, 2.5 to 2.7)."""
+    """Width and height in the file's first chunk (RFC 9649, 2.5 to 2.7)."""
     if len(data) < 30 or data[:4] != b"RIFF" or data[8:12] != b"WEBP":
         raise ProtocolError(f"{name} is no WebP image: {len(data)} bytes")
     chunk = data[12:16]

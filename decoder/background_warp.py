@@ -1,13 +1,13 @@
-"""How the still picture behind the head moves with it: the backdrop's mesh, as plain arrays.
+"""The warp of the background picture with the motion of the head: a mesh, as plain arrays.
 
-Each mesh point is lifted to the depth plane that the head's origin had in the reference frame,
-moved rigidly with the head, and projected again.  Near the head's outline it follows fully (hair
-and ears belong to the head); over about a face width it follows less and less.  Below the chin it
-follows the head's translation rather than its rotation, since the neck holds still.
+Each mesh point is lifted to the depth plane of the head's origin in the reference frame, moved
+rigidly with the head, and projected again.  Near the outline of the head it follows completely
+(hair and ears belong to the head); over about a face width the motion falls off.  Below the chin a
+point follows the translation of the head but not its rotation, since the neck does not rotate.
 
-Close to the skin that the still shows, the mesh also follows how the skin moves otherwise than that
-plane: nearer parts move farther when the head turns, and the jaw opens.  So the still's own chin
-and hairline stay under the drawn ones, and no second outline shows.
+Close to the skin in the background picture, the mesh also follows the motion of the skin relative
+to that plane: parts nearer to the camera move farther when the head turns, and the jaw opens.  So
+the chin and the hairline in the picture stay under the drawn ones and no second outline appears.
 """
 
 from dataclasses import dataclass
@@ -31,36 +31,37 @@ from shared_model.parameters import Pose
 
 Array = NDArray[np.float64]
 
-# Cells of the mesh: this many to a face width, but no more than so many along the longer side.
+# Cells of the mesh in a face width; at most so many along the longer side of the picture.
 CELLS_PER_FACE = 10
 MAX_CELLS = 64
-# Distances in face widths: hair beyond the head's outline, fading of the motion, length of a neck,
-# and how far the skin carries its surroundings along.
+# In face widths: hair beyond the outline of the head, falloff of the motion, length of the neck,
+# and standard deviation of the kernel by which the skin moves mesh points.
 HAIR_MARGIN = 0.15
 FALLOFF_WIDTH = 0.8
 NECK_LENGTH = 0.6
 SKIN_SIGMA = 0.08
-# Weight of "does not move like skin", against about 1 on the skin.
+# Weight of no motion, against about 1 on the skin.
 FREE_WEIGHT = 0.15
 MIN_WEIGHT = 1e-3
 FACING_COSINE = 0.3
-# The motion of a point may change by this much over a unit of length; at 1 the map would fold.
+# Greatest change of the motion over a unit of length; at 1 the mesh would fold.
 MAX_STRAIN = 0.55
-# Between the lips it is this dark when they are all but closed, and light at this distance.
+# Light inside the mouth when the lips are closed; at this distance of the lips it is 1.
 CLOSED_MOUTH_LIGHT = 0.35
 OPEN_MOUTH_MM = 12.0
-# No cell may shrink below this part of its area.
+# Smallest area of a warped cell, relative to its own.
 MIN_AREA = 0.05
 
 
 @dataclass(frozen=True, slots=True)
 class SkinConstraints:
-    """The skin that the still shows, and the mesh points that it carries along.
+    """The skin in the background picture and the mesh points that move with it.
 
     vertices: (k,) int, vertices of the head.
-    rigid_mm: (k, 3) float64, camera frame: them in the backdrop's plane.
+    rigid_mm: (k, 3) float64, camera frame: these in the plane of the mesh.
     points: (p,) int, mesh points, row by row.
-    pull: (p, k) float64, what each mesh point takes of each vertex' motion; rows sum to at most 1.
+    pull: (p, k) float64, weight of each vertex in the motion of each point; rows sum
+        to at most 1.
     """
 
     vertices: NDArray[np.intp]
@@ -71,14 +72,14 @@ class SkinConstraints:
 
 @dataclass(frozen=True, slots=True)
 class BackgroundMesh:
-    """The still picture's mesh and how much of the head's motion each of its points takes.
+    """The mesh of the background picture and the weights of the head's motion in it.
 
-    camera, reference: how the still was taken.
-    face_width_px: width of the face in the still.
-    grid_px: (rows, columns, 2) float64, pixels, the mesh at rest; its rim is the picture's edge.
-    rigid_mm: (rows, columns, 3) float64, camera frame, mm: the points in the depth of the head.
-    distance_px: (rows, columns) float64, pixels, from the head and its hair; 0 within.
-    turning: (rows, columns) float64 in [0, 1]: how much of the head's rotation a point takes.
+    camera, reference: camera and head pose of the picture.
+    face_width_px: width of the face in the picture.
+    grid_px: (rows, columns, 2) float64, pixels, the unwarped mesh, as large as the picture.
+    rigid_mm: (rows, columns, 3) float64, camera frame, mm: the points at the depth of the head.
+    distance_px: (rows, columns) float64, pixels, from the head and its hair; 0 inside.
+    turning: (rows, columns) float64 in [0, 1]: weight of the head's rotation.
     """
 
     camera: Camera
@@ -94,9 +95,9 @@ class BackgroundMesh:
 def make_background_mesh(
     camera: Camera, reference: Pose, head: Head, vertices: Array
 ) -> BackgroundMesh:
-    """The backdrop of a still in which `head` was posed like `reference`.
+    """The mesh of a background picture in which `head` has the pose `reference`.
 
-    vertices: (n, 3) float64, mm, head frame: the head in the still.
+    vertices: (n, 3) float64, mm, head frame: the head in the picture.
     """
     solid = head.parts != PARTS.index("surround")
     outline_px = pixel_from_head(camera, reference, vertices[solid])
@@ -121,25 +122,25 @@ def make_background_mesh(
 
 
 def projected_face_width_px(camera: Camera, pose: Pose, head: Head, vertices: Array) -> float:
-    """Width of the face in the picture, without the sheet beside it.  vertices: (n, 3) float64."""
+    """Width of the face in the picture, without its surround.  vertices: (n, 3) float64, mm."""
     drawn = (head.opacity > 0) & (head.parts != PARTS.index("surround"))
     return float(np.ptp(pixel_from_head(camera, pose, vertices[drawn])[:, 0]))
 
 
-def warp(backdrop: BackgroundMesh, pose: Pose, vertices: Array) -> Array:
-    """Where the mesh lies in another frame: (rows, columns, 2), pixels.
+def warp(mesh: BackgroundMesh, pose: Pose, vertices: Array) -> Array:
+    """(rows, columns, 2) the warped mesh of a frame, pixels.
 
-    vertices: (n, 3) float64, mm, head frame: the head in that frame, posed like `pose`.
+    vertices: (n, 3) float64, mm, head frame: the head in that frame, which has the pose `pose`.
     """
-    motion = _rigid_motion(backdrop, pose)
-    motion = _hold_edges(backdrop, motion * _motion_falloff(backdrop, motion)[..., None])
-    carried = np.zeros_like(motion)
-    skin = backdrop.skin
-    carried.reshape(-1, 2)[skin.points] = skin.rbf_weights @ _skin_motion(backdrop, pose, vertices)
-    carried = _hold_edges(backdrop, carried)
-    grid_px = backdrop.grid_px + motion
-    least_px2 = MIN_AREA * float(np.prod(backdrop.grid_px[1, 1] - backdrop.grid_px[0, 0]))
-    return grid_px + max_unfolded_step(grid_px, carried, least_px2) * carried
+    motion = _rigid_motion(mesh, pose)
+    motion = _hold_edges(mesh, motion * _motion_falloff(mesh, motion)[..., None])
+    skin_motion = np.zeros_like(motion)
+    skin = mesh.skin
+    skin_motion.reshape(-1, 2)[skin.points] = skin.rbf_weights @ _skin_motion(mesh, pose, vertices)
+    skin_motion = _hold_edges(mesh, skin_motion)
+    grid_px = mesh.grid_px + motion
+    min_area_px2 = MIN_AREA * float(np.prod(mesh.grid_px[1, 1] - mesh.grid_px[0, 0]))
+    return grid_px + max_unfolded_step(grid_px, skin_motion, min_area_px2) * skin_motion
 
 
 def _grid(camera: Camera, face_width_px: float) -> Array:
@@ -163,7 +164,7 @@ def _rotation_weight(
 ) -> Array:
     """1 down to the chin, then falling to 0 along the neck."""
     down = -matrix_from_quaternion(reference.rotation)[:2, 1]
-    # A head that looks straight up has no neck in the picture.
+    # The neck of a head that looks straight up is not in the picture.
     down /= max(float(np.linalg.norm(down)), 1e-9)
     chin_px = float(np.max(pixel_from_head(camera, reference, vertices) @ down))
     below = (grid_px @ down - chin_px) / (NECK_LENGTH * face_width_px)
@@ -175,17 +176,17 @@ def _skin_constraints(
 ) -> SkinConstraints:
     drawn = (head.opacity > 0) & (head.parts == PARTS.index("skin"))
     facing = _cosines(reference, head, vertices) > FACING_COSINE
-    carriers = np.flatnonzero(drawn & facing)
-    carriers_px = pixel_from_head(camera, reference, vertices[carriers])
-    weights = _kernel(grid_px.reshape(-1, 2), carriers_px, sigma_px)
+    selected = np.flatnonzero(drawn & facing)
+    selected_px = pixel_from_head(camera, reference, vertices[selected])
+    weights = _kernel(grid_px.reshape(-1, 2), selected_px, sigma_px)
     points = np.flatnonzero(weights.max(axis=1, initial=0) > MIN_WEIGHT)
-    # A vertex counts by the area it stands for: they are dense around eyes and mouth.
-    shares = weights[points] / _kernel(carriers_px, carriers_px, sigma_px).sum(axis=1)
+    # By the area around each vertex, since vertices are dense around eyes and mouth.
+    share = weights[points] / _kernel(selected_px, selected_px, sigma_px).sum(axis=1)
     return SkinConstraints(
-        vertices=carriers,
-        rigid_mm=_lift(camera, reference, carriers_px),
+        vertices=selected,
+        rigid_mm=_lift(camera, reference, selected_px),
         points=points,
-        rbf_weights=shares / (shares.sum(axis=1, keepdims=True) + FREE_WEIGHT),
+        rbf_weights=share / (share.sum(axis=1, keepdims=True) + FREE_WEIGHT),
     )
 
 
@@ -206,41 +207,41 @@ def _squared_distances(a: Array, b: Array) -> Array:
     return np.asarray(np.maximum(squares, 0))
 
 
-def _rigid_motion(backdrop: BackgroundMesh, pose: Pose) -> Array:
-    """(rows, columns, 2) pixels: the mesh carried by the head, the neck without its rotation."""
-    turned = _carry(backdrop, pose, backdrop.rigid_mm)
-    shifted = backdrop.rigid_mm + (pose.translation_mm - backdrop.reference.translation_mm)
-    target_mm = shifted + backdrop.rotation_weight[..., None] * (turned - shifted)
-    return pixel_from_camera(backdrop.camera, target_mm) - backdrop.grid_px
+def _rigid_motion(mesh: BackgroundMesh, pose: Pose) -> Array:
+    """(rows, columns, 2) pixels: motion with the head, of the neck without rotation."""
+    turned = _moved_with_head(mesh, pose, mesh.rigid_mm)
+    shifted = mesh.rigid_mm + (pose.translation_mm - mesh.reference.translation_mm)
+    target_mm = shifted + mesh.rotation_weight[..., None] * (turned - shifted)
+    return pixel_from_camera(mesh.camera, target_mm) - mesh.grid_px
 
 
-def _skin_motion(backdrop: BackgroundMesh, pose: Pose, vertices: Array) -> Array:
-    """(k, 2) pixels by which the skin moves otherwise than the backdrop's plane."""
-    skin = backdrop.skin
-    actual_px = pixel_from_head(backdrop.camera, pose, vertices[skin.vertices])
-    return actual_px - pixel_from_camera(backdrop.camera, _carry(backdrop, pose, skin.rigid_mm))
+def _skin_motion(mesh: BackgroundMesh, pose: Pose, vertices: Array) -> Array:
+    """(k, 2) pixels: motion of the skin relative to the plane of the mesh."""
+    skin = mesh.skin
+    actual_px = pixel_from_head(mesh.camera, pose, vertices[skin.vertices])
+    return actual_px - pixel_from_camera(mesh.camera, _moved_with_head(mesh, pose, skin.rigid_mm))
 
 
-def _carry(backdrop: BackgroundMesh, pose: Pose, points_mm: Array) -> Array:
-    """Camera-frame points (..., 3), mm, fixed to the head: where they are in another pose."""
-    reference = backdrop.reference
+def _moved_with_head(mesh: BackgroundMesh, pose: Pose, points_mm: Array) -> Array:
+    """Camera-frame points (..., 3), mm, moved with the head from the reference to `pose`."""
+    reference = mesh.reference
     rotation = matrix_from_quaternion(multiply(pose.rotation, conjugate(reference.rotation)))
     return np.asarray((points_mm - reference.translation_mm) @ rotation.T + pose.translation_mm)
 
 
-def _motion_falloff(backdrop: BackgroundMesh, motion: Array) -> Array:
-    """1 on the head and its hair, 0 beyond the reach, which grows with the motion of the head."""
-    on_head = motion[backdrop.distance_px == 0]
+def _motion_falloff(mesh: BackgroundMesh, motion: Array) -> Array:
+    """1 on the head and its hair, 0 beyond a reach that increases with the motion of the head."""
+    on_head = motion[mesh.distance_px == 0]
     largest = float(np.linalg.norm(on_head, axis=-1).max(initial=0))
     # `smoothstep` is at most 1.5 steep.
-    reach_px = max(FALLOFF_WIDTH * backdrop.face_width_px, 1.5 * largest / MAX_STRAIN)
-    return 1 - smoothstep(backdrop.distance_px / reach_px)
+    reach_px = max(FALLOFF_WIDTH * mesh.face_width_px, 1.5 * largest / MAX_STRAIN)
+    return 1 - smoothstep(mesh.distance_px / reach_px)
 
 
-def _hold_edges(backdrop: BackgroundMesh, motion: Array) -> Array:
-    """Let nothing come in from beyond the picture: inward motion fades between head and edge."""
-    grid_px, reach = backdrop.grid_px, backdrop.face_width_px
-    head = grid_px[backdrop.distance_px == 0].reshape(-1, 2)
+def _hold_edges(mesh: BackgroundMesh, motion: Array) -> Array:
+    """The motion with its inward part fading towards the picture's edge, which stays in place."""
+    grid_px, reach = mesh.grid_px, mesh.face_width_px
+    head = grid_px[mesh.distance_px == 0].reshape(-1, 2)
     first, last = grid_px[0, 0], grid_px[-1, -1]
     least = reach / CELLS_PER_FACE
     before = np.clip(np.min(head, axis=0, initial=np.inf) - first, least, reach)
@@ -251,7 +252,7 @@ def _hold_edges(backdrop: BackgroundMesh, motion: Array) -> Array:
 
 
 def mouth_shading(head: Head, vertices: Array) -> float:
-    """How bright the inside of the mouth is, against light that falls in through open lips.
+    """Light inside the mouth, relative to that of wide open lips.
 
     vertices: (n, 3) float64, mm, head frame.
     """
@@ -260,36 +261,36 @@ def mouth_shading(head: Head, vertices: Array) -> float:
     return float(CLOSED_MOUTH_LIGHT + (1 - CLOSED_MOUTH_LIGHT) * opening)
 
 
-def max_unfolded_step(grid: Array, motion: Array, least_area: float) -> float:
-    """The largest s in [0, 1] with which no corner of grid + s motion has less than `least_area`.
+def max_unfolded_step(grid: Array, motion: Array, min_area: float) -> float:
+    """The largest s in [0, 1] for which each corner of grid + s * motion has `min_area` or more.
 
-    grid, motion: (rows, columns, 2) float64.  Behind a turned head's cheek the still's skin would
-    fold under itself.
+    grid, motion: (rows, columns, 2) float64.  Without the limit, the skin behind the cheek of a
+    turned head would fold.
     """
     (across, moved_across), (down, moved_down) = (
         (np.diff(grid, axis=axis), np.diff(motion, axis=axis)) for axis in (1, 0)
     )
-    shares = [1.0]
+    steps = [1.0]
     for i, j in product((slice(-1), slice(1, None)), repeat=2):
         a, b = across[i], down[:, j]
         c, d = moved_across[i], moved_down[:, j]
         # The corner's area is constant + linear s + quadratic s^2.
         constant, linear, quadratic = (
-            _cross(a, b) - least_area,
+            _cross(a, b) - min_area,
             _cross(a, d) + _cross(c, b),
             _cross(c, d),
         )
         risky = (constant > 0) & (constant + np.minimum(linear, 0) + np.minimum(quadratic, 0) < 0)
         if risky.any():
-            shares.append(_first_root(constant[risky], linear[risky], quadratic[risky]))
-    return min(shares)
+            steps.append(_first_root(constant[risky], linear[risky], quadratic[risky]))
+    return min(steps)
 
 
 def _first_root(constant: Array, linear: Array, quadratic: Array) -> float:
-    """The least positive root of any polynomial, all of which are positive at 0; else infinity."""
+    """The least positive root of polynomials that are positive at 0; infinity if there is none."""
     root = np.sqrt(np.maximum(linear**2 - 4 * quadratic * constant, 0))
     real = linear**2 >= 4 * quadratic * constant
-    # Of the two forms of a root this one also holds where the polynomial is linear.
+    # This form of the roots is also valid for linear polynomials.
     divisors = np.concatenate([(root - linear)[real], (-root - linear)[real]])
     numerators = np.tile(2 * constant[real], 2)
     return float(np.min(numerators[divisors > 0] / divisors[divisors > 0], initial=np.inf))

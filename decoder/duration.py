@@ -1,4 +1,4 @@
-"""How many pictures a call file holds, without drawing any."""
+"""The number of source frames of a call file."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -10,7 +10,7 @@ from protocol.packets import ControlPacket, parse_packet
 
 
 def count_frames(path: Path) -> int:
-    """Told by the END packet; of a call that is cut off, as many as its packets show.
+    """The number in the END packet; of a truncated call, the frames that its packets yield.
 
     Raises `UserError` if the file cannot be read.
     """

@@ -1,4 +1,4 @@
-"""What a frame packet's payload says, by the call's profile: faces, each at its place in time."""
+"""Decoding of frame packets, by the call's profile: faces with their times."""
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -24,24 +24,24 @@ from shared_model.parameters import EAU_INDEX, FaceParameters
 
 @dataclass(frozen=True, slots=True)
 class TimedFace:
-    """A face that was sent, and its place in source frames."""
+    """A coded face.  timestamp: in source frames from the start of the call."""
 
     timestamp: Fraction
     face: FaceParameters
 
 
 class FrameDecoder(Protocol):
-    """Decodes the frame packets of one call."""
+    """Decodes the frame packets of one model."""
 
     def decode(self, number: int, payload: bytes) -> list[TimedFace]:
-        """The samples of packet `number` (0 = the call's first).  Raises `ProtocolError`."""
+        """The faces of packet `number` (0 is the model's first).  Raises `ProtocolError`."""
 
     def packet_index_at(self, frame: int) -> int:
-        """The packet in which the first sample at or after source frame `frame` is sent."""
+        """The packet of the first coded face at or after source frame `frame`."""
 
 
 def frame_decoder_for(model: ModelPacket) -> FrameDecoder:
-    """The decoder for a call's profile.  Raises `ProtocolError` if its model is damaged."""
+    """The decoder of a model's profile.  Raises `ProtocolError` if the model is damaged."""
     return (
         ThesisFrameDecoder(model)
         if model.call.profile == "thesis"
@@ -50,7 +50,7 @@ def frame_decoder_for(model: ModelPacket) -> FrameDecoder:
 
 
 class ThesisFrameDecoder:
-    """One face in each packet, ten a second."""
+    """The thesis profile: one face in each packet, ten a second."""
 
     def __init__(self, model: ModelPacket) -> None:
         self._model = model
@@ -58,48 +58,50 @@ class ThesisFrameDecoder:
         self._spacing = Fraction(call.fps_numerator, call.fps_denominator) / THESIS_RATE_HZ
 
     def decode(self, number: int, payload: bytes) -> list[TimedFace]:
-        """See `SampleDecoder`."""
-        lids = self._model.call.has_eyelids
-        face = decode_thesis(payload, self._model.reference_pose, lids)
-        # What the profile does not send stays as it was in the still.
+        """See `FrameDecoder`."""
+        has_eyelids = self._model.call.has_eyelids
+        face = decode_thesis(payload, self._model.reference_pose, has_eyelids)
+        # Actuators that the profile does not send keep their values in the background picture.
         eau = values_from_codes(self._model.reference_eau, EAU_STEP)
-        sent = [EAU_INDEX[name] for name in sent_eaus(lids)]
+        sent = [EAU_INDEX[name] for name in sent_eaus(has_eyelids)]
         eau[sent] = face.eau[sent]
-        place = self._model.call.start_frame + number * self._spacing
-        return [TimedFace(place, replace(face, eau=eau))]
+        timestamp = self._model.call.start_frame + number * self._spacing
+        return [TimedFace(timestamp, replace(face, eau=eau))]
 
     def packet_index_at(self, frame: int) -> int:
-        """See `SampleDecoder`."""
+        """See `FrameDecoder`."""
         return ceil((frame - self._model.call.start_frame) / self._spacing)
 
 
 class PredictiveFrameDecoder:
-    """Every coded frame: the first alone in packet 0, then as many a packet as the call says."""
+    """The default profile: packet 0 has one frame, later ones `frames_per_packet`."""
 
     def __init__(self, model: ModelPacket) -> None:
         self._model = model
-        self._components = parse_transform(model.profile_data)
-        if bool(self._components.reserved_modes) != model.extensible:
+        self._transform = parse_transform(model.profile_data)
+        if bool(self._transform.reserved_modes) != model.extensible:
             raise ProtocolError(
-                f"{self._components.reserved_modes} spare modes, growing: {model.extensible}"
+                f"{self._transform.reserved_modes} reserved modes, extensible: {model.extensible}"
             )
         self._predictor = FramePredictor(
-            self._components.scale_codes, self._components.reserved_modes
+            self._transform.scale_codes, self._transform.reserved_modes
         )
 
     def decode(self, number: int, payload: bytes) -> list[TimedFace]:
-        """See `SampleDecoder`."""
+        """See `FrameDecoder`."""
         call, reference = self._model.call, self._model.reference_pose
-        usual = call.frames_per_packet
-        frames = decode_payload(self._predictor, number % SEQUENCE_MODULUS, usual, payload)
-        first = 1 + (number - 1) * usual if number else 0
-        places = [call.start_frame + (first + i) * call.frame_step for i in range(len(frames))]
+        nominal = call.frames_per_packet
+        frames = decode_payload(self._predictor, number % SEQUENCE_MODULUS, nominal, payload)
+        first = 1 + (number - 1) * nominal if number else 0
+        timestamps = [call.start_frame + (first + i) * call.frame_step for i in range(len(frames))]
         return [
-            TimedFace(Fraction(place), face_from_coefficients(self._components, coded, reference))
-            for place, coded in zip(places, frames, strict=True)
+            TimedFace(
+                Fraction(timestamp), face_from_coefficients(self._transform, coded, reference)
+            )
+            for timestamp, coded in zip(timestamps, frames, strict=True)
         ]
 
     def packet_index_at(self, frame: int) -> int:
-        """See `SampleDecoder`."""
+        """See `FrameDecoder`."""
         call = self._model.call
         return max(0, ceil((frame - call.start_frame) / (call.frame_step * call.frames_per_packet)))

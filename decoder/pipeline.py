@@ -9,7 +9,7 @@ from typing import BinaryIO
 
 from decoder.call_pictures import CallOptions, CallPictures
 from decoder.duration import count_frames
-from decoder.frame_sink import FrameSink, ThreadedSink, check_sink, open_sink
+from decoder.sinks.frame_sink import FrameSink, ThreadedSink, check_sink, open_sink
 from protocol.link.interface import MessageCallback, ignore_message
 
 Progress = Callable[[int, int | None], None]

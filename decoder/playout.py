@@ -1,8 +1,9 @@
-"""From packets in any order of arrival to one face per source frame.  Does no input or output.
+"""The play-out buffer: from packets in any order of arrival to one face per source frame.
 
-Samples come less often than source frames; the faces between two samples are interpolated, also
-across lost packets.  Before the first sample and after the last the nearest one is held, and while
-the encoder has lost the face its last one is held.  A live call is thus one sample interval late.
+Coded faces are less frequent than source frames; the faces between two coded ones are interpolated,
+also across lost packets.  Before the first coded face and after the last, the nearest one is
+repeated; while the encoder has lost the face, its last one is repeated (a frozen face).  A live
+call is therefore delayed by the time between two coded faces.
 """
 
 from collections.abc import Iterator
@@ -11,7 +12,6 @@ from fractions import Fraction
 from math import ceil
 
 import numpy as np
-from numpy.typing import NDArray
 
 from decoder.frame_decoder import FrameDecoder, TimedFace, frame_decoder_for
 from protocol.call_parameters import CallParameters
@@ -27,21 +27,19 @@ from protocol.packets import (
 )
 from protocol.progressive_model import LayerBuffer
 from shared_model.geometry import interpolate
-from shared_model.parameters import FaceParameters, refocused
+from shared_model.parameters import FaceParameters, with_focal_change
 
-Array = NDArray[np.float64]
-
-# A packet this far behind the newest, in sequence numbers, is late; any other is ahead of it.
+# A packet up to so many sequence numbers behind the newest is late; any other is ahead of it.
 LATE_WINDOW = 16
-# A call whose first sample has a higher number is one we joined late.
+# A first frame packet with a higher number shows that the call was joined late.
 FIRST_WINDOW = 9
-# No packet may claim more frames than these beyond the last sample (ten minutes).
+# A packet may be at most so far ahead of the last frame (ten minutes).
 MAX_FROZEN_S = 600
 
 
 @dataclass(frozen=True, slots=True)
 class PlayoutFrame:
-    """The face to show for source frame `index`; `held`: the encoder had no face there."""
+    """The face of source frame `index`; `frozen`: the encoder had no face there."""
 
     index: int
     face: FaceParameters
@@ -51,12 +49,11 @@ class PlayoutFrame:
 class Playout:
     """Turns the packets of one call into the faces of its source frames, in order.
 
-    model: the call's model packet as the newest frames need it, None until one came.  An update
-        holds from the frame packet on whose sequence number it bears.  A layered model has in it
-        what has come of its layers.
-    ended: the END packet has come.
-    lost, late, unusable: numbers of frame packets that never came, came too late or twice, or came
-        before the model packet.
+    model: the model of the newest frames, None before a model packet.  An update is activated by
+        the frame packet with its sequence number.  The layers received are applied.
+    ended: the END packet has been received.
+    lost, late, unusable: numbers of frame packets that are missing, that were received too late or
+        repeated, and that preceded the model packet.
     """
 
     def __init__(self) -> None:
@@ -65,7 +62,7 @@ class Playout:
         self.joined_late = False
         self.lost = self.late = self.unusable = 0
         self._next = 0
-        self._newest = -1  # of the newest sample
+        self._newest = -1  # number of the newest frame packet
         self._last: TimedFace | None = None
         self._decoder: FrameDecoder | None = None
         self._first = 0  # number of the model's first frame packet
@@ -74,10 +71,10 @@ class Playout:
         self._face_lost = False
 
     def receive(self, data: bytes) -> Iterator[PlayoutFrame]:
-        """The frames that can be shown now that the packet `data` has come, perhaps none.
+        """The frames that can be shown after the packet `data`, perhaps none.
 
         The packet takes effect as the iterator is consumed.
-        Raises `ProtocolError` if the packet is damaged or at odds with the call.
+        Raises `ProtocolError` if the packet is damaged or contradicts the call.
         """
         packet = parse_packet(data)
         if isinstance(packet, ModelPacket):
@@ -92,7 +89,7 @@ class Playout:
             yield from self._receive_control(self.model.call, packet)
 
     def _receive_model(self, packet: ModelPacket) -> None:
-        """Take the first model packet, and updates; each may be repeated for who joins late."""
+        """Enter the first model packet or an update; either may be repeated for a late joiner."""
         newest = self._update[0] if self._update else self.model
         if newest is None:
             self.model, self._decoder = packet, frame_decoder_for(packet)
@@ -106,12 +103,12 @@ class Playout:
             self._update = packet, frame_decoder_for(packet), self._newest + ahead
             self._apply_layers_to_update()
         elif self.model is not None and self.model.with_missing_pictures_from(packet) != self.model:
-            # Who joined at an update learns later what that left as it was.
+            # A decoder that joined at an update receives the pictures before it later.
             check_update(self.model.call, packet.call)
             self.model = self.model.with_missing_pictures_from(packet)
 
     def _receive_layer(self, packet: LayerPacket) -> None:
-        """Layers may come before the model that they refine, to who joins late."""
+        """Enter a layer; a late joiner may receive it before its model."""
         if self.model is None or packet.model_version >= self.model.version:
             self._layers.add(packet)
         if self.model is not None and packet.model_version == self.model.version:
@@ -120,7 +117,7 @@ class Playout:
             self._apply_layers_to_update()
 
     def _apply_layers_to_update(self) -> None:
-        """Before the update holds: its first frame packet must not suffer from damaged layers."""
+        """Apply layers before the update is activated, lest damage affect its first frame."""
         assert self._update is not None
         model, decoder, first = self._update
         self._update = self._layers.apply(model), decoder, first
@@ -134,29 +131,29 @@ class Playout:
             self._activate_update(*self._update)
         assert self.model is not None and self._decoder is not None
         call = self.model.call
-        samples = self._decoder.decode(number - self._first, packet.payload)
+        coded = self._decoder.decode(number - self._first, packet.payload)
         self.lost += number - self._newest - 1
         self._newest = number
-        for sample in samples:
-            yield from self._frames_until(call, sample)
-            held = self._face_lost and self._last is not None
-            face = self._last.face if held and self._last else sample.face
-            self._last = TimedFace(sample.timestamp, face)
+        for timed in coded:
+            yield from self._frames_until(call, timed)
+            frozen = self._face_lost and self._last is not None
+            face = self._last.face if frozen and self._last else timed.face
+            self._last = TimedFace(timed.timestamp, face)
 
     def _activate_update(self, update: ModelPacket, decoder: FrameDecoder, first: int) -> None:
-        """Frame packets from now on are of `update`."""
+        """Decode frame packets by `update` from now on."""
         assert self.model is not None
         if self._last is not None:
-            # Its coefficients are of modes that are no more.
-            longer = update.call.focal_px / self.model.call.focal_px
-            bare = replace(refocused(self._last.face, longer), modes=np.zeros(0))
-            self._last = replace(self._last, face=bare)
+            # Its mode coefficients belong to the model before.
+            ratio = update.call.focal_px / self.model.call.focal_px
+            face = replace(with_focal_change(self._last.face, ratio), modes=np.zeros(0))
+            self._last = replace(self._last, face=face)
         self.model, self._update = update.with_missing_pictures_from(self.model), None
         self._decoder, self._first = decoder, first
         self._layers.drop_before(update.version)
 
     def _extend_sequence_number(self, sequence: int) -> int | None:
-        """The sample's number in the call; None if it is late or a repetition."""
+        """The packet's number in the call; None if it is late or a repetition."""
         ahead = (sequence - self._newest) % SEQUENCE_MODULUS
         if self._last is None and self._newest < self._first and ahead > FIRST_WINDOW:
             self._join_late()
@@ -170,22 +167,23 @@ class Playout:
         self.joined_late = True
         self._next = -1
 
-    def _frames_until(self, call: CallParameters, sample: TimedFace) -> Iterator[PlayoutFrame]:
-        """Source frames after those already shown up to the place of `sample`."""
+    def _frames_until(self, call: CallParameters, timed: TimedFace) -> Iterator[PlayoutFrame]:
+        """Source frames after those shown before, up to the time of `timed`."""
         before = self._last
         if self._next < 0:
-            self._next = ceil(sample.timestamp)
-        self._check_gap(call, sample.timestamp)
-        while self._next <= sample.timestamp:
+            self._next = ceil(timed.timestamp)
+        self._check_gap(call, timed.timestamp)
+        while self._next <= timed.timestamp:
             index = self._next
             self._next += 1
             if self._face_lost and before is not None:
                 yield PlayoutFrame(index, before.face, True)
             elif before is None or index <= before.timestamp:
-                yield PlayoutFrame(index, sample.face, index < call.start_frame)
+                yield PlayoutFrame(index, timed.face, index < call.start_frame)
             else:
-                share = float((index - before.timestamp) / (sample.timestamp - before.timestamp))
-                yield PlayoutFrame(index, interpolate(before.face, sample.face, share), False)
+                fraction = (index - before.timestamp) / (timed.timestamp - before.timestamp)
+                face = interpolate(before.face, timed.face, float(fraction))
+                yield PlayoutFrame(index, face, False)
 
     def _receive_control(
         self, call: CallParameters, packet: ControlPacket
@@ -210,7 +208,7 @@ class Playout:
             yield PlayoutFrame(index, self._last.face, self._face_lost)
 
     def _resynchronise(self, frame: int) -> None:
-        """Expect the samples at and after source frame `frame`: none were sent without a face."""
+        """Skip the packet numbers before source frame `frame`: without a face none were sent."""
         if not self.joined_late and self._decoder is not None:
             self._newest = max(self._newest, self._first + self._decoder.packet_index_at(frame) - 1)
 
@@ -222,7 +220,7 @@ class Playout:
 
 
 def check_update(call: CallParameters, update: CallParameters) -> None:
-    """Raise `ProtocolError` if an update's call is another than the one it updates."""
+    """Raise `ProtocolError` if an update belongs to another call."""
     for one, other in ((call.profile, update.profile), (_shape(call), _shape(update))):
         if one != other:
             raise ProtocolError(f"an update is of another call: {other}, expected {one}")

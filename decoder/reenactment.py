@@ -1,4 +1,4 @@
-"""Another's face for a call: its identity, texture and still, moved by this call's stream."""
+"""Face reenactment: the frames of one call drive the model of another."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -17,9 +17,9 @@ from shared_model.parameters import FaceParameters
 
 
 def read_model(path: Path) -> ModelPacket:
-    """The newest model of a call file, with what came of its layers.
+    """The newest model of a call file, with its layers applied.
 
-    Raises `UserError` if there is none.
+    Raises `UserError` if the file has no model packet.
     """
     models, pieces, layers = list[ModelPacket](), list[LayerPacket](), LayerBuffer()
     try:
@@ -37,9 +37,9 @@ def read_model(path: Path) -> ModelPacket:
                 if not models:
                     raise
         if models:
-            # Any may be repeated for who joins late.
+            # Model packets may be repeated for late joiners.
             models.sort(key=lambda model: model.version)
-            # An update without a background leaves the one before.
+            # An update without a background keeps the one before.
             backgrounds = [model.background for model in models if model.background]
             newest = replace(models[-1], background=[b"", *backgrounds][-1])
             for piece in pieces:
@@ -52,10 +52,10 @@ def read_model(path: Path) -> ModelPacket:
 
 
 def reenact(frame: PlayoutFrame, source: ModelPacket, target: ModelPacket) -> PlayoutFrame:
-    """The frame of `sender`'s stream as the face of `worn` plays it.
+    """The frame of the call of `source`, played by the face of `target`.
 
-    Its head moves from its own reference pose as the sender's does from theirs; actuators are
-    everybody's.  Modes are of one caller: unless both are the same model, the mean is worn.
+    Motion is relative to the reference pose of either.  Actuators apply to any face; modes belong
+    to one caller, so the target has its mean texture unless both are the same model.
     """
     if is_same_model(target, source):
         return frame

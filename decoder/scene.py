@@ -1,6 +1,6 @@
-"""One caller, ready to be drawn: texture -> animate -> composite -> render.
+"""One caller, ready to be drawn: synthesise texture -> animate -> warp background -> render.
 
-A model packet can be well-formed and still be no caller: what cannot be drawn is refused here.
+A well-formed model packet may describe a face that cannot be drawn: it is refused here.
 """
 
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.appearance import AppearanceModel
-from decoder.background_layers import load_background
+from decoder.background_layers import BackgroundLayers, load_background
 from decoder.background_warp import (
     BackgroundMesh,
     make_background_mesh,
@@ -33,20 +33,21 @@ from shared_model.surround import surrounded_head
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-# In pictures up to this size lips and teeth are a pixel thick, and smoothing edges is cheap.
+# In pictures up to this size, lips and teeth are a pixel thick and multisampling is cheap.
 SMALL_PX = 352 * 288
 SMALL_SAMPLES = 4
-# Larger pictures are refused: each takes 3 bytes a pixel, its buffers 8, and several are waiting.
+# A picture takes 3 bytes a pixel, its buffers 8, and several pictures are queued.
 MAX_PICTURE_PX = 4096 * 4096
-# Matting at the outline takes from the face; drawn this much wider it meets the still's contour.
+# Antialiasing blends the outline of the face with the background; drawn wider by so much, the face
+# reaches its contour in the background picture.
 EDGE_EXPANSION_PX = 0.7
-# A face narrower than this in the still is none.
+# Narrower faces in the background picture are refused.
 MIN_FACE_WIDTH_PX = 4.0
 
 
 @dataclass(frozen=True, slots=True)
 class FrameState:
-    """What a frame looks like, see `Renderer.begin`.  texture: None: as it was."""
+    """What the renderer draws of a frame, see `Renderer.submit`.  texture: None: unchanged."""
 
     texture: Picture | None
     pose: Pose
@@ -56,44 +57,45 @@ class FrameState:
 
 
 class Scene:
-    """One caller, ready to be drawn: face, texture and backdrop on the renderer.
+    """The face, texture and background of a model, on a renderer.
 
-    model: what it was made of.
-
-    Raises `ProtocolError` if the model packet is none that can be drawn.
+    model: the model packet with the layers applied so far.
+    Raises `ProtocolError` if the model cannot be drawn.
     """
 
     def __init__(self, model: ModelPacket, head: Head) -> None:
         self.model = model
         self._camera, self._head = model.call.camera, head
-        # Where modes paint the inside of the mouth they have its light in them.
+        # The modes of the default profile include the light inside the mouth.
         self._shade_mouth = model.call.profile == "thesis"
         check_size(self._camera)
         self._face = self._own_face = face_from_model(model, head)
         rest = self._face.animate(values_from_codes(model.reference_eau, EAU_STEP))
         check_reference(self._camera, model.reference_pose, head, rest)
         self._appearance = AppearanceModel(model)
-        still = load_background(model.background)
+        layers = load_background(model.background)
         self._background: BackgroundMesh = make_background_mesh(
             self._camera, model.reference_pose, head, rest
         )
         size = model.call.width, model.call.height
         self._renderer = Renderer(*size, head, edge_samples(*size))
         self._renderer.set_texture(self._appearance.synthesise(np.zeros(0)))
-        self._renderer.set_background(still.moving, self._background.grid_px, still.static)
+        self._set_background(layers)
 
     def update(self, model: ModelPacket) -> None:
-        """Take in what more layers of the same model bring.
+        """Update the scene to further layers of the same model.
 
-        Raises `ProtocolError` if one of them is damaged; what does not build on it is drawn.
+        Raises `ProtocolError` if a layer is damaged; those that do not depend on it are drawn.
         """
         before, self.model = self.model, model
         try:
             if model.background != before.background:
-                still = load_background(model.background)
-                self._renderer.set_background(still.moving, self._background.grid_px, still.static)
+                self._set_background(load_background(model.background))
         finally:
             self._update_texture(model)
+
+    def _set_background(self, layers: BackgroundLayers) -> None:
+        self._renderer.set_background(layers.moving, self._background.grid_px, layers.static)
 
     def _update_texture(self, model: ModelPacket) -> None:
         try:
@@ -102,7 +104,7 @@ class Scene:
             self._renderer.set_texture(self._appearance.synthesise(np.zeros(0)))
 
     def set_aau_offset(self, aau: Array) -> None:
-        """From now on draw the caller with `aau` (len(AAUS),) added to their own AAUs."""
+        """Draw the caller with `aau` (len(AAUS),) added to their own AAUs from now on."""
         self._face = self._own_face.reshaped(aau)
 
     def draw(self, frame: PlayoutFrame, timer: StageTimer) -> Picture:
@@ -110,36 +112,36 @@ class Scene:
         self.submit(self.prepare(frame, timer), timer)
         return self.read_back(timer)
 
-    def prepare(self, frame: PlayoutFrame, timer: StageTimer) -> "FrameState":
-        """Work out what a frame looks like, which may be done while another one is drawn."""
+    def prepare(self, frame: PlayoutFrame, timer: StageTimer) -> FrameState:
+        """Compute the state of a frame; the renderer may draw another one at the same time."""
         texture = None
         if self._appearance.has_modes:
             with timer.stage("texture"):
                 texture = self._appearance.synthesise(frame.face.modes)
         with timer.stage("animate"):
             vertices = self._face.animate(frame.face.eau)
-        with timer.stage("composite"):
+        with timer.stage("warp"):
             pose = pushed_before_camera(frame.face.pose, vertices)
             grid_px = warp(self._background, pose, vertices)
-            light = mouth_shading(self._head, vertices) if self._shade_mouth else None
-        return FrameState(texture, pose, vertices, grid_px, light)
+            shading = mouth_shading(self._head, vertices) if self._shade_mouth else None
+        return FrameState(texture, pose, vertices, grid_px, shading)
 
-    def submit(self, posed: "FrameState", timer: StageTimer) -> None:
-        """Have a frame drawn, beside what the caller does until it asks for `picture`."""
+    def submit(self, state: FrameState, timer: StageTimer) -> None:
+        """Start drawing a frame; `read_back` returns its picture."""
         with timer.stage("render"):
-            if posed.texture is not None:
-                self._renderer.set_texture(posed.texture)
+            if state.texture is not None:
+                self._renderer.set_texture(state.texture)
             self._renderer.submit(
                 self._camera,
-                posed.pose,
-                posed.vertices,
-                posed.grid_px,
-                posed.mouth_shading,
+                state.pose,
+                state.vertices,
+                state.grid_px,
+                state.mouth_shading,
                 EDGE_EXPANSION_PX,
             )
 
     def read_back(self, timer: StageTimer) -> Picture:
-        """The picture of the frame that was begun last, (height, width, 3) uint8 BGR."""
+        """The picture of the frame submitted last, (height, width, 3) uint8 BGR."""
         with timer.stage("render"):
             return self._renderer.read_back()
 
@@ -149,20 +151,20 @@ class Scene:
 
 
 def head_of(model: ModelPacket) -> Head:
-    """The mesh that the call's profile animates."""
+    """The head mesh of the call's profile."""
     return surrounded_head() if model.call.profile == "default" else generic_head()
 
 
 def edge_samples(width: int, height: int) -> int:
-    """Colour samples a pixel for a picture of this size."""
+    """Colour samples per pixel of a picture of this size."""
     return SMALL_SAMPLES if width * height <= SMALL_PX else 0
 
 
 def face_from_model(model: ModelPacket, head: Head) -> Face:
-    """The caller's own head.
+    """The caller's head.
 
-    Raises `ProtocolError` if the residual has another number of points than the head; none stands
-    for a residual of zero.
+    A residual without points stands for zero.
+    Raises `ProtocolError` if the residual has another number of points than the head.
     """
     aau = values_from_codes(model.aau, AAU_STEP)
     control_mm = values_from_codes(model.residual, RESIDUAL_STEP_MM).reshape(-1, 3)
@@ -177,7 +179,7 @@ def face_from_model(model: ModelPacket, head: Head) -> Face:
 
 
 def check_size(camera: Camera) -> None:
-    """Raise `ProtocolError` if the call's pictures are larger than this program draws."""
+    """Raise `ProtocolError` if the call's pictures exceed `MAX_PICTURE_PX`."""
     if camera.width * camera.height > MAX_PICTURE_PX:
         raise ProtocolError(
             f"pictures of {camera.width}x{camera.height}, limit {MAX_PICTURE_PX} pixels"
@@ -185,9 +187,9 @@ def check_size(camera: Camera) -> None:
 
 
 def check_reference(camera: Camera, pose: Pose, head: Head, vertices: Array) -> None:
-    """Raise `ProtocolError` unless the still can show the face.
+    """Raise `ProtocolError` if the face is behind the camera or too small at the reference pose.
 
-    vertices: (n, 3) float64, mm, head frame: the head in the still.
+    vertices: (n, 3) float64, mm, head frame: the head in the background picture.
     """
     nearest_mm = float(camera_from_head(pose, vertices)[:, 2].min())
     if nearest_mm < NEAR_MM:
@@ -198,7 +200,7 @@ def check_reference(camera: Camera, pose: Pose, head: Head, vertices: Array) -> 
 
 
 def pushed_before_camera(pose: Pose, vertices: Array) -> Pose:
-    """The pose, moved away from the camera if a part of the head would be behind it.
+    """The pose, moved away from the camera if a part of the head would be nearer than `NEAR_MM`.
 
     vertices: (n, 3) float64, mm, head frame.
     """

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.frame_sink import open_sink
 from decoder.pipeline import DecodeOptions, decode
+from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import open_source
 from encoder.option_rules import available_profile
 from encoder.options import EncodeOptions

@@ -136,7 +136,8 @@ def table_cells(clip: DisturbedClip, disturbed: Sequence[int | Picture]) -> str:
     during_errors, after_errors = np.array(during), np.array(after)
     return (
         f"{during_errors[:, 0].mean():.2f} | {during_errors[:, 0].max():.2f}"
-        f" | {after_errors[:, 0].mean():.2f} | {during_errors[:, 1].mean():.3f} | {after_errors[:, 1].mean():.3f} | {lost}"
+        f" | {after_errors[:, 0].mean():.2f} | {during_errors[:, 1].mean():.3f}"
+        f" | {after_errors[:, 1].mean():.3f} | {lost}"
     )
 
 

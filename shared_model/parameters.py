@@ -92,7 +92,7 @@ def clip_eau(eau: Array) -> Array:
     return np.clip(eau, EAU_LOW, EAU_HIGH)
 
 
-def refocused(face: FaceParameters, ratio: float) -> FaceParameters:
-    """The face as large in the picture when the focal length is `ratio` times as long."""
+def with_focal_change(face: FaceParameters, ratio: float) -> FaceParameters:
+    """The face at the depth that keeps its size when the focal length changes by factor `ratio`."""
     x, y, z = face.pose.translation_mm
     return replace(face, pose=Pose(face.pose.rotation, np.array([x, y, z * ratio])))

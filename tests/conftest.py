@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from shots import Shots, draw_shots
 
-from decoder.frame_sink import open_sink
+from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import Frame, exact_fps, open_source
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from loopback.clip_paths import CARPHONE, clip_path
@@ -43,6 +43,18 @@ hypothesis.settings.load_profile("unhurried")
 Start = Callable[..., "subprocess.Popen[str]"]
 ClipFrames = Callable[[str, int], list[Frame]]
 MakeOnce = Callable[[str, Callable[[Path], object]], Path]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Stop the first of two measurements of coverage in a worker.
+
+    pytest-cov 7.1 takes a worker of pytest-xdist 3.8 for the main process until its session starts.
+    The measurement that it begins then is never saved, and each one slows Python code down.
+    """
+    plugin = session.config.pluginmanager.getplugin("_cov")
+    if "PYTEST_XDIST_WORKER" in os.environ and plugin is not None and plugin.cov_controller:
+        plugin.cov_controller.cov.stop()
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -11,7 +11,7 @@ import pytest
 from conftest import PROGRAM, ROOT
 from processes import error_line, one_line
 
-from decoder.frame_sink import open_sink
+from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import exact_fps, open_source
 from protocol.summary import summarise
 from risorius.cli import main

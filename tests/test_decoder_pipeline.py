@@ -9,7 +9,7 @@ import pytest
 from heads import synthetic_head
 from numpy.typing import NDArray
 
-from decoder import pipeline, scene
+from decoder import call_pictures, scene
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
 from protocol.call_file import MAGIC, CallReader, serialise_record
 from protocol.call_parameters import CallParameters
@@ -112,7 +112,7 @@ def test_no_picture_waits_for_the_next_packet(
 ) -> None:
     call = write_call(tmp_path / "call.rzo", [model(), *samples(), end()])
     source = Waited(call)
-    monkeypatch.setattr(pipeline, "open_source", lambda *_: source)
+    monkeypatch.setattr(call_pictures, "open_source", lambda *_: source)
 
     def progress(done: int, total: int | None) -> None:
         source.shown = done
@@ -137,7 +137,7 @@ def test_call_becomes_one_picture_per_source_frame(tmp_path: Path) -> None:
     assert [index for index, _ in report.shown_ns] == list(range(FRAMES))
     times = [shown for _, shown in report.shown_ns]
     assert times == sorted(times)
-    assert {"animate", "composite", "render", "write"} <= report.stage_ms.keys()
+    assert {"animate", "warp", "render", "write"} <= report.stage_ms.keys()
 
 
 def test_before_its_background_is_known_a_call_is_drawn_on_black(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from decoder.frame_sink import ThreadedSink, open_sink
+from decoder.sinks.frame_sink import ThreadedSink, open_sink
 from shared_model.errors import UserError
 
 Picture = NDArray[np.uint8]

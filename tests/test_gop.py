@@ -1,4 +1,4 @@
-"""Fewer coded frames than the source has, and still one picture for each of them."""
+"""Temporal decimation: fewer coded frames, and a decoded picture for every source frame."""
 
 from fractions import Fraction
 from pathlib import Path
@@ -49,7 +49,7 @@ eau = { jaw_drop = 0.1 }
 
 
 @given(st.fractions(Fraction(1, 100), 1000), st.floats(0.01, 2000))
-def test_no_other_step_comes_nearer_to_the_rate_asked_for(source: Fraction, wanted: float) -> None:
+def test_no_other_step_is_nearer_to_the_target_rate(source: Fraction, wanted: float) -> None:
     found = gop_for_fps(source, wanted)
     error = abs(found.coded_fps(source) - Fraction(wanted))
     if wanted >= source:
@@ -59,14 +59,14 @@ def test_no_other_step_comes_nearer_to_the_rate_asked_for(source: Fraction, want
             assert abs(source / step - Fraction(wanted)) >= error * Fraction(1 - 1e-9)
 
 
-def test_the_least_rate_there_is_has_the_longest_step() -> None:
+def test_the_lowest_target_rate_has_the_longest_step() -> None:
     assert gop_for_fps(Fraction(30), 5e-324).frame_step == MAX_FRAME_STEP
 
 
 @pytest.mark.parametrize(
     ("wanted", "step", "coded"), [(None, 1, 8), (30, 1, 8), (15, 2, 4), (10, 3, 3), (2, 15, 1)]
 )
-def test_packets_last_as_long_with_fewer_frames(
+def test_packets_span_the_same_time_at_any_coded_rate(
     wanted: float | None, step: int, coded: int
 ) -> None:
     found = gop_for_fps(Fraction(30000, 1001), wanted)
@@ -76,7 +76,7 @@ def test_packets_last_as_long_with_fewer_frames(
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> str:
-    """Its face comes after the first picture and is gone for a while."""
+    """A clip without a face in its first frame and in some frames later."""
     folder = tmp_path_factory.mktemp("clip")
     draw(folder / "frame%03d.png", SCRIPT)
     for index in (*range(START), *LOST):
@@ -130,7 +130,7 @@ def test_every_kth_frame_is_coded_and_every_frame_is_drawn(
     assert [frame.index for frame in frames] == list(range(FRAMES))
     jaw = [frame.face.eau[EAU_INDEX["jaw_drop"]] for frame in frames]
     assert jaw[15] > jaw[2] + 0.15
-    # Between coded frames it moves evenly.
+    # Frames between coded ones are interpolated linearly.
     middle = [START + step * i for i in range(2, 5)]
     assert jaw[middle[0] + 1] == pytest.approx(
         jaw[middle[0]] + (jaw[middle[1]] - jaw[middle[0]]) / step
@@ -148,7 +148,7 @@ def packets_of(path: Path) -> list[Packet]:
         return [parse_packet(data) for data in reader]
 
 
-def test_more_frames_than_the_source_has_are_the_sources(clip: str, tmp_path: Path) -> None:
+def test_a_target_rate_above_the_sources_codes_every_frame(clip: str, tmp_path: Path) -> None:
     for name, fps in (("all", None), ("more", 60.0)):
         encoded(clip, tmp_path / name, fps, live=False, max_frames=12)
     assert (tmp_path / "all").read_bytes() == (tmp_path / "more").read_bytes()

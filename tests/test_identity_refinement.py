@@ -153,7 +153,7 @@ def test_an_album_keeps_what_differs_most(film: list[tuple[Picture, FaceParamete
     assert all(place.tolist() in places for place in apart)
     assert not album.wants(apart[0] + 0.01)
     before = album.keyframes[0].face.pose.translation_mm[2]
-    album.refocus(1.1)
+    album.change_focal(1.1)
     assert album.keyframes[0].face.pose.translation_mm[2] == pytest.approx(1.1 * before)
 
 

@@ -26,7 +26,7 @@ MAY_IMPORT = {
 }
 IMPORTERS = {
     "ai_edge_litert": {"encoder/detection/tflite.py"},
-    "av": {"encoder/capture/video_source.py", "decoder/frame_sink.py"},
+    "av": {"encoder/capture/video_source.py", "decoder/sinks/video_file.py"},
     "filterpy": {"encoder/tracking/ekf.py"},
     "numba": {"encoder/runtime/jit.py"},
     "moderngl": {"decoder/renderer.py"},

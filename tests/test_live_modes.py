@@ -1,4 +1,4 @@
-"""A live call learns modes on its way: they reach the decoder, and what it draws is better."""
+"""A live call learns modes: they reach the decoder, and what it draws is better."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -30,7 +30,7 @@ from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, LayerPacket, Packet, parse_packet, serialise
 from protocol.progressive_model import LayerBuffer
 
-# Light comes from one side once the update that is learned early is in use.
+# Light comes from one side once the first update is in use.
 FRAMES, LATE = 75, 55
 # Which of eight frames are dark.
 GAP = (3, 4)
@@ -48,7 +48,7 @@ light = { side = 0.8 }
 class Sent:
     """What an encoder meant to send, and how its model went on.
 
-    modes: by the number of their version.  wanted, frames: the values of each packet's frames, as
+    modes: by the number of their version.  targets, frames: the values of each packet's frames, as
         they were fitted and as they were coded.
     states: of the model, before and after each packet.
     """
@@ -56,7 +56,7 @@ class Sent:
     path: Path
     states: list[ModelState] = field(default_factory=list)
     modes: dict[int, list[bytes]] = field(default_factory=dict)
-    wanted: list[NDArray[np.float64]] = field(default_factory=list)
+    targets: list[NDArray[np.float64]] = field(default_factory=list)
     frames: list[NDArray[np.int64]] = field(default_factory=list)
 
     def packets(self) -> list[Packet]:
@@ -96,7 +96,7 @@ def send(clip: Path, startup_bitrate: float | None = None) -> Sent:
             self, predictor: FramePredictor, number: int, targets: Any
         ) -> CodedPacket:
             packet = super().encode_packet(predictor, number, targets)
-            found.wanted.append(targets)
+            found.targets.append(targets)
             found.frames.append(packet.frames)
             return packet
 
@@ -161,22 +161,22 @@ def test_the_model_goes_through_the_states_of_the_table(sent: Sent) -> None:
 
 def frames_and_modes(packets: Sequence[Packet]) -> list[tuple[NDArray[np.int64], int]]:
     """The frames of each packet as a decoder reads them, and how many of their last values are of
-    modes that are learned on the way."""
-    coming: list[ModelPacket] = []
+    reserved modes."""
+    announced: list[ModelPacket] = []
     found: list[tuple[NDArray[np.int64], int]] = []
     for packet in packets:
         if isinstance(packet, ModelPacket):
-            coming.append(packet)
+            announced.append(packet)
         elif isinstance(packet, FramePacket):
-            if coming and packet.sequence == coming[0].sequence:
-                model, first = coming.pop(0), len(found)
+            if announced and packet.sequence == announced[0].sequence:
+                model, first = announced.pop(0), len(found)
                 components = parse_transform(model.profile_data)
                 predictor = FramePredictor(components.scale_codes, components.reserved_modes)
             frames = decode_payload(
                 predictor, len(found) - first, model.call.frames_per_packet, packet.payload
             )
             found.append((np.array(frames), components.reserved_modes))
-    assert not coming
+    assert not announced
     return found
 
 
@@ -185,18 +185,18 @@ def test_the_decoder_has_the_encoders_frames_while_modes_come_into_use(sent: Sen
     assert all(
         np.array_equal(frames, own) for (frames, _), own in zip(found, sent.frames, strict=True)
     )
-    used = {int(frames[:, -spare:].any(0).sum()) for frames, spare in found}
+    used = {int(frames[:, -reserved:].any(0).sum()) for frames, reserved in found}
     assert 0 in used and len(used) > 2
 
 
 @pytest.mark.parametrize("sent", [None], ids=["whole"], indirect=True)
-def test_all_faces_of_a_packet_have_the_modes_that_its_end_has_taught(sent: Sent) -> None:
+def test_all_faces_of_a_packet_have_the_modes_learned_before_it_is_sent(sent: Sent) -> None:
     models = [packet for packet in sent.packets() if isinstance(packet, ModelPacket)]
     entries = [model.sequence for model in models]
-    spare = parse_transform(models[0].profile_data).reserved_modes
+    reserved = parse_transform(models[0].profile_data).reserved_modes
     used, first_faces = 0, list[bool]()
-    for number, wanted in enumerate(sent.wanted):
-        learned = wanted[:, -spare:] != 0
+    for number, target in enumerate(sent.targets):
+        learned = target[:, -reserved:] != 0
         count = int(learned.any(0).sum())
         if number not in entries and count > used:
             first_faces.append(bool(learned[0, used:count].all()))
@@ -205,9 +205,7 @@ def test_all_faces_of_a_packet_have_the_modes_that_its_end_has_taught(sent: Sent
 
 
 @pytest.mark.parametrize("sent", [None], ids=["whole"], indirect=True)
-def test_modes_learned_on_the_way_make_the_picture_better(
-    sent: Sent, clip: Path, tmp_path: Path
-) -> None:
+def test_learned_modes_make_the_picture_better(sent: Sent, clip: Path, tmp_path: Path) -> None:
     wanted, packets = pictures(clip), sent.packets()
     without = [packet for packet in packets if not isinstance(packet, LayerPacket)]
     with_them = late_face_psnr_db(wanted, drawn(packets, tmp_path / "all.rzo"))
@@ -227,7 +225,7 @@ def test_frames_without_the_face_repeat_the_one_before_however_it_is_found_again
     sent = send(tmp_path / "gaps.mkv")
     assert sent.modes[0]
     repeated = index = 0
-    for values in sent.wanted:
+    for values in sent.targets:
         for place in range(len(values)):
             if place and (index + place) % 8 in GAP:
                 np.testing.assert_array_equal(values[place], values[place - 1])
@@ -236,10 +234,10 @@ def test_frames_without_the_face_repeat_the_one_before_however_it_is_found_again
     assert index == FRAMES and repeated > 10
 
 
-def test_modes_are_kept_for_what_is_yet_to_come(
+def test_modes_are_reserved_for_later_frames(
     clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # After a second of face the model is learned again only after another thousand.
+    # After a second of face the model is trained again only after another thousand.
     monkeypatch.setattr("encoder.calls.model_schedule.TRAINING_SCHEDULE", {1.0: 0.6, 1001.0: 1.0})
     copy = tmp_path / "clip.mkv"
     copy.write_bytes(clip.read_bytes())

@@ -1,4 +1,4 @@
-"""A live call: frames go out as they come, and the model is learned again on the way."""
+"""A live call: frames go out as they come, and the model is trained again meanwhile."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -107,6 +107,6 @@ def test_the_same_source_gives_the_same_bytes(call: Path, clip: Path, tmp_path: 
     assert (tmp_path / "again.rzo").read_bytes() == call.read_bytes()
 
 
-def test_learning_beside_the_frames_loses_none_of_them(clip: Path, tmp_path: Path) -> None:
+def test_training_in_the_background_loses_no_frame(clip: Path, tmp_path: Path) -> None:
     encode_live(clip, tmp_path / "paced.rzo", pace=True)
     assert [frame.index for frame in played(tmp_path / "paced.rzo")] == list(range(FRAMES))

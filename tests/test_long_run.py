@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from decoder.frame_sink import open_sink
+from decoder.sinks.frame_sink import open_sink
 from scripts.long_run import face_psnr_db, main, summary_lines
 from shared_model.errors import UserError
 

@@ -1,22 +1,17 @@
-"""A paced start: layers keep to the rate, and each of them makes the picture better."""
+"""Progressive models: layers arrive within the rate, and each of them improves the picture."""
 
 from dataclasses import replace
-from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from packets import MODEL
 from shots import draw
 from test_decoder_pipeline import read
 
 from decoder.appearance import AppearanceModel
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
 from decoder.reenactment import read_model
-from encoder.coding.pacer import LayerPacer
-from encoder.coding.progressive_model import BASE_LAYER_BYTES, LayeredModel
+from encoder.coding.progressive_model import BASE_LAYER_BYTES
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from encoder.report import EncodeReport
@@ -27,7 +22,7 @@ from protocol.errors import ProtocolError
 from protocol.frames.frame_transform import parse_transform, serialise_transform
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, LayerPacket, Packet, parse_packet, serialise
-from protocol.progressive_model import LayerBuffer, stream_item
+from protocol.progressive_model import LayerBuffer
 from protocol.summary import summarise
 
 FRAMES, FPS = 60, 25
@@ -58,74 +53,15 @@ eau = { jaw_drop = 0.5, mouth_corners = 0 }
 """
 
 
-@given(
-    st.lists(st.binary(max_size=900), min_size=2, max_size=9),
-    st.floats(2000, 50_000),
-    st.lists(st.integers(3, 60), min_size=40, max_size=40),
-)
-def test_layers_and_frames_keep_to_the_rate(
-    items: list[bytes], bitrate: float, frames: list[int]
+def test_a_startup_rate_no_larger_than_the_frames_rate_is_refused(
+    tmp_path: Path, noise: Path
 ) -> None:
-    pacer, slot_s, sent_bits = LayerPacer(bitrate), 8 / 30, 0
-    pacer.start(LayeredModel(MODEL, tuple(items)))
-    stream = b""
-    for turn, size in enumerate(frames, start=1):
-        pacer.on_packet_sent(size)
-        sent_bits += 8 * (size + 1)
-        for layer in pacer.packets_due(slot_s):
-            sent_bits += 8 * len(serialise_record(serialise(layer)))
-            stream += layer.data
-            assert sent_bits <= turn * slot_s * bitrate + 1e-6
-    assert b"".join(map(stream_item, items)).startswith(stream)
-    assert pacer.pending_items == 0 or sent_bits > 0.6 * len(frames) * slot_s * bitrate
-
-
-def test_a_first_layer_is_a_debt_that_is_paid_before_anything_else() -> None:
-    pacer = LayerPacer(8000)
-    pacer.start(LayeredModel(MODEL, (bytes(500), bytes(500))))
-    pacer.on_packet_sent(2000)
-    due = [sum(len(layer.data) for layer in pacer.packets_due(0.25)) for _ in range(20)]
-    assert due[:8] == [0] * 8 and sum(due) == 2 * (500 + 2)
-    assert max(due) <= 0.25 * 8000 / 8
-
-
-def test_a_rate_that_leaves_nothing_for_layers_is_refused(tmp_path: Path, noise: Path) -> None:
     for live in (False, True):
         options = EncodeOptions(
             str(noise), tmp_path / "call.rzo", bitrate=800, startup_bitrate=800, live=live
         )
         with pytest.raises(ValueError, match="startup bitrate is 800"):
             encode(options, lambda done, total: None, lambda: False)
-
-
-def test_time_counts_even_if_nobody_looks_at_what_is_due() -> None:
-    pacer = LayerPacer(8000)
-    pacer.start(LayeredModel(MODEL, (bytes(500),)))
-    pacer.on_packet_sent(1000)
-    pacer.packets_due(1)
-    assert pacer.packets_due(1)
-
-
-def test_modes_that_are_added_go_on_with_the_same_stream() -> None:
-    pacer, sent = LayerPacer(80_000), list[LayerPacket]()
-    pacer.start(LayeredModel(MODEL, (b"", b"", bytes(300))))
-    for added in (b"", b"one mode", b"another"):
-        if added:
-            pacer.add_mode(added)
-            assert pacer.busy
-        while pacer.busy:
-            sent += pacer.packets_due(0.1)
-    assert pacer.sent_items == 5
-    assert [layer.number for layer in sent] == list(range(len(sent)))
-    stream = b"".join(layer.data for layer in sent)
-    assert stream == b"".join(map(stream_item, (b"", b"", bytes(300), b"one mode", b"another")))
-
-
-def test_a_new_model_takes_the_place_of_what_was_waiting() -> None:
-    pacer = LayerPacer(8000)
-    pacer.start(LayeredModel(MODEL, (bytes(500), bytes(500))))
-    pacer.start(LayeredModel(MODEL, (b"a", b"b")))
-    assert [layer.data for layer in pacer.packets_due(1)] == [stream_item(b"a"), stream_item(b"b")]
 
 
 @pytest.fixture(scope="module")
@@ -155,16 +91,16 @@ def call(clip: str) -> Path:
 
 
 @pytest.fixture(scope="module")
-def at_once(clip: str) -> Path:
-    """The same with all layers before the first slot has passed."""
-    path = Path(clip).with_name("at_once.rzo")
+def unpaced(clip: str) -> Path:
+    """The same call with all layers before its second frame packet."""
+    path = Path(clip).with_name("unpaced.rzo")
     assert encoded(clip, path, 1e7).warnings == ()
     return path
 
 
 @pytest.fixture(scope="module")
-def whole(clip: str) -> Path:
-    path = Path(clip).with_name("whole.rzo")
+def unlayered(clip: str) -> Path:
+    path = Path(clip).with_name("unlayered.rzo")
     encoded(clip, path, None)
     return path
 
@@ -178,8 +114,8 @@ def packets(path: Path) -> list[Packet]:
     return [parse_packet(data) for data in raw_packets(path)]
 
 
-def write(path: Path, given: list[bytes]) -> Path:
-    path.write_bytes(MAGIC + b"".join(map(serialise_record, given)))
+def write(path: Path, sent: list[bytes]) -> Path:
+    path.write_bytes(MAGIC + b"".join(map(serialise_record, sent)))
     return path
 
 
@@ -195,7 +131,7 @@ def face_psnr_db(clip: str, video: Path) -> float:
     return quality.face_psnr_db
 
 
-def test_the_first_layer_is_small_and_has_no_modes(call: Path) -> None:
+def test_the_base_layer_is_small_and_has_no_modes(call: Path) -> None:
     first, *rest = packets(call)
     assert isinstance(first, ModelPacket) and first.progressive
     assert len(raw_packets(call)[0]) <= BASE_LAYER_BYTES
@@ -204,23 +140,25 @@ def test_the_first_layer_is_small_and_has_no_modes(call: Path) -> None:
     assert isinstance(rest[0], FramePacket)
 
 
-def test_the_layers_make_the_model_that_is_otherwise_sent_whole(at_once: Path, whole: Path) -> None:
+def test_all_layers_make_the_model_of_a_call_without_layers(unpaced: Path, unlayered: Path) -> None:
     model, layers = None, LayerBuffer()
-    for packet in packets(at_once):
+    for packet in packets(unpaced):
         if isinstance(packet, ModelPacket):
             model = packet
         elif isinstance(packet, LayerPacket):
             layers.add(packet)
     assert model is not None
-    refined, (expected, *_) = layers.apply(model), packets(whole)
+    refined, (expected, *_) = layers.apply(model), packets(unlayered)
     assert isinstance(expected, ModelPacket) and not expected.progressive
     assert refined.profile_data == expected.profile_data
     assert (refined.texture, refined.background) == (expected.texture, expected.background)
-    frames = [[p for p in packets(path) if isinstance(p, FramePacket)] for path in (at_once, whole)]
+    frames = [
+        [p for p in packets(path) if isinstance(p, FramePacket)] for path in (unpaced, unlayered)
+    ]
     assert frames[0] == frames[1]
 
 
-def test_no_second_of_the_call_takes_more_than_the_rate(call: Path) -> None:
+def test_no_second_of_the_call_exceeds_the_rate(call: Path) -> None:
     time_s, sizes = 0.0, list[tuple[float, int]]()
     first, *rest = raw_packets(call)
     for data in rest:
@@ -232,148 +170,140 @@ def test_no_second_of_the_call_takes_more_than_the_rate(call: Path) -> None:
     for start, _ in sizes:
         window = sum(bits for at, bits in sizes if start <= at < start + 1)
         assert window <= STARTUP * (1 + slot_s)
-    paid_s = 8 * len(first) / STARTUP
+    repaid_s = 8 * len(first) / STARTUP
     layers = [
         at
         for (at, _), data in zip(sizes, rest, strict=True)
         if isinstance(parse_packet(data), LayerPacket)
     ]
-    assert layers and min(layers) >= paid_s - slot_s
+    assert layers and min(layers) >= repaid_s - slot_s
 
 
-def test_cut_after_any_layer_a_call_has_its_pictures(call: Path, tmp_path: Path) -> None:
-    given = raw_packets(call)
-    ends = [i + 1 for i, data in enumerate(given) if isinstance(parse_packet(data), LayerPacket)]
+def test_a_call_that_ends_after_any_layer_is_decoded(call: Path, tmp_path: Path) -> None:
+    sent = raw_packets(call)
+    ends = [i + 1 for i, data in enumerate(sent) if isinstance(parse_packet(data), LayerPacket)]
     assert len(ends) > 3
     for end in ends:
-        path = write(tmp_path / "cut.rzo", given[:end])
+        path = write(tmp_path / "cut.rzo", sent[:end])
         report = decoded(path, tmp_path / "cut.mkv")
-        frames = sum(isinstance(parse_packet(data), FramePacket) for data in given[:end])
+        frames = sum(isinstance(parse_packet(data), FramePacket) for data in sent[:end])
         assert report.frames == min(1 + 8 * (frames - 1), FRAMES)
         assert report.warnings == ("the call has no end: decoded up to its last packet",)
 
 
-def test_every_layer_makes_the_face_better(at_once: Path, clip: str, tmp_path: Path) -> None:
-    given = raw_packets(at_once)
-    layers = [data for data in given[1:] if isinstance(parse_packet(data), LayerPacket)]
-    others = [data for data in given[1:] if data not in layers]
+def test_every_layer_raises_the_psnr_of_the_face(unpaced: Path, clip: str, tmp_path: Path) -> None:
+    sent = raw_packets(unpaced)
+    layers = [data for data in sent[1:] if isinstance(parse_packet(data), LayerPacket)]
+    others = [data for data in sent[1:] if data not in layers]
     psnr_db = []
     for count in (0, 1, 3, len(layers)):
-        path = write(tmp_path / f"{count}.rzo", [given[0], *layers[:count], *others])
+        path = write(tmp_path / f"{count}.rzo", [sent[0], *layers[:count], *others])
         report = decoded(path, tmp_path / f"{count}.mkv")
         assert report.frames == FRAMES and not report.warnings
         psnr_db.append(face_psnr_db(clip, tmp_path / f"{count}.mkv"))
     assert all(np.diff(psnr_db) > 0.1) and psnr_db[-1] > psnr_db[0] + 2
 
 
-def test_a_layered_call_ends_as_good_as_a_whole_one(
-    at_once: Path, whole: Path, clip: str, tmp_path: Path
+def test_a_call_in_layers_has_the_psnr_of_one_without(
+    unpaced: Path, unlayered: Path, clip: str, tmp_path: Path
 ) -> None:
-    for path in (at_once, whole):
+    for path in (unpaced, unlayered):
         decoded(path, tmp_path / f"{path.stem}.mkv")
-    one, other = (face_psnr_db(clip, tmp_path / f"{p.stem}.mkv") for p in (at_once, whole))
+    one, other = (face_psnr_db(clip, tmp_path / f"{p.stem}.mkv") for p in (unpaced, unlayered))
     assert one == pytest.approx(other, abs=0.3)
 
 
-def test_who_draws_layer_by_layer_draws_the_same(at_once: Path, whole: Path) -> None:
+def test_applying_layers_one_by_one_gives_the_same_texture(unpaced: Path, unlayered: Path) -> None:
     """Decoding modes one after the other is decoding all of them."""
-    first, *rest = packets(at_once)
+    first, *rest = packets(unpaced)
     assert isinstance(first, ModelPacket)
-    wardrobe, layers, model = AppearanceModel(first), LayerBuffer(), first
-    assert not wardrobe.has_modes
+    appearance, layers, model = AppearanceModel(first), LayerBuffer(), first
+    assert not appearance.has_modes
     for packet in rest:
         if isinstance(packet, LayerPacket):
             layers.add(packet)
             model = layers.apply(model)
-            wardrobe.update(model)
-    expected = packets(whole)[0]
-    assert isinstance(expected, ModelPacket) and wardrobe.has_modes
+            appearance.update(model)
+    expected = packets(unlayered)[0]
+    assert isinstance(expected, ModelPacket) and appearance.has_modes
     coefficients = np.linspace(-3, 3, len(parse_transform(expected.profile_data).modes))
     np.testing.assert_array_equal(
-        wardrobe.synthesise(coefficients), AppearanceModel(expected).synthesise(coefficients)
+        appearance.synthesise(coefficients), AppearanceModel(expected).synthesise(coefficients)
     )
 
 
-def test_a_damaged_layer_leaves_what_was_drawn_before(at_once: Path, tmp_path: Path) -> None:
-    given = raw_packets(at_once)
-    places = [i for i, data in enumerate(given) if isinstance(parse_packet(data), LayerPacket)]
-    last, other = parse_packet(given[places[-1]]), tmp_path / "without.mkv"
+def test_a_damaged_layer_leaves_the_appearance_as_it_was(unpaced: Path, tmp_path: Path) -> None:
+    sent = raw_packets(unpaced)
+    indices = [i for i, data in enumerate(sent) if isinstance(parse_packet(data), LayerPacket)]
+    last, other = parse_packet(sent[indices[-1]]), tmp_path / "without.mkv"
     assert isinstance(last, LayerPacket)
     # A mode's first byte is its step, and no step is so large.
     _, step = decode_varint(last.data)
     damaged = replace(last, data=last.data[:step] + b"\xff" + last.data[step + 1 :])
-    given[places[-1]] = serialise(damaged)
-    report = decoded(write(tmp_path / "damaged.rzo", given), tmp_path / "damaged.mkv")
+    sent[indices[-1]] = serialise(damaged)
+    report = decoded(write(tmp_path / "damaged.rzo", sent), tmp_path / "damaged.mkv")
     assert report.frames == FRAMES
     (warning,) = report.warnings
     assert warning.startswith("damaged packets: 1,") and "no step" in warning
-    # All else is drawn, the whole still too, though it came with the damaged mode.
-    decoded(write(tmp_path / "without.rzo", given[: places[-1]] + given[places[-1] + 1 :]), other)
+    # All other layers are used, also the background, whose layer packet holds the damaged mode.
+    decoded(write(tmp_path / "without.rzo", sent[: indices[-1]] + sent[indices[-1] + 1 :]), other)
     for one, same in zip(read(tmp_path / "damaged.mkv"), read(other), strict=True):
         np.testing.assert_array_equal(one, same)
 
 
-def test_a_damaged_texture_is_told_once_and_the_one_before_worn(whole: Path) -> None:
-    model = packets(whole)[0]
+def test_a_damaged_texture_is_reported_once_and_leaves_the_texture_as_it_was(
+    unlayered: Path,
+) -> None:
+    model = packets(unlayered)[0]
     assert isinstance(model, ModelPacket)
-    wardrobe, damaged = AppearanceModel(model), replace(model, texture=b"RIFF no picture")
-    before = wardrobe.synthesise(np.zeros(0)).copy()
+    appearance, damaged = AppearanceModel(model), replace(model, texture=b"RIFF no picture")
+    before = appearance.synthesise(np.zeros(0)).copy()
     with pytest.raises(ProtocolError, match="texture"):
-        wardrobe.update(damaged)
-    wardrobe.update(damaged)
-    np.testing.assert_array_equal(wardrobe.synthesise(np.zeros(0)), before)
+        appearance.update(damaged)
+    appearance.update(damaged)
+    np.testing.assert_array_equal(appearance.synthesise(np.zeros(0)), before)
 
 
-def test_modes_before_a_damaged_one_are_worn_and_not_decoded_again(whole: Path) -> None:
-    model = packets(whole)[0]
+def test_modes_before_a_damaged_one_are_used_and_not_decoded_again(unlayered: Path) -> None:
+    model = packets(unlayered)[0]
     assert isinstance(model, ModelPacket)
-    components = parse_transform(model.profile_data)
-    assert len(components.modes) > 1
+    transform = parse_transform(model.profile_data)
+    assert len(transform.modes) > 1
 
     def with_modes(*modes: bytes) -> ModelPacket:
-        missing = (b"",) * (len(components.modes) - len(modes))
-        extension = serialise_transform(replace(components, modes=modes + missing))
-        return replace(model, profile_data=extension, progressive=True)
+        missing = (b"",) * (len(transform.modes) - len(modes))
+        profile_data = serialise_transform(replace(transform, modes=modes + missing))
+        return replace(model, profile_data=profile_data, progressive=True)
 
-    wardrobe = AppearanceModel(with_modes())
+    appearance = AppearanceModel(with_modes())
     with pytest.raises(ProtocolError, match="mode 1 has no step"):
-        wardrobe.update(with_modes(components.modes[0], b"\xff"))
-    wardrobe.update(with_modes(components.modes[0], b"\xff", *components.modes[2:]))
-    coefficients = np.linspace(-3, 3, len(components.modes))
-    expected = AppearanceModel(with_modes(components.modes[0]))
+        appearance.update(with_modes(transform.modes[0], b"\xff"))
+    appearance.update(with_modes(transform.modes[0], b"\xff", *transform.modes[2:]))
+    coefficients = np.linspace(-3, 3, len(transform.modes))
+    expected = AppearanceModel(with_modes(transform.modes[0]))
     np.testing.assert_array_equal(
-        wardrobe.synthesise(coefficients), expected.synthesise(coefficients)
+        appearance.synthesise(coefficients), expected.synthesise(coefficients)
     )
 
 
-def test_whose_face_is_worn_has_all_layers(at_once: Path, whole: Path) -> None:
-    worn, expected = read_model(at_once), read_model(whole)
-    assert replace(worn, progressive=False) == expected
+def test_a_model_for_reenactment_has_all_layers(unpaced: Path, unlayered: Path) -> None:
+    model_of_call, expected = read_model(unpaced), read_model(unlayered)
+    assert replace(model_of_call, progressive=False) == expected
 
 
-def test_the_parts_of_a_layered_call_add_up(call: Path) -> None:
+def test_the_bytes_of_a_call_in_layers_add_up(call: Path) -> None:
     summary = summarise(call)
-    given = raw_packets(call)
+    sent = raw_packets(call)
     assert summary.layer_packets == sum(isinstance(p, LayerPacket) for p in packets(call)) > 3
     assert summary.model_packets == 1
     assert sum(summary.model_parts.values()) == summary.model_bytes
     assert min(summary.model_parts.values()) >= 0
     parts = summary.model_bytes + summary.frame_bytes + summary.control_bytes
     assert parts + summary.container_bytes == summary.file_bytes
-    assert summary.container_bytes == 4 + sum(len(serialise_record(p)) - len(p) + 1 for p in given)
+    assert summary.container_bytes == 4 + sum(len(serialise_record(p)) - len(p) + 1 for p in sent)
 
 
-def test_a_call_too_short_for_its_model_says_so(clip: str, tmp_path: Path) -> None:
+def test_a_call_too_short_for_its_layers_warns(clip: str, tmp_path: Path) -> None:
     report = encoded(clip, tmp_path / "thin.rzo", BITRATE + 500)
     assert any("not sent" in warning for warning in report.warnings)
     assert decoded(tmp_path / "thin.rzo", tmp_path / "thin.mkv").frames == FRAMES
-
-
-def test_sizes_of_layers_grow_with_the_rate() -> None:
-    sizes = []
-    for bitrate in (4000, 8000, 16000):
-        pacer = LayerPacer(bitrate)
-        pacer.start(LayeredModel(MODEL, (bytes(9000), b"")))
-        total = accumulate(sum(len(p.data) for p in pacer.packets_due(0.25)) for _ in range(8))
-        sizes.append(list(total)[-1])
-    assert sizes == sorted(sizes) and sizes[0] < 0.6 * sizes[1]

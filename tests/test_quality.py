@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from decoder.frame_sink import open_sink
+from decoder.sinks.frame_sink import open_sink
 from encoder.detection.landmark_indices import FACE_OVAL
 from loopback.quality import (
     Mask,

@@ -22,7 +22,7 @@ CALL = LayeredCall(
 )
 
 
-def test_a_cut_call_has_its_first_layers_and_all_frames() -> None:
+def test_a_truncated_call_has_its_first_layers_and_all_frames() -> None:
     for count in range(len(ITEMS) + 1):
         packets = list(read_records(io.BytesIO(CALL.truncated_to(count))))
         assert packets == [CALL.base, *CALL.layers[:count], *CALL.frames]
@@ -35,7 +35,7 @@ def test_bytes_are_those_of_the_model_in_a_call_file() -> None:
     assert CALL.model.items == ITEMS
 
 
-def test_layers_come_one_after_the_other_and_no_faster_than_the_link() -> None:
+def test_layers_arrive_one_after_the_other_and_no_faster_than_the_link() -> None:
     times = arrival_times_s(CALL, BITRATE)
     assert len(times) == 1 + len(ITEMS) and times == sorted(times)
     assert times[0] == 8 * CALL.bytes_until(0) / BITRATE
@@ -48,9 +48,9 @@ def test_a_call_without_frames_has_no_times() -> None:
         arrival_times_s(LayeredCall(CALL.base, CALL.layers, ()), BITRATE)
 
 
-def test_a_model_sent_whole_has_the_whole_pictures_only() -> None:
-    rough = len(BASE.texture) + len(BASE.background)
-    assert unlayered_bytes(CALL) == len(CALL.base) - rough + sum(map(len, ITEMS))
+def test_an_unlayered_model_has_the_final_pictures_only() -> None:
+    coarse = len(BASE.texture) + len(BASE.background)
+    assert unlayered_bytes(CALL) == len(CALL.base) - coarse + sum(map(len, ITEMS))
 
 
 def test_the_table_has_a_row_for_each_number_of_layers() -> None:
@@ -60,6 +60,6 @@ def test_the_table_has_a_row_for_each_number_of_layers() -> None:
     }
     lines = markdown(tables).splitlines()
     assert len(lines) == 4
-    assert lines[2] == "| first layer | 100 | 0.5 | 25.0 | 90 | 0.4 | 24.0 |"
+    assert lines[2] == "| base layer | 100 | 0.5 | 25.0 | 90 | 0.4 | 24.0 |"
     assert lines[3].startswith("| + 3 modes | 900 | 2.0 | 30.0 |")
     assert {line.count("|") for line in lines} == {8}

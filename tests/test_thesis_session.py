@@ -15,7 +15,7 @@ from protocol.call_file import CallReader, CallWriter
 from protocol.link.model_cache import ModelCache
 from protocol.model_packet import ModelPacket
 from protocol.packets import parse_packet
-from shared_model.parameters import FaceParameters, Pose, refocused
+from shared_model.parameters import FaceParameters, Pose, with_focal_change
 
 LONGER = 1.25
 ANNOUNCED, FRAMES = 31, 90
@@ -42,7 +42,7 @@ def longer(before: ModelPacket) -> ModelPacket:
 def face(index: int, focal: float = 1.0) -> FaceParameters:
     """The caller goes aside by a millimetre a frame."""
     place = np.add(MODEL.reference_translation_mm, (index, 0, 0))
-    return refocused(FaceParameters(Pose(MODEL.reference_pose.rotation, place)), focal)
+    return with_focal_change(FaceParameters(Pose(MODEL.reference_pose.rotation, place)), focal)
 
 
 def call(

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from decoder.y4m_stream import Y4mStream, ycbcr_from_bgr
+from decoder.sinks.y4m_stream import Y4mStream, ycbcr_from_bgr
 
 
 def written(picture: np.ndarray, matrix: str = "bt601") -> bytes:

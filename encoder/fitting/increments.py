@@ -12,7 +12,7 @@ from encoder.fitting.fit_results import IdentityFit
 from shared_model import geometry
 from shared_model.animate import identity_from_controls
 from shared_model.mesh import Head
-from shared_model.parameters import AAUS, EAUS, FaceParameters, Pose, clip_eau, refocused
+from shared_model.parameters import AAUS, EAUS, FaceParameters, Pose, clip_eau, with_focal_change
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -86,7 +86,7 @@ def apply_identity_increment(head: Head, fitted: IdentityFit, step: Array) -> Id
         identity=identity_from_controls(head, aau, control),
         control_mm=control,
         frames=tuple(
-            apply_clipped_increment(refocused(face, ratio), each)
+            apply_clipped_increment(with_focal_change(face, ratio), each)
             for face, each in zip(fitted.frames, steps, strict=True)
         ),
     )

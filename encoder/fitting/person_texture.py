@@ -1,4 +1,4 @@
-"""The caller's own textured model, as the tracker fits it: one texture under changing light."""
+"""The textured model of one person that the tracker fits: one texture, changing illumination."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -31,29 +31,37 @@ from shared_model.parameters import FaceParameters
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
 
 # Texels a side, coarse to fine.
 MAX_ATLAS_SIZES = (56, 192)
-# Eyes look about and blink without the actuators that are followed.
+# Weight of the eyes, whose gaze and blinks the tracked actuators do not explain.
 EYE_WEIGHT = 0.3
-# Share of a new frame in the texture where the first frame did not show it.
-FILL_GAIN = 0.2
+# Weight of a new frame in texels that the first frame did not show.
+UPDATE_GAIN = 0.2
+# Frames between updates of the texture, and the least correlation of a frame that updates it.
 UPDATE_INTERVAL = 4
-# Frames that explain the texture this well may fill what it lacks.
 GOOD_CORRELATION = 0.8
-# Share of a new fit in what fits are expected to leave.
+# Weight of a new fit in the noise level.
 NOISE_GAIN = 0.1
-# Standard deviations of Gaussian noise to the median of its size.
+# Standard deviation of Gaussian noise over the median of its absolute value.
 MEDIAN_TO_SIGMA = 1.4826
-# Keeps correlations finite where nothing is left to correlate, grey levels to the fourth.
+# One texel in so many enters the median.
+MEDIAN_STRIDE = 4
+# Correlations over fewer texels are taken to be 0.
+MIN_CORRELATED_TEXELS = 50
+# Keeps correlations finite where the texels have no variance, grey levels to the fourth.
 TINY = 1e-18
-# One texel in so many is enough for it.
-MEDIAN_EVERY = 4
+# Least gain of an illumination.
+MIN_GAIN = 0.2
 
 
 @dataclass(frozen=True, slots=True)
 class FitOptions:
-    """How the textured model is fitted: to what of a picture, and by which steps."""
+    """How the textured model is fitted.
+
+    normalise: takes a BGR picture to the values that are compared.  fitter: how steps are computed.
+    """
 
     normalise: Normalisation = luma_f32
     fitter: type[TexelFitter] = TexelFitter
@@ -63,12 +71,12 @@ DEFAULT_OPTIONS = FitOptions()
 
 
 class PersonTexture:
-    """Texture of one caller, fitted to pictures with gain, offset and a slope of light.
+    """The texture of one person, fitted to pictures with gain, offset and slopes of illumination.
 
-    Pictures are (h, w, 3) uint8 BGR or, which saves time, (h, w) `luma_u8`.
+    Pictures are (h, w, 3) uint8 BGR, or faster (h, w) from `luma_u8`.
 
-    face: the caller's shape.  frame, start: the picture that shows the texture.
-    largest_atlas: texels a side, at most.
+    face: the person's shape.  frame, start: the first frame, which shows the texture, and its face.
+    max_atlas_size: texels a side, at most.
     """
 
     def __init__(
@@ -78,54 +86,56 @@ class PersonTexture:
         camera: Camera,
         frame: Picture,
         start: FaceParameters,
-        largest_atlas: int,
+        max_atlas_size: int,
         options: FitOptions = DEFAULT_OPTIONS,
     ) -> None:
-        rest = face.animate(start.eau)
-        size = atlas_size_for(atlas_of(head, 64), camera, start.pose, rest, largest_atlas)
+        vertices = face.animate(start.eau)
+        size = atlas_size_for(atlas_of(head, 64), camera, start.pose, vertices, max_atlas_size)
         atlas = atlas_of(head, size)
-        self._head, self._atlas, self._synthesis = head, atlas, options
-        self._grey = options.normalise
-        self._ratio = pixels_per_texel(atlas, camera, start.pose, rest)
-        self._refiner = self._blank_refiner(face, camera)
-        thin = self._refiner.shape.atlas
-        self._outline = np.flatnonzero(head.opacity[thin.corners].min(1) > 0.5)
-        self._worth = face_mask(head, thin) * _part_weight(head.parts[thin.corners[:, 0]])
-        across = 2 * thin.columns.astype(np.float32) / size - 1
-        along = 2 * thin.rows.astype(np.float32) / size - 1
-        self._light = np.stack([np.ones_like(across), across, along])
-        self._lit = np.zeros(4)
-        self._learned = 0
-        self._noise_grey = RESIDUAL_SIGMA_GREY
+        self._head, self._atlas, self._options = head, atlas, options
+        self._pixels_per_texel = pixels_per_texel(atlas, camera, start.pose, vertices)
+        self._fitter = self._empty_fitter(face, camera)
+        texels = self._fitter.shape.atlas
+        self._outline = np.flatnonzero(head.opacity[texels.corners].min(1) > 0.5)
+        part = head.parts[texels.corners[:, 0]]
+        self._texel_weight = face_mask(head, texels) * _part_weight(part)
+        u = 2 * texels.columns.astype(np.float32) / size - 1
+        v = 2 * texels.rows.astype(np.float32) / size - 1
+        self._illumination_basis = np.stack([np.ones_like(u), u, v])
+        self._illumination = np.zeros(4)
+        self._update_count = 0
+        self._residual_sigma_grey = RESIDUAL_SIGMA_GREY
         self._first_crop = crop = self._crop(frame, start)
-        self._mean = self._sampled(crop, start)
-        self._known = self._refiner.visible(start) & (self._worth > 0)
-        self._rebuild()
-        self._refiner.train(crop, replace(start, modes=self._lit))
+        self._mean = self._sample(crop, start)
+        # Texels of the first frame are never updated: the texture stays aligned with its face.
+        self._first_observed = self._fitter.visible(start) & (self._texel_weight > 0)
+        self._observed = self._first_observed.copy()
+        self._rebuild_template()
+        self._fitter.train(crop, replace(start, modes=self._illumination))
 
-    def _blank_refiner(self, face: Face, camera: Camera) -> TexelFitter:
-        count, synthesis = len(self._atlas.rows), self._synthesis
-        blank = np.zeros(count, np.float32)
-        empty = Template(blank, np.zeros((0, count), np.float32), blank)
+    def _empty_fitter(self, face: Face, camera: Camera) -> TexelFitter:
+        count, options = len(self._atlas.rows), self._options
+        zeros = np.zeros(count, np.float32)
+        empty = Template(zeros, np.zeros((0, count), np.float32), zeros)
         shape = ShapeFreeFrame(face, self._atlas, camera)
-        return synthesis.fitter(self._head, face, shape, empty, synthesis.normalise)
+        return options.fitter(self._head, face, shape, empty, options.normalise)
 
     def set_shape(self, face: Face, camera: Camera, start: FaceParameters) -> None:
-        """Fit the same texture on another shape.  start: its face in the first picture."""
-        template = self._refiner.template
-        self._refiner = self._blank_refiner(face, camera)
-        self._refiner.template = template
-        self._refiner.set_noise_level(self._noise_grey)
-        self._refiner.train(self._first_crop, replace(start, modes=np.zeros(4)))
+        """Fit the same texture on another shape.  start: the face in the first frame."""
+        template = self._fitter.template
+        self._fitter = self._empty_fitter(face, camera)
+        self._fitter.template = template
+        self._fitter.set_noise_level(self._residual_sigma_grey)
+        self._fitter.train(self._first_crop, replace(start, modes=np.zeros(4)))
 
     @property
     def observed_texel_count(self) -> int:
-        """How many texels some frame has shown."""
-        return int(self._known.sum())
+        """Number of texels that any frame has shown."""
+        return int(self._observed.sum())
 
     def observe(self, frame: Picture, initial: FaceParameters) -> Observation:
-        """What a frame shows of a face about like `near`: what fits start from."""
-        return self._refiner.observe(self._crop(frame, initial), initial)
+        """Prepare a frame for fits near `initial`, see `TexelFitter.observe`."""
+        return self._fitter.observe(self._crop(frame, initial), initial)
 
     def fit(
         self,
@@ -134,84 +144,87 @@ class PersonTexture:
         active: Sequence[int],
         iterations: int,
     ) -> TextureFit:
-        """The face near `start` that explains what is seen best; `active` actuators may move."""
-        found = self._refiner.fit(observation, replace(start, modes=self._lit), iterations, active)
-        seen = found.weights > 0
-        if not seen.any():
-            return TextureFit(found.face, 0.0, np.inf, RESIDUAL_SIGMA_GREY)
-        left = self._left(found)[seen]
-        left_grey2 = float(np.average(cauchy_loss(left), weights=found.weights[seen]))
-        noise_grey = MEDIAN_TO_SIGMA * float(np.median(np.abs(left[::MEDIAN_EVERY])))
-        return TextureFit(found.face, self._correlation(found.luma, seen), left_grey2, noise_grey)
+        """Fit pose and `active` actuators from `start`, see `TexelFitter.fit`."""
+        initial = replace(start, modes=self._illumination)
+        fit = self._fitter.fit(observation, initial, iterations, active)
+        visible = fit.weights > 0
+        if not visible.any():
+            return TextureFit(fit.face, 0.0, np.inf, RESIDUAL_SIGMA_GREY)
+        residual = self._residual(fit)[visible]
+        mse_grey2 = float(np.average(cauchy_loss(residual), weights=fit.weights[visible]))
+        sigma_grey = MEDIAN_TO_SIGMA * float(np.median(np.abs(residual[::MEDIAN_STRIDE])))
+        return TextureFit(fit.face, self._correlation(fit.luma, visible), mse_grey2, sigma_grey)
 
     def update_noise_level(self, fit: TextureFit) -> None:
-        """Expect coming fits to leave about as much as this one."""
-        self._noise_grey += NOISE_GAIN * (fit.residual_sigma_grey - self._noise_grey)
-        self._refiner.set_noise_level(self._noise_grey)
+        """Update the noise level of later fits by the residual of this one."""
+        self._residual_sigma_grey += NOISE_GAIN * (
+            fit.residual_sigma_grey - self._residual_sigma_grey
+        )
+        self._fitter.set_noise_level(self._residual_sigma_grey)
 
-    def _left(self, found: TexelFit) -> Single:
-        """(k,) grey levels that a fit leaves unexplained."""
-        template = self._refiner.template
-        return found.luma - template.mean - found.face.modes.astype(np.float32) @ template.modes
+    def _residual(self, fit: TexelFit) -> Single:
+        """(k,) residual, grey levels."""
+        template = self._fitter.template
+        return fit.luma - template.mean - fit.face.modes.astype(np.float32) @ template.modes
 
     def update_template(self, frame: Picture, fit: TextureFit) -> None:
-        """Keep the light of a frame, and of one in a few what the first did not show."""
-        self._lit = fit.face.modes
-        self._learned += 1
-        if fit.correlation > GOOD_CORRELATION and self._learned % UPDATE_INTERVAL == 0:
+        """Start later fits at the frame's illumination; at intervals, update unseen texels."""
+        self._illumination = fit.face.modes
+        self._update_count += 1
+        if fit.correlation > GOOD_CORRELATION and self._update_count % UPDATE_INTERVAL == 0:
             crop = self._crop(frame, fit.face)
-            texels = self._sampled(crop, fit.face)
-            self._fill(texels, self._refiner.visible(fit.face), fit.face.modes)
-            self._refiner.train(crop, fit.face)
+            texels = self._sample(crop, fit.face)
+            self._fill_unseen(texels, self._fitter.visible(fit.face), fit.face.modes)
+            self._fitter.train(crop, fit.face)
 
-    def _fill(self, texels: Single, seen: NDArray[np.bool_], coefficients: Array) -> None:
-        """Take from a frame what the first one did not show, as the first one's light had it."""
-        new = seen & ~self._first & (self._worth > 0)
-        if not new.any():
+    def _fill_unseen(self, texels: Single, visible: Mask, coefficients: Array) -> None:
+        """Update texels that the first frame did not show, in the first frame's illumination."""
+        chosen = visible & ~self._first_observed & (self._texel_weight > 0)
+        if not chosen.any():
             return
         light = coefficients.astype(np.float32)
-        gain = max(1 + float(light[0]), 0.2)
-        before = (texels - light[1:] @ self._light + light[0] * self._centre) / gain
-        share = np.where(self._known, np.float32(FILL_GAIN), np.float32(1))
-        self._mean[new] += share[new] * (before[new] - self._mean[new])
-        self._known |= new
-        self._rebuild(first=self._first)
+        gain = max(1 + float(light[0]), MIN_GAIN)
+        relit = (texels - light[1:] @ self._illumination_basis + light[0] * self._centre) / gain
+        share = np.where(self._observed, np.float32(UPDATE_GAIN), np.float32(1))
+        # A copy: templates in use, also by a bundle adjustment in the background, hold the old one.
+        self._mean = self._mean.copy()
+        self._mean[chosen] += share[chosen] * (relit[chosen] - self._mean[chosen])
+        self._observed |= chosen
+        self._rebuild_template()
 
-    def _rebuild(self, first: NDArray[np.bool_] | None = None) -> None:
-        """Make the template of what is known."""
-        self._first = self._known.copy() if first is None else first
-        self._centre = (
-            np.float32(self._mean[self._known].mean()) if self._known.any() else np.float32(0)
-        )
-        modes = np.concatenate([(self._mean - self._centre)[None], self._light])
-        weight = self._worth * self._known
-        self._refiner.template = Template(self._mean, modes.astype(np.float32), weight)
+    def _rebuild_template(self) -> None:
+        observed = self._observed
+        self._centre = np.float32(self._mean[observed].mean()) if observed.any() else np.float32(0)
+        modes = np.concatenate([(self._mean - self._centre)[None], self._illumination_basis])
+        weight = self._texel_weight * observed
+        self._fitter.template = Template(self._mean, modes.astype(np.float32), weight)
 
-    def _correlation(self, texels: Single, seen: NDArray[np.bool_]) -> float:
-        """Correlation of texels and texture, low-order light taken from both."""
-        kept = seen & self._known
-        if kept.sum() < 50:
+    def _correlation(self, texels: Single, visible: Mask) -> float:
+        """Correlation of texels and texture, low-order light removed from both."""
+        chosen = visible & self._observed
+        if chosen.sum() < MIN_CORRELATED_TEXELS:
             return 0.0
-        rows = np.stack([*self._light, texels, self._mean]).astype(np.float64)
-        products = (rows * (self._worth * kept)) @ rows.T
-        light, across = products[:3, :3], products[:3, 3:]
-        rest = products[3:, 3:] - across.T @ np.linalg.lstsq(light, across, rcond=None)[0]
+        rows = np.stack([*self._illumination_basis, texels, self._mean]).astype(np.float64)
+        products = (rows * (self._texel_weight * chosen)) @ rows.T
+        light, mixed = products[:3, :3], products[:3, 3:]
+        rest = products[3:, 3:] - mixed.T @ np.linalg.lstsq(light, mixed, rcond=None)[0]
         return float(rest[0, 1] / np.sqrt(max(rest[0, 0] * rest[1, 1], TINY)))
 
-    def _sampled(self, crop: Crop, face: FaceParameters) -> Single:
-        at = crop.to_crop_px(self._refiner.shape.positions(face))
-        return np.asarray(sample_bicubic(self._grey(crop.picture), at)[:, 0], np.float32)
+    def _sample(self, crop: Crop, face: FaceParameters) -> Single:
+        positions = crop.to_crop_px(self._fitter.shape.positions(face))
+        values = self._options.normalise(crop.picture)
+        return np.asarray(sample_bicubic(values, positions)[:, 0], np.float32)
 
     def _crop(self, frame: Picture, face: FaceParameters) -> Crop:
-        # By coordinates: so the positions are in memory.
-        shown = self._refiner.shape.positions(face).T.take(self._outline, axis=1)
-        corners = np.stack([shown.min(1), shown.max(1)]).astype(np.float64)
+        # Transposed: positions are stored coordinate by coordinate.
+        outline = self._fitter.shape.positions(face).T.take(self._outline, axis=1)
+        corners = np.stack([outline.min(1), outline.max(1)]).astype(np.float64)
         border = np.array(frame.shape[1::-1]) - 1.0
-        return crop_face(frame, np.clip(corners, 0, border), self._ratio)
+        return crop_face(frame, np.clip(corners, 0, border), self._pixels_per_texel)
 
 
 def _part_weight(parts: NDArray[np.uint8]) -> Single:
-    """(k,) 1 on skin, less on eyes, nothing within the mouth."""
+    """(k,) 1 on skin, less on eyes, 0 inside the mouth."""
     table = np.zeros(len(PARTS), np.float32)
     table[PARTS.index("skin")] = 1
     table[[PARTS.index("eye_left"), PARTS.index("eye_right")]] = EYE_WEIGHT

@@ -20,41 +20,51 @@ from shared_model.parameters import FaceParameters
 Array = NDArray[np.float64]
 
 IDENTITY_FRAMES = 10
-# Landmarks are smoothed over time with this kernel before the first fit.
-SMOOTHING = np.array([0.06, 0.24, 0.4, 0.24, 0.06])
+# Low-pass filter of landmarks over time, which precedes their fit.
+SMOOTHING_KERNEL = np.array([0.06, 0.24, 0.4, 0.24, 0.06])
 
 
 def fit_sequence(
-    head: Head, size: tuple[int, int], points: Sequence[Array], initial: IdentityFit | None = None
+    head: Head,
+    size: tuple[int, int],
+    landmarks: Sequence[Array],
+    initial: IdentityFit | None = None,
 ) -> tuple[IdentityFit, list[FaceParameters]]:
-    """One identity, and pose and actuators of every frame, from its landmarks (468, 3).
+    """One identity, and pose and actuators of every frame.
 
-    near: see `fit_identity`.
+    size: (width, height) of the picture.  landmarks: (468, 3) of each frame, pixels.
+    initial: see `fit_identity`.
     """
-    chosen = pick_diverse_frames(np.array(points))
-    fitted = fit_identity(head, size, [points[i] for i in chosen], initial=initial)
+    chosen = pick_diverse_frames(np.array(landmarks))
+    fitted = fit_identity(head, size, [landmarks[i] for i in chosen], initial=initial)
     model = personalise(landmark_model(head), fitted.identity.aau, fitted.control_mm)
-    current = initial_parameters(model, fitted.camera, points[0])
+    face = initial_parameters(model, fitted.camera, landmarks[0])
     faces = []
-    for place in points:
-        current = fit_landmarks(model, fitted.camera, place, current)
-        faces.append(current)
+    for points_px in landmarks:
+        face = fit_landmarks(model, fitted.camera, points_px, face)
+        faces.append(face)
     return fitted, faces
 
 
 def smooth_landmarks(points: Array) -> Array:
-    """Landmarks (t, 468, 3) low-passed over time; the ends as they are mirrored."""
-    reach = len(SMOOTHING) // 2
-    if len(points) <= reach:
+    """Landmarks (t, 468, 3) low-pass filtered over time, mirrored at both ends."""
+    half = len(SMOOTHING_KERNEL) // 2
+    if len(points) <= half:
         return points
-    padded = np.pad(points, ((reach, reach), (0, 0), (0, 0)), mode="reflect")
-    return np.asarray(sum(w * padded[i : i + len(points)] for i, w in enumerate(SMOOTHING)))
+    padded = np.pad(points, ((half, half), (0, 0), (0, 0)), mode="reflect")
+    return np.asarray(
+        sum(weight * padded[i : i + len(points)] for i, weight in enumerate(SMOOTHING_KERNEL))
+    )
 
 
 def pick_diverse_frames(points: Array) -> list[int]:
-    """Indices of up to `IDENTITY_FRAMES` frames, spread over yaw and pitch."""
+    """Indices of up to `IDENTITY_FRAMES` frames at different yaw and pitch.
+
+    points: (t, 468, 3) landmarks, pixels.
+    """
     eyes = points[:, list(OUTER_EYE_CORNERS)].mean(1)
-    turn = points[:, 1, :2] - eyes[:, :2]
-    shares = np.linspace(0.02, 0.98, IDENTITY_FRAMES // 2)
-    picks = [np.argsort(turn[:, axis])[(shares * (len(points) - 1)).astype(int)] for axis in (0, 1)]
+    nose_offset = points[:, 1, :2] - eyes[:, :2]
+    quantiles = np.linspace(0.02, 0.98, IDENTITY_FRAMES // 2)
+    ranks = (quantiles * (len(points) - 1)).astype(int)
+    picks = [np.argsort(nose_offset[:, axis])[ranks] for axis in (0, 1)]
     return sorted(set(np.concatenate(picks).tolist()))

@@ -57,11 +57,11 @@ def encode_picture(
 
     step: index of the quantiser step, 0..MAX_STEP.
     weight_map: see `protocol.pictures.weight_map`; empty: the same quantiser everywhere.
-    kind: `STILL` or `TEXTURE`.
+    kind: `BACKGROUND` or `TEXTURE`.
     """
     height, width = colours.shape[:2]
     header = serialise_picture_header(kind, width, height, weight_map)
-    picture_format = PictureFormat(kind, decode_weight_map("still", weight_map, height, width))
+    picture_format = PictureFormat(kind, decode_weight_map("picture", weight_map, height, width))
     planes = to_planes(colours, picture_format.chroma_weight)
     return _encode(PictureSequence(kind), picture_format, planes, step, header)
 

@@ -1,6 +1,6 @@
 """Rate-distortion optimised quantisation (RDOQ) of a picture's wavelet coefficients.
 
-Subbands are quantised by `quantise_subband`.  The coefficients of the coarsest subband of stills
+Subbands are quantised by `quantise_subband`.  The coefficients of the lowpass band of backgrounds
 and textures are rounded to the nearest integer.
 """
 
@@ -104,8 +104,10 @@ class _RdoPlaneCoder:
         self.symbols.append(partial(code_bit_array, bits=bits, zeros=p0), cost)
         return values
 
-    def band(self, site: BandPosition, sources: Integers) -> Integers:
-        quantised = quantise_subband(site, site.select(self.lowpass, self.details), sources)
+    def band(self, position: BandPosition, context_bands: Integers) -> Integers:
+        quantised = quantise_subband(
+            position, position.select(self.lowpass, self.details), context_bands
+        )
         self.symbols.append(partial(_write_band, quantised), quantised.bits)
         return quantised.values
 

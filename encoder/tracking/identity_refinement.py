@@ -1,8 +1,8 @@
-"""A better identity of a caller who is followed, from views of them that differ.
+"""Refinement of the identity during a call, from keyframes at different poses and expressions.
 
-While frames go by, the most different ones are kept.  At times what the first frame said of shape
-and lens is adjusted to them (`bundle_adjustment`), beside the frames.  Every third view only
-checks: unless the adjusted identity explains these better, the one before stays.
+The most diverse frames become keyframes.  At scheduled times, bundle adjustment fits the identity
+of the first frame to them in the background.  Every third keyframe only validates: unless the
+adjusted identity explains these better, it is dropped.
 """
 
 from collections.abc import Sequence
@@ -19,29 +19,29 @@ from encoder.fitting.person_texture import PersonTexture
 from encoder.runtime.parallel import low_priority_executor
 from shared_model import geometry
 from shared_model.mesh import Head
-from shared_model.parameters import FaceParameters, refocused
+from shared_model.parameters import FaceParameters, with_focal_change
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-# Seconds of face after which the identity is adjusted, and how long that may take: twice what it
-# does beside a call on two cores.
+# Seconds with a face after which the identity is adjusted, and the delay of the result: twice what
+# the adjustment takes in the background of a call on two cores.
 SCHEDULE_S = (2.0, 8.0)
 LATENCY_S = 2.5
 MAX_KEYFRAMES = 12
 VALIDATION_EVERY = 3
-# Pictures of faces whose eyes are nearer to each other show too little of shape.
+# Smaller faces determine their shape too poorly.
 MIN_EYE_DISTANCE_PX = 25.0
-# By so much less of the checking views an identity must leave to be worth an update.
+# Relative decrease of the residual in the validation keyframes that is worth an update.
 MIN_IMPROVEMENT = 0.03
-# Views that differ by one of these are equally far apart, root mean square.
+# Rotation and root sum of squares of actuators that count as the same distance.
 DISTANCE_SCALE_RAD, DISTANCE_SCALE_EAU = 0.35, 0.7
 MIN_KEYFRAME_DISTANCE = 0.15
 
 
 @dataclass(frozen=True, slots=True)
 class Keyframe:
-    """A view that was kept, the face in it, and where that is among others, see `place_of`."""
+    """An observed frame, the face in it, and its `pose_descriptor`."""
 
     observation: Observation
     face: FaceParameters
@@ -49,48 +49,54 @@ class Keyframe:
 
 
 class KeyframeSet:
-    """At most `MOST_VIEWS` views, the most different of those that were offered."""
+    """At most `MAX_KEYFRAMES` keyframes, the most diverse of the candidates."""
 
     def __init__(self) -> None:
-        self._kept: list[Keyframe] = []
+        self._keyframes: list[Keyframe] = []
 
     @property
     def keyframes(self) -> tuple[Keyframe, ...]:
-        """The views, oldest first."""
-        return tuple(self._kept)
+        """The keyframes, oldest first."""
+        return tuple(self._keyframes)
 
-    def wants(self, place: Array) -> bool:
-        """Whether a view at this place would be kept."""
-        nearest = min((_apart(place, kept.descriptor) for kept in self._kept), default=np.inf)
-        if len(self._kept) < MAX_KEYFRAMES:
+    def wants(self, descriptor: Array) -> bool:
+        """Whether a frame with this descriptor increases the diversity."""
+        nearest = min(
+            (_distance(descriptor, keyframe.descriptor) for keyframe in self._keyframes),
+            default=np.inf,
+        )
+        if len(self._keyframes) < MAX_KEYFRAMES:
             return bool(nearest > MIN_KEYFRAME_DISTANCE)
-        return bool(nearest > self._closest()[0])
+        return bool(nearest > self._closest_pair()[0])
 
-    def add(self, view: Keyframe) -> None:
-        """Keep a view that is wanted, instead of one of the two that differ least."""
-        if len(self._kept) == MAX_KEYFRAMES:
-            del self._kept[self._closest()[1]]
-        self._kept.append(view)
+    def add(self, keyframe: Keyframe) -> None:
+        """Add a keyframe; a full set drops the later one of its closest pair."""
+        if len(self._keyframes) == MAX_KEYFRAMES:
+            del self._keyframes[self._closest_pair()[1]]
+        self._keyframes.append(keyframe)
 
-    def refocus(self, ratio: float) -> None:
-        """The focal length is `ratio` times as long now."""
-        self._kept = [replace(kept, face=refocused(kept.face, ratio)) for kept in self._kept]
+    def change_focal(self, ratio: float) -> None:
+        """Convert all faces to a focal length `ratio` times as long."""
+        self._keyframes = [
+            replace(keyframe, face=with_focal_change(keyframe.face, ratio))
+            for keyframe in self._keyframes
+        ]
 
-    def _closest(self) -> tuple[float, int]:
-        """How far apart the two closest views are, and the number of the later one."""
+    def _closest_pair(self) -> tuple[float, int]:
+        """Distance of the closest pair, and the index of the later one."""
         pairs = (
-            (_apart(later.descriptor, earlier.descriptor), number)
-            for number, later in enumerate(self._kept)
-            for earlier in self._kept[:number]
+            (_distance(later.descriptor, earlier.descriptor), index)
+            for index, later in enumerate(self._keyframes)
+            for earlier in self._keyframes[:index]
         )
         return min(pairs)
 
 
 class IdentityRefiner:
-    """Improves the identity of one caller.
+    """Refines the identity of one person.
 
-    origin: the caller in the first frame, with its information.  texture, first: what is fitted,
-    and its view of that frame.  active: actuators that move.
+    origin: the identity in the first frame, with its information.  texture: what is fitted.
+    first: the observation of the first frame.  active: actuators that move.
     """
 
     def __init__(
@@ -102,87 +108,90 @@ class IdentityRefiner:
         active: Sequence[int],
     ) -> None:
         self._first, self._texture, self._active = first, texture, list(active)
-        self._bundle = PhotometricBundleAdjustment(head, origin, first.target, active)
+        self._adjustment = PhotometricBundleAdjustment(head, origin, first.target, active)
         self._current = replace(origin, frames=origin.frames[:1])
-        self._album = KeyframeSet()
+        self._keyframe_set = KeyframeSet()
         self._seconds = 0.0
-        self._due = list(SCHEDULE_S)
-        self._beside = low_priority_executor(1)
-        self._coming: Future[IdentityFit | None] | None = None
+        self._schedule = list(SCHEDULE_S)
+        self._executor = low_priority_executor(1)
+        self._pending: Future[IdentityFit | None] | None = None
         self._adopted = True
 
     def advance(self, elapsed_s: float) -> None:
-        """Another frame of the caller, so long after the one before."""
+        """Advance the schedule by one frame with a face."""
         self._seconds += elapsed_s
 
-    def add_keyframe_candidate(self, grey: Picture, face: FaceParameters) -> None:
-        """Take notice of a frame, (h, w) luma, that is explained well."""
-        if self._coming is not None or not self._adopted:
+    def add_keyframe_candidate(self, luma: Picture, face: FaceParameters) -> None:
+        """Use a well fitted frame, (h, w) luma, if it is diverse; start an adjustment when due."""
+        if self._pending is not None or not self._adopted:
             return
-        place = pose_descriptor(face, self._active)
-        if self._album.wants(place):
-            self._album.add(Keyframe(self._texture.observe(grey, face), face, place))
-        if self._due and self._seconds >= self._due[0]:
-            del self._due[0]
-            self._coming = self._beside.submit(
+        descriptor = pose_descriptor(face, self._active)
+        if self._keyframe_set.wants(descriptor):
+            observation = self._texture.observe(luma, face)
+            self._keyframe_set.add(Keyframe(observation, face, descriptor))
+        if self._schedule and self._seconds >= self._schedule[0]:
+            del self._schedule[0]
+            self._pending = self._executor.submit(
                 validated_adjustment,
-                self._bundle,
+                self._adjustment,
                 self._current,
                 self._first,
-                self._album.keyframes,
+                self._keyframe_set.keyframes,
             )
-            self._ready_s = self._seconds + LATENCY_S
+            self._result_due_s = self._seconds + LATENCY_S
 
     def take_result(self) -> IdentityFit | None:
-        """A better identity, once, with the face in the first frame; None: the one before stays.
+        """A better identity, once, with the face in the first frame; None where there is none.
 
-        It is waited for a fixed number of frames after it was begun, whatever the machine's pace.
+        The result appears a fixed number of frames after its adjustment was started, whatever the
+        speed of the machine.
         """
-        if self._coming is None or self._seconds < self._ready_s:
+        if self._pending is None or self._seconds < self._result_due_s:
             return None
-        better, self._coming = self._coming.result(), None
+        better, self._pending = self._pending.result(), None
         self._adopted = better is None
         return better
 
     def adopt(self, fitted: IdentityFit) -> None:
-        """From now on faces are those of the improved identity."""
-        self._album.refocus(fitted.camera.focal_px / self._current.camera.focal_px)
+        """Refine the better identity from now on: the tracker uses it."""
+        self._keyframe_set.change_focal(fitted.camera.focal_px / self._current.camera.focal_px)
         self._current, self._adopted = fitted, True
 
 
 def validated_adjustment(
-    bundle: PhotometricBundleAdjustment,
+    adjustment: PhotometricBundleAdjustment,
     current: IdentityFit,
     first: Observation,
-    kept: Sequence[Keyframe],
+    keyframes: Sequence[Keyframe],
 ) -> IdentityFit | None:
-    """The identity that explains views better than `current`, those that check it as well."""
-    checks = kept[VALIDATION_EVERY - 1 :: VALIDATION_EVERY]
-    taught = [view for number, view in enumerate(kept, 1) if number % VALIDATION_EVERY]
-    if not checks:
+    """The identity adjusted to two of three keyframes, if it explains the others better too."""
+    validation = keyframes[VALIDATION_EVERY - 1 :: VALIDATION_EVERY]
+    training = [each for number, each in enumerate(keyframes, 1) if number % VALIDATION_EVERY]
+    if not validation:
         return None
 
-    def together(
-        fitted: IdentityFit, views: Sequence[Keyframe]
+    def with_keyframes(
+        fitted: IdentityFit, chosen: Sequence[Keyframe]
     ) -> tuple[IdentityFit, list[Observation]]:
         ratio = fitted.camera.focal_px / current.camera.focal_px
-        faces = (refocused(kept.face, ratio) for kept in views)
-        frames = (fitted.frames[0], *faces)
-        return replace(fitted, frames=frames), [first, *(kept.observation for kept in views)]
+        faces = (with_focal_change(keyframe.face, ratio) for keyframe in chosen)
+        views = [first, *(keyframe.observation for keyframe in chosen)]
+        return replace(fitted, frames=(fitted.frames[0], *faces)), views
 
-    before = bundle.resect(*together(current, checks)).residual_mse_grey2
-    better = bundle.adjust(*together(current, taught)).fitted
-    after = bundle.resect(*together(better, checks)).residual_mse_grey2
+    before = adjustment.resect(*with_keyframes(current, validation)).residual_mse_grey2
+    better = adjustment.adjust(*with_keyframes(current, training)).fitted
+    after = adjustment.resect(*with_keyframes(better, validation)).residual_mse_grey2
     if after > (1 - MIN_IMPROVEMENT) * before:
         return None
     return replace(better, frames=better.frames[:1])
 
 
 def pose_descriptor(face: FaceParameters, active: Sequence[int]) -> Array:
-    """(3 + a,) rotation and active actuators, in units of what is far apart."""
-    turn = geometry.vector_from_quaternion(face.pose.rotation)
-    return np.concatenate([turn / DISTANCE_SCALE_RAD, face.eau[list(active)] / DISTANCE_SCALE_EAU])
+    """(3 + a,) rotation and active actuators, in units of `DISTANCE_SCALE_RAD` and `_EAU`."""
+    rotation = geometry.vector_from_quaternion(face.pose.rotation)
+    eau = face.eau[list(active)]
+    return np.concatenate([rotation / DISTANCE_SCALE_RAD, eau / DISTANCE_SCALE_EAU])
 
 
-def _apart(one: Array, other: Array) -> float:
+def _distance(one: Array, other: Array) -> float:
     return float(np.linalg.norm(one - other))

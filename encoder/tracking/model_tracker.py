@@ -37,7 +37,14 @@ from encoder.tracking.track_loss import (
 from shared_model.animate import Face
 from shared_model.geometry import matrix_from_quaternion, pixel_from_head
 from shared_model.mesh import Head
-from shared_model.parameters import EAU_INDEX, LIDS, FaceParameters, Pose, clip_eau, refocused
+from shared_model.parameters import (
+    EAU_INDEX,
+    LIDS,
+    FaceParameters,
+    Pose,
+    clip_eau,
+    with_focal_change,
+)
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -116,6 +123,7 @@ class ModelTracker:
         self._filter: FaceFilter | None = None
         self._last: FaceParameters | None = None
         self._bad = self._number = 0
+        self.confidence = 0.0
 
     @property
     def fitted(self) -> IdentityFit:
@@ -150,7 +158,7 @@ class ModelTracker:
         self._caller = replace(before, fitted=fitted, face=face)
         if self._last is not None:
             ratio = fitted.camera.focal_px / before.fitted.camera.focal_px
-            self._restart(self._caller, refocused(self._last, ratio))
+            self._restart(self._caller, with_focal_change(self._last, ratio))
 
     def _has(self, part: str) -> bool:
         return part not in self._without
@@ -173,6 +181,7 @@ class ModelTracker:
             texture = textures[-1]
             first = texture.observe(grey, start)
             self._refinement = IdentityRefiner(self._head, fitted, texture, first, self._active)
+        self.confidence = 1.0
         self._restart(self._caller, start)
         return start
 
@@ -205,6 +214,7 @@ class ModelTracker:
         refined = None
         if self._has("abs"):
             refined = self._refine(caller, grey, self._starts(start, sight), ITERATIONS)
+        correlation = 1.0 if refined is None else max(0.0, refined.correlation)
         if refined is not None and refined.correlation < MIN_CORRELATION and sight is not None:
             # The landmarks still see a face where the texture does not know it.
             start, refined = sight.face, None
@@ -221,6 +231,7 @@ class ModelTracker:
                 if refined.correlation > GOOD_CORRELATION:
                     self._refinement.add_keyframe_candidate(grey, found)
         caller.klt.reset_points(grey, camera, found)
+        self.confidence = correlation
         self._last, self._bad = found, 0
         return found
 
@@ -359,6 +370,7 @@ class ModelTracker:
     def _miss(self, last: FaceParameters) -> FaceParameters | None:
         """Hold the last face for a few frames, then give it up."""
         self._bad += 1
+        self.confidence = 0.0
         if self._bad < LOST_AFTER_FRAMES:
             return last
         self._last = None
@@ -369,15 +381,17 @@ class ModelTracker:
         sight = self._sighter.measure(frame, None)
         if sight is None or not is_plausible(sight.face, caller.fitted):
             return None
-        found, grey = sight.face, luma_u8(frame)
+        found, grey, correlation = sight.face, luma_u8(frame), 1.0
         if self._has("abs"):
             refined = self._refine(caller, grey, [found], RECOVERY_ITERATIONS)
+            correlation = max(0.0, refined.correlation)
             if refined.correlation >= MIN_CORRELATION_RECOVERED:
                 found = refined.face
             elif not self._measured_by_network():
                 return None
         caller.klt.reset_points(grey, caller.fitted.camera, found)
         self._restart(caller, found)
+        self.confidence = correlation
         return found
 
 

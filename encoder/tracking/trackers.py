@@ -68,6 +68,14 @@ class FaceTracker(Protocol):
         coming: the frame after it, see `LandmarkTracker.update`; changes nothing but the time.
         """
 
+    @property
+    def confidence(self) -> float:
+        """How sure the newest face is, 0..1: 0 if there is none, or if an older one is repeated.
+
+        Correlation of picture and person's texture where that is fitted, else the presence that the
+        landmark network states, else 1.
+        """
+
     def take_refined_identity(self) -> IdentityFit | None:
         """A better identity of the caller, once, with their face in the first frame.
 
@@ -179,6 +187,7 @@ class LandmarkFitTracker(FixedIdentityTracker):
         self._model: LandmarkModel | None = None
         self._fitted: IdentityFit | None = None
         self._last: FaceParameters | None = None
+        self.confidence = 0.0
 
     @property
     def fitted(self) -> IdentityFit:
@@ -191,6 +200,7 @@ class LandmarkFitTracker(FixedIdentityTracker):
         """See `Follower`."""
         found = self._tracker.update(frame, next_frame)
         warn_of_several_faces(self._tracker.face_count, self._warn)
+        self.confidence = 0.0 if found is None else found.score
         if found is None:
             return None
         if self._model is None or self._last is None:
@@ -220,6 +230,7 @@ class HaarPoseTracker(FixedIdentityTracker):
         self._fitted = IdentityFit(Camera(*size, TYPICAL_FOCAL * max(size)), identity, control, ())
         self._head, self._detector, self._warn = head, detector, warn
         self._last: FaceParameters | None = None
+        self.confidence = 0.0
 
     @property
     def fitted(self) -> IdentityFit:
@@ -230,6 +241,7 @@ class HaarPoseTracker(FixedIdentityTracker):
         """See `Follower`."""
         faces = self._detector.detect(frame)
         warn_of_several_faces(len(faces), self._warn)
+        self.confidence = float(bool(faces))
         if not faces:
             return None
         face = FaceParameters(pose_from_three_points(self._head, self._fitted.camera, faces[0]))

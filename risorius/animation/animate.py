@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.frame_sink import open_sink
 from decoder.playout import PlayoutFrame
 from decoder.reenactment import read_model
 from decoder.renderer import Renderer
 from decoder.scene import Scene, face_from_model, head_of
+from decoder.sinks.frame_sink import open_sink
 from protocol.errors import ProtocolError
 from protocol.model_packet import ModelPacket
 from risorius.animation.animation_script import AnimationState, Script, read_script

@@ -1,0 +1,136 @@
+"""Arrays for drawing the head and its background: matrices, selected triangles, colours."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared_model.geometry import Camera, matrix_from_quaternion
+from shared_model.mesh import PARTS, Head, inside_mouth, open_edges
+from shared_model.parameters import Pose
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+Triangles = NDArray[np.int32]
+
+# Depth that is drawn before and behind the head's origin, but nothing nearer than NEAR_MM.
+DEPTH_RANGE_MM = 500.0
+NEAR_MM = 10.0
+# A triangle whose normal has a smaller cosine with the viewing direction may be at the silhouette.
+GRAZING_COSINE = 0.7
+# Depth of the front teeth; behind them the light falls to 1 / e over the second distance.
+FRONT_TEETH_MM, TEETH_FADE_MM = 12.0, 8.0
+# BGR of the parts of the untextured head.
+PART_COLOURS = {
+    "skin": (150, 180, 225),
+    "eye_left": (235, 238, 240),
+    "eye_right": (235, 238, 240),
+    "teeth_upper": (215, 232, 238),
+    "teeth_lower": (215, 232, 238),
+    "tongue": (110, 100, 190),
+    "mouth": (70, 60, 130),
+    "surround": (90, 90, 90),
+}
+
+
+def clip_from_head(camera: Camera, pose: Pose) -> Array:
+    """(4, 4) matrix from head-frame mm to clip coordinates with y down (eq. 4.6 after eq. 4.5).
+
+    Agrees with `geometry.pixel_from_head`: pixel centres lie at whole numbers, so pixel u spans
+    u - 1/2 to u + 1/2 and the principal point (width - 1) / 2 is the middle of clip space.
+    """
+    near = max(float(pose.translation_mm[2]) - DEPTH_RANGE_MM, NEAR_MM)
+    far = max(float(pose.translation_mm[2]) + DEPTH_RANGE_MM, near + DEPTH_RANGE_MM)
+    clip_from_camera = np.zeros((4, 4))
+    clip_from_camera[0, 0] = 2 * camera.focal_px / camera.width
+    clip_from_camera[1, 1] = 2 * camera.focal_px / camera.height
+    clip_from_camera[2, 2:] = (far + near) / (far - near), -2 * far * near / (far - near)
+    clip_from_camera[3, 2] = 1
+    camera_from_head = np.eye(4)
+    camera_from_head[:3, :3] = matrix_from_quaternion(pose.rotation)
+    camera_from_head[:3, 3] = pose.translation_mm
+    return clip_from_camera @ camera_from_head
+
+
+def expanded_silhouette(clip: Array, vertices: Array, camera: Camera, expansion_px: float) -> Array:
+    """The matrix `clip` that draws the head about its middle, its outline `rim_px` further out."""
+    homogeneous = np.column_stack([vertices, np.ones(len(vertices))]) @ clip.T
+    flat = homogeneous[:, :2] / homogeneous[:, 3:]
+    low, high = flat.min(0), flat.max(0)
+    middle = (low + high) / 2
+    factor = 1 + 2 * expansion_px * 2 / (np.array([camera.width, camera.height]) * (high - low))
+    wide = clip.copy()
+    wide[:2] = factor[:, None] * clip[:2] + ((1 - factor) * middle)[:, None] * clip[3]
+    return wide
+
+
+def silhouette_candidates(head: Head) -> tuple[Triangles, NDArray[np.bool_]]:
+    """(m, 3) the triangles that may be at the silhouette, and (m,) whether each borders a gap.
+
+    A gap is where the head is transparent or ends.  Transparent skin hides the inside of the head
+    by its depth, which the expanded silhouette is drawn without: neither is a candidate.
+    """
+    opacity = head.opacity[head.triangles]
+    inside = inside_mouth(head)[head.triangles[:, 0]]
+    triangles = head.triangles[(opacity.max(1) > 0) & ~inside]
+    blended = head.triangles[opacity.min(1) < 1]
+    at_ends = triangles[np.isin(triangles, open_edges(triangles)).any(1)]
+    gaps = np.concatenate([blended, at_ends])
+    return triangles, np.asarray(np.isin(triangles, gaps).any(1))
+
+
+def silhouette_triangles(
+    triangles: Triangles, borders_gap: NDArray[np.bool_], pose: Pose, vertices: Array
+) -> Triangles:
+    """The triangles (m, 3) at the silhouette of a posed head: seen at a grazing angle, or with a gap.
+
+    borders_gap: (m,), see `silhouette_candidates`.
+    vertices: (n, 3) float64, mm, head frame.
+    """
+    # Coordinates first, triangles last: faster sums.
+    corners = vertices.astype(np.float32).T[:, triangles.T]
+    first, second, third = corners.transpose(1, 0, 2)
+    ahead, behind = second - first, third - first
+    normals = ahead[[1, 2, 0]] * behind[[2, 0, 1]] - ahead[[2, 0, 1]] * behind[[1, 2, 0]]
+    camera_mm = -pose.translation_mm @ matrix_from_quaternion(pose.rotation)
+    towards = camera_mm.astype(np.float32)[:, None] - first
+    facing = (normals * towards).sum(0)
+    aslant = facing**2 < GRAZING_COSINE**2 * (normals**2).sum(0) * (towards**2).sum(0)
+    chosen: Triangles = triangles[(facing > 0) & (aslant | borders_gap)]
+    return chosen
+
+
+def teeth_falloff(head: Head) -> Array:
+    """(n,) light at each vertex, relative to that on the front teeth; 1 off the teeth."""
+    teeth = np.isin(head.parts, [PARTS.index(part) for part in ("teeth_upper", "teeth_lower")])
+    front_mm = float(head.vertices[teeth, 2].max(initial=-np.inf))
+    behind_mm = np.maximum(front_mm - FRONT_TEETH_MM - head.vertices[:, 2], 0)
+    return np.where(teeth, np.exp(-behind_mm / TEETH_FADE_MM), 1.0)
+
+
+def part_colours(head: Head) -> Picture:
+    """(n, 3) uint8 BGR of each vertex of an untextured head, by part."""
+    return np.array([PART_COLOURS[part] for part in PARTS], dtype=np.uint8)[head.parts]
+
+
+def grid_triangles(rows: int, columns: int) -> Triangles:
+    """(m, 3) two triangles for each cell of a grid of points, row by row."""
+    corner = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
+    a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, :-1], corner[1:, 1:]
+    return np.stack([a, b, c, b, d, c], axis=-1).reshape(-1, 3)
+
+
+def opaque_triangles(
+    triangles: Triangles, coordinates: NDArray[np.float32], still: Picture
+) -> Triangles:
+    """Those of triangles (m, 3) on which a still shows at all: much of one is cut out.
+
+    coordinates: (n, 2) of the vertices in the still.  At least one is returned.
+    """
+    if still.shape[2] == 3:
+        return triangles
+    corners = coordinates[triangles] * (still.shape[1], still.shape[0])
+    # Texels are interpolated: those beside a triangle count.
+    ends = np.floor(corners.min(1)).astype(int) - 1, np.ceil(corners.max(1)).astype(int) + 1
+    (left, top), (right, bottom) = (np.clip(end, 0, still.shape[1::-1]).T for end in ends)
+    count = np.pad((still[..., 3] > 0).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+    inside = count[bottom, right] - count[top, right] - count[bottom, left] + count[top, left]
+    return triangles[inside > 0] if inside.any() else triangles[:1]
