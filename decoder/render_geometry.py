@@ -51,7 +51,10 @@ def clip_from_head(camera: Camera, pose: Pose) -> Array:
 
 
 def expanded_silhouette(clip: Array, vertices: Array, camera: Camera, expansion_px: float) -> Array:
-    """The matrix `clip` that draws the head about its middle, its outline `rim_px` further out."""
+    """The matrix `clip`, scaled about the middle of the head: its outline is `expansion_px` wider.
+
+    vertices: (n, 3) float64, mm, head frame.
+    """
     homogeneous = np.column_stack([vertices, np.ones(len(vertices))]) @ clip.T
     flat = homogeneous[:, :2] / homogeneous[:, 3:]
     low, high = flat.min(0), flat.max(0)
@@ -80,7 +83,7 @@ def silhouette_candidates(head: Head) -> tuple[Triangles, NDArray[np.bool_]]:
 def silhouette_triangles(
     triangles: Triangles, borders_gap: NDArray[np.bool_], pose: Pose, vertices: Array
 ) -> Triangles:
-    """The triangles (m, 3) at the silhouette of a posed head: seen at a grazing angle, or with a gap.
+    """Those of triangles (m, 3) at the silhouette of a posed head: at a grazing angle, or at a gap.
 
     borders_gap: (m,), see `silhouette_candidates`.
     vertices: (n, 3) float64, mm, head frame.
@@ -119,18 +122,19 @@ def grid_triangles(rows: int, columns: int) -> Triangles:
 
 
 def opaque_triangles(
-    triangles: Triangles, coordinates: NDArray[np.float32], still: Picture
+    triangles: Triangles, coordinates: NDArray[np.float32], picture: Picture
 ) -> Triangles:
-    """Those of triangles (m, 3) on which a still shows at all: much of one is cut out.
+    """Those of triangles (m, 3) on which a picture with alpha is not wholly transparent.
 
-    coordinates: (n, 2) of the vertices in the still.  At least one is returned.
+    coordinates: (n, 2) of the vertices in the picture, 0..1.
+    Returns at least one triangle.
     """
-    if still.shape[2] == 3:
+    if picture.shape[2] == 3:
         return triangles
-    corners = coordinates[triangles] * (still.shape[1], still.shape[0])
-    # Texels are interpolated: those beside a triangle count.
+    corners = coordinates[triangles] * (picture.shape[1], picture.shape[0])
+    # With bilinear interpolation the texels next to a triangle affect it.
     ends = np.floor(corners.min(1)).astype(int) - 1, np.ceil(corners.max(1)).astype(int) + 1
-    (left, top), (right, bottom) = (np.clip(end, 0, still.shape[1::-1]).T for end in ends)
-    count = np.pad((still[..., 3] > 0).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+    (left, top), (right, bottom) = (np.clip(end, 0, picture.shape[1::-1]).T for end in ends)
+    count = np.pad((picture[..., 3] > 0).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
     inside = count[bottom, right] - count[top, right] - count[bottom, left] + count[top, left]
     return triangles[inside > 0] if inside.any() else triangles[:1]

@@ -29,7 +29,11 @@ IMPORTERS = {
     "av": {"encoder/capture/video_source.py", "decoder/sinks/video_file.py"},
     "filterpy": {"encoder/tracking/ekf.py"},
     "numba": {"encoder/runtime/jit.py"},
-    "moderngl": {"decoder/renderer.py"},
+    "moderngl": {
+        "decoder/background_pass.py",
+        "decoder/gl_context.py",
+        "decoder/renderer.py",
+    },
     "zenoh": {"protocol/link/zenoh_link.py"},
 }
 CV2_PACKAGES = {"encoder", "decoder", "loopback", "risorius"}

@@ -9,7 +9,8 @@ from heads import synthetic_head
 from numpy.typing import NDArray
 
 from decoder import renderer as render
-from decoder.renderer import Renderer, part_colours, teeth_falloff
+from decoder.render_geometry import part_colours, teeth_falloff
+from decoder.renderer import Renderer
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS, Head, generic_head, inside_mouth
@@ -258,7 +259,7 @@ def test_a_rim_is_that_of_the_whole_head(yaw_deg: float, monkeypatch: pytest.Mon
         renderer.set_background(still, np.stack(np.meshgrid(u, v), -1))
         bare = renderer.draw(CAMERA, pose, head.vertices)
         rimmed = renderer.draw(CAMERA, pose, head.vertices, expansion_px=0.7)
-        monkeypatch.setattr(render, "outline_triangles", lambda triangles, *_: triangles)
+        monkeypatch.setattr(render, "silhouette_triangles", lambda triangles, *_: triangles)
         expected = renderer.draw(CAMERA, pose, head.vertices, expansion_px=0.7)
     rim = (expected != bare).any(2)
     assert rim.sum() > 300

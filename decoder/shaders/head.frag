@@ -1,6 +1,6 @@
 #version 330
 uniform sampler2D atlas;
-// The logarithm of COARSE_TEXELS_PER_PX in render.py: from there on coarser levels set in smoothly.
+// - log2(COARSE_TEXELS_PER_PX) of renderer.py: coarser mipmap levels begin smoothly from there on.
 const float level_bias = -1.6;
 in vec2 uv;
 in float opacity;
@@ -8,6 +8,6 @@ in float light;
 out vec4 colour;
 
 void main() {
-    // Skin that the still picture stands for (opacity 0) hides the inside of the head all the same.
+    // Transparent skin (opacity 0), where the background shows the head, hides the inside by its depth.
     colour = vec4(texture(atlas, uv, level_bias).rgb * light, opacity);
 }

@@ -1,4 +1,4 @@
-"""Kanade-Lucas-Tomasi tracking of rigid points that the head model chooses and puts back (5.2)."""
+"""Kanade-Lucas-Tomasi tracking of rigid points, reprojected from the head model (thesis 5.2)."""
 
 from dataclasses import dataclass
 
@@ -14,31 +14,31 @@ from shared_model.parameters import FaceParameters, Pose
 
 Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
-Grey = NDArray[np.uint8]
+Luma = NDArray[np.uint8]
 Indices = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
 EYE_DISTANCE_MM = 62.0
-# Faces are followed at no more than this many pixels between the eyes: finer costs time only.
+# Larger faces are tracked at this distance between the eyes: more pixels cost time only.
 _WORKING_PX = 80.0
-# A muscle moves a point of this weight as far as it is worth following.
-_STILL_MM = 1.5
+# Points are weighted down by the largest motion that an actuator gives them.
+_MUSCLE_MOTION_MM = 1.5
 # Everything below is in units of the distance between the eyes.
 _SPACING = 0.16
 _WINDOW = 0.26
-_RETURN = 0.008
+_FORWARD_BACKWARD = 0.008
 _SIGMA = 0.008
-# Points whose visibility is worked out together.
-_LOOKED_AT = 100
+# Candidates whose visibility is computed together.
+_CANDIDATE_BLOCK = 100
 
 
 @dataclass(frozen=True, slots=True)
 class Tracks:
-    """Where the points of one frame were seen; arguments of `FaceFilter.update`.
+    """Tracked points of one frame, as arguments of `FaceFilter.update`.
 
     points_mm: (n, 3) float64, mm, head frame, in the predicted expression.
-    pixels: (n, 2) float64.  variance_px2: (n,) float64, infinite where not seen.
-    share: how many of the points that should be visible were followed, 0..1.
+    pixels: (n, 2) float64.  variance_px2: (n,) float64, infinite where not tracked.
+    inlier_share: share of the visible points that were tracked, 0..1.
     """
 
     points_mm: Array
@@ -48,23 +48,23 @@ class Tracks:
 
 
 @dataclass(frozen=True, slots=True)
-class _View:
-    """A picture in which the points' places are known from the fitted model."""
+class _ReferenceFrame:
+    """Luma of a frame; pixels (n, 2) of the points in it, from the fitted model; visible (n,)."""
 
-    grey: Grey
+    luma: Luma
     pixels: Array
-    seen: Mask
+    visible: Mask
 
 
 class KltTracker:
-    """Follows a fixed set of rigid points from one frame to the next.
+    """Tracks a fixed set of rigid points from each frame to the next.
 
-    face: the caller's head.  frame, camera, start: a fitted first frame; points are chosen in it.
-    count: how many points, at most.
+    face: the person's head.  frame, camera, start: a fitted first frame, whose features are used.
+    count: number of points, at most.
 
-    Frames are (h, w, 3) uint8 BGR or, which saves time, (h, w) `luma_u8`.
-    Each frame follows from the one before, as in the thesis.  Following from the nearest of several
-    kept views instead did not drift, but jittered two to five times as much and fitted no better.
+    Frames are (h, w, 3) uint8 BGR, or faster (h, w) from `luma_u8`.
+    The reference of each frame is the frame before it, as in the thesis.  Several reference frames
+    at different poses do not drift, but their tracks jitter two to five times as much.
     """
 
     def __init__(
@@ -75,103 +75,106 @@ class KltTracker:
         start: FaceParameters,
         count: int = 40,
     ) -> None:
-        grey = luma_u8(frame)
-        self.index = select_features(face, grey, camera, start, count)
+        luma = luma_u8(frame)
+        self.index = select_features(face, luma, camera, start, count)
         self.set_face(face)
-        self._last = self._view(grey, camera, start)
+        self._previous = self._reference(luma, camera, start)
 
     def track(self, frame: Frame, camera: Camera, predicted: FaceParameters) -> Tracks:
-        """Find the points in `frame` near where the prediction has them."""
+        """Track the points into `frame`, from their predicted positions."""
         points = self._points.animate(predicted.eau)
         expected = pixel_from_head(camera, predicted.pose, points)
-        visible = self._visibility.visible(predicted.pose) & self._last.seen
+        visible = self._visibility.visible(predicted.pose) & self._previous.visible
         eyes_px = eye_distance_px(camera, predicted.pose)
-        pixels, ok = _follow(self._last, luma_u8(frame), expected, visible, eyes_px)
+        pixels, ok = _flow_forward_backward(
+            self._previous, luma_u8(frame), expected, visible, eyes_px
+        )
         variance = np.where(ok, max(_SIGMA * eyes_px, 0.1) ** 2, np.inf)
         share = float(ok.sum() / max(visible.sum(), 1))
         return Tracks(points, np.where(ok[:, None], pixels, expected), variance, share)
 
     def set_face(self, face: Face) -> None:
-        """The same points are on this head from now on."""
+        """Use the same points on this head from now on."""
         self._points = face.at(self.index)
         self._visibility = VertexVisibility(face.neutral, face.head.triangles, self.index)
 
     def reset_points(self, frame: Frame, camera: Camera, fitted: FaceParameters) -> None:
-        """Take the fitted model's word for where the points are in `frame`."""
-        self._last = self._view(luma_u8(frame), camera, fitted)
+        """Reproject the points from the fitted face: the reference of the next frame."""
+        self._previous = self._reference(luma_u8(frame), camera, fitted)
 
-    def _view(self, grey: Grey, camera: Camera, fitted: FaceParameters) -> _View:
+    def _reference(self, luma: Luma, camera: Camera, fitted: FaceParameters) -> _ReferenceFrame:
         pixels = pixel_from_head(camera, fitted.pose, self._points.animate(fitted.eau))
-        return _View(
-            grey, pixels, self._visibility.visible(fitted.pose) & _inside(pixels, grey.shape)
-        )
+        visible = self._visibility.visible(fitted.pose) & _inside(pixels, luma.shape)
+        return _ReferenceFrame(luma, pixels, visible)
 
 
 def select_features(
-    face: Face, grey: Grey, camera: Camera, start: FaceParameters, count: int
+    face: Face, luma: Luma, camera: Camera, start: FaceParameters, count: int
 ) -> Indices:
-    """(n <= count,) vertices worth following: visible, textured, apart, in muscle-free zones."""
+    """(n <= count,) vertices to track: visible, textured, spaced apart, moved little by muscles."""
     head = face.head
     candidates = np.flatnonzero((head.parts == 0) & (head.opacity > 0.5)).astype(np.int32)
     pixels = pixel_from_head(camera, start.pose, face.animate(start.eau)[candidates])
-    inside = _inside(pixels, grey.shape)
+    inside = _inside(pixels, luma.shape)
     candidates, pixels = candidates[inside], pixels[inside]
     eyes_px = eye_distance_px(camera, start.pose)
-    moved = np.maximum(
+    motion_mm = np.maximum(
         *(np.linalg.norm(f, axis=2).max(axis=0) for f in (head.eau_up, head.eau_down))
     )
-    worth = _texturedness(grey, pixels, eyes_px) * np.exp(-((moved[candidates] / _STILL_MM) ** 2))
-    order = np.argsort(-worth)
+    rigidity = np.exp(-((motion_mm[candidates] / _MUSCLE_MOTION_MM) ** 2))
+    order = np.argsort(-(_corner_response(luma, pixels, eyes_px) * rigidity))
     chosen: list[int] = []
-    # Whether a point is hidden takes long to tell; most are never asked for.
-    for block in np.array_split(order, max(1, len(order) // _LOOKED_AT)):
+    # In blocks, since visibility is slow to compute and most candidates are not needed.
+    for block in np.array_split(order, max(1, len(order) // _CANDIDATE_BLOCK)):
         visible = VertexVisibility(face.neutral, head.triangles, candidates[block]).visible(
             start.pose
         )
         for k in block[visible]:
-            near = np.linalg.norm(pixels[chosen] - pixels[k], axis=1)
-            if near.min(initial=np.inf) > _SPACING * eyes_px:
+            distances = np.linalg.norm(pixels[chosen] - pixels[k], axis=1)
+            if distances.min(initial=np.inf) > _SPACING * eyes_px:
                 chosen.append(int(k))
             if len(chosen) == count:
                 return candidates[chosen]
     return candidates[chosen]
 
 
-def _texturedness(grey: Grey, pixels: Array, eyes_px: float) -> Array:
+def _corner_response(luma: Luma, pixels: Array, eyes_px: float) -> Array:
     """(n,) smaller eigenvalue of the structure tensor around each pixel (Shi and Tomasi)."""
     block = max(3, round(_WINDOW * eyes_px) | 1)
-    corners = cv2.cornerMinEigenVal(grey, block)
+    corners = cv2.cornerMinEigenVal(luma, block)
     x, y = np.round(pixels).astype(int).T
     return np.asarray(corners[y, x], np.float64)
 
 
-def _follow(
-    view: _View, grey: Grey, expected: Array, visible: Mask, eyes_px: float
+def _flow_forward_backward(
+    reference: _ReferenceFrame, luma: Luma, expected: Array, visible: Mask, eyes_px: float
 ) -> tuple[Array, Mask]:
-    """Where the view's points went: pixels (n, 2), and which were found there and back."""
+    """Pixels (n, 2) of the reference frame's points, and whether the flow back ends at the start."""
     if visible.sum() < 3:
         return expected, np.zeros(len(expected), dtype=np.bool_)
     work_from_pixel, size = _working_area(expected[visible], eyes_px)
-    pixel_from_view = _affine(view.pixels[visible], expected[visible])
-    template = _warp(view.grey, _compose(work_from_pixel, pixel_from_view), size)
-    current = _warp(grey, work_from_pixel, size)
-    start = _apply(_compose(work_from_pixel, pixel_from_view), view.pixels).astype(np.float32)
+    pixel_from_reference = _affine(reference.pixels[visible], expected[visible])
+    template = _warp(reference.luma, _compose(work_from_pixel, pixel_from_reference), size)
+    current = _warp(luma, work_from_pixel, size)
+    start = _apply(_compose(work_from_pixel, pixel_from_reference), reference.pixels).astype(
+        np.float32
+    )
     guess = _apply(work_from_pixel, expected).astype(np.float32)
     work_eyes = eyes_px * float(work_from_pixel[0, 0])
-    there, found = _flow(template, current, start, guess, work_eyes)
-    back, returned = _flow(current, template, there, start, work_eyes)
-    miss = np.linalg.norm(back - start, axis=1)
-    ok = visible & found & returned & (miss < max(_RETURN * work_eyes, 0.3))
+    forward, found = _flow(template, current, start, guess, work_eyes)
+    backward, returned = _flow(current, template, forward, start, work_eyes)
+    error = np.linalg.norm(backward - start, axis=1)
+    ok = visible & found & returned & (error < max(_FORWARD_BACKWARD * work_eyes, 0.3))
     pixel_from_work = np.asarray(cv2.invertAffineTransform(work_from_pixel), np.float64)
-    pixels = _apply(pixel_from_work, there.astype(np.float64))
-    return pixels, ok & _inside(pixels, grey.shape)
+    pixels = _apply(pixel_from_work, forward.astype(np.float64))
+    return pixels, ok & _inside(pixels, luma.shape)
 
 
 def _flow(
-    first: Grey, second: Grey, points: NDArray[np.float32], guess: NDArray[np.float32], eyes: float
+    first: Luma, second: Luma, points: NDArray[np.float32], guess: NDArray[np.float32], eyes: float
 ) -> tuple[NDArray[np.float32], Mask]:
     window = max(7, round(_WINDOW * eyes) | 1)
-    moved, status, _ = cv2.calcOpticalFlowPyrLK(
+    target, status, _ = cv2.calcOpticalFlowPyrLK(
         first,
         second,
         points,
@@ -182,7 +185,7 @@ def _flow(
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
         minEigThreshold=1e-4,
     )
-    return np.asarray(moved, np.float32).reshape(-1, 2), np.asarray(status, bool).ravel()
+    return np.asarray(target, np.float32).reshape(-1, 2), np.asarray(status, bool).ravel()
 
 
 def _working_area(pixels: Array, eyes_px: float) -> tuple[Array, tuple[int, int]]:
@@ -206,15 +209,15 @@ def _apply(affine: Array, points: Array) -> Array:
 
 
 def _compose(second: Array, first: Array) -> Array:
-    """The affine map that is `first`, then `second`."""
-    turned = second[:, :2] @ first
-    turned[:, 2] += second[:, 2]
-    return np.asarray(turned)
+    """(2, 3) affine map that applies `first`, then `second`."""
+    composed = second[:, :2] @ first
+    composed[:, 2] += second[:, 2]
+    return np.asarray(composed)
 
 
-def _warp(grey: Grey, work_from_pixel: Array, size: tuple[int, int]) -> Grey:
+def _warp(luma: Luma, work_from_pixel: Array, size: tuple[int, int]) -> Luma:
     border = cv2.BORDER_REPLICATE
-    warped = cv2.warpAffine(grey, work_from_pixel, size, flags=cv2.INTER_LINEAR, borderMode=border)
+    warped = cv2.warpAffine(luma, work_from_pixel, size, flags=cv2.INTER_LINEAR, borderMode=border)
     return np.asarray(warped, np.uint8)
 
 
@@ -223,5 +226,5 @@ def _inside(pixels: Array, shape: tuple[int, ...]) -> Mask:
 
 
 def eye_distance_px(camera: Camera, pose: Pose) -> float:
-    """How far apart the eyes of a usual head are that is seen from before, pixels."""
+    """Distance between the eyes of an average head in frontal view at this depth, pixels."""
     return float(camera.focal_px * EYE_DISTANCE_MM / pose.translation_mm[2])

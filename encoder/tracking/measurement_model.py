@@ -1,7 +1,7 @@
-"""How the filter's state projects head points to pixels, with derivatives (Tables 4.1 and 4.2).
+"""Projections of head points by the filter's state, with derivatives (Tables 4.1 and 4.2).
 
 Both projections take the head's origin at (t_x, t_y), pixels from the principal point, and depth
-t_z, mm, and points turned into the camera's axes but not yet moved, p = R P (4.8).
+t_z, mm, and points in the camera's axes before the translation, p = R P (4.8).
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 class Projection:
     """A measurement model of the filter.
 
-    project: (turned_mm (n, 3), position (3,), focal_px) -> pixels (n, 2) from the principal point
+    project: (rotated_mm (n, 3), position (3,), focal_px) -> pixels (n, 2) from the principal point
         and their derivatives (n, 2, 7) with respect to t_x, t_y, t_z, w_x, w_y, w_z, f at w = 0.
     state_from_pose: (pose, focal_px) -> rotation quaternion (4,) and position (3,).
     pose_from_state: (rotation, position, focal_px) -> pose.
@@ -31,38 +31,44 @@ class Projection:
     pose_from_state: Callable[[Array, Array, float], Pose]
 
 
-def _turn_derivatives(turned_mm: Array) -> Array:
-    """(n, 3, 3) derivatives of turned points (axis 1) by small rotations (axis 2), Table 4.1."""
-    x, y, z = turned_mm.T
+def _rotation_derivatives(rotated_mm: Array) -> Array:
+    """(n, 3, 3) derivatives of rotated points (axis 1) by small rotations (axis 2), Table 4.1."""
+    x, y, z = rotated_mm.T
     zero = np.zeros_like(x)
     rows = [[zero, z, -y], [-z, zero, x], [y, -x, zero]]
     return np.array(rows).transpose(2, 0, 1)
 
 
-def _project_perspective(turned_mm: Array, position: Array, focal_px: float) -> tuple[Array, Array]:
-    """The pinhole (4.6) with t_x, t_y = f T_x / T_z, f T_y / T_z: exact anywhere in the picture."""
+def _project_perspective(
+    rotated_mm: Array, position: Array, focal_px: float
+) -> tuple[Array, Array]:
+    """The pinhole camera (4.6) with t_x, t_y = f T_x / T_z, f T_y / T_z."""
     t_xy, t_z = position[:2], float(position[2])
-    flat, depth = turned_mm[:, :2], turned_mm[:, 2:]
+    flat, depth = rotated_mm[:, :2], rotated_mm[:, 2:]
     d = 1 / (depth + t_z)
     pixels = d * (focal_px * flat + t_xy * t_z)
-    turn = _turn_derivatives(turned_mm)
-    J = np.zeros((len(turned_mm), 2, 7))
+    rotation = _rotation_derivatives(rotated_mm)
+    J = np.zeros((len(rotated_mm), 2, 7))
     J[:, 0, 0] = J[:, 1, 1] = t_z * d[:, 0]
     J[:, :, 2] = d**2 * (t_xy * depth - focal_px * flat)
-    J[:, :, 3:6] = d[:, :, None] * (focal_px * turn[:, :2] - pixels[:, :, None] * turn[:, 2:])
+    J[:, :, 3:6] = d[:, :, None] * (
+        focal_px * rotation[:, :2] - pixels[:, :, None] * rotation[:, 2:]
+    )
     J[:, :, 6] = d * flat
     return pixels, J
 
 
-def _project_lowe(turned_mm: Array, position: Array, focal_px: float) -> tuple[Array, Array]:
+def _project_lowe(rotated_mm: Array, position: Array, focal_px: float) -> tuple[Array, Array]:
     """Lowe's projection (4.9) and its derivatives, Table 4.2."""
-    flat, d = turned_mm[:, :2], 1 / (turned_mm[:, 2:] + position[2])
+    flat, d = rotated_mm[:, :2], 1 / (rotated_mm[:, 2:] + position[2])
     centred = focal_px * d * flat
-    turn = _turn_derivatives(turned_mm)
-    J = np.zeros((len(turned_mm), 2, 7))
+    rotation = _rotation_derivatives(rotated_mm)
+    J = np.zeros((len(rotated_mm), 2, 7))
     J[:, 0, 0] = J[:, 1, 1] = 1.0
     J[:, :, 2] = -d * centred
-    J[:, :, 3:6] = d[:, :, None] * (focal_px * turn[:, :2] - centred[:, :, None] * turn[:, 2:])
+    J[:, :, 3:6] = d[:, :, None] * (
+        focal_px * rotation[:, :2] - centred[:, :, None] * rotation[:, 2:]
+    )
     J[:, :, 6] = d * flat
     return centred + position[:2], J
 
@@ -77,7 +83,7 @@ def _pose_from_perspective(rotation: Array, position: Array, focal_px: float) ->
     return Pose(rotation, position[2] * ray)
 
 
-def _ray_turn(ray: Array) -> tuple[Array, float]:
+def _ray_rotation(ray: Array) -> tuple[Array, float]:
     """The shortest rotation from the optical axis to `ray` (3,), and its angle's cosine."""
     unit = ray / np.linalg.norm(ray)
     cosine = float(unit[2])
@@ -88,13 +94,13 @@ def _ray_turn(ray: Array) -> tuple[Array, float]:
 
 
 def _lowe_from_pose(pose: Pose, focal_px: float) -> tuple[Array, Array]:
-    """Lowe's camera looks straight at the head: the head seems turned by the ray's own angle.
+    """The optical axis of Lowe's camera points at the head, which therefore rotates with the ray.
 
-    That makes both projections agree to first order at the head; farther out in the picture a
-    pinhole also stretches along the ray by 1 / cos, which Lowe's has no place for; its mean over
-    directions goes into the depth.
+    Both projections then agree to first order at the head.  Off the optical axis, a pinhole camera
+    also stretches along the ray by 1 / cos.  Lowe's projection cannot express this; the mean of the
+    stretch over directions goes into the depth.
     """
-    axis_from_ray, cosine = _ray_turn(pose.translation_mm)
+    axis_from_ray, cosine = _ray_rotation(pose.translation_mm)
     rotation = normalise(multiply(conjugate(axis_from_ray), pose.rotation))
     _, position = _perspective_from_pose(pose, focal_px)
     return rotation, position * [1.0, 1.0, np.sqrt(cosine)]
@@ -102,9 +108,9 @@ def _lowe_from_pose(pose: Pose, focal_px: float) -> tuple[Array, Array]:
 
 def _pose_from_lowe(rotation: Array, position: Array, focal_px: float) -> Pose:
     pose = _pose_from_perspective(rotation, position, focal_px)
-    axis_from_ray, cosine = _ray_turn(pose.translation_mm)
-    turned = normalise(multiply(axis_from_ray, rotation))
-    return Pose(turned, pose.translation_mm / np.sqrt(cosine))
+    axis_from_ray, cosine = _ray_rotation(pose.translation_mm)
+    corrected = normalise(multiply(axis_from_ray, rotation))
+    return Pose(corrected, pose.translation_mm / np.sqrt(cosine))
 
 
 perspective = Projection(_project_perspective, _perspective_from_pose, _pose_from_perspective)

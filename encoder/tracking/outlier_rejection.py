@@ -1,4 +1,4 @@
-"""Which points the filter should not believe: those that stay far off where the others go."""
+"""Outlier rejection: residuals of points after a robust update (IRLS, Cauchy)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,51 +8,55 @@ from encoder.runtime.jit import jit
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Trial updates: enough for the weights to settle.
+# Rounds of reweighting, enough for the weights to converge.
 IRLS_ROUNDS = 10
-# The median of the root mean square of two normal deviates.
+# Median of the root mean square of two standard normal variables.
 MEDIAN_RMS = 0.83
 
 
 @jit
 def robust_residuals(
-    known: Array, towards: Array, H: Array, innovation: Array, weight: Array, visible: Mask
+    prior_normal: Array,
+    prior_right: Array,
+    H: Array,
+    innovation: Array,
+    weight: Array,
+    visible: Mask,
 ) -> tuple[Array, float]:
-    """(n,) how far off each point stays after an update, and how far off points usually are.
+    """Residuals (n,) of points after a robust update, and their scale, which is at least 1.
 
-    Points are reweighted from trial to trial (Cauchy), so that those that move together but apart
-    from the majority, such as a hand's, let go of the state.  Both results are in standard
-    deviations of a coordinate; the second is no less than 1.
+    Cauchy weights make points that move together but unlike the majority, such as those on a hand,
+    lose their influence on the state.  Both results are in standard deviations of a coordinate.
 
-    known, towards: (m, m) and (m,), the normal equations of all that is known but for the points.
-    H: (2n, r) Jacobian of the points, by the first r entries of the state: the others do not move
-    them.  innovation, weight: (2n,), weight 0 where a point is not seen.
+    prior_normal, prior_right: (m, m) and (m,), normal equations of everything but the points.
+    H: (2n, r) Jacobian of the points by the first r entries of the state; the others do not move
+        points.
+    innovation, weight: (2n,), weight 0 where a point is not measured.
     visible: (n,), at least one.
     """
     rows, rigid = H.shape
-    normal, right = np.empty_like(known), np.empty_like(towards)
-    trial, off, crowd = weight.copy(), np.zeros(len(visible)), 1.0
+    normal, right = np.empty_like(prior_normal), np.empty_like(prior_right)
+    robust, residuals, scale = weight.copy(), np.zeros(len(visible)), 1.0
     for _ in range(IRLS_ROUNDS):
-        # The gain in information form: a small inverse, whatever the number of points.
-        normal[:], right[:] = known, towards
+        # The gain in information form: the inverse is small, whatever the number of points.
+        normal[:], right[:] = prior_normal, prior_right
         for row in range(rows):
-            if trial[row] > 0:
+            if robust[row] > 0:
                 for i in range(rigid):
-                    share = trial[row] * H[row, i]
+                    share = robust[row] * H[row, i]
                     right[i] += share * innovation[row]
                     for j in range(rigid):
                         normal[i, j] += share * H[row, j]
         step = np.linalg.solve(normal, right)
         for point in range(len(visible)):
-            # Per axis, so that 1 is usual whatever the number of axes.
-            mean = 0.0
+            mean_square = 0.0
             for row in (2 * point, 2 * point + 1):
-                left = innovation[row]
+                residual = innovation[row]
                 for i in range(rigid):
-                    left -= H[row, i] * step[i]
-                mean += left * left * weight[row] / 2
-            off[point] = np.sqrt(mean)
-        crowd = max(1.0, float(np.median(off[visible])) / MEDIAN_RMS)
+                    residual -= H[row, i] * step[i]
+                mean_square += residual * residual * weight[row] / 2
+            residuals[point] = np.sqrt(mean_square)
+        scale = max(1.0, float(np.median(residuals[visible])) / MEDIAN_RMS)
         for row in range(rows):
-            trial[row] = weight[row] / (1 + (off[row // 2] / crowd) ** 2)
-    return off, crowd
+            robust[row] = weight[row] / (1 + (residuals[row // 2] / scale) ** 2)
+    return residuals, scale
