@@ -18,8 +18,8 @@ from decoder.background_warp import (
     warp,
 )
 from decoder.playout import PlayoutFrame
-from decoder.render_geometry import NEAR_MM
-from decoder.renderer import Renderer
+from decoder.rendering.render_geometry import NEAR_MM
+from decoder.rendering.renderer import Renderer
 from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import AAU_STEP, EAU_STEP, RESIDUAL_STEP_MM, values_from_codes
 from protocol.model_packet import ModelPacket

@@ -1,1 +1,154 @@
-"""The command line and what people use by themselves; thin."""
+"""A videophone that sends a face as muscles, not pixels: its Python interface.
+
+Record a call, and see what it weighs:
+
+>>> import risorius
+>>> report = risorius.encode("me.mp4", "call.rzo", max_frames=8)
+>>> report.frames, report.width, report.height
+(8, 176, 144)
+>>> summary = risorius.info("call.rzo")
+>>> summary.frames, summary.complete
+(8, True)
+
+Draw it, picture by picture:
+
+>>> with risorius.open_call("call.rzo") as call:
+...     for time_s, picture in call:
+...         print(f"{time_s:.3f}", picture.shape, picture.dtype)
+...         break
+0.000 (144, 176, 3) uint8
+
+Follow the face without a call:
+
+>>> track = risorius.track("me.mp4", max_frames=8)
+>>> track.pose.shape, track.eau.shape
+((8, 6), (8, 14))
+>>> sorted(track.action_units)[:3]
+['AU1', 'AU10', 'AU12']
+>>> track.write_csv(Path("me.csv"))
+
+What a user can mend raises `UserError`.  Libraries are loaded by the function that needs them.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+from shared_model.errors import UserError
+
+if TYPE_CHECKING:
+    from encoder.report import EncodeReport
+    from protocol.summary import CallSummary
+    from risorius.call import Call
+    from risorius.face_track import FaceTrack
+
+__all__ = ["UserError", "encode", "info", "open_call", "track"]
+
+Progress = Callable[[int, int | None], None]
+
+
+def encode(
+    source: str | Path,
+    output: str | Path | BinaryIO,
+    *,
+    profile: str | None = None,
+    bitrate: float = 800.0,
+    fps: float | None = None,
+    live: bool = False,
+    model_bytes: int | None = None,
+    max_frames: int | None = None,
+    progress: Progress | None = None,
+) -> "EncodeReport":
+    """Encode a video into a call file, or into an open stream of its bytes.
+
+    source: video file, image pattern (frame_%04d.png), camera index or URL.
+    profile: "default" or "thesis"; None: default where the landmark networks are installed.
+    bitrate: bits a second of the frame packets (default profile).
+    fps: code about this many frames a second; None: all (default profile).
+    live: one pass, as for a camera (default profile).
+    model_bytes: approximate size of the model packet; None: the profile's usual one.
+    max_frames: stop after so many frames.
+    progress: called with the number of frames so far and of all, None if that is not known.
+    Raises `UserError` if the source cannot be read, shows no face, or options do not go together,
+    `ValueError` for a value out of its range.
+
+    The same source gives the same bytes on every machine if OPENBLAS_NUM_THREADS is 1 before numpy
+    is loaded.
+    """
+    from encoder.option_rules import check_value, chosen_profile
+    from encoder.options import EncodeOptions
+    from encoder.pipeline import encode
+
+    given: dict[str, object] = {
+        "profile": profile,
+        "bitrate": bitrate,
+        "fps": fps,
+        "live": live,
+        "model_bytes": model_bytes,
+        "max_frames": max_frames,
+    }
+    for name, value in given.items():
+        if value is not None:
+            try:
+                check_value(name, value)
+            except ValueError as error:
+                raise ValueError(f"{name}: {error}") from error
+    options = EncodeOptions(
+        str(source),
+        Path(output) if isinstance(output, str) else output,
+        profile=chosen_profile(given, lambda name, value: f"{name}={value!r}"),
+        bitrate=bitrate,
+        fps=fps,
+        live=live,
+        model_bytes=model_bytes,
+        max_frames=max_frames,
+    )
+    return encode(options, progress or _ignore, lambda: False)
+
+
+def open_call(
+    source: str | Path | BinaryIO | None = None,
+    *,
+    listen: Sequence[str] = (),
+    connect: Sequence[str] = (),
+    call: str = "call",
+    face: str | Path | None = None,
+) -> "Call":
+    """Open a call to iterate its pictures: (time in seconds, (height, width, 3) uint8 BGR) each.
+
+    source: call file, or an open stream of one; None: over the network.
+    listen, connect: Zenoh endpoints such as tcp/0.0.0.0:7447; call: the call's name there.
+    face: call file whose person is drawn instead.
+    Use it as a context manager, or close it.  Raises `UserError` if the call cannot be read or
+    drawn.
+    """
+    from risorius.call import open_call
+
+    target = None if face is None else Path(face)
+    return open_call(source, tuple(listen), tuple(connect), call, target)
+
+
+def info(path: str | Path) -> "CallSummary":
+    """What is in a call file: frames, duration, bytes and rates of its parts.
+
+    Raises `UserError` if it is no call or cannot be read.
+    """
+    from risorius.call_info import call_info
+
+    return call_info(Path(path))
+
+
+def track(
+    source: str | Path, *, max_frames: int | None = None, progress: Progress | None = None
+) -> "FaceTrack":
+    """Track a face: per frame its pose in degrees and mm, EAUs and action units, confidence.
+
+    source: as for `encode`.  Raises `UserError` if it cannot be read or shows no face.
+    """
+    from risorius.face_track import track
+
+    return track(str(source), max_frames, progress)
+
+
+def _ignore(done: int, total: int | None) -> None:
+    """No progress is wanted."""

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.render_geometry import part_colours
-from decoder.renderer import Renderer
+from decoder.rendering.render_geometry import part_colours
+from decoder.rendering.renderer import Renderer
 from risorius.animation.synthetic_skin import painted_colours
 from scripts.command import run
 from scripts.model_figures import DOCS, save

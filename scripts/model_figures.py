@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.renderer import Renderer
+from decoder.rendering.renderer import Renderer
 from risorius.animation.synthetic_skin import painted_colours
 from scripts.command import run
 from scripts.model_tables import aau_table, eau_table, reference_fields, write_tables

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from decoder.background_warp import make_background_mesh, warp
-from decoder.renderer import Renderer
+from decoder.rendering.renderer import Renderer
 from decoder.scene import EDGE_EXPANSION_PX, edge_samples
 from scripts.command import run
 from shared_model.animate import Face, Identity

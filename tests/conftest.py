@@ -149,7 +149,7 @@ def call(carphone: Path, make_once: MakeOnce) -> Path:
 
 @pytest.fixture(scope="session")
 def demo_run(carphone: Path, make_once: MakeOnce) -> Path:
-    """A folder with `out/demo`, which `risorius demo` writes, and its standard output, `printed.txt`.
+    """A folder with `out/demo`, which `risorius demo` writes, and `printed.txt`, its output.
 
     `out/demo/call.rzo` holds the whole demo clip in the default profile with its default sizes.
     """

@@ -7,22 +7,20 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from call_files import call_file
 from numpy.typing import NDArray
 
 from protocol.call_file import CallWriter
-from protocol.call_parameters import CallParameters
-from protocol.model_packet import ModelPacket
 from protocol.packets import ControlKind, ControlPacket, serialise
 from risorius.animation.animate import AnimateOptions, animate, degrade, side_light
 from risorius.animation.animation_script import parse_script
 from risorius.animation.synthetic_skin import painted_colours
 from risorius.cli import main
 from shared_model.animate import Face, Identity
-from shared_model.anthropometry import control_points
 from shared_model.errors import UserError
-from shared_model.geometry import FRONTAL, Camera, normalise, pixel_from_head
+from shared_model.geometry import Camera, normalise, pixel_from_head
 from shared_model.mesh import generic_head
-from shared_model.parameters import AAUS, EAUS, Pose
+from shared_model.parameters import AAUS, Pose
 
 SCRIPT = """
 width = 160
@@ -136,30 +134,6 @@ def test_mottled_skin_differs_from_plain_skin_on_the_skin_only() -> None:
     plain, mottled = painted_colours(head), painted_colours(head, 0.1, 3)
     changed = (plain != mottled).any(1)
     assert changed.mean() > 0.3 and not changed[head.parts != 0].any()
-
-
-def webp(colour: tuple[int, int, int]) -> bytes:
-    done, data = cv2.imencode(".webp", np.full((64, 64, 3), colour, np.uint8))
-    assert done
-    return data.tobytes()
-
-
-def call_file(path: Path) -> Path:
-    """A call by someone green before a blue wall, 600 mm away."""
-    call = CallParameters("thesis", 160, 120, 25, 1, focal_px=220.0)
-    model = ModelPacket(
-        call,
-        aau=(0,) * len(AAUS),
-        reference_rotation=FRONTAL,
-        reference_translation_mm=(0.0, 0.0, 600.0),
-        reference_eau=(0,) * len(EAUS),
-        residual=(0,) * (3 * len(control_points(generic_head()))),
-        background=webp((200, 30, 30)),
-        texture=webp((30, 200, 30)),
-    )
-    with CallWriter(path) as writer:
-        writer.send(serialise(model))
-    return path
 
 
 def test_a_caller_wears_their_own_texture_before_their_own_wall(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-from itertools import islice
 from pathlib import Path
 
 import cv2
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from conftest import PROGRAM, ROOT
 from processes import error_line, one_line
+from videos import copy_frames
 
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import exact_fps, open_source
@@ -26,16 +26,6 @@ class Clock:
 
     def __call__(self) -> float:
         return self.now
-
-
-def copy_frames(source: Path, target: Path, count: int, matrix: str = "bt601") -> None:
-    """The first frames of a video as a video of its own."""
-    with (
-        open_source(str(source)) as capture,
-        open_sink(target, capture.width, capture.height, capture.fps, matrix) as sink,
-    ):
-        for _, frame in islice(capture, count):
-            sink.write(frame)
 
 
 @pytest.mark.parametrize("endpoint", ["nonsense", "tcp/127.0.0.1"])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from heads import synthetic_head
 from numpy.typing import NDArray
+from videos import read_frames
 
 from decoder import call_pictures, scene
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
@@ -87,14 +88,6 @@ class Waited(CallReader):
         return super().receive(timeout_s)
 
 
-def read(path: Path) -> list[NDArray[np.uint8]]:
-    capture = cv2.VideoCapture(str(path))
-    pictures = []
-    while (answer := capture.read())[0]:
-        pictures.append(np.asarray(answer[1], dtype=np.uint8))
-    return pictures
-
-
 @pytest.fixture(autouse=True)
 def small_head(monkeypatch: pytest.MonkeyPatch) -> Head:
     head = synthetic_head()
@@ -126,7 +119,7 @@ def test_no_picture_waits_for_the_next_packet(
 def test_call_becomes_one_picture_per_source_frame(tmp_path: Path) -> None:
     call = write_call(tmp_path / "call.rzo", [model(), *samples(), end()])
     report = run(call, tmp_path / "out.mkv")
-    pictures = read(tmp_path / "out.mkv")
+    pictures = read_frames(tmp_path / "out.mkv")
     assert report.frames == len(pictures) == FRAMES
     assert pictures[0].shape == (HEIGHT, WIDTH, 3)
     assert (report.width, report.height) == (WIDTH, HEIGHT)
@@ -146,7 +139,7 @@ def test_before_its_background_is_known_a_call_is_drawn_on_black(tmp_path: Path)
     packets = [update, *samples()[:6], first, *samples()[6:], end()]
     call, video = write_call(tmp_path / "call.rzo", packets), tmp_path / "out.mkv"
     assert run(call, video).frames == FRAMES - 1
-    first_shown, *_, last = read(video)
+    first_shown, *_, last = read_frames(video)
     assert first_shown[-3, 3].max() < 10 and first_shown[..., 2].max() > 190
     assert last[-3, 3, 1] > 140
 
@@ -155,7 +148,7 @@ def test_the_drawn_face_is_where_the_sent_pose_puts_it(tmp_path: Path, small_hea
     opaque = small_head.vertices[small_head.opacity > 0.8]
     call = write_call(tmp_path / "call.rzo", [model(), *samples(), end()])
     run(call, tmp_path / "out.mkv")
-    for index, picture in enumerate(read(tmp_path / "out.mkv")):
+    for index, picture in enumerate(read_frames(tmp_path / "out.mkv")):
         face = np.flatnonzero(picture[HEIGHT // 2, :, 2] > 190)
         u = pixel_from_head(CAMERA, pose_at(index).pose, opaque)[:, 0]
         assert abs(face.mean() - (u.min() + u.max()) / 2) < 0.7
@@ -166,7 +159,7 @@ def test_cut_off_file_keeps_what_was_there_and_says_so(tmp_path: Path) -> None:
     call = tmp_path / "cut.rzo"
     call.write_bytes(whole[:-20])
     report = run(call, tmp_path / "out.mkv")
-    assert 0 < report.frames < FRAMES and len(read(tmp_path / "out.mkv")) == report.frames
+    assert 0 < report.frames < FRAMES and len(read_frames(tmp_path / "out.mkv")) == report.frames
     assert not report.complete and "cut off" in report.warnings[0]
 
 
@@ -191,7 +184,7 @@ def test_stopping_keeps_the_pictures_so_far(tmp_path: Path) -> None:
     options = DecodeOptions(call_file=call, output=tmp_path / "out.mkv")
     report = decode(options, lambda n, _: done.append(n), lambda: len(done) >= 11)
     # And the one that was being drawn.
-    assert report.frames == 12 == len(read(tmp_path / "out.mkv"))
+    assert report.frames == 12 == len(read_frames(tmp_path / "out.mkv"))
     assert not report.complete
 
 
@@ -203,7 +196,7 @@ def test_a_stopped_decode_does_not_replace_an_older_video(tmp_path: Path) -> Non
     options = DecodeOptions(call_file=call, output=output)
     report = decode(options, lambda n, _: done.append(n), lambda: len(done) >= 11)
     assert output.read_bytes() == whole
-    assert report.frames == 12 == len(read(tmp_path / "out.part.mkv"))
+    assert report.frames == 12 == len(read_frames(tmp_path / "out.part.mkv"))
     assert "out.mkv is older and stays; what was decoded is in" in report.warnings[-1]
 
 
@@ -217,7 +210,7 @@ def test_ctrl_c_keeps_the_pictures_so_far(tmp_path: Path) -> None:
     options = DecodeOptions(call_file=call, output=tmp_path / "out.mkv")
     with pytest.raises(KeyboardInterrupt):
         decode(options, interrupt, lambda: False)
-    assert len(read(tmp_path / "out.mkv")) == 7
+    assert len(read_frames(tmp_path / "out.mkv")) == 7
 
 
 @pytest.mark.parametrize(
@@ -256,5 +249,5 @@ def test_two_runs_write_the_same_pictures(tmp_path: Path) -> None:
     call = write_call(tmp_path / "call.rzo", [model(), *samples(), end()])
     run(call, tmp_path / "a.mkv")
     run(call, tmp_path / "b.mkv")
-    for a, b in zip(read(tmp_path / "a.mkv"), read(tmp_path / "b.mkv"), strict=True):
+    for a, b in zip(read_frames(tmp_path / "a.mkv"), read_frames(tmp_path / "b.mkv"), strict=True):
         np.testing.assert_array_equal(a, b)

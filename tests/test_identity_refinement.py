@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.random import default_rng
 
-from decoder.renderer import Renderer
+from decoder.rendering.renderer import Renderer
 from encoder.capture.colour import luma_u8
 from encoder.fitting.bundle_adjustment import PhotometricBundleAdjustment
 from encoder.fitting.fit_results import IdentityFit

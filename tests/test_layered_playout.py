@@ -4,42 +4,33 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_layers import FIRST, GROWN, ITEMS, KNOWN, STREAM, WHOLE, expected, grown, pieces
+from layer_streams import (
+    BASE,
+    FIRST,
+    ITEMS,
+    KNOWN,
+    LEARNED,
+    PACKED,
+    STREAM,
+    WHOLE,
+    expected,
+    frames,
+    learned_layers,
+    pieces,
+)
 
 from decoder.playout import Playout, PlayoutFrame
-from encoder.coding.rdo_quantiser import code_packet
 from protocol.errors import ProtocolError
 from protocol.frames.frame_transform import parse_transform
-from protocol.frames.temporal_prediction import FramePredictor
 from protocol.model_packet import ModelPacket
 from protocol.packets import (
     ControlKind,
     ControlPacket,
-    FramePacket,
     LayerPacket,
     serialise,
 )
 
-PACKED = FIRST.call.frames_per_packet
 LAYERS = pieces(STREAM, [6, 31, 90])
-BASE = replace(FIRST, call=replace(FIRST.call, start_frame=0), sequence=0)
-
-
-def frames(count: int, first: int = 0, model: ModelPacket = FIRST) -> list[bytes]:
-    """Frame packets of a face that moves evenly, numbered from `first`."""
-    components = parse_transform(model.profile_data)
-    predictor = FramePredictor(components.scale_codes, components.reserved_modes)
-    speed = np.zeros(len(components.basis))
-    speed[:2] = 0.5, -0.3
-    packets, start = [], 0
-    for number in range(count):
-        places = np.arange(start, start + (PACKED if number else 1))
-        start = int(places[-1]) + 1
-        values = places[:, None] * speed
-        packet = code_packet(predictor, first + number, PACKED, values, 0, intra=number == 0)
-        predictor.anchor = packet.frames[-1]
-        packets.append(serialise(FramePacket((first + number) % 64, packet.payload)))
-    return packets
 
 
 def play(playout: Playout, packets: list[bytes]) -> list[tuple[PlayoutFrame, ModelPacket]]:
@@ -139,11 +130,11 @@ def test_who_joined_at_an_update_without_a_background_learns_it_from_a_model_tha
 def test_modes_learned_in_a_call_count_from_the_next_frame_on() -> None:
     model = replace(WHOLE, call=BASE.call, sequence=0)
     sent, playout = frames(3, model=model), Playout()
-    first, second = map(serialise, grown(*GROWN))
+    first, second = map(serialise, learned_layers(*LEARNED))
     shown = play(playout, [serialise(model), sent[0], first, sent[1], second, sent[2]])
     modes = [parse_transform(model.profile_data).modes for _, model in shown]
-    assert modes[0] == (*KNOWN, *[b""] * 3) and modes[1] == (*KNOWN, GROWN[0], b"", b"")
-    assert modes[-1] == (*KNOWN, *GROWN, b"")
+    assert modes[0] == (*KNOWN, *[b""] * 3) and modes[1] == (*KNOWN, LEARNED[0], b"", b"")
+    assert modes[-1] == (*KNOWN, *LEARNED, b"")
     assert all(len(frame.face.modes) == 5 for frame, _ in shown)
 
 

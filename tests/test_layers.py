@@ -2,65 +2,40 @@
 
 import random
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from packets import CALL, MODEL
+from layer_streams import (
+    FIRST,
+    ITEMS,
+    KNOWN,
+    LEARNED,
+    MODES,
+    STREAM,
+    WHOLE,
+    expected,
+    learned_layers,
+    pieces,
+    transform_data,
+)
+from packets import MODEL
 
 from protocol.entropy.varint import encode_varint
 from protocol.errors import ProtocolError
 from protocol.frames.frame_transform import (
-    GEOMETRY_SIZE,
-    FrameTransform,
     parse_transform,
-    serialise_transform,
-    with_reserved_modes,
 )
-from protocol.frames.temporal_prediction import PREDICTION_KINDS
 from protocol.limits import MAX_IMAGE_BYTES, MAX_LAYER_BYTES, MAX_PROFILE_DATA_BYTES
 from protocol.model_packet import ModelPacket
 from protocol.packets import LayerPacket, parse_packet, serialise
 from protocol.progressive_model import MAX_ITEMS, LayerBuffer, is_same_model, stream_item
 
-ITEMS = (b"whole texture", b"whole background", b"first mode" * 20, b"second", b"third")
-MODES = len(ITEMS) - 2
-
-
-def components(modes: tuple[bytes, ...], spare: int = 0) -> bytes:
-    d = GEOMETRY_SIZE + len(modes)
-    tables = FrameTransform(
-        modes,
-        np.full(d, 128, np.uint8),
-        np.zeros(d, np.int64),
-        np.ones((2, d), np.int8),
-        np.zeros(2, np.int8),
-        np.full((2, PREDICTION_KINDS), 8, np.uint8),
-    )
-    return serialise_transform(with_reserved_modes(tables, spare))
-
-
-FIRST = replace(
-    MODEL,
-    call=replace(CALL, profile="default", frames_per_packet=8),
-    version=3,
-    version_count=4,
-    progressive=True,
-    texture=b"rough",
-    background=b"rough, too",
-    profile_data=components((b"",) * MODES),
-)
-STREAM = b"".join(map(stream_item, ITEMS))
-# A live call's model that was sent whole, and the modes that it learns later.
-KNOWN, GROWN = (b"known", b"known, too"), (b"learned", b"learned later")
-WHOLE = replace(FIRST, progressive=False, extensible=True, profile_data=components(KNOWN, 3))
-
 
 def test_a_growing_model_takes_no_pictures_from_layers() -> None:
     for pictures in ((b"junk", b""), (b"", b"junk")):
-        stream = b"".join(map(stream_item, (*pictures, GROWN[0])))
+        stream = b"".join(map(stream_item, (*pictures, LEARNED[0])))
         with pytest.raises(ProtocolError, match="its own"):
             received([LayerPacket(3, 0, stream)], WHOLE)
 
@@ -69,29 +44,6 @@ def test_a_background_that_comes_late_is_of_the_same_model() -> None:
     bare = replace(WHOLE, background=b"")
     assert is_same_model(bare, WHOLE) and is_same_model(WHOLE, bare)
     assert not is_same_model(WHOLE, replace(WHOLE, background=b"another"))
-
-
-def grown(*modes: bytes) -> list[LayerPacket]:
-    """What the call sends of them: no picture, and each mode when it is learned."""
-    datas = [stream_item(b"") * 2 + stream_item(modes[0]), *map(stream_item, modes[1:])]
-    return [LayerPacket(3, number, data) for number, data in enumerate(datas)]
-
-
-def pieces(stream: bytes, cuts: list[int]) -> list[LayerPacket]:
-    places = sorted({0, *(cut % len(stream) for cut in cuts), len(stream)})
-    parts = [stream[a:b] for a, b in pairwise(places)]
-    return [LayerPacket(3, number, data) for number, data in enumerate(parts)]
-
-
-def expected(count: int) -> ModelPacket:
-    """The model with the first `count` items."""
-    found = [*ITEMS[:count], *[b""] * (len(ITEMS) - count)]
-    return replace(
-        FIRST,
-        texture=found[0] or FIRST.texture,
-        background=found[1] or FIRST.background,
-        profile_data=components(tuple(found[2:])),
-    )
 
 
 def received(packets: list[LayerPacket], model: ModelPacket = FIRST) -> ModelPacket:
@@ -184,10 +136,10 @@ def test_a_model_that_is_whole_takes_no_layers() -> None:
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_modes_learned_later_come_after_those_that_came_whole(count: int) -> None:
-    model = received(grown(*GROWN)[:count], WHOLE)
+    model = received(learned_layers(*LEARNED)[:count], WHOLE)
     assert parse_transform(model.profile_data).modes == (
         *KNOWN,
-        *GROWN[:count],
+        *LEARNED[:count],
         *[b""] * (3 - count),
     )
     assert parse_transform(model.profile_data).reserved_modes == 3
@@ -195,7 +147,7 @@ def test_modes_learned_later_come_after_those_that_came_whole(count: int) -> Non
 
 
 def test_refining_again_changes_nothing_and_what_comes_later_goes_on() -> None:
-    layers, (first, second) = LayerBuffer(), grown(*GROWN)
+    layers, (first, second) = LayerBuffer(), learned_layers(*LEARNED)
     layers.add(first)
     model = layers.apply(WHOLE)
     assert layers.apply(model) is model
@@ -204,23 +156,23 @@ def test_refining_again_changes_nothing_and_what_comes_later_goes_on() -> None:
 
 
 def test_a_layered_models_spare_modes_come_after_all_others() -> None:
-    blank = replace(FIRST, profile_data=components((b"",) * len(KNOWN), 3))
+    blank = replace(FIRST, profile_data=transform_data((b"",) * len(KNOWN), 3))
     model = received(
-        [LayerPacket(3, 0, b"".join(map(stream_item, (b"", b"", *KNOWN, *GROWN))))], blank
+        [LayerPacket(3, 0, b"".join(map(stream_item, (b"", b"", *KNOWN, *LEARNED))))], blank
     )
-    assert parse_transform(model.profile_data).modes == (*KNOWN, *GROWN, b"")
+    assert parse_transform(model.profile_data).modes == (*KNOWN, *LEARNED, b"")
 
 
-@pytest.mark.parametrize("modes", [(*GROWN, b"third", b"fourth"), (*GROWN, b"")])
+@pytest.mark.parametrize("modes", [(*LEARNED, b"third", b"fourth"), (*LEARNED, b"")])
 def test_modes_that_there_is_no_room_for_are_refused(modes: tuple[bytes, ...]) -> None:
     with pytest.raises(ProtocolError, match="modes in layers, expected 3"):
-        received(grown(*modes), WHOLE)
+        received(learned_layers(*modes), WHOLE)
 
 
-@pytest.mark.parametrize("extension", [components(KNOWN), b""])
+@pytest.mark.parametrize("extension", [transform_data(KNOWN), b""])
 def test_a_whole_model_without_spare_modes_takes_none(extension: bytes) -> None:
     with pytest.raises(ProtocolError, match="no layers"):
-        received(grown(*GROWN), replace(WHOLE, profile_data=extension))
+        received(learned_layers(*LEARNED), replace(WHOLE, profile_data=extension))
 
 
 def test_what_is_kept_is_bounded_and_what_is_forgotten_makes_room() -> None:
@@ -245,7 +197,7 @@ def test_the_same_model_is_known_by_all_but_its_layers() -> None:
     whole = expected(len(ITEMS))
     assert is_same_model(FIRST, whole) and is_same_model(whole, FIRST)
     assert not is_same_model(FIRST, replace(whole, version=2))
-    more = received(grown(*GROWN), WHOLE)
+    more = received(learned_layers(*LEARNED), WHOLE)
     assert is_same_model(WHOLE, more) and is_same_model(more, WHOLE)
     assert not is_same_model(WHOLE, replace(more, texture=b"another"))
     assert is_same_model(MODEL, replace(MODEL)) and not is_same_model(

@@ -30,9 +30,9 @@ IMPORTERS = {
     "filterpy": {"encoder/tracking/ekf.py"},
     "numba": {"encoder/runtime/jit.py"},
     "moderngl": {
-        "decoder/background_pass.py",
-        "decoder/gl_context.py",
-        "decoder/renderer.py",
+        "decoder/rendering/background_pass.py",
+        "decoder/rendering/gl_context.py",
+        "decoder/rendering/renderer.py",
     },
     "zenoh": {"protocol/link/zenoh_link.py"},
 }

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from shots import draw, talking
+from videos import read_frames
 
 from decoder.pipeline import DecodeOptions, decode
 from encoder.calls.model_lifecycle import NEXT_STATES, ModelLifecycle, ModelState
 from encoder.calls.model_schedule import MODE_SPENDING_EXPONENT
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
 from encoder.calls.model_version import RESERVED_MODES, ModelVersion
-from encoder.capture.video_source import open_source
 from encoder.coding.rate_control import OnlineRateController
 from encoder.coding.rdo_quantiser import CodedPacket
 from encoder.options import EncodeOptions
@@ -116,12 +116,7 @@ def drawn(packets: Sequence[Packet], path: Path) -> list[NDArray[np.uint8]]:
     video = path.with_suffix(".mkv")
     report = decode(DecodeOptions(path, output=video), lambda done, total: None, lambda: False)
     assert report.frames == FRAMES and not report.warnings
-    return pictures(video)
-
-
-def pictures(path: Path) -> list[NDArray[np.uint8]]:
-    with open_source(str(path)) as source:
-        return [np.asarray(frame, np.uint8) for _, frame in source]
+    return read_frames(video)
 
 
 def late_face_psnr_db(wanted: list[NDArray[np.uint8]], found: list[NDArray[np.uint8]]) -> float:
@@ -206,7 +201,7 @@ def test_all_faces_of_a_packet_have_the_modes_learned_before_it_is_sent(sent: Se
 
 @pytest.mark.parametrize("sent", [None], ids=["whole"], indirect=True)
 def test_learned_modes_make_the_picture_better(sent: Sent, clip: Path, tmp_path: Path) -> None:
-    wanted, packets = pictures(clip), sent.packets()
+    wanted, packets = read_frames(clip), sent.packets()
     without = [packet for packet in packets if not isinstance(packet, LayerPacket)]
     with_them = late_face_psnr_db(wanted, drawn(packets, tmp_path / "all.rzo"))
     assert with_them > late_face_psnr_db(wanted, drawn(without, tmp_path / "bare.rzo")) + 4
@@ -219,7 +214,7 @@ def test_frames_without_the_face_repeat_the_one_before_however_it_is_found_again
     gaps = cv2.VideoWriter(
         str(tmp_path / "gaps.mkv"), cv2.VideoWriter.fourcc(*"FFV1"), 25, (160, 120)
     )
-    for index, picture in enumerate(pictures(clip)):
+    for index, picture in enumerate(read_frames(clip)):
         gaps.write(picture if index % 8 not in GAP else np.zeros_like(picture))
     gaps.release()
     sent = send(tmp_path / "gaps.mkv")

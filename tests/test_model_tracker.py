@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from decoder.renderer import Renderer
+from decoder.rendering.renderer import Renderer
 from encoder.fitting.analysis_by_synthesis import TexelFitter
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.person_texture import DEFAULT_OPTIONS, FitOptions

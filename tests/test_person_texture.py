@@ -4,40 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from studio import BROW, CAMERA, FACE, HEAD, JAW, PLACE, REST, Studio, angle_error_deg, fitted
 
-from decoder.renderer import Renderer
 from encoder.appearance.photometric import retinex
 from encoder.fitting.analysis_by_synthesis import RESIDUAL_SIGMA_GREY
-from encoder.fitting.fit_results import TextureFit
 from encoder.fitting.person_texture import UPDATE_INTERVAL, FitOptions, PersonTexture
 from encoder.tracking.model_tracker import MIN_IMPROVEMENT, opposite_start
-from risorius.animation.synthetic_skin import painted_colours
-from shared_model.animate import Face, Identity
-from shared_model.geometry import Camera, euler_deg, pose_from_euler
-from shared_model.mesh import generic_head
-from shared_model.parameters import AAUS, EAU_INDEX, EAUS, FaceParameters
-
-HEAD = generic_head()
-FACE = Face(HEAD, Identity(np.zeros(len(AAUS)), np.zeros_like(HEAD.vertices)))
-CAMERA = Camera(256, 224, 360.0)
-PLACE = np.array([5.0, -4.0, 520.0])
-REST = FaceParameters(pose_from_euler(0, 0, 0, PLACE))
-JAW, BROW = EAU_INDEX["jaw_drop"], EAU_INDEX["eyebrow_inner"]
-
-
-class Studio:
-    """Draws the painted head with noise."""
-
-    def __init__(self) -> None:
-        self._renderer = Renderer(CAMERA.width, CAMERA.height, HEAD, samples=4)
-        self._colours = painted_colours(HEAD, mottle=0.15, seed=3)
-        self._random = np.random.default_rng(2)
-
-    def draw(self, face: FaceParameters, light: float = 1.0) -> np.ndarray:
-        vertices = FACE.animate(face.eau)
-        drawn = self._renderer.draw_shaded(CAMERA, face.pose, vertices, self._colours)
-        noisy = light * drawn + self._random.normal(0, 2, drawn.shape)
-        return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+from shared_model.geometry import pose_from_euler
+from shared_model.parameters import EAU_INDEX, EAUS, FaceParameters
 
 
 @pytest.fixture(scope="module")
@@ -55,26 +29,12 @@ def moved_face() -> FaceParameters:
     return FaceParameters(pose_from_euler(1.5, 2, -2, PLACE + np.array([2, -1.5, 6])), eau)
 
 
-def fitted(
-    texture: PersonTexture,
-    picture: np.ndarray,
-    start: FaceParameters,
-    active: list[int],
-    steps: int,
-) -> TextureFit:
-    return texture.fit(texture.observe(picture, start), start, active, steps)
-
-
-def off_deg(found: FaceParameters, truth: FaceParameters) -> float:
-    return float(np.abs(np.subtract(euler_deg(found.pose), euler_deg(truth.pose))).max())
-
-
 @pytest.mark.parametrize("light", [1.0, 0.75, 1.2])
 def test_a_known_motion_is_recovered_under_any_light(studio: Studio, light: float) -> None:
     truth = moved_face()
     found = fitted(own_texture(studio), studio.draw(truth, light), REST, [JAW], 12)
     assert found.correlation > 0.9
-    assert off_deg(found.face, truth) < 0.7
+    assert angle_error_deg(found.face, truth) < 0.7
     assert found.face.eau[JAW] == pytest.approx(0.3, abs=0.06)
 
 
@@ -87,7 +47,7 @@ def test_a_shadow_over_half_the_face_misleads_the_luma_alone(studio: Studio, sid
     by_luma = own_texture(studio)
     by_retinex = PersonTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96, FitOptions(retinex))
     off = [
-        off_deg(fitted(texture, picture, REST, [JAW], 12).face, truth)
+        angle_error_deg(fitted(texture, picture, REST, [JAW], 12).face, truth)
         for texture in (by_luma, by_retinex)
     ]
     assert off[1] < 2 and off[1] < 0.4 * off[0]
@@ -161,4 +121,4 @@ def test_what_the_first_picture_hid_is_learned_as_the_head_turns(studio: Studio)
         texture.update_template(picture, fitted(texture, picture, turned, [JAW], 3))
     assert texture.observed_texel_count > before
     again = fitted(texture, picture, turned, [JAW], 3)
-    assert again.correlation > 0.85 and off_deg(again.face, turned) < 1.5
+    assert again.correlation > 0.85 and angle_error_deg(again.face, turned) < 1.5

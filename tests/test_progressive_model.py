@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from shots import draw
-from test_decoder_pipeline import read
+from videos import read_frames
 
 from decoder.appearance import AppearanceModel
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
@@ -247,7 +247,7 @@ def test_a_damaged_layer_leaves_the_appearance_as_it_was(unpaced: Path, tmp_path
     assert warning.startswith("damaged packets: 1,") and "no step" in warning
     # All other layers are used, also the background, whose layer packet holds the damaged mode.
     decoded(write(tmp_path / "without.rzo", sent[: indices[-1]] + sent[indices[-1] + 1 :]), other)
-    for one, same in zip(read(tmp_path / "damaged.mkv"), read(other), strict=True):
+    for one, same in zip(read_frames(tmp_path / "damaged.mkv"), read_frames(other), strict=True):
         np.testing.assert_array_equal(one, same)
 
 

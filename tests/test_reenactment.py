@@ -5,11 +5,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from call_files import call_file
+from layer_streams import (
+    FIRST,
+    ITEMS,
+    KNOWN,
+    LEARNED,
+    STREAM,
+    WHOLE,
+    expected,
+    learned_layers,
+    pieces,
+)
 from numpy.typing import NDArray
 from packets import MODEL
-from test_animate import call_file
-from test_decoder_pipeline import read
-from test_layers import FIRST, GROWN, ITEMS, KNOWN, STREAM, WHOLE, expected, grown, pieces
+from videos import read_frames
 
 from decoder.playout import PlayoutFrame
 from decoder.reenactment import read_model, reenact
@@ -66,7 +76,7 @@ def test_a_callers_own_face_is_played_as_it_was_sent() -> None:
 def test_decode_draws_another_caller_with_this_calls_frames(call: Path, tmp_path: Path) -> None:
     other, video = call_file(tmp_path / "other.rzo"), tmp_path / "out.mkv"
     assert main(["decode", str(call), "--face", str(other), "-o", str(video), "-q"]) == 0
-    pictures = read(video)
+    pictures = read_frames(video)
     # The other's picture size, green face and blue wall; the call's frames.
     assert len(pictures) == summarise(call).frames == 30
     assert pictures[0].shape == (120, 160, 3)
@@ -126,10 +136,10 @@ def test_a_newest_model_without_a_background_wears_the_newest_before_it(tmp_path
 
 def test_modes_learned_in_a_call_are_worn(tmp_path: Path) -> None:
     path = tmp_path / "call.rzo"
-    packets: list[Packet] = [WHOLE, *grown(*GROWN)]
+    packets: list[Packet] = [WHOLE, *learned_layers(*LEARNED)]
     path.write_bytes(MAGIC + b"".join(serialise_record(serialise(packet)) for packet in packets))
     worn = read_model(path)
-    assert parse_transform(worn.profile_data).modes == (*KNOWN, *GROWN, b"")
+    assert parse_transform(worn.profile_data).modes == (*KNOWN, *LEARNED, b"")
     sent = frame(np.ones(5))
     assert reenact(sent, WHOLE, worn) is sent
 
@@ -141,5 +151,5 @@ def test_the_calls_own_file_as_its_face_changes_nothing(call: Path, tmp_path: Pa
     plain, same = tmp_path / "plain.mkv", tmp_path / "same.mkv"
     assert main(["decode", str(call), "-o", str(plain), "-q"]) == 0
     assert main(["decode", str(call), "--face", str(call), "-o", str(same), "-q"]) == 0
-    for a, b in zip(read(plain), read(same), strict=True):
+    for a, b in zip(read_frames(plain), read_frames(same), strict=True):
         np.testing.assert_array_equal(a, b)

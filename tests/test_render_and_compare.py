@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from shots import Shots, whole
 
-from decoder.renderer import Renderer
+from decoder.rendering.renderer import Renderer
 from encoder.capture.colour import luma_f32
 from encoder.detection.landmark_indices import FACE_OVAL
 from encoder.fitting.increments import apply_increment

@@ -8,9 +8,9 @@ import pytest
 from heads import synthetic_head
 from numpy.typing import NDArray
 
-from decoder import renderer as render
-from decoder.render_geometry import part_colours, teeth_falloff
-from decoder.renderer import Renderer
+from decoder.rendering import renderer as render
+from decoder.rendering.render_geometry import part_colours, teeth_falloff
+from decoder.rendering.renderer import Renderer
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS, Head, generic_head, inside_mouth

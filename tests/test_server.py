@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 import pytest
 from browser import Browser, find_browser
+from call_files import call_file
 from conftest import PROGRAM, ROOT, Start
 from numpy.typing import NDArray
-from test_animate import call_file
 
 from risorius.animation.animation_script import AnimationState
 from risorius.view.server import RequestQueue

@@ -3,8 +3,7 @@
 import io
 
 import pytest
-from test_layered_playout import BASE, frames
-from test_layers import ITEMS
+from layer_streams import BASE, ITEMS, frames
 
 from protocol.call_file import read_records, serialise_record
 from protocol.packets import LayerPacket, serialise

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from decoder.renderer import Renderer
+from decoder.rendering.renderer import Renderer
 from shared_model.animate import Face, identity_from_controls
 from shared_model.appearance import atlas_of
 from shared_model.geometry import Camera, pose_from_euler

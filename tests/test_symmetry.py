@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_person_texture import CAMERA, FACE, HEAD, JAW, PLACE, REST, Studio, fitted, off_deg
+from studio import CAMERA, FACE, HEAD, JAW, PLACE, REST, Studio, angle_error_deg, fitted
 
 from encoder.fitting.person_texture import DEFAULT_OPTIONS, FitOptions, PersonTexture
 from encoder.fitting.symmetry import MIRROR_DEG, SymmetricTexelFitter, mirror_index
@@ -73,8 +73,8 @@ def test_what_lies_over_the_far_half_is_not_looked_at(studio: Studio, yaw: float
         return fitted(texture, seen, start, [JAW], 1).face
 
     clear = found(picture)
-    assert off_deg(found(half_hidden(picture, start, near=False)), clear) < 0.05
-    assert off_deg(found(half_hidden(picture, start, near=True)), clear) > 0.5
+    assert angle_error_deg(found(half_hidden(picture, start, near=False)), clear) < 0.05
+    assert angle_error_deg(found(half_hidden(picture, start, near=True)), clear) > 0.5
 
 
 @pytest.mark.parametrize("yaw", [-32.0, -25.0, 25.0, 32.0])

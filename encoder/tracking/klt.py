@@ -149,7 +149,7 @@ def _corner_response(luma: Luma, pixels: Array, eyes_px: float) -> Array:
 def _flow_forward_backward(
     reference: _ReferenceFrame, luma: Luma, expected: Array, visible: Mask, eyes_px: float
 ) -> tuple[Array, Mask]:
-    """Pixels (n, 2) of the reference frame's points, and whether the flow back ends at the start."""
+    """Pixels (n, 2) of the reference's points, and whether the backward flow returns to them."""
     if visible.sum() < 3:
         return expected, np.zeros(len(expected), dtype=np.bool_)
     work_from_pixel, size = _working_area(expected[visible], eyes_px)

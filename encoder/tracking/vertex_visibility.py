@@ -33,8 +33,8 @@ class VertexVisibility:
 
     def visible(self, pose: Pose) -> Mask:
         """(k,) whether the camera sees each vertex at this pose of the head."""
-        head_from_camera_mm = -matrix_from_quaternion(pose.rotation).T @ pose.translation_mm
-        direction = head_from_camera_mm / np.linalg.norm(head_from_camera_mm)
+        camera_mm = -matrix_from_quaternion(pose.rotation).T @ pose.translation_mm
+        direction = camera_mm / np.linalg.norm(camera_mm)
         facing = self._normals @ direction > _MIN_COSINE
         yaw = np.degrees(np.arctan2(direction[0], direction[2]))
         pitch = np.degrees(np.arcsin(np.clip(direction[1], -1, 1)))
@@ -44,7 +44,7 @@ class VertexVisibility:
         return np.asarray(facing & self._cells[cell])
 
     def _unoccluded(self, yaw: float, pitch: float) -> Mask:
-        """(k,) whether no triangle lies between each vertex and a distant camera in this direction."""
+        """(k,) whether no triangle lies between a vertex and a far camera in this direction."""
         direction = np.array(
             [np.sin(yaw) * np.cos(pitch), np.sin(pitch), np.cos(yaw) * np.cos(pitch)]
         )

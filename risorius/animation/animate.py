@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from decoder.playout import PlayoutFrame
 from decoder.reenactment import read_model
-from decoder.renderer import Renderer
+from decoder.rendering.renderer import Renderer
 from decoder.scene import Scene, face_from_model, head_of
 from decoder.sinks.frame_sink import open_sink
 from protocol.errors import ProtocolError

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.render_geometry import part_colours
+from decoder.rendering.render_geometry import part_colours
 from shared_model.mesh import OUTER_LIPS, PARTS, Head, inside_mouth
 
 Array = NDArray[np.float64]

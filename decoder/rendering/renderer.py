@@ -14,8 +14,8 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.background_pass import BackgroundPass
-from decoder.gl_context import (
+from decoder.rendering.background_pass import BackgroundPass
+from decoder.rendering.gl_context import (
     as_float32,
     create_context,
     create_framebuffer,
@@ -23,7 +23,7 @@ from decoder.gl_context import (
     upload_picture,
     write_uniform,
 )
-from decoder.render_geometry import (
+from decoder.rendering.render_geometry import (
     NEAR_MM,
     clip_from_head,
     expanded_silhouette,

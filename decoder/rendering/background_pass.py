@@ -4,8 +4,13 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.gl_context import as_float32, create_framebuffer, load_program, upload_picture
-from decoder.render_geometry import grid_triangles, opaque_triangles
+from decoder.rendering.gl_context import (
+    as_float32,
+    create_framebuffer,
+    load_program,
+    upload_picture,
+)
+from decoder.rendering.render_geometry import grid_triangles, opaque_triangles
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]

@@ -55,7 +55,7 @@ def create_framebuffer(
 def upload_picture(
     context: moderngl.Context, texture: moderngl.Texture | None, name: str, picture: Picture
 ) -> moderngl.Texture:
-    """A texture of the picture (h, w, 3 or 4) uint8: `texture`, if that has its shape, or a new one.
+    """A texture of the picture (h, w, 3 or 4) uint8: `texture` if that has its shape, or a new one.
 
     name: of the picture, for the message.  Raises `ValueError` for another shape or type.
     """

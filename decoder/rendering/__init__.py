@@ -1,0 +1,1 @@
+"""Drawing with OpenGL: the background, then the head."""

@@ -1,0 +1,63 @@
+"""The pictures of a call, as a program takes them."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from decoder.call_pictures import CallOptions, CallPictures
+
+Picture = NDArray[np.uint8]
+
+
+class TimedPicture(NamedTuple):
+    """A picture (height, width, 3) uint8 BGR, and its time in the source, seconds."""
+
+    time_s: float
+    picture: Picture
+
+
+class Call:
+    """A call that is decoded while it is iterated; a context manager that can be iterated once."""
+
+    def __init__(self, options: CallOptions) -> None:
+        self._pictures = CallPictures(options, lambda: False)
+
+    def __iter__(self) -> Iterator[TimedPicture]:
+        """Each picture as soon as it is drawn, one for each frame of the source."""
+        for frame in self._pictures:
+            yield TimedPicture(frame.index / self._pictures.sender.fps, frame.picture)
+
+    @property
+    def fps(self) -> float:
+        """Frames a second of the source; known from the first picture on."""
+        return self._pictures.sender.fps
+
+    @property
+    def complete(self) -> bool:
+        """Whether the call has come to its end."""
+        return self._pictures.playout.ended
+
+    def close(self) -> None:
+        """Free the renderer; close the call file or leave the network."""
+        self._pictures.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def open_call(
+    source: str | Path | BinaryIO | None,
+    listen: tuple[str, ...],
+    connect: tuple[str, ...],
+    call: str,
+    face: Path | None,
+) -> Call:
+    """See `risorius.open_call`."""
+    path = Path(source) if isinstance(source, str) else source
+    return Call(CallOptions(path, listen, connect, call, face=face))

@@ -1,0 +1,132 @@
+"""The tracker alone: pose and actuators of every frame of a video."""
+
+import csv
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.capture.video_source import open_source
+from encoder.runtime.parallel import prefetch
+from encoder.tracking.trackers import TrackingOptions, open_tracker
+from shared_model.errors import UserError, cannot_write
+from shared_model.geometry import euler_deg
+from shared_model.mesh import generic_head
+from shared_model.parameters import EAUS, FaceParameters
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int | None], None]
+
+POSE_COLUMNS = ("pitch_deg", "yaw_deg", "roll_deg", "x_mm", "y_mm", "z_mm")
+EAU_COLUMNS = tuple(eau.name for eau in EAUS)
+NO_FACE = 3
+DIGITS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class FaceTrack:
+    """The face in every frame of a video; nan where there is none.
+
+    time_s: (t,) seconds from the first frame.
+    pose: (t, 6) by `POSE_COLUMNS`: turned as `euler_deg` says; the place of the head's origin,
+        between the ears, in the camera's frame: x to the right, y down, z away.
+    eau: (t, 14) by `EAU_COLUMNS`, in the ranges of `shared_model.parameters.EAUS`.
+    confidence: (t,) 0..1, see `FaceTracker.confidence`.
+    warnings: what the user should know.
+    """
+
+    time_s: Array
+    pose: Array
+    eau: Array
+    confidence: Array
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def parameters(self) -> Array:
+        """(t, 20): pose and EAUs side by side."""
+        return np.hstack([self.pose, self.eau])
+
+    @property
+    def action_units(self) -> dict[str, Array]:
+        """(t,) intensity of each action unit, 0..1: see `action_unit_intensities`."""
+        return action_unit_intensities(self.eau)
+
+    def write_csv(self, target: Path | TextIO) -> None:
+        """Write a line for each frame: time, pose, EAUs, action units, confidence.
+
+        Cells of a frame without a face are empty.  Raises `UserError` if it cannot be written.
+        """
+        if not isinstance(target, Path):
+            csv.writer(target, lineterminator="\n").writerows(self._rows())
+            return
+        try:
+            with target.open("w", encoding="utf-8", newline="") as file:
+                csv.writer(file, lineterminator="\n").writerows(self._rows())
+        except OSError as error:
+            raise cannot_write(target, error) from error
+
+    def _rows(self) -> Iterator[list[str]]:
+        units = self.action_units
+        yield ["time_s", *POSE_COLUMNS, *EAU_COLUMNS, *units, "confidence"]
+        columns = [self.time_s, *self.parameters.T, *units.values(), self.confidence]
+        for row in np.column_stack(columns):
+            yield ["" if np.isnan(value) else f"{value:.{DIGITS}f}" for value in row]
+
+
+def track(
+    source: str,
+    max_frames: int | None = None,
+    progress: Progress | None = None,
+    stop: Callable[[], bool] = lambda: False,
+) -> FaceTrack:
+    """Track the face of a video file, image pattern, camera index or URL, until `stop`.
+
+    progress: called with the number of frames so far and of all, None if that is not known.
+    Raises `UserError` if the source cannot be read or shows no face.
+    """
+    times, faces, confidence, warnings = list[float](), list[Array](), list[float](), list[str]()
+    with open_source(source) as capture:
+        size, frame_s = (capture.width, capture.height), float(1 / capture.fps)
+        options = TrackingOptions(eyelids=True, refine_identity=False)
+        active = range(len(EAUS))
+        tracker = open_tracker(options, generic_head(), size, active, frame_s, warnings.append)
+        frames = iter(capture) if capture.is_live else prefetch(iter(capture))
+        for index, frame in frames:
+            if stop() or index == max_frames:
+                break
+            times.append(index * frame_s)
+            faces.append(_row(tracker.update(frame)))
+            confidence.append(tracker.confidence)
+            if progress is not None:
+                progress(index + 1, max_frames or capture.frame_count)
+    rows = np.array(faces).reshape(-1, len(POSE_COLUMNS) + len(EAUS))
+    if np.isnan(rows).all():
+        raise UserError(f"{source}: no face found in {len(rows)} frames", NO_FACE)
+    pose, eau = np.split(rows, [len(POSE_COLUMNS)], axis=1)
+    said = tuple(dict.fromkeys(warnings))
+    return FaceTrack(np.array(times), pose, eau, np.array(confidence), said)
+
+
+def action_unit_intensities(eau: Array) -> dict[str, Array]:
+    """Intensity of each action unit of FACS, by number: 0 at rest, 1 at the end of its EAU's range.
+
+    eau: (..., 14).  An EAU is one unit above rest and may be another below.  Of a unit that is in
+    several EAUs, as those of both eyelids, the strongest counts.
+    """
+    found: dict[str, Array] = {}
+    for index, item in enumerate(EAUS):
+        above, _, below = item.au.partition(" / ")
+        for name, end in ((above, item.high), (below, item.low)):
+            if name:
+                value = np.clip(eau[..., index] / end, 0, 1)
+                found[name] = np.maximum(found[name], value) if name in found else value
+    return dict(sorted(found.items(), key=lambda each: int(each[0].removeprefix("AU"))))
+
+
+def _row(face: FaceParameters | None) -> Array:
+    if face is None:
+        return np.full(len(POSE_COLUMNS) + len(EAUS), np.nan)
+    return np.array([*euler_deg(face.pose), *face.pose.translation_mm, *face.eau])

@@ -1,0 +1,39 @@
+"""Call files that tests write without an encoder."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from protocol.call_file import CallWriter
+from protocol.call_parameters import CallParameters
+from protocol.model_packet import ModelPacket
+from protocol.packets import serialise
+from shared_model.anthropometry import control_points
+from shared_model.geometry import FRONTAL
+from shared_model.mesh import generic_head
+from shared_model.parameters import AAUS, EAUS
+
+
+def webp(colour: tuple[int, int, int]) -> bytes:
+    done, data = cv2.imencode(".webp", np.full((64, 64, 3), colour, np.uint8))
+    assert done
+    return data.tobytes()
+
+
+def call_file(path: Path) -> Path:
+    """Write a call of a green face in front of a blue wall, 600 mm from the camera, without frames."""
+    call = CallParameters("thesis", 160, 120, 25, 1, focal_px=220.0)
+    model = ModelPacket(
+        call,
+        aau=(0,) * len(AAUS),
+        reference_rotation=FRONTAL,
+        reference_translation_mm=(0.0, 0.0, 600.0),
+        reference_eau=(0,) * len(EAUS),
+        residual=(0,) * (3 * len(control_points(generic_head()))),
+        background=webp((200, 30, 30)),
+        texture=webp((30, 200, 30)),
+    )
+    with CallWriter(path) as writer:
+        writer.send(serialise(model))
+    return path
