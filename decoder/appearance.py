@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.errors import ProtocolError
-from protocol.frames.frame_transform import parse_transform
+from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
 from protocol.pictures.picture_codec import (
     ModeCodec,

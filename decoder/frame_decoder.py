@@ -7,7 +7,7 @@ from typing import Protocol
 
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
-from protocol.frames.frame_transform import face_from_coefficients, parse_transform
+from protocol.frames.frame_transform import face_from_coefficients
 from protocol.frames.payload_coding import decode_payload
 from protocol.frames.scalar_quantiser import (
     EAU_STEP,
@@ -17,6 +17,7 @@ from protocol.frames.scalar_quantiser import (
     values_from_codes,
 )
 from protocol.frames.temporal_prediction import FramePredictor
+from protocol.frames.transform_coding import parse_transform
 from protocol.limits import SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
 from shared_model.parameters import EAU_INDEX, FaceParameters

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from protocol.entropy.range_coder import PROBABILITY_ONE
 from protocol.errors import ProtocolError
-from protocol.frames.frame_transform import GEOMETRY_SIZE, FrameTransform, parse_transform
+from protocol.frames.frame_transform import GEOMETRY_SIZE, FrameTransform
 from protocol.frames.payload_coding import code_payload_stepwise, parse_payload
 from protocol.frames.temporal_prediction import FramePredictor
+from protocol.frames.transform_coding import parse_transform
 from protocol.limits import SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, LayerPacket, Packet, serialise

@@ -15,7 +15,8 @@ from dataclasses import replace
 
 from protocol.entropy.varint import decode_varint, encode_varint
 from protocol.errors import ProtocolError
-from protocol.frames.frame_transform import MAX_MODES, parse_transform, serialise_transform
+from protocol.frames.frame_transform import MAX_MODES
+from protocol.frames.transform_coding import parse_transform, serialise_transform
 from protocol.limits import MAX_IMAGE_BYTES, MAX_MODEL_PACKET_BYTES
 from protocol.model_packet import ModelPacket
 from protocol.packets import LayerPacket

@@ -25,7 +25,7 @@ Follow the face without a call:
 ((8, 6), (8, 14))
 >>> sorted(track.action_units)[:3]
 ['AU1', 'AU10', 'AU12']
->>> track.write_csv(Path("me.csv"))
+>>> track.write_csv("me.csv")
 
 What a user can mend raises `UserError`.  Libraries are loaded by the function that needs them.
 """

@@ -21,6 +21,7 @@ from risorius.commands.drawing import add_animate, add_view
 from risorius.commands.encode import add_encode
 from risorius.commands.info import add_info
 from risorius.commands.relay import add_relay
+from risorius.commands.track import add_track
 from shared_model.errors import UserError
 
 BROKEN_PIPE = 141
@@ -31,6 +32,7 @@ COMMANDS = (
     add_bench,
     add_replay,
     add_info,
+    add_track,
     add_animate,
     add_view,
     add_demo,
@@ -48,6 +50,7 @@ examples:
   risorius decode call.rzo -o out.mkv           make it a video again
   risorius decode --listen tcp/0.0.0.0:7447 -o out.mkv     on one host, then
   risorius encode 0 --connect tcp/HOST:7447                on the other: a call with camera 0
+  risorius track me.mp4 -o me.csv               pose and expression, frame by frame
   risorius view --call call.rzo                 move every muscle of the face by hand
   risorius bench me.mp4 --out out/bench         bits against PSNR, two processes on this host
 """

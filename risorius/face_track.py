@@ -54,19 +54,19 @@ class FaceTrack:
         """(t,) intensity of each action unit, 0..1: see `action_unit_intensities`."""
         return action_unit_intensities(self.eau)
 
-    def write_csv(self, target: Path | TextIO) -> None:
+    def write_csv(self, target: str | Path | TextIO) -> None:
         """Write a line for each frame: time, pose, EAUs, action units, confidence.
 
-        Cells of a frame without a face are empty.  Raises `UserError` if it cannot be written.
+        target: name of a file, or an open one.  Cells of a frame without a face are empty.  Raises `UserError` if it cannot be written.
         """
-        if not isinstance(target, Path):
+        if not isinstance(target, str | Path):
             csv.writer(target, lineterminator="\n").writerows(self._rows())
             return
         try:
-            with target.open("w", encoding="utf-8", newline="") as file:
+            with open(target, "w", encoding="utf-8", newline="") as file:
                 csv.writer(file, lineterminator="\n").writerows(self._rows())
         except OSError as error:
-            raise cannot_write(target, error) from error
+            raise cannot_write(Path(target), error) from error
 
     def _rows(self) -> Iterator[list[str]]:
         units = self.action_units

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from protocol.call_file import CallReader
 from protocol.entropy.range_coder import PROBABILITY_ONE
-from protocol.frames.frame_transform import parse_transform
+from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
 from protocol.packets import parse_packet
 from protocol.pictures.coefficient_coding import STEP_OUTPUTS, UNARY_LIMIT
@@ -40,7 +40,8 @@ from protocol.pictures.probability_model import (
     BandPosition,
     ProbabilityModels,
 )
-from protocol.pictures.subband_coding import PictureSequence, SubbandPyramid, decode_planes
+from protocol.pictures.subband_coding import PictureSequence, decode_planes
+from protocol.pictures.subband_pyramid import SubbandPyramid
 from scripts.command import run
 
 Array = NDArray[np.float32]

@@ -7,14 +7,9 @@ import numpy as np
 from packets import CALL, MODEL
 
 from encoder.coding.rdo_quantiser import code_packet
-from protocol.frames.frame_transform import (
-    GEOMETRY_SIZE,
-    FrameTransform,
-    parse_transform,
-    serialise_transform,
-    with_reserved_modes,
-)
+from protocol.frames.frame_transform import GEOMETRY_SIZE, FrameTransform, with_reserved_modes
 from protocol.frames.temporal_prediction import PREDICTION_KINDS, FramePredictor
+from protocol.frames.transform_coding import parse_transform, serialise_transform
 from protocol.model_packet import ModelPacket
 from protocol.packets import (
     FramePacket,

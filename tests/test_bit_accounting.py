@@ -23,10 +23,10 @@ from protocol.frames.frame_transform import (
     GEOMETRY_SIZE,
     UNIT_CODE_OF_ONE,
     FrameTransform,
-    serialise_transform,
     with_reserved_modes,
 )
 from protocol.frames.temporal_prediction import PREDICTION_KINDS, FramePredictor
+from protocol.frames.transform_coding import serialise_transform
 from protocol.limits import MAX_IMAGE_BYTES, MAX_LAYER_BYTES
 from protocol.model_packet import ModelPacket
 from protocol.packets import (

@@ -19,6 +19,7 @@ COMMANDS = (
     "bench",
     "replay",
     "info",
+    "track",
     "animate",
     "view",
     "demo",

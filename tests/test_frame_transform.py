@@ -17,8 +17,6 @@ from protocol.frames.frame_transform import (
     RESERVED_UNIT_CODE,
     FrameTransform,
     face_from_coefficients,
-    parse_transform,
-    serialise_transform,
     units_from_codes,
     vector_from_face,
     with_reserved_modes,
@@ -30,6 +28,7 @@ from protocol.frames.temporal_prediction import (
     PREDICTION_KINDS,
     STEPS_PER_UNIT,
 )
+from protocol.frames.transform_coding import parse_transform, serialise_transform
 from shared_model.geometry import pose_from_euler
 from shared_model.parameters import EAU_HIGH, EAU_LOW, FaceParameters
 

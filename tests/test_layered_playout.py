@@ -21,7 +21,7 @@ from layer_streams import (
 
 from decoder.playout import Playout, PlayoutFrame
 from protocol.errors import ProtocolError
-from protocol.frames.frame_transform import parse_transform
+from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
 from protocol.packets import (
     ControlKind,

@@ -24,9 +24,7 @@ from packets import MODEL
 
 from protocol.entropy.varint import encode_varint
 from protocol.errors import ProtocolError
-from protocol.frames.frame_transform import (
-    parse_transform,
-)
+from protocol.frames.transform_coding import parse_transform
 from protocol.limits import MAX_IMAGE_BYTES, MAX_LAYER_BYTES, MAX_PROFILE_DATA_BYTES
 from protocol.model_packet import ModelPacket
 from protocol.packets import LayerPacket, parse_packet, serialise

@@ -23,9 +23,9 @@ from encoder.coding.rdo_quantiser import CodedPacket
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from protocol.call_file import MAGIC, CallReader, serialise_record
-from protocol.frames.frame_transform import parse_transform
 from protocol.frames.payload_coding import decode_payload
 from protocol.frames.temporal_prediction import FramePredictor
+from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, LayerPacket, Packet, parse_packet, serialise
 from protocol.progressive_model import LayerBuffer

@@ -14,7 +14,7 @@ from encoder.calls.packet_sender import LEAD_PACKETS
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from protocol.call_file import CallReader
-from protocol.frames.frame_transform import parse_transform
+from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
 from protocol.packets import ControlKind, ControlPacket, FramePacket, parse_packet
 from shared_model.parameters import EAU_INDEX

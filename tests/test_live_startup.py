@@ -15,7 +15,7 @@ from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from encoder.report import EncodeReport
 from protocol.call_file import CallReader, serialise_record
-from protocol.frames.frame_transform import parse_transform
+from protocol.frames.transform_coding import parse_transform
 from protocol.limits import SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, LayerPacket, parse_packet

@@ -19,7 +19,7 @@ from loopback.quality import face_mask_finder, measure_quality
 from protocol.call_file import MAGIC, CallReader, serialise_record
 from protocol.entropy.varint import decode_varint
 from protocol.errors import ProtocolError
-from protocol.frames.frame_transform import parse_transform, serialise_transform
+from protocol.frames.transform_coding import parse_transform, serialise_transform
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, LayerPacket, Packet, parse_packet, serialise
 from protocol.progressive_model import LayerBuffer

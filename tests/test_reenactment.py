@@ -24,8 +24,8 @@ from videos import read_frames
 from decoder.playout import PlayoutFrame
 from decoder.reenactment import read_model, reenact
 from protocol.call_file import MAGIC, CallReader, serialise_record
-from protocol.frames.frame_transform import parse_transform
 from protocol.frames.scalar_quantiser import motion_from_pose
+from protocol.frames.transform_coding import parse_transform
 from protocol.limits import MAX_LAYER_BYTES
 from protocol.model_packet import ModelPacket
 from protocol.packets import (

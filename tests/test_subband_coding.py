@@ -35,13 +35,8 @@ from protocol.pictures.probability_model import (
     ProbabilityModels,
     probability_models,
 )
-from protocol.pictures.subband_coding import (
-    PictureSequence,
-    SubbandPyramid,
-    decode_planes,
-    dequantised,
-    empty_pyramid,
-)
+from protocol.pictures.subband_coding import PictureSequence, decode_planes
+from protocol.pictures.subband_pyramid import SubbandPyramid, dequantised, empty_pyramid
 from protocol.pictures.wavelet import LEVELS, transform
 
 Array = NDArray[np.float64]

@@ -27,11 +27,8 @@ from encoder.fitting.sequence_fit import fit_sequence
 from encoder.learning.frame_sampler import UniformSubsampler
 from encoder.learning.person_model import TrainedModel, TrainingOptions, build_person_model
 from protocol.call_parameters import CallParameters
-from protocol.frames.frame_transform import (
-    serialise_transform,
-    vector_from_face,
-    with_reserved_modes,
-)
+from protocol.frames.frame_transform import vector_from_face, with_reserved_modes
+from protocol.frames.transform_coding import serialise_transform
 from protocol.pictures.picture_codec import ModeCodec, decode_picture
 from shared_model.animate import Face
 from shared_model.mesh import Head

@@ -12,12 +12,13 @@ from encoder.fitting.quantised_identity import identity_codes, quantised_identit
 from encoder.learning.person_model import PersonModel
 from encoder.picture_coding.image_budget import encode_background_webp_within, encode_webp_within
 from protocol.call_parameters import CallParameters
-from protocol.frames.frame_transform import FrameTransform, serialise_transform
+from protocol.frames.frame_transform import FrameTransform
 from protocol.frames.scalar_quantiser import (
     EAU_STEP,
     codes_from_values,
     values_from_codes,
 )
+from protocol.frames.transform_coding import serialise_transform
 from protocol.model_packet import ModelPacket
 from shared_model.animate import Face
 from shared_model.appearance import atlas_of

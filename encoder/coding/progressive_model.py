@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from encoder.coding.background import BackgroundImage
 from encoder.picture_coding.image_budget import encode_picture_within
-from protocol.frames.frame_transform import parse_transform, serialise_transform
+from protocol.frames.transform_coding import parse_transform, serialise_transform
 from protocol.model_packet import ModelPacket
 from protocol.packets import serialise
 from protocol.pictures.probability_model import TEXTURE

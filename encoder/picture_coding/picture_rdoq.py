@@ -16,7 +16,8 @@ from protocol.entropy.adaptive_models import AdaptiveIntegers
 from protocol.entropy.range_coder import PROBABILITY_ONE, BitCoder, RangeEncoder
 from protocol.pictures.coefficient_coding import code_bit_array, code_lowpass_band, code_magnitudes
 from protocol.pictures.probability_model import BandPosition
-from protocol.pictures.subband_coding import PictureSequence, SubbandPyramid, plane_shape
+from protocol.pictures.subband_coding import PictureSequence
+from protocol.pictures.subband_pyramid import SubbandPyramid, plane_shape
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

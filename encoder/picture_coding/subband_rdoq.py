@@ -32,7 +32,7 @@ from protocol.pictures.coefficient_context import (
     context_offsets,
 )
 from protocol.pictures.probability_model import BandPosition, probability_models
-from protocol.pictures.subband_coding import RECONSTRUCTION_BIAS
+from protocol.pictures.subband_pyramid import RECONSTRUCTION_BIAS
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -5,18 +5,12 @@ y = mean + (q @ basis) * unit.  Its coefficients q, the combined components of t
 are what frame packets carry; one unit of each adds equal distortion to the picture.
 """
 
-from dataclasses import dataclass, replace
-from itertools import takewhile
-from typing import Any
+from dataclasses import dataclass
 
-import msgpack  # type: ignore[import-untyped]
 import numpy as np
 from numpy.typing import NDArray
 
 from protocol.entropy.adaptive_models import AdaptiveIntegers
-from protocol.entropy.range_coder import BitCoder, RangeDecoder, RangeEncoder
-from protocol.entropy.validation import check_int
-from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import motion_from_pose, pose_from_motion
 from protocol.frames.temporal_prediction import (
     MAX_SCALE_CODE,
@@ -24,7 +18,6 @@ from protocol.frames.temporal_prediction import (
     STEPS_PER_UNIT,
     Integers,
 )
-from protocol.limits import MAX_IMAGE_BYTES, MAX_MESSAGE_LENGTH
 from shared_model.parameters import EAUS, FaceParameters, Pose, clip_eau
 
 Array = NDArray[np.float64]
@@ -32,8 +25,6 @@ Array = NDArray[np.float64]
 GEOMETRY_SIZE = 6 + len(EAUS)
 MAX_MODES = 64
 MAX_COMPONENTS = GEOMETRY_SIZE + MAX_MODES
-_KEYS = ("m", "t")
-_RESERVED_KEY = "s"
 UNIT_CODES_PER_OCTAVE, UNIT_CODE_OF_ONE = 8, 128
 MEAN_STEPS_PER_UNIT = 4
 MAX_MEAN_CODE = (2 << AdaptiveIntegers.LONGEST) - 2
@@ -190,116 +181,3 @@ def codes_from_units(unit: Array) -> NDArray[np.uint8]:
     """(d,) unit codes of the nearest units."""
     codes = np.rint(UNIT_CODES_PER_OCTAVE * np.log2(unit)) + UNIT_CODE_OF_ONE
     return np.asarray(np.clip(codes, 0, 255), np.uint8)
-
-
-def serialise_transform(transform: FrameTransform) -> bytes:
-    """The model packet's profile data.  Empty reserved modes take no bytes."""
-    base, coder = without_reserved_modes(transform), RangeEncoder()
-    _code_tables(coder, base)
-    tables = bytes([len(base.basis)]) + coder.finish()
-    sent = tuple(takewhile(bool, transform.modes[len(base.modes) :]))
-    fields: dict[str, Any] = dict(zip(_KEYS, (base.modes + sent, tables), strict=True))
-    if transform.reserved_modes:
-        fields[_RESERVED_KEY] = (len(sent), transform.reserved_modes)
-    data: bytes = msgpack.packb(fields)
-    return data
-
-
-def parse_transform(data: bytes) -> FrameTransform:
-    """The transform in a model packet's profile data.  Raises `ProtocolError` if it is damaged."""
-    try:
-        fields: Any = msgpack.unpackb(
-            data,
-            use_list=False,
-            max_str_len=1,
-            max_bin_len=MAX_IMAGE_BYTES,
-            max_array_len=MAX_MODES,
-            max_map_len=len(_KEYS) + 1,
-            max_ext_len=0,
-        )
-        return _transform_from_fields(fields)
-    except (ValueError, TypeError, KeyError) as error:
-        raise ProtocolError(f"model packet's transform: {error}"[:MAX_MESSAGE_LENGTH]) from error
-
-
-def _transform_from_fields(fields: Any) -> FrameTransform:
-    if unknown := set(fields) - {*_KEYS, _RESERVED_KEY}:
-        raise ValueError(f"unknown fields {sorted(map(str, unknown))}")
-    modes, tables = (fields[key] for key in _KEYS)
-    if not isinstance(modes, tuple) or not all(isinstance(mode, bytes) for mode in modes):
-        raise ValueError("modes are not byte strings")
-    if not isinstance(tables, bytes) or not tables or not 1 <= tables[0] <= MAX_COMPONENTS:
-        raise ValueError("no tables")
-    sent, reserved = _reserved_counts(fields, modes)
-    known = modes[: len(modes) - sent]
-    d, n = GEOMETRY_SIZE + len(known), tables[0]
-    empty = FrameTransform(
-        known,
-        unit_codes=np.zeros(d, np.uint8),
-        mean_codes=np.zeros(d, np.int64),
-        basis=np.zeros((n, d), np.int8),
-        exponents=np.zeros(n, np.int8),
-        scale_codes=np.zeros((n, PREDICTION_KINDS), np.uint8),
-    )
-    coder = RangeDecoder(tables[1:])
-    base = _code_tables(coder, empty)
-    if coder.unread_bytes:
-        raise ValueError(f"{coder.unread_bytes} bytes too many")
-    extended = with_reserved_modes(base, reserved)
-    return replace(extended, modes=modes + extended.modes[len(modes) :])
-
-
-def _reserved_counts(fields: Any, modes: tuple[bytes, ...]) -> tuple[int, int]:
-    """How many of the modes sent are reserved ones, and how many reserved ones there are."""
-    sent, reserved = fields.get(_RESERVED_KEY, (0, 0))
-    check_int("reserved modes", reserved, 0, MAX_MODES)
-    check_int("reserved modes sent", sent, 0, min(reserved, len(modes)))
-    return sent, reserved
-
-
-def _code_tables(coder: BitCoder, transform: FrameTransform) -> FrameTransform:
-    """Code all arrays; a decoder uses only their sizes.  Returns the transform coded."""
-    groups = np.repeat([0, 1, 2], [6, len(EAUS), len(transform.modes)])[None]
-    unit_steps = np.diff(transform.unit_codes.astype(np.int64), prepend=0).astype(np.int64)
-    # Second differences: from kind to kind, then from component to component.
-    scales = transform.scale_codes.astype(np.int64) // SCALE_CODE_STEP
-    scale_steps = np.diff(np.diff(scales, axis=1, prepend=0), axis=0, prepend=0).astype(np.int64)
-    unit_steps = _code_table(coder, unit_steps[None], 1)[0]
-    mean_codes = _code_table(coder, transform.mean_codes[None], 1)[0]
-    basis = _code_table(coder, transform.basis.astype(np.int64), 3, groups)
-    exponents = _code_table(coder, transform.exponents.astype(np.int64)[None], 1)[0]
-    kinds = np.arange(PREDICTION_KINDS)[None]
-    scale_steps = _code_table(coder, scale_steps, PREDICTION_KINDS, kinds)
-    return FrameTransform(
-        transform.modes,
-        unit_codes=_as_uint8(np.cumsum(unit_steps)),
-        mean_codes=mean_codes,
-        basis=_as_int8(basis),
-        exponents=_as_int8(exponents),
-        scale_codes=_as_uint8(SCALE_CODE_STEP * scale_steps.cumsum(0).cumsum(1)),
-    )
-
-
-def _code_table(
-    coder: BitCoder, values: Integers, contexts: int, context: Integers | None = None
-) -> Integers:
-    """Code integers (r, c) row by row.  context: (1, c) of each column, 0..contexts - 1."""
-    integers = AdaptiveIntegers(contexts)
-    of_column = [0] * values.shape[1] if context is None else context[0].tolist()
-    rows = [
-        [integers.code(coder, c, v) for c, v in zip(of_column, row, strict=True)]
-        for row in values.tolist()
-    ]
-    return np.array(rows, dtype=np.int64)
-
-
-def _as_uint8(values: Integers) -> NDArray[np.uint8]:
-    if ((values < 0) | (values > 255)).any():
-        raise ValueError("a table's value is beyond a byte")
-    return values.astype(np.uint8)
-
-
-def _as_int8(values: Integers) -> NDArray[np.int8]:
-    if (np.abs(values) > 127).any():
-        raise ValueError("a table's value is beyond a byte")
-    return values.astype(np.int8)

@@ -5,9 +5,9 @@ precede the coefficients, see `coefficient_context`.  The lowpass band of a mode
 other bands are; that of a background or a texture is predicted from its neighbours.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,29 +28,16 @@ from protocol.pictures.coefficient_context import (
     upsample,
 )
 from protocol.pictures.probability_model import LOWPASS, MODE, BandPosition, probability_models
-from protocol.pictures.wavelet import LEVELS, inverse_transform
+from protocol.pictures.subband_pyramid import (
+    Shape,
+    SubbandPyramid,
+    empty_pyramid,
+    map_bands,
+    plane_shape,
+)
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-Shape = tuple[int, int]
-
-# A coefficient is reconstructed nearer to zero than the middle of its interval, by so many steps.
-RECONSTRUCTION_BIAS = 0.05
-
-
-@dataclass(frozen=True, slots=True)
-class SubbandPyramid:
-    """The quantised coefficients of a plane.
-
-    details: three bands a level (orientations 0, 1, 2), the coarsest level first.
-    """
-
-    lowpass: Integers
-    details: list[list[Integers]]
-
-    def band(self, position: BandPosition) -> Integers:
-        """The band of this level and orientation."""
-        return position.select(self.lowpass, self.details)
 
 
 class PlaneCoder(Protocol):
@@ -111,9 +98,9 @@ class PictureSequence:
 
     def advance(self, coded: list[SubbandPyramid]) -> None:
         """Add the picture that was coded to the context of the next."""
-        totals = [_map(np.abs, pyramid) for pyramid in coded]
+        totals = [map_bands(np.abs, pyramid) for pyramid in coded]
         if self.pictures:
-            totals = [_map(np.add, *pair) for pair in zip(self._totals, totals, strict=True)]
+            totals = [map_bands(np.add, *pair) for pair in zip(self._totals, totals, strict=True)]
         self._last, self._totals = coded, totals
         self.pictures += 1
 
@@ -201,32 +188,6 @@ class PictureSequence:
         return mlp.zero_probabilities(features, position, coding_pass)[:, 0]
 
 
-def empty_pyramid(shape: Shape) -> SubbandPyramid:
-    """Zeros in the shapes of the bands that `wavelet.transform` makes of a plane."""
-    levels: list[list[Integers]] = []
-    height, width = shape
-    for _ in range(LEVELS):
-        low, high = (-(-height // 2), -(-width // 2)), (height // 2, width // 2)
-        shapes = ((low[0], high[1]), (high[0], low[1]), high)
-        levels.append([np.zeros(each, np.int64) for each in shapes])
-        height, width = low
-    return SubbandPyramid(np.zeros((height, width), np.int64), levels[::-1])
-
-
-def plane_shape(details: Sequence[Sequence[NDArray[Any]]]) -> Shape:
-    """Height and width of the plane with these details."""
-    horizontal, vertical, _ = details[-1]
-    return len(horizontal) + len(vertical), horizontal.shape[1] + vertical.shape[1]
-
-
-def _map(function: Callable[..., Integers], *pyramids: SubbandPyramid) -> SubbandPyramid:
-    """A function of corresponding bands, applied to all bands of the pyramids."""
-    lowpass = function(*(pyramid.lowpass for pyramid in pyramids))
-    levels = zip(*(pyramid.details for pyramid in pyramids), strict=True)
-    details = [[function(*bands) for bands in zip(*level, strict=True)] for level in levels]
-    return SubbandPyramid(lowpass, details)
-
-
 @dataclass(frozen=True, slots=True)
 class _PlaneDecoder:
     """A `PlaneCoder` that reads a plane of the next picture of `sequence`."""
@@ -294,12 +255,3 @@ def decode_planes(
         raise ProtocolError(f"{name}: {coder.unread_bytes} bytes too many")
     sequence.advance(pyramids)
     return pyramids
-
-
-def dequantised(pyramid: SubbandPyramid, step: float) -> Array:
-    """The plane of quantised coefficients, with quantiser step `step`."""
-    details = [
-        [step * (band - RECONSTRUCTION_BIAS * np.sign(band)) for band in level]
-        for level in pyramid.details
-    ]
-    return inverse_transform((pyramid.lowpass * step).astype(np.float64), details)

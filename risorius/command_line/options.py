@@ -13,6 +13,8 @@ from risorius.command_line.argument_types import (
     seconds,
 )
 
+SOURCE_HELP = "video file, image pattern (frame_%%04d.png), camera index or URL (rtsp://...)"
+
 
 def add_coding(parser: argparse.ArgumentParser) -> None:
     """What is coded, at what rate and how large: of `encode` and `bench`."""

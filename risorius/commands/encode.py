@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from risorius.command_line.option_rules import ENCODE_LINK_OPTIONS, profile_of, reject
 from risorius.command_line.options import (
+    SOURCE_HELP,
     add_coding,
     add_link,
     add_reporting,
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
     from encoder.options import EncodeOptions
     from encoder.report import EncodeReport
     from risorius.command_line.parser import Commands
-
-SOURCE_HELP = "video file, image pattern (frame_%%04d.png), camera index or URL (rtsp://...)"
 
 
 def add_encode(added: "Commands") -> None:

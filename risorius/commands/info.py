@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from risorius.command_line.parser import add_command
 from risorius.command_line.progress import warn
-from shared_model.errors import UserError
 
 if TYPE_CHECKING:
     from protocol.summary import CallSummary
@@ -33,18 +32,10 @@ def add_info(added: "Commands") -> None:
 def run_info(arguments: argparse.Namespace) -> int:
     """`risorius info`."""
     from loopback.report import json_text
-    from protocol.errors import ProtocolError
-    from protocol.summary import summarise
+    from risorius.call_info import call_info
 
     path: Path = arguments.call_file
-    try:
-        summary = summarise(path)
-        if not summary.complete:
-            from decoder.duration import count_frames
-
-            summary = summarise(path, count_frames(path))
-    except ProtocolError as error:
-        raise UserError(f"{path}: {error}") from error
+    summary = call_info(path)
     if not summary.complete:
         reason = "damaged" if summary.damaged_packets else "cut off"
         warn([f"{path} is {reason}: these are the figures of what is there"])

@@ -1,0 +1,62 @@
+"""`risorius track`: pose, actuators and action units of a face, frame by frame, as CSV."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from risorius.command_line.argument_types import count
+from risorius.command_line.options import SOURCE_HELP
+from risorius.command_line.output_checks import STANDARD, check_outputs
+from risorius.command_line.parser import INTERRUPTED, add_command
+from risorius.command_line.progress import ProgressLine, warn
+from risorius.command_line.signals import StopOnSignal
+from shared_model.errors import UserError
+
+if TYPE_CHECKING:
+    from risorius.command_line.parser import Commands
+
+
+def add_track(added: "Commands") -> None:
+    """`risorius track`."""
+    parser = add_command(
+        added,
+        "track",
+        "write down how a face moves, frame by frame",
+        "CSV with a line for each frame: time, pose (degrees, mm), actuators (EAUs), intensities\n"
+        "of FACS action units from 0 to 1, confidence from 0 to 1.  Cells are empty where there is\n"
+        "no face.  docs/tracker.md says how it is followed, docs/model.md what the columns mean.",
+        "  risorius track me.mp4 -o me.csv\n  risorius track 0 | head\n",
+    )
+    parser.add_argument("source", metavar="SOURCE", help=SOURCE_HELP)
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=STANDARD,
+        metavar="CSV",
+        help="file to write; -: standard output (default: -)",
+    )
+    parser.add_argument(
+        "--max-frames", type=count, metavar="N", help="stop after N frames of the source"
+    )
+    parser.add_argument("-q", "--quiet", action="store_true", help="no progress")
+    parser.set_defaults(run=run_track)
+
+
+def run_track(arguments: argparse.Namespace) -> int:
+    """`risorius track`: what was tracked until it is stopped is written."""
+    check_outputs([arguments.source], [arguments.output])
+    from risorius.face_track import track
+
+    progress_line = ProgressLine("track", sys.stderr, arguments.quiet)
+    with StopOnSignal() as stop, progress_line as progress:
+        try:
+            found = track(arguments.source, arguments.max_frames, stop.watch(progress), stop)
+        except UserError as error:
+            if stop():
+                raise KeyboardInterrupt from error
+            raise
+    warn(found.warnings)
+    found.write_csv(sys.stdout if arguments.output == STANDARD else arguments.output)
+    return INTERRUPTED if stop() else 0

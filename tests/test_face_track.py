@@ -1,0 +1,113 @@
+"""Tracks: columns, action units, frames without a face, and the truth of an animation."""
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from processes import error_line
+
+from risorius.animation.animate import AnimateOptions, animate
+from risorius.cli import main
+from risorius.face_track import (
+    EAU_COLUMNS,
+    POSE_COLUMNS,
+    FaceTrack,
+    action_unit_intensities,
+    track,
+)
+from shared_model.parameters import EAU_INDEX, EAUS
+
+SCRIPT = """
+width = 320
+height = 240
+fps = 25
+seconds = 2
+[[key]]
+time = 0
+pose = { yaw = 0, away = 0 }
+eau = { jaw_drop = 0, mouth_corners = 0, lip_stretch = 0 }
+[[key]]
+time = 1
+pose = { yaw = 15, away = 60 }
+eau = { jaw_drop = 0.5, mouth_corners = 0.6, lip_stretch = -0.6 }
+[[key]]
+time = 2
+pose = { yaw = 0, away = 0 }
+eau = { jaw_drop = 0, mouth_corners = 0, lip_stretch = 0.6 }
+"""
+
+
+@pytest.fixture(scope="module")
+def talking(networks: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A video of two seconds; its truth has the same name."""
+    folder = tmp_path_factory.mktemp("talking")
+    (folder / "a.toml").write_text(SCRIPT)
+    options = AnimateOptions(folder / "a.toml", folder / "a.mkv")
+    animate(options, lambda done, total: None, lambda: False)
+    return folder / "a.mkv"
+
+
+@pytest.fixture(scope="module")
+def tracked(talking: Path) -> FaceTrack:
+    return track(str(talking))
+
+
+def test_a_track_follows_the_truth(talking: Path, tracked: FaceTrack) -> None:
+    frames = json.loads(talking.with_suffix(".json").read_text())["frames"]
+    angles = np.array([frame["pitch_yaw_roll_deg"] for frame in frames])
+    eau = np.array([frame["eau"] for frame in frames])
+    depth = np.array([frame["translation_mm"][2] for frame in frames])
+    np.testing.assert_allclose(tracked.time_s, np.arange(50) / 25)
+    assert np.abs(tracked.pose[:, :3] - angles).max() < 6
+    assert np.corrcoef(tracked.pose[:, 5], depth)[0, 1] > 0.95
+    for name in ("jaw_drop", "mouth_corners", "lip_stretch"):
+        index = EAU_INDEX[name]
+        assert np.corrcoef(tracked.eau[:, index], eau[:, index])[0, 1] > 0.9, name
+    assert np.all((tracked.confidence > 0.8) & (tracked.confidence <= 1))
+
+
+def test_a_table_has_a_line_for_each_frame_and_empty_cells_without_a_face() -> None:
+    row = np.arange(20.0)
+    rows = np.array([row, np.full(20, np.nan)])
+    table = io.StringIO()
+    found = FaceTrack(np.array([0, 0.04]), rows[:, :6], 0.01 * rows[:, 6:], np.array([0.9, 0]))
+    np.testing.assert_array_equal(found.parameters[0], [*row[:6], *0.01 * row[6:]])
+    found.write_csv(table)
+    head, first, second = csv.reader(table.getvalue().splitlines())
+    assert head[:7] == ["time_s", *POSE_COLUMNS] and head[7:21] == [*EAU_COLUMNS]
+    assert head[21] == "AU1" and head[-1] == "confidence"
+    assert first[:3] == ["0.0000", "0.0000", "1.0000"] and first[-1] == "0.9000"
+    assert second[0] == "0.0400" and set(second[1:-1]) == {""} and second[-1] == "0.0000"
+
+
+def test_action_units_are_the_ends_of_the_actuators() -> None:
+    eau = np.zeros(len(EAUS))
+    assert not any(action_unit_intensities(eau).values())
+    eau[EAU_INDEX["mouth_corners"]] = -0.5
+    eau[EAU_INDEX["lid_left"]], eau[EAU_INDEX["lid_right"]] = 1.0, 0.2
+    eau[EAU_INDEX["lower_lip_lower"]] = -0.6
+    units = action_unit_intensities(eau)
+    moved = {name: float(value) for name, value in units.items() if value}
+    assert moved == {"AU15": 0.5, "AU17": 1.0, "AU45": 1.0}
+    assert [*units][:3] == ["AU1", "AU2", "AU4"]
+
+
+def test_the_command_writes_a_file_or_prints(
+    carphone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path, line = tmp_path / "me.csv", ["track", str(carphone), "--max-frames", "4", "-q"]
+    assert main([*line, "-o", str(path)]) == 0
+    assert main(line) == 0
+    assert capsys.readouterr().out == path.read_text()
+    assert len(path.read_text().splitlines()) == 5
+
+
+def test_a_video_without_a_face_has_no_track(
+    noise: Path, networks: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["track", str(noise), "-o", str(tmp_path / "a.csv")]) == 3
+    assert "no face found in 8 frames" in error_line(capsys)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,67 @@
+"""The Python interface: its examples run, its arguments are checked, its import is quick."""
+
+import doctest
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import risorius
+from shared_model.errors import UserError
+
+
+@pytest.fixture
+def folder(carphone: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder, with me.mp4 in it."""
+    (tmp_path / "me.mp4").symlink_to(carphone)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_its_examples_run(folder: Path) -> None:
+    result = doctest.testmod(risorius)
+    assert result.attempted > 5 and result.failed == 0
+    assert (folder / "me.csv").exists()
+
+
+def test_its_import_loads_no_library() -> None:
+    code = "import sys, risorius; sys.exit(any(n in sys.modules for n in ('numpy', 'cv2')))"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
+
+
+def test_a_call_has_a_picture_for_each_frame(call: Path) -> None:
+    with call.open("rb") as stream, risorius.open_call(stream) as opened:
+        pictures = list(opened)
+        assert opened.complete and opened.fps == pytest.approx(30000 / 1001)
+    times = np.array([time_s for time_s, _ in pictures])
+    np.testing.assert_allclose(times, np.arange(30) * 1001 / 30000)
+    assert {(picture.shape, picture.dtype) for _, picture in pictures} == {
+        ((144, 176, 3), np.dtype(np.uint8))
+    }
+
+
+def test_another_face_can_be_worn(call: Path) -> None:
+    with risorius.open_call(str(call), face=call) as opened:
+        assert next(iter(opened)).time_s == 0
+
+
+def test_a_value_out_of_range_is_named() -> None:
+    with pytest.raises(ValueError, match="bitrate: 0 is not above 0"):
+        risorius.encode("me.mp4", "call.rzo", bitrate=0)
+    with pytest.raises(ValueError, match="profile: best is none of default, thesis"):
+        risorius.encode("me.mp4", "call.rzo", profile="best")
+
+
+def test_options_that_do_not_go_together_are_refused_as_they_were_written() -> None:
+    with pytest.raises(UserError, match=r"fps=10 is about the default profile; add profile='def"):
+        risorius.encode("me.mp4", "call.rzo", profile="thesis", fps=10)
+
+
+def test_what_is_missing_is_the_users_error(tmp_path: Path) -> None:
+    none = tmp_path / "none"
+    for fails in (risorius.info, risorius.open_call, risorius.track):
+        with pytest.raises(UserError, match="none: no such file"):
+            fails(none)
