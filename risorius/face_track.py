@@ -57,7 +57,8 @@ class FaceTrack:
     def write_csv(self, target: str | Path | TextIO) -> None:
         """Write a line for each frame: time, pose, EAUs, action units, confidence.
 
-        target: name of a file, or an open one.  Cells of a frame without a face are empty.  Raises `UserError` if it cannot be written.
+        target: name of a file, or an open one.  Cells of a frame without a face are empty.
+        Raises `UserError` if it cannot be written.
         """
         if not isinstance(target, str | Path):
             csv.writer(target, lineterminator="\n").writerows(self._rows())

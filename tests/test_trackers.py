@@ -43,7 +43,7 @@ def test_viola_jones_steps_in_where_the_networks_are_missing(
     monkeypatch.setattr(follow, "find_network_folder", missing)
     warnings: list[str] = []
     assert isinstance(opened(TrackingOptions(tracker=tracker), warnings), kind)
-    assert warnings == ["no landmark networks; following by Viola-Jones"]
+    assert warnings == ["no landmark networks; tracking with Viola-Jones' detector"]
 
 
 @pytest.mark.parametrize(

@@ -1,1 +1,1 @@
-"""Whole calls: what is learned, announced and sent when."""
+"""Whole calls: three sessions that turn the frames of a source into packets, and their parts."""

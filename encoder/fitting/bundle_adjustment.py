@@ -186,7 +186,7 @@ class PhotometricBundleAdjustment:
         head_gradient = texels.rotation.T @ rigid[3:]
         depth_mm = np.float32(texels.face.pose.translation_mm[2])
         centre = fitted.camera.centre.astype(np.float32)[:, None]
-        # Depth changes in proportion to the focal length, see `refocused`.
+        # Depth changes in proportion to the focal length, see `with_focal_change`.
         focal = ((texels.pixels.T - centre) * gradient).sum(0) + rigid[5] * depth_mm
         aau = (self._aau_fields * head_gradient).sum(1)
         controls = self._control_weights[:, None] * head_gradient

@@ -33,6 +33,7 @@ from encoder.fitting.levenberg_marquardt import Equations
 from encoder.fitting.lip_closure import lip_closure_constraints
 from shared_model import geometry
 from shared_model.animate import identity_from_controls
+from shared_model.anthropometry import residual_basis
 from shared_model.geometry import Camera
 from shared_model.mesh import Head
 from shared_model.parameters import AAUS, BROW_EAUS, EAUS, FaceParameters
@@ -77,15 +78,10 @@ def fit_identity(
     """
     eau_sigma = _eau_prior_sigma(active)
     model = landmark_model(head)
-    if initial is None:
-        control = np.zeros((len(model.residual), 3))
-        identity = identity_from_controls(head, np.zeros(len(AAUS)), control)
-        camera, first = Camera(*size, TYPICAL_FOCAL * max(size)), model
-    else:
-        control, identity, camera = initial.control_mm, initial.identity, initial.camera
-        first = personalise(model, identity.aau, control)
-    frames = tuple(initial_parameters(first, camera, points) for points in landmarks)
-    fitted = IdentityFit(camera, identity, control, frames)
+    start = initial or generic_identity(head, size)
+    personal = personalise(model, start.identity.aau, start.control_mm)
+    frames = tuple(initial_parameters(personal, start.camera, points) for points in landmarks)
+    fitted = IdentityFit(start.camera, start.identity, start.control_mm, frames)
     for _ in range(ITERATIONS_FROM_INITIAL if initial else ITERATIONS):
         personal = personalise(model, fitted.identity.aau, fitted.control_mm)
         lips = None
@@ -97,6 +93,16 @@ def fit_identity(
         step = np.asarray(np.linalg.solve(normal, right), float)
         fitted = apply_identity_increment(head, fitted, step)
     return replace(fitted, information=normal if len(frames) == 1 else None)
+
+
+def generic_identity(head: Head, size: tuple[int, int]) -> IdentityFit:
+    """The identity of the generic head and a typical focal length, without frames.
+
+    size: (width, height) of the picture.
+    """
+    control = np.zeros((len(residual_basis(head)), 3))
+    identity = identity_from_controls(head, np.zeros(len(AAUS)), control)
+    return IdentityFit(Camera(*size, TYPICAL_FOCAL * max(size)), identity, control, ())
 
 
 def _eau_prior_sigma(active: Sequence[int] | None) -> Array:
@@ -176,7 +182,7 @@ def _identity_jacobian(
     predicted = geometry.pixel_from_camera(camera, points)
     aau = rotate_fields(model.aau, rotation)
     controls = model.residual[:, None, None] * rotation.T[..., None]
-    # Depth changes in proportion to the focal length, so that only perspective does (`refocused`).
+    # Depth changes in proportion to the focal length, so that only perspective does (`with_focal_change`).
     recession = np.zeros((1, 3, len(points)))
     recession[0, 2] = depth_mm = face.pose.translation_mm[2]
     derivatives = np.concatenate(

@@ -1,4 +1,4 @@
-"""The caller as one frame shows them, without the frame before: by landmarks or by Viola-Jones."""
+"""Measurements of the face in single frames, by landmarks or by Viola-Jones' detector."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +12,7 @@ from encoder.detection.landmarks import LandmarkTracker
 from encoder.detection.roi import RotatedRoi, roi_from_landmarks
 from encoder.detection.viola_jones import HaarDetector
 from encoder.fitting.fit_results import IdentityFit
-from encoder.fitting.identity import TYPICAL_FOCAL, fit_identity
+from encoder.fitting.identity import fit_identity, generic_identity
 from encoder.fitting.landmark_fit import (
     LandmarkModel,
     fit_landmarks,
@@ -21,29 +21,29 @@ from encoder.fitting.landmark_fit import (
     personalise,
 )
 from encoder.fitting.pose_initialisation import pose_from_three_points
-from shared_model.animate import identity_from_controls
-from shared_model.anthropometry import residual_basis
-from shared_model.geometry import Camera, pixel_from_head
+from shared_model.geometry import pixel_from_head
 from shared_model.mesh import Head
-from shared_model.parameters import AAUS, FaceParameters
+from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 Warn = Callable[[str], None]
 
-# Every so many of the landmarks goes to the filter, their error in units of the eyes' distance.
-EVERY = 12
-SIGMA = 0.015
-# Steps of the landmarks' fit where the face is nearly known.
-STEPS = 2
+# One landmark in so many is a measurement of the filter.
+LANDMARK_STRIDE = 12
+# Standard deviation of these, in units of the distance between the eyes; `LANDMARK_SIGMA` of the
+# fits is that of all landmarks, which are correlated.
+FILTER_LANDMARK_SIGMA = 0.015
+# Iterations of the fit from a predicted face, and from a pose by weak perspective.
+ITERATIONS_FROM_PREDICTION, ITERATIONS = 2, 4
 
 
 @dataclass(frozen=True, slots=True)
 class FrameMeasurement:
-    """The caller in one frame.
+    """Measurement of the face in one frame.
 
-    face: pose and actuators.  points_mm: (n, 3) head frame, in this expression, and where they
-    were seen: pixels (n, 2), variance_px2 (n,).  n may be 0.
+    face: pose and actuators.  points_mm: (n, 3) head frame, in this expression; n may be 0.
+    pixels: (n, 2) where the points were found.  variance_px2: (n,).
     """
 
     face: FaceParameters
@@ -53,27 +53,31 @@ class FrameMeasurement:
 
 
 class FrameMeasurer(Protocol):
-    """Finds the caller.  point_count: how many points each `Sight` brings."""
+    """Measures the face of one person.  point_count: number of points of each measurement."""
 
     point_count: int
 
     def initialise(self, frame: Picture) -> IdentityFit | None:
-        """Who is in the picture (h, w, 3) BGR; None where nobody is."""
+        """The identity in the picture (h, w, 3) BGR; None where no face is found."""
 
     def measure(
         self, frame: Picture, predicted: FaceParameters | None, next_frame: Picture | None = None
     ) -> FrameMeasurement | None:
-        """The same caller; near: about where, None where that is not known.
+        """The face in a frame; None where none is found.
 
-        coming: the next frame, see `LandmarkTracker.update`.
+        predicted: where it is expected, None: anywhere.
+        next_frame: the frame that follows, see `LandmarkTracker.update`.
         """
 
     def set_identity(self, fitted: IdentityFit) -> None:
-        """The caller is this from now on."""
+        """Use this identity from now on."""
 
 
 class LandmarkMeasurer:
-    """By the landmark network.  active: the actuators that may move after the first frame."""
+    """A `FrameMeasurer` by the landmark network.
+
+    active: actuators that may move after the first frame.
+    """
 
     def __init__(
         self,
@@ -86,81 +90,79 @@ class LandmarkMeasurer:
         self._head, self._size, self._active = head, size, active
         self._tracker, self._warn = tracker, warn
         self._generic = self._model = landmark_model(head)
-        self._chosen = np.arange(0, len(self._model.index), EVERY)
-        self._camera = Camera(*size, TYPICAL_FOCAL * max(size))
+        self._chosen = np.arange(0, len(self._model.index), LANDMARK_STRIDE)
+        self._camera = generic_identity(head, size).camera
         self.point_count = len(self._chosen)
 
     def initialise(self, frame: Picture) -> IdentityFit | None:
-        """See `Sighter`."""
-        points = self._points(frame)
-        if points is None:
+        """See `FrameMeasurer`."""
+        points_px = self._landmarks(frame)
+        if points_px is None:
             return None
-        fitted = fit_identity(self._head, self._size, [points], active=self._active)
+        fitted = fit_identity(self._head, self._size, [points_px], active=self._active)
         self.set_identity(fitted)
         return fitted
 
     def set_identity(self, fitted: IdentityFit) -> None:
-        """See `Sighter`."""
+        """See `FrameMeasurer`."""
         self._model = personalise(self._generic, fitted.identity.aau, fitted.control_mm)
         self._camera = fitted.camera
 
     def measure(
         self, frame: Picture, predicted: FaceParameters | None, next_frame: Picture | None = None
     ) -> FrameMeasurement | None:
-        """See `Sighter`."""
-        # Where the network's last landmarks have strayed the tracker knows better.
-        self._tracker.set_roi(None if predicted is None else self._square(predicted))
-        points = self._points(frame, next_frame)
-        if points is None:
+        """See `FrameMeasurer`."""
+        # The prediction is more reliable than the network's own previous landmarks.
+        self._tracker.set_roi(None if predicted is None else self._roi(predicted))
+        points_px = self._landmarks(frame, next_frame)
+        if points_px is None:
             return None
         model, camera = self._model, self._camera
-        start = predicted or initial_parameters(model, camera, points)
-        face = fit_landmarks(model, camera, points, start, self._active, STEPS if predicted else 4)
-        shape = animated_points(model, face.eau)[self._chosen]
-        eyes_px = np.linalg.norm(
-            points[OUTER_EYE_CORNERS[0], :2] - points[OUTER_EYE_CORNERS[1], :2]
-        )
-        variance = np.full(self.point_count, (SIGMA * eyes_px) ** 2)
-        return FrameMeasurement(face, shape, points[model.index[self._chosen], :2], variance)
+        start = predicted or initial_parameters(model, camera, points_px)
+        iterations = ITERATIONS_FROM_PREDICTION if predicted else ITERATIONS
+        face = fit_landmarks(model, camera, points_px, start, self._active, iterations)
+        points_mm = animated_points(model, face.eau)[self._chosen]
+        left, right = (points_px[corner, :2] for corner in OUTER_EYE_CORNERS)
+        sigma_px = FILTER_LANDMARK_SIGMA * np.linalg.norm(left - right)
+        variance_px2 = np.full(self.point_count, sigma_px**2)
+        pixels = points_px[model.index[self._chosen], :2]
+        return FrameMeasurement(face, points_mm, pixels, variance_px2)
 
-    def _square(self, face: FaceParameters) -> RotatedRoi:
-        """Where the network should look for the caller's face."""
-        points = np.full((LANDMARK_COUNT, 3), np.nan)
-        points[self._model.index, :2] = pixel_from_head(
+    def _roi(self, face: FaceParameters) -> RotatedRoi:
+        points_px = np.full((LANDMARK_COUNT, 3), np.nan)
+        points_px[self._model.index, :2] = pixel_from_head(
             self._camera, face.pose, animated_points(self._model, face.eau)
         )
-        return roi_from_landmarks(points)
+        return roi_from_landmarks(points_px)
 
-    def _points(self, frame: Picture, next_frame: Picture | None = None) -> Array | None:
+    def _landmarks(self, frame: Picture, next_frame: Picture | None = None) -> Array | None:
         found = self._tracker.update(frame, next_frame)
         warn_of_several_faces(self._tracker.face_count, self._warn)
         return None if found is None else found.points
 
 
 class HaarMeasurer:
-    """By Viola-Jones' eyes and the nose between (thesis 5.1): generic identity, pose only."""
+    """A `FrameMeasurer` by Viola-Jones' eyes and nose (thesis 5.1): generic identity, pose only."""
 
     point_count = 0
 
     def __init__(
         self, head: Head, size: tuple[int, int], detector: HaarDetector, warn: Warn
     ) -> None:
-        self._head, self._detector, self._warn = head, detector, warn
-        self._camera = Camera(*size, TYPICAL_FOCAL * max(size))
+        self._head, self._size, self._detector, self._warn = head, size, detector, warn
+        self._camera = generic_identity(head, size).camera
 
     def initialise(self, frame: Picture) -> IdentityFit | None:
-        """See `Sighter`."""
-        seen = self.measure(frame, None)
-        if seen is None:
+        """See `FrameMeasurer`."""
+        measurement = self.measure(frame, None)
+        if measurement is None:
             return None
-        control = np.zeros((len(residual_basis(self._head)), 3))
-        identity = identity_from_controls(self._head, np.zeros(len(AAUS)), control)
-        return IdentityFit(self._camera, identity, control, (seen.face,))
+        return replace(generic_identity(self._head, self._size), frames=(measurement.face,))
 
     def measure(
         self, frame: Picture, predicted: FaceParameters | None, next_frame: Picture | None = None
     ) -> FrameMeasurement | None:
-        """See `Sighter`."""
+        """See `FrameMeasurer`."""
         faces = self._detector.detect(frame)
         warn_of_several_faces(len(faces), self._warn)
         if not faces:
@@ -170,19 +172,19 @@ class HaarMeasurer:
         return FrameMeasurement(face, np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
 
     def set_identity(self, fitted: IdentityFit) -> None:
-        """See `Sighter`: a head's three points are nobody's."""
+        """See `FrameMeasurer`; the three points stay those of the generic head."""
         self._camera = fitted.camera
 
 
 def animated_points(model: LandmarkModel, eau: Array) -> Array:
-    """(m, 3) the model's points, mm, head frame, in an expression."""
+    """(m, 3) the model's points in an expression, mm, head frame."""
     up, down = np.maximum(eau, 0), np.maximum(-eau, 0)
     return np.asarray(
         model.neutral + np.tensordot(up, model.eau_up, 1) + np.tensordot(down, model.eau_down, 1)
     )
 
 
-def warn_of_several_faces(faces: int, warn: Warn) -> None:
-    """Say that several faces are in the picture."""
-    if faces > 1:
-        warn(f"{faces} faces in the picture: taking the largest")
+def warn_of_several_faces(count: int, warn: Warn) -> None:
+    """Warn if several faces are in the picture."""
+    if count > 1:
+        warn(f"{count} faces in the picture: taking the largest")

@@ -1,4 +1,4 @@
-"""One face parameter set per frame: a picture in, pose and actuators out, lightly filtered."""
+"""The trackers' common interface and factory, and trackers that measure every frame by itself."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.detection.viola_jones import HaarDetector
 from encoder.fitting.analysis_by_synthesis import TexelFitter
 from encoder.fitting.fit_results import IdentityFit
-from encoder.fitting.identity import TYPICAL_FOCAL, fit_identity
+from encoder.fitting.identity import fit_identity, generic_identity
 from encoder.fitting.landmark_fit import LandmarkModel, fit_landmarks, landmark_model, personalise
 from encoder.fitting.person_texture import FitOptions
 from encoder.fitting.pose_initialisation import pose_from_three_points
@@ -28,12 +28,10 @@ from encoder.tracking.detection_measurement import (
 )
 from encoder.tracking.model_tracker import TRACKER_PARTS, ModelTracker
 from protocol.frames.scalar_quantiser import sent_eaus
-from shared_model.animate import identity_from_controls
-from shared_model.anthropometry import residual_basis
 from shared_model.errors import UserError
-from shared_model.geometry import Camera, interpolate
+from shared_model.geometry import interpolate
 from shared_model.mesh import Head
-from shared_model.parameters import AAUS, EAU_INDEX, FaceParameters
+from shared_model.parameters import EAU_INDEX, FaceParameters
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -41,63 +39,62 @@ Warn = Callable[[str], None]
 
 DETECTORS = ("network", "haar")
 TRACKERS = ("single", "full")
-# Steps of the analysis by synthesis: by each picture's own gradient, also with the far half of a
-# turned face taken from the near one, or the thesis' own.
+# How the analysis by synthesis computes its steps: by the gradient of each picture, the same with
+# symmetry for turned faces, or by the prediction matrices of the thesis.
 FITTERS: Mapping[str, type[TexelFitter]] = {
     "gauss-newton": TexelFitter,
     "mirrored": SymmetricTexelFitter,
     "matrix": PredictionMatrixFitter,
 }
-# What the thesis profile sends, and the lids even if it does not, lest blinks pass for the brows'
-# motion.
+# The actuators of the thesis profile, and the lids even if they are not sent: brows would otherwise
+# be fitted to blinks.
 TRACKED_EAUS = tuple(EAU_INDEX[name] for name in sent_eaus(with_eyelids=True))
-# Share of a new measurement in the filtered value: little lag, and half of the jitter's power gone.
+# Weight of a new measurement in the filtered value: little lag, and half the power of the jitter.
 SMOOTHING_GAIN = 0.7
 
 
 class FaceTracker(Protocol):
-    """Follows one caller from frame to frame."""
+    """Tracks the face of one person: a picture in, pose and actuators out."""
 
     @property
     def fitted(self) -> IdentityFit:
-        """The caller's identity.  Raises `ValueError` before the first face."""
+        """The identity of the person.  Raises `ValueError` before the first face."""
 
     def update(self, frame: Picture, next_frame: Picture | None = None) -> FaceParameters | None:
-        """Pose and actuators in the next frame (h, w, 3) BGR; None where there is no face.
+        """Pose and actuators in a frame (h, w, 3) BGR; None where there is no face.
 
-        coming: the frame after it, see `LandmarkTracker.update`; changes nothing but the time.
+        next_frame: the frame that follows, see `LandmarkTracker.update`; saves time only.
         """
 
     @property
     def confidence(self) -> float:
-        """How sure the newest face is, 0..1: 0 if there is none, or if an older one is repeated.
+        """Confidence of the newest face, 0..1: 0 if there is none, or if an older one is repeated.
 
         Correlation of picture and person's texture where that is fitted, else the presence that the
         landmark network states, else 1.
         """
 
     def take_refined_identity(self) -> IdentityFit | None:
-        """A better identity of the caller, once, with their face in the first frame.
+        """A better identity, once, with the face in the first frame.
 
-        Faces are those of the one before until it is adopted.
+        Faces refer to the previous identity until it is adopted.
         """
 
     def adopt(self, fitted: IdentityFit) -> None:
-        """From the next frame on faces are those of the improved identity."""
+        """Use a refined identity from the next frame on."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrackingOptions:
-    """How to follow a face.
+    """Options of `open_tracker`.
 
-    detector: what finds it, one of `DETECTORS`.
-    tracker: "single" measures every frame by itself, "full" is `TrackingFollower`.
-    without: parts of the full tracker to leave out, some of `track.PARTS`.
-    normalise: what the full tracker fits of a picture, one of `photometric.NORMALISATIONS`.
-    step: how its fit of the texture goes about it, one of `STEPS`.
-    lids: see the lids by a network of their own, and send them.
-    refine: improve the full tracker's identity of the caller while they are followed; nothing else
-        has one to improve.
+    detector: one of `DETECTORS`.
+    tracker: "single" measures every frame by itself, "full" is `ModelTracker`.
+    without: parts of the full tracker to leave out, some of `TRACKER_PARTS`.
+    normalise: photometric normalisation of the full tracker, one of `NORMALISATIONS`.
+    step: how the full tracker fits the texture, one of `FITTERS`.
+    eyelids: find and send the eyelids, by the iris network.
+    refine_identity: refine the identity during the call; the full tracker only.
     """
 
     detector: str = "network"
@@ -117,10 +114,10 @@ def open_tracker(
     elapsed_s: float,
     warn: Warn,
 ) -> FaceTracker:
-    """The follower for `options`; by Viola-Jones where the networks are missing.
+    """The tracker for `options`; with Viola-Jones' detector where the networks are missing.
 
     size: (width, height) of the picture.  active: actuators that may move after the first frame.
-    elapsed_s: from frame to frame.  Raises `UserError` for an option that is not known.
+    elapsed_s: from frame to frame.  Raises `UserError` for an unknown option.
     """
     _check("detector", [options.detector], DETECTORS)
     _check("tracker", [options.tracker], TRACKERS)
@@ -130,14 +127,14 @@ def open_tracker(
     by_network = options.detector == "network"
     landmarks = _landmark_tracker(warn, options.eyelids) if by_network else None
     if options.tracker == "full":
-        sighter: FrameMeasurer
+        measurer: FrameMeasurer
         if landmarks is None:
-            sighter = HaarMeasurer(head, size, HaarDetector(), warn)
+            measurer = HaarMeasurer(head, size, HaarDetector(), warn)
         else:
-            sighter = LandmarkMeasurer(head, size, active, landmarks, warn)
-        synthesis = FitOptions(NORMALISATIONS[options.normalise], FITTERS[options.step])
+            measurer = LandmarkMeasurer(head, size, active, landmarks, warn)
+        fit = FitOptions(NORMALISATIONS[options.normalise], FITTERS[options.step])
         return ModelTracker(
-            head, active, elapsed_s, sighter, options.without, synthesis, options.refine_identity
+            head, active, elapsed_s, measurer, options.without, fit, options.refine_identity
         )
     if landmarks is None:
         return HaarPoseTracker(head, size, HaarDetector(), warn)
@@ -150,29 +147,29 @@ def _check(what: str, chosen: Iterable[str], known: Sequence[str]) -> None:
             raise UserError(f"{what} {name} is unknown; choose one of {', '.join(known)}")
 
 
-def _landmark_tracker(warn: Warn, lids: bool) -> LandmarkTracker | None:
+def _landmark_tracker(warn: Warn, eyelids: bool) -> LandmarkTracker | None:
     try:
         folder = find_network_folder()
     except NetworkFilesMissing as error:
-        warn(f"{error}; following by Viola-Jones")
+        warn(f"{error}; tracking with Viola-Jones' detector")
         return None
-    return LandmarkTracker(folder, BlazeFaceDetector(folder), refine_eyelids=lids)
+    return LandmarkTracker(folder, BlazeFaceDetector(folder), refine_eyelids=eyelids)
 
 
 class FixedIdentityTracker:
-    """A `Follower` whose caller stays as they were first seen."""
+    """A `FaceTracker` whose identity stays that of the first face."""
 
     def take_refined_identity(self) -> IdentityFit | None:
-        """See `Follower`: there is none."""
+        """See `FaceTracker`; always None."""
         return None
 
     def adopt(self, fitted: IdentityFit) -> None:
-        """See `Follower`.  Raises `ValueError`: no identity can have come from here."""
-        raise ValueError("this follower improves no identity, expected none to adopt")
+        """See `FaceTracker`.  Raises `ValueError`: no identity can come from this tracker."""
+        raise ValueError("this tracker refines no identity, expected none to adopt")
 
 
 class LandmarkFitTracker(FixedIdentityTracker):
-    """Pose and actuators by least squares on the landmark network's 468 points."""
+    """Pose and actuators by least squares on the landmarks of each frame."""
 
     def __init__(
         self,
@@ -191,27 +188,27 @@ class LandmarkFitTracker(FixedIdentityTracker):
 
     @property
     def fitted(self) -> IdentityFit:
-        """See `Follower`."""
+        """See `FaceTracker`."""
         if self._fitted is None:
             raise ValueError("no face has been seen, expected update before fitted")
         return self._fitted
 
     def update(self, frame: Picture, next_frame: Picture | None = None) -> FaceParameters | None:
-        """See `Follower`."""
+        """See `FaceTracker`."""
         found = self._tracker.update(frame, next_frame)
         warn_of_several_faces(self._tracker.face_count, self._warn)
         self.confidence = 0.0 if found is None else found.score
         if found is None:
             return None
         if self._model is None or self._last is None:
-            return self._begin(found.points)
+            return self._initialise(found.points)
         face = fit_landmarks(
             self._model, self.fitted.camera, found.points, self._last, self._active
         )
         self._last = interpolate(self._last, face, SMOOTHING_GAIN)
         return self._last
 
-    def _begin(self, points_px: Array) -> FaceParameters:
+    def _initialise(self, points_px: Array) -> FaceParameters:
         fitted = fit_identity(self._head, self._size, [points_px])
         generic = landmark_model(self._head)
         self._model = personalise(generic, fitted.identity.aau, fitted.control_mm)
@@ -220,25 +217,23 @@ class LandmarkFitTracker(FixedIdentityTracker):
 
 
 class HaarPoseTracker(FixedIdentityTracker):
-    """Pose alone, from Viola-Jones' eyes and the nose between (thesis 5.1); generic identity."""
+    """Pose alone, from Viola-Jones' eyes and nose (thesis 5.1); generic identity."""
 
     def __init__(
         self, head: Head, size: tuple[int, int], detector: HaarDetector, warn: Warn
     ) -> None:
-        control = np.zeros((len(residual_basis(head)), 3))
-        identity = identity_from_controls(head, np.zeros(len(AAUS)), control)
-        self._fitted = IdentityFit(Camera(*size, TYPICAL_FOCAL * max(size)), identity, control, ())
+        self._fitted = generic_identity(head, size)
         self._head, self._detector, self._warn = head, detector, warn
         self._last: FaceParameters | None = None
         self.confidence = 0.0
 
     @property
     def fitted(self) -> IdentityFit:
-        """See `Follower`."""
+        """See `FaceTracker`."""
         return self._fitted
 
     def update(self, frame: Picture, next_frame: Picture | None = None) -> FaceParameters | None:
-        """See `Follower`."""
+        """See `FaceTracker`."""
         faces = self._detector.detect(frame)
         warn_of_several_faces(len(faces), self._warn)
         self.confidence = float(bool(faces))

@@ -1,0 +1,78 @@
+"""Fit of a person's textures to a frame, coarse to fine, from several initial faces."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.fitting.analysis_by_synthesis import Observation
+from encoder.fitting.fit_results import TextureFit
+from encoder.fitting.person_texture import GOOD_CORRELATION, PersonTexture
+from shared_model.parameters import EAU_INDEX, FaceParameters
+
+Picture = NDArray[np.uint8]
+
+# Frames between fits from all initial faces; a poor fit is always repeated from all of them.
+ALTERNATIVES_INTERVAL = 4
+# Increase of the correlation for which an alternative replaces the fit from the first face.
+MIN_CORRELATION_GAIN = 0.01
+
+# The fields of the mouth's corners differ in both directions, and a fit may converge near rest from
+# the wrong side.  At this interval, a fit with the corners within `NEAR_REST` is repeated from
+# `OPPOSITE_EAU` on the other side.
+MOUTH_CORNERS = EAU_INDEX["mouth_corners"]
+OPPOSITE_EAU, NEAR_REST = 0.4, 0.2
+OPPOSITE_INTERVAL = 6
+# Relative decrease of the residual for which the repeated fit replaces the first one.
+MIN_IMPROVEMENT = 0.02
+
+
+def fit_coarse_to_fine(
+    textures: Sequence[PersonTexture],
+    luma: Picture,
+    starts: Sequence[FaceParameters],
+    active: Sequence[int],
+    iterations: Sequence[int],
+    frame_number: int,
+) -> TextureFit:
+    """Fit all textures in turn; the next, finer one starts from the best fit so far.
+
+    starts: initial faces, the most likely one first.  iterations: of each texture.
+    frame_number: decides about the alternatives that are not tried in every frame.
+    """
+    for texture, count in zip(textures, iterations, strict=True):
+        observation = texture.observe(luma, starts[0])
+        best = texture.fit(observation, starts[0], active, count)
+        if frame_number % ALTERNATIVES_INTERVAL == 0 or best.correlation < GOOD_CORRELATION:
+            fits = [texture.fit(observation, face, active, count) for face in starts[1:]]
+            other = max(fits, key=lambda fit: fit.correlation, default=best)
+            if other.correlation > best.correlation + MIN_CORRELATION_GAIN:
+                best = other
+        if texture is textures[0] and frame_number % OPPOSITE_INTERVAL == 0:
+            best = _best_of_both_sides(texture, observation, best, active, count)
+        texture.update_noise_level(best)
+        starts = [best.face]
+    return best
+
+
+def _best_of_both_sides(
+    texture: PersonTexture,
+    observation: Observation,
+    fit: TextureFit,
+    active: Sequence[int],
+    iterations: int,
+) -> TextureFit:
+    """The better of a fit and, if its mouth's corners are near rest, one from their other side."""
+    if MOUTH_CORNERS not in active or abs(fit.face.eau[MOUTH_CORNERS]) > NEAR_REST:
+        return fit
+    other = texture.fit(observation, opposite_start(fit.face), active, iterations)
+    better = other.residual_mse_grey2 < (1 - MIN_IMPROVEMENT) * fit.residual_mse_grey2
+    return other if better else fit
+
+
+def opposite_start(face: FaceParameters) -> FaceParameters:
+    """The face with the mouth's corners on the other side of rest."""
+    corners = np.arange(len(face.eau)) == MOUTH_CORNERS
+    eau = -OPPOSITE_EAU if face.eau[MOUTH_CORNERS] >= 0 else OPPOSITE_EAU
+    return replace(face, eau=np.where(corners, eau, face.eau))

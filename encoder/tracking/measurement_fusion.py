@@ -1,0 +1,115 @@
+"""Fusion of KLT tracks, landmarks and the fit of the texture by the extended Kalman filter."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.fitting.analysis_by_synthesis import MIN_RESIDUAL_SIGMA_GREY, RESIDUAL_SIGMA_GREY
+from encoder.fitting.fit_results import TextureFit
+from encoder.tracking.detection_measurement import FrameMeasurement
+from encoder.tracking.ekf import Estimate, FaceFilter, InitialUncertainty, ProcessNoise
+from encoder.tracking.klt import Tracks, eye_distance_px
+from shared_model.animate import Face
+from shared_model.geometry import Camera, matrix_from_quaternion, pixel_from_head
+from shared_model.parameters import LIDS, FaceParameters, Pose, clip_eau
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+# Standard deviation of the fit's points, in units of the distance between the eyes.
+FIT_POINT_SIGMA = 0.012
+# Standard deviations of actuators: of the fit at the default residual, proportional to the residual
+# where that is smaller; of landmarks.
+FIT_EAU_SIGMA = 0.06
+LANDMARK_EAU_SIGMA = 0.07
+# Angle between the line of sight and the direction of the face at which errors of landmarks double.
+ERROR_DOUBLING_DEG = 15.0
+
+
+class MeasurementFusion:
+    """Filters one person's face from frame to frame.
+
+    camera, face: of the person.  start: the first face.  active: actuators that move.
+    klt_count, landmark_count: number of points of each measurement.
+    fit_points: (k,) vertices that represent the pose of the fit as measured points.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        face: Face,
+        start: FaceParameters,
+        active: Sequence[int],
+        klt_count: int,
+        landmark_count: int,
+        fit_points: Indices,
+    ) -> None:
+        self._camera, self._face, self._active = camera, face, list(active)
+        self._fit_points = fit_points
+        self._klt = slice(klt_count)
+        self._landmarks = slice(klt_count, klt_count + landmark_count)
+        self._count = klt_count + landmark_count + len(fit_points)
+        self._fit = slice(klt_count + landmark_count, self._count)
+        # The wire has one focal length, that of the identity.  A free one would drift together with
+        # the depth, since one head hardly determines both.
+        noise, uncertainty = ProcessNoise(focal_per_s=0.0), InitialUncertainty(focal_share=1e-6)
+        eau = start.eau[self._active]
+        self._filter = FaceFilter(camera, start.pose, eau, self._count, noise, uncertainty)
+
+    def predict(self, last: FaceParameters, elapsed_s: float) -> FaceParameters:
+        """The predicted face of the next frame."""
+        return self._with_estimate(last, self._filter.predict(elapsed_s))
+
+    def update(
+        self,
+        predicted: FaceParameters,
+        tracks: Tracks | None = None,
+        landmarks: FrameMeasurement | None = None,
+        fit: TextureFit | None = None,
+    ) -> FaceParameters:
+        """The face after an update by the given measurements; the others are taken as missing."""
+        points, pixels = np.zeros((self._count, 3)), np.zeros((self._count, 2))
+        variance = np.full(self._count, np.inf)
+        eau, eau_variance = predicted.eau[self._active], np.full(len(self._active), np.inf)
+        if tracks is not None:
+            points[self._klt], pixels[self._klt] = tracks.points_mm, tracks.pixels
+            variance[self._klt] = tracks.variance_px2
+        if landmarks is not None:
+            at = self._landmarks
+            # By the measured angle: a filter with a wrong angle would reject the landmarks.
+            angle_deg = _off_axis_deg(landmarks.face.pose)
+            factor = (1 + (angle_deg / ERROR_DOUBLING_DEG) ** 2) ** 2
+            points[at], pixels[at] = landmarks.points_mm, landmarks.pixels
+            variance[at] = factor * landmarks.variance_px2
+            eau = landmarks.face.eau[self._active]
+            eau_variance[:] = factor * LANDMARK_EAU_SIGMA**2
+        if fit is not None:
+            at, pose = self._fit, fit.face.pose
+            points[at] = self._face.animate(fit.face.eau)[self._fit_points]
+            pixels[at] = pixel_from_head(self._camera, pose, points[at])
+            variance[at] = (FIT_POINT_SIGMA * eye_distance_px(self._camera, pose)) ** 2
+            eau = fit.face.eau[self._active]
+            eau_variance[:] = self._fit_eau_variance(fit)
+        estimate = self._filter.update(points, pixels, variance, eau, eau_variance)
+        return self._with_estimate(predicted, estimate)
+
+    def _fit_eau_variance(self, fit: TextureFit) -> Array:
+        sigma_grey = np.clip(fit.residual_sigma_grey, MIN_RESIDUAL_SIGMA_GREY, RESIDUAL_SIGMA_GREY)
+        # The texture does not show closed lids: landmarks measure them at least as well.
+        is_lid = np.isin(self._active, LIDS)
+        factor = np.where(is_lid, 1.0, sigma_grey / RESIDUAL_SIGMA_GREY)
+        return np.asarray((factor * FIT_EAU_SIGMA) ** 2)
+
+    def _with_estimate(self, face: FaceParameters, estimate: Estimate) -> FaceParameters:
+        eau = face.eau.copy()
+        eau[self._active] = estimate.eau
+        return replace(face, pose=estimate.pose, eau=clip_eau(eau))
+
+
+def _off_axis_deg(pose: Pose) -> float:
+    """Angle between the direction of the face and that to the camera, degrees."""
+    to_camera = -pose.translation_mm / np.linalg.norm(pose.translation_mm)
+    face_direction = matrix_from_quaternion(pose.rotation)[:, 2]
+    return float(np.degrees(np.arccos(np.clip(face_direction @ to_camera, -1, 1))))
