@@ -16,7 +16,7 @@ from protocol.pictures.picture_codec import (
     is_picture,
     parse_picture_header,
 )
-from shared_model.surround import joined
+from shared_model.surround import blend_surround_seam
 
 # An image of a few kilobytes may state any size; this limits the memory of its decoding.
 MAX_IMAGE_SIDE_PX = 4096
@@ -90,7 +90,7 @@ class AppearanceModel:
     def _to_atlas(self, image: NDArray[Any]) -> NDArray[np.float32]:
         """A decoded picture as an atlas of the head."""
         atlas = image.astype(np.float32)
-        return joined(atlas) if self._has_surround else atlas
+        return blend_surround_seam(atlas) if self._has_surround else atlas
 
     def synthesise(self, coefficients: NDArray[np.float64]) -> NDArray[np.uint8]:
         """The atlas (size, size, 3) uint8 BGR.

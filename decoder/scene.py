@@ -24,12 +24,12 @@ from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import AAU_STEP, EAU_STEP, RESIDUAL_STEP_MM, values_from_codes
 from protocol.model_packet import ModelPacket
 from shared_model.animate import Face, identity_from_controls
-from shared_model.anthropometry import residual_basis
 from shared_model.geometry import Camera, camera_from_head
 from shared_model.mesh import Head, generic_head
 from shared_model.parameters import Pose
+from shared_model.shape_residual import residual_basis
 from shared_model.stage_timer import StageTimer
-from shared_model.surround import surrounded_head
+from shared_model.surround import head_with_surround
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -106,7 +106,7 @@ class Scene:
 
     def set_aau_offset(self, aau: Array) -> None:
         """Draw the caller with `aau` (len(AAUS),) added to their own AAUs from now on."""
-        self._face = self._own_face.reshaped(aau)
+        self._face = self._own_face.with_aau_offset(aau)
 
     def draw(self, frame: PlayoutFrame, timer: StageTimer) -> Picture:
         """The picture of one frame, (height, width, 3) uint8 BGR."""
@@ -153,7 +153,7 @@ class Scene:
 
 def head_of(model: ModelPacket) -> Head:
     """The head mesh of the call's profile."""
-    return surrounded_head() if model.call.profile == "default" else generic_head()
+    return head_with_surround() if model.call.profile == "default" else generic_head()
 
 
 def edge_samples(width: int, height: int) -> int:

@@ -33,7 +33,7 @@ from encoder.tracking.trackers import TRACKED_EAUS, open_tracker
 from protocol.link.interface import MessageCallback, PacketSink, ignore_message
 from shared_model.errors import UserError
 from shared_model.mesh import generic_head
-from shared_model.surround import surrounded_head
+from shared_model.surround import head_with_surround
 
 NO_FACE = 3
 
@@ -108,7 +108,7 @@ def encode_live(
     if not synchronous:
         callbacks.on_preparing("warming up")
         with dropping_frames(capture):
-            warm_up(surrounded_head(), capture, gop, np.random.default_rng(0))
+            warm_up(head_with_surround(), capture, gop, np.random.default_rng(0))
         callbacks.on_preparing("")
     session = LiveEncoder(
         capture,

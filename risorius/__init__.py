@@ -27,7 +27,8 @@ Follow the face without a call:
 ['AU1', 'AU10', 'AU12']
 >>> track.write_csv("me.csv")
 
-What a user can mend raises `UserError`.  Libraries are loaded by the function that needs them.
+What a user can mend raises `UserError`.  Libraries are loaded by the function that needs them.  The
+same source gives the same call on every machine if OPENBLAS_NUM_THREADS is 1 before numpy is loaded.
 """
 
 from collections.abc import Callable, Sequence
@@ -63,47 +64,19 @@ def encode(
 
     source: video file, image pattern (frame_%04d.png), camera index or URL.
     profile: "default" or "thesis"; None: default where the landmark networks are installed.
-    bitrate: bits a second of the frame packets (default profile).
-    fps: code about this many frames a second; None: all (default profile).
-    live: one pass, as for a camera (default profile).
+    bitrate: bits a second of the frame packets.  fps: code about so many frames a second; None: all.
+    live: one pass, as for a camera.  These three are of the default profile.
     model_bytes: approximate size of the model packet; None: the profile's usual one.
     max_frames: stop after so many frames.
     progress: called with the number of frames so far and of all, None if that is not known.
-    Raises `UserError` if the source cannot be read, shows no face, or options do not go together,
+    Raises `UserError` if the source cannot be read or shows no face, or if an option has no effect,
     `ValueError` for a value out of its range.
-
-    The same source gives the same bytes on every machine if OPENBLAS_NUM_THREADS is 1 before numpy
-    is loaded.
     """
-    from encoder.option_rules import check_value, chosen_profile
-    from encoder.options import EncodeOptions
-    from encoder.pipeline import encode
+    from risorius.encoding import encode_checked
 
-    given: dict[str, object] = {
-        "profile": profile,
-        "bitrate": bitrate,
-        "fps": fps,
-        "live": live,
-        "model_bytes": model_bytes,
-        "max_frames": max_frames,
-    }
-    for name, value in given.items():
-        if value is not None:
-            try:
-                check_value(name, value)
-            except ValueError as error:
-                raise ValueError(f"{name}: {error}") from error
-    options = EncodeOptions(
-        str(source),
-        Path(output) if isinstance(output, str) else output,
-        profile=chosen_profile(given, lambda name, value: f"{name}={value!r}"),
-        bitrate=bitrate,
-        fps=fps,
-        live=live,
-        model_bytes=model_bytes,
-        max_frames=max_frames,
-    )
-    return encode(options, progress or _ignore, lambda: False)
+    rates: dict[str, object] = {"bitrate": bitrate, "fps": fps, "live": live}
+    sizes: dict[str, object] = {"model_bytes": model_bytes, "max_frames": max_frames}
+    return encode_checked(source, output, {"profile": profile, **rates, **sizes}, progress)
 
 
 def open_call(
@@ -148,7 +121,3 @@ def track(
     from risorius.face_track import track
 
     return track(str(source), max_frames, progress)
-
-
-def _ignore(done: int, total: int | None) -> None:
-    """No progress is wanted."""

@@ -1,4 +1,4 @@
-"""Build a head, as `shared_model/data/head.npz`, out of MakeHuman's: see the README beside that."""
+"""Build a head, as `shared_model/data/head.npz`, out of MakeHuman's: see the README in that folder."""
 
 import argparse
 import subprocess
@@ -23,8 +23,8 @@ from scripts.head_asset.landmarks import find_landmarks
 from scripts.head_asset.makehuman import read_source
 from scripts.head_asset.mesh_parts import Mesh, build_mesh
 from scripts.head_asset.regions import importance, opacity
-from shared_model.anthropometry import aau_fields
-from shared_model.expressions import eau_fields
+from shared_model.anatomy.anthropometry import aau_fields
+from shared_model.anatomy.expressions import eau_fields
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -23,7 +23,7 @@ from protocol.call_parameters import CallParameters
 from protocol.frames.frame_transform import FrameTransform, vector_from_face
 from shared_model.animate import Face
 from shared_model.parameters import FaceParameters
-from shared_model.surround import surrounded_head
+from shared_model.surround import head_with_surround
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -54,7 +54,7 @@ class FittedClip:
 
 def fit_clip(source: str) -> FittedClip:
     """The parameters of a clip, fitted in the shape-free frame by a model of the whole clip."""
-    head, sampler = surrounded_head(), UniformSubsampler()
+    head, sampler = head_with_surround(), UniformSubsampler()
     landmarks: list[Array] = []
     with open_source(source) as capture:
         size, fps = (capture.width, capture.height), capture.fps

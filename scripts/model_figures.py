@@ -12,8 +12,8 @@ from decoder.rendering.renderer import Renderer
 from risorius.animation.synthetic_skin import painted_colours
 from scripts.command import run
 from scripts.model_tables import aau_table, eau_table, reference_fields, write_tables
+from shared_model.anatomy.expressions import EMOTIONS
 from shared_model.animate import Face, Identity
-from shared_model.expressions import EMOTIONS
 from shared_model.geometry import Camera, pose_from_euler
 from shared_model.mesh import Head, generic_head
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shared_model.anthropometry import MEASUREMENTS, measure
+from shared_model.anatomy.anthropometry import MEASUREMENTS, measure
+from shared_model.anatomy.expressions import DOWN, UP
 from shared_model.errors import UserError
-from shared_model.expressions import DOWN, UP
 from shared_model.mesh import PARTS, Head
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS
 

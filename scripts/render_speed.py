@@ -18,7 +18,7 @@ from scripts.command import run
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, pose_from_euler
 from shared_model.parameters import AAUS, EAUS
-from shared_model.surround import surrounded_head
+from shared_model.surround import head_with_surround
 
 SIZES = ((176, 144), (320, 240), (640, 480), (1280, 720))
 FRAMES = 100
@@ -27,7 +27,7 @@ STAGES = ("animate", "warp", "texture", "draw")
 
 def measure_stages_ms(width: int, height: int) -> np.ndarray:
     """(FRAMES, len(STAGES)) milliseconds, after frames that warm up."""
-    head, camera = surrounded_head(), Camera(width, height, 1.3 * height)
+    head, camera = head_with_surround(), Camera(width, height, 1.3 * height)
     face = Face(head, Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices)))
     reference = pose_from_euler(0, 0, 0, np.array([0.0, 0.0, 600.0]))
     background_mesh = make_background_mesh(camera, reference, head, head.vertices)

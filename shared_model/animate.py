@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shared_model.anthropometry import residual_basis
 from shared_model.mesh import Head
 from shared_model.parameters import AAUS, EAUS
+from shared_model.shape_residual import residual_basis
 
 Array = NDArray[np.float64]
 
@@ -42,13 +42,13 @@ class Face:
         down = head.eau_down.reshape(len(EAUS), -1)
         self._fields = np.ascontiguousarray(np.concatenate([up, down]))
 
-    def reshaped(self, aau: Array) -> "Face":
+    def with_aau_offset(self, aau: Array) -> "Face":
         """This face with `aau` (len(AAUS),) added to its own AAUs."""
         other = copy(self)
         other.neutral = self.neutral + np.tensordot(aau, self.head.aau, 1)
         return other
 
-    def at(self, index: NDArray[np.integer]) -> "Face":
+    def at_vertices(self, index: NDArray[np.integer]) -> "Face":
         """This face, animated at its vertices `index` (k,) alone."""
         other = copy(self)
         other.neutral = self.neutral[index]

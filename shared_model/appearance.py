@@ -6,8 +6,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from shared_model.cover import covered
 from shared_model.mesh import Head
+from shared_model.triangle_coverage import covered_points
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ def atlas_of(head: Head, size: int) -> Atlas:
     at = head.texture_coordinates * size - 0.5
     # Triangles that are never shown may lie anywhere in the chart.
     shown = np.flatnonzero(head.opacity[head.triangles].max(1) > 0)
-    triangle, x, y, shares = covered(at[head.triangles[shown]], size, size)
+    triangle, x, y, shares = covered_points(at[head.triangles[shown]], size, size)
     # Where triangles meet the last one has the texel.
     turn = np.argsort(triangle, kind="stable")
     owner[y[turn], x[turn]] = shown[triangle[turn]]

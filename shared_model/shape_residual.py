@@ -9,10 +9,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from shared_model.aperture_sheets import head_with_aperture_sheets, rim_weights
 from shared_model.mesh import PARTS, Head, generic_head
 from shared_model.parameters import EAU_INDEX
-from shared_model.sheets import rim_weights, sheeted_head
-from shared_model.surround import sheet_holders, surrounded_head
+from shared_model.surround import head_with_surround, surround_anchors
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -48,9 +48,9 @@ CHEEKS = (50, 280, 205, 425, 117, 346, 18, 151)
 NETWORK_POINTS = CONTOUR + BROWS + LIDS + NOSE + LIPS + CHEEKS
 
 # Landmarks that hold still: the residual fades towards them.
-STILL = ("v", "op", "po_l", "po_r", "eu_l", "eu_r")
+FIXED_LANDMARKS = ("v", "op", "po_l", "po_r", "eu_l", "eu_r")
 # Distance that counts as smooth around a control point (multiquadric), mm.
-SOFT_MM = 10.0
+MULTIQUADRIC_MM = 10.0
 # The lower lip counts as this far away from the upper one, mm.
 LIP_GAP_MM = 45.0
 
@@ -73,9 +73,9 @@ def residual_basis(head: Head) -> Array:
     """
     if head is generic_head():
         return _generic_basis()
-    if head is surrounded_head():
+    if head is head_with_surround():
         return _surrounded_basis()
-    return _sheeted_basis() if head is sheeted_head() else _basis(head)
+    return _sheeted_basis() if head is head_with_aperture_sheets() else _basis(head)
 
 
 @cache
@@ -92,15 +92,17 @@ def _sheeted_basis() -> Array:
 @cache
 def _surrounded_basis() -> Array:
     basis = _sheeted_basis()
-    return np.concatenate([basis, basis[:, sheet_holders(sheeted_head())]], axis=1)
+    return np.concatenate([basis, basis[:, surround_anchors(head_with_aperture_sheets())]], axis=1)
 
 
 def _basis(head: Head) -> Array:
-    places = _lip_aware(head)
+    places = _lip_separated(head)
     control = control_points(head)
     k = len(control)
     # Neck and back of the head hold still: a coarse set of vertices behind the ears.
-    still = np.concatenate([[head.landmarks[name] for name in STILL], _behind(head)])
+    still = np.concatenate(
+        [[head.landmarks[name] for name in FIXED_LANDMARKS], _fixed_back_vertices(head)]
+    )
     centres = places[np.concatenate([control, still])]
     kernel = _multiquadric(centres, centres)
     size = len(centres)
@@ -110,10 +112,10 @@ def _basis(head: Head) -> Array:
     weights = np.linalg.solve(system, np.eye(size + 1)[:, :k])
     design = np.concatenate([_multiquadric(places, centres), np.ones((len(places), 1))], 1)
     basis = (design @ weights).T
-    return _rigid(head, basis)
+    return _with_rigid_parts(head, basis)
 
 
-def _lip_aware(head: Head) -> Array:
+def _lip_separated(head: Head) -> Array:
     """(n, 4) mm: vertices with a fourth coordinate that holds the lips apart.
 
     The jaw's field tells the lips apart and is smooth everywhere else.
@@ -125,10 +127,10 @@ def _lip_aware(head: Head) -> Array:
 
 def _multiquadric(a: Array, b: Array) -> Array:
     square = ((a[:, None] - b[None]) ** 2).sum(2)
-    return np.asarray(-np.sqrt(square + SOFT_MM**2))
+    return np.asarray(-np.sqrt(square + MULTIQUADRIC_MM**2))
 
 
-def _behind(head: Head) -> NDArray[np.int64]:
+def _fixed_back_vertices(head: Head) -> NDArray[np.int64]:
     """A few skin vertices on the back of the head and the neck, by a coarse grid over them."""
     tragion = head.vertices[head.landmarks["t_l"]]
     skin = head.parts == PARTS.index("skin")
@@ -139,7 +141,7 @@ def _behind(head: Head) -> NDArray[np.int64]:
     return np.array(sorted(cells.values()), dtype=np.int64)
 
 
-def _rigid(head: Head, basis: Array) -> Array:
+def _with_rigid_parts(head: Head, basis: Array) -> Array:
     """Eyeballs, teeth and tongue as single pieces carried by the skin around them."""
     holders = {
         "eye_left": ("en_l", "ex_l", "ps_l", "pi_l"),

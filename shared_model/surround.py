@@ -10,8 +10,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from shared_model.aperture_sheets import head_with_aperture_sheets
 from shared_model.mesh import PARTS, Head
-from shared_model.sheets import sheeted_head
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -24,37 +24,39 @@ DIRECTIONS_DEG = np.arange(50.0, -90.1, -5.0)
 RINGS = (0.75, 0.94, 1.06, 1.4)
 OPACITIES = (1.0, 1.0, 1.0, 0.0)
 # Where they lie across the strip of the atlas; most of it shows what is next to the face.
-ACROSS = (1.0, 1.0, 0.4, 0.0)
+RING_COLUMNS = (1.0, 1.0, 0.4, 0.0)
 # But for the first they are nearer to the outline towards the chin: directions, parts of the way.
 NARROWING = ((-90.0, -20.0), (0.4, 1.0))
 # Vertices this near to a direction make the outline there.
-BESIDE_DEG = 6.0
+OUTLINE_WINDOW_DEG = 6.0
 # Its share of the atlas: a strip along either side, this wide, between these rows.
-STRIP = 0.07
-GAP = 0.006
-ROWS = (0.006, 0.885)
+STRIP_WIDTH = 0.07
+STRIP_GAP = 0.006
+STRIP_ROWS = (0.006, 0.885)
 # Its halves pass into each other under the chin: directions, parts of the other half.
-JOINING = ((-90.0, -65.0), (0.5, 0.0))
+SEAM_BLEND = ((-90.0, -65.0), (0.5, 0.0))
 # It hangs this far behind the plane in which the skin ends, mm.
 BEHIND_MM = 1.0
 
 
 @cache
-def surrounded_head() -> Head:
+def head_with_surround() -> Head:
     """The head with all sheets; the vertices of the one beside the face come last."""
-    head = sheeted_head()
-    kept, holders = np.arange(len(head.vertices)), sheet_holders(head)
+    head = head_with_aperture_sheets()
+    kept, holders = np.arange(len(head.vertices)), surround_anchors(head)
     carried = np.concatenate([kept, holders])
     count = len(holders)
     return Head(
-        vertices=np.concatenate([head.vertices, _places(head)]),
+        vertices=np.concatenate([head.vertices, _vertices(head)]),
         # First, for what fades out over it to be drawn later.
         triangles=np.concatenate([len(kept) + _triangles(), head.triangles]).astype(np.int32),
-        texture_coordinates=np.concatenate([_narrowed(head), _texture_coordinates()]),
+        texture_coordinates=np.concatenate(
+            [_texture_coordinates_between_strips(head), _texture_coordinates()]
+        ),
         parts=np.append(head.parts, np.full(count, PARTS.index("surround"), np.uint8)),
-        opacity=np.append(head.opacity, np.tile(np.outer(OPACITIES, _ends()).ravel(), 2)),
+        opacity=np.append(head.opacity, np.tile(np.outer(OPACITIES, _opacity_along()).ravel(), 2)),
         landmarks=head.landmarks,
-        network_triangles=_renumbered(head, len(_triangles())),
+        network_triangles=_renumbered_landmarks(head, len(_triangles())),
         network_weights=head.network_weights,
         eau_up=head.eau_up[:, carried],
         eau_down=head.eau_down[:, carried],
@@ -62,21 +64,21 @@ def surrounded_head() -> Head:
     )
 
 
-def joined(atlas: NDArray[np.float32]) -> NDArray[np.float32]:
+def blend_surround_seam(atlas: NDArray[np.float32]) -> NDArray[np.float32]:
     """An atlas, or a mode of one, whose strips are alike where the sheet's halves meet.
 
     Each half has seen the neck from its own side only: there would be a seam.
     atlas: (n, n, channels) float32.
     """
     size = len(atlas)
-    rows = np.linspace(*ROWS, len(DIRECTIONS_DEG))
+    rows = np.linspace(*STRIP_ROWS, len(DIRECTIONS_DEG))
     directions_deg = np.interp((np.arange(size) + 0.5) / size, rows, DIRECTIONS_DEG)
-    columns = np.minimum(np.arange(size), np.arange(size)[::-1]) < int(STRIP * size)
-    share = np.outer(np.interp(directions_deg, *JOINING), columns).astype(np.float32)
+    columns = np.minimum(np.arange(size), np.arange(size)[::-1]) < int(STRIP_WIDTH * size)
+    share = np.outer(np.interp(directions_deg, *SEAM_BLEND), columns).astype(np.float32)
     return atlas + share[..., None] * (atlas[:, ::-1] - atlas)
 
 
-def sheet_holders(head: Head) -> Indices:
+def surround_anchors(head: Head) -> Indices:
     """(r,) the vertex of the head that each vertex of the sheet moves with.
 
     The sheet's vertices: the subject's left half, then the right; ring by ring from the face
@@ -89,8 +91,8 @@ def _outline(head: Head, side: int) -> tuple[Array, Indices]:
     """Radius, mm, of the face's outline in each direction, seen from the front; whose it is."""
     skin, centre, _ = _skin(head)
     away = head.vertices[skin, :2] - centre
-    along = _along(side) @ away.T
-    beside = along > np.cos(np.deg2rad(BESIDE_DEG)) * np.linalg.norm(away, axis=1)
+    along = _directions(side) @ away.T
+    beside = along > np.cos(np.deg2rad(OUTLINE_WINDOW_DEG)) * np.linalg.norm(away, axis=1)
     reach = np.where(beside, along, -np.inf)
     return np.asarray(reach.max(1)), skin[reach.argmax(1)]
 
@@ -102,15 +104,15 @@ def _skin(head: Head) -> tuple[Indices, Array, float]:
     return skin, (low + high)[:2] / 2, float(low[2])
 
 
-def _along(side: int) -> Array:
+def _directions(side: int) -> Array:
     angles = np.deg2rad(DIRECTIONS_DEG)
     return np.stack([side * np.cos(angles), np.sin(angles)], 1)
 
 
-def _places(head: Head) -> Array:
+def _vertices(head: Head) -> Array:
     _, centre, behind_mm = _skin(head)
     flat = [
-        centre + (radii * _outline(head, side)[0])[:, None] * _along(side)
+        centre + (radii * _outline(head, side)[0])[:, None] * _directions(side)
         for side in (1, -1)
         for radii in _radii()
     ]
@@ -125,7 +127,7 @@ def _radii() -> Array:
     return radii
 
 
-def _ends() -> Array:
+def _opacity_along() -> Array:
     """0 where the sheet begins at the temple, and soon 1."""
     return np.minimum(np.arange(len(DIRECTIONS_DEG)) / 2, 1)
 
@@ -142,19 +144,22 @@ def _triangles() -> Indices:
 
 
 def _texture_coordinates() -> Array:
-    v = np.linspace(*ROWS, len(DIRECTIONS_DEG))
-    strip = [np.stack([np.full_like(v, share * (STRIP - GAP)), v], 1) for share in ACROSS]
+    v = np.linspace(*STRIP_ROWS, len(DIRECTIONS_DEG))
+    strip = [
+        np.stack([np.full_like(v, share * (STRIP_WIDTH - STRIP_GAP)), v], 1)
+        for share in RING_COLUMNS
+    ]
     right = np.concatenate(strip)
     return np.concatenate([[1, 0] + right * [-1, 1], right])
 
 
-def _narrowed(head: Head) -> Array:
+def _texture_coordinates_between_strips(head: Head) -> Array:
     """The head's own chart between the strips."""
-    middle = STRIP + (1 - 2 * STRIP) * head.texture_coordinates[:, 0]
+    middle = STRIP_WIDTH + (1 - 2 * STRIP_WIDTH) * head.texture_coordinates[:, 0]
     return np.stack([middle, head.texture_coordinates[:, 1]], 1)
 
 
-def _renumbered(head: Head, before: int) -> NDArray[np.int32]:
+def _renumbered_landmarks(head: Head, before: int) -> NDArray[np.int32]:
     """The network's points keep their triangles, `before` of which now come first."""
     found = head.network_triangles
     return np.where(found < 0, found, found + before).astype(np.int32)

@@ -9,10 +9,10 @@ from protocol.call_file import CallWriter
 from protocol.call_parameters import CallParameters
 from protocol.model_packet import ModelPacket
 from protocol.packets import serialise
-from shared_model.anthropometry import control_points
 from shared_model.geometry import FRONTAL
 from shared_model.mesh import generic_head
 from shared_model.parameters import AAUS, EAUS
+from shared_model.shape_residual import control_points
 
 
 def webp(colour: tuple[int, int, int]) -> bytes:

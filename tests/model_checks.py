@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shared_model.anatomy.mouth import mouth_line
 from shared_model.mesh import PARTS, Head
-from shared_model.mouth import mouth_line
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from risorius.animation.animation_script import parse_script, read_script
+from shared_model.anatomy.expressions import EMOTIONS
 from shared_model.errors import UserError
-from shared_model.expressions import EMOTIONS
 from shared_model.parameters import AAUS, EAU_INDEX
 
 SCRIPTS = sorted((Path(__file__).resolve().parent.parent / "scripts/animations").glob("*.toml"))

@@ -4,16 +4,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shared_model.anthropometry import (
-    MEASUREMENTS,
-    Measurement,
-    aau_fields,
-    control_points,
-    measure,
-    residual_basis,
-)
+from shared_model.anatomy.anthropometry import MEASUREMENTS, Measurement, aau_fields, measure
 from shared_model.mesh import PARTS, generic_head
 from shared_model.parameters import AAUS
+from shared_model.shape_residual import control_points, residual_basis
 
 Array = NDArray[np.float64]
 

@@ -14,17 +14,17 @@ from encoder.fitting.eyelids import (
     with_measured_eyelids,
 )
 from encoder.fitting.landmark_fit import LandmarkModel, landmark_model
+from shared_model.aperture_sheets import head_with_aperture_sheets
 from shared_model.geometry import Camera, pose_from_euler
 from shared_model.mesh import Head
 from shared_model.parameters import EAU_INDEX, EAUS, LIDS, FaceParameters
-from shared_model.sheets import sheeted_head
 
 CAMERA = Camera(640, 480, 800.0)
 
 
 @pytest.fixture(scope="module")
 def head() -> Head:
-    return sheeted_head()
+    return head_with_aperture_sheets()
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from shared_model.animate import Face, Identity, identity_from_controls
-from shared_model.anthropometry import control_points
 from shared_model.mesh import generic_head
 from shared_model.parameters import AAUS, EAUS
+from shared_model.shape_residual import control_points
 
 Array = NDArray[np.float64]
 
@@ -53,15 +53,15 @@ def test_a_reshaped_face_has_the_aaus_of_both_and_leaves_the_first_alone() -> No
     face = Face(HEAD, Identity(first, residual))
     before = face.neutral.copy()
     expected = Face(HEAD, Identity(first + change, residual))
-    np.testing.assert_allclose(face.reshaped(change).neutral, expected.neutral, atol=1e-9)
+    np.testing.assert_allclose(face.with_aau_offset(change).neutral, expected.neutral, atol=1e-9)
     np.testing.assert_array_equal(face.neutral, before)
 
 
 def test_some_vertices_alone_move_as_they_do_among_all() -> None:
     index = np.array([7, 1200, 3])
     eau = np.linspace(-0.4, 0.6, len(EAUS))
-    assert FACE.at(index).animate(eau) == pytest.approx(FACE.animate(eau)[index])
-    assert np.array_equal(FACE.at(index).neutral, FACE.neutral[index])
+    assert FACE.at_vertices(index).animate(eau) == pytest.approx(FACE.animate(eau)[index])
+    assert np.array_equal(FACE.at_vertices(index).neutral, FACE.neutral[index])
 
 
 def test_vectors_of_another_length_are_refused() -> None:

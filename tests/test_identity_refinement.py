@@ -25,11 +25,10 @@ from encoder.tracking.identity_refinement import (
     validated_adjustment,
 )
 from shared_model.animate import Face, identity_from_controls
-from shared_model.anthropometry import residual_basis
 from shared_model.geometry import Camera, pose_from_euler
 from shared_model.mesh import generic_head
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS, FaceParameters
-from shared_model.shape_residual import control_points
+from shared_model.shape_residual import control_points, residual_basis
 
 HEAD = generic_head()
 CAMERA = Camera(256, 224, 360.0)

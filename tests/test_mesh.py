@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shared_model.anthropometry import aau_fields
-from shared_model.expressions import eau_fields
+from shared_model.anatomy.anthropometry import aau_fields
+from shared_model.anatomy.expressions import eau_fields
 from shared_model.mesh import PARTS, Head, generic_head
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS
 

@@ -17,7 +17,7 @@ from encoder.coding.model_packet import BUDGETS
 from encoder.learning.incremental_modes import FaceSample, LearnedMode
 from shared_model.geometry import Camera
 from shared_model.parameters import FaceParameters
-from shared_model.surround import surrounded_head
+from shared_model.surround import head_with_surround
 
 WIDTH, HEIGHT, FRAMES = 160, 120, 4
 START_FRAME = 300
@@ -30,12 +30,12 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[ModelVersion, Fac
     pictures = list(rng.integers(100, 156, (FRAMES, HEIGHT, WIDTH, 3), np.uint8))
     path = tmp_path_factory.mktemp("noise") / "0.png"
     cv2.imwrite(str(path), pictures[0])
-    points = frontal_landmarks(surrounded_head(), Camera(WIDTH, HEIGHT, 200.0))
+    points = frontal_landmarks(head_with_surround(), Camera(WIDTH, HEIGHT, 200.0))
     budget = replace(BUDGETS["live"], appearance_bytes=1500, background_bytes=1500, max_modes=2)
     with open_source(str(path.with_name("%d.png"))) as capture:
         background = BackgroundImage(pictures[0])
         trainer = ModelTrainer(
-            surrounded_head(), capture, GopStructure(), background, budget, False, workers=1
+            head_with_surround(), capture, GopStructure(), background, budget, False, workers=1
         )
         version = trainer.train(budget, pictures, [points] * FRAMES, 0)
     return version, version.sample(pictures[0], points)

@@ -4,12 +4,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shared_model import muscle_table as table
-from shared_model.expressions import eau_fields
-from shared_model.jaw_and_lids import eye, gaze_field
+from shared_model.anatomy import muscle_table as table
+from shared_model.anatomy.expressions import eau_fields
+from shared_model.anatomy.jaw_and_eyelids import eye, gaze_field
+from shared_model.anatomy.mouth import mouth_line
+from shared_model.anatomy.muscles import (
+    Anchor,
+    LinearMuscle,
+    Muscle,
+    SphincterMuscle,
+    anchor_position,
+    falloff,
+)
 from shared_model.mesh import PARTS, generic_head
-from shared_model.mouth import mouth_line
-from shared_model.muscles import Anchor, LinearMuscle, Muscle, SphincterMuscle, fall, locate
 from shared_model.parameters import EAU_INDEX, EAUS
 
 Array = NDArray[np.float64]
@@ -27,7 +34,7 @@ def fields() -> Fields:
 
 def test_fall_goes_from_one_to_zero_without_a_step() -> None:
     x = np.linspace(-5, 15, 200)
-    y = fall(x, 0, 10)
+    y = falloff(x, 0, 10)
     assert y[0] == 1 and y[-1] == 0 and np.all(np.diff(y) <= 0) and np.abs(np.diff(y)).max() < 0.02
 
 
@@ -57,7 +64,7 @@ def test_every_muscle_is_anchored_on_the_head_and_pulls_its_own_side_only_like_i
 
 def test_a_missing_landmark_is_named() -> None:
     with pytest.raises(ValueError, match="'nowhere'"):
-        locate(Anchor("nowhere"), POINTS, "l")
+        anchor_position(Anchor("nowhere"), POINTS, "l")
 
 
 def test_fields_in_the_head_are_those_of_the_muscles(fields: Fields) -> None:

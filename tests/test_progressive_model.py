@@ -94,7 +94,8 @@ def call(clip: str) -> Path:
 def unpaced(clip: str) -> Path:
     """The same call with all layers before its second frame packet."""
     path = Path(clip).with_name("unpaced.rzo")
-    assert encoded(clip, path, 1e7).warnings == ()
+    warnings = encoded(clip, path, 1e7).warnings
+    assert not any("not sent" in warning for warning in warnings)
     return path
 
 

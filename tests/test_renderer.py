@@ -15,7 +15,7 @@ from shared_model.errors import UserError
 from shared_model.geometry import Camera, camera_from_head, pixel_from_head, pose_from_euler
 from shared_model.mesh import PARTS, Head, generic_head, inside_mouth
 from shared_model.parameters import Pose
-from shared_model.surround import surrounded_head
+from shared_model.surround import head_with_surround
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -250,7 +250,7 @@ def test_the_same_frame_is_drawn_the_same_twice(renderer: Renderer, head: Head) 
 
 @pytest.mark.parametrize("yaw_deg", [0, 25, 50])
 def test_a_rim_is_that_of_the_whole_head(yaw_deg: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    head, pose = surrounded_head(), pose_from_euler(8, yaw_deg, 5, np.array([0.0, 0, 500]))
+    head, pose = head_with_surround(), pose_from_euler(8, yaw_deg, 5, np.array([0.0, 0, 500]))
     rng = np.random.default_rng(1)
     u, v = np.linspace(-0.5, 319.5, 3), np.linspace(-0.5, 239.5, 3)
     with Renderer(CAMERA.width, CAMERA.height, head) as renderer:

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from risorius.animation.animation_script import AnimationState
 from risorius.view.server import RequestQueue
 from risorius.view.view_state import page_description, state_from_query
+from shared_model.anatomy.expressions import EMOTIONS
 from shared_model.errors import UserError
-from shared_model.expressions import EMOTIONS
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS
 
 Picture = NDArray[np.uint8]

@@ -6,15 +6,22 @@ import pytest
 
 from decoder.rendering.renderer import Renderer
 from shared_model.animate import Face, identity_from_controls
+from shared_model.aperture_sheets import head_with_aperture_sheets
 from shared_model.appearance import atlas_of
 from shared_model.geometry import Camera, pose_from_euler
 from shared_model.mesh import PARTS
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS
 from shared_model.shape_residual import residual_basis
-from shared_model.sheets import sheeted_head
-from shared_model.surround import RINGS, ROWS, STRIP, joined, sheet_holders, surrounded_head
+from shared_model.surround import (
+    RINGS,
+    STRIP_ROWS,
+    STRIP_WIDTH,
+    blend_surround_seam,
+    head_with_surround,
+    surround_anchors,
+)
 
-INNER, HEAD = sheeted_head(), surrounded_head()
+INNER, HEAD = head_with_aperture_sheets(), head_with_surround()
 COUNT = len(INNER.vertices)
 SHEET = np.arange(COUNT, len(HEAD.vertices))
 TRIANGLES = HEAD.triangles[HEAD.parts[HEAD.triangles[:, 0]] == PARTS.index("surround")]
@@ -60,7 +67,7 @@ def test_it_moves_with_the_skin_beside_it() -> None:
     eau[EAU_INDEX["jaw_drop"]] = 0.8
     face = Face(HEAD, identity_from_controls(HEAD, aau, control_mm))
     moved = face.animate(eau) - HEAD.vertices
-    np.testing.assert_allclose(moved[SHEET], moved[sheet_holders(INNER)], atol=1e-9)
+    np.testing.assert_allclose(moved[SHEET], moved[surround_anchors(INNER)], atol=1e-9)
 
 
 def test_its_strips_in_the_atlas_are_its_own() -> None:
@@ -73,9 +80,9 @@ def test_its_strips_in_the_atlas_are_its_own() -> None:
 
 def test_its_halves_meet_without_a_seam() -> None:
     atlas = np.random.default_rng(2).uniform(0, 255, (256, 256, 3)).astype(np.float32)
-    result = joined(atlas)
+    result = blend_surround_seam(atlas)
     rows, columns = np.nonzero((result != atlas).any(2))
-    width, end = int(STRIP * 256), round(ROWS[1] * 256)
+    width, end = int(STRIP_WIDTH * 256), round(STRIP_ROWS[1] * 256)
     assert np.all((columns < width) | (columns >= 256 - width))
     assert 150 < rows.min() < 210 and rows.max() >= end
     left, right = result[:, :width], result[:, : -width - 1 : -1]

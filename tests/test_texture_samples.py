@@ -28,7 +28,7 @@ from shared_model.animate import Face, Identity
 from shared_model.appearance import atlas_of
 from shared_model.mesh import PARTS, Head
 from shared_model.parameters import AAUS
-from shared_model.surround import surrounded_head
+from shared_model.surround import head_with_surround
 
 Single = NDArray[np.float32]
 SIZE = 64
@@ -36,7 +36,7 @@ SIZE = 64
 
 @pytest.fixture(scope="module")
 def head() -> Head:
-    return surrounded_head()
+    return head_with_surround()
 
 
 @pytest.fixture(scope="module")

@@ -38,7 +38,7 @@ from encoder.coding.model_packet import ModelBudget
 from encoder.detection.landmark_indices import face_outline
 from encoder.learning.incremental_modes import FaceSample
 from encoder.learning.mode_scheduler import ModeScheduler
-from shared_model.surround import surrounded_head
+from shared_model.surround import head_with_surround
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -125,7 +125,7 @@ class ModelLifecycle:
         """Train the first version from the frame added last, source frame `index`, and send it."""
         pictures, points = self._frames.sample()
         self._trainer = ModelTrainer(
-            surrounded_head(),
+            head_with_surround(),
             self._capture,
             self._gop,
             background_of(pictures[0], face_outline(points[0])),

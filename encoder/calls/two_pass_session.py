@@ -37,7 +37,7 @@ from protocol.call_parameters import CallParameters
 from protocol.model_packet import ModelPacket
 from shared_model.animate import Face
 from shared_model.parameters import FaceParameters
-from shared_model.surround import surrounded_head
+from shared_model.surround import head_with_surround
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -122,7 +122,7 @@ class TwoPassEncoder:
 
     def build_model(self, budget: ModelBudget) -> None:
         """Between the passes: identity and appearance of the person."""
-        head = surrounded_head()
+        head = head_with_surround()
         size = (self._capture.width, self._capture.height)
         with self._stats.stage("identity"):
             identity, initial = fit_sequence(

@@ -23,7 +23,7 @@ from encoder.learning.incremental_modes import ModeLearner
 from encoder.tracking.outlier_rejection import robust_residuals
 from shared_model.geometry import Camera, camera_from_head, pixel_from_camera, pose_from_euler
 from shared_model.mesh import Head
-from shared_model.surround import surrounded_head
+from shared_model.surround import head_with_surround
 
 Array = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ def compile_loops() -> None:
         noise = rng.integers(*GREY, (*COMPILE_SIZE, 3), np.uint8)
         cv2.imwrite(f"{folder}/0.png", noise)
         with open_source(f"{folder}/%d.png") as capture:
-            warm_up(surrounded_head(), capture, gop_for_fps(capture.fps, None), rng)
+            warm_up(head_with_surround(), capture, gop_for_fps(capture.fps, None), rng)
     # Of the thesis profile's filter; the other loops are those of the default one.
     points, state = 4, 7
     jacobian = np.zeros((2 * points, 2 * state))[:, :state]

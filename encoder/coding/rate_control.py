@@ -42,7 +42,7 @@ class RateTarget:
     frames_per_packet: int
 
     def is_brief(self, frames: int) -> bool:
-        """Whether a call of so many frames has no rate to speak of: its first frame decides."""
+        """Whether so many frames are less than a second, so that the first frame sets the rate."""
         return frames < self.fps
 
     def overshoot_message(self, bits: int, frames: int) -> str | None:

@@ -35,10 +35,10 @@ from encoder.fitting.landmark_fit import EAU_PRIOR_SIGMA
 from encoder.fitting.levenberg_marquardt import Damping, Evaluation, levenberg_marquardt
 from encoder.runtime.image_ops import sample_bicubic
 from shared_model.animate import Face
-from shared_model.anthropometry import residual_basis
 from shared_model.appearance import Atlas
 from shared_model.mesh import Head
 from shared_model.parameters import EAUS
+from shared_model.shape_residual import residual_basis
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.fitting.landmark_fit import LandmarkModel, fit_landmarks, rotated_points
+from shared_model.aperture_sheets import EYES, ApertureSheet
 from shared_model.geometry import Camera, matrix_from_quaternion, pixel_from_camera
 from shared_model.parameters import EAU_INDEX, EAU_LOW, EAUS, LIDS, FaceParameters, clip_eau
-from shared_model.sheets import EYES, Sheet
 
 Array = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ def _projected_landmarks(model: LandmarkModel, camera: Camera, face: FaceParamet
     return pixels
 
 
-def _aperture(points_px: Array, sheet: Sheet) -> Array:
+def _aperture(points_px: Array, sheet: ApertureSheet) -> Array:
     """(2,) pixels from the lower to the upper margin, mean between the corners."""
     upper, lower = list(sheet.upper[1:-1]), list(sheet.lower[1:-1])
     return np.asarray((points_px[upper, :2] - points_px[lower, :2]).mean(0))

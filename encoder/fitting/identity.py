@@ -33,10 +33,10 @@ from encoder.fitting.levenberg_marquardt import Equations
 from encoder.fitting.lip_closure import lip_closure_constraints
 from shared_model import geometry
 from shared_model.animate import identity_from_controls
-from shared_model.anthropometry import residual_basis
 from shared_model.geometry import Camera
 from shared_model.mesh import Head
 from shared_model.parameters import AAUS, BROW_EAUS, EAUS, FaceParameters
+from shared_model.shape_residual import residual_basis
 
 Array = NDArray[np.float64]
 
@@ -182,7 +182,7 @@ def _identity_jacobian(
     predicted = geometry.pixel_from_camera(camera, points)
     aau = rotate_fields(model.aau, rotation)
     controls = model.residual[:, None, None] * rotation.T[..., None]
-    # Depth changes in proportion to the focal length, so that only perspective does (`with_focal_change`).
+    # Depth changes in proportion to the focal length, see `with_focal_change`.
     recession = np.zeros((1, 3, len(points)))
     recession[0, 2] = depth_mm = face.pose.translation_mm[2]
     derivatives = np.concatenate(

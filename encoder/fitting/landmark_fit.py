@@ -10,10 +10,10 @@ from encoder.detection.landmark_indices import OUTER_EYE_CORNERS, RIGID_LANDMARK
 from encoder.fitting.increments import RIGID, apply_clipped_increment
 from encoder.runtime.jit import jit
 from shared_model import geometry
-from shared_model.anthropometry import residual_basis
 from shared_model.geometry import Camera
 from shared_model.mesh import Head
 from shared_model.parameters import EAUS, FaceParameters, Pose
+from shared_model.shape_residual import residual_basis
 
 Array = NDArray[np.float64]
 

@@ -141,9 +141,8 @@ def build_person_model(
     mean = mean_texture(shape, sharp, default_colours(face.head, shape.atlas))
     max_bytes = options.appearance_bytes
     appearance = encode_appearance(shape, sharp, mean, mask, max_bytes, options.max_modes)
-    fitter = TexelFitter(
-        face.head, face, shape, sampled_template(shape, samples, sharp, appearance)
-    )
+    template = sampled_template(shape, samples, sharp, appearance)
+    fitter = TexelFitter(face.head, face, shape, template)
     sampled = fit_samples(fitter, crops, sampled, workers)
     person = PersonModel(
         fitted, face, reference, fitter, appearance, scale, shape, weight * mask, mask

@@ -95,7 +95,7 @@ class KltTracker:
 
     def set_face(self, face: Face) -> None:
         """Use the same points on this head from now on."""
-        self._points = face.at(self.index)
+        self._points = face.at_vertices(self.index)
         self._visibility = VertexVisibility(face.neutral, face.head.triangles, self.index)
 
     def reset_points(self, frame: Frame, camera: Camera, fitted: FaceParameters) -> None:

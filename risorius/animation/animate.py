@@ -131,7 +131,7 @@ class GenericActor:
         home = Pose(np.array(FRONTAL), np.array([0.0, 0.0, self._script.distance_mm]))
         rest = self._camera
         camera = Camera(rest.width, rest.height, rest.focal_px * state.zoom)
-        vertices = self._face.reshaped(state.aau).animate(state.eau)
+        vertices = self._face.with_aau_offset(state.aau).animate(state.eau)
         return FrameGeometry(camera, _pose_from_home(home, state), vertices)
 
     def draw(self, state: AnimationState, geometry: FrameGeometry) -> Picture:
@@ -165,7 +165,7 @@ class CallerActor:
     def geometry(self, state: AnimationState) -> FrameGeometry:
         """Poses are relative to that of the caller's still picture, AAUs to their own."""
         pose = _pose_from_home(self._model.reference_pose, state)
-        vertices = self._face.reshaped(state.aau).animate(state.eau)
+        vertices = self._face.with_aau_offset(state.aau).animate(state.eau)
         return FrameGeometry(self._model.call.camera, pose, vertices)
 
     def draw(self, state: AnimationState, geometry: FrameGeometry) -> Picture:

@@ -40,6 +40,13 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
         help="about as large the model packet shall be, 2000 to 100000 (default: 16000 thesis,"
         " 10000 default)",
     )
+    _add_thesis_coding(parser)
+    parser.add_argument(
+        "--max-frames", type=count, metavar="N", help="stop after N frames of the source"
+    )
+
+
+def _add_thesis_coding(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--lids",
         action="store_true",
@@ -58,9 +65,6 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
         choices=CHOICES["detector"],
         default="network",
         help="thesis profile: landmark network (default), or the thesis' Viola-Jones",
-    )
-    parser.add_argument(
-        "--max-frames", type=count, metavar="N", help="stop after N frames of the source"
     )
 
 
@@ -152,6 +156,18 @@ def add_link(parser: argparse.ArgumentParser, where: argparse._MutuallyExclusive
         default="call",
         metavar="NAME",
         help="name on the link, of a-z, A-Z, 0-9 and _ . - (default: %(default)s)",
+    )
+
+
+def add_timeout(parser: argparse.ArgumentParser) -> None:
+    """How long a decoder waits."""
+    parser.add_argument(
+        "--timeout",
+        type=seconds,
+        default=0.0,
+        metavar="S",
+        help="over a link, give up after S seconds without a picture, or to connect to; 0: wait for"
+        " pictures as long as it takes, and 10 seconds to connect (default: 0)",
     )
 
 

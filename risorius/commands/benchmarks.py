@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,6 +42,11 @@ def add_bench(added: "Commands") -> None:
         " sweep out/sweep)",
     )
     add_coding(parser)
+    _add_measuring(parser)
+    parser.set_defaults(run=run_bench)
+
+
+def _add_measuring(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sweep",
         type=bitrates,
@@ -58,7 +64,6 @@ def add_bench(added: "Commands") -> None:
         default=True,
         help="send at the source's own rate; without it latencies mean nothing (default: yes)",
     )
-    parser.set_defaults(run=run_bench)
 
 
 def add_replay(added: "Commands") -> None:
@@ -99,19 +104,9 @@ def run_bench(arguments: argparse.Namespace) -> int:
     from loopback.report import write_json, write_report
     from loopback.timing_tables import timings_tables
 
-    settings = BenchSettings(
-        profile=profile,
-        bitrate=arguments.bitrate,
-        fps=arguments.fps,
-        detector=arguments.detector,
-        lids=arguments.lids,
-        refine=arguments.refine,
-        max_frames=arguments.max_frames,
-        pace=arguments.pace,
-        model_bytes=arguments.model_bytes,
-        live=arguments.live,
-        startup_bitrate=arguments.startup_bitrate,
-    )
+    # A setting has the name of its option.
+    given = {item.name: getattr(arguments, item.name) for item in fields(BenchSettings)}
+    settings = BenchSettings(**{**given, "profile": profile})
     folder, clips = arguments.out or Path("out/bench"), list[dict[str, Any]]()
     failures = list[ClipFailure]()
     with StopOnSignal():

@@ -10,9 +10,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from risorius.command_line.argument_types import seconds
 from risorius.command_line.option_rules import DECODE_LINK_OPTIONS, reject
-from risorius.command_line.options import add_comparison, add_link, add_reporting
+from risorius.command_line.options import add_comparison, add_link, add_reporting, add_timeout
 from risorius.command_line.output_checks import STANDARD, check_outputs
 from risorius.command_line.parser import INTERRUPTED, add_command
 from risorius.command_line.progress import ProgressLine, say, warn
@@ -63,14 +62,7 @@ def add_decode(added: "Commands") -> None:
         " ffplay read it; without it the call is only checked",
     )
     add_comparison(parser)
-    parser.add_argument(
-        "--timeout",
-        type=seconds,
-        default=0.0,
-        metavar="S",
-        help="over a link, give up after S seconds without a picture, or to connect to; 0: wait for"
-        " pictures as long as it takes, and 10 seconds to connect (default: 0)",
-    )
+    add_timeout(parser)
     add_reporting(parser)
     parser.set_defaults(run=run_decode)
 

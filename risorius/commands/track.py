@@ -25,7 +25,7 @@ def add_track(added: "Commands") -> None:
         "write down how a face moves, frame by frame",
         "CSV with a line for each frame: time, pose (degrees, mm), actuators (EAUs), intensities\n"
         "of FACS action units from 0 to 1, confidence from 0 to 1.  A frame without a face has\n"
-        "empty cells.  docs/tracker.md says how it is followed, docs/model.md what the columns mean.",
+        "empty cells.  docs/tracker.md says how it is followed, docs/model.md what columns mean.",
         "  risorius track me.mp4 -o me.csv\n  risorius track 0 | head\n",
     )
     parser.add_argument("source", metavar="SOURCE", help=SOURCE_HELP)

@@ -99,7 +99,7 @@ def view(options: ViewOptions, announce: Callable[[str], None]) -> None:
         actor = open_actor(studio, options.call_file)
         stack.callback(actor.close)
         requests = RequestQueue()
-        server = _server(options, requests, _description(actor, studio, options))
+        server = _open_server(options, requests, _description(actor, studio, options))
         stack.callback(server.server_close)
         Thread(target=server.serve_forever, daemon=True).start()
         stack.callback(server.shutdown)
@@ -138,74 +138,75 @@ class _Server(ThreadingHTTPServer):
     # Whoever still waits for a picture must not hold up the end.
     daemon_threads, block_on_close = True, False
 
+    def __init__(self, port: int, requests: RequestQueue, described: dict[str, Any]) -> None:
+        self.requests = requests
+        self.page = (files("risorius.view") / "view.html").read_bytes()
+        self.model = json.dumps(described).encode()
+        super().__init__((HOST, port), _Handler)
+
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A page that is closed while its picture is under way is no error."""
+        """A page that is closed while its picture is drawn is no error."""
         if not isinstance(sys.exception(), ConnectionError):
             super().handle_error(request, client_address)
 
 
-def _server(
+class _Handler(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+    # A picture is sent in two writes, and the second must not wait for the first's receipt.
+    disable_nagle_algorithm = True
+    server: _Server
+
+    def do_GET(self) -> None:
+        """The page, the model's description, or a picture."""
+        where = urlsplit(self.path)
+        if not self._is_local():
+            self._reply(HTTPStatus.FORBIDDEN, "text/plain", b"this page is for its own host\n")
+        elif where.path == "/":
+            self._reply(HTTPStatus.OK, "text/html; charset=utf-8", self.server.page)
+        elif where.path == "/model.json":
+            self._reply(HTTPStatus.OK, "application/json", self.server.model)
+        elif where.path == "/picture.jpg":
+            self._picture(where.query)
+        else:
+            self._reply(HTTPStatus.NOT_FOUND, "text/plain", b"no such page\n")
+
+    def log_message(self, format: str, *arguments: Any) -> None:
+        """Nothing: a line for each picture would bury the page's address."""
+
+    def _is_local(self) -> bool:
+        """A page from elsewhere that names this host by its own name may not see the caller."""
+        name = self.headers.get("Host", "").rpartition(":")[0]
+        return name in (HOST, "localhost")
+
+    def _page(self) -> str:
+        """Who asks: a page by the name it gives itself, any other client by its connection."""
+        return self.headers.get("X-Page") or str(self.client_address)
+
+    def _picture(self, query: str) -> None:
+        try:
+            data = self.server.requests.render(self._page(), state_from_query(query))
+        except (ValueError, UserError) as error:
+            self._reply(HTTPStatus.BAD_REQUEST, "text/plain", f"{error}\n".encode())
+            return
+        if data is None:
+            self._reply(HTTPStatus.NO_CONTENT, "image/jpeg", b"")
+        else:
+            self._reply(HTTPStatus.OK, "image/jpeg", data)
+
+    def _reply(self, status: HTTPStatus, kind: str, body: bytes) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Cache-Control", "no-store")
+        self.end_headers()
+        self.wfile.write(body)
+
+
+def _open_server(
     options: ViewOptions, requests: RequestQueue, described: dict[str, Any]
-) -> ThreadingHTTPServer:
+) -> _Server:
     try:
-        return _Server((HOST, options.port), _handler(requests, described))
+        return _Server(options.port, requests, described)
     except OSError as error:
         reason = f"cannot serve on {HOST}:{options.port}: {error.strerror}"
         raise UserError(f"{reason}; try another --port", LINK_FAILED) from error
-
-
-def _handler(requests: RequestQueue, described: dict[str, Any]) -> type[BaseHTTPRequestHandler]:
-    page = (files("risorius.view") / "view.html").read_bytes()
-    model = json.dumps(described).encode()
-
-    class Handler(BaseHTTPRequestHandler):
-        protocol_version = "HTTP/1.1"
-        # A picture is sent in two writes, and the second must not wait for the first's receipt.
-        disable_nagle_algorithm = True
-
-        def do_GET(self) -> None:
-            """The page, the model's description, or a picture."""
-            where = urlsplit(self.path)
-            if not self._is_local():
-                self._reply(HTTPStatus.FORBIDDEN, "text/plain", b"this page is for its own host\n")
-            elif where.path == "/":
-                self._reply(HTTPStatus.OK, "text/html; charset=utf-8", page)
-            elif where.path == "/model.json":
-                self._reply(HTTPStatus.OK, "application/json", model)
-            elif where.path == "/picture.jpg":
-                self._picture(where.query)
-            else:
-                self._reply(HTTPStatus.NOT_FOUND, "text/plain", b"no such page\n")
-
-        def log_message(self, format: str, *arguments: Any) -> None:
-            """Nothing: a line for each picture would bury the page's address."""
-
-        def _is_local(self) -> bool:
-            """A page from elsewhere that names this host by its own name may not see the caller."""
-            name = self.headers.get("Host", "").rpartition(":")[0]
-            return name in (HOST, "localhost")
-
-        def _page(self) -> str:
-            """Who asks: a page by the name it gives itself, any other client by its connection."""
-            return self.headers.get("X-Page") or str(self.client_address)
-
-        def _picture(self, query: str) -> None:
-            try:
-                data = requests.render(self._page(), state_from_query(query))
-            except (ValueError, UserError) as error:
-                self._reply(HTTPStatus.BAD_REQUEST, "text/plain", f"{error}\n".encode())
-                return
-            if data is None:
-                self._reply(HTTPStatus.NO_CONTENT, "image/jpeg", b"")
-            else:
-                self._reply(HTTPStatus.OK, "image/jpeg", data)
-
-        def _reply(self, status: HTTPStatus, kind: str, body: bytes) -> None:
-            self.send_response(status)
-            self.send_header("Content-Type", kind)
-            self.send_header("Content-Length", str(len(body)))
-            self.send_header("Cache-Control", "no-store")
-            self.end_headers()
-            self.wfile.write(body)
-
-    return Handler

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from risorius.animation.animation_script import GROUPS, AnimationState
-from shared_model.anthropometry import MEASUREMENTS
-from shared_model.expressions import DOWN, EMOTIONS, UP
+from shared_model.anatomy.anthropometry import MEASUREMENTS
+from shared_model.anatomy.expressions import DOWN, EMOTIONS, UP
 from shared_model.parameters import EAUS, clip_eau
 
 # Where on the face the page shows an actuator, by the first word of its name.

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shared_model.muscles import Points, fall, rise
+from shared_model.anatomy.muscles import Points, falloff, ramp
 
 Array = NDArray[np.float64]
 # Vertices of different parts at the same place count as joined.
 WELD_MM = 0.05
 # Share of the half width of the mouth at which its corner begins: there the lips are one.
-CORNER = 0.93
+CORNER_START = 0.93
 # Nearly as far from the one lip as from the other, along the surface: in the corner.
 CORNER_MM = 8.0
 
@@ -48,14 +48,14 @@ def mouth_line(vertices: Array, triangles: NDArray[np.integer], points: Points) 
     neighbours = _neighbours(vertices, triangles, near)
     from_upper = surface_distance(vertices, neighbours, _nearest(vertices, points["ls"], near))
     from_lower = surface_distance(vertices, neighbours, _nearest(vertices, points["li"], near))
-    along = np.clip(np.abs(vertices[:, 0]) / (CORNER * corner[0]), 0, 1)
+    along = np.clip(np.abs(vertices[:, 0]) / (CORNER_START * corner[0]), 0, 1)
     # The line sags from the corners to the middle of the closed mouth.
     middle = (points["sto_upper"][1] + points["sto_lower"][1]) / 2
     line = corner[1] + (middle - corner[1]) * (1 - along**2)
     above = vertices[:, 1] - line
     share = np.where(above < 0, 1.0, 0.0)
     reached = np.isfinite(from_upper) & np.isfinite(from_lower) & (along < 1)
-    share[reached] = rise(from_upper[reached] - from_lower[reached], -CORNER_MM, CORNER_MM)
+    share[reached] = ramp(from_upper[reached] - from_lower[reached], -CORNER_MM, CORNER_MM)
     return MouthLine(
         share, along, np.where(share > 0.5, np.minimum(above, 0), np.maximum(above, 0))
     )
@@ -63,12 +63,12 @@ def mouth_line(vertices: Array, triangles: NDArray[np.integer], points: Points) 
 
 def upper_lip(line: MouthLine, reach_mm: float) -> Array:
     """(n,) 1 on the upper lip, fading to 0 at the corners and `reach_mm` above the line."""
-    return (1 - line.lower) * (1 - line.along**4) * fall(line.above, reach_mm / 2, reach_mm)
+    return (1 - line.lower) * (1 - line.along**4) * falloff(line.above, reach_mm / 2, reach_mm)
 
 
 def lower_lip(line: MouthLine, reach_mm: float) -> Array:
     """(n,) 1 on the lower lip, fading to 0 at the corners and `reach_mm` below the line."""
-    return line.lower * (1 - line.along**4) * fall(-line.above, reach_mm / 2, reach_mm)
+    return line.lower * (1 - line.along**4) * falloff(-line.above, reach_mm / 2, reach_mm)
 
 
 def surface_distance(vertices: Array, neighbours: dict[int, set[int]], source: int) -> Array:

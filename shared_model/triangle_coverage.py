@@ -12,7 +12,9 @@ Indices = NDArray[np.intp]
 POINTS_AT_ONCE = 1 << 14
 
 
-def covered(corners: Array, width: int, height: int) -> tuple[Indices, Indices, Indices, Array]:
+def covered_points(
+    corners: Array, width: int, height: int
+) -> tuple[Indices, Indices, Indices, Array]:
     """The grid points (column, row) in each of some triangles.
 
     corners: (n, 3, 2).  Flat triangles cover nothing; a point on an edge is in both triangles.

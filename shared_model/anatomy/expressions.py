@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shared_model import muscle_table as m
-from shared_model.jaw_and_lids import gaze_field, jaw_field, lid_field
+from shared_model.anatomy import muscle_table as m
+from shared_model.anatomy.jaw_and_eyelids import eyelid_field, gaze_field, jaw_field
+from shared_model.anatomy.mouth import MouthLine, lower_lip, mouth_line, upper_lip
+from shared_model.anatomy.muscles import Muscle, Points, falloff, is_paired
 from shared_model.mesh import PARTS
-from shared_model.mouth import MouthLine, lower_lip, mouth_line, upper_lip
-from shared_model.muscles import Muscle, Points, fall, is_paired
 from shared_model.parameters import EAU_INDEX, EAUS
 
 Array = NDArray[np.float64]
@@ -81,7 +81,7 @@ def eau_fields(
 
 
 def _lids(head: Anatomy, side: str, upper: float, lower: float) -> Array:
-    return lid_field(head.vertices, head.parts, head.points, side, upper, lower)
+    return eyelid_field(head.vertices, head.parts, head.points, side, upper, lower)
 
 
 def _gaze(head: Anatomy, horizontal: float, vertical: float) -> Array:
@@ -109,9 +109,9 @@ def _lip_press(head: Anatomy) -> Array:
     field = np.zeros_like(head.vertices)
     lips = upper_lip(head.line, 22) + lower_lip(head.line, 24)
     soft = np.isin(head.parts, [PARTS.index("skin"), PARTS.index("mouth")])
-    front = fall(head.points["sto"][2] - head.vertices[:, 2], 8, 24) * soft * lips
+    front = falloff(head.points["sto"][2] - head.vertices[:, 2], 8, 24) * soft * lips
     field[:, 1] = -PRESS_SHARE * head.line.above * front
-    field[:, 2] = -PRESS_BACK_MM * front * fall(np.abs(head.line.above), 4, 16)
+    field[:, 2] = -PRESS_BACK_MM * front * falloff(np.abs(head.line.above), 4, 16)
     return field
 
 

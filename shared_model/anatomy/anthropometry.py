@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shared_model.anatomy.muscles import falloff, ramp
 from shared_model.curves import smooth_curve
 from shared_model.mesh import PARTS
-from shared_model.muscles import fall, rise
 from shared_model.parameters import AAUS
 from shared_model.shape_residual import control_points, residual_basis
 
@@ -108,7 +108,7 @@ def aau_fields(vertices: Array, parts: NDArray[np.integer], landmarks: Mapping[s
     fields = np.zeros((len(AAUS), *vertices.shape))
     for field, measurement in zip(fields, MEASUREMENTS, strict=True):
         axis, shape = SHAPES[measurement.name]
-        field[:, axis] = _carried(shape, vertices, parts, points)
+        field[:, axis] = _with_rigid_parts(shape, vertices, parts, points)
         moved = {name: vertices[index] + field[index] for name, index in landmarks.items()}
         gain = _distance(measurement, moved) - _distance(measurement, points)
         field *= 2 * measurement.deviation_mm / gain
@@ -118,7 +118,7 @@ def aau_fields(vertices: Array, parts: NDArray[np.integer], landmarks: Mapping[s
 Shape = Callable[[Array, Mapping[str, Array]], Array]
 
 
-def _carried(
+def _with_rigid_parts(
     shape: Shape, vertices: Array, parts: NDArray[np.integer], points: Mapping[str, Array]
 ) -> Array:
     """(n,) displacement; eyeballs, teeth and tongue go as one piece with what holds them."""
@@ -151,15 +151,15 @@ def _profile(vertices: Array, points: Mapping[str, Array], knots: Mapping[str, f
     upper = {height: value for height, value in heights.items() if height >= level["on"]}
     cheek = _smooth(y, {**upper, level["pi_l"]: 0.0, level["gn"]: knots["gn"]})
     corner = points["ch_l"][X]
-    beside = rise(np.abs(vertices[:, X]), corner, 2.2 * corner)
+    beside = ramp(np.abs(vertices[:, X]), corner, 2.2 * corner)
     middle = _smooth(y, heights)
-    return np.asarray((middle + beside * (cheek - middle)) * rise(vertices[:, Z], -50, 40))
+    return np.asarray((middle + beside * (cheek - middle)) * ramp(vertices[:, Z], -50, 40))
 
 
 def _cranial_width(vertices: Array, points: Mapping[str, Array]) -> Array:
     x, y = vertices[:, X], vertices[:, Y]
     go, t = points["go_l"], points["t_l"]
-    return np.asarray(np.sign(x) * rise(np.abs(x), 0.42 * t[X], t[X]) * rise(y, go[Y], t[Y] - 2))
+    return np.asarray(np.sign(x) * ramp(np.abs(x), 0.42 * t[X], t[X]) * ramp(y, go[Y], t[Y] - 2))
 
 
 def _facial_height(vertices: Array, points: Mapping[str, Array]) -> Array:
@@ -176,14 +176,14 @@ def _facial_height(vertices: Array, points: Mapping[str, Array]) -> Array:
 
 
 def _facial_depth(vertices: Array, points: Mapping[str, Array]) -> Array:
-    return rise(vertices[:, Z], points["t_l"][Z], points["or_l"][Z])
+    return ramp(vertices[:, Z], points["t_l"][Z], points["or_l"][Z])
 
 
 def _mandible_width(vertices: Array, points: Mapping[str, Array]) -> Array:
     x, go = np.abs(vertices[:, X]), points["go_l"]
-    height = fall(np.abs(vertices[:, Y] - go[Y]), 4, 50)
-    along = fall(np.abs(vertices[:, Z] - go[Z]), 12, 62)
-    return np.asarray(np.sign(vertices[:, X]) * rise(x, 0.45 * go[X], go[X]) * height * along)
+    height = falloff(np.abs(vertices[:, Y] - go[Y]), 4, 50)
+    along = falloff(np.abs(vertices[:, Z] - go[Z]), 12, 62)
+    return np.asarray(np.sign(vertices[:, X]) * ramp(x, 0.45 * go[X], go[X]) * height * along)
 
 
 def _chin_height(vertices: Array, points: Mapping[str, Array]) -> Array:
@@ -204,14 +204,14 @@ def _nose_bridge_length(vertices: Array, points: Mapping[str, Array]) -> Array:
     below = prn[Y] - sn[Y]
     away = vertices - prn
     vertical = np.where(away[:, Y] > 0, away[:, Y] / (2.8 * below), -away[:, Y] / below)
-    tip = fall(np.sqrt((away[:, X] / 28) ** 2 + vertical**2 + (away[:, Z] / 34) ** 2), 0.1, 1)
+    tip = falloff(np.sqrt((away[:, X] / 28) ** 2 + vertical**2 + (away[:, Z] / 34) ** 2), 0.1, 1)
     return 0.25 * _nose_root(vertices, points) - 0.75 * tip
 
 
 def _nose_root(vertices: Array, points: Mapping[str, Array]) -> Array:
     n = points["n"]
-    root = fall(np.hypot(vertices[:, X] / 14, (vertices[:, Y] - n[Y]) / 22), 0, 1)
-    return np.asarray(root * rise(vertices[:, Z], 60, 80))
+    root = falloff(np.hypot(vertices[:, X] / 14, (vertices[:, Y] - n[Y]) / 22), 0, 1)
+    return np.asarray(root * ramp(vertices[:, Z], 60, 80))
 
 
 def _nose_width(vertices: Array, points: Mapping[str, Array]) -> Array:
@@ -235,9 +235,9 @@ def _widened(
     vertical: mm above and below without fading, and where it has gone.  depth: likewise, mm.
     """
     x = vertices[:, X]
-    share = np.clip(x / side[X], -1, 1) * fall(np.abs(x) - side[X], 0, lateral[1])
-    share *= fall(np.abs(vertices[:, Y] - side[Y]), *vertical)
-    return np.asarray(share * fall(np.abs(vertices[:, Z] - side[Z]), lateral[0], depth))
+    share = np.clip(x / side[X], -1, 1) * falloff(np.abs(x) - side[X], 0, lateral[1])
+    share *= falloff(np.abs(vertices[:, Y] - side[Y]), *vertical)
+    return np.asarray(share * falloff(np.abs(vertices[:, Z] - side[Z]), lateral[0], depth))
 
 
 def _mouth_shift(vertices: Array, points: Mapping[str, Array]) -> Array:
@@ -264,7 +264,7 @@ def _eyebrow_height(vertices: Array, points: Mapping[str, Array]) -> Array:
             float(tr[Y]) - 5: 0.0,
         },
     )
-    return np.asarray(band * rise(vertices[:, Z], 30, 65))
+    return np.asarray(band * ramp(vertices[:, Z], 30, 65))
 
 
 SHAPES: Mapping[str, tuple[int, Shape]] = {

@@ -49,16 +49,16 @@ class LinearMuscle:
 
     def displacement(self, vertices: Array, points: Points, side: str) -> Array:
         """(n, 3) mm of vertices (n, 3) mm at full contraction of the muscle of one side, l or r."""
-        origin = locate(self.attachment, points, side)
-        axis = _unit(locate(self.insertion, points, side) - origin)
+        origin = anchor_position(self.attachment, points, side)
+        axis = _unit(anchor_position(self.insertion, points, side) - origin)
         away = vertices - origin
         distance = np.linalg.norm(away, axis=1)
         cosine = np.clip(away @ axis / np.maximum(distance, 1e-9), -1, 1)
-        angular = fall(np.degrees(np.arccos(cosine)), 0, self.zone_deg)
+        angular = falloff(np.degrees(np.arccos(cosine)), 0, self.zone_deg)
         radial = np.where(
             distance < self.start_mm,
             np.sin(np.pi / 2 * np.clip(distance / self.start_mm, 0, 1)),
-            fall(distance, self.start_mm, self.end_mm),
+            falloff(distance, self.start_mm, self.end_mm),
         )
         strength = angular * radial
         field = -away / np.maximum(distance, 1e-9)[:, None] * (self.pull_mm * strength)[:, None]
@@ -86,8 +86,8 @@ class SphincterMuscle:
 
     def displacement(self, vertices: Array, points: Points, side: str) -> Array:
         """(n, 3) mm of vertices (n, 3) mm at full contraction."""
-        away = vertices - locate(self.centre, points, side)
-        strength = fall(np.linalg.norm(away / np.array(self.reach_mm), axis=1), 0, 1)
+        away = vertices - anchor_position(self.centre, points, side)
+        strength = falloff(np.linalg.norm(away / np.array(self.reach_mm), axis=1), 0, 1)
         field = np.zeros_like(away)
         field[:, :2] = -away[:, :2] * self.squeeze * strength[:, None]
         field[:, 2] = self.protrude_mm * strength
@@ -112,11 +112,11 @@ class SheetMuscle:
 
     def displacement(self, vertices: Array, points: Points, side: str) -> Array:
         """(n, 3) mm of vertices (n, 3) mm at full contraction of the muscle of one side."""
-        away = vertices - locate(self.centre, points, side)
+        away = vertices - anchor_position(self.centre, points, side)
         above, below = self.height_mm
         vertical = np.where(away[:, 1] > 0, away[:, 1] / above, -away[:, 1] / below)
-        strength = fall(np.hypot(away[:, 0] / self.width_mm, vertical), 0, 1)
-        strength *= fall(np.abs(away[:, 2]), 25, 60)
+        strength = falloff(np.hypot(away[:, 0] / self.width_mm, vertical), 0, 1)
+        strength *= falloff(np.abs(away[:, 2]), 25, 60)
         pull = _unit(np.array(self.direction)) * self.pull_mm
         return np.asarray(strength[:, None] * (pull if side == "l" else pull * MIRROR))
 
@@ -125,7 +125,7 @@ Muscle = LinearMuscle | SphincterMuscle | SheetMuscle
 MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
-def locate(anchor: Anchor, points: Points, side: str) -> Array:
+def anchor_position(anchor: Anchor, points: Points, side: str) -> Array:
     """(3,) mm: an anchor on a head with these landmarks.  Raises ValueError if one is missing."""
     for name in (anchor.landmark, f"{anchor.landmark}_{side}"):
         if name in points:
@@ -140,14 +140,14 @@ def is_paired(muscle: Muscle, points: Points) -> bool:
     return anchor.landmark not in points or anchor.offset_mm[0] != 0
 
 
-def fall(x: Array, start: float, end: float) -> Array:
+def falloff(x: Array, start: float, end: float) -> Array:
     """1 up to `start`, 0 from `end` on, a smooth half cosine between them."""
     return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.clip((x - start) / (end - start), 0, 1)))
 
 
-def rise(x: Array, start: float, end: float) -> Array:
+def ramp(x: Array, start: float, end: float) -> Array:
     """0 up to `start`, 1 from `end` on, a smooth half cosine between them."""
-    return np.asarray(1 - fall(x, start, end))
+    return np.asarray(1 - falloff(x, start, end))
 
 
 def _unit(v: Array) -> Array:

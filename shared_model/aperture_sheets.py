@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Sheet:
+class ApertureSheet:
     """Where a sheet hangs: part of the head, and its rims among the network's points.
 
     upper, lower: as many points each, from the subject's right corner to the left.
@@ -28,18 +28,18 @@ class Sheet:
     lower: tuple[int, ...]
 
 
-MOUTH = Sheet(
+MOUTH = ApertureSheet(
     "mouth",
     (78, 191, 80, 81, 82, 13, 312, 311, 310, 415, 308),
     (78, 95, 88, 178, 87, 14, 317, 402, 318, 324, 308),
 )
 EYES = (
-    Sheet(
+    ApertureSheet(
         "eye_left",
         (362, 398, 384, 385, 386, 387, 388, 466, 263),
         (362, 382, 381, 380, 374, 373, 390, 249, 263),
     ),
-    Sheet(
+    ApertureSheet(
         "eye_right",
         (33, 246, 161, 160, 159, 158, 157, 173, 133),
         (33, 7, 163, 144, 145, 153, 154, 155, 133),
@@ -48,7 +48,7 @@ EYES = (
 SHEETS = (MOUTH, *EYES)
 # Where the mouth's lies in the atlas, in place of the islands of the parts it replaces: u, v
 # ranges.  The eyes' fill the holes between the lids.
-ISLAND = ((0.06, 0.94), (0.9, 0.99))
+MOUTH_ISLAND = ((0.06, 0.94), (0.9, 0.99))
 # The sheets hang this far behind the rims, so that the rims' own edges are in front, mm.
 BEHIND_MM = 1.5
 # The lips part at most so far from the network's corner of the mouth, mm.
@@ -58,7 +58,7 @@ OPACITY_GAIN = 2.5
 
 
 @cache
-def sheeted_head() -> Head:
+def head_with_aperture_sheets() -> Head:
     """The generic head with the sheets; its vertices are followed by those of the rims."""
     head = generic_head()
     carry = rim_weights(head)
@@ -73,15 +73,15 @@ def sheeted_head() -> Head:
     vertices[count:] += behind
     sizes = [len(sheet.upper) + len(sheet.lower) for sheet in SHEETS]
     parts = np.repeat([PARTS.index(sheet.part) for sheet in SHEETS], sizes)
-    mouth, eyes = _island(), carry[sizes[0] :] @ head.texture_coordinates
+    mouth, eyes = _mouth_texture_coordinates(), carry[sizes[0] :] @ head.texture_coordinates
     return Head(
         vertices=vertices,
-        triangles=np.concatenate([outer, count + _strips()]).astype(np.int32),
+        triangles=np.concatenate([outer, count + _triangles()]).astype(np.int32),
         texture_coordinates=np.concatenate([head.texture_coordinates, mouth, eyes]),
         parts=np.append(head.parts, parts.astype(np.uint8)),
         opacity=np.append(np.minimum(OPACITY_GAIN * head.opacity, 1), np.ones(len(carry))),
         landmarks=head.landmarks,
-        network_triangles=_renumbered(head),
+        network_triangles=_renumbered_landmarks(head),
         network_weights=head.network_weights,
         eau_up=extended(head.eau_up),
         eau_down=extended(head.eau_down),
@@ -126,7 +126,7 @@ def _depths() -> Array:
     return np.concatenate([np.pad(np.full(len(rim) - 2, BEHIND_MM), 1) for rim in rims])
 
 
-def _renumbered(head: Head) -> NDArray[np.int32]:
+def _renumbered_landmarks(head: Head) -> NDArray[np.int32]:
     """The network's points keep their triangles, whose numbers change as others go."""
     inside = head.parts[head.triangles[:, 0]] != PARTS.index("skin")
     number = np.cumsum(~inside) - 1
@@ -134,7 +134,7 @@ def _renumbered(head: Head) -> NDArray[np.int32]:
     return np.where(head.network_triangles < 0, -1, found).astype(np.int32)
 
 
-def _strips() -> NDArray[np.int32]:
+def _triangles() -> NDArray[np.int32]:
     """Triangles between the upper and the lower rim of each sheet, seen from outside."""
     strips, first = [], 0
     for sheet in SHEETS:
@@ -147,8 +147,8 @@ def _strips() -> NDArray[np.int32]:
     return np.concatenate(strips).astype(np.int32)
 
 
-def _island() -> Array:
-    (left, right), (top, bottom) = ISLAND
+def _mouth_texture_coordinates() -> Array:
+    (left, right), (top, bottom) = MOUTH_ISLAND
     u = np.linspace(left, right, len(MOUTH.upper))
     rows = [np.stack([u, np.full_like(u, v)], 1) for v in (top, bottom)]
     return np.concatenate(rows)

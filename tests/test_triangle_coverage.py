@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from shared_model.cover import covered
+from shared_model.triangle_coverage import covered_points
 
 Array = NDArray[np.float64]
 
 
 def test_a_triangle_covers_its_points_with_their_weights() -> None:
     corners = np.array([[[0.0, 0.0], [3.0, 0.0], [0.0, 3.0]]])
-    triangle, x, y, shares = covered(corners, 8, 8)
+    triangle, x, y, shares = covered_points(corners, 8, 8)
     assert sorted(zip(x.tolist(), y.tolist(), strict=True)) == [
         (i, j) for i in range(4) for j in range(4) if i + j <= 3
     ]
@@ -29,7 +29,7 @@ def test_a_triangle_covers_its_points_with_their_weights() -> None:
     ],
 )
 def test_what_holds_no_point_covers_none(corners: list[list[float]]) -> None:
-    found = covered(np.array([corners]), 8, 6)
+    found = covered_points(np.array([corners]), 8, 6)
     assert [len(part) for part in found] == [0, 0, 0, 0]
 
 
@@ -37,7 +37,7 @@ def test_triangles_of_all_sizes_are_cut_off_at_the_grid() -> None:
     rng = np.random.default_rng(4)
     sizes = rng.choice([0.5, 2, 9, 40], 300)[:, None, None]
     corners = rng.uniform(-5, 25, (300, 1, 2)) + sizes * rng.normal(size=(300, 3, 2))
-    triangle, x, y, shares = covered(corners, 20, 12)
+    triangle, x, y, shares = covered_points(corners, 20, 12)
     assert x.min() >= 0 and x.max() <= 19 and y.min() >= 0 and y.max() <= 11
     expected = {
         (n, i, j)

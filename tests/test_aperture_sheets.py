@@ -3,15 +3,23 @@
 import numpy as np
 
 from shared_model.animate import Face, Identity
+from shared_model.aperture_sheets import (
+    BEHIND_MM,
+    EYES,
+    MOUTH,
+    SHEETS,
+    ApertureSheet,
+    head_with_aperture_sheets,
+    rim_weights,
+)
 from shared_model.mesh import PARTS, generic_head, open_edges
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS
-from shared_model.sheets import BEHIND_MM, EYES, MOUTH, SHEETS, Sheet, rim_weights, sheeted_head
 
-HEAD, SHEETED = generic_head(), sheeted_head()
+HEAD, SHEETED = generic_head(), head_with_aperture_sheets()
 COUNT = len(HEAD.vertices)
 
 
-def triangles_of(sheet: Sheet) -> np.ndarray:
+def triangles_of(sheet: ApertureSheet) -> np.ndarray:
     ours = SHEETED.parts[SHEETED.triangles[:, 0]] == PARTS.index(sheet.part)
     return np.asarray(SHEETED.triangles[ours])
 
@@ -24,7 +32,7 @@ def animated(**actuators: float) -> np.ndarray:
     return face.animate(eau)
 
 
-def frontal_mm2(sheet: Sheet, vertices: np.ndarray) -> float:
+def frontal_mm2(sheet: ApertureSheet, vertices: np.ndarray) -> float:
     """What the sheet covers, seen from the front; parts that are turned over count as negative."""
     a, b, c = (vertices[triangles_of(sheet)[:, i]] for i in range(3))
     return float(np.cross(b - a, c - a)[:, 2].sum() / 2)

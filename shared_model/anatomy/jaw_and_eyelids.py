@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shared_model.anatomy.mouth import MouthLine
+from shared_model.anatomy.muscles import Points, falloff, ramp
 from shared_model.geometry import matrix_from_quaternion, quaternion_from_vector
 from shared_model.mesh import PARTS
-from shared_model.mouth import MouthLine
-from shared_model.muscles import Points, fall, rise
 
 Array = NDArray[np.float64]
 Parts = NDArray[np.integer]
@@ -30,17 +30,17 @@ CORNER_SHARE = 0.5
 CORNER_NARROWING_MM = 3.0
 GAZE_DEG = 30.0
 # How far beyond its margin a lid's skin follows it, degrees about the eye's centre.
-UPPER_LID_DEG = 36.0
+UPPER_EYELID_DEG = 36.0
 # Exponents of the lid margins' arch.
 INNER_CANTHUS, OUTER_CANTHUS = 1.1, 0.8
-LOWER_LID_DEG = 28.0
+LOWER_EYELID_DEG = 28.0
 
 
-def _part(parts: Parts, *names: str) -> NDArray[np.bool_]:
+def _in_part(parts: Parts, *names: str) -> NDArray[np.bool_]:
     return np.isin(parts, [PARTS.index(name) for name in names])
 
 
-def _turn(vertices: Array, centre: Array, axis: Array, degrees: float) -> Array:
+def _rotation_chord(vertices: Array, centre: Array, axis: Array, degrees: float) -> Array:
     """(n, 3) chord of turning vertices about an axis through `centre`."""
     matrix = matrix_from_quaternion(quaternion_from_vector(axis * np.radians(degrees)))
     return np.asarray((vertices - centre) @ (matrix - np.eye(3)).T)
@@ -52,12 +52,12 @@ def jaw_weight(vertices: Array, parts: Parts, line: MouthLine) -> Array:
     Along the line between the lips it jumps from upper to lower lip; at the corners both agree;
     above and below the corners it fades over the cheek, and towards the ramus and the neck.
     """
-    upper = CORNER_SHARE * line.along**2.5 * fall(line.above, 0, 38)
-    lower = 1 - (1 - CORNER_SHARE) * line.along**3 * fall(-line.above, 0, 26)
-    behind = rise(vertices[:, 2], -15, 42)
+    upper = CORNER_SHARE * line.along**2.5 * falloff(line.above, 0, 38)
+    lower = 1 - (1 - CORNER_SHARE) * line.along**3 * falloff(-line.above, 0, 26)
+    behind = ramp(vertices[:, 2], -15, 42)
     weight = (line.lower * lower + (1 - line.lower) * upper) * behind
-    weight[_part(parts, "teeth_lower", "tongue")] = 1.0
-    weight[_part(parts, "teeth_upper", "eye_left", "eye_right")] = 0.0
+    weight[_in_part(parts, "teeth_lower", "tongue")] = 1.0
+    weight[_in_part(parts, "teeth_upper", "eye_left", "eye_right")] = 0.0
     return np.asarray(weight)
 
 
@@ -65,9 +65,9 @@ def jaw_field(vertices: Array, parts: Parts, points: Points, line: MouthLine) ->
     """(n, 3) mm at full jaw drop: the mandible turned by `JAW_DEG` about the condyles."""
     condyle = (points["t_l"] + points["t_r"]) / 2 + CONDYLE_FROM_TRAGION
     weight = jaw_weight(vertices, parts, line)
-    turned = _turn(vertices, condyle, np.array([1.0, 0.0, 0.0]), JAW_DEG)
+    turned = _rotation_chord(vertices, condyle, np.array([1.0, 0.0, 0.0]), JAW_DEG)
     field = weight[:, None] * (turned + JAW_SLIDE_MM)
-    field[_part(parts, "tongue")] += TONGUE_MM
+    field[_in_part(parts, "tongue")] += TONGUE_MM
     return np.asarray(field + _narrowing(vertices, parts, points))
 
 
@@ -75,8 +75,8 @@ def _narrowing(vertices: Array, parts: Parts, points: Points) -> Array:
     """Corners of the mouth drawn together as the lips part: skin keeps its length."""
     corner = points["ch_l"]
     away = np.stack([np.abs(vertices[:, 0]) - corner[0], vertices[:, 1] - corner[1]])
-    weight = fall(np.hypot(*away), 0, 30) * _part(parts, "skin", "mouth")
-    weight *= rise(np.abs(vertices[:, 0]), 0, corner[0]) * rise(vertices[:, 2], 30, 60)
+    weight = falloff(np.hypot(*away), 0, 30) * _in_part(parts, "skin", "mouth")
+    weight *= ramp(np.abs(vertices[:, 0]), 0, corner[0]) * ramp(vertices[:, 2], 30, 60)
     field = np.zeros_like(vertices)
     field[:, 0] = -np.sign(vertices[:, 0]) * CORNER_NARROWING_MM * weight
     return field
@@ -93,7 +93,7 @@ class Eye:
 
 def eye(vertices: Array, parts: Parts, side: str) -> Eye:
     """The sphere through an eyeball's vertices (least squares)."""
-    ball = vertices[_part(parts, "eye_left" if side == "l" else "eye_right")]
+    ball = vertices[_in_part(parts, "eye_left" if side == "l" else "eye_right")]
     design = np.concatenate([2 * ball, np.ones((len(ball), 1))], 1)
     solution = np.linalg.lstsq(design, (ball**2).sum(1), rcond=None)[0]
     centre = solution[:3]
@@ -105,13 +105,15 @@ def gaze_field(vertices: Array, parts: Parts, horizontal: float, vertical: float
     axis = np.array([-vertical, horizontal, 0.0])
     field = np.zeros_like(vertices)
     for side, name in (("l", "eye_left"), ("r", "eye_right")):
-        ball = _part(parts, name)
-        field[ball] = _turn(vertices[ball], eye(vertices, parts, side).centre, axis, GAZE_DEG)
+        ball = _in_part(parts, name)
+        field[ball] = _rotation_chord(
+            vertices[ball], eye(vertices, parts, side).centre, axis, GAZE_DEG
+        )
     return field
 
 
 @dataclass(frozen=True, slots=True)
-class LidSpan:
+class EyelidCoordinates:
     """Vertices as elevations about an eye's horizontal axis, with the lid margins beside them.
 
     elevation: (n,) degrees.  reach: (n,) mm from the axis.
@@ -126,7 +128,9 @@ class LidSpan:
     near: Array
 
 
-def lid_span(vertices: Array, parts: Parts, points: Points, ball: Eye) -> LidSpan:
+def eyelid_coordinates(
+    vertices: Array, parts: Parts, points: Points, ball: Eye
+) -> EyelidCoordinates:
     """Where every vertex lies relative to the opening of one eye."""
     away = vertices - ball.centre
     reach = np.maximum(np.hypot(away[:, 1], away[:, 2]), ball.radius / 2)
@@ -137,9 +141,9 @@ def lid_span(vertices: Array, parts: Parts, points: Points, ball: Eye) -> LidSpa
         )
         for middle in ("ps", "pi")
     )
-    skin = _part(parts, "skin") & (away[:, 2] > 0)
-    near = skin * fall(np.linalg.norm(away, axis=1), 1.3 * ball.radius, 1.9 * ball.radius)
-    return LidSpan(elevation, reach, upper, lower, near)
+    skin = _in_part(parts, "skin") & (away[:, 2] > 0)
+    near = skin * falloff(np.linalg.norm(away, axis=1), 1.3 * ball.radius, 1.9 * ball.radius)
+    return EyelidCoordinates(elevation, reach, upper, lower, near)
 
 
 def _margin(x: Array, points: Points, ball: Eye, middle: str) -> Array:
@@ -156,7 +160,7 @@ def _arch(s: Array) -> Array:
     return np.asarray((1 - (2 * s - 1) ** 2) ** np.where(s < 0.5, INNER_CANTHUS, OUTER_CANTHUS))
 
 
-def lid_field(
+def eyelid_field(
     vertices: Array, parts: Parts, points: Points, side: str, upper: float, lower: float
 ) -> Array:
     """(n, 3) mm: the lids of one eye slid over the eyeball.
@@ -166,11 +170,11 @@ def lid_field(
     the brow and down to the cheek.
     """
     ball = eye(vertices, parts, side)
-    span = lid_span(vertices, parts, points, ball)
+    span = eyelid_coordinates(vertices, parts, points, ball)
     opening = np.maximum(span.upper - span.lower, 0)
     above = span.elevation > (span.upper + span.lower) / 2
-    down = fall(span.elevation - span.upper, 2, UPPER_LID_DEG) * upper
-    up = fall(span.lower - span.elevation, 2, LOWER_LID_DEG) * lower
+    down = falloff(span.elevation - span.upper, 2, UPPER_EYELID_DEG) * upper
+    up = falloff(span.lower - span.elevation, 2, LOWER_EYELID_DEG) * lower
     turn = np.where(above, -down, up) * opening * span.near
     angle = np.radians(span.elevation)
     target = angle + np.radians(turn)

@@ -3,7 +3,7 @@
 Anchors are landmarks (thesis A.1) with offsets in mm: (lateral, up, forward).
 """
 
-from shared_model.muscles import Anchor, LinearMuscle, Muscle, SheetMuscle, SphincterMuscle
+from shared_model.anatomy.muscles import Anchor, LinearMuscle, Muscle, SheetMuscle, SphincterMuscle
 
 # The seven pairs of thesis 2.3.1.
 ZYGOMATIC_MAJOR = LinearMuscle(

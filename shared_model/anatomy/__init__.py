@@ -1,0 +1,1 @@
+"""The anatomy of the head: muscles, jaw, eyelids, expressions and body measurements."""
