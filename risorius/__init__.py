@@ -27,8 +27,9 @@ Follow the face without a call:
 ['AU1', 'AU10', 'AU12']
 >>> track.write_csv("me.csv")
 
-What a user can mend raises `UserError`.  Libraries are loaded by the function that needs them.  The
-same source gives the same call on every machine if OPENBLAS_NUM_THREADS is 1 before numpy is loaded.
+What a user can mend raises `UserError`.  Libraries are loaded by the function that needs them.
+The same source gives the same call on every machine if OPENBLAS_NUM_THREADS is 1 before numpy is
+loaded.
 """
 
 from collections.abc import Callable, Sequence
@@ -64,7 +65,7 @@ def encode(
 
     source: video file, image pattern (frame_%04d.png), camera index or URL.
     profile: "default" or "thesis"; None: default where the landmark networks are installed.
-    bitrate: bits a second of the frame packets.  fps: code about so many frames a second; None: all.
+    bitrate: bits a second of frame packets.  fps: code about so many frames a second; None: all.
     live: one pass, as for a camera.  These three are of the default profile.
     model_bytes: approximate size of the model packet; None: the profile's usual one.
     max_frames: stop after so many frames.

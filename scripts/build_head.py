@@ -1,4 +1,4 @@
-"""Build a head, as `shared_model/data/head.npz`, out of MakeHuman's: see the README in that folder."""
+"""Build a head, `shared_model/data/head.npz`, from MakeHuman's: see the README in that folder."""
 
 import argparse
 import subprocess

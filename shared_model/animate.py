@@ -15,10 +15,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Who: anthropometry and what it leaves over.
+    """The shape of a person.
 
     aau: (len(AAUS),) float64.
-    residual: (n, 3) float64, mm, added to every vertex after the AAUs.
+    residual: (n, 3) float64, mm, displacement of the vertices in addition to the AAUs.
     """
 
     aau: Array
@@ -26,12 +26,12 @@ class Identity:
 
 
 def identity_from_controls(head: Head, aau: Array, control_mm: Array) -> Identity:
-    """The identity of AAUs (11,) and displacements (k, 3), mm, of the residual control points."""
+    """The identity of AAUs (11,) and displacements (k, 3), mm, of the control points."""
     return Identity(aau, residual_basis(head).T @ control_mm)
 
 
 class Face:
-    """One person's head, ready to be animated by one small matrix product per frame."""
+    """A person's head, animated by one matrix product per frame."""
 
     def __init__(self, head: Head, identity: Identity) -> None:
         if identity.aau.shape != (len(AAUS),):
@@ -49,7 +49,7 @@ class Face:
         return other
 
     def at_vertices(self, index: NDArray[np.integer]) -> "Face":
-        """This face, animated at its vertices `index` (k,) alone."""
+        """This face with the vertices `index` (k,) alone."""
         other = copy(self)
         other.neutral = self.neutral[index]
         fields = self._fields.reshape(len(self._fields), -1, 3)[:, index]
@@ -60,5 +60,5 @@ class Face:
         """Vertices (n, 3), mm, head frame, of actuators `eau` (len(EAUS),) (eq. 2.10)."""
         if eau.shape != (len(EAUS),):
             raise ValueError(f"eau has shape {eau.shape}, expected {(len(EAUS),)}")
-        drive = np.concatenate([np.maximum(eau, 0), np.maximum(-eau, 0)])
-        return np.asarray(self.neutral + (drive @ self._fields).reshape(-1, 3))
+        activation = np.concatenate([np.maximum(eau, 0), np.maximum(-eau, 0)])
+        return np.asarray(self.neutral + (activation @ self._fields).reshape(-1, 3))

@@ -1,8 +1,8 @@
-"""The head with sheets in place of what is seen between the lips and between the lids.
+"""The head with sheets across the apertures of the mouth and the eyes.
 
-The default profile paints the inside of the mouth and the eyes by its appearance modes; for that a
-sheet that hangs between the rims serves better than the generic mouth and eyeballs, since every
-texel of it shows the same place between the rims in every frame.  Closed rims fold it to nothing.
+In the default profile the appearance modes include the inside of the mouth and the eyes.  A sheet
+between the rims of an aperture serves that better than the generic mouth and eyeballs, since each
+of its texels has the same position between the rims in every frame.  Closed rims leave it no area.
 """
 
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class ApertureSheet:
-    """Where a sheet hangs: part of the head, and its rims among the network's points.
+    """A sheet: its part of the head, and its rims as points of the landmark network.
 
-    upper, lower: as many points each, from the subject's right corner to the left.
+    upper, lower: equal numbers of points, from the subject's right corner to the left.
     """
 
     part: str
@@ -46,20 +46,20 @@ EYES = (
     ),
 )
 SHEETS = (MOUTH, *EYES)
-# Where the mouth's lies in the atlas, in place of the islands of the parts it replaces: u, v
-# ranges.  The eyes' fill the holes between the lids.
+# u and v ranges of the mouth's sheet in the atlas, where the parts that it replaces had their UV
+# islands.  The sheets of the eyes fill the holes between the eyelids.
 MOUTH_ISLAND = ((0.06, 0.94), (0.9, 0.99))
-# The sheets hang this far behind the rims, so that the rims' own edges are in front, mm.
+# Distance of the sheets behind the rims, so that the edges of the rims are in front, mm.
 BEHIND_MM = 1.5
-# The lips part at most so far from the network's corner of the mouth, mm.
+# Greatest distance of the skin's corner of the mouth from the network's, mm.
 CORNER_MM = 15.0
-# The face keeps its texture further into the hair than it needs to in the thesis profile.
+# The texture of the face extends farther into the hair than in the thesis profile.
 OPACITY_GAIN = 2.5
 
 
 @cache
 def head_with_aperture_sheets() -> Head:
-    """The generic head with the sheets; its vertices are followed by those of the rims."""
+    """The generic head with the sheets; the vertices of the rims are the last ones."""
     head = generic_head()
     carry = rim_weights(head)
     count = len(head.vertices)
@@ -90,10 +90,10 @@ def head_with_aperture_sheets() -> Head:
 
 
 def rim_weights(head: Head) -> Array:
-    """(r, n) each rim vertex as a weighted mean of the head's vertices.
+    """(r, n) weights of the head's vertices in each rim vertex.
 
-    Sheet by sheet, the upper rim first.  At the corners of the mouth the lips part farther aside
-    than the network's points: the rims end where the skin does.
+    Order of the rim vertices: sheet by sheet, the upper rim first.  The lips part farther out than
+    the network's corners of the mouth, so the mouth's rims end at the edge of the skin instead.
     """
     points = [point for sheet in SHEETS for point in (*sheet.upper, *sheet.lower)]
     weights = np.zeros((len(points), len(head.vertices)))
@@ -114,20 +114,20 @@ def _skin_triangles(head: Head) -> NDArray[np.int32]:
 
 
 def _mouth_corner(head: Head, ends: NDArray[np.int32], place_mm: Array) -> int:
-    """The vertex farthest aside of those of `ends`, where the skin ends, near a place."""
+    """The outermost vertex of `ends`, the edge of the skin, near a position (3,), mm."""
     distance_mm = np.linalg.norm(head.vertices[ends] - place_mm, axis=1)
     near = ends[distance_mm < CORNER_MM]
     return int(near[np.abs(head.vertices[near, 0]).argmax()])
 
 
 def _depths() -> Array:
-    """(r,) mm behind its rim of each rim vertex: at the corners there would be a gap."""
+    """(r,) distance of each rim vertex behind its rim, mm; 0 at the corners, to leave no gap."""
     rims = [rim for sheet in SHEETS for rim in (sheet.upper, sheet.lower)]
     return np.concatenate([np.pad(np.full(len(rim) - 2, BEHIND_MM), 1) for rim in rims])
 
 
 def _renumbered_landmarks(head: Head) -> NDArray[np.int32]:
-    """The network's points keep their triangles, whose numbers change as others go."""
+    """`network_triangles` after the removal of the triangles that are not skin."""
     inside = head.parts[head.triangles[:, 0]] != PARTS.index("skin")
     number = np.cumsum(~inside) - 1
     found = np.where(inside[head.network_triangles], -1, number[head.network_triangles])
@@ -135,7 +135,7 @@ def _renumbered_landmarks(head: Head) -> NDArray[np.int32]:
 
 
 def _triangles() -> NDArray[np.int32]:
-    """Triangles between the upper and the lower rim of each sheet, seen from outside."""
+    """Triangles between the rims of each sheet, counter-clockwise seen from outside."""
     strips, first = [], 0
     for sheet in SHEETS:
         count = len(sheet.upper)

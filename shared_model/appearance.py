@@ -1,4 +1,4 @@
-"""The shape-free frame (thesis 2.4.2): which point of the head each texel of the atlas shows."""
+"""The shape-free frame (thesis 2.4.2): the point of the head at each texel of the atlas."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -36,17 +36,17 @@ class Atlas:
 
 @lru_cache(maxsize=8)
 def atlas_of(head: Head, size: int) -> Atlas:
-    """Find the triangle and barycentric weights under the centre of every texel that is shown."""
+    """The atlas of a head at `size` texels a side; invisible triangles have no texels."""
     owner = np.full((size, size), -1, dtype=np.int32)
     weights = np.zeros((size, size, 3))
     at = head.texture_coordinates * size - 0.5
-    # Triangles that are never shown may lie anywhere in the chart.
+    # Invisible triangles may have any texture coordinates.
     shown = np.flatnonzero(head.opacity[head.triangles].max(1) > 0)
-    triangle, x, y, shares = covered_points(at[head.triangles[shown]], size, size)
-    # Where triangles meet the last one has the texel.
-    turn = np.argsort(triangle, kind="stable")
-    owner[y[turn], x[turn]] = shown[triangle[turn]]
-    weights[y[turn], x[turn]] = shares[turn]
+    triangle, x, y, barycentric = covered_points(at[head.triangles[shown]], size, size)
+    # A texel on a common edge belongs to the last triangle.
+    order = np.argsort(triangle, kind="stable")
+    owner[y[order], x[order]] = shown[triangle[order]]
+    weights[y[order], x[order]] = barycentric[order]
     rows, columns = np.nonzero(owner >= 0)
     return Atlas(
         size,
@@ -58,15 +58,12 @@ def atlas_of(head: Head, size: int) -> Atlas:
 
 
 def resized(image: NDArray[np.float32], size: int) -> NDArray[np.float32]:
-    """A square image (s, s, channels) at `size` texels a side, bilinear, edges repeated.
-
-    Both ends enlarge modes with it, so that they agree to the last bit.
-    """
+    """A square image (s, s, channels) resized to `size` texels a side: bilinear, edges repeated."""
     if len(image) == size:
         return image
     at = np.clip((np.arange(size) + 0.5) * len(image) / size - 0.5, 0, len(image) - 1)
     low = np.minimum(at.astype(int), len(image) - 2)
-    share = (at - low).astype(np.float32)[:, None, None]
-    rows = image[low] * (1 - share) + image[low + 1] * share
-    across = share.transpose(1, 0, 2)
+    fraction = (at - low).astype(np.float32)[:, None, None]
+    rows = image[low] * (1 - fraction) + image[low + 1] * fraction
+    across = fraction.transpose(1, 0, 2)
     return np.asarray(rows[:, low] * (1 - across) + rows[:, low + 1] * across, np.float32)

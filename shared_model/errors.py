@@ -1,13 +1,13 @@
-"""The one error whose message is shown to the user as it is."""
+"""The error whose message is shown to the user."""
 
 from pathlib import Path
 
-# The exit code of a link that cannot be made, or breaks.
+# Exit code of a link that cannot be made, or breaks.
 LINK_FAILED = 4
 
 
 class UserError(Exception):
-    """What the user can mend: the message is one line that says what is wrong and what to do.
+    """A mistake that the user can correct; the message is one line: what is wrong, what to do.
 
     exit_code: the process's exit status: 2 bad usage or input, 3 no face found, 4 link failed.
     """

@@ -32,16 +32,16 @@ OUTER_LIPS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Head:
-    """A triangle mesh of n vertices and m triangles with everything that animates it.
+    """A triangle mesh of n vertices and m triangles, with the fields that animate it.
 
     vertices: (n, 3) float64, mm, head frame, neutral.
     triangles: (m, 3) int32, counter-clockwise seen from outside.
     texture_coordinates: (n, 2) float64 in [0, 1]: u to the subject's left, v down (row 0 on top).
     parts: (n,) uint8, index into `PARTS`.
-    opacity: (n,) float64 in [0, 1]: 1 on the face, 0 where the still picture takes over.
+    opacity: (n,) float64 in [0, 1]: 1 on the face, 0 where the background picture shows.
     landmarks: anatomical abbreviation of thesis A.1 (sides as `_l`, `_r`) -> vertex index.
     network_triangles: (468,) int32 and network_weights: (468, 3) float64: where each point of the
-        468-point landmark network lies on the mesh; negative triangle: nowhere.
+        468-point landmark network lies on the mesh; negative triangle: not on it.
     eau_up, eau_down: (len(EAUS), n, 3) float64, mm: displacement at +1 and at -1.
     aau: (len(AAUS), n, 3) float64, mm: displacement at +1.
     """
@@ -92,7 +92,7 @@ def inside_mouth(head: Head) -> NDArray[np.bool_]:
 
 
 def open_edges(triangles: NDArray[np.int32]) -> NDArray[np.int32]:
-    """(k, 2) the edges that only one of triangles (m, 3) has: where a mesh ends."""
+    """(k, 2) the edges of exactly one of triangles (m, 3): the boundary of the mesh."""
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     edges, count = np.unique(edges, axis=0, return_counts=True)
     found: NDArray[np.int32] = edges[count == 1]

@@ -1,4 +1,4 @@
-"""The parameters of a face in one frame, and the one table of their units and ranges."""
+"""The parameters of a face in one frame, and the table of their units and ranges."""
 
 from dataclasses import dataclass, field, replace
 
@@ -38,7 +38,7 @@ EAU_INDEX = {eau.name: index for index, eau in enumerate(EAUS)}
 EAU_LOW = tuple(eau.low for eau in EAUS)
 EAU_HIGH = tuple(eau.high for eau in EAUS)
 
-# Thesis 4.4: the four actuators the thesis' tracker estimates.
+# Thesis 4.4: the four actuators that the tracker of the thesis estimates.
 THESIS_EAUS = ("jaw_drop", "mouth_corners", "eyebrow_middle", "eyebrow_inner")
 LID_EAUS = ("lid_left", "lid_right")
 # A list: it indexes arrays.
@@ -75,9 +75,9 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class FaceParameters:
-    """How the face is in one frame.
+    """The face in one frame.
 
-    pose: the head against the camera.
+    pose: of the head relative to the camera.
     eau: (len(EAUS),) float64, each within its `Eau` range.
     modes: (k,) float64, coefficients of the caller's appearance modes (eq. 2.17); may be empty.
     """
@@ -88,7 +88,7 @@ class FaceParameters:
 
 
 def clip_eau(eau: Array) -> Array:
-    """Force actuators into their ranges.  eau: (..., len(EAUS)) float64."""
+    """Clip actuators to their ranges.  eau: (..., len(EAUS)) float64."""
     return np.clip(eau, EAU_LOW, EAU_HIGH)
 
 

@@ -1,7 +1,7 @@
-"""What the AAUs leave over of a person's shape: a few dozen control points that skin follows.
+"""The residual of a person's shape after the AAUs: displacements of a few dozen control points.
 
-Residual displacement = residual_basis(head).T @ control, control (k, 3) mm.  Both ends compute the
-basis, so it is deterministic: one linear solve on the generic head.
+Residual displacement = residual_basis(head).T @ control, control (k, 3) mm, interpolated by radial
+basis functions.  Both ends compute the basis by one linear solve on the generic head.
 """
 
 from functools import cache
@@ -47,16 +47,16 @@ LIPS = (61, 291, 0, 17, 40, 270, 91, 321, 13, 14)
 CHEEKS = (50, 280, 205, 425, 117, 346, 18, 151)
 NETWORK_POINTS = CONTOUR + BROWS + LIDS + NOSE + LIPS + CHEEKS
 
-# Landmarks that hold still: the residual fades towards them.
+# Landmarks without displacement: the residual falls off towards them.
 FIXED_LANDMARKS = ("v", "op", "po_l", "po_r", "eu_l", "eu_r")
-# Distance that counts as smooth around a control point (multiquadric), mm.
+# Shape parameter of the multiquadric basis functions, mm.
 MULTIQUADRIC_MM = 10.0
-# The lower lip counts as this far away from the upper one, mm.
+# Distance between the lips for the basis functions, mm.
 LIP_GAP_MM = 45.0
 
 
 def control_points(head: Head) -> Indices:
-    """(k,) vertices of the skin nearest to `NETWORK_POINTS`, none twice."""
+    """(k,) the skin vertices nearest to `NETWORK_POINTS`, each once."""
     triangles = head.network_triangles[list(NETWORK_POINTS)]
     known = triangles >= 0
     corners = head.triangles[triangles[known]]
@@ -68,8 +68,8 @@ def control_points(head: Head) -> Indices:
 def residual_basis(head: Head) -> Array:
     """(k, n) share of each control point in the displacement of each vertex.
 
-    A control point moves its own vertex by all of its displacement and no other control point's.
-    Eyeballs follow the middle of their lids, teeth and tongue the lips, each as one piece.
+    The displacement of a control point is that of its vertex and is zero at the other control
+    points.  Eyeballs move rigidly with the middle of their eyelids, teeth and tongue with the lips.
     """
     if head is generic_head():
         return _generic_basis()
@@ -96,33 +96,33 @@ def _surrounded_basis() -> Array:
 
 
 def _basis(head: Head) -> Array:
-    places = _lip_separated(head)
+    positions = _lip_separated(head)
     control = control_points(head)
     k = len(control)
-    # Neck and back of the head hold still: a coarse set of vertices behind the ears.
-    still = np.concatenate(
+    # Neck and back of the head are fixed, by a coarse set of vertices behind the ears.
+    fixed = np.concatenate(
         [[head.landmarks[name] for name in FIXED_LANDMARKS], _fixed_back_vertices(head)]
     )
-    centres = places[np.concatenate([control, still])]
+    centres = positions[np.concatenate([control, fixed])]
     kernel = _multiquadric(centres, centres)
     size = len(centres)
     system = np.zeros((size + 1, size + 1))
     system[:size, :size] = kernel
     system[:size, size] = system[size, :size] = 1
     weights = np.linalg.solve(system, np.eye(size + 1)[:, :k])
-    design = np.concatenate([_multiquadric(places, centres), np.ones((len(places), 1))], 1)
+    design = np.concatenate([_multiquadric(positions, centres), np.ones((len(positions), 1))], 1)
     basis = (design @ weights).T
     return _with_rigid_parts(head, basis)
 
 
 def _lip_separated(head: Head) -> Array:
-    """(n, 4) mm: vertices with a fourth coordinate that holds the lips apart.
+    """(n, 4) mm: the vertices with a fourth coordinate that separates the lips.
 
-    The jaw's field tells the lips apart and is smooth everywhere else.
+    It is proportional to the jaw's field, which is discontinuous between the lips alone.
     """
     jaw = np.linalg.norm(head.eau_up[EAU_INDEX["jaw_drop"]], axis=1)
-    share = jaw / jaw[head.landmarks["li"]]
-    return np.concatenate([head.vertices, LIP_GAP_MM * np.clip(share, 0, 1)[:, None]], 1)
+    relative = np.clip(jaw / jaw[head.landmarks["li"]], 0, 1)
+    return np.concatenate([head.vertices, LIP_GAP_MM * relative[:, None]], 1)
 
 
 def _multiquadric(a: Array, b: Array) -> Array:
@@ -131,7 +131,7 @@ def _multiquadric(a: Array, b: Array) -> Array:
 
 
 def _fixed_back_vertices(head: Head) -> NDArray[np.int64]:
-    """A few skin vertices on the back of the head and the neck, by a coarse grid over them."""
+    """A few skin vertices on the back of the head and the neck, one for each cell of a grid."""
     tragion = head.vertices[head.landmarks["t_l"]]
     skin = head.parts == PARTS.index("skin")
     back = np.flatnonzero(skin & (head.vertices[:, 2] < tragion[2] - 25))
@@ -142,15 +142,15 @@ def _fixed_back_vertices(head: Head) -> NDArray[np.int64]:
 
 
 def _with_rigid_parts(head: Head, basis: Array) -> Array:
-    """Eyeballs, teeth and tongue as single pieces carried by the skin around them."""
-    holders = {
+    """The basis with eyeballs, teeth and tongue moving rigidly with the skin around them."""
+    supports = {
         "eye_left": ("en_l", "ex_l", "ps_l", "pi_l"),
         "eye_right": ("en_r", "ex_r", "ps_r", "pi_r"),
         "teeth_upper": ("sn", "ls"),
         "teeth_lower": ("li", "sl"),
         "tongue": ("li", "sl"),
     }
-    for name, landmarks in holders.items():
-        held = basis[:, [head.landmarks[landmark] for landmark in landmarks]].mean(1)
-        basis[:, head.parts == PARTS.index(name)] = held[:, None]
+    for name, landmarks in supports.items():
+        mean = basis[:, [head.landmarks[landmark] for landmark in landmarks]].mean(1)
+        basis[:, head.parts == PARTS.index(name)] = mean[:, None]
     return basis

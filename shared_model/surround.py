@@ -1,8 +1,8 @@
-"""The head of the default profile: with a sheet beside the face, for what its outline borders on.
+"""The head of the default profile: with a sheet around the face, the surround.
 
-The outline of a real face is nowhere exactly that of the fitted head.  The sheet carries on where
-the skin ends: it hangs behind the cheeks, moves with them, and wears texture as they do.  So ears,
-hair and whatever else is seen beside the face are learned with the face.
+The outline of the fitted head deviates from that of the real face.  The surround extends the skin
+beyond its edge: it lies behind the cheeks, moves with them, and has texture and modes as they have.
+So the appearance model includes ears, hair and anything else next to the face.
 """
 
 from functools import cache
@@ -16,40 +16,40 @@ from shared_model.mesh import PARTS, Head
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-# From where to where it reaches around the face, degrees upwards from straight aside.
+# Directions from the middle of the face, degrees upwards from horizontal.
 DIRECTIONS_DEG = np.arange(50.0, -90.1, -5.0)
-# Its rings, in radii of the face's outline, and how much of the still behind each hides.
-# Between the first two it wears the colour of the strip's edge: below a raised chin one sees
-# under the face.
+# Radii of its rings relative to the outline of the face, and their opacities over the background.
+# The first two have the same texture coordinates, the strip's edge: the region between them is
+# visible below a raised chin.
 RINGS = (0.75, 0.94, 1.06, 1.4)
 OPACITIES = (1.0, 1.0, 1.0, 0.0)
-# Where they lie across the strip of the atlas; most of it shows what is next to the face.
+# Columns of the rings in the strip of the atlas, 0 at its outer edge to 1.
 RING_COLUMNS = (1.0, 1.0, 0.4, 0.0)
-# But for the first they are nearer to the outline towards the chin: directions, parts of the way.
+# Factor of the rings' distance from the outline, by direction; the first ring is unaffected.
 NARROWING = ((-90.0, -20.0), (0.4, 1.0))
-# Vertices this near to a direction make the outline there.
+# Vertices within this angle of a direction determine the outline there.
 OUTLINE_WINDOW_DEG = 6.0
-# Its share of the atlas: a strip along either side, this wide, between these rows.
+# Its part of the atlas: a strip along either side, its width, gap to the face and rows, 0..1.
 STRIP_WIDTH = 0.07
 STRIP_GAP = 0.006
 STRIP_ROWS = (0.006, 0.885)
-# Its halves pass into each other under the chin: directions, parts of the other half.
+# Weight of the other half in the texture of each half under the chin, by direction.
 SEAM_BLEND = ((-90.0, -65.0), (0.5, 0.0))
-# It hangs this far behind the plane in which the skin ends, mm.
+# Distance behind the plane in which the skin ends, mm.
 BEHIND_MM = 1.0
 
 
 @cache
 def head_with_surround() -> Head:
-    """The head with all sheets; the vertices of the one beside the face come last."""
+    """The head with all sheets; the vertices of the surround are the last ones."""
     head = head_with_aperture_sheets()
-    kept, holders = np.arange(len(head.vertices)), surround_anchors(head)
-    carried = np.concatenate([kept, holders])
-    count = len(holders)
+    anchors = surround_anchors(head)
+    sources = np.concatenate([np.arange(len(head.vertices)), anchors])
+    first, count = len(head.vertices), len(anchors)
     return Head(
         vertices=np.concatenate([head.vertices, _vertices(head)]),
-        # First, for what fades out over it to be drawn later.
-        triangles=np.concatenate([len(kept) + _triangles(), head.triangles]).astype(np.int32),
+        # First, so that the transparent edge of the skin is blended over it.
+        triangles=np.concatenate([first + _triangles(), head.triangles]).astype(np.int32),
         texture_coordinates=np.concatenate(
             [_texture_coordinates_between_strips(head), _texture_coordinates()]
         ),
@@ -58,37 +58,37 @@ def head_with_surround() -> Head:
         landmarks=head.landmarks,
         network_triangles=_renumbered_landmarks(head, len(_triangles())),
         network_weights=head.network_weights,
-        eau_up=head.eau_up[:, carried],
-        eau_down=head.eau_down[:, carried],
-        aau=head.aau[:, carried],
+        eau_up=head.eau_up[:, sources],
+        eau_down=head.eau_down[:, sources],
+        aau=head.aau[:, sources],
     )
 
 
 def blend_surround_seam(atlas: NDArray[np.float32]) -> NDArray[np.float32]:
-    """An atlas, or a mode of one, whose strips are alike where the sheet's halves meet.
+    """An atlas, or a mode of one, whose strips agree where the halves of the surround meet.
 
-    Each half has seen the neck from its own side only: there would be a seam.
+    The texture of each half is sampled from its own side of the neck, which would leave a seam.
     atlas: (n, n, channels) float32.
     """
     size = len(atlas)
     rows = np.linspace(*STRIP_ROWS, len(DIRECTIONS_DEG))
     directions_deg = np.interp((np.arange(size) + 0.5) / size, rows, DIRECTIONS_DEG)
     columns = np.minimum(np.arange(size), np.arange(size)[::-1]) < int(STRIP_WIDTH * size)
-    share = np.outer(np.interp(directions_deg, *SEAM_BLEND), columns).astype(np.float32)
-    return atlas + share[..., None] * (atlas[:, ::-1] - atlas)
+    weight = np.outer(np.interp(directions_deg, *SEAM_BLEND), columns).astype(np.float32)
+    return atlas + weight[..., None] * (atlas[:, ::-1] - atlas)
 
 
 def surround_anchors(head: Head) -> Indices:
-    """(r,) the vertex of the head that each vertex of the sheet moves with.
+    """(r,) the vertex of the head with which each vertex of the surround moves.
 
-    The sheet's vertices: the subject's left half, then the right; ring by ring from the face
-    outwards; each from the temple down to the chin.
+    Order of the vertices: the subject's left half, then the right; in each the rings from the face
+    outwards; each ring from the temple down to the chin.
     """
     return np.concatenate([np.tile(_outline(head, side)[1], len(RINGS)) for side in (1, -1)])
 
 
 def _outline(head: Head, side: int) -> tuple[Array, Indices]:
-    """Radius, mm, of the face's outline in each direction, seen from the front; whose it is."""
+    """Radius, mm, of the face's outline in each direction from the front, and its vertices."""
     skin, centre, _ = _skin(head)
     away = head.vertices[skin, :2] - centre
     along = _directions(side) @ away.T
@@ -98,7 +98,7 @@ def _outline(head: Head, side: int) -> tuple[Array, Indices]:
 
 
 def _skin(head: Head) -> tuple[Indices, Array, float]:
-    """The face's vertices, their middle seen from the front, and where they end behind, mm."""
+    """The face's vertices, their middle in x and y, and their lowest z, mm."""
     skin = np.flatnonzero((head.opacity > 0) & (head.parts == PARTS.index("skin")))
     low, high = head.vertices[skin].min(0), head.vertices[skin].max(0)
     return skin, (low + high)[:2] / 2, float(low[2])
@@ -121,14 +121,14 @@ def _vertices(head: Head) -> Array:
 
 
 def _radii() -> Array:
-    """(rings, directions) in those of the outline; the neck does not move as the jaw above it."""
+    """(rings, directions) relative to the outline; narrow at the chin, where the neck moves little."""
     radii = 1 + np.outer(np.array(RINGS) - 1, np.interp(DIRECTIONS_DEG, *NARROWING))
     radii[0] = RINGS[0]
     return radii
 
 
 def _opacity_along() -> Array:
-    """0 where the sheet begins at the temple, and soon 1."""
+    """(directions,) 0 at the temple, where the surround begins, rising to 1."""
     return np.minimum(np.arange(len(DIRECTIONS_DEG)) / 2, 1)
 
 
@@ -154,12 +154,12 @@ def _texture_coordinates() -> Array:
 
 
 def _texture_coordinates_between_strips(head: Head) -> Array:
-    """The head's own chart between the strips."""
+    """The head's texture coordinates, squeezed between the strips."""
     middle = STRIP_WIDTH + (1 - 2 * STRIP_WIDTH) * head.texture_coordinates[:, 0]
     return np.stack([middle, head.texture_coordinates[:, 1]], 1)
 
 
 def _renumbered_landmarks(head: Head, before: int) -> NDArray[np.int32]:
-    """The network's points keep their triangles, `before` of which now come first."""
+    """`network_triangles` after the insertion of `before` triangles in front."""
     found = head.network_triangles
     return np.where(found < 0, found, found + before).astype(np.int32)
