@@ -121,7 +121,7 @@ def _vertices(head: Head) -> Array:
 
 
 def _radii() -> Array:
-    """(rings, directions) relative to the outline; narrow at the chin, where the neck moves little."""
+    """(rings, directions) relative to the outline; narrow at the chin, over the still neck."""
     radii = 1 + np.outer(np.array(RINGS) - 1, np.interp(DIRECTIONS_DEG, *NARROWING))
     radii[0] = RINGS[0]
     return radii

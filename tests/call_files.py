@@ -22,7 +22,7 @@ def webp(colour: tuple[int, int, int]) -> bytes:
 
 
 def call_file(path: Path) -> Path:
-    """Write a call of a green face in front of a blue wall, 600 mm from the camera, without frames."""
+    """Write a call without frames: a green face in front of a blue wall, at 600 mm."""
     call = CallParameters("thesis", 160, 120, 25, 1, focal_px=220.0)
     model = ModelPacket(
         call,

@@ -15,17 +15,12 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("shared_model", "protocol", "encoder", "decoder", "loopback", "risorius")
 MODULE_LINES, FUNCTION_LINES, PACKAGE_MODULES = 300, 40, 13
 LONGER_MODULES: dict[str, int] = {
-    "decoder/sinks/frame_sink.py": 303,
-    "decoder/pipeline.py": 314,
     "encoder/calls/live_session.py": 414,
     "encoder/fitting/analysis_by_synthesis.py": 311,
     "encoder/pipeline.py": 396,
     "encoder/tracking/model_tracker.py": 368,
     "protocol/link/zenoh_link.py": 353,
-    "risorius/command_line/arguments.py": 314,
-    "risorius/command_line/commands.py": 323,
     "tests/test_bad_wire.py": 302,
-    "tests/test_cli.py": 869,
     "tests/test_packets.py": 349,
     "tests/test_progressive_model.py": 381,
     "tests/test_renderer.py": 330,
@@ -33,16 +28,11 @@ LONGER_MODULES: dict[str, int] = {
     "tests/test_zenoh_link.py": 448,
 }
 LONGER_FUNCTIONS: dict[str, int] = {
-    "decoder/pipeline.py:decode": 44,
     "encoder/calls/live_session.py:__init__": 49,
     "encoder/fitting/identity.py:_joint_equations": 46,
     "encoder/picture_coding/subband_rdoq.py:_quantise": 47,
     "encoder/tracking/outlier_rejection.py:distances": 41,
     "protocol/model_packet.py:_model_from_fields": 41,
-    "risorius/command_line/commands.py:run_decode": 47,
-    "risorius/command_line/commands.py:run_encode": 52,
-    "risorius/command_line/options.py:add_coding": 46,
-    "risorius/view/server.py:_handler": 55,
 }
 LARGER_PACKAGES: dict[str, int] = {
     "scripts": 20,

@@ -216,7 +216,7 @@ def test_an_unknown_part_is_refused() -> None:
 class UncertainMeasurer(TruthMeasurer):
     """Takes the caller for somebody with a longer nose, and knows how sure that is."""
 
-    def first(self, frame: Picture) -> IdentityFit | None:
+    def initialise(self, frame: Picture) -> IdentityFit | None:
         control = CONTROL.copy()
         points = HEAD.vertices[control_points(HEAD)]
         nearest = np.linalg.norm(points - HEAD.vertices[HEAD.landmarks["prn"]], axis=1).argmin()

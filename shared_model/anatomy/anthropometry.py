@@ -1,4 +1,4 @@
-"""Anthropometric Action Units: eleven measurements of the face, and the fields that change them.
+"""Anthropometric Action Units: eleven measurements of the face and their displacement fields.
 
 Thesis 2.3.2 and A.1.  Each AAU displaces along one axis of the head frame only; +-1 is +-2 standard
 deviations of adults, women and men together.  Every measurement is an axial distance (Farkas'
@@ -92,10 +92,10 @@ def _distance(measurement: Measurement, points: Mapping[str, Array]) -> float:
         pairs = [(f"{first}_{side}", f"{second}_{side}") for side in "lr"]
     else:
         pairs = [(first, second)]
-    apart = [points[a] - points[b] for a, b in pairs]
+    differences = [points[a] - points[b] for a, b in pairs]
     if measurement.axis is None:
-        return float(np.mean([np.linalg.norm(d) for d in apart]))
-    return float(np.mean([abs(d[measurement.axis]) for d in apart]))
+        return float(np.mean([np.linalg.norm(d) for d in differences]))
+    return float(np.mean([abs(d[measurement.axis]) for d in differences]))
 
 
 def aau_fields(vertices: Array, parts: NDArray[np.integer], landmarks: Mapping[str, int]) -> Array:
@@ -121,29 +121,29 @@ Shape = Callable[[Array, Mapping[str, Array]], Array]
 def _with_rigid_parts(
     shape: Shape, vertices: Array, parts: NDArray[np.integer], points: Mapping[str, Array]
 ) -> Array:
-    """(n,) displacement; eyeballs, teeth and tongue go as one piece with what holds them."""
+    """(n,) displacement; eyeballs, teeth and tongue move rigidly with a point near them."""
     amount = shape(vertices, points)
-    holders = {
+    supports = {
         "eye_left": (points["en_l"] + points["ex_l"]) / 2,
         "eye_right": (points["en_r"] + points["ex_r"]) / 2,
         "teeth_upper": points["sto_upper"],
         "teeth_lower": points["sto_lower"],
         "tongue": points["sto_lower"],
     }
-    for name, place in holders.items():
-        amount[parts == PARTS.index(name)] = shape(place[None], points)[0]
+    for name, support in supports.items():
+        amount[parts == PARTS.index(name)] = shape(support[None], points)[0]
     return amount
 
 
 def _smooth(y: Array, knots: Mapping[float, float]) -> Array:
-    places = sorted(knots)
-    return smooth_curve(y, places, [knots[place] for place in places])
+    heights = sorted(knots)
+    return smooth_curve(y, heights, [knots[height] for height in heights])
 
 
 def _profile(vertices: Array, points: Mapping[str, Array], knots: Mapping[str, float]) -> Array:
     """Vertical displacement given at midline landmarks; none behind the face.
 
-    Beside the mouth the cheeks go evenly from the eyes' level to the chin's displacement.
+    At the cheeks it is interpolated smoothly between the eyes' level and the chin.
     """
     heights = {float(points[name][Y]): value for name, value in knots.items()}
     y = vertices[:, Y]
@@ -151,9 +151,9 @@ def _profile(vertices: Array, points: Mapping[str, Array], knots: Mapping[str, f
     upper = {height: value for height, value in heights.items() if height >= level["on"]}
     cheek = _smooth(y, {**upper, level["pi_l"]: 0.0, level["gn"]: knots["gn"]})
     corner = points["ch_l"][X]
-    beside = ramp(np.abs(vertices[:, X]), corner, 2.2 * corner)
+    cheek_weight = ramp(np.abs(vertices[:, X]), corner, 2.2 * corner)
     middle = _smooth(y, heights)
-    return np.asarray((middle + beside * (cheek - middle)) * ramp(vertices[:, Z], -50, 40))
+    return np.asarray((middle + cheek_weight * (cheek - middle)) * ramp(vertices[:, Z], -50, 40))
 
 
 def _cranial_width(vertices: Array, points: Mapping[str, Array]) -> Array:
@@ -187,7 +187,7 @@ def _mandible_width(vertices: Array, points: Mapping[str, Array]) -> Array:
 
 
 def _chin_height(vertices: Array, points: Mapping[str, Array]) -> Array:
-    # The hairline gives back what the chin takes, so that the face keeps its height.
+    # The hairline moves by as much as the chin, so that the height of the face is unchanged.
     knots = {"tr": -0.6, "on": 0.0, "sto_lower": 0.0, "sl": 0.4, "gn": -0.6}
     return _profile(vertices, points, knots)
 

@@ -1,4 +1,4 @@
-"""Expression Action Units and emotions: what pulls, and how far (thesis 2.3.1, Table 2.3)."""
+"""Expression Action Units and emotions, as muscle contractions (thesis 2.3.1, Table 2.3)."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Anatomy:
-    """A head as the muscles see it.
+    """A head with what the muscles are anchored to.
 
     vertices: (n, 3) mm.  parts: (n,) index into `mesh.PARTS`.  points: landmark -> (3,) mm.
     """
@@ -37,7 +37,7 @@ class Anatomy:
         return field * soft[:, None]
 
     def _both_sides(self, muscle: Muscle) -> Array:
-        """A muscle and its twin: where they overlap, no more than either at its strongest."""
+        """(n, 3) mm of a muscle on both sides, where they overlap at most the maximum of either."""
         left = muscle.displacement(self.vertices, self.points, "l")
         if not is_paired(muscle, self.points):
             return left
@@ -49,7 +49,7 @@ class Anatomy:
 
 @dataclass(frozen=True, slots=True)
 class Actuator:
-    """One end of an EAU's range: its displacement field, and what makes it."""
+    """One end of an EAU's range: its displacement field and a description of its cause."""
 
     field: Callable[[Anatomy], Array]
     works_by: str
@@ -85,7 +85,7 @@ def _lids(head: Anatomy, side: str, upper: float, lower: float) -> Array:
 
 
 def _gaze(head: Anatomy, horizontal: float, vertical: float) -> Array:
-    """Eyes turned; the lids go along with a look up or down."""
+    """(n, 3) mm: eyeballs turned; the eyelids follow the vertical part."""
     field = gaze_field(head.vertices, head.parts, horizontal, vertical)
     if vertical:
         upper, lower = (0.3, 0.1) if vertical < 0 else (0.22, 0.2)
@@ -105,7 +105,7 @@ def _lower_lip_lower(head: Anatomy) -> Array:
 
 
 def _lip_press(head: Anatomy) -> Array:
-    """The red of the lips rolled in: skin moves to the line between them, the farther the more."""
+    """(n, 3) mm: the vermilion of the lips rolled in, towards the line between them."""
     field = np.zeros_like(head.vertices)
     lips = upper_lip(head.line, 22) + lower_lip(head.line, 24)
     soft = np.isin(head.parts, [PARTS.index("skin"), PARTS.index("mouth")])
@@ -160,7 +160,7 @@ class Emotion:
     ranges: Mapping[str, tuple[float, float]]
 
     def peak(self) -> Array:
-        """(len(EAUS),) each actuator at the end of its range that is farther from rest."""
+        """(len(EAUS),) each actuator at the end of its range with the larger magnitude."""
         eau = np.zeros(len(EAUS))
         for name, (low, high) in self.ranges.items():
             eau[EAU_INDEX[name]] = high if high > -low else low
@@ -215,7 +215,7 @@ EMOTIONS = (
 
 
 def signature(eau: Array) -> dict[str, float]:
-    """How like each emotion actuators (len(EAUS),) are: name -> cosine with its peak."""
+    """Similarity of actuators (len(EAUS),) to each emotion: name -> cosine with its peak."""
     length = float(np.linalg.norm(eau))
     if length == 0:
         return {emotion.name: 0.0 for emotion in EMOTIONS}

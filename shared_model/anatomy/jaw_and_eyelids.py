@@ -1,8 +1,8 @@
-"""Jaw, lids and eyes: what turns about a bone or in its socket instead of being pulled by a muscle.
+"""Jaw, eyelids and eyes: the actuators that are rotations instead of muscle contractions.
 
-Each is a rotation; its field is the chord from rest to full travel, so that it stays linear in the
-actuator (eq. 2.10).  A chord dips below its arc: half closed, a lid lies 0.6 mm deeper than on it,
-less than its own thickness, so the eyeball stays covered; half turned, an eye is 0.5 mm flatter.
+The field of each is the chord from rest to full rotation, so it is linear in the actuator
+(eq. 2.10).  A chord lies inside its arc: a half-closed eyelid is 0.6 mm too deep, less than its
+thickness, so the eyeball stays covered; a half-turned eyeball is 0.5 mm too flat.
 """
 
 from dataclasses import dataclass
@@ -23,13 +23,13 @@ CONDYLE_FROM_TRAGION = np.array([0.0, -4.0, 12.0])
 JAW_DEG = 17.0
 # The condyles slide down and forward along the eminence as the mouth opens.
 JAW_SLIDE_MM = np.array([0.0, -2.0, 5.0])
-# The tongue sinks into the floor of the mouth as it opens, beyond the jaw's own motion.
+# Motion of the tongue at full jaw drop, in addition to the jaw's: into the floor of the mouth.
 TONGUE_MM = np.array([0.0, -14.0, -10.0])
 # Share of the jaw's motion at the corners of the mouth.
 CORNER_SHARE = 0.5
 CORNER_NARROWING_MM = 3.0
 GAZE_DEG = 30.0
-# How far beyond its margin a lid's skin follows it, degrees about the eye's centre.
+# Reach of the skin that moves with an eyelid, from its margin, degrees about the eye's centre.
 UPPER_EYELID_DEG = 36.0
 # Exponents of the lid margins' arch.
 INNER_CANTHUS, OUTER_CANTHUS = 1.1, 0.8
@@ -72,7 +72,7 @@ def jaw_field(vertices: Array, parts: Parts, points: Points, line: MouthLine) ->
 
 
 def _narrowing(vertices: Array, parts: Parts, points: Points) -> Array:
-    """Corners of the mouth drawn together as the lips part: skin keeps its length."""
+    """(n, 3) mm: the corners of the mouth move inwards as the lips part."""
     corner = points["ch_l"]
     away = np.stack([np.abs(vertices[:, 0]) - corner[0], vertices[:, 1] - corner[1]])
     weight = falloff(np.hypot(*away), 0, 30) * _in_part(parts, "skin", "mouth")
@@ -114,40 +114,40 @@ def gaze_field(vertices: Array, parts: Parts, horizontal: float, vertical: float
 
 @dataclass(frozen=True, slots=True)
 class EyelidCoordinates:
-    """Vertices as elevations about an eye's horizontal axis, with the lid margins beside them.
+    """Vertices in polar coordinates about an eye's horizontal axis, with the eyelid margins.
 
-    elevation: (n,) degrees.  reach: (n,) mm from the axis.
-    upper, lower: (n,) degrees, the resting lid margins at the vertex' x.
-    near: (n,) 1 at the lids, 0 away from the eye and behind it.
+    elevation: (n,) degrees.  radius: (n,) mm from the axis.
+    upper, lower: (n,) degrees, the margins of the open eyelids at the x of each vertex.
+    weight: (n,) 1 at the eyelids, 0 far from the eye and behind it.
     """
 
     elevation: Array
-    reach: Array
+    radius: Array
     upper: Array
     lower: Array
-    near: Array
+    weight: Array
 
 
 def eyelid_coordinates(
     vertices: Array, parts: Parts, points: Points, ball: Eye
 ) -> EyelidCoordinates:
-    """Where every vertex lies relative to the opening of one eye."""
+    """The vertices relative to the opening of one eye."""
     away = vertices - ball.centre
-    reach = np.maximum(np.hypot(away[:, 1], away[:, 2]), ball.radius / 2)
+    radius = np.maximum(np.hypot(away[:, 1], away[:, 2]), ball.radius / 2)
     elevation = np.degrees(np.arctan2(away[:, 1], np.maximum(away[:, 2], 1e-6)))
     upper, lower = (
         np.degrees(
-            np.arcsin(np.clip(_margin(vertices[:, 0], points, ball, middle) / reach, -0.9, 0.9))
+            np.arcsin(np.clip(_margin(vertices[:, 0], points, ball, middle) / radius, -0.9, 0.9))
         )
         for middle in ("ps", "pi")
     )
     skin = _in_part(parts, "skin") & (away[:, 2] > 0)
-    near = skin * falloff(np.linalg.norm(away, axis=1), 1.3 * ball.radius, 1.9 * ball.radius)
-    return EyelidCoordinates(elevation, reach, upper, lower, near)
+    weight = skin * falloff(np.linalg.norm(away, axis=1), 1.3 * ball.radius, 1.9 * ball.radius)
+    return EyelidCoordinates(elevation, radius, upper, lower, weight)
 
 
 def _margin(x: Array, points: Points, ball: Eye, middle: str) -> Array:
-    """Height, mm above the eye's centre, of a lid margin at `x` (n,): an arch between canthi."""
+    """(n,) height of an eyelid margin at `x` (n,), mm above the eye's centre: an arch."""
     inner, outer, top = (points[f"{name}_{ball.side}"] for name in ("en", "ex", middle))
     s = np.clip((x - inner[0]) / (outer[0] - inner[0]), 0, 1)
     m = (top[0] - inner[0]) / (outer[0] - inner[0])
@@ -156,30 +156,29 @@ def _margin(x: Array, points: Points, ball: Eye, middle: str) -> Array:
 
 
 def _arch(s: Array) -> Array:
-    """Slender at the inner canthus (s = 0), blunt at the outer one (s = 1)."""
+    """Height of the arch, narrow at the inner canthus (s = 0), blunt at the outer one (s = 1)."""
     return np.asarray((1 - (2 * s - 1) ** 2) ** np.where(s < 0.5, INNER_CANTHUS, OUTER_CANTHUS))
 
 
 def eyelid_field(
     vertices: Array, parts: Parts, points: Points, side: str, upper: float, lower: float
 ) -> Array:
-    """(n, 3) mm: the lids of one eye slid over the eyeball.
+    """(n, 3) mm: the eyelids of one eye slide over the eyeball.
 
-    upper: how far the upper margin goes down, lower: how far the lower margin goes up, as shares of
-    the opening (1 and 0 close it).  The margin's skin moves in full, the lid's less and less up to
-    the brow and down to the cheek.
+    upper: downward motion of the upper margin, lower: upward motion of the lower one, relative to
+    the opening (1 and 0 close it).  The motion falls off from the margins to brow and cheek.
     """
     ball = eye(vertices, parts, side)
-    span = eyelid_coordinates(vertices, parts, points, ball)
-    opening = np.maximum(span.upper - span.lower, 0)
-    above = span.elevation > (span.upper + span.lower) / 2
-    down = falloff(span.elevation - span.upper, 2, UPPER_EYELID_DEG) * upper
-    up = falloff(span.lower - span.elevation, 2, LOWER_EYELID_DEG) * lower
-    turn = np.where(above, -down, up) * opening * span.near
-    angle = np.radians(span.elevation)
+    coordinates = eyelid_coordinates(vertices, parts, points, ball)
+    opening = np.maximum(coordinates.upper - coordinates.lower, 0)
+    above = coordinates.elevation > (coordinates.upper + coordinates.lower) / 2
+    down = falloff(coordinates.elevation - coordinates.upper, 2, UPPER_EYELID_DEG) * upper
+    up = falloff(coordinates.lower - coordinates.elevation, 2, LOWER_EYELID_DEG) * lower
+    turn = np.where(above, -down, up) * opening * coordinates.weight
+    angle = np.radians(coordinates.elevation)
     target = angle + np.radians(turn)
     field = np.zeros_like(vertices)
-    field[:, 1] = span.reach * (np.sin(target) - np.sin(angle))
-    field[:, 2] = span.reach * (np.cos(target) - np.cos(angle))
-    field[span.near == 0] = 0.0
+    field[:, 1] = coordinates.radius * (np.sin(target) - np.sin(angle))
+    field[:, 2] = coordinates.radius * (np.cos(target) - np.cos(angle))
+    field[coordinates.weight == 0] = 0.0
     return field

@@ -1,7 +1,7 @@
-"""Which lip a vertex belongs to, and how far along the mouth it lies: what keeps the lips apart.
+"""Coordinates of vertices relative to the line between the lips, which separate the lips.
 
-The lips touch, so no distance in space tells them apart; distance along the surface does: from the
-upper lip one gets to the lower lip only round a corner of the mouth.
+Touching lips cannot be told apart by distance in space.  By distance along the surface they can: a
+path from the upper lip to the lower one passes a corner of the mouth.
 """
 
 import heapq
@@ -13,17 +13,17 @@ from numpy.typing import NDArray
 from shared_model.anatomy.muscles import Points, falloff, ramp
 
 Array = NDArray[np.float64]
-# Vertices of different parts at the same place count as joined.
+# Vertices of different parts within this distance count as joined.
 WELD_MM = 0.05
-# Share of the half width of the mouth at which its corner begins: there the lips are one.
+# Where the corner begins, relative to the half width of the mouth; beyond it the lips are one.
 CORNER_START = 0.93
-# Nearly as far from the one lip as from the other, along the surface: in the corner.
+# Difference of the surface distances to the lips, mm, below which a vertex is in the corner.
 CORNER_MM = 8.0
 
 
 @dataclass(frozen=True, slots=True)
 class MouthLine:
-    """Every vertex's place relative to the line between the lips.
+    """The position of each vertex relative to the line between the lips.
 
     lower: (n,) float64, 1 on the lower lip's side of the line, 0 on the upper one's; between those
         at the corners.
@@ -38,7 +38,7 @@ class MouthLine:
 
 
 def mouth_line(vertices: Array, triangles: NDArray[np.integer], points: Points) -> MouthLine:
-    """Sort the vertices (n, 3) mm of a mesh by the line between the lips.
+    """The coordinates of the vertices (n, 3) mm of a mesh.
 
     triangles: (m, 3).  points: landmark -> (3,) mm; needs ls, li, sto_upper, sto_lower and ch_l.
     """
@@ -72,19 +72,19 @@ def lower_lip(line: MouthLine, reach_mm: float) -> Array:
 
 
 def surface_distance(vertices: Array, neighbours: dict[int, set[int]], source: int) -> Array:
-    """(n,) mm along the edges from vertex `source`; infinite where there is no way (Dijkstra)."""
+    """(n,) mm along the edges from vertex `source`; infinite without a path (Dijkstra)."""
     distance = np.full(len(vertices), np.inf)
     distance[source] = 0.0
     queue = [(0.0, source)]
     while queue:
-        so_far, here = heapq.heappop(queue)
-        if so_far > distance[here]:
+        length, vertex = heapq.heappop(queue)
+        if length > distance[vertex]:
             continue
-        for there in neighbours.get(here, ()):
-            total = so_far + float(np.linalg.norm(vertices[there] - vertices[here]))
-            if total < distance[there]:
-                distance[there] = total
-                heapq.heappush(queue, (total, there))
+        for neighbour in neighbours.get(vertex, ()):
+            total = length + float(np.linalg.norm(vertices[neighbour] - vertices[vertex]))
+            if total < distance[neighbour]:
+                distance[neighbour] = total
+                heapq.heappush(queue, (total, neighbour))
     return distance
 
 
@@ -96,15 +96,15 @@ def _nearest(vertices: Array, point: Array, near: NDArray[np.bool_]) -> int:
 def _neighbours(
     vertices: Array, triangles: NDArray[np.integer], near: NDArray[np.bool_]
 ) -> dict[int, set[int]]:
-    """Edges among the vertices `near`, with vertices at the same place joined."""
+    """The neighbours of each of the vertices `near`; vertices at the same position are joined."""
     neighbours: dict[int, set[int]] = {}
     for a, b, c in triangles[near[triangles].all(1)].tolist():
         for i, j in ((a, b), (b, c), (c, a)):
             neighbours.setdefault(i, set()).add(j)
             neighbours.setdefault(j, set()).add(i)
-    places: dict[tuple[float, ...], int] = {}
+    joined: dict[tuple[float, ...], int] = {}
     for i in np.flatnonzero(near).tolist():
-        first = places.setdefault(tuple(np.round(vertices[i] / WELD_MM).tolist()), i)
+        first = joined.setdefault(tuple(np.round(vertices[i] / WELD_MM).tolist()), i)
         if first != i:
             neighbours.setdefault(i, set()).add(first)
             neighbours.setdefault(first, set()).add(i)

@@ -1,8 +1,8 @@
 """Linear, sphincter and sheet muscles (thesis 2.3.1; Waters 1987; Parke and Waters 1996, ch. 6).
 
-A muscle is data in millimetres, anchored at named anatomical points, so that it works on any head
-in the head frame whose landmarks are known.  A muscle's `displacement` is what full contraction
-does; a contraction in [0, 1] scales it: exactly linear (eq. 2.10).
+A muscle is data in millimetres, anchored at named anatomical points, so it applies to any head in
+the head frame with these landmarks.  Its `displacement` is that of full contraction; a contraction
+in [0, 1] scales it linearly (eq. 2.10).
 """
 
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ Offset = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Anchor:
-    """A place given as a landmark (thesis A.1, without its side) and an offset, mm.
+    """A position as a landmark (thesis A.1, without its side) and an offset, mm.
 
     offset_mm: (lateral, up, forward); lateral is away from the midline on the muscle's own side.
     """
@@ -33,9 +33,9 @@ class LinearMuscle:
 
     attachment, insertion: the ends of the muscle.
     zone_deg: half angle of the cone of influence about the muscle, seen from the attachment.
-    start_mm, end_mm: distances from the attachment where the pull is full and where it has gone.
+    start_mm, end_mm: distances from the attachment where the pull is full and where it is zero.
     pull_mm: displacement at full contraction where the pull is full (elasticity times contraction).
-    bulge_mm: outward (forward) swelling of the tissue that gathers between the ends.
+    bulge_mm: forward swelling of the tissue between the ends.
     """
 
     name: str
@@ -70,9 +70,9 @@ class LinearMuscle:
 
 @dataclass(frozen=True, slots=True)
 class SphincterMuscle:
-    """Draws skin towards a centre within an ellipse in the frontal plane, as a purse string does.
+    """Draws skin towards a centre within an ellipse in the frontal plane.
 
-    centre: where it draws to; on the midline a sphincter has no side.
+    centre: of the ellipse; on the midline a sphincter has no side.
     reach_mm: (horizontal, vertical, depth) semi-axes of the ellipsoid of influence.
     squeeze: (horizontal, vertical) share of the way to the centre at full contraction.
     protrude_mm: forward displacement at the centre.
@@ -96,10 +96,10 @@ class SphincterMuscle:
 
 @dataclass(frozen=True, slots=True)
 class SheetMuscle:
-    """A band of parallel fibres that moves the skin over it one way.
+    """A band of parallel fibres that moves the skin over it in one direction.
 
-    centre: where the pull is full.  direction: which way, (lateral, up, forward), any length.
-    width_mm, height_mm: half width and half height of the zone, where the pull has gone.
+    centre: position of full pull.  direction: (lateral, up, forward), any length.
+    width_mm, height_mm: half width and half heights (above, below), where the pull is zero.
     pull_mm: displacement at full contraction at the centre.
     """
 
@@ -135,7 +135,7 @@ def anchor_position(anchor: Anchor, points: Points, side: str) -> Array:
 
 
 def is_paired(muscle: Muscle, points: Points) -> bool:
-    """Whether a muscle has a twin on the other side; those centred on the midline have none."""
+    """Whether a muscle exists on both sides; one centred on the midline does not."""
     anchor = muscle.attachment if isinstance(muscle, LinearMuscle) else muscle.centre
     return anchor.landmark not in points or anchor.offset_mm[0] != 0
 
