@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from decoder.playout import Playout, PlayoutFrame
 from decoder.reenactment import read_model, reenact
 from decoder.scene import Scene, head_of
-from protocol.call_file import CallReader, TruncatedCall
+from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
+from protocol.call_records import TruncatedCall
 from protocol.errors import ProtocolError
 from protocol.link.interface import (
     CONNECT_TIMEOUT_S,
@@ -72,15 +73,15 @@ class DecodeStats:
     model_bytes: int = 0
     frame_bytes: int = 0
     frozen_frames: int = 0
-    damaged: int = 0
-    first_damage: str = ""
+    damages: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     shown_ns: list[tuple[int, int]] = field(default_factory=list)
 
-    def note_damage(self, error: ProtocolError) -> None:
-        """Count a damaged packet; the first one is told."""
-        self.damaged += 1
-        self.first_damage = self.first_damage or str(error)
+    def note_damage(self, error: ProtocolError, playout: Playout) -> None:
+        """Note a damaged packet, and the first frame that it can have spoiled."""
+        model, frame = playout.model, max(playout.next_frame, 0)
+        where = f", at frame {frame} ({frame / model.call.fps:.2f} s)" if model else ""
+        self.damages.append(f"{error}{where}")
 
 
 class CallPictures:
@@ -167,7 +168,7 @@ class CallPictures:
             try:
                 before.update(model)
             except ProtocolError as error:
-                self.stats.note_damage(error)
+                self.stats.note_damage(error, self.playout)
             return before
         if before is not None:
             before.close()
@@ -200,14 +201,14 @@ def playout_frames(
 ) -> Iterator[PlayoutFrame | None]:
     """The faces of the call's source frames, None before a packet is waited for; damaged packets
     are noted and skipped."""
-    for data in _packets(source, tally, stop):
+    for data in _packets(source, playout, tally, stop):
         _count(data, tally)
         frames = playout.receive(data)
         while not stop():
             try:
                 frame = next(frames, None)
             except ProtocolError as error:
-                tally.note_damage(error)
+                tally.note_damage(error, playout)
                 break
             if frame is None:
                 break
@@ -217,7 +218,9 @@ def playout_frames(
         yield None
 
 
-def _packets(source: PacketSource, tally: DecodeStats, stop: Callable[[], bool]) -> Iterator[bytes]:
+def _packets(
+    source: PacketSource, playout: Playout, tally: DecodeStats, stop: Callable[[], bool]
+) -> Iterator[bytes]:
     while not stop() and not source.ended:
         try:
             packet = source.receive(POLL_S)
@@ -225,7 +228,7 @@ def _packets(source: PacketSource, tally: DecodeStats, stop: Callable[[], bool])
             tally.warnings.append(str(error))
             return
         except ProtocolError as error:
-            tally.note_damage(error)
+            tally.note_damage(error, playout)
             continue
         if packet is not None:
             yield packet
@@ -251,7 +254,7 @@ def call_name(options: CallOptions) -> str:
 
 def _no_model_error(options: CallOptions, tally: DecodeStats, ended: bool) -> UserError:
     """Why there was nothing to draw.  ended: the call, rather than our patience."""
-    if tally.first_damage or options.call_file is not None or not ended:
-        reasons = [tally.first_damage, *tally.warnings, "it has no model packet"]
+    if tally.damages or options.call_file is not None or not ended:
+        reasons = [*tally.damages, *tally.warnings, "it has no model packet"]
         return UserError(f"cannot decode {call_name(options)}: {next(filter(None, reasons))}")
     return UserError(f"{call_name(options)}: its encoder left before it sent a face", LINK_FAILED)

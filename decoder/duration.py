@@ -15,9 +15,8 @@ def count_frames(path: Path) -> int:
     Raises `UserError` if the file cannot be read.
     """
     packets = list[bytes]()
-    with CallReader(path) as reader, suppress(ProtocolError):
-        for packet in reader:
-            packets.append(packet)
+    with CallReader(path) as reader:
+        packets += reader.undamaged(lambda damage: None)
         last = parse_packet(packets[-1]) if reader.complete else None
         if isinstance(last, ControlPacket):
             return last.frame

@@ -14,6 +14,9 @@ from protocol.link.interface import MessageCallback, ignore_message
 
 Progress = Callable[[int, int | None], None]
 
+# Damaged packets that are told one by one.
+MAX_DAMAGES_TOLD = 5
+
 
 @dataclass(frozen=True, slots=True)
 class DecodeOptions(CallOptions):
@@ -110,8 +113,9 @@ def _report(pictures: CallPictures) -> DecodeReport:
     frames, warnings = len(stats.shown_ns), stats.warnings
     if not playout.ended and not warnings:
         warnings.append("the call has no end: decoded up to its last packet")
-    if stats.damaged:
-        warnings.append(f"damaged packets: {stats.damaged}, first: {stats.first_damage}")
+    warnings += [f"damaged packet: {damage}" for damage in stats.damages[:MAX_DAMAGES_TOLD]]
+    if more := stats.damages[MAX_DAMAGES_TOLD:]:
+        warnings.append(f"damaged packets: {len(more)} more")
     if playout.joined_late:
         warnings.append("joined a call under way: the frames before are missing")
     return DecodeReport(

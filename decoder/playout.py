@@ -70,6 +70,11 @@ class Playout:
         self._layers = LayerBuffer()
         self._face_lost = False
 
+    @property
+    def next_frame(self) -> int:
+        """The source frame to show next; less than 0 before it is known."""
+        return self._next
+
     def receive(self, data: bytes) -> Iterator[PlayoutFrame]:
         """The frames that can be shown after the packet `data`, perhaps none.
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from decoder.playout import PlayoutFrame
-from protocol.call_file import CallReader, TruncatedCall
+from protocol.call_file import CallReader
 from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import motion_from_pose, pose_from_motion
 from protocol.model_packet import ModelPacket
@@ -22,20 +22,19 @@ def read_model(path: Path) -> ModelPacket:
     Raises `UserError` if the file has no model packet.
     """
     models, pieces, layers = list[ModelPacket](), list[LayerPacket](), LayerBuffer()
+    damages = list[ProtocolError]()
     try:
         with CallReader(path) as reader:
-            try:
-                for data in reader:
-                    if packet_kind(data) not in (PacketKind.MODEL, PacketKind.LAYER):
-                        continue
-                    packet = parse_packet(data)
-                    if isinstance(packet, ModelPacket):
-                        models.append(packet)
-                    elif isinstance(packet, LayerPacket):
-                        pieces.append(packet)
-            except TruncatedCall:
-                if not models:
-                    raise
+            for data in reader.undamaged(damages.append):
+                if packet_kind(data) not in (PacketKind.MODEL, PacketKind.LAYER):
+                    continue
+                packet = parse_packet(data)
+                if isinstance(packet, ModelPacket):
+                    models.append(packet)
+                elif isinstance(packet, LayerPacket):
+                    pieces.append(packet)
+        if damages and not models:
+            raise damages[0]
         if models:
             # Model packets may be repeated for late joiners.
             models.sort(key=lambda model: model.version)

@@ -34,7 +34,7 @@ TABLE_COLUMNS = {
     "encoder_fps": "enc fps",
     "decoder_fps": "dec fps",
 }
-# Figures of a call, beside those of its pictures and the milliseconds of each stage.
+# Figures of a call, apart from those of its pictures and the milliseconds of each stage.
 CALL_FIGURES = (
     *("frames", "shown_frames", "fps", "width", "height", "duration_s"),
     *("model_bytes", "frame_bytes", "frame_bps", "lost_packets", "lost_frames"),

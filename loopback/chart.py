@@ -111,11 +111,11 @@ def layout(chart: Chart) -> list[Mark]:
         colour = COLOURS[number % len(COLOURS)]
         there = tuple(place(x, y) for x, y in curve.points)
         legend = TOP + 10 + 24 * number
-        beside = WIDTH - RIGHT + 20
+        legend_x = WIDTH - RIGHT + 20
         marks += [Line(there, colour, curve.width_px), *(Dot(at, colour) for at in there)]
         marks += [
-            Line(((beside, legend), (beside + 24, legend)), colour, curve.width_px),
-            Text((beside + 32, legend + 5), curve.name),
+            Line(((legend_x, legend), (legend_x + 24, legend)), colour, curve.width_px),
+            Text((legend_x + 32, legend + 5), curve.name),
         ]
     return marks
 

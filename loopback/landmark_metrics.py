@@ -1,4 +1,4 @@
-"""Whether a decoded face does what its source does: landmarks, mouth, brows and lids of both."""
+"""Landmarks of a decoded face against those of its source, and the motion of mouth, brows, lids."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class LandmarkMetrics:
-    """How alike two videos of a face are; figures are None where nothing can be said.
+    """Agreement of two videos of a face; a figure is None if it cannot be measured.
 
     face_found: share of the frames with a face whose copy has one as well.
     nme_percent: mean distance between the landmarks of both, percent of the eyes' distance.
@@ -32,11 +32,11 @@ class LandmarkMetrics:
 
 
 def compare_faces(source: str, decoded: str, max_frames: int | None = None) -> LandmarkMetrics:
-    """Follow the face in both videos and compare.
+    """Find the landmarks in both videos and compare them.
 
     source, decoded: anything `open_source` opens, of equally many frames.
     max_frames: the part of the source that was encoded.
-    Nothing can be said where the landmark network is not installed.
+    Without the landmark networks there are no figures.
     """
     try:
         first, second = (face_points(name, max_frames) for name in (source, decoded))
@@ -55,22 +55,22 @@ def face_points(source: str, max_frames: int | None) -> Array:
 
 def landmark_metrics(source: Array, decoded: Array) -> LandmarkMetrics:
     """Compare landmarks (t, 468, 2) of two videos; nan: no face."""
-    there, kept = (np.isfinite(points[:, 0, 0]) for points in (source, decoded))
-    both = there & kept
+    in_source, in_decoded = (np.isfinite(points[:, 0, 0]) for points in (source, decoded))
+    both = in_source & in_decoded
     if not both.any():
-        return LandmarkMetrics(face_found=0.0 if there.any() else None)
+        return LandmarkMetrics(face_found=0.0 if in_source.any() else None)
     a, b = source[both], decoded[both]
     distance = np.linalg.norm(a - b, axis=2).mean(1) / _eye_distance(a)
-    gaps = {
+    correlations = {
         name: correlation(_landmark_distance(a, name), _landmark_distance(b, name))
         for name in LANDMARK_DISTANCES
     }
     return LandmarkMetrics(
-        face_found=rounded(float(kept[there].mean()), 3),
+        face_found=rounded(float(in_decoded[in_source].mean()), 3),
         nme_percent=rounded(100 * float(distance.mean())),
-        mouth_corr=gaps["mouth"],
-        brow_corr=gaps["brow"],
-        blink_corr=gaps["blink"],
+        mouth_corr=correlations["mouth"],
+        brow_corr=correlations["brow"],
+        blink_corr=correlations["blink"],
     )
 
 

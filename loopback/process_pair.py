@@ -46,11 +46,11 @@ def run_call(
 ) -> CallResult:
     """Encode `source` in one process, decode it into `output` in another, and wait for both.
 
-    Reports and logs stay beside `output`.  Raises `UserError` with the exit code of the end that
+    Reports and logs stay next to `output`.  Raises `UserError` with the exit code of the end that
     failed, or if they are not done within `limit_s`; no process outlives the call.
     """
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    # The encoder waits for the decoder by itself; it may then look at all of the source first.
+    # The encoder waits for the decoder by itself, then it may go through the whole source first.
     options = {
         "decoder": ["--listen", endpoint, "-o", str(output), "--timeout", str(limit_s)],
         "encoder": [source, "--connect", endpoint, "--wait", str(PEER_WAIT_S), *encoder_options],
@@ -69,7 +69,7 @@ def run_call(
 
 
 def free_port() -> int:
-    """A TCP port of this host that nobody listens on just now."""
+    """A TCP port of this host that is free at the moment."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

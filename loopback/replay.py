@@ -76,7 +76,7 @@ class ClipResult:
 
 
 def read_suite(path: Path) -> Suite:
-    """Read a suite; clips are looked for beside it.  Raises `UserError`: what is wrong where."""
+    """Read a suite; paths are relative to its folder.  Raises `UserError` for a mistake."""
     content = read_toml(path, "a suite")
     entries = content.get("clip")
     if not isinstance(entries, list) or not entries:

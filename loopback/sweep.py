@@ -1,4 +1,4 @@
-"""Rate-distortion curves of the default profile: each clip learned once, coded at several rates.
+"""Rate-distortion curves of the default profile: one model of each clip, coded at several rates.
 
 Every point is noted in the folder as soon as it is measured: a sweep that was stopped goes on where
 it was, and one with more rates or clips measures only those.
@@ -81,7 +81,7 @@ def measure_curve(
     say: Callable[[str], None],
     progress: Progress,
 ) -> dict[str, Any]:
-    """The points of one source; they are kept in the file `stem`.json as they come."""
+    """The points of one source; each is written to the file `stem`.json once it is measured."""
     notes = stem.with_name(f"{stem.name}.json")
     curve = source_identity(source, settings) | {"points": []}
     old = _read_notes(notes)

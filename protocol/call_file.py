@@ -1,55 +1,21 @@
-"""Call files (.rzo): the magic `RZO1`, then records of a packet's length (varint) and the packet.
+"""Call files (.rzo): `RZO2`, then the packets of a call, each in a record of its own.
 
-A complete call ends with an END control packet.  A file without one is truncated, for example by an
-interrupted encoder; its records up to there are valid.
+A whole call ends with an END control packet; one without is truncated, as after a Ctrl-C, and is
+still good up to there.  See `call_records` for the records.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from os import fstat
 from pathlib import Path
 from typing import BinaryIO, Self
 
-from protocol.entropy.varint import decode_varint, encode_varint
+from protocol.call_records import DamagedRecord, RecordReader, RecordWriter
 from protocol.errors import ProtocolError
-from protocol.limits import MAX_MODEL_PACKET_BYTES
 from protocol.link.interface import Reachability
-from protocol.packets import is_end, max_packet_bytes, packet_kind
+from protocol.packets import is_end
 from shared_model.errors import UserError, cannot_read, cannot_write
 
-MAGIC = b"RZO1"
-MAX_LENGTH_BYTES = 3
-
-
-class TruncatedCall(ProtocolError):
-    """The file ends within a record; all packets before it are valid."""
-
-    def __init__(self, offset: int, reason: str) -> None:
-        super().__init__(f"the call is cut off: byte {offset}: {reason}")
-
-
-def serialise_record(packet: bytes) -> bytes:
-    """The record of a packet: length and packet."""
-    return encode_varint(len(packet)) + packet
-
-
-def read_records(file: BinaryIO) -> Iterator[bytes]:
-    """The packets of a call file up to the END packet, read one by one.
-
-    Raises `ProtocolError` if `file` is not a call file or a length is out of bounds, and
-    `TruncatedCall` if it ends within a record.
-    """
-    head = file.read(len(MAGIC))
-    if head != MAGIC:
-        raise ProtocolError(f"no call file: it does not begin with {MAGIC.decode()}")
-    packet, offset = b"", len(MAGIC)
-    while not is_end(packet) and (length := _read_length(file, offset)) is not None:
-        packet = file.read(length)
-        if len(packet) < length:
-            raise TruncatedCall(offset, f"packet has {len(packet)} bytes of {length}")
-        if length > max_packet_bytes(packet_kind(packet)):
-            raise ProtocolError(f"byte {offset}: packet of {length} bytes is too long for its kind")
-        offset += len(encode_varint(length)) + length
-        yield packet
+MAGIC = b"RZO2"
 
 
 class CallWriter:
@@ -66,6 +32,7 @@ class CallWriter:
         self._path = Path(path)
         self._part = self._path.with_name(self._path.name + ".part")
         self._empty, self._write_failed = True, False
+        self._records = RecordWriter()
         try:
             # Unbuffered: if the process is killed, the temporary file has all packets sent.
             self._file = open(self._part, "wb", buffering=0)  # noqa: SIM115 - kept open
@@ -84,7 +51,7 @@ class CallWriter:
 
     def send(self, packet: bytes) -> None:
         """Append one packet.  Raises `UserError` if the disk refuses."""
-        self._write(serialise_record(packet))
+        self._write(self._records.record(packet))
         self._empty = False
 
     def _write(self, data: bytes) -> None:
@@ -124,7 +91,7 @@ class CallStreamWriter:
     """
 
     def __init__(self, stream: BinaryIO) -> None:
-        self._stream = stream
+        self._stream, self._records = stream, RecordWriter()
         self._write(MAGIC)
 
     @property
@@ -134,7 +101,7 @@ class CallStreamWriter:
 
     def send(self, packet: bytes) -> None:
         """Write one packet."""
-        self._write(serialise_record(packet))
+        self._write(self._records.record(packet))
 
     def close(self) -> None:
         """Nothing waits to be written."""
@@ -163,7 +130,7 @@ class CallReader:
             self._file = open(source, "rb") if isinstance(source, str | Path) else source  # noqa: SIM115
         except OSError as error:
             raise cannot_read(source, error) from error
-        self._records = read_records(self._file)
+        self._records: RecordReader | None = None
         self._complete = False
         self._ended = False
 
@@ -178,11 +145,16 @@ class CallReader:
         return self._complete
 
     @property
+    def place(self) -> int:
+        """The byte of the file at which the next record begins."""
+        return self._records.place if self._records else 0
+
+    @property
     def trailing_bytes(self) -> int:
         """Number of bytes of a file after the END packet, once that has been returned."""
         if not self._complete or not self._is_own:
             return 0
-        return self.file_bytes - self._file.tell()
+        return self.file_bytes - self.place
 
     @property
     def ended(self) -> bool:
@@ -190,15 +162,42 @@ class CallReader:
         return self._ended
 
     def receive(self, timeout_s: float | None = None) -> bytes | None:
-        """The next packet; None at the end.  Raises `ProtocolError` as `read_records` does."""
+        """The next packet, None at the end.
+
+        Raises `ProtocolError` if it is no call file, `DamagedRecord`, after which reading goes on
+        behind the damage, and `TruncatedCall` if the file stops inside a record.
+        """
+        if self._ended:
+            return None
         try:
-            packet = next(self._records, None)
+            packet = self._opened().read()
+        except DamagedRecord:
+            raise
         except ProtocolError:
             self._ended = True
             raise
-        self._ended = packet is None
-        self._complete = self._complete or (packet is not None and is_end(packet))
+        self._complete = packet is not None and is_end(packet)
+        self._ended = packet is None or self._complete
         return packet
+
+    def undamaged(self, on_damage: Callable[[ProtocolError], None]) -> Iterator[bytes]:
+        """All packets that can be read; what cannot is handed to `on_damage`."""
+        while not self._ended:
+            try:
+                packet = self.receive()
+            except ProtocolError as error:
+                on_damage(error)
+                continue
+            if packet is not None:
+                yield packet
+
+    def _opened(self) -> RecordReader:
+        if self._records is None:
+            head = self._file.read(len(MAGIC))
+            if head != MAGIC:
+                raise ProtocolError(f"no call file: it does not begin with {MAGIC.decode()}")
+            self._records = RecordReader(self._file, len(MAGIC))
+        return self._records
 
     def __iter__(self) -> Iterator[bytes]:
         while (packet := self.receive()) is not None:
@@ -214,21 +213,3 @@ class CallReader:
 
     def __exit__(self, *exception: object) -> None:
         self.close()
-
-
-def _read_length(file: BinaryIO, offset: int) -> int | None:
-    data = b""
-    while not data or (data[-1] >= 0x80 and len(data) < MAX_LENGTH_BYTES):
-        byte = file.read(1)
-        if not byte:
-            if data:
-                raise TruncatedCall(offset, "in the length of a record")
-            return None
-        data += byte
-    try:
-        length, _ = decode_varint(data)
-    except ValueError as error:
-        raise ProtocolError(f"byte {offset}: length of a record: {error}") from error
-    if not 1 <= length <= MAX_MODEL_PACKET_BYTES:
-        raise ProtocolError(f"byte {offset}: record of {length} bytes")
-    return length

@@ -5,8 +5,9 @@ from fractions import Fraction
 from pathlib import Path
 
 from protocol.bit_accounting import BitAccounting, PacketSize
-from protocol.call_file import CallReader, TruncatedCall, serialise_record
+from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
+from protocol.call_records import TruncatedCall
 from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import THESIS_RATE_HZ, thesis_sample_count
 from protocol.model_packet import ModelPacket
@@ -79,16 +80,10 @@ def summarise(path: Path, shown_frames: int | None = None) -> CallSummary:
     """
     counter, accounting = _ByteCounter(shown_frames), BitAccounting()
     with CallReader(path) as reader:
-        try:
-            for data in reader:
-                counter.add(data, accounting)
-        except TruncatedCall:
-            # The incomplete record counts as container.
-            if counter.call is None:
-                raise
-        except ProtocolError as error:
-            # After a damaged record length no further record can be located.
-            counter.note_damage(error)
+        begin = reader.place
+        for data in reader.undamaged(counter.note_damage):
+            counter.add(data, accounting, reader.place - begin)
+            begin = reader.place
         return counter.summary(accounting, reader)
 
 
@@ -106,10 +101,11 @@ class _ByteCounter:
         self.first_damage: ProtocolError | None = None
 
     def note_damage(self, error: ProtocolError) -> None:
-        self.damaged += 1
+        # An incomplete record at the end counts as container.
+        self.damaged += not isinstance(error, TruncatedCall)
         self.first_damage = self.first_damage or error
 
-    def add(self, data: bytes, accounting: BitAccounting) -> None:
+    def add(self, data: bytes, accounting: BitAccounting, record_bytes: int) -> None:
         try:
             packet = parse_packet(data)
             accounting.add(packet)
@@ -119,7 +115,7 @@ class _ByteCounter:
         self.payload[packet_kind(data)] += len(data) - 1
         self.packets[packet_kind(data)] += 1
         if isinstance(packet, FramePacket):
-            self.frame_records += len(serialise_record(data))
+            self.frame_records += record_bytes
         if isinstance(packet, ModelPacket):
             self.call = self.call or packet.call
         elif isinstance(packet, ControlPacket) and packet.kind is ControlKind.END:

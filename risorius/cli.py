@@ -75,9 +75,9 @@ class ShowVersion(argparse.Action):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return the exit code; all that goes wrong is one line on stderr."""
-    # Before numpy is loaded: sums must not depend on how many threads share them, or the same clip
-    # would give other bytes on another host.  Products here are too small to gain by threads.
+    """Run one command and return the exit code; an error is one line on stderr."""
+    # Before numpy is loaded: sums that several threads share depend on their number, and the same
+    # clip would give other bytes on another host.  Matrix products here are too small for threads.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     _open_streams()
     try:
@@ -94,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         _drop_output()
         return BROKEN_PIPE
     except OSError as error:
-        # A full disk, a folder that went away: what no part of the program can do anything about.
+        # A full disk, a folder that was removed: no part of the program can mend it.
         _drop_output()
         is_printed = error.filename is None and error.errno in (errno.ENOSPC, errno.EIO)
         told = f"cannot write what is printed: {error.strerror}" if is_printed else str(error)
@@ -129,22 +129,24 @@ def _print_help(parser: Parser) -> int:
 
 
 def _open_streams() -> None:
-    """Where they were closed by whoever started us: or else a file that is written takes their
-    number, and gets what libraries say there."""
+    """Open standard streams that the parent process has closed.
+
+    A file would take the number of a closed one, and what libraries print would go into that file.
+    """
     for name in ("stdin", "stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, "r" if name == "stdin" else "w"))  # noqa: SIM115
 
 
 def _is_interrupt(error: BaseException | None) -> bool:
-    """Whether an interrupt is behind an error: machine code that was being loaded hides it."""
+    """Whether an interrupt caused the error: an interrupt while machine code loads is replaced."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error is not None
 
 
 def _drop_output() -> None:
-    """Python would flush stdout once more at exit and complain if nobody can take it."""
+    """Connect stdout to nothing: Python flushes it at exit and reports an error if it fails."""
     try:
         sys.stdout.flush()
     except OSError:

@@ -1,4 +1,4 @@
-"""A call from end to end on a clip that is at hand."""
+"""A call from end to end on a clip that is installed."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -26,7 +26,7 @@ from shared_model.errors import UserError
 Picture = NDArray[np.uint8]
 
 SHEET_COLUMNS = 6
-# Smaller pictures are enlarged by a whole number, to be looked at.
+# Smaller pictures are enlarged by a whole number.
 SHEET_PICTURE_PX = 240
 LABELS = ("source", "decoded")
 

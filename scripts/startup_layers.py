@@ -20,7 +20,8 @@ from encoder.coding.progressive_model import LayeredModel
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from loopback.quality import face_mask_finder, measure_quality
-from protocol.call_file import MAGIC, CallReader, serialise_record
+from protocol.call_file import MAGIC, CallReader
+from protocol.call_records import serialise_records
 from protocol.entropy.varint import decode_varint
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, LayerPacket, parse_packet, serialise
@@ -50,16 +51,14 @@ class LayeredCall:
 
     def truncated_to(self, count: int) -> bytes:
         """A call file with the first `count` layers, all before the frames."""
-        return MAGIC + b"".join(
-            map(serialise_record, (self.base, *self.layers[:count], *self.frames))
-        )
+        return MAGIC + serialise_records((self.base, *self.layers[:count], *self.frames))
 
     def bytes_until(self, count: int) -> int:
         """Bytes of the base layer and `count` layers in a call file."""
         return (
             len(self.truncated_to(count))
             - len(self.truncated_to(0))
-            + len(serialise_record(self.base))
+            + len(serialise_records([self.base]))
         )
 
 
@@ -93,7 +92,7 @@ def arrival_times_s(call: LayeredCall, bitrate: float) -> list[float]:
     parameters = model.base.call
     slot_s = parameters.frames_per_packet * parameters.frame_step / parameters.fps
     frames = [data for data in call.frames if isinstance(parse_packet(data), FramePacket)]
-    times_s, packets = [8 * len(serialise_record(call.base)) / bitrate], 0
+    times_s, packets = [8 * len(serialise_records([call.base])) / bitrate], 0
     for data in cycle(frames):
         if not pacer.pending_items:
             return times_s

@@ -1,4 +1,4 @@
-"""Chromium without a window, told what to do over its DevTools pipe (file descriptors 3 and 4)."""
+"""Headless Chromium, controlled over its DevTools pipe (file descriptors 3 and 4)."""
 
 import base64
 import fcntl
@@ -17,19 +17,19 @@ from numpy.typing import NDArray
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 LIMIT_S = 30.0
-# Descriptors that are out of the way of those that Chromium expects.
+# The first of the descriptors that cannot collide with 3 and 4.
 HIGH_FD = 20
 
 
 def find_browser() -> str | None:
-    """The path of a Chromium, None if there is none."""
+    """The path of a Chromium, None if none is installed."""
     return next(filter(None, map(shutil.which, PROGRAMS)), None)
 
 
 class Browser:
-    """One page of a browser of its own.
+    """One page of a new browser.
 
-    program: Chromium's path.  folder: for its profile.  width, height: of the window, pixels.
+    program: path of Chromium.  folder: for its profile.  width, height: of the window, pixels.
     """
 
     def __init__(self, program: str, folder: Path, width: int = 1280, height: int = 860) -> None:
@@ -41,7 +41,7 @@ class Browser:
             os.dup2(to_browser, 3)
             os.dup2(from_browser, 4)
 
-        # As root in a container there is no sandbox, and no GPU on a server.
+        # Root in a container has no sandbox, a server has no GPU.
         flags = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run"]
         where = [f"--user-data-dir={folder}", f"--window-size={width},{height}"]
         self._process = subprocess.Popen(
@@ -70,7 +70,7 @@ class Browser:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        # It ends, its helpers with it, when nobody is left to command it.
+        # Chromium and its child processes end when the pipe is closed.
         os.close(self._commands)
         os.close(self._answers)
         try:
@@ -79,7 +79,7 @@ class Browser:
             self._process.kill()
 
     def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """One DevTools command and its result."""
+        """Send one DevTools command and return its result."""
         self._number += 1
         message: dict[str, Any] = {"id": self._number, "method": method, "params": parameters}
         if self._session:
@@ -93,7 +93,7 @@ class Browser:
                 return result
 
     def value(self, expression: str) -> Any:
-        """What a JavaScript expression is worth on the page."""
+        """The value of a JavaScript expression on the page."""
         answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
@@ -115,13 +115,13 @@ class Browser:
         return left, top, width, height
 
     def mouse(self, kind: str, x: float, y: float) -> None:
-        """One event of the mouse: mousePressed, mouseMoved with it down, mouseReleased."""
+        """Send a mouse event: mousePressed, mouseMoved (with the button down) or mouseReleased."""
         self.call(
             "Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1
         )
 
     def click(self, selector: str, across: float = 0.5) -> None:
-        """Press an element at this share of its width."""
+        """Click an element at this fraction of its width."""
         left, top, width, height = self.box(selector)
         for kind in ("mousePressed", "mouseReleased"):
             self.mouse(kind, left + across * width, top + height / 2)

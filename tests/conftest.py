@@ -1,4 +1,4 @@
-"""Clips, and the program as a process of its own."""
+"""Clips, calls and processes that many tests use."""
 
 import fcntl
 import os
@@ -36,7 +36,7 @@ NOISE_FRAMES = 8
 os.environ.pop("DISPLAY", None)
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 cv2.setNumThreads(1)
-# Nor does any fail for want of time on a machine that others use as well.
+# No property test fails because the machine is busy.
 hypothesis.settings.register_profile("unhurried", deadline=None)
 hypothesis.settings.load_profile("unhurried")
 
@@ -58,14 +58,14 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def hears_interrupts() -> Iterator[None]:
-    """Ctrl-C interrupts, and children hear it, even if the shell runs the tests in background, and
-    a closed terminal, too."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    hung_up = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+def default_signal_handlers() -> Iterator[None]:
+    """Give the tests and their child processes the default handlers of SIGINT and SIGHUP, which
+    a shell that runs the tests in the background ignores."""
+    interrupt = signal.signal(signal.SIGINT, signal.default_int_handler)
+    hang_up = signal.signal(signal.SIGHUP, signal.SIG_DFL)
     yield
-    signal.signal(signal.SIGINT, before)
-    signal.signal(signal.SIGHUP, hung_up)
+    signal.signal(signal.SIGINT, interrupt)
+    signal.signal(signal.SIGHUP, hang_up)
 
 
 @pytest.fixture(scope="session")
@@ -127,7 +127,7 @@ def carphone(networks: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def noise(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A third of a second of noise: a video without any face."""
+    """A video of a third of a second of noise, without any face."""
     path = tmp_path_factory.mktemp("noise") / "noise.mkv"
     random = np.random.default_rng(1)
     with open_sink(path, 160, 120, exact_fps(25)) as sink:
@@ -163,13 +163,13 @@ def demo_run(carphone: Path, make_once: MakeOnce) -> Path:
 
 @pytest.fixture(scope="session")
 def shots(tmp_path_factory: pytest.TempPathFactory) -> Shots:
-    """A few pictures of the generic head, with their truth."""
+    """A few pictures of the generic head with their ground truth."""
     return draw_shots(tmp_path_factory.mktemp("shots"))
 
 
 @pytest.fixture
 def start() -> Iterator[Start]:
-    """Starts the program with the given arguments; what still runs after the test is killed."""
+    """Starts the program with the given arguments; kills it after the test if it still runs."""
     processes: list[subprocess.Popen[str]] = []
 
     def start_program(*arguments: str | Path) -> subprocess.Popen[str]:

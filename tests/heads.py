@@ -1,4 +1,4 @@
-"""A small synthetic head, for tests that need a mesh but no anatomy; the landmarks of any head."""
+"""An ellipsoid as a head, for tests that need a mesh without anatomy; projected landmarks."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +83,7 @@ def seen_points(
     aau: Array | None = None,
     noise_px: float = 0.0,
 ) -> Array:
-    """(468, 3) what the landmark network would say, its depth relative, in pixels."""
+    """(468, 3) landmarks as the network gives them, px; depth is relative to its mean."""
     identity = Identity(np.zeros(len(AAUS)) if aau is None else aau, np.zeros_like(head.vertices))
     vertices = Face(head, identity).animate(face.eau)
     known = head.network_triangles >= 0

@@ -1,4 +1,4 @@
-"""What must hold for every setting of the face: lips, lids, teeth and triangles, as numbers."""
+"""Measures of lips, lids, teeth and triangles that have limits at every setting of the face."""
 
 from dataclasses import dataclass
 
@@ -14,12 +14,12 @@ Indices = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True)
 class Checks:
-    """What is looked at, found once on the neutral head.
+    """The vertices and triangles that are measured, found once on the neutral head.
 
     lower_lip, upper_lip: (k,) vertices of the lower lip and the nearest one of the upper lip.
     upper_skin: (u, 3) skin triangles of the upper lip.
-    teeth: (j,) vertices of the front teeth.  front: (m, 3) skin triangles before them.
-    skin: (s, 3) triangles of the face, away from the canthi's folds.
+    teeth: (j,) vertices of the front teeth.  front: (m, 3) skin triangles in front of them.
+    skin: (s, 3) triangles of the face, without the folds at the canthi.
     """
 
     head: Head
@@ -47,11 +47,11 @@ class Checks:
         )
 
     def teeth_through_skin_mm(self, vertices: Array) -> float:
-        """How far any front tooth stands out of the lips' skin; negative: behind it."""
+        """How far any front tooth is in front of the lips' skin; negative: behind it."""
         return self._in_front(vertices, self.teeth, self.front)
 
     def _in_front(self, vertices: Array, points: Indices, triangles: NDArray[np.int32]) -> float:
-        """How far any of the points stands before the triangles that cover it, seen along z."""
+        """How far any of the points is in front of the triangles that cover it along z."""
         corners = vertices[triangles]
         worst = -np.inf
         for point in vertices[points]:

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from protocol.call_parameters import CallParameters
+from protocol.entropy.varint import encode_varint
 from protocol.model_packet import ModelPacket
 from protocol.packets import (
     ControlKind,
@@ -51,3 +52,8 @@ GOLDEN: dict[str, Packet] = {
     "control_lost": ControlPacket(0, ControlKind.FACE_LOST, 0),
     "control_found": ControlPacket(33, ControlKind.FACE_FOUND, 2**32 - 1),
 }
+
+
+def sent_bytes(packet: bytes) -> int:
+    """Bytes of a packet with its length, as a pacer counts them."""
+    return len(encode_varint(len(packet))) + len(packet)

@@ -1,4 +1,4 @@
-"""Processes of the program that a test starts: waiting for them, and what they said."""
+"""Processes of the program that a test starts: waiting for them, and reading their output."""
 
 import subprocess
 import time
@@ -11,7 +11,7 @@ LIMIT_S = 60.0
 
 
 def one_line(stderr: str) -> str:
-    """What is the only line on stderr."""
+    """The text of stderr, which is a single line."""
     lines = stderr.splitlines()
     assert len(lines) == 1, stderr
     assert lines[0].startswith("risorius: ")
@@ -19,18 +19,18 @@ def one_line(stderr: str) -> str:
 
 
 def error_line(capsys: pytest.CaptureFixture[str]) -> str:
-    """What the program has written on stderr, one line."""
+    """The single line that the program has written to stderr."""
     return one_line(capsys.readouterr().err)
 
 
 def first_line(process: subprocess.Popen[str]) -> str:
-    """The first line that a process writes on stderr, without its end."""
+    """The first line that a process writes to stderr, without the line break."""
     assert process.stderr is not None
     return process.stderr.readline().rstrip("\n")
 
 
 def wait_until(condition: Callable[[], bool], process: subprocess.Popen[str]) -> None:
-    """Wait for `condition`, as long as `process` lives."""
+    """Wait until `condition` holds; fail if `process` ends first."""
     deadline = time.monotonic() + LIMIT_S
     while not condition():
         assert process.poll() is None, process.communicate()

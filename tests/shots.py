@@ -1,4 +1,4 @@
-"""Pictures of the generic head drawn from a script, with all that is known of them."""
+"""Pictures of the generic head drawn from a script, with their ground truth."""
 
 import json
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ eau = { jaw_drop = 0.3, mouth_corners = -0.4, lid_left = 0, lid_right = 0.3, eye
 
 @dataclass(frozen=True, slots=True)
 class Shots:
-    """pictures: (h, w, 3) uint8 BGR.  points: (468, 2) of the network, nan where unknown."""
+    """pictures: (h, w, 3) uint8 BGR.  points: (468, 2) landmarks, pixels, NaN where unknown."""
 
     camera: Camera
     face: Face
@@ -75,7 +75,7 @@ eau = {{ jaw_drop = 0.6 }}
 
 
 def draw(output: Path, script: str) -> AnimateReport:
-    """Draw a script into a video, or a pattern of images, and leave it beside them."""
+    """Draw a script into a video or a pattern of images; write the script to the same folder."""
     path = output.with_name("script.toml")
     path.write_text(script)
     return animate(AnimateOptions(path, output), lambda done, total: None, lambda: False)
@@ -105,5 +105,5 @@ def draw_shots(folder: Path, script: str = SCRIPT) -> Shots:
 
 
 def whole(picture: NDArray[np.uint8]) -> Crop:
-    """A crop that is the whole picture."""
+    """The crop of a whole picture."""
     return Crop(picture, 0, 0, np.ones(2))

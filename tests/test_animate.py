@@ -157,7 +157,7 @@ def test_a_call_without_a_model_has_nobody_to_animate(tmp_path: Path) -> None:
 
 def test_a_callers_camera_is_their_own(tmp_path: Path) -> None:
     text = SCRIPT + "camera = { zoom = 2 }"
-    with pytest.raises(UserError, match="brings their own camera"):
+    with pytest.raises(UserError, match="a call has its own camera"):
         run(tmp_path, text, call_file=tmp_path / "call.rzo")
 
 

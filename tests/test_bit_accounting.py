@@ -17,7 +17,8 @@ from protocol.bit_accounting import (
     component_bits,
     group_shares,
 )
-from protocol.call_file import MAGIC, CallWriter, serialise_record
+from protocol.call_file import MAGIC, CallWriter
+from protocol.call_records import serialise_records
 from protocol.errors import ProtocolError
 from protocol.frames.frame_transform import (
     GEOMETRY_SIZE,
@@ -218,7 +219,7 @@ def test_what_came_before_damaged_layers_is_still_counted(tmp_path: Path) -> Non
     packets: list[Packet] = [model, *(LayerPacket(0, i, data) for i, data in enumerate(pieces))]
     packets += [replace(model, version=1, version_count=2), FramePacket(0, bytes(4))]
     path = tmp_path / "call.rzo"
-    path.write_bytes(MAGIC + b"".join(serialise_record(serialise(packet)) for packet in packets))
+    path.write_bytes(MAGIC + serialise_records(serialise(packet) for packet in packets))
     summary = summarise(path)
     assert summary.damaged_packets == 2 and summary.model_packets == 2
     assert sum(summary.model_parts.values()) == summary.model_bytes

@@ -4,21 +4,15 @@ import io
 import resource
 from dataclasses import replace
 from pathlib import Path
+from random import Random
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from packets import CALL, MODEL
 
-from protocol.call_file import (
-    MAGIC,
-    CallReader,
-    CallStreamWriter,
-    CallWriter,
-    TruncatedCall,
-    read_records,
-    serialise_record,
-)
+from protocol.call_file import MAGIC, CallReader, CallStreamWriter, CallWriter
+from protocol.call_records import TruncatedCall, serialise_records
 from protocol.entropy.varint import encode_varint
 from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import thesis_sample_count
@@ -60,8 +54,8 @@ def test_a_call_comes_back_whole(tmp_path: Path) -> None:
 
 @given(st.lists(st.binary(min_size=1, max_size=200).map(lambda data: b"\x3f" + data)))
 def test_records_round_trip(packets: list[bytes]) -> None:
-    file = io.BytesIO(MAGIC + b"".join(map(serialise_record, packets)))
-    assert list(read_records(file)) == packets
+    file = io.BytesIO(MAGIC + serialise_records(packets))
+    assert list(CallReader(file)) == packets
 
 
 def test_files_carry_a_call_as_any_link_does(tmp_path: Path) -> None:
@@ -85,11 +79,9 @@ def test_a_call_without_an_end_is_read_and_reported(tmp_path: Path) -> None:
 def test_every_truncation_yields_the_whole_packets_before_it(tmp_path: Path) -> None:
     sent = write(tmp_path / "call.rzo", thesis_call(12))
     data = (tmp_path / "call.rzo").read_bytes()
-    boundaries = {
-        len(MAGIC + b"".join(map(serialise_record, sent[:n]))): n for n in range(len(sent) + 1)
-    }
+    boundaries = {len(MAGIC + serialise_records(sent[:n])): n for n in range(len(sent) + 1)}
     for length in range(len(MAGIC), len(data)):
-        records = read_records(io.BytesIO(data[:length]))
+        records = CallReader(io.BytesIO(data[:length]))
         if length in boundaries:
             assert list(records) == sent[: boundaries[length]]
             continue
@@ -100,25 +92,26 @@ def test_every_truncation_yields_the_whole_packets_before_it(tmp_path: Path) -> 
         assert received == sent[: len(received)]
 
 
-@pytest.mark.parametrize("data", [b"", b"RZO", b"RIFF....", b"RZO2"])
+@pytest.mark.parametrize("data", [b"", b"RZO", b"RIFF....", b"RZO1"])
 def test_another_kind_of_file_is_named(data: bytes) -> None:
     with pytest.raises(ProtocolError, match="no call file"):
-        list(read_records(io.BytesIO(data)))
+        list(CallReader(io.BytesIO(data)))
 
 
 @pytest.mark.parametrize(
     ("records", "message"),
     [
-        (b"\0", "record of 0 bytes"),
-        (encode_varint(MAX_MODEL_PACKET_BYTES + 1), "record of 262145 bytes"),
-        (b"\xff\xff\xff\xff", "bad number"),
-        (b"\x81\0x", "bad number"),
-        (serialise_record(bytes(2000)), "too long for its kind"),
+        (b"\x01", "record of 0 bytes"),
+        (encode_varint(2 * MAX_MODEL_PACKET_BYTES + 3), "record of 262145 bytes"),
+        (b"\xff\xff\xff\xff", "length of a record is too large"),
+        (b"\x81\0x", "length of a record has a byte too many"),
+        (serialise_records([bytes(2000)]), "frame packet of 1999 bytes"),
+        (serialise_records([b"\x80" + bytes(20)]), "too long for its kind"),
     ],
 )
 def test_bad_records_are_named(records: bytes, message: str) -> None:
     with pytest.raises(ProtocolError, match=message):
-        list(read_records(io.BytesIO(MAGIC + records)))
+        list(CallReader(io.BytesIO(MAGIC + records)))
 
 
 def test_what_comes_after_the_end_is_no_packet_and_is_counted(tmp_path: Path) -> None:
@@ -160,7 +153,7 @@ def test_the_old_file_stays_until_the_new_one_is_whole(tmp_path: Path) -> None:
     assert path.read_bytes() == b"old"
     writer.close()
     writer.close()
-    assert path.read_bytes() == MAGIC + serialise_record(serialise(MODEL))
+    assert path.read_bytes() == MAGIC + serialise_records([serialise(MODEL)])
 
 
 def test_nothing_sent_leaves_nothing_behind(tmp_path: Path) -> None:
@@ -191,8 +184,8 @@ def test_a_disk_that_refuses_leaves_the_old_call_as_it_is(tmp_path: Path) -> Non
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert path.read_bytes() == b"old"
-    whole = MAGIC + 2 * serialise_record(serialise(MODEL))
-    assert part.read_bytes() == whole[: len(MAGIC) + len(serialise_record(serialise(MODEL))) + 3]
+    whole = MAGIC + 2 * serialise_records([serialise(MODEL)])
+    assert part.read_bytes() == whole[: len(MAGIC) + len(serialise_records([serialise(MODEL)])) + 3]
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
@@ -221,9 +214,9 @@ def test_the_parts_add_up_and_the_thesis_profile_has_800_bps(tmp_path: Path, fra
     sent = write(path, thesis_call(frames))
     summary = summarise(path)
     parts = summary.model_bytes + summary.frame_bytes + summary.control_bytes
-    assert summary.container_bytes == 4 + sum(
-        len(serialise_record(data)) - len(data) + 1 for data in sent
-    )
+    model_record, frame_record, end_record = 2 + 1 + 4, 2, 3
+    expected = 4 + model_record + frame_record * (len(sent) - 2) + end_record
+    assert summary.container_bytes == expected
     assert parts + summary.container_bytes == summary.file_bytes == path.stat().st_size
     rates = summary.frame_bps, summary.packet_bps, summary.record_bps
     assert rates == pytest.approx((800, 880, 960))
@@ -263,18 +256,59 @@ def test_the_default_profile_counts_frames_by_packets(
 
 def test_what_is_damaged_is_counted_and_the_rest_accounted_for(tmp_path: Path) -> None:
     path = tmp_path / "call.rzo"
-    sent = [serialise_record(serialise(packet)) for packet in thesis_call(100)]
-    sent.insert(5, serialise_record(serialise(MODEL)[:1] + b"\xff" * 9))
-    path.write_bytes(MAGIC + b"".join(sent))
+    sent = [serialise(packet) for packet in thesis_call(100)]
+    sent.insert(5, serialise(MODEL)[:1] + b"\xff" * 9)
+    path.write_bytes(MAGIC + serialise_records(sent))
     summary = summarise(path)
     assert summary.damaged_packets == 1 and summary.complete and summary.frames == 100
     parts = summary.model_bytes + summary.frame_bytes + summary.control_bytes
     assert parts + summary.container_bytes == summary.file_bytes
-    # A length that cannot be: what follows is not found again.
-    sent[10] = b"\xff" * 9
-    path.write_bytes(MAGIC + b"".join(sent))
+
+
+@pytest.mark.parametrize("is_frame_missing", [False, True])
+def test_behind_a_damaged_length_the_next_records_are_found(
+    tmp_path: Path, is_frame_missing: bool
+) -> None:
+    path = tmp_path / "call.rzo"
+    sent = write(path, thesis_call(100))
+    data = bytearray(path.read_bytes())
+    begin = len(MAGIC + serialise_records(sent[:10]))
+    if is_frame_missing:
+        del data[begin : begin + 5]
+    else:
+        data[begin] = 0xFF
+    path.write_bytes(data)
     summary = summarise(path)
-    assert summary.damaged_packets == 2 and not summary.complete and summary.frame_packets == 8
+    assert summary.damaged_packets == 1 and summary.complete
+    assert summary.frame_packets == len(sent) - 2 - 1
+    parts = summary.model_bytes + summary.frame_bytes + summary.control_bytes
+    assert parts + summary.container_bytes == summary.file_bytes
+
+
+def test_every_changed_byte_is_noticed_and_all_else_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "call.rzo"
+    sent = write(path, thesis_call(40))
+    data = path.read_bytes()
+    random = Random(1)
+    for _ in range(1000):
+        place, change = random.randrange(len(MAGIC), len(data)), random.randrange(1, 256)
+        changed = bytearray(data)
+        changed[place] ^= change
+        damages = list[ProtocolError]()
+        received = list(CallReader(io.BytesIO(changed)).undamaged(damages.append))
+        assert damages, f"byte {place} ^ {change:#x} passes"
+        assert len(received) >= len(sent) - 2 and set(received) < set(sent)
+
+
+def test_any_bytes_give_packets_or_protocol_errors() -> None:
+    random = Random(2)
+    sent = serialise_records(serialise(packet) for packet in thesis_call(40))
+    for _ in range(300):
+        data = bytearray(sent)
+        for _ in range(random.randrange(1, 40)):
+            data[random.randrange(len(data))] = random.randrange(256)
+        reader = CallReader(io.BytesIO(MAGIC + data))
+        assert list(reader.undamaged(lambda damage: None)) is not None and reader.ended
 
 
 def test_a_damaged_model_is_said_to_be_damaged(tmp_path: Path) -> None:
@@ -282,9 +316,7 @@ def test_a_damaged_model_is_said_to_be_damaged(tmp_path: Path) -> None:
     damaged = bytearray(serialise(MODEL))
     damaged[1] = 0xFF
     path.write_bytes(
-        MAGIC
-        + serialise_record(bytes(damaged))
-        + serialise_record(serialise(FramePacket(0, bytes(10))))
+        MAGIC + serialise_records([bytes(damaged), serialise(FramePacket(0, bytes(10)))])
     )
     with pytest.raises(ProtocolError) as raised:
         summarise(path)
@@ -300,7 +332,7 @@ def test_a_call_without_a_model_is_refused(tmp_path: Path) -> None:
 def test_a_call_cut_off_in_its_model_is_said_to_be(tmp_path: Path) -> None:
     write(tmp_path / "call.rzo", thesis_call(30))
     (tmp_path / "call.rzo").write_bytes((tmp_path / "call.rzo").read_bytes()[:60])
-    with pytest.raises(TruncatedCall, match="call is cut off: byte 4: packet has 54 bytes of 155"):
+    with pytest.raises(TruncatedCall, match="call is cut off: byte 4: record has 54 bytes of 155"):
         summarise(tmp_path / "call.rzo")
 
 

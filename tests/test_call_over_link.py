@@ -63,7 +63,7 @@ def test_a_port_in_use_is_a_failed_link(start: Start) -> None:
 def test_a_decoder_without_a_caller_gives_up_when_told_to(start: Start, endpoint: str) -> None:
     code, stderr = finish(start("decode", "--listen", endpoint, "--timeout", "0.5", "-q"))
     assert code == 4
-    assert "nobody called within 0.5 s" in one_line(stderr)
+    assert "no call came within 0.5 s" in one_line(stderr)
 
 
 def test_an_encoder_without_a_decoder_gives_up(start: Start, carphone: Path, endpoint: str) -> None:

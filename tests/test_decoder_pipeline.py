@@ -12,8 +12,9 @@ from videos import read_frames
 
 from decoder import call_pictures, scene
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
-from protocol.call_file import MAGIC, CallReader, serialise_record
+from protocol.call_file import MAGIC, CallReader
 from protocol.call_parameters import CallParameters
+from protocol.call_records import serialise_records
 from protocol.frames.scalar_quantiser import encode_thesis, thesis_sample_count
 from protocol.model_packet import ModelPacket
 from protocol.packets import ControlKind, ControlPacket, FramePacket, serialise
@@ -66,7 +67,7 @@ def end(frames: int = FRAMES) -> bytes:
 
 
 def write_call(path: Path, packets: list[bytes]) -> Path:
-    path.write_bytes(MAGIC + b"".join(map(serialise_record, packets)))
+    path.write_bytes(MAGIC + serialise_records(packets))
     return path
 
 
@@ -175,7 +176,7 @@ def test_damaged_frame_is_skipped_with_a_warning(tmp_path: Path) -> None:
     call = write_call(tmp_path / "call.rzo", [model(), *packets, end()])
     report = run(call)
     assert report.frames == FRAMES and report.complete and report.lost_packets == 1
-    assert "damaged packets: 1," in report.warnings[0]
+    assert "damaged packet: " in report.warnings[0]
 
 
 def test_stopping_keeps_the_pictures_so_far(tmp_path: Path) -> None:
@@ -219,13 +220,15 @@ def test_ctrl_c_keeps_the_pictures_so_far(tmp_path: Path) -> None:
         (b"", "no call file"),
         (b"RIFF....AVI ", "no call file"),
         (MAGIC, "no model packet"),
-        (MAGIC + serialise_record(end()), "no model packet"),
-        (MAGIC + serialise_record(model()[:-1]), "model packet"),
+        (MAGIC + serialise_records([end()]), "no model packet"),
+        (MAGIC + serialise_records([model()[:-1]]), "model packet"),
         (
-            MAGIC + serialise_record(model(texture=b"RIFFxxxx")) + serialise_record(samples()[0]),
+            MAGIC
+            + serialise_records([model(texture=b"RIFFxxxx")])
+            + serialise_records([samples()[0]]),
             "texture is no WebP",
         ),
-        (MAGIC + serialise_record(model()[:1] + b"\x63" + model()[2:]), "format version is 99"),
+        (MAGIC + serialise_records([model()[:1] + b"\x63" + model()[2:]]), "format version is 99"),
     ],
 )
 def test_unusable_call_is_one_line_to_the_user(tmp_path: Path, data: bytes, reason: str) -> None:

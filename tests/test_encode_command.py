@@ -13,7 +13,8 @@ import pytest
 from conftest import PROGRAM, ROOT, Start
 from processes import LIMIT_S, error_line, finish, one_line, wait_until
 
-from protocol.call_file import TruncatedCall, read_records
+from protocol.call_file import CallReader
+from protocol.call_records import TruncatedCall
 from protocol.summary import summarise
 from risorius.cli import main
 
@@ -179,7 +180,7 @@ def count_packets(path: Path) -> int:
     count = 0
     with path.open("rb") as file:
         try:
-            for _ in read_records(file):
+            for _ in CallReader(file):
                 count += 1
         except TruncatedCall:
             return count

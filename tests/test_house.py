@@ -16,9 +16,7 @@ PACKAGES = ("shared_model", "protocol", "encoder", "decoder", "loopback", "risor
 MODULE_LINES, FUNCTION_LINES, PACKAGE_MODULES = 300, 40, 13
 LONGER_MODULES: dict[str, int] = {
     "encoder/calls/live_session.py": 414,
-    "encoder/fitting/analysis_by_synthesis.py": 311,
     "encoder/pipeline.py": 396,
-    "encoder/tracking/model_tracker.py": 368,
     "protocol/link/zenoh_link.py": 353,
     "tests/test_bad_wire.py": 302,
     "tests/test_packets.py": 349,
@@ -29,12 +27,12 @@ LONGER_MODULES: dict[str, int] = {
 }
 LONGER_FUNCTIONS: dict[str, int] = {
     "encoder/calls/live_session.py:__init__": 49,
-    "encoder/fitting/identity.py:_joint_equations": 46,
     "encoder/picture_coding/subband_rdoq.py:_quantise": 47,
-    "encoder/tracking/outlier_rejection.py:distances": 41,
+    "encoder/tracking/outlier_rejection.py:robust_residuals": 45,
     "protocol/model_packet.py:_model_from_fields": 41,
 }
 LARGER_PACKAGES: dict[str, int] = {
+    "encoder/fitting": 16,
     "scripts": 20,
     "tests": 118,
 }

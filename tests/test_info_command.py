@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 from processes import error_line, one_line
 
-from protocol.call_file import MAGIC, read_records, serialise_record
+from protocol.call_file import MAGIC, CallReader
+from protocol.call_records import serialise_records
 from risorius.cli import main
 
 Capture = pytest.CaptureFixture[str]
@@ -18,7 +19,7 @@ Capture = pytest.CaptureFixture[str]
         (None, "no such file"),
         (b"", "no call file"),
         (b"RIFF....AVI ", "no call file"),
-        (b"RZO1", "no model packet"),
+        (b"RZO2", "no model packet"),
     ],
 )
 @pytest.mark.parametrize("command", ["decode", "info"])
@@ -37,11 +38,11 @@ def test_a_call_of_another_version_is_refused(
     command: str, call: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     with call.open("rb") as file:
-        model = bytearray(next(read_records(file)))
+        model = bytearray(next(iter(CallReader(file))))
     # The version stands first in a model packet, after its kind.
     model[1] = 99
     newer = tmp_path / "newer.rzo"
-    newer.write_bytes(MAGIC + serialise_record(bytes(model)))
+    newer.write_bytes(MAGIC + serialise_records([bytes(model)]))
     assert main([command, str(newer)]) == 2
     assert "version is 99" in error_line(capsys)
 

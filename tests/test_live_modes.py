@@ -22,7 +22,8 @@ from encoder.coding.rate_control import OnlineRateController
 from encoder.coding.rdo_quantiser import CodedPacket
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
-from protocol.call_file import MAGIC, CallReader, serialise_record
+from protocol.call_file import MAGIC, CallReader
+from protocol.call_records import serialise_records
 from protocol.frames.payload_coding import decode_payload
 from protocol.frames.temporal_prediction import FramePredictor
 from protocol.frames.transform_coding import parse_transform
@@ -112,7 +113,7 @@ def send(clip: Path, startup_bitrate: float | None = None) -> Sent:
 
 
 def drawn(packets: Sequence[Packet], path: Path) -> list[NDArray[np.uint8]]:
-    path.write_bytes(MAGIC + b"".join(serialise_record(serialise(packet)) for packet in packets))
+    path.write_bytes(MAGIC + serialise_records(serialise(packet) for packet in packets))
     video = path.with_suffix(".mkv")
     report = decode(DecodeOptions(path, output=video), lambda done, total: None, lambda: False)
     assert report.frames == FRAMES and not report.warnings

@@ -4,6 +4,7 @@ from itertools import combinations
 from pathlib import Path
 
 import pytest
+from packets import sent_bytes
 from shots import draw, talking
 
 from decoder.pipeline import DecodeOptions, decode
@@ -14,7 +15,7 @@ from encoder.coding.progressive_model import BASE_LAYER_BYTES, UPDATE_BASE_LAYER
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from encoder.report import EncodeReport
-from protocol.call_file import CallReader, serialise_record
+from protocol.call_file import CallReader
 from protocol.frames.transform_coding import parse_transform
 from protocol.limits import SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
@@ -121,7 +122,7 @@ def test_frames_layers_and_models_keep_to_the_rate(call: Path) -> None:
         if isinstance(packet, FramePacket):
             slots.append(bits)
             bits = 0
-        bits += 8 * len(serialise_record(data))
+        bits += 8 * sent_bytes(data)
     slot_bits = STARTUP * PACKED / FPS
     # An update's model packet goes at once, as a debt that the slots after it pay.
     debt = 8 * UPDATE_BASE_LAYER_BYTES

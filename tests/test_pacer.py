@@ -4,11 +4,10 @@ from itertools import accumulate
 
 from hypothesis import given
 from hypothesis import strategies as st
-from packets import MODEL
+from packets import MODEL, sent_bytes
 
 from encoder.coding.pacer import LayerPacer
 from encoder.coding.progressive_model import LayeredModel
-from protocol.call_file import serialise_record
 from protocol.packets import LayerPacket, serialise
 from protocol.progressive_model import stream_item
 
@@ -28,7 +27,7 @@ def test_layers_and_frames_keep_to_the_rate(
         pacer.on_packet_sent(size)
         sent_bits += 8 * (size + 1)
         for layer in pacer.packets_due(slot_s):
-            sent_bits += 8 * len(serialise_record(serialise(layer)))
+            sent_bits += 8 * sent_bytes(serialise(layer))
             stream += layer.data
             assert sent_bits <= slots * slot_s * bitrate + 1e-6
     assert b"".join(map(stream_item, items)).startswith(stream)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from packets import sent_bytes
 from shots import draw
 from videos import read_frames
 
@@ -16,7 +17,8 @@ from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from encoder.report import EncodeReport
 from loopback.quality import face_mask_finder, measure_quality
-from protocol.call_file import MAGIC, CallReader, serialise_record
+from protocol.call_file import MAGIC, CallReader
+from protocol.call_records import serialise_records
 from protocol.entropy.varint import decode_varint
 from protocol.errors import ProtocolError
 from protocol.frames.transform_coding import parse_transform, serialise_transform
@@ -116,7 +118,7 @@ def packets(path: Path) -> list[Packet]:
 
 
 def write(path: Path, sent: list[bytes]) -> Path:
-    path.write_bytes(MAGIC + b"".join(map(serialise_record, sent)))
+    path.write_bytes(MAGIC + serialise_records(sent))
     return path
 
 
@@ -166,7 +168,7 @@ def test_no_second_of_the_call_exceeds_the_rate(call: Path) -> None:
         packet = parse_packet(data)
         if isinstance(packet, FramePacket):
             time_s += (8 if sizes else 1) / FPS
-        sizes.append((time_s, 8 * len(serialise_record(data))))
+        sizes.append((time_s, 8 * sent_bytes(data)))
     slot_s = 8 / FPS
     for start, _ in sizes:
         window = sum(bits for at, bits in sizes if start <= at < start + 1)
@@ -245,7 +247,7 @@ def test_a_damaged_layer_leaves_the_appearance_as_it_was(unpaced: Path, tmp_path
     report = decoded(write(tmp_path / "damaged.rzo", sent), tmp_path / "damaged.mkv")
     assert report.frames == FRAMES
     (warning,) = report.warnings
-    assert warning.startswith("damaged packets: 1,") and "no step" in warning
+    assert warning.startswith("damaged packet: ") and "no step" in warning
     # All other layers are used, also the background, whose layer packet holds the damaged mode.
     decoded(write(tmp_path / "without.rzo", sent[: indices[-1]] + sent[indices[-1] + 1 :]), other)
     for one, same in zip(read_frames(tmp_path / "damaged.mkv"), read_frames(other), strict=True):
@@ -301,7 +303,9 @@ def test_the_bytes_of_a_call_in_layers_add_up(call: Path) -> None:
     assert min(summary.model_parts.values()) >= 0
     parts = summary.model_bytes + summary.frame_bytes + summary.control_bytes
     assert parts + summary.container_bytes == summary.file_bytes
-    assert summary.container_bytes == 4 + sum(len(serialise_record(p)) - len(p) + 1 for p in sent)
+    assert summary.container_bytes == 4 + len(serialise_records(sent)) - sum(
+        len(packet) - 1 for packet in sent
+    )
 
 
 def test_a_call_too_short_for_its_layers_warns(clip: str, tmp_path: Path) -> None:

@@ -23,7 +23,8 @@ from videos import read_frames
 
 from decoder.playout import PlayoutFrame
 from decoder.reenactment import read_model, reenact
-from protocol.call_file import MAGIC, CallReader, serialise_record
+from protocol.call_file import MAGIC, CallReader
+from protocol.call_records import serialise_records
 from protocol.frames.scalar_quantiser import motion_from_pose
 from protocol.frames.transform_coding import parse_transform
 from protocol.limits import MAX_LAYER_BYTES
@@ -102,7 +103,7 @@ def test_the_layers_of_updates_are_none_of_the_first_model(tmp_path: Path) -> No
     path, more = tmp_path / "call.rzo", bytes(MAX_LAYER_BYTES)
     packets: list[Packet] = [FIRST, *pieces(STREAM, [20])]
     packets[1:1] = [LayerPacket(FIRST.version + 1, number, more) for number in range(40)]
-    path.write_bytes(MAGIC + b"".join(serialise_record(serialise(packet)) for packet in packets))
+    path.write_bytes(MAGIC + serialise_records(serialise(packet) for packet in packets))
     assert read_model(path) == expected(len(ITEMS))
 
 
@@ -115,7 +116,7 @@ def test_of_a_call_with_updates_the_newest_model_is_worn_with_its_layers(
     update = FIRST if layered else replace(FIRST, progressive=False)
     layers = pieces(STREAM, [20]) if layered else []
     packets: list[Packet] = [rough, LayerPacket(rough.version, 0, bytes(9)), *layers, update, rough]
-    path.write_bytes(MAGIC + b"".join(serialise_record(serialise(packet)) for packet in packets))
+    path.write_bytes(MAGIC + serialise_records(serialise(packet) for packet in packets))
     assert read_model(path) == (expected(len(ITEMS)) if layered else update)
 
 
@@ -128,16 +129,14 @@ def test_a_newest_model_without_a_background_wears_the_newest_before_it(tmp_path
     # The first is repeated for who joins late.
     for newest, background in ((bare, b"still 2"), (replace(bare, background=b"own"), b"own")):
         packets = [*models, newest, models[0]]
-        path.write_bytes(
-            MAGIC + b"".join(serialise_record(serialise(packet)) for packet in packets)
-        )
+        path.write_bytes(MAGIC + serialise_records(serialise(packet) for packet in packets))
         assert read_model(path) == replace(newest, background=background)
 
 
 def test_modes_learned_in_a_call_are_worn(tmp_path: Path) -> None:
     path = tmp_path / "call.rzo"
     packets: list[Packet] = [WHOLE, *learned_layers(*LEARNED)]
-    path.write_bytes(MAGIC + b"".join(serialise_record(serialise(packet)) for packet in packets))
+    path.write_bytes(MAGIC + serialise_records(serialise(packet) for packet in packets))
     worn = read_model(path)
     assert parse_transform(worn.profile_data).modes == (*KNOWN, *LEARNED, b"")
     sent = frame(np.ones(5))

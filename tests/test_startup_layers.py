@@ -5,7 +5,8 @@ import io
 import pytest
 from layer_streams import BASE, ITEMS, frames
 
-from protocol.call_file import read_records, serialise_record
+from protocol.call_file import CallReader
+from protocol.call_records import serialise_records
 from protocol.packets import LayerPacket, serialise
 from protocol.progressive_model import stream_item
 from scripts.startup_layers import LayeredCall, TableRow, arrival_times_s, markdown, unlayered_bytes
@@ -23,13 +24,13 @@ CALL = LayeredCall(
 
 def test_a_truncated_call_has_its_first_layers_and_all_frames() -> None:
     for count in range(len(ITEMS) + 1):
-        packets = list(read_records(io.BytesIO(CALL.truncated_to(count))))
+        packets = list(CallReader(io.BytesIO(CALL.truncated_to(count))))
         assert packets == [CALL.base, *CALL.layers[:count], *CALL.frames]
 
 
 def test_bytes_are_those_of_the_model_in_a_call_file() -> None:
-    assert CALL.bytes_until(0) == len(serialise_record(CALL.base))
-    every = sum(len(serialise_record(data)) for data in (CALL.base, *CALL.layers))
+    assert CALL.bytes_until(0) == len(serialise_records([CALL.base]))
+    every = len(serialise_records((CALL.base, *CALL.layers)))
     assert CALL.bytes_until(len(ITEMS)) == every
     assert CALL.model.items == ITEMS
 

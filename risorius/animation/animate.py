@@ -1,7 +1,7 @@
-"""`risorius animate`: draws a script and writes the truth beside it (thesis 5.3.1, 5.4.2).
+"""`risorius animate`: draws a script and writes its ground truth (thesis 5.3.1, 5.4.2).
 
-Scene -> light -> blur -> noise -> video.  The head is the generic one with a painted skin, or a
-caller's out of a call file.
+Scene -> light -> blur -> noise -> video.  The head is the generic one with a painted skin, or that
+of a call file.
 """
 
 from collections.abc import Callable
@@ -53,7 +53,7 @@ class AnimateOptions:
     """What to draw and where to put it.
 
     script: the TOML file.  output: video or image pattern.  call_file: whose face; None: the
-    generic head.  truth: JSON file of the ground truth; None: beside the output.
+    generic head.  truth: JSON file of the ground truth; None: next to the output.
     """
 
     script: Path
@@ -72,12 +72,12 @@ class AnimateReport:
 
 
 class Actor(Protocol):
-    """Someone who can be drawn: the generic head, or a caller."""
+    """A head that can be drawn: the generic one, or that of a call file."""
 
     head: Head
 
     def geometry(self, state: AnimationState) -> FrameGeometry:
-        """Where everything is at one state."""
+        """Camera, pose and vertices at this state."""
 
     def draw(self, state: AnimationState, geometry: FrameGeometry) -> Picture:
         """The picture of it, (height, width, 3) uint8 BGR, without light, blur and noise."""
@@ -154,7 +154,7 @@ class GenericActor:
 
 
 class CallerActor:
-    """A caller as the decoder draws them: their shape, texture, camera and still background."""
+    """The person of a call as the decoder draws them: shape, texture, camera, still background."""
 
     def __init__(self, model: ModelPacket) -> None:
         self.head, self._model = head_of(model), model
@@ -163,7 +163,7 @@ class CallerActor:
         self._timer = StageTimer()
 
     def geometry(self, state: AnimationState) -> FrameGeometry:
-        """Poses are relative to that of the caller's still picture, AAUs to their own."""
+        """Poses are relative to the reference pose of the call, AAUs to the person's own."""
         pose = _pose_from_home(self._model.reference_pose, state)
         vertices = self._face.with_aau_offset(state.aau).animate(state.eau)
         return FrameGeometry(self._model.call.camera, pose, vertices)
@@ -198,9 +198,9 @@ def side_light(width: int, side: float) -> NDArray[np.float32]:
 
 
 def open_actor(script: Script, call_file: Path | None) -> Actor:
-    """Whoever plays the script: the generic head, or the caller of a call file.
+    """The actor of a script: the generic head, or the person of a call file.
 
-    Raises `UserError` if the caller cannot be drawn or cannot do what the script asks for.
+    Raises `UserError` if that person cannot be drawn, or if the script sets what a call file sets.
     """
     if call_file is None:
         return GenericActor(script, generic_head())
@@ -208,7 +208,9 @@ def open_actor(script: Script, call_file: Path | None) -> Actor:
     own += ["background"] if script.background else []
     if own:
         what = " and ".join(own)
-        raise UserError(f"a caller brings their own {what}: leave it out of the script, or --call")
+        raise UserError(
+            f"a call has its own {what}: leave that out of the script"
+        )
     try:
         return CallerActor(read_model(call_file))
     except ProtocolError as error:

@@ -1,4 +1,4 @@
-"""The truth beside an animation: where everything was in every picture (docs/animate.md)."""
+"""The ground truth of an animation: pose, actuators and landmarks of each picture."""
 
 import json
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""A plain painted face for the head that wears no caller's texture: eyes, lips, brows, hair."""
+"""A plain painted face for the generic head: eyes, lips, brows, hair."""
 
 from itertools import pairwise
 

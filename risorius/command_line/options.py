@@ -22,8 +22,8 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--live",
         action="store_true",
-        help="default profile: send each frame of a file as if it came from a camera, rather than"
-        " look at the whole file first",
+        help="default profile: encode a file in one pass, as if its frames came from a camera,"
+        " instead of two",
     )
     parser.add_argument(
         "--startup-bitrate",
@@ -75,7 +75,7 @@ def add_tracking(parser: argparse.ArgumentParser) -> None:
         choices=CHOICES["tracker"],
         default="full",
         help="thesis profile: landmarks of each frame by itself, or KLT, filter and the fit of the"
-        " caller's own texture as well (default: %(default)s)",
+        " person's own texture as well (default: %(default)s)",
     )
     parser.add_argument(
         "--without",
@@ -138,7 +138,7 @@ def add_comparison(parser: argparse.ArgumentParser) -> None:
         "--face",
         type=Path,
         metavar="OTHER",
-        help="draw the caller of this call file instead, moved by the call's stream",
+        help="draw the person of this call file instead, moved by the call's stream",
     )
     likeness.add_argument(
         "--source", metavar="VIDEO", help="the original: report PSNR against it (thesis eq. 6.1)"
@@ -181,7 +181,7 @@ def _add_rates(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--profile",
         choices=CHOICES["profile"],
-        help="default: every frame, with the caller's own appearance, entropy-coded; thesis: ten"
+        help="default: every frame, with the person's own appearance, entropy-coded; thesis: ten"
         " values of 8 bits, ten times a second (default: default, unless an option of the thesis"
         " profile is given or the landmark networks are missing)",
     )

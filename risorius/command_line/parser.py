@@ -16,9 +16,9 @@ exit codes:
   1    a replayed clip missed a threshold
   2    bad usage or bad input: no such file, no call file, nowhere to write, no EGL
   3    no face found
-  4    the link failed: port or call in use, nobody there, or it broke; what came is kept
-  130  interrupted (Ctrl-C); what was done until then is kept
-  141  nobody reads the output any more
+  4    the link failed: port or call in use, no peer, or it broke; what came is written
+  130  interrupted (Ctrl-C); what was done until then is written
+  141  the reader of the output has closed it
 """
 
 

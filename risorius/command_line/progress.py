@@ -1,4 +1,4 @@
-"""How far a long job is, and what else a user should know, on the error stream."""
+"""Progress of long jobs, messages and warnings, on the error stream."""
 
 import sys
 import time
@@ -12,9 +12,9 @@ BAR_WIDTH = 30
 
 
 class ProgressLine:
-    """A bar that redraws itself on a terminal; elsewhere a plain line now and then.
+    """A bar that redraws itself on a terminal; in a log a line every `LOG_INTERVAL_S`.
 
-    Call it with the work done and, where known, the whole; leave the `with` block to end the line.
+    Call it with the number of frames done and, if known, of all; leaving the `with` block ends it.
     """
 
     def __init__(
@@ -29,13 +29,13 @@ class ProgressLine:
         self._is_terminal = stream.isatty()
         self._interval_s = TERMINAL_INTERVAL_S if self._is_terminal else LOG_INTERVAL_S
         self._start = clock()
-        # A log needs no line for a job that is over before the first interval.
+        # A job that ends before the first interval gets no line in a log.
         self._next = self._start + (0 if self._is_terminal else self._interval_s)
         self._state: tuple[int, int | None] | None = None
         self._doing = ""
 
     def __call__(self, done: int, total: int | None) -> None:
-        """Say that `done` of `total` frames are through; `total` None: nobody knows."""
+        """Show that `done` of `total` frames are done; total None: not known."""
         self._state = done, total
         now = self._clock()
         if now >= self._next and not self._quiet:
@@ -43,7 +43,7 @@ class ProgressLine:
             self._write(done, total)
 
     def preparing(self, what: str) -> None:
-        """Say beside the bar that `what` is done, until it is something else; "": no more."""
+        """Show after the bar what the job prepares at the moment; "": nothing."""
         self._doing = what
         if self._state is not None:
             if self._is_terminal:
@@ -78,7 +78,7 @@ class ProgressLine:
         self._put(f"\r\x1b[K{text}" if self._is_terminal else f"{text}\n")
 
     def _put(self, text: str) -> None:
-        """Whoever looked may have gone: what is kept must not suffer from that."""
+        """Write; if the terminal was closed, write nothing more: the job goes on."""
         try:
             self._stream.write(text)
             self._stream.flush()

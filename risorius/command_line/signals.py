@@ -1,4 +1,4 @@
-"""Ctrl-C and the request to end, as a question that a pipeline asks between two frames."""
+"""Ctrl-C and other requests to end, as a question that a pipeline asks between two frames."""
 
 import signal
 from collections.abc import Callable
@@ -10,14 +10,20 @@ Progress = Callable[[int, int | None], None]
 
 
 class StopOnSignal:
-    """True once the user has asked to stop; the second request interrupts at once.
+    """Called, it says whether the user has asked to stop; a second request interrupts at once.
 
-    Within the `with` block a first SIGINT, SIGTERM or SIGHUP only sets the answer, so that the
-    frame at hand and the files are finished.  Before the first frame there is nothing to finish and
-    somebody to wait for, perhaps, and while a call is prepared nothing to keep: it interrupts, as
-    the second does; and is the answer, too, in case that the exception gets lost in a finaliser.
-    More are not heard: a link whose closing is interrupted leaves threads behind that never end.
-    The handlers of before come back on leaving.
+    Within the `with` block SIGINT, SIGTERM and SIGHUP are handled like this:
+
+    - before the first frame, and while a call is prepared: `KeyboardInterrupt`, since there is no
+      output to finish;
+    - afterwards, the first signal: the answer becomes True, and the pipeline finishes the current
+      frame and its files;
+    - the second signal: `KeyboardInterrupt`;
+    - further signals have no effect: a link whose closing is interrupted leaves threads behind that
+      never end.
+
+    After a `KeyboardInterrupt` the answer is True as well, since an exception that is raised in a
+    finaliser gets lost.  Leaving the block restores the handlers.
     """
 
     def __init__(self) -> None:
@@ -27,7 +33,7 @@ class StopOnSignal:
         return self._stopped
 
     def watch(self, progress: Progress) -> Progress:
-        """`progress`, with a note that the first frame is through."""
+        """`progress`, which also notes that the first frame is done."""
 
         def noted(done: int, total: int | None) -> None:
             self._started = True
@@ -36,7 +42,7 @@ class StopOnSignal:
         return noted
 
     def watch_preparing(self, preparing: Callable[[str], None]) -> Callable[[str], None]:
-        """`preparing`, with a note that there is nothing to keep until it is called with ""."""
+        """`preparing`, which also notes that there is no output until it is called with ""."""
 
         def noted(what: str) -> None:
             self._preparing = bool(what)
@@ -45,7 +51,7 @@ class StopOnSignal:
         return noted
 
     def __enter__(self) -> Self:
-        # Whoever was started by nohup goes on when the terminal is closed.
+        # A process started by nohup goes on when the terminal is closed.
         ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
         heard = SIGNALS if ignored else (*SIGNALS, signal.SIGHUP)
         self._before = {number: signal.signal(number, self._handle) for number in heard}

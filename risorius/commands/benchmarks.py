@@ -27,8 +27,8 @@ def add_bench(added: "Commands") -> None:
         "measure bits, PSNR and latency of recorded videos",
         "Encoder and decoder run as two processes that talk over Zenoh on this host.  Latency is\n"
         "from the reading of a frame to its picture; in the default profile, unless it is --live,\n"
-        "the whole file is looked at in between.\n"
-        "With --sweep each clip is learned once and coded at several rates into call files.",
+        "both passes over the file are in between.\n"
+        "With --sweep each clip gets one model and is coded at several rates into call files.",
         "  risorius bench me.mp4 you.mp4 --out out/bench\n"
         "  risorius bench --timings --no-pace me.mp4\n"
         "  risorius bench --sweep 200,350,500,800,1200,2000 me.mp4 --out out/sweep\n",
@@ -118,7 +118,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
                 else:
                     clips.append(item)
         finally:
-            # Whatever stopped the others, what was measured is kept.
+            # Also after an interrupt, the clips that were measured are reported.
             if clips:
                 write_json(folder / "report.json", bench_report(settings, clips, failures))
                 write_report(folder / "report.html", bench_page(clips).encode())

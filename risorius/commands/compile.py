@@ -1,4 +1,4 @@
-"""`risorius compile`: the encoder's inner loops as machine code, before somebody's first call."""
+"""`risorius compile`: the encoder's inner loops as machine code, before the first call."""
 
 import argparse
 import time

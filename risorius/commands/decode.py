@@ -163,7 +163,7 @@ def _reason(error: UserError, stop: Callable[[], bool], idle: IdleTimeout) -> Ba
     if stop():
         return KeyboardInterrupt()
     if idle.expired and error.exit_code != LINK_FAILED:
-        return UserError(f"nobody called within {idle.timeout_s:g} s", LINK_FAILED)
+        return UserError(f"no call came within {idle.timeout_s:g} s", LINK_FAILED)
     return error
 
 

@@ -32,7 +32,7 @@ def add_animate(added: "Commands") -> None:
         "-o", "--output", type=Path, required=True, metavar="FILE", help="video or image pattern"
     )
     parser.add_argument(
-        "--call", type=Path, metavar="CALL", help="animate the caller of this call file"
+        "--call", type=Path, metavar="CALL", help="animate the person of this call file"
     )
     parser.add_argument(
         "--truth", type=Path, metavar="FILE", help="the truth's JSON (default: next to the output)"
@@ -53,7 +53,7 @@ def add_view(added: "Commands") -> None:
         "  risorius view\n  risorius view --call anna.rzo --port 8000\n",
     )
     parser.add_argument(
-        "--call", type=Path, metavar="CALL", help="show the caller of this call file"
+        "--call", type=Path, metavar="CALL", help="show the person of this call file"
     )
     parser.add_argument(
         "--port", type=port, default=0, metavar="N", help="TCP port; 0: any free one (default: 0)"

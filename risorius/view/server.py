@@ -47,14 +47,14 @@ class ViewOptions:
 
 @dataclass(frozen=True, slots=True)
 class RenderRequest:
-    """A picture that is waited for: JPEG bytes, or None once a newer one has taken its place."""
+    """A picture to draw; `picture` becomes JPEG bytes, or None if a newer request replaces it."""
 
     state: AnimationState
     picture: Future[bytes | None] = field(default_factory=Future)
 
 
 class RequestQueue:
-    """Pictures that are asked for: of each page no more than the newest."""
+    """Requests that wait: of each page the newest alone."""
 
     def __init__(self) -> None:
         self._waiting: dict[str, RenderRequest] = {}
@@ -75,7 +75,7 @@ class RequestQueue:
         return request.picture.result()
 
     def pages(self) -> set[str]:
-        """Whoever waits for a picture that nobody draws yet."""
+        """The pages whose picture is not being drawn yet."""
         with self._changed:
             return set(self._waiting)
 
@@ -83,7 +83,7 @@ class RequestQueue:
         """Wait for the next picture to draw: pages take turns."""
         with self._changed:
             while not self._waiting:
-                # Now and then it wakes: Ctrl-C that comes as it falls asleep would go unheard.
+                # With a time limit: a Ctrl-C just before the wait would not end it.
                 self._changed.wait(NAP_S)
             return self._waiting.pop(next(iter(self._waiting)))
 
@@ -92,7 +92,7 @@ def view(options: ViewOptions, announce: Callable[[str], None]) -> None:
     """Serve the page until interrupted.
 
     announce: called with the page's address once it can be opened.
-    Raises `UserError` if there is nobody to show, no EGL, or the port is taken.
+    Raises `UserError` if the call has no person, there is no EGL, or the port is taken.
     """
     studio = parse_script(STUDIO, Path())
     with ExitStack() as stack:
@@ -109,7 +109,7 @@ def view(options: ViewOptions, announce: Callable[[str], None]) -> None:
 
 
 def serve(request: RenderRequest, actor: Actor) -> None:
-    """Draw what is asked for; what cannot be drawn is told to whoever asked."""
+    """Draw the picture of a request, or answer it with the error."""
     try:
         geometry = actor.geometry(request.state)
         picture = _lit(actor.draw(request.state, geometry), request.state)
@@ -135,7 +135,7 @@ def _description(actor: Actor, studio: Script, options: ViewOptions) -> dict[str
 
 
 class _Server(ThreadingHTTPServer):
-    # Whoever still waits for a picture must not hold up the end.
+    # A request that waits for its picture does not delay the end.
     daemon_threads, block_on_close = True, False
 
     def __init__(self, port: int, requests: RequestQueue, described: dict[str, Any]) -> None:
@@ -174,12 +174,12 @@ class _Handler(BaseHTTPRequestHandler):
         """Nothing: a line for each picture would bury the page's address."""
 
     def _is_local(self) -> bool:
-        """A page from elsewhere that names this host by its own name may not see the caller."""
+        """Whether the request names this host: a foreign page would name its own."""
         name = self.headers.get("Host", "").rpartition(":")[0]
         return name in (HOST, "localhost")
 
     def _page(self) -> str:
-        """Who asks: a page by the name it gives itself, any other client by its connection."""
+        """Name of the client: the one that a page gives itself, else the connection."""
         return self.headers.get("X-Page") or str(self.client_address)
 
     def _picture(self, query: str) -> None:
