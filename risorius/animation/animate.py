@@ -208,9 +208,7 @@ def open_actor(script: Script, call_file: Path | None) -> Actor:
     own += ["background"] if script.background else []
     if own:
         what = " and ".join(own)
-        raise UserError(
-            f"a call has its own {what}: leave that out of the script"
-        )
+        raise UserError(f"a call has its own {what}: leave that out of the script")
     try:
         return CallerActor(read_model(call_file))
     except ProtocolError as error:
