@@ -30,7 +30,7 @@ MODEL = ModelPacket(
 )
 GOLDEN: dict[str, Packet] = {
     "model": MODEL,
-    "model_layer": replace(
+    "model_update": replace(
         MODEL,
         call=replace(CALL, profile="default", frames_per_packet=6, start_frame=300),
         residual=(),
@@ -40,13 +40,13 @@ GOLDEN: dict[str, Packet] = {
         version_count=5,
     ),
     "model_step": replace(MODEL, call=replace(CALL, profile="default", frame_step=3)),
-    "model_layered": replace(MODEL, progressive=True),
-    "model_growing": replace(MODEL, extensible=True),
-    "model_lids": replace(MODEL, call=replace(CALL, has_eyelids=True)),
+    "model_progressive": replace(MODEL, progressive=True),
+    "model_extensible": replace(MODEL, extensible=True),
+    "model_eyelids": replace(MODEL, call=replace(CALL, has_eyelids=True)),
     "model_bt709": replace(MODEL, call=replace(CALL, profile="default", colour_matrix="bt709")),
     "layer": LayerPacket(2, 300, b"a piece"),
     "frame_thesis": FramePacket(63, bytes(range(123, 133))),
-    "frame_lids": FramePacket(0, bytes(range(120, 132))),
+    "frame_eyelids": FramePacket(0, bytes(range(120, 132))),
     "frame_empty": FramePacket(1, b""),
     "control_end": ControlPacket(7, ControlKind.END, 382),
     "control_lost": ControlPacket(0, ControlKind.FACE_LOST, 0),

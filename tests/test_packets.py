@@ -167,28 +167,28 @@ def test_layered_is_yes_or_no() -> None:
         parse_packet(model_of_fields({"y": 1}, GOLDEN["model_step"]))
     # What the older version can say is said in it.
     with pytest.raises(ProtocolError, match="one encoding"):
-        parse_packet(model_of_fields({"y": False}, GOLDEN["model_layered"]))
+        parse_packet(model_of_fields({"y": False}, GOLDEN["model_progressive"]))
 
 
 def test_growing_is_yes_or_no() -> None:
     with pytest.raises(ProtocolError, match="extensible"):
-        parse_packet(model_of_fields({"g": 1}, GOLDEN["model_growing"]))
+        parse_packet(model_of_fields({"g": 1}, GOLDEN["model_extensible"]))
     with pytest.raises(ProtocolError, match="one encoding"):
-        parse_packet(model_of_fields({"g": False}, GOLDEN["model_growing"]))
+        parse_packet(model_of_fields({"g": False}, GOLDEN["model_extensible"]))
 
 
 def test_lids_are_yes_or_no_and_of_the_thesis_profile() -> None:
     with pytest.raises(ProtocolError, match="eyelids"):
-        parse_packet(model_of_fields({"i": 1}, GOLDEN["model_lids"]))
+        parse_packet(model_of_fields({"i": 1}, GOLDEN["model_eyelids"]))
     with pytest.raises(ProtocolError, match="one encoding"):
-        parse_packet(model_of_fields({"i": False}, GOLDEN["model_lids"]))
+        parse_packet(model_of_fields({"i": False}, GOLDEN["model_eyelids"]))
     with pytest.raises(ProtocolError, match="lids are an option of the thesis profile"):
-        parse_packet(model_of_fields({"p": 1}, GOLDEN["model_lids"]))
+        parse_packet(model_of_fields({"p": 1}, GOLDEN["model_eyelids"]))
 
 
 def test_a_program_that_knows_no_lids_refuses_their_model_by_its_version() -> None:
     assert serialise(MODEL)[1] == THESIS_FORMAT
-    assert serialise(GOLDEN["model_lids"])[1] == EYELIDS_FORMAT
+    assert serialise(GOLDEN["model_eyelids"])[1] == EYELIDS_FORMAT
 
 
 def test_the_default_profile_of_an_older_program_is_refused_by_its_version() -> None:
@@ -217,9 +217,9 @@ def test_a_version_has_its_own_fields_only() -> None:
         (MODEL, EXTENSIBLE_FORMAT),
         (GOLDEN["model_step"], DEFAULT_FORMAT),
         (GOLDEN["model_step"], EXTENSIBLE_FORMAT),
-        (GOLDEN["model_growing"], PROGRESSIVE_FORMAT),
+        (GOLDEN["model_extensible"], PROGRESSIVE_FORMAT),
         (MODEL, EYELIDS_FORMAT),
-        (GOLDEN["model_lids"], EXTENSIBLE_FORMAT),
+        (GOLDEN["model_eyelids"], EXTENSIBLE_FORMAT),
     ):
         data = bytearray(serialise(model))
         data[1] = version

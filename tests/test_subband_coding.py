@@ -219,7 +219,7 @@ def test_probabilities_leave_room_whatever_the_weights_are(sign: int) -> None:
 @pytest.mark.parametrize("kind", [BACKGROUND, TEXTURE, MODE])
 def test_golden_bytes_still_mean_what_they_did(kind: int) -> None:
     """Other weights, tables or another order would make stored calls unreadable."""
-    lines = (VECTORS / f"picture_{('still', 'texture', 'mode')[kind]}.txt").read_text().split()
+    lines = (VECTORS / f"picture_{('background', 'texture', 'mode')[kind]}.txt").read_text().split()
     series = PictureSequence(kind)
     for data, *expected in zip(*[iter(lines)] * 4, strict=True):
         found = decode_planes(series, "it", bytes.fromhex(data), plane_shapes(24, 20))

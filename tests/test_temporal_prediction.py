@@ -95,7 +95,7 @@ def growing(seed: int) -> list[tuple[int, bytes, Integers]]:
 
 
 @pytest.mark.parametrize(
-    ("name", "call"), [("frames_default", packets(1, 5)), ("frames_spare", growing(1))]
+    ("name", "call"), [("frames_default", packets(1, 5)), ("frames_reserved", growing(1))]
 )
 def test_golden_packets_have_not_changed(
     name: str, call: list[tuple[int, bytes, Integers]]

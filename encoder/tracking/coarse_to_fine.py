@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from encoder.fitting.analysis_by_synthesis import Observation
 from encoder.fitting.fit_results import TextureFit
 from encoder.fitting.person_texture import GOOD_CORRELATION, PersonTexture
+from encoder.tracking.detection_measurement import FrameMeasurement
 from shared_model.parameters import EAU_INDEX, FaceParameters
 
 Picture = NDArray[np.uint8]
@@ -54,6 +55,15 @@ def fit_coarse_to_fine(
         texture.update_noise_level(best)
         starts = [best.face]
     return best
+
+
+def initial_faces(
+    start: FaceParameters, measurement: FrameMeasurement | None
+) -> list[FaceParameters]:
+    """Initial faces of the fit: with landmarks, also their expression, and their whole face."""
+    if measurement is None:
+        return [start]
+    return [start, replace(start, eau=measurement.face.eau), measurement.face]
 
 
 def _best_of_both_sides(

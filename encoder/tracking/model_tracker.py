@@ -19,7 +19,7 @@ from encoder.fitting.person_texture import (
     PersonTexture,
 )
 from encoder.fitting.pose_initialisation import pose_from_points
-from encoder.tracking.coarse_to_fine import fit_coarse_to_fine
+from encoder.tracking.coarse_to_fine import fit_coarse_to_fine, initial_faces
 from encoder.tracking.detection_measurement import FrameMeasurement, FrameMeasurer
 from encoder.tracking.identity_refinement import MIN_EYE_DISTANCE_PX, IdentityRefiner
 from encoder.tracking.klt import KltTracker, Tracks, eye_distance_px
@@ -200,7 +200,7 @@ class ModelTracker:
         start = self._fuse(person, predicted, measurement, tracks)
         fit = None
         if self._has("abs"):
-            fit = self._fit(person, luma, _initial_faces(start, measurement), ITERATIONS)
+            fit = self._fit(person, luma, initial_faces(start, measurement), ITERATIONS)
         confidence = 1.0 if fit is None else max(0.0, fit.correlation)
         if fit is not None and fit.correlation < MIN_CORRELATION and measurement is not None:
             # Landmarks find a face that the texture does not match: they are used alone.
@@ -291,12 +291,3 @@ class ModelTracker:
         self._restart(person, face)
         self.confidence = confidence
         return face
-
-
-def _initial_faces(
-    start: FaceParameters, measurement: FrameMeasurement | None
-) -> list[FaceParameters]:
-    """Initial faces of the fit: with landmarks, also their expression, and their whole face."""
-    if measurement is None:
-        return [start]
-    return [start, replace(start, eau=measurement.face.eau), measurement.face]
