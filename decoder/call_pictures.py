@@ -249,7 +249,7 @@ def call_name(options: CallOptions) -> str:
         return f"call {options.call}"
     if isinstance(options.call_file, Path):
         return str(options.call_file)
-    return str(getattr(options.call_file, "name", "the stream"))
+    return "the call in the stream"
 
 
 def _no_model_error(options: CallOptions, tally: DecodeStats, ended: bool) -> UserError:

@@ -22,7 +22,7 @@ from encoder.calls.two_pass_session import TwoPassEncoder, send_call
 from encoder.capture.video_source import open_source
 from encoder.options import EncodeOptions
 from encoder.pipeline import first_and_second_pass
-from loopback.bench import check_recorded, make_folder, output_names
+from loopback.bench import ClipFailure, check_recorded, make_folder, output_names
 from loopback.chart import Chart, Curve, layout, picture, svg
 from loopback.quality import face_mask_finder, measure_quality
 from loopback.report import Cell, rounded, table, write_json
@@ -54,24 +54,26 @@ def sweep(
     folder: Path,
     say: Callable[[str], None],
     progress: Progress,
-) -> dict[str, Any]:
-    """Measure each source at each rate; the report: `curves` by clip, each with its `points`.
+) -> tuple[dict[str, Any], list[ClipFailure]]:
+    """Measure each source at each rate.
 
+    Returns the report, with `curves` by clip, each with its `points`, and the sources that failed.
     Writes report.json, rate_distortion.svg and .png into `folder`, and leaves the call files there.
-    Raises `UserError` as `check_recorded` does, before anything is coded, or if a source cannot be
-    encoded.
+    Raises `UserError` as `check_recorded` does, before anything is coded.
     """
     check_recorded(sources)
     make_folder(folder)
-    curves = {
-        name: measure_curve(source, folder / name, settings, say, progress)
-        for source, name in zip(sources, output_names(sources), strict=True)
-    }
+    curves, failures = dict[str, dict[str, Any]](), list[ClipFailure]()
+    for source, name in zip(sources, output_names(sources), strict=True):
+        try:
+            curves[name] = measure_curve(source, folder / name, settings, say, progress)
+        except UserError as error:
+            failures.append(ClipFailure(source, error))
     mean = mean_curve(list(curves.values()))
     report = {"settings": asdict(settings), "curves": curves, MEAN_CURVE: mean}
     write_json(folder / "report.json", report)
     draw(report, folder)
-    return report
+    return report, failures
 
 
 def measure_curve(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from encoder.runtime.jit import jit
+from encoder.runtime.jit import fingerprint, jit
 
 LOOP = """
 def ratios(over, under):
@@ -29,3 +29,21 @@ def test_division_by_zero_is_infinite_as_in_numpy() -> None:
         return 1 / value
 
     assert inverse(0.0) == np.inf
+
+
+def test_a_constant_of_another_module_changes_the_fingerprint() -> None:
+    source = "def scaled(value):\n    return FACTOR * value + shifted(value)\n"
+
+    def of(factor: float, shift: float) -> str:
+        inner: dict[str, object] = {"SHIFT": shift}
+        exec("def shifted(value):\n    return value + SHIFT\n", inner)
+        shifted = inner["shifted"]
+        assert callable(shifted)
+        outer: dict[str, object] = {"FACTOR": factor, "shifted": jit(shifted)}
+        exec(source, outer)
+        scaled = outer["scaled"]
+        assert callable(scaled)
+        return fingerprint(scaled)
+
+    assert of(2.0, 1.0) == of(2.0, 1.0)
+    assert len({of(2.0, 1.0), of(3.0, 1.0), of(2.0, 4.0)}) == 3

@@ -61,7 +61,9 @@ def test_a_sweep_measures_draws_and_goes_on_where_it_was(
     assert not list(out.glob("*.mkv"))
 
     said: list[str] = []
-    again = sweep([str(carphone)], SweepSettings((300, 900), FRAMES), out, said.append, no_progress)
+    again, _ = sweep(
+        [str(carphone)], SweepSettings((300, 900), FRAMES), out, said.append, no_progress
+    )
     assert said == [f"sweep: {carphone.stem}: measured already"]
     assert again["curves"] == report["curves"]
 
@@ -69,3 +71,14 @@ def test_a_sweep_measures_draws_and_goes_on_where_it_was(
 def test_rates_that_are_none_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bench", "--sweep", "200,fast", "a.mp4"]) == 2
     assert "--sweep" in capsys.readouterr().err
+
+
+def test_a_clip_that_fails_does_not_cost_the_others(
+    carphone: Path, noise: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = ["bench", "--sweep", "400", str(noise), str(carphone), "--max-frames", "9"]
+    assert main([*line, "--out", str(tmp_path)]) == 3
+    printed = capsys.readouterr()
+    assert f"warning: {noise} failed: " in printed.err and "no face found" in printed.err
+    assert carphone.stem in printed.out
+    assert [*json.loads((tmp_path / "report.json").read_text())["curves"]] == [carphone.stem]

@@ -144,9 +144,11 @@ def run_sweep(arguments: argparse.Namespace) -> int:
         return ProgressLine(label, sys.stderr)
 
     folder = arguments.out or Path("out/sweep")
-    print(sweep_table(sweep(arguments.source, settings, folder, say, progress)))
+    report, failures = sweep(arguments.source, settings, folder, say, progress)
+    print(sweep_table(report))
     say(f"sweep: report.json, rate_distortion.svg, .png and the calls are in {folder}")
-    return 0
+    warn(f"{item.source} failed: {item.error}" for item in failures)
+    return failures[0].error.exit_code if failures else 0
 
 
 def run_replay(arguments: argparse.Namespace) -> int:
