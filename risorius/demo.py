@@ -20,7 +20,6 @@ from loopback.clip_paths import CARPHONE, clip_path
 from loopback.quality import Quality, face_mask_finder, measure_quality
 from loopback.report import Cell, table
 from protocol.summary import CallSummary, summarise
-from risorius.command_line.progress import warn
 from shared_model.errors import UserError
 
 Picture = NDArray[np.uint8]
@@ -41,7 +40,8 @@ def demo(folder: Path, say: Callable[[str], None], stop: Callable[[], bool]) -> 
     call, decoded = folder / "call.rzo", folder / "decoded.mkv"
     say("demo: encode: twice through the clip, which takes some seconds for each of its own")
     report = encode(EncodeOptions(source, call, profile=available_profile()), _ignore, stop)
-    warn(report.warnings)
+    for warning in report.warnings:
+        say(f"risorius: warning: {warning}")
     say("demo: decode")
     decode(DecodeOptions(call_file=call, output=decoded), _ignore, stop)
     say("demo: compare")

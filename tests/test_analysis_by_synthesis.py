@@ -1,4 +1,4 @@
-"""Analysis by synthesis recovers what was drawn."""
+"""Analysis by synthesis recovers rendered faces."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ def shape(shots: Shots) -> ShapeFreeFrame:
 
 
 def template_of(shots: Shots, shape: ShapeFreeFrame, number: int) -> Template:
-    """What one picture shows of the face; what it does not show has no weight."""
+    """A template from one picture; texels that it does not show have no weight."""
     face = shots.faces[number]
     vertices = shots.face.animate(face.eau)
     seen = visible_texels(shots.face.head, shape.atlas, face.pose, vertices)
@@ -41,7 +41,7 @@ def refiner_of(shots: Shots, shape: ShapeFreeFrame, number: int) -> TexelFitter:
 
 
 def astray(face: FaceParameters, seed: int) -> FaceParameters:
-    """The face, off by what landmarks are off by: a degree, a millimetre, 0.1 of actuators."""
+    """The face with typical errors of landmarks: a degree, a millimetre, 0.1 of actuators."""
     rng = np.random.default_rng(seed)
     step = np.zeros(6 + len(EAUS))
     step[:3] = rng.normal(size=3) * np.radians(1.0)
@@ -58,45 +58,47 @@ def angle_deg(one: Pose, other: Pose) -> float:
 def test_pose_and_actuators_are_recovered(shots: Shots, shape: ShapeFreeFrame, number: int) -> None:
     truth = shots.faces[number]
     start = astray(truth, number)
-    refiner = refiner_of(shots, shape, number)
-    found = refiner.fit_crop(whole(shots.pictures[number]), start, 8, MOVED)
+    fitter = refiner_of(shots, shape, number)
+    found = fitter.fit_crop(whole(shots.pictures[number]), start, 8, MOVED)
     assert angle_deg(found.pose, truth.pose) < 0.3
     shift = found.pose.translation_mm - truth.pose.translation_mm
     assert np.abs(shift[:2]).max() < 0.5 and abs(shift[2]) < 4
     assert np.abs((found.eau - truth.eau)[MOVED]).max() < 0.06
 
 
-def test_a_crop_is_as_good_as_the_whole_picture(shots: Shots, shape: ShapeFreeFrame) -> None:
+def test_a_crop_gives_the_same_accuracy_as_the_whole_picture(
+    shots: Shots, shape: ShapeFreeFrame
+) -> None:
     truth, picture = shots.faces[4], shots.pictures[4]
     crop = crop_face(picture, np.nan_to_num(shots.points[4], nan=160.0), 1.0)
-    refiner = refiner_of(shots, shape, 4)
-    found = [refiner.fit_crop(view, astray(truth, 9), 4, MOVED) for view in (crop, whole(picture))]
+    fitter = refiner_of(shots, shape, 4)
+    found = [fitter.fit_crop(view, astray(truth, 9), 4, MOVED) for view in (crop, whole(picture))]
     assert angle_deg(found[0].pose, found[1].pose) < 0.02
     assert found[0].eau == pytest.approx(found[1].eau, abs=0.01)
 
 
-def test_actuators_that_may_not_move_stay(shots: Shots, shape: ShapeFreeFrame) -> None:
+def test_inactive_actuators_keep_their_values(shots: Shots, shape: ShapeFreeFrame) -> None:
     start = astray(shots.faces[2], 5)
-    refiner = refiner_of(shots, shape, 2)
-    found = refiner.fit_crop(whole(shots.pictures[2]), start, 3, [EAU_INDEX["jaw_drop"]])
+    fitter = refiner_of(shots, shape, 2)
+    found = fitter.fit_crop(whole(shots.pictures[2]), start, 3, [EAU_INDEX["jaw_drop"]])
     still = [index for index in range(len(EAUS)) if index != EAU_INDEX["jaw_drop"]]
     assert np.array_equal(found.eau[still], start.eau[still])
     assert found.eau[EAU_INDEX["jaw_drop"]] != start.eau[EAU_INDEX["jaw_drop"]]
 
 
-def test_a_light_is_explained_by_its_coefficient(shots: Shots, shape: ShapeFreeFrame) -> None:
+def test_the_coefficient_of_an_illumination_is_recovered(
+    shots: Shots, shape: ShapeFreeFrame
+) -> None:
     template = template_of(shots, shape, 3)
     brighter = replace(template, modes=np.full((1, len(shape)), 2.0, np.float32))
-    refiner = TexelFitter(shots.face.head, shots.face, shape, brighter)
+    fitter = TexelFitter(shots.face.head, shots.face, shape, brighter)
     picture = np.clip(shots.pictures[3].astype(int) + 12, 0, 255).astype(np.uint8)
-    found = refiner.fit_crop(whole(picture), astray(shots.faces[3], 3), 5, MOVED)
+    found = fitter.fit_crop(whole(picture), astray(shots.faces[3], 3), 5, MOVED)
     assert found.modes == pytest.approx([6.0], abs=0.6)
     assert angle_deg(found.pose, shots.faces[3].pose) < 0.5
 
 
-def test_a_mode_that_is_added_later_is_found_as_one_known_from_the_start(
-    shots: Shots, shape: ShapeFreeFrame
-) -> None:
+def test_a_mode_added_later_is_fitted_like_the_others(shots: Shots, shape: ShapeFreeFrame) -> None:
     rows = np.asarray(np.random.default_rng(5).normal(size=(2, len(shape))) * 3, np.float32)
     template = template_of(shots, shape, 3)
     refiners = [
@@ -106,35 +108,33 @@ def test_a_mode_that_is_added_later_is_found_as_one_known_from_the_start(
     picture = whole(shots.pictures[3])
     start = refiners[1].fit_crop(picture, shots.faces[3], 1, MOVED)
     fewer, refiners[1] = refiners[1], refiners[1].with_mode(rows[1])
-    found = [refiner.fit_crop(picture, start, 3, MOVED) for refiner in refiners]
+    found = [fitter.fit_crop(picture, start, 3, MOVED) for fitter in refiners]
     assert len(start.modes) == 1 and len(found[1].modes) == 2
     assert found[1].modes == pytest.approx(found[0].modes)
     assert found[1].eau == pytest.approx(found[0].eau)
     assert len(fewer.template.modes) == 1
 
 
-def test_a_hand_before_the_face_is_borne(shots: Shots, shape: ShapeFreeFrame) -> None:
+def test_an_occluding_hand_hardly_changes_the_fit(shots: Shots, shape: ShapeFreeFrame) -> None:
     picture, truth = shots.pictures[3].copy(), shots.faces[3]
     picture[150:190, 100:150] = (40, 200, 40)
     found = refiner_of(shots, shape, 3).fit_crop(whole(picture), astray(truth, 1), 8, MOVED)
     assert angle_deg(found.pose, truth.pose) < 1.5
 
 
-def test_another_picture_is_explained_though_its_light_differs(
-    shots: Shots, shape: ShapeFreeFrame
-) -> None:
+def test_a_picture_in_another_light_is_fitted(shots: Shots, shape: ShapeFreeFrame) -> None:
     truth = shots.faces[4]
     found = refiner_of(shots, shape, 3).fit_crop(whole(shots.pictures[4]), shots.faces[3], 8, MOVED)
     assert angle_deg(found.pose, truth.pose) < 1.5
     assert angle_deg(shots.faces[3].pose, truth.pose) > 2
 
 
-def test_texels_are_thinned_to_a_few_thousand(shots: Shots) -> None:
+def test_a_few_thousand_texels_are_sampled(shots: Shots) -> None:
     shape = ShapeFreeFrame(shots.face, atlas_of(shots.face.head, 256), shots.camera)
-    refiner = refiner_of(shots, shape, 0)
+    fitter = refiner_of(shots, shape, 0)
     assert len(shape) > 20000
-    assert 1000 < len(refiner.shape) < 10000
-    assert refiner.template.mean.shape == (len(refiner.shape),)
-    refiner = refiner.with_mode(np.arange(len(shape), dtype=np.float32))
-    assert refiner.template.modes.shape == (1, len(refiner.shape))
-    assert (np.diff(refiner.template.modes[0]) > 0).all()
+    assert 1000 < len(fitter.shape) < 10000
+    assert fitter.template.mean.shape == (len(fitter.shape),)
+    fitter = fitter.with_mode(np.arange(len(shape), dtype=np.float32))
+    assert fitter.template.modes.shape == (1, len(fitter.shape))
+    assert (np.diff(fitter.template.modes[0]) > 0).all()

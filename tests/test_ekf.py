@@ -66,7 +66,7 @@ def track(
 
 @given(pitch=angle, yaw=angle, roll=angle, x=st.floats(-100, 100), y=st.floats(-80, 80))
 @pytest.mark.parametrize("projection", [perspective, lowe], ids=["perspective", "lowe"])
-def test_state_gives_the_pose_back(
+def test_state_and_pose_convert_both_ways(
     projection: Projection, pitch: float, yaw: float, roll: float, x: float, y: float
 ) -> None:
     pose = pose_from_euler(pitch, yaw, roll, np.array([x, y, 600.0]))
@@ -141,7 +141,7 @@ def test_pose_focal_length_and_actuators_are_recovered(
     assert scale == pytest.approx(pose_at(499).translation_mm[2] / TRUE.focal_px, rel=0.02)
 
 
-def test_prediction_runs_ahead_with_the_velocity() -> None:
+def test_prediction_extrapolates_the_velocity() -> None:
     errors = {}
     for velocities in (True, False):
         filter_, misses = started(ProcessNoise(velocities=velocities), focal_error=1.0), []
@@ -157,13 +157,13 @@ def test_prediction_runs_ahead_with_the_velocity() -> None:
 
 
 def predicted(filter_: FaceFilter) -> Pose:
-    """Where the filter would go next, without going there."""
+    """The prediction, with the filter left unchanged."""
     from copy import deepcopy
 
     return deepcopy(filter_).predict(1 / FPS).pose
 
 
-def test_occluded_points_are_neutral_and_come_back() -> None:
+def test_occluded_points_are_ignored_until_they_are_measured_again() -> None:
     filter_ = started(ProcessNoise(), focal_error=1.0)
     for _, _ in track(filter_, np.random.default_rng(3), 60, outliers=0.0):
         pass
@@ -182,7 +182,7 @@ def test_occluded_points_are_neutral_and_come_back() -> None:
     assert euler_deg(back.pose) == pytest.approx(euler_deg(pose_at(61)), abs=1)
 
 
-def test_gross_outliers_are_left_out() -> None:
+def test_gross_outliers_are_rejected() -> None:
     filter_ = started(ProcessNoise(), focal_error=1.0)
     for _, _ in track(filter_, np.random.default_rng(4), 60, outliers=0.0):
         pass
@@ -194,7 +194,7 @@ def test_gross_outliers_are_left_out() -> None:
     assert euler_deg(estimate.pose) == pytest.approx(euler_deg(pose_at(60)), abs=1)
 
 
-def test_a_face_that_jumps_is_followed_and_the_jump_shows_in_distance() -> None:
+def test_a_jump_is_tracked_and_raises_the_normalised_innovation() -> None:
     filter_ = started(ProcessNoise(), focal_error=1.0)
     calm = max(
         e.normalised_innovation
@@ -231,6 +231,6 @@ def test_wrong_shapes_are_named(wrong: int) -> None:
         filter_.update(*arrays)
 
 
-def test_time_must_pass() -> None:
+def test_a_nonpositive_time_step_is_refused() -> None:
     with pytest.raises(ValueError, match="elapsed_s"):
         started(ProcessNoise()).predict(0.0)

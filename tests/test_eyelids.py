@@ -1,4 +1,4 @@
-"""A live caller's lids are as far apart as they are seen, and texels have half a say."""
+"""Eyelids follow the measured aperture, averaged with the fit of the texels."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ def a_face(*lids: float, gaze: float = 0.0) -> FaceParameters:
 
 
 @pytest.mark.parametrize("lids", [(0.0, 0.0), (0.3, 0.6), (-0.3, 0.0)])
-def test_lids_are_as_far_apart_as_they_are_seen(
+def test_lids_have_the_measured_aperture(
     head: Head, model: LandmarkModel, lids: tuple[float, float]
 ) -> None:
     found = with_measured_eyelids(
@@ -50,21 +50,21 @@ def test_lids_are_as_far_apart_as_they_are_seen(
     assert found.eau[LIDS] == pytest.approx(wanted, abs=0.12)
 
 
-def test_margins_that_nearly_touch_are_closed(head: Head, model: LandmarkModel) -> None:
+def test_nearly_touching_margins_are_closed_lids(head: Head, model: LandmarkModel) -> None:
     found = with_measured_eyelids(
         model, CAMERA, seen_points(head, CAMERA, a_face(0.85, 0.85)), a_face(0, 0)
     )
     assert found.eau[LIDS] == pytest.approx(1, abs=0.1)
 
 
-def test_a_blink_is_no_look_down(head: Head, model: LandmarkModel) -> None:
+def test_a_blink_does_not_change_the_gaze(head: Head, model: LandmarkModel) -> None:
     before = a_face(0, 0, gaze=-0.5)
     found = fit_with_eyelids(model, CAMERA, seen_points(head, CAMERA, a_face(0.8, 0.8)), before)
     assert not found.eau[GAZE_EAUS].any()
     assert (found.eau[LIDS] > 0.8).all()
 
 
-def test_margins_and_texels_have_as_much_a_say() -> None:
+def test_measured_and_fitted_lids_have_equal_weight() -> None:
     seen, refined = a_face(1.0, 0.0), replace(a_face(0.4, -0.3, gaze=0.2), modes=np.ones(2))
     found = with_averaged_eyelids(seen, refined)
     wanted = refined.eau.copy()

@@ -15,26 +15,27 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("shared_model", "protocol", "encoder", "decoder", "loopback", "risorius")
 MODULE_LINES, FUNCTION_LINES, PACKAGE_MODULES = 300, 40, 13
 LONGER_MODULES: dict[str, int] = {
-    "encoder/calls/live_session.py": 414,
-    "encoder/pipeline.py": 396,
+    "tests/test_subband_coding.py": 301,
+    "tests/test_call_file.py": 350,
     "protocol/link/zenoh_link.py": 353,
     "tests/test_bad_wire.py": 302,
-    "tests/test_packets.py": 349,
+    "tests/test_packets.py": 353,
     "tests/test_progressive_model.py": 381,
-    "tests/test_renderer.py": 330,
-    "tests/test_two_pass_session.py": 316,
-    "tests/test_zenoh_link.py": 448,
+    "tests/test_renderer.py": 331,
+    "tests/test_two_pass_session.py": 324,
+    "tests/test_zenoh_link.py": 456,
 }
 LONGER_FUNCTIONS: dict[str, int] = {
-    "encoder/calls/live_session.py:__init__": 49,
+    "tests/make_vectors.py:default_call": 51,
     "encoder/picture_coding/subband_rdoq.py:_quantise": 47,
     "encoder/tracking/outlier_rejection.py:robust_residuals": 45,
     "protocol/model_packet.py:_model_from_fields": 41,
 }
 LARGER_PACKAGES: dict[str, int] = {
+    "encoder/calls": 18,
     "encoder/fitting": 16,
     "scripts": 20,
-    "tests": 118,
+    "tests": 139,
 }
 # By how much an exception's limit may exceed the size.
 SLACK_LINES = 10

@@ -1,4 +1,4 @@
-"""Identity from textures: what frames at several angles show of a depth that the first does not."""
+"""Identity refiner: frames at several angles determine depth that the first frame does not."""
 
 from dataclasses import replace
 
@@ -41,7 +41,7 @@ Picture = np.ndarray
 
 
 def guessed(nose_mm: float) -> IdentityFit:
-    """A caller whose nose stands out so much farther than in truth, which is the generic head."""
+    """An identity whose nose is so much longer than the true one, the generic head's."""
     control = CONTROL.copy()
     control[list(control_points(HEAD)).index(nearest_control(TIP)), 2] = nose_mm
     first = FaceParameters(pose_from_euler(0, 0, 0, PLACE))
@@ -64,7 +64,7 @@ def nearest_control(vertex: int) -> int:
 
 @pytest.fixture(scope="module")
 def film() -> list[tuple[Picture, FaceParameters]]:
-    """Luma of the generic head at `ANGLES`, with noise, and where it is."""
+    """Luma of the generic head at `ANGLES`, with noise, and its faces."""
     renderer, random = Renderer(CAMERA.width, CAMERA.height, HEAD, samples=4), default_rng(5)
     # Light that stayed where it is would pass for shape: what the head wears is lit evenly.
     coarse = random.integers(60, 200, (40, 40, 3), dtype=np.uint8)
@@ -82,9 +82,9 @@ def film() -> list[tuple[Picture, FaceParameters]]:
     return shots
 
 
-def own_texture(film: list[tuple[Picture, FaceParameters]], caller: IdentityFit) -> PersonTexture:
-    face, (grey, start) = Face(HEAD, caller.identity), film[0]
-    return PersonTexture(HEAD, face, caller.camera, grey, start, 56)
+def own_texture(film: list[tuple[Picture, FaceParameters]], person: IdentityFit) -> PersonTexture:
+    face, (grey, start) = Face(HEAD, person.identity), film[0]
+    return PersonTexture(HEAD, face, person.camera, grey, start, 56)
 
 
 def kept_views(
@@ -97,78 +97,78 @@ def kept_views(
 
 
 def tip_off_mm(fitted: IdentityFit) -> float:
-    """How far off the tip of the nose is, along the first camera's axis."""
+    """Error of the tip of the nose along the optical axis of the first frame, mm."""
     return abs(float(Face(HEAD, fitted.identity).neutral[TIP, 2] - HEAD.vertices[TIP, 2]))
 
 
 @pytest.mark.parametrize("nose_mm", [-6.0, 6.0])
-def test_turned_heads_show_how_long_a_nose_is(
+def test_turned_heads_determine_the_length_of_the_nose(
     film: list[tuple[Picture, FaceParameters]], nose_mm: float
 ) -> None:
-    caller = guessed(nose_mm)
-    texture = own_texture(film, caller)
+    person = guessed(nose_mm)
+    texture = own_texture(film, person)
     first, views = texture.observe(*film[0]), kept_views(film, texture)
-    bundle = PhotometricBundleAdjustment(HEAD, caller, first.target, ACTIVE)
-    better = validated_adjustment(bundle, caller, first, views)
+    bundle = PhotometricBundleAdjustment(HEAD, person, first.target, ACTIVE)
+    better = validated_adjustment(bundle, person, first, views)
     assert better is not None
-    assert tip_off_mm(better) < 0.5 * tip_off_mm(caller)
+    assert tip_off_mm(better) < 0.5 * tip_off_mm(person)
     assert better.camera.focal_px == pytest.approx(CAMERA.focal_px, rel=0.05)
 
 
-def test_who_is_known_already_stays(film: list[tuple[Picture, FaceParameters]]) -> None:
-    caller = guessed(0.0)
-    texture = own_texture(film, caller)
+def test_a_correct_identity_is_kept(film: list[tuple[Picture, FaceParameters]]) -> None:
+    person = guessed(0.0)
+    texture = own_texture(film, person)
     first, views = texture.observe(*film[0]), kept_views(film, texture)
-    bundle = PhotometricBundleAdjustment(HEAD, caller, first.target, ACTIVE)
-    better = validated_adjustment(bundle, caller, first, views) or caller
+    bundle = PhotometricBundleAdjustment(HEAD, person, first.target, ACTIVE)
+    better = validated_adjustment(bundle, person, first, views) or person
     assert tip_off_mm(better) < 1
     # Nothing is to be gained from the first frame again, nor where no view is left to check it.
     same = [Keyframe(first, film[0][1], views[0].descriptor)] * 6
-    assert validated_adjustment(bundle, caller, first, same) is None
-    assert validated_adjustment(bundle, caller, first, views[:2]) is None
+    assert validated_adjustment(bundle, person, first, same) is None
+    assert validated_adjustment(bundle, person, first, views[:2]) is None
 
 
-def test_a_bundle_needs_what_the_first_frame_says(
+def test_bundle_adjustment_needs_the_first_frames_information(
     film: list[tuple[Picture, FaceParameters]],
 ) -> None:
-    caller = replace(guessed(0.0), information=None)
-    first = own_texture(film, caller).observe(*film[0])
+    person = replace(guessed(0.0), information=None)
+    first = own_texture(film, person).observe(*film[0])
     with pytest.raises(ValueError, match="information"):
-        PhotometricBundleAdjustment(HEAD, caller, first.target, ACTIVE)
+        PhotometricBundleAdjustment(HEAD, person, first.target, ACTIVE)
 
 
-def test_an_album_keeps_what_differs_most(film: list[tuple[Picture, FaceParameters]]) -> None:
+def test_the_most_diverse_keyframes_are_kept(film: list[tuple[Picture, FaceParameters]]) -> None:
     texture = own_texture(film, guessed(0.0))
     view = texture.observe(*film[0])
-    album, face = KeyframeSet(), film[0][1]
+    keyframes, face = KeyframeSet(), film[0][1]
     random = default_rng(1)
     crowd = [random.normal(0, 0.2, 5) for _ in range(MAX_KEYFRAMES)]
     apart = [np.eye(5)[axis] * side for axis in range(5) for side in (-3.0, 3.0)]
     for place in (*crowd, *apart):
-        if album.wants(place):
-            album.add(Keyframe(view, face, place))
-    assert len(album.keyframes) == MAX_KEYFRAMES
-    places = [kept.descriptor.tolist() for kept in album.keyframes]
+        if keyframes.wants(place):
+            keyframes.add(Keyframe(view, face, place))
+    assert len(keyframes.keyframes) == MAX_KEYFRAMES
+    places = [kept.descriptor.tolist() for kept in keyframes.keyframes]
     assert all(place.tolist() in places for place in apart)
-    assert not album.wants(apart[0] + 0.01)
-    before = album.keyframes[0].face.pose.translation_mm[2]
-    album.change_focal(1.1)
-    assert album.keyframes[0].face.pose.translation_mm[2] == pytest.approx(1.1 * before)
+    assert not keyframes.wants(apart[0] + 0.01)
+    before = keyframes.keyframes[0].face.pose.translation_mm[2]
+    keyframes.change_focal(1.1)
+    assert keyframes.keyframes[0].face.pose.translation_mm[2] == pytest.approx(1.1 * before)
 
 
-def test_an_improvement_comes_once_at_a_fixed_frame_and_faces_are_kept_again_once_it_is_adopted(
+def test_a_result_comes_once_at_a_fixed_frame_and_keyframes_are_added_after_its_adoption(
     film: list[tuple[Picture, FaceParameters]],
 ) -> None:
-    caller = guessed(6.0)
-    texture = own_texture(film, caller)
-    refinement = IdentityRefiner(HEAD, caller, texture, texture.observe(*film[0]), ACTIVE)
+    person = guessed(6.0)
+    texture = own_texture(film, person)
+    refiner = IdentityRefiner(HEAD, person, texture, texture.observe(*film[0]), ACTIVE)
     elapsed_s, came = 0.25, []
     for number in range(round(SCHEDULE_S[0] / elapsed_s) + 12):
-        refinement.advance(elapsed_s)
-        refinement.add_keyframe_candidate(*film[1 + number % (len(film) - 1)])
-        better = refinement.take_result()
+        refiner.advance(elapsed_s)
+        refiner.add_keyframe_candidate(*film[1 + number % (len(film) - 1)])
+        better = refiner.take_result()
         if better is not None:
             came.append((number, better))
-            assert refinement.take_result() is None
+            assert refiner.take_result() is None
     assert [number for number, _ in came] == [round((SCHEDULE_S[0] + LATENCY_S) / elapsed_s) - 1]
-    refinement.adopt(came[0][1])
+    refiner.adopt(came[0][1])

@@ -54,7 +54,7 @@ def test_a_call_cut_off_in_its_model_is_said_to_be(
     short = tmp_path / "short.rzo"
     short.write_bytes(call.read_bytes()[:1000])
     assert main([command, str(short)]) == 2
-    assert "short.rzo: the call is cut off: byte 4: packet has 994 bytes" in error_line(capsys)
+    assert "short.rzo: the call is cut off: byte 4: record has 993 bytes" in error_line(capsys)
 
 
 @pytest.mark.parametrize("live", [[], ["--live"]], ids=["whole", "live"])

@@ -1,4 +1,4 @@
-"""KLT and visibility: exact picture motion is followed, hidden and lost points are left out."""
+"""KLT and visibility: motion is tracked precisely, hidden and lost points are rejected."""
 
 import cv2
 import numpy as np
@@ -32,7 +32,7 @@ def skin(rng: np.random.Generator) -> np.ndarray:
 
 
 def moved(picture: np.ndarray, face: FaceParameters, like: FaceParameters) -> np.ndarray:
-    """`picture` of `like` as it would show `face`."""
+    """A picture of `like`, warped to show `face`."""
     source, target = (
         pixel_from_head(FAR, f.pose, HEAD.vertices[[0, 500, 1000]]).astype(np.float32)
         for f in (like, face)
@@ -49,7 +49,7 @@ def start() -> tuple[np.ndarray, FaceParameters]:
     return skin(np.random.default_rng(11)), face_at(0, (0, 0))
 
 
-def test_points_lie_apart_in_muscle_free_visible_skin(
+def test_features_are_spaced_apart_in_muscle_free_visible_skin(
     start: tuple[np.ndarray, FaceParameters],
 ) -> None:
     tracker = KltTracker(FACE, start[0], FAR, start[1])
@@ -66,7 +66,7 @@ def test_points_lie_apart_in_muscle_free_visible_skin(
     ("roll", "shift", "scale"),
     [(0, (3.3, -1.7), 1.0), (4, (0, 0), 1.0), (0, (0, 0), 1.03), (-3, (-5.5, 4.2), 0.98)],
 )
-def test_unforeseen_motion_is_followed_to_a_fifth_of_a_pixel(
+def test_unpredicted_motion_is_tracked_to_a_fifth_of_a_pixel(
     start: tuple[np.ndarray, FaceParameters],
     roll: float,
     shift: tuple[float, float],
@@ -82,7 +82,7 @@ def test_unforeseen_motion_is_followed_to_a_fifth_of_a_pixel(
     assert np.linalg.norm(tracks.pixels - expected, axis=1)[found].mean() < 0.2
 
 
-def test_points_put_back_do_not_drift_over_many_frames(
+def test_reprojected_points_do_not_drift_over_many_frames(
     start: tuple[np.ndarray, FaceParameters],
 ) -> None:
     picture, still = start
@@ -99,7 +99,7 @@ def test_points_put_back_do_not_drift_over_many_frames(
     assert np.linalg.norm(tracks.pixels - expected, axis=1)[found].mean() < 0.1
 
 
-def test_points_behind_an_occluder_are_given_up(
+def test_occluded_points_are_rejected(
     start: tuple[np.ndarray, FaceParameters],
 ) -> None:
     picture, still = start
@@ -114,7 +114,7 @@ def test_points_behind_an_occluder_are_given_up(
     assert tracks.inlier_share < 0.8
 
 
-def test_a_face_out_of_the_picture_has_no_tracks(
+def test_a_face_outside_the_picture_has_no_tracks(
     start: tuple[np.ndarray, FaceParameters],
 ) -> None:
     tracker = KltTracker(FACE, start[0], FAR, start[1])
@@ -123,7 +123,7 @@ def test_a_face_out_of_the_picture_has_no_tracks(
     assert tracks.inlier_share == 0
 
 
-def test_normals_point_out_of_the_head() -> None:
+def test_normals_point_outwards() -> None:
     normals = vertex_normals(HEAD.vertices, HEAD.triangles)
     marks = HEAD.landmarks
     assert normals[marks["prn"], 2] > 0.7
@@ -141,7 +141,7 @@ def test_the_far_side_of_the_face_is_hidden_when_the_head_turns() -> None:
     assert list(left[:4]) == [False, True, False, True]
 
 
-def test_points_are_on_another_head_once_the_caller_has_another_shape(
+def test_points_move_to_another_shape_with_set_face(
     start: tuple[np.ndarray, FaceParameters],
 ) -> None:
     picture, face = start

@@ -1,4 +1,4 @@
-"""Least squares from landmarks recover pose, actuators and identity of a head that is known."""
+"""Landmark fits recover known pose, actuators and identity."""
 
 from dataclasses import replace
 
@@ -74,7 +74,9 @@ def angles(face: FaceParameters) -> Array:
 
 
 @pytest.mark.parametrize("turn", [(0, 0, 0), (20, -10, 5), (-30, 8, -20)])
-def test_a_first_pose_is_near(head: Head, model: LandmarkModel, turn: tuple[int, int, int]) -> None:
+def test_the_initial_pose_is_near(
+    head: Head, model: LandmarkModel, turn: tuple[int, int, int]
+) -> None:
     truth = a_face(*turn)
     found = initial_parameters(model, CAMERA, seen_points(head, CAMERA, truth))
     assert np.abs(angles(found) - angles(truth)).max() < 3
@@ -108,7 +110,7 @@ def test_noise_of_a_pixel_costs_little(head: Head, model: LandmarkModel) -> None
     assert found.eau[EAU_INDEX["jaw_drop"]] == pytest.approx(0.4, abs=0.1)
 
 
-def test_actuators_that_may_not_move_stay(head: Head, model: LandmarkModel) -> None:
+def test_inactive_actuators_keep_their_values(head: Head, model: LandmarkModel) -> None:
     truth = a_face(0, 0, 0, jaw_drop=0.7, mouth_corners=0.5)
     points = seen_points(head, CAMERA, truth)
     start = replace(initial_parameters(model, CAMERA, points), eau=np.full(len(EAUS), 0.05))
@@ -118,7 +120,7 @@ def test_actuators_that_may_not_move_stay(head: Head, model: LandmarkModel) -> N
     assert found.eau[EAU_INDEX["jaw_drop"]] > 0.5
 
 
-def test_whatever_the_points_actuators_stay_in_range(model: LandmarkModel) -> None:
+def test_actuators_stay_in_range_for_any_points(model: LandmarkModel) -> None:
     rng = np.random.default_rng(8)
     points = rng.uniform(50, 400, (468, 3))
     found = fit_landmarks(model, CAMERA, points, a_face(0, 0, 0))
@@ -126,7 +128,7 @@ def test_whatever_the_points_actuators_stay_in_range(model: LandmarkModel) -> No
     assert np.isfinite(found.pose.translation_mm).all()
 
 
-def test_several_frames_tell_who_it_is(head: Head) -> None:
+def test_several_frames_determine_the_identity(head: Head) -> None:
     aau = np.zeros(len(AAUS))
     aau[AAUS.index("facial_height")], aau[AAUS.index("nose_width")] = 1.0, -0.8
     truths = [a_face(yaw, pitch, 0) for yaw, pitch in ((-25, 0), (0, 8), (25, -5), (10, 0))]
@@ -145,7 +147,7 @@ def test_several_frames_tell_who_it_is(head: Head) -> None:
     assert np.sqrt((left**2).mean()) < 0.6 * np.sqrt((before**2).mean())
 
 
-def test_an_identity_is_found_again_from_one_that_is_near(head: Head) -> None:
+def test_an_identity_is_recovered_from_an_initial_one(head: Head) -> None:
     aau = np.linspace(-0.8, 0.8, len(AAUS))
     truths = [a_face(yaw, 0, 0, jaw_drop=0.4) for yaw in (-20, -5, 8, 22)]
     seen = [seen_points(head, CAMERA, truth, aau, noise_px=0.3) for truth in truths]
@@ -164,7 +166,9 @@ def test_an_identity_is_found_again_from_one_that_is_near(head: Head) -> None:
         assert np.abs(angles(found) - angles(expected)).max() < 0.3
 
 
-def test_personal_points_are_those_of_the_personal_head(head: Head, model: LandmarkModel) -> None:
+def test_personalised_points_are_those_of_the_personal_head(
+    head: Head, model: LandmarkModel
+) -> None:
     aau = np.linspace(-1, 1, len(AAUS))
     personal = personalise(model, aau, np.zeros((len(model.residual), 3)))
     vertices = Face(head, Identity(aau, np.zeros_like(head.vertices))).neutral
@@ -173,7 +177,7 @@ def test_personal_points_are_those_of_the_personal_head(head: Head, model: Landm
     assert np.allclose(personal.neutral, expected)
 
 
-def test_projection_has_the_stated_derivative() -> None:
+def test_the_projection_jacobian_equals_numeric_derivatives() -> None:
     points = np.array([(10.0, -20.0, 500.0), (-80.0, 60.0, 700.0)])
     moves = np.random.default_rng(4).normal(size=(5, 3, len(points)))
     for stated, move in zip(projection_jacobian(CAMERA, points, moves), moves, strict=True):
@@ -182,7 +186,7 @@ def test_projection_has_the_stated_derivative() -> None:
         assert np.allclose(stated.T, (ahead - behind) / 2e-4, atol=1e-4)
 
 
-def test_the_actuators_that_are_sent_can_close_a_mouth_first_seen_open(head: Head) -> None:
+def test_the_sent_actuators_can_close_a_mouth_that_was_first_open(head: Head) -> None:
     truth = a_face(5, 3, 0, jaw_drop=0.3, upper_lip_raise=0.5, lower_lip_lower=0.3)
     points = seen_points(head, CAMERA, truth)
     all_move = fit_identity(head, (640, 480), [points])
@@ -203,7 +207,7 @@ def test_the_actuators_that_are_sent_can_close_a_mouth_first_seen_open(head: Hea
     assert apart_mm(fitted) < 1.6 < 5 < apart_mm(all_move)
 
 
-def test_brows_first_seen_raised_are_taken_for_high_ones(head: Head) -> None:
+def test_brows_raised_in_the_first_frame_become_part_of_the_shape(head: Head) -> None:
     raised = a_face(5, 0, 0, eyebrow_middle=0.5, eyebrow_inner=0.5)
     points = seen_points(head, CAMERA, raised)
     brows = [EAU_INDEX[name] for name in ("eyebrow_middle", "eyebrow_inner")]
@@ -212,7 +216,7 @@ def test_brows_first_seen_raised_are_taken_for_high_ones(head: Head) -> None:
     assert all_free.frames[0].eau[brows].max() > 0.15
 
 
-def test_points_move_as_stated(model: LandmarkModel) -> None:
+def test_derivatives_of_rotated_points_equal_numeric_ones(model: LandmarkModel) -> None:
     rng = np.random.default_rng(3)
     eau = rng.uniform(0.2, 0.8, len(EAUS)) * rng.choice([-1, 1], len(EAUS))
     eau = np.where(clip_eau(eau) == eau, eau, -eau)
@@ -229,7 +233,7 @@ def test_points_move_as_stated(model: LandmarkModel) -> None:
         assert np.allclose(stated.T, (ends[0] - ends[1]) / 2e-5, atol=1e-3)
 
 
-def test_a_face_far_from_the_one_before_is_found_as_well(head: Head, model: LandmarkModel) -> None:
+def test_a_fit_converges_from_a_distant_face(head: Head, model: LandmarkModel) -> None:
     truth = a_face(-30, 10, 5, jaw_drop=0.6)
     found = fit_landmarks(model, CAMERA, seen_points(head, CAMERA, truth), a_face(35, -5, 0))
     near = fit_landmarks(model, CAMERA, seen_points(head, CAMERA, truth), truth)

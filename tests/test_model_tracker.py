@@ -1,5 +1,5 @@
-"""The tracker on a drawn caller whose truth is known: it follows, parts can be left out, it finds
-the caller again, and it never shows an absurd face."""
+"""The model tracker on a rendered person with known parameters: accuracy, parts left out, recovery
+after the face was lost, and rejection of implausible faces."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -60,7 +60,7 @@ def film() -> list[Picture]:
 
 
 class TruthMeasurer:
-    """A `Sighter` that knows the truth, apart from `error_px`, where it is not blind."""
+    """A `FrameMeasurer` that measures the truth with an error of `error_px`, except where blind."""
 
     def __init__(
         self, error_px: float = 0.5, points: int = 30, blind: frozenset[int] = frozenset()
@@ -123,7 +123,7 @@ def actuators_off(found: list[FaceParameters | None]) -> float:
     return float(np.sqrt(np.mean(np.square(off))))
 
 
-def test_pose_and_mouth_are_followed_from_pictures_alone(film: list[Picture]) -> None:
+def test_pose_and_mouth_are_tracked_without_landmarks(film: list[Picture]) -> None:
     found = track_film(film, TruthMeasurer(), frozenset({"network"}))
     assert None not in found
     assert degrees_off(found) < 1.0
@@ -137,7 +137,7 @@ def test_any_part_can_be_left_out(film: list[Picture], part: str) -> None:
     assert degrees_off(found) < 2.0
 
 
-def test_the_thesis_prediction_matrix_follows_pose_and_mouth(film: list[Picture]) -> None:
+def test_prediction_matrices_track_pose_and_mouth(film: list[Picture]) -> None:
     found = track_film(
         film, TruthMeasurer(), frozenset({"network"}), FitOptions(fitter=PredictionMatrixFitter)
     )
@@ -146,12 +146,12 @@ def test_the_thesis_prediction_matrix_follows_pose_and_mouth(film: list[Picture]
     assert actuators_off(found) < 0.1
 
 
-def test_the_fit_of_the_texture_mends_what_the_landmarks_get_wrong(film: list[Picture]) -> None:
+def test_the_fit_of_the_texture_corrects_noisy_landmarks(film: list[Picture]) -> None:
     alone = degrees_off(track_film(film, TruthMeasurer(4.0), frozenset({"abs", "klt"})))
     assert degrees_off(track_film(film, TruthMeasurer(4.0))) < 0.5 * alone
 
 
-def test_a_face_that_leaves_is_given_up_and_found_again(film: list[Picture]) -> None:
+def test_a_face_that_leaves_is_lost_and_recovered(film: list[Picture]) -> None:
     gone = frozenset(range(12, 22))
     empty = np.full_like(film[0], 90)
     seen = [empty if step in gone else frame for step, frame in enumerate(film)]
@@ -162,7 +162,7 @@ def test_a_face_that_leaves_is_given_up_and_found_again(film: list[Picture]) -> 
     assert degrees_off(found, 22) < 1.0
 
 
-def test_a_picture_frozen_over_is_held_before_it_is_given_up(film: list[Picture]) -> None:
+def test_the_last_face_is_repeated_before_the_face_is_lost(film: list[Picture]) -> None:
     empty = np.full_like(film[0], 90)
     seen = [*film[:10], *[empty] * (LOST_AFTER_FRAMES - 1), *film[12:16]]
     found = track_film(seen, TruthMeasurer(blind=frozenset({10, 11})))
@@ -170,42 +170,42 @@ def test_a_picture_frozen_over_is_held_before_it_is_given_up(film: list[Picture]
     assert None not in found
 
 
-def test_an_absurd_sight_is_not_believed(film: list[Picture]) -> None:
-    witness = TruthMeasurer()
-    follower = ModelTracker(HEAD, ACTIVE, STEP_S, witness)
+def test_an_implausible_measurement_is_rejected(film: list[Picture]) -> None:
+    measurer = TruthMeasurer()
+    tracker = ModelTracker(HEAD, ACTIVE, STEP_S, measurer)
     for step, frame in enumerate(film[:12]):
-        witness.step = step
+        measurer.step = step
         if step >= 6:
-            pose = witness.face.pose
+            pose = measurer.face.pose
             behind = replace(pose, translation_mm=pose.translation_mm * [1, 1, -1])
-            witness.false_face = replace(witness.face, pose=behind)
-        found = follower.update(frame)
+            measurer.false_face = replace(measurer.face, pose=behind)
+        found = tracker.update(frame)
         assert found is not None
         assert np.linalg.norm(np.subtract(euler_deg(found.pose), euler_deg(face_at(step).pose))) < 3
 
 
-def test_landmarks_that_would_have_a_face_far_aside_count_little(film: list[Picture]) -> None:
-    witness = TruthMeasurer()
-    follower = ModelTracker(HEAD, ACTIVE, STEP_S, witness, frozenset({"abs"}))
+def test_landmarks_of_a_turned_face_have_little_weight(film: list[Picture]) -> None:
+    measurer = TruthMeasurer()
+    tracker = ModelTracker(HEAD, ACTIVE, STEP_S, measurer, frozenset({"abs"}))
     for step, frame in enumerate(film[:10]):
-        witness.step = step
-        aside = pose_from_euler(0, 60, 0, witness.face.pose.translation_mm)
-        witness.false_face = replace(witness.face, pose=aside) if step else None
-        found = follower.update(frame)
+        measurer.step = step
+        aside = pose_from_euler(0, 60, 0, measurer.face.pose.translation_mm)
+        measurer.false_face = replace(measurer.face, pose=aside) if step else None
+        found = tracker.update(frame)
         assert found is not None
         assert np.linalg.norm(np.subtract(euler_deg(found.pose), euler_deg(face_at(step).pose))) < 6
 
 
-def test_no_face_no_identity(film: list[Picture]) -> None:
-    witness = TruthMeasurer(blind=frozenset({0}))
-    follower = ModelTracker(HEAD, ACTIVE, STEP_S, witness)
-    witness.step = 0
-    assert follower.update(film[0]) is None
+def test_there_is_no_identity_before_the_first_face(film: list[Picture]) -> None:
+    measurer = TruthMeasurer(blind=frozenset({0}))
+    tracker = ModelTracker(HEAD, ACTIVE, STEP_S, measurer)
+    measurer.step = 0
+    assert tracker.update(film[0]) is None
     with pytest.raises(ValueError, match="no face has been seen"):
-        _ = follower.fitted
-    witness.step = 1
-    assert follower.update(film[1]) is not None
-    assert follower.fitted.camera == CAMERA
+        _ = tracker.fitted
+    measurer.step = 1
+    assert tracker.update(film[1]) is not None
+    assert tracker.fitted.camera == CAMERA
 
 
 def test_an_unknown_part_is_refused() -> None:
@@ -214,7 +214,7 @@ def test_an_unknown_part_is_refused() -> None:
 
 
 class UncertainMeasurer(TruthMeasurer):
-    """Takes the caller for somebody with a longer nose, and knows how sure that is."""
+    """Starts with the identity of a longer nose, and states its information."""
 
     def initialise(self, frame: Picture) -> IdentityFit | None:
         control = CONTROL.copy()
@@ -229,53 +229,58 @@ class UncertainMeasurer(TruthMeasurer):
 
 
 @pytest.mark.parametrize("step", [TexelFitter, PredictionMatrixFitter])
-def test_a_better_identity_is_found_and_the_face_followed_on_with_it(
+def test_a_refined_identity_is_adopted_and_tracking_goes_on(
     film: list[Picture], step: type[TexelFitter]
 ) -> None:
-    witness = UncertainMeasurer()
-    follower = ModelTracker(
-        HEAD, ACTIVE, 4 * STEP_S, witness, fit_options=FitOptions(fitter=step), refine_identity=True
+    measurer = UncertainMeasurer()
+    tracker = ModelTracker(
+        HEAD,
+        ACTIVE,
+        4 * STEP_S,
+        measurer,
+        fit_options=FitOptions(fitter=step),
+        refine_identity=True,
     )
     found, adopted = [], None
     for number, frame in enumerate(film):
-        witness.step = number
-        found.append(follower.update(frame))
-        better = follower.take_refined_identity()
+        measurer.step = number
+        found.append(tracker.update(frame))
+        better = tracker.take_refined_identity()
         if better is not None:
-            before, adopted = follower.fitted, number
-            follower.adopt(better)
-            assert follower.fitted is better and witness.identity is better
+            before, adopted = tracker.fitted, number
+            tracker.adopt(better)
+            assert tracker.fitted is better and measurer.identity is better
     assert adopted is not None and adopted < len(film) - 5
-    assert np.abs(follower.fitted.control_mm - before.control_mm).max() > 0.1
+    assert np.abs(tracker.fitted.control_mm - before.control_mm).max() > 0.1
     assert None not in found
     assert degrees_off(found, adopted + 1) < 1.5
 
 
-def test_nothing_is_improved_unless_it_is_asked_for_and_there_is_evidence(
+def test_the_identity_is_refined_only_on_request_and_with_information(
     film: list[Picture],
 ) -> None:
-    for witness, without, asked in (
+    for measurer, without, asked in (
         (TruthMeasurer(), frozenset[str](), True),
         (UncertainMeasurer(), frozenset({"abs"}), True),
         (UncertainMeasurer(), frozenset[str](), False),
     ):
-        follower = ModelTracker(HEAD, ACTIVE, 4 * STEP_S, witness, without, refine_identity=asked)
+        tracker = ModelTracker(HEAD, ACTIVE, 4 * STEP_S, measurer, without, refine_identity=asked)
         for number, frame in enumerate(film):
-            witness.step = number
-            follower.update(frame)
-            assert follower.take_refined_identity() is None
+            measurer.step = number
+            tracker.update(frame)
+            assert tracker.take_refined_identity() is None
         with pytest.raises(ValueError, match="no identity is refined"):
-            follower.adopt(follower.fitted)
+            tracker.adopt(tracker.fitted)
 
 
-def test_the_identity_of_a_small_face_stays_as_it_is(
+def test_the_identity_of_a_small_face_is_not_refined(
     film: list[Picture], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     smaller = eye_distance_px(CAMERA, UncertainMeasurer().face.pose) + 1
     monkeypatch.setattr("encoder.tracking.model_tracker.MIN_EYE_DISTANCE_PX", smaller)
-    witness = UncertainMeasurer()
-    follower = ModelTracker(HEAD, ACTIVE, 4 * STEP_S, witness, refine_identity=True)
+    measurer = UncertainMeasurer()
+    tracker = ModelTracker(HEAD, ACTIVE, 4 * STEP_S, measurer, refine_identity=True)
     for number, frame in enumerate(film):
-        witness.step = number
-        follower.update(frame)
-        assert follower.take_refined_identity() is None
+        measurer.step = number
+        tracker.update(frame)
+        assert tracker.take_refined_identity() is None

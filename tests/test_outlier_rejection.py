@@ -1,4 +1,4 @@
-"""Points that go another way than the others are told from them."""
+"""Robust residuals identify points that move unlike the majority."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ POINTS, STATE, MOVED = 30, 9, 4
 
 
 class Scene:
-    """A state of which the first entries move points: measured by points and otherwise.
+    """Measurements of a state by points, which depend on its first entries, and otherwise.
 
     gone: how many points follow another state.  hidden: (n,) bool.
     """
@@ -32,7 +32,7 @@ class Scene:
 
 
 def by_matrices(scene: Scene) -> tuple[np.ndarray, float]:
-    """The same by matrices of all measurements and the whole state."""
+    """Reference implementation with the matrices of all measurements and the whole state."""
     H = np.hstack([scene.H, np.zeros((2 * POINTS, STATE - MOVED))])
     trial = scene.weight.copy()
     for _ in range(IRLS_ROUNDS):
@@ -46,7 +46,7 @@ def by_matrices(scene: Scene) -> tuple[np.ndarray, float]:
 
 
 @pytest.mark.parametrize("gone", [0, 4, 12])
-def test_distances_are_those_of_the_whole_equations(gone: int) -> None:
+def test_residuals_equal_those_of_the_full_equations(gone: int) -> None:
     scene = Scene(gone)
     off, crowd = scene.distances()
     expected_off, expected_crowd = by_matrices(scene)
@@ -54,7 +54,7 @@ def test_distances_are_those_of_the_whole_equations(gone: int) -> None:
     assert crowd == pytest.approx(expected_crowd, rel=1e-8)
 
 
-def test_points_that_go_together_but_apart_from_most_are_far_off() -> None:
+def test_a_minority_that_moves_together_has_large_residuals() -> None:
     scene = Scene(gone=6)
     off, crowd = scene.distances()
     there = ~scene.hidden
@@ -62,7 +62,7 @@ def test_points_that_go_together_but_apart_from_most_are_far_off() -> None:
     assert (off[6:][there[6:]] < 3.5 * crowd).all()
 
 
-def test_a_point_that_is_not_seen_is_nowhere_off() -> None:
+def test_a_point_without_measurement_has_no_residual() -> None:
     scene = Scene()
     scene.innovation[np.repeat(scene.hidden, 2)] = 1e6
     off, _ = scene.distances()

@@ -1,4 +1,4 @@
-"""The caller's own textured model: recovers known motion under changed light, knows a stranger."""
+"""The person's texture: recovers known motion under changed light, rejects other textures."""
 
 from dataclasses import replace
 
@@ -39,7 +39,9 @@ def test_a_known_motion_is_recovered_under_any_light(studio: Studio, light: floa
 
 
 @pytest.mark.parametrize("side", [1, -1])
-def test_a_shadow_over_half_the_face_misleads_the_luma_alone(studio: Studio, side: int) -> None:
+def test_a_shadow_over_half_the_face_misleads_luma_but_not_retinex(
+    studio: Studio, side: int
+) -> None:
     truth = moved_face()
     away_px = side * (np.arange(CAMERA.width) - CAMERA.width / 2)
     gain = 0.35 + 0.65 / (1 + np.exp(-np.clip(away_px / 8, -30, 30)))
@@ -53,14 +55,14 @@ def test_a_shadow_over_half_the_face_misleads_the_luma_alone(studio: Studio, sid
     assert off[1] < 2 and off[1] < 0.4 * off[0]
 
 
-def test_actuators_that_are_not_followed_stay_where_they_were(studio: Studio) -> None:
+def test_inactive_actuators_keep_their_values(studio: Studio) -> None:
     brow = EAU_INDEX["eyebrow_inner"]
     start = replace(REST, eau=np.where(np.arange(len(EAUS)) == brow, 0.2, 0.0))
     found = fitted(own_texture(studio), studio.draw(moved_face()), start, [JAW], 6)
     assert found.face.eau[brow] == 0.2
 
 
-def test_what_a_fit_leaves_is_the_noise_of_its_picture(studio: Studio) -> None:
+def test_the_residual_sigma_is_the_noise_of_the_picture(studio: Studio) -> None:
     clear, texture = studio.draw(REST), own_texture(studio)
     grain = np.random.default_rng(4).normal(0, 25, clear.shape[:2])[..., None]
     noisy = np.clip(np.rint(clear + grain), 0, 255).astype(np.uint8)
@@ -70,8 +72,8 @@ def test_what_a_fit_leaves_is_the_noise_of_its_picture(studio: Studio) -> None:
     assert found[1].residual_mse_grey2 > 5 * found[0].residual_mse_grey2
 
 
-def test_where_pictures_are_clear_a_first_guess_holds_less(studio: Studio) -> None:
-    """An actuator that the fit is nearly sure of is not held back by where it was."""
+def test_the_initial_face_has_less_weight_in_clear_pictures(studio: Studio) -> None:
+    """With low noise, an actuator is fitted nearly without bias to its initial value."""
     truth = replace(REST, eau=np.where(np.arange(len(EAUS)) == BROW, 0.5, 0.0))
     texture, picture = own_texture(studio), studio.draw(truth)
 
@@ -85,7 +87,7 @@ def test_where_pictures_are_clear_a_first_guess_holds_less(studio: Studio) -> No
 
 
 @pytest.mark.parametrize("corners", [-0.5, 0.6])
-def test_corners_held_on_the_wrong_side_of_rest_are_found_from_the_other(
+def test_corners_on_the_wrong_side_of_rest_are_fitted_from_the_opposite_start(
     studio: Studio, corners: float
 ) -> None:
     index = EAU_INDEX["mouth_corners"]
@@ -99,20 +101,20 @@ def test_corners_held_on_the_wrong_side_of_rest_are_found_from_the_other(
     assert freed.face.eau[index] == pytest.approx(corners, abs=0.06)
 
 
-def test_a_wall_does_not_look_like_the_caller(studio: Studio) -> None:
+def test_a_wall_has_no_correlation_with_the_face(studio: Studio) -> None:
     random = np.random.default_rng(4)
     wall = random.integers(0, 256, (CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
     assert fitted(own_texture(studio), wall, REST, [JAW], 4).correlation < 0.4
 
 
-def test_a_face_outside_the_picture_is_no_error_and_no_match(studio: Studio) -> None:
+def test_a_face_outside_the_picture_has_no_correlation_and_raises_nothing(studio: Studio) -> None:
     away = replace(REST, pose=replace(REST.pose, translation_mm=np.array([4000.0, 0, 520])))
     found = fitted(own_texture(studio), studio.draw(REST), away, [JAW], 4)
     assert np.isfinite(found.face.pose.translation_mm).all()
     assert found.correlation < 0.4
 
 
-def test_what_the_first_picture_hid_is_learned_as_the_head_turns(studio: Studio) -> None:
+def test_texels_hidden_in_the_first_frame_are_filled_as_the_head_turns(studio: Studio) -> None:
     texture = own_texture(studio)
     turned = replace(REST, pose=pose_from_euler(0, 32, 0, PLACE))
     picture = studio.draw(turned, 0.9)

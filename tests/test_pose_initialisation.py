@@ -1,4 +1,4 @@
-"""Alignment: known poses come back from three and from many projected points."""
+"""Known poses are recovered from three and from many projected points."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ ANCHORS = np.array([[-31.0, 16, 77], [31, 16, 77], [0, -20, 108]])
 
 
 def scaled_orthography(pose: Pose, points_mm: np.ndarray) -> np.ndarray:
-    """Pixels where every point has the depth of their mean."""
+    """Projection of all points at their mean depth."""
     seen = camera_from_head(pose, points_mm)
     depth = seen[:, 2].mean()
     return np.asarray(CAMERA.focal_px * seen[:, :2] / depth + CAMERA.centre)

@@ -1,4 +1,4 @@
-"""The prediction matrix: it foretells the displacements it was made of, and finds a face."""
+"""Prediction matrices reduce trained displacements, and fits by them converge."""
 
 from dataclasses import replace
 
@@ -29,26 +29,26 @@ JAW, CORNERS = 6 + EAU_INDEX["jaw_drop"], 6 + EAU_INDEX["mouth_corners"]
 NUMBER = 0
 
 
-def made(kind: type[TexelFitter], shots: Shots, number: int = NUMBER) -> TexelFitter:
-    """Fits what one picture shows of the face."""
+def untrained(kind: type[TexelFitter], shots: Shots, number: int = NUMBER) -> TexelFitter:
+    """A fitter with a template from one picture."""
     head, face = shots.face.head, shots.faces[number]
     shape = ShapeFreeFrame(shots.face, atlas_of(head, 72), shots.camera)
     worn = (head.opacity[shape.atlas.corners].min(1) > 0.99).astype(np.float32)
     mean = sample_bicubic(luma_f32(shots.pictures[number]), shape.positions(face))[:, 0]
     light = np.stack([mean - mean.mean(), np.ones_like(mean)])
-    refiner = kind(head, shots.face, shape, Template(mean, light, worn))
-    seen = refiner.visible(face)
-    template = refiner.template
-    refiner.template = replace(template, weight=template.weight * seen)
-    return refiner
+    fitter = kind(head, shots.face, shape, Template(mean, light, worn))
+    seen = fitter.visible(face)
+    template = fitter.template
+    fitter.template = replace(template, weight=template.weight * seen)
+    return fitter
 
 
 @pytest.fixture(scope="module")
-def refiner(shots: Shots) -> PredictionMatrixFitter:
-    refiner = made(PredictionMatrixFitter, shots)
-    assert isinstance(refiner, PredictionMatrixFitter)
-    refiner.train(whole(shots.pictures[NUMBER]), shots.faces[NUMBER])
-    return refiner
+def fitter(shots: Shots) -> PredictionMatrixFitter:
+    fitter = untrained(PredictionMatrixFitter, shots)
+    assert isinstance(fitter, PredictionMatrixFitter)
+    fitter.train(whole(shots.pictures[NUMBER]), shots.faces[NUMBER])
+    return fitter
 
 
 def displaced(face: FaceParameters, index: int, by: float) -> FaceParameters:
@@ -70,12 +70,12 @@ def off(found: FaceParameters, truth: FaceParameters) -> tuple[float, float]:
         *[(JAW, 0.3), (CORNERS, -0.3), (CORNERS, 0.3)],
     ],
 )
-def test_one_prediction_takes_back_part_of_a_learned_displacement(
-    shots: Shots, refiner: PredictionMatrixFitter, index: int, by: float
+def test_one_prediction_reduces_a_trained_displacement(
+    shots: Shots, fitter: PredictionMatrixFitter, index: int, by: float
 ) -> None:
     truth = shots.faces[NUMBER]
     start = displaced(truth, index, by)
-    found = refiner.fit_crop(whole(shots.pictures[NUMBER]), start, 1, MOVED)
+    found = fitter.fit_crop(whole(shots.pictures[NUMBER]), start, 1, MOVED)
     if index < 3:
         left, was = off(found, truth)[0], off(start, truth)[0]
     elif index < 6:
@@ -87,30 +87,28 @@ def test_one_prediction_takes_back_part_of_a_learned_displacement(
 
 
 @pytest.mark.parametrize("number", [0, 1])
-def test_a_face_that_has_moved_is_found(
-    shots: Shots, refiner: PredictionMatrixFitter, number: int
-) -> None:
+def test_a_moved_face_is_fitted(shots: Shots, fitter: PredictionMatrixFitter, number: int) -> None:
     truth = shots.faces[number]
     step = np.zeros(6 + len(EAUS))
     step[:5] = [0.05, -0.05, 0.04, 2, -2]
-    found = refiner.fit_crop(whole(shots.pictures[number]), apply_increment(truth, step), 8, MOVED)
+    found = fitter.fit_crop(whole(shots.pictures[number]), apply_increment(truth, step), 8, MOVED)
     angle, eau = off(found, truth)
     assert angle < 1.5 and eau < 0.1
 
 
-def test_brighter_light_is_explained_by_its_coefficients(
-    shots: Shots, refiner: PredictionMatrixFitter
+def test_the_coefficient_of_brighter_light_is_recovered(
+    shots: Shots, fitter: PredictionMatrixFitter
 ) -> None:
     truth = shots.faces[NUMBER]
     picture = np.clip(1.25 * shots.pictures[NUMBER].astype(float), 0, 255).astype(np.uint8)
-    found = refiner.fit_crop(whole(picture), displaced(truth, 1, np.radians(4)), 8, MOVED)
+    found = fitter.fit_crop(whole(picture), displaced(truth, 1, np.radians(4)), 8, MOVED)
     assert found.modes[0] == pytest.approx(0.25, abs=0.04)
     assert off(found, truth)[0] < 0.5
 
 
 @pytest.mark.parametrize("degrees", [-60.0, 45.0])
-def test_a_tilted_head_is_found_like_an_upright_one(
-    shots: Shots, refiner: PredictionMatrixFitter, degrees: float
+def test_a_tilted_head_is_fitted_like_an_upright_one(
+    shots: Shots, fitter: PredictionMatrixFitter, degrees: float
 ) -> None:
     turn = quaternion_from_vector(np.array([0, 0, np.radians(degrees)]))
     matrix, centre = matrix_from_quaternion(turn), shots.camera.centre
@@ -124,14 +122,14 @@ def test_a_tilted_head_is_found_like_an_upright_one(
     size = (shots.camera.width, shots.camera.height)
     turned = np.asarray(cv2.warpAffine(picture, about, size, flags=cv2.INTER_CUBIC), np.uint8)
     start = displaced(shots.faces[NUMBER], 1, np.radians(5))
-    upright = tilted(refiner.fit_crop(whole(picture), start, 2, MOVED))
-    found = refiner.fit_crop(whole(turned), tilted(start), 2, MOVED)
+    upright = tilted(fitter.fit_crop(whole(picture), start, 2, MOVED))
+    found = fitter.fit_crop(whole(turned), tilted(start), 2, MOVED)
     assert off(upright, tilted(start))[0] > 1
     assert off(found, upright)[0] < 0.5 and off(found, upright)[1] < 0.03
     assert found.pose.translation_mm[:2] == pytest.approx(upright.pose.translation_mm[:2], abs=0.5)
 
 
-def test_nothing_is_predicted_before_a_face_is_known(shots: Shots) -> None:
-    fresh = made(PredictionMatrixFitter, shots)
+def test_a_fit_before_training_is_refused(shots: Shots) -> None:
+    fresh = untrained(PredictionMatrixFitter, shots)
     with pytest.raises(ValueError, match="no matrix has been trained"):
         fresh.fit_crop(whole(shots.pictures[NUMBER]), shots.faces[NUMBER], 1, MOVED)

@@ -1,4 +1,4 @@
-"""The face that draws best: what a renderer has drawn is found again, outline and all."""
+"""Render and compare recovers rendered faces."""
 
 from dataclasses import replace
 
@@ -33,7 +33,7 @@ MEAN, MODE = 128 + blotches(1, 25), blotches(2, 12)
 
 
 def picture_of(shots: Shots, face: FaceParameters) -> NDArray[np.uint8]:
-    """What the renderer draws of a face that wears MEAN and its share of MODE, on black."""
+    """The rendered face with texture MEAN and its coefficient of MODE, on black."""
     camera = shots.camera
     worn = MEAN + (face.modes[0] if len(face.modes) else 0) * MODE
     grey = np.clip(np.rint(worn), 0, 255).astype(np.uint8)
@@ -43,7 +43,7 @@ def picture_of(shots: Shots, face: FaceParameters) -> NDArray[np.uint8]:
 
 
 def astray(face: FaceParameters) -> FaceParameters:
-    """The face, off by half a degree, half a millimetre and a little of the jaw."""
+    """The face with errors of half a degree, half a millimetre and a little of the jaw."""
     step = np.zeros(6 + len(EAUS))
     step[:3] = np.radians([0.5, -0.4, 0.3])
     step[3:6] = 0.4, -0.5, 1.5
@@ -62,72 +62,72 @@ def outline_of(shots: Shots, number: int) -> NDArray[np.float64]:
     return np.asarray(points[np.isfinite(points[:, 0])])
 
 
-def drawing_of(shots: Shots, modes: int = 1) -> ImageFitter:
+def fitter_of(shots: Shots, modes: int = 1) -> ImageFitter:
     return ImageFitter(shots.face, shots.camera, MEAN, MODE[None][:modes])
 
 
 @pytest.mark.parametrize("number", [0, 3, 6])
-def test_what_was_drawn_is_found_again(shots: Shots, number: int) -> None:
+def test_a_rendered_face_is_recovered(shots: Shots, number: int) -> None:
     truth = replace(shots.faces[number], modes=np.array([0.8]))
     picture = picture_of(shots, truth)
     start = replace(astray(truth), modes=np.zeros(1))
-    found = drawing_of(shots).fit(whole(picture), start, outline_of(shots, number), 5)
+    found = fitter_of(shots).fit(whole(picture), start, outline_of(shots, number), 5)
     assert found.eau[JAW] == pytest.approx(truth.eau[JAW], abs=0.05)
     assert found.modes == pytest.approx([0.8], abs=0.05)
     assert error(shots, number, found, picture) < 0.1 * error(shots, number, start, picture)
 
 
-def test_a_mode_taught_later_is_found_as_the_others_are(shots: Shots) -> None:
+def test_a_mode_added_later_is_fitted_like_the_others(shots: Shots) -> None:
     truth = replace(shots.faces[3], modes=np.array([0.8]))
     picture, start = picture_of(shots, truth), replace(astray(truth), modes=np.zeros(1))
-    before = drawing_of(shots, 0)
+    before = fitter_of(shots, 0)
     found, known = (
-        drawing.fit(whole(picture), start, outline_of(shots, 3), 2)
-        for drawing in (before.with_mode(MODE), drawing_of(shots))
+        fitter.fit(whole(picture), start, outline_of(shots, 3), 2)
+        for fitter in (before.with_mode(MODE), fitter_of(shots))
     )
     assert found.modes == pytest.approx(known.modes)
 
 
-def test_teaching_leaves_the_drawing_before_as_it_was(shots: Shots) -> None:
-    picture, before = picture_of(shots, shots.faces[3]), drawing_of(shots, 0)
+def test_adding_a_mode_does_not_change_the_original_fitter(shots: Shots) -> None:
+    picture, before = picture_of(shots, shots.faces[3]), fitter_of(shots, 0)
     before.with_mode(MODE)
     assert len(before.fit(whole(picture), shots.faces[3], outline_of(shots, 3)).modes) == 0
 
 
-def test_one_step_draws_better_than_none(shots: Shots) -> None:
+def test_one_iteration_reduces_the_error(shots: Shots) -> None:
     truth = replace(shots.faces[3], modes=np.zeros(0))
     picture, start = picture_of(shots, truth), astray(truth)
-    found = drawing_of(shots, 0).fit(whole(picture), start, outline_of(shots, 3))
+    found = fitter_of(shots, 0).fit(whole(picture), start, outline_of(shots, 3))
     assert error(shots, 3, found, picture) < 0.2 * error(shots, 3, start, picture)
 
 
-def test_a_hand_before_the_face_does_not_pull_at_it(shots: Shots) -> None:
+def test_an_occluding_hand_does_not_bias_the_fit(shots: Shots) -> None:
     truth = replace(shots.faces[3], modes=np.zeros(1))
     picture = picture_of(shots, truth)
     hidden = picture.copy()
     low, high = outline_of(shots, 3).min(0).astype(int), outline_of(shots, 3).max(0).astype(int)
     hidden[(low + high)[1] // 2 :, low[0] : (low + high)[0] // 2] = 230
-    found = drawing_of(shots).fit(whole(hidden), astray(truth), outline_of(shots, 3))
+    found = fitter_of(shots).fit(whole(hidden), astray(truth), outline_of(shots, 3))
     assert error(shots, 3, found, picture) < 0.5 * error(shots, 3, astray(truth), picture)
 
 
-def test_a_face_that_does_not_show_stays(shots: Shots) -> None:
+def test_an_invisible_face_is_returned_unchanged(shots: Shots) -> None:
     truth = replace(shots.faces[3], modes=np.zeros(1))
     picture = whole(picture_of(shots, truth))
     gone = replace(truth, pose=replace(truth.pose, translation_mm=np.array([900.0, 0, 500])))
     behind = replace(truth, pose=replace(truth.pose, translation_mm=np.array([0.0, 0, -50])))
     outline = outline_of(shots, 3)
-    drawing = drawing_of(shots)
-    assert drawing.fit(picture, gone, outline) is gone
-    assert drawing.fit(picture, behind, outline) is behind
+    fitter = fitter_of(shots)
+    assert fitter.fit(picture, gone, outline) is gone
+    assert fitter.fit(picture, behind, outline) is behind
     # Nor is there anything to see where the outline has left the picture.
-    assert drawing.fit(picture, truth, outline + 5000) is truth
+    assert fitter.fit(picture, truth, outline + 5000) is truth
 
 
-def test_a_large_face_is_looked_at_here_and_there(shots: Shots) -> None:
+def test_pixels_of_a_large_face_are_subsampled(shots: Shots) -> None:
     truth = replace(shots.faces[3], modes=np.zeros(0))
     picture, start = picture_of(shots, truth), astray(truth)
     large = cv2.resize(picture, None, fx=3, fy=3, interpolation=cv2.INTER_CUBIC)
     crop = replace(whole(np.asarray(large, np.uint8)), scale=np.array([3.0, 3.0]))
-    found = drawing_of(shots, 0).fit(crop, start, outline_of(shots, 3), 4)
+    found = fitter_of(shots, 0).fit(crop, start, outline_of(shots, 3), 4)
     assert error(shots, 3, found, picture) < 0.2 * error(shots, 3, start, picture)

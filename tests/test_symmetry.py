@@ -1,4 +1,4 @@
-"""A turned face of which only the near half is looked at, and seen twice."""
+"""The near half of a turned face replaces the far half."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def half_hidden(picture: np.ndarray, face: FaceParameters, near: bool) -> np.nda
     return hidden
 
 
-def test_twins_lie_opposite_of_each_other() -> None:
+def test_mirrored_texels_lie_on_opposite_sides() -> None:
     atlas = atlas_of(HEAD, 96)
     twin = mirror_index(atlas)[atlas.rows, atlas.columns]
     skin = HEAD.parts[atlas.corners[:, 0]] == PARTS.index("skin")
@@ -52,7 +52,7 @@ def test_twins_lie_opposite_of_each_other() -> None:
 
 
 @pytest.mark.parametrize("yaw", [-MIRROR_DEG + 4, MIRROR_DEG - 4])
-def test_little_turned_nothing_is_mirrored(studio: Studio, yaw: float) -> None:
+def test_a_slightly_turned_face_is_not_mirrored(studio: Studio, yaw: float) -> None:
     first, picture = studio.draw(REST), studio.draw(turned(yaw))
     textures = (
         PersonTexture(HEAD, FACE, CAMERA, first, REST, 96, kind)
@@ -65,7 +65,7 @@ def test_little_turned_nothing_is_mirrored(studio: Studio, yaw: float) -> None:
 
 
 @pytest.mark.parametrize("yaw", [-32.0, 32.0])
-def test_what_lies_over_the_far_half_is_not_looked_at(studio: Studio, yaw: float) -> None:
+def test_an_occluder_of_the_far_half_has_no_influence(studio: Studio, yaw: float) -> None:
     picture, start = studio.draw(turned(yaw)), turned(yaw, 1.0)
     texture = own_texture(studio, MIRRORED)
 
@@ -78,8 +78,8 @@ def test_what_lies_over_the_far_half_is_not_looked_at(studio: Studio, yaw: float
 
 
 @pytest.mark.parametrize("yaw", [-32.0, -25.0, 25.0, 32.0])
-def test_the_near_half_stands_for_the_far_one(studio: Studio, yaw: float) -> None:
-    """Of a face that is the same on both sides, as is its light."""
+def test_the_mirrored_half_fits_a_symmetric_face(studio: Studio, yaw: float) -> None:
+    """For a symmetric face in symmetric light."""
 
     def even(degrees: float) -> FaceParameters:
         return FaceParameters(pose_from_euler(0, degrees, 0, PLACE * [0, 1, 1]))

@@ -294,7 +294,7 @@ def test_ctrl_c_ends_the_wait_whichever_thread_takes_it(wait: str, endpoint: str
 def test_a_program_ends_whenever_its_link_is_interrupted_while_it_opens(end: str) -> None:
     program = (
         "import sys; from signal import ITIMER_REAL, SIGALRM, setitimer, signal\n"
-        "import protocol.link_zenoh as link\n"
+        "import protocol.link.zenoh_link as link\n"
         "def interrupt(*_): raise KeyboardInterrupt\n"
         "signal(SIGALRM, interrupt)\n"
         "options, opened = link.LinkOptions('test', listen=('tcp/127.0.0.1:0',)), 0\n"

@@ -19,14 +19,14 @@ from protocol.entropy.range_coder import PROBABILITY_ONE, BitCoder
 # fmt: off
 # Of a Laplacian with scale 2 ** (k / 4) steps, k = -20, -19, ... 28, in 1/65536: the probability
 # that a value is zero, and that a magnitude of at least m is m.
-_ZERO = (
+ZERO_PROBABILITIES = (
     65488, 65488, 65488, 65488, 65488, 65488, 65462, 65319, 64997, 64378, 63336, 61761,
     59591, 56826, 53528, 49806, 45797, 41644, 37484, 33429, 29569, 25966, 22659, 19665,
     16986, 14612, 12527, 10707, 9129, 7766, 6595, 5592, 4735, 4006, 3385, 2858,
     2412, 2034, 1715, 1445, 1217, 1025, 863, 727, 612, 515, 433, 364,
     306,
 )
-_STOP = (
+STOP_PROBABILITIES = (
     65472, 65472, 65472, 65472, 65472, 65472, 65472, 65472, 65472, 65457, 65307, 64973,
     64336, 63268, 61662, 59461, 56667, 53344, 49603, 45583, 41427, 37269, 33222, 29374,
     25786, 22495, 19517, 16855, 14497, 12425, 10619, 9052, 7701, 6539, 5544, 4694,
@@ -34,7 +34,7 @@ _STOP = (
     510,
 )
 # Mean magnitude of such a value, in 1/256.
-_MEAN = (
+MEAN_MAGNITUDES = (
     0, 0, 0, 0, 0, 0, 0, 1, 2, 5, 9, 15,
     24, 35, 50, 68, 89, 115, 145, 180, 222, 272, 330, 400,
     482, 580, 695, 833, 996, 1190, 1421, 1695, 2021, 2409, 2870, 3418,
@@ -42,7 +42,7 @@ _MEAN = (
     32743,
 )
 # fmt: on
-TABLES = len(_ZERO)
+TABLES = len(ZERO_PROBABILITIES)
 LOWEST_TABLE = -20
 
 # Corrections of the table's index, fitted to calls of four people with cross-validation.
@@ -99,7 +99,7 @@ class ValueContext:
     def update(self, base_table: int, magnitude: int) -> None:
         """Add the value that was coded after `table(base_table, ...)`."""
         self._frame_magnitudes += magnitude
-        self._frame_expected += _MEAN[base_table]
+        self._frame_expected += MEAN_MAGNITUDES[base_table]
         self._last_but_one, self._last = self._last, int(magnitude > 0)
 
 
@@ -114,7 +114,7 @@ def context_tables(
     magnitudes: (frames, n) of the values themselves.
     """
     observed = _weighted_sums(magnitudes) + 1
-    expected = _weighted_sums(np.take(_MEAN, base_tables)) + 256
+    expected = _weighted_sums(np.take(MEAN_MAGNITUDES, base_tables)) + 256
     ratio = np.searchsorted(_RATIO_BOUNDS, (observed << 16) // expected, side="right")
     nonzero = np.zeros((len(magnitudes), magnitudes.shape[1] + 2), np.int64)
     nonzero[:, 2:] = magnitudes > 0
@@ -140,10 +140,10 @@ def code_value(coder: BitCoder, value: int, table: int) -> int:
     Raises `ValueError` if a decoder reads a magnitude beyond the limits of the escape code.
     """
     magnitude = abs(value)
-    if not coder.code_bit(int(magnitude > 0), _ZERO[table]):
+    if not coder.code_bit(int(magnitude > 0), ZERO_PROBABILITIES[table]):
         return 0
     negative = coder.code_bit(int(value < 0), PROBABILITY_ONE // 2)
-    stop, reached = _STOP[table], 1
+    stop, reached = STOP_PROBABILITIES[table], 1
     while reached <= UNARY_LIMIT and coder.code_bit(int(magnitude > reached), stop):
         reached += 1
     if reached > UNARY_LIMIT:
@@ -162,7 +162,10 @@ MAX_MAGNITUDE = UNARY_LIMIT + (((2 << _ESCAPE_TOP) - 1) << _ESCAPE_LOW)
 
 def value_bits() -> NDArray[np.float64]:
     """(TABLES, UNARY_LIMIT + 1) bits that a value of each magnitude takes by each table."""
-    zero, stop = np.array(_ZERO) / PROBABILITY_ONE, np.array(_STOP) / PROBABILITY_ONE
+    zero, stop = (
+        np.array(ZERO_PROBABILITIES) / PROBABILITY_ONE,
+        np.array(STOP_PROBABILITIES) / PROBABILITY_ONE,
+    )
     bits = np.empty((TABLES, UNARY_LIMIT + 1))
     bits[:, 0] = -np.log2(zero)
     further = np.arange(UNARY_LIMIT) * -np.log2(1 - stop)[:, None]
