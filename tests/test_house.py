@@ -20,7 +20,7 @@ LONGER_MODULES: dict[str, int] = {
     "protocol/link/zenoh_link.py": 353,
     "tests/test_bad_wire.py": 302,
     "tests/test_packets.py": 353,
-    "tests/test_progressive_model.py": 381,
+    "tests/test_progressive_model.py": 314,
     "tests/test_renderer.py": 331,
     "tests/test_two_pass_session.py": 324,
     "tests/test_zenoh_link.py": 456,
@@ -35,7 +35,7 @@ LARGER_PACKAGES: dict[str, int] = {
     "encoder/calls": 18,
     "encoder/fitting": 16,
     "scripts": 20,
-    "tests": 139,
+    "tests": 140,
 }
 # By how much an exception's limit may exceed the size.
 SLACK_LINES = 10
