@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from encoder.detection.tflite import NetworkFilesMissing
-from encoder.tracking import trackers as follow
+from encoder.tracking import trackers
 from encoder.tracking.model_tracker import ModelTracker
 from encoder.tracking.trackers import (
     TRACKED_EAUS,
@@ -40,7 +40,7 @@ def test_viola_jones_steps_in_where_the_networks_are_missing(
     def missing() -> None:
         raise NetworkFilesMissing("no landmark networks")
 
-    monkeypatch.setattr(follow, "find_network_folder", missing)
+    monkeypatch.setattr(trackers, "find_network_folder", missing)
     warnings: list[str] = []
     assert isinstance(opened(TrackingOptions(tracker=tracker), warnings), kind)
     assert warnings == ["no landmark networks; tracking with Viola-Jones' detector"]
