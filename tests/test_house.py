@@ -35,7 +35,7 @@ LARGER_PACKAGES: dict[str, int] = {
     "encoder/calls": 18,
     "encoder/fitting": 16,
     "scripts": 20,
-    "tests": 140,
+    "tests": 142,
 }
 # By how much an exception's limit may exceed the size.
 SLACK_LINES = 10
