@@ -32,17 +32,17 @@ from shared_model.stage_timer import StageTimer
 
 Picture = NDArray[np.uint8]
 
-# How often a decoder that waits for packets asks whether it shall stop.
+# Interval at which a decoder that waits for packets calls `stop`.
 POLL_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class CallOptions:
-    """Where a call comes from, and whom it shows.
+    """The source of a call, and the person that is drawn.
 
     call_file: a recorded call, or an open stream of one; None: over the network.
     listen, connect: Zenoh endpoints such as tcp/0.0.0.0:7447; call: name of the call.
-    connect_timeout_s: for how long to try to connect; 0: as long as is usual.
+    connect_timeout_s: time limit for connecting; 0: the default.
     face: call file whose person is drawn instead; None: the call's own.
     """
 
@@ -68,7 +68,7 @@ class DrawnFrame:
 
 @dataclass(slots=True)
 class DecodeStats:
-    """What the report will say, as it grows."""
+    """Counts, times and warnings of one call on the receiving side."""
 
     model_bytes: int = 0
     frame_bytes: int = 0
@@ -78,7 +78,7 @@ class DecodeStats:
     shown_ns: list[tuple[int, int]] = field(default_factory=list)
 
     def note_damage(self, error: ProtocolError, playout: Playout) -> None:
-        """Note a damaged packet, and the first frame that it can have spoiled."""
+        """Add a damaged packet with the first frame that it can affect."""
         model, frame = playout.model, max(playout.next_frame, 0)
         where = f", at frame {frame} ({frame / model.call.fps:.2f} s)" if model else ""
         self.damages.append(f"{error}{where}")
@@ -87,9 +87,9 @@ class DecodeStats:
 class CallPictures:
     """Draws the pictures of one call; a context manager that can be iterated once.
 
-    While one picture is drawn the next is prepared.  `stats`, `timer` and `playout` say how it
-    went.  Raises `UserError` if the call cannot be read or drawn; with exit code 4 if its encoder
-    leaves before it has sent a face.
+    While one picture is drawn, the next is prepared.  Attributes `stats`, `timer` and `playout`
+    hold what the report needs.  Raises `UserError` if the call cannot be read or drawn; with exit
+    code 4 if its encoder leaves before it has sent a face.
     """
 
     def __init__(
@@ -184,31 +184,33 @@ class CallPictures:
 def open_source(options: CallOptions, on_message: MessageCallback) -> PacketSource:
     """The call file or the network, whichever the options name.  Raises `UserError`.
 
-    on_message: takes a line that says where an encoder is waited for.
+    on_message: called with a line when the link waits for an encoder.
     """
     if options.call_file is not None:
         return CallReader(options.call_file)
     from protocol.link.zenoh_link import ZenohSource
 
-    patience_s = options.connect_timeout_s or CONNECT_TIMEOUT_S
+    timeout_s = options.connect_timeout_s or CONNECT_TIMEOUT_S
     return ZenohSource(
-        LinkOptions(options.call, options.listen, options.connect, patience_s), on_message
+        LinkOptions(options.call, options.listen, options.connect, timeout_s), on_message
     )
 
 
 def playout_frames(
-    source: PacketSource, playout: Playout, tally: DecodeStats, stop: Callable[[], bool]
+    source: PacketSource, playout: Playout, stats: DecodeStats, stop: Callable[[], bool]
 ) -> Iterator[PlayoutFrame | None]:
-    """The faces of the call's source frames, None before a packet is waited for; damaged packets
-    are noted and skipped."""
-    for data in _packets(source, playout, tally, stop):
-        _count(data, tally)
+    """The faces of the call's source frames; None before each wait for a packet.
+
+    Damaged packets are counted and skipped.
+    """
+    for data in _packets(source, playout, stats, stop):
+        _count(data, stats)
         frames = playout.receive(data)
         while not stop():
             try:
                 frame = next(frames, None)
             except ProtocolError as error:
-                tally.note_damage(error, playout)
+                stats.note_damage(error, playout)
                 break
             if frame is None:
                 break
@@ -219,32 +221,32 @@ def playout_frames(
 
 
 def _packets(
-    source: PacketSource, playout: Playout, tally: DecodeStats, stop: Callable[[], bool]
+    source: PacketSource, playout: Playout, stats: DecodeStats, stop: Callable[[], bool]
 ) -> Iterator[bytes]:
     while not stop() and not source.ended:
         try:
             packet = source.receive(POLL_S)
         except TruncatedCall as error:
-            tally.warnings.append(str(error))
+            stats.warnings.append(str(error))
             return
         except ProtocolError as error:
-            tally.note_damage(error, playout)
+            stats.note_damage(error, playout)
             continue
         if packet is not None:
             yield packet
 
 
-def _count(data: bytes, tally: DecodeStats) -> None:
+def _count(data: bytes, stats: DecodeStats) -> None:
     with suppress(ProtocolError):
         kind = packet_kind(data)
         if kind in (PacketKind.MODEL, PacketKind.LAYER):
-            tally.model_bytes += len(data) - 1
+            stats.model_bytes += len(data) - 1
         elif kind is PacketKind.FRAME:
-            tally.frame_bytes += len(data) - 1
+            stats.frame_bytes += len(data) - 1
 
 
 def call_name(options: CallOptions) -> str:
-    """What to call the call in a message."""
+    """The name of the call in messages."""
     if options.call_file is None:
         return f"call {options.call}"
     if isinstance(options.call_file, Path):
@@ -252,9 +254,9 @@ def call_name(options: CallOptions) -> str:
     return "the call in the stream"
 
 
-def _no_model_error(options: CallOptions, tally: DecodeStats, ended: bool) -> UserError:
-    """Why there was nothing to draw.  ended: the call, rather than our patience."""
-    if tally.damages or options.call_file is not None or not ended:
-        reasons = [*tally.damages, *tally.warnings, "it has no model packet"]
+def _no_model_error(options: CallOptions, stats: DecodeStats, ended: bool) -> UserError:
+    """The error of a call without a model.  ended: the call has ended; else the user stopped it."""
+    if stats.damages or options.call_file is not None or not ended:
+        reasons = [*stats.damages, *stats.warnings, "it has no model packet"]
         return UserError(f"cannot decode {call_name(options)}: {next(filter(None, reasons))}")
     return UserError(f"{call_name(options)}: its encoder left before it sent a face", LINK_FAILED)

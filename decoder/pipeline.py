@@ -1,4 +1,4 @@
-"""A call in, its pictures out: call file or link -> pictures -> sink."""
+"""Decoding of a call into a sink: call file or link -> pictures -> video, images or stream."""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -14,7 +14,7 @@ from protocol.link.interface import MessageCallback, ignore_message
 
 Progress = Callable[[int, int | None], None]
 
-# Damaged packets that are told one by one.
+# Damaged packets that are reported one by one.
 MAX_DAMAGES_TOLD = 5
 
 
@@ -33,11 +33,11 @@ class DecodeReport:
     """What was decoded.
 
     frames: pictures shown; fps: of the source; width, height: of the pictures.
-    model_bytes, frame_bytes: payload bytes of the packets that came.
+    model_bytes, frame_bytes: payload bytes of the packets received.
     stage_ms: mean time per frame of each stage, ms.
     shown_ns: for each picture its source frame and `time.monotonic_ns` when it was complete.
-    lost_packets, late_packets: frame packets that never came, or too late.
-    held_frames: pictures that repeat an older face because the encoder had none.
+    lost_packets, late_packets: frame packets not received, or received too late.
+    frozen_frames: pictures that repeat an older face because the encoder had none.
     complete: the call was decoded to its END packet.
     """
 
@@ -62,12 +62,12 @@ def decode(
     stop: Callable[[], bool],
     on_message: MessageCallback = ignore_message,
 ) -> DecodeReport:
-    """Decode one call to its end, or until `stop`; what was decoded by then is kept.
+    """Decode one call to its end, or until `stop`; pictures decoded by then are written.
 
     progress: called with the number of pictures so far and of the whole call, if that is known.
-    on_message: takes a line that says where an encoder is waited for, over a network.
+    on_message: called with a line when the link waits for an encoder.
     Raises `UserError` if the call cannot be read, drawn or written; with exit code 4 if its encoder
-    leaves without a word.
+    leaves before it has sent a face.
     """
     if isinstance(options.output, Path):
         check_sink(options.output)
@@ -97,15 +97,15 @@ def _open_sink(output: Path | BinaryIO, pictures: CallPictures) -> FrameSink:
 
 
 def _unfinished(options: DecodeOptions, sink: FrameSink | None, stopped: bool) -> list[str]:
-    """Keep an older video that may be complete; what to say of a call whose end did not come."""
+    """Keep an older video, which may be complete; warnings about a call without its end."""
     if stopped:
-        said = ["stopped before the end of the call: decoded up to there"]
+        warnings = ["stopped before the end of the call: decoded up to there"]
     else:
-        said = ["the call has no end: decoded up to its last packet"]
-    aside = sink.mark_incomplete() if sink is not None else None
-    if aside is not None:
-        said.append(f"{options.output} is older and stays; what was decoded is in {aside}")
-    return said
+        warnings = ["the call has no end: decoded up to its last packet"]
+    path = sink.mark_incomplete() if sink is not None else None
+    if path is not None:
+        warnings.append(f"{options.output} is older and stays; what was decoded is in {path}")
+    return warnings
 
 
 def _report(pictures: CallPictures) -> DecodeReport:

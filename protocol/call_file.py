@@ -1,7 +1,7 @@
-"""Call files (.rzo): `RZO2`, then the packets of a call, each in a record of its own.
+"""Call files (.rzo): the magic `RZO2`, then a record for each packet, see `call_records`.
 
-A whole call ends with an END control packet; one without is truncated, as after a Ctrl-C, and is
-still good up to there.  See `call_records` for the records.
+A complete call ends with an END control packet.  A file without one is truncated, for example by an
+interrupted encoder; its records up to there are valid.
 """
 
 from collections.abc import Callable, Iterator
@@ -87,7 +87,7 @@ class CallWriter:
 class CallStreamWriter:
     """Writes a call to an open stream, such as standard output: a `PacketSink`.
 
-    The stream stays open.  What it refuses raises `OSError`.
+    The stream stays open.  Raises `OSError` if it cannot be written.
     """
 
     def __init__(self, stream: BinaryIO) -> None:
@@ -96,7 +96,7 @@ class CallStreamWriter:
 
     @property
     def reachability(self) -> Reachability:
-        """Whoever reads the stream."""
+        """A stream always takes the packet."""
         return Reachability.HAS_PEER
 
     def send(self, packet: bytes) -> None:
@@ -104,7 +104,7 @@ class CallStreamWriter:
         self._write(self._records.record(packet))
 
     def close(self) -> None:
-        """Nothing waits to be written."""
+        """Do nothing: each packet has been flushed."""
 
     def __enter__(self) -> Self:
         return self
@@ -145,16 +145,16 @@ class CallReader:
         return self._complete
 
     @property
-    def place(self) -> int:
-        """The byte of the file at which the next record begins."""
-        return self._records.place if self._records else 0
+    def offset(self) -> int:
+        """Offset of the next record in the file, bytes."""
+        return self._records.offset if self._records else 0
 
     @property
     def trailing_bytes(self) -> int:
         """Number of bytes of a file after the END packet, once that has been returned."""
         if not self._complete or not self._is_own:
             return 0
-        return self.file_bytes - self.place
+        return self.file_bytes - self.offset
 
     @property
     def ended(self) -> bool:
@@ -164,8 +164,8 @@ class CallReader:
     def receive(self, timeout_s: float | None = None) -> bytes | None:
         """The next packet, None at the end.
 
-        Raises `ProtocolError` if it is no call file, `DamagedRecord`, after which reading goes on
-        behind the damage, and `TruncatedCall` if the file stops inside a record.
+        Raises `ProtocolError` if it is not a call file, `DamagedRecord`, after which reading
+        continues after the damage, and `TruncatedCall` if the file ends within a record.
         """
         if self._ended:
             return None
@@ -181,7 +181,7 @@ class CallReader:
         return packet
 
     def undamaged(self, on_damage: Callable[[ProtocolError], None]) -> Iterator[bytes]:
-        """All packets that can be read; what cannot is handed to `on_damage`."""
+        """All packets that can be read; the errors of the others are passed to `on_damage`."""
         while not self._ended:
             try:
                 packet = self.receive()

@@ -80,10 +80,10 @@ def summarise(path: Path, shown_frames: int | None = None) -> CallSummary:
     """
     counter, accounting = _ByteCounter(shown_frames), BitAccounting()
     with CallReader(path) as reader:
-        begin = reader.place
+        begin = reader.offset
         for data in reader.undamaged(counter.note_damage):
-            counter.add(data, accounting, reader.place - begin)
-            begin = reader.place
+            counter.add(data, accounting, reader.offset - begin)
+            begin = reader.offset
         return counter.summary(accounting, reader)
 
 

@@ -92,8 +92,8 @@ def _outline(head: Head, side: int) -> tuple[Array, Indices]:
     skin, centre, _ = _skin(head)
     away = head.vertices[skin, :2] - centre
     along = _directions(side) @ away.T
-    beside = along > np.cos(np.deg2rad(OUTLINE_WINDOW_DEG)) * np.linalg.norm(away, axis=1)
-    reach = np.where(beside, along, -np.inf)
+    in_window = along > np.cos(np.deg2rad(OUTLINE_WINDOW_DEG)) * np.linalg.norm(away, axis=1)
+    reach = np.where(in_window, along, -np.inf)
     return np.asarray(reach.max(1)), skin[reach.argmax(1)]
 
 

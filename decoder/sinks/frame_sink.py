@@ -27,16 +27,16 @@ class FrameSink(Protocol):
         """Add one picture, (height, width, 3) uint8 BGR."""
 
     def mark_incomplete(self) -> Path | None:
-        """Say that the call goes on after these pictures: an older file of the same name stays.
+        """State that pictures are missing at the end, so that an older file keeps its name.
 
-        Returns where the pictures will be instead; None: under their own name.
+        Returns the path of the pictures then; None if it is the sink's own.
         """
 
     def close(self) -> None:
-        """Finish the files; what was written is kept."""
+        """Finish the files; pictures written before are kept."""
 
     def __enter__(self) -> Self:
-        """Itself; closed on leaving the block, whatever happened in it."""
+        """Return the sink, which is closed on leaving the block."""
 
     def __exit__(self, *exception: object) -> None:
         """Close; after an exception the pictures are incomplete."""
@@ -45,16 +45,15 @@ class FrameSink(Protocol):
 def open_sink(
     path: Path | BinaryIO, width: int, height: int, fps: Fraction, matrix: str = "bt601"
 ) -> FrameSink:
-    """The sink that `path` asks for: .mkv, .avi, .mp4, .mov, or images such as out/%04d.png.
+    """The sink for `path`: .mkv, .avi, .mp4, .mov, images such as out/%04d.png, or a stream.
 
     An open stream gets YUV4MPEG2.
-
-    matrix: of the source, see `CallParameters`.  The pictures of bt601 stand in .mkv losslessly, as
-    RGB; those of another as that matrix' Y'CbCr in 8 bits, tagged with it, so that a comparison of
-    planes, or a reader that knows no tags, treats the file as it does the source.  .avi, which has
-    no place for a tag, is always RGB.
-    Raises `UserError` if there is no such kind or it cannot be written, `ValueError` for another
-    matrix.
+    matrix: colour matrix of the source, see `CallParameters`.  Pictures of bt601 are stored in .mkv
+        losslessly, as RGB; others as 8-bit Y'CbCr of their matrix, tagged with it, so that readers
+        that ignore tags treat the file as they treat the source.  .avi, which cannot be tagged, is
+        always RGB.
+    Raises `UserError` if the kind of file is unknown or it cannot be written, `ValueError` for an
+    unknown matrix.
     """
     if not isinstance(path, Path):
         return Y4mStream(path, width, height, fps, matrix)
@@ -65,7 +64,7 @@ def open_sink(
 
 
 def check_sink(path: Path) -> None:
-    """Raise `UserError` if there is no sink that `path` could ask for, before there is a call."""
+    """Raise `UserError` if `open_sink` would refuse `path`."""
     if not path.parent.is_dir():
         raise UserError(f"cannot write {path}: there is no folder {path.parent}")
     if "%" in path.name:
@@ -76,9 +75,9 @@ def check_sink(path: Path) -> None:
 
 
 class ThreadedSink:
-    """Writes into another sink from a thread of its own, so that drawing need not wait for coding.
+    """Writes into another sink from a thread of its own, so that drawing does not wait for coding.
 
-    What goes wrong there is raised by the next `write` or by `close`.
+    The next `write` or `close` raises the errors of the other sink.
     """
 
     def __init__(self, sink: FrameSink) -> None:
@@ -89,16 +88,16 @@ class ThreadedSink:
         self._thread.start()
 
     def write(self, picture: Picture) -> None:
-        """Hand over one picture, which must not change any more; waits if many are waiting."""
+        """Queue one picture, which must not change afterwards; waits while the queue is full."""
         self._raise_error()
         self._queue.put(picture)
 
     def mark_incomplete(self) -> Path | None:
-        """See `PictureSink`."""
+        """See `FrameSink`."""
         return self._sink.mark_incomplete()
 
     def close(self) -> None:
-        """Write what is waiting and finish; closing twice does nothing more."""
+        """Write the queued pictures and finish; closing twice has no further effect."""
         if self._thread.is_alive():
             self._queue.put(None)
             self._thread.join()
@@ -130,7 +129,7 @@ class ThreadedSink:
 
 
 class ImageSequence:
-    """Writes each picture to a file of its own, numbered from 0 like the source's frames."""
+    """Writes each picture to a file of its own, numbered from 0."""
 
     def __init__(self, path: Path) -> None:
         self._pattern = path
@@ -152,11 +151,11 @@ class ImageSequence:
         self._count += 1
 
     def mark_incomplete(self) -> Path | None:
-        """See `PictureSink`: each image has replaced an older one already."""
+        """See `FrameSink`: each image has replaced an older one already."""
         return None
 
     def close(self) -> None:
-        """Nothing is open between two images."""
+        """Do nothing: no file is open between two images."""
 
     def __enter__(self) -> Self:
         return self

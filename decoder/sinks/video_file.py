@@ -31,22 +31,22 @@ CODECS: dict[str, Literal["ffv1", "mpeg4"]] = {
     ".mp4": "mpeg4",
     ".mov": "mpeg4",
 }
-# Of the codecs, as FFmpeg calls them; the quantiser of MPEG-4 goes from 1, the finest, to 31.
+# Options of FFmpeg's codecs; the quantiser of MPEG-4 ranges from 1, the finest, to 31.
 OPTIONS = {"ffv1": {}, "mpeg4": {"qmin": "1", "qmax": "1"}}
-# Pixels with colours of half the resolution.
+# Pixel format with colour differences of half the resolution.
 CHROMA_SUBSAMPLED = "yuv420p"
-# Y' from B'G'R' by BT.601 and BT.709, and its range in a file.
-LUMA = {None: (0.114, 0.587, 0.299), Colorspace.ITU709: (0.0722, 0.7152, 0.2126)}
+# Weights of B', G', R' in Y' by BT.601 and BT.709, and the range of Y' in a file.
+LUMA_WEIGHTS = {None: (0.114, 0.587, 0.299), Colorspace.ITU709: (0.0722, 0.7152, 0.2126)}
 LUMA_RANGE = 219 / 255
-# MPEG-4 counts time in no smaller parts of a second.
+# Largest numerator of a frame rate in MPEG-4.
 MPEG4_MAX_TIMEBASE = 65535
-# What files of a call with this matrix are tagged with.
+# Tag of the files of a call, by its colour matrix.
 TAGS: dict[str, Colorspace | None] = {"bt601": None, "bt709": Colorspace.ITU709}
 
 
 @dataclass(frozen=True, slots=True)
 class _PixelFormat:
-    """FFmpeg's name of a file's pixels; the matrix its Y'CbCr is made by and tagged with.
+    """FFmpeg's pixel format of a file, and the matrix of its Y'CbCr.
 
     matrix: None: RGB, or Y'CbCr by BT.601 without a tag.
     """
@@ -56,18 +56,18 @@ class _PixelFormat:
 
 
 class VideoFile:
-    """Writes a video file under a temporary name, and gives it its own once it is finished.
+    """Writes a video file under a temporary name and renames it when it is finished.
 
-    Leaving the `with` block by an exception finishes it too, so that a stopped recording plays; it
-    keeps the temporary name if there is an older file, which may be complete.
-    Nothing is left behind if nothing was written.
+    Leaving the `with` block by an exception finishes it too, so that a stopped recording can be
+    played; it keeps the temporary name if there is an older file, which may be complete.
+    Without any picture no file is left.
     """
 
     def __init__(self, path: Path, width: int, height: int, fps: Fraction, matrix: str) -> None:
         self._path, self._shape = path, (height, width, 3)
         self._part = path.with_name(f"{path.stem}.part{path.suffix}")
         self._reformatter, self._colours = VideoReformatter(), _pixel_format(path, matrix)
-        self._luma = LUMA_RANGE * np.array([LUMA[self._colours.matrix]], np.float32)
+        self._luma = LUMA_RANGE * np.array([LUMA_WEIGHTS[self._colours.matrix]], np.float32)
         self._written, self._is_open, self._replaces = 0, True, True
         with ExitStack() as undo, _as_user_error(path):
             undo.callback(self._part.unlink, missing_ok=True)
@@ -97,9 +97,9 @@ class VideoFile:
         self._written += 1
 
     def close(self) -> None:
-        """Finish the file and put it in its place; closing twice does nothing more.
+        """Finish and rename the file; closing twice has no further effect.
 
-        Raises `UserError` if the disk refuses; what it took is put in its place nevertheless.
+        Raises `UserError` if the disk refuses; the file is renamed nevertheless.
         """
         if not self._is_open:
             return
@@ -114,7 +114,7 @@ class VideoFile:
                 self._part.replace(self._path)
 
     def mark_incomplete(self) -> Path | None:
-        """See `PictureSink`."""
+        """See `FrameSink`."""
         self._replaces = not (self._is_open and self._path.exists())
         return None if self._replaces else self._part
 
@@ -127,21 +127,21 @@ class VideoFile:
         self.close()
 
     def _correct_luma(self, frame: av.VideoFrame, picture: Picture) -> None:
-        """Correct a frame's luma by what a reader would make of it.
+        """Add to a frame's luma what a reader would lose of the picture's.
 
-        FFmpeg rounds down where colours have half the resolution, by two grey levels on skin.  A
-        source's pictures went through that once, and are shown so; they shall not lose it twice.
+        FFmpeg's conversion to subsampled colours rounds down, by two grey levels on skin.  Source
+        pictures have lost that once already.
         """
         read = self._reformatter.reformat(
             frame, format="bgr24", src_colorspace=self._colours.matrix
         ).to_ndarray()
-        lacking = cv2.transform(cv2.subtract(picture, read, dtype=cv2.CV_32F), self._luma)
-        height, width = lacking.shape
+        deficit = cv2.transform(cv2.subtract(picture, read, dtype=cv2.CV_32F), self._luma)
+        height, width = deficit.shape
         plane = frame.planes[0]
         luma = np.frombuffer(memoryview(plane), np.uint8).reshape(-1, plane.line_size)[
             :height, :width
         ]
-        cv2.add(luma, lacking, luma, dtype=cv2.CV_8U)
+        cv2.add(luma, deficit, luma, dtype=cv2.CV_8U)
 
     def _add_stream(self, width: int, height: int, fps: Fraction) -> VideoStream:
         codec = CODECS[self._path.suffix.lower()]
@@ -157,13 +157,13 @@ class VideoFile:
 
 
 def _pixel_format(path: Path, matrix: str) -> _PixelFormat:
-    """How pictures of a call with this matrix stand in a file such as `path`."""
+    """The pixel format of the pictures of a call with this colour matrix in the file `path`."""
     if matrix not in TAGS:
         raise ValueError(f"matrix is {matrix!r}, expected one of {', '.join(TAGS)}")
     tag = TAGS[matrix]
     if CODECS[path.suffix.lower()] != "ffv1":
         return _PixelFormat(CHROMA_SUBSAMPLED, tag)
-    # AVI has no place for a tag.
+    # AVI cannot be tagged.
     if tag is None or path.suffix.lower() == ".avi":
         return _PixelFormat("bgr0", None)
     return _PixelFormat("yuv444p", tag)

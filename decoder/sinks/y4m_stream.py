@@ -18,7 +18,7 @@ LUMA_SPAN, COLOUR_SPAN = 219 / 255, 224 / 255
 
 
 class Y4mStream:
-    """A `PictureSink` that writes to an open stream, each picture as soon as it is there.
+    """A `FrameSink` that writes to an open stream, each picture at once.
 
     Pictures are 4:4:4 with 8 bits, of the source's colour matrix, which the format cannot state.
     The stream stays open.
@@ -41,11 +41,11 @@ class Y4mStream:
         self._write(b"FRAME\n" + planes.tobytes())
 
     def mark_incomplete(self) -> Path | None:
-        """See `PictureSink`: a stream has no older file."""
+        """See `FrameSink`: a stream has no older file."""
         return None
 
     def close(self) -> None:
-        """Nothing waits to be written."""
+        """Do nothing: each picture has been flushed."""
 
     def __enter__(self) -> Self:
         return self

@@ -17,7 +17,7 @@ from encoder.coding.background import BackgroundImage
 from encoder.coding.gop import GopStructure, gop_for_fps
 from encoder.coding.model_packet import BUDGETS
 from encoder.detection.landmark_indices import LANDMARK_COUNT
-from encoder.fitting.identity import TYPICAL_FOCAL
+from encoder.fitting.identity import TYPICAL_FOCAL_RATIO
 from encoder.fitting.landmark_fit import landmark_model
 from encoder.learning.incremental_modes import ModeLearner
 from encoder.tracking.outlier_rejection import robust_residuals
@@ -39,7 +39,9 @@ GREY = (100, 156)
 def warm_up(head: Head, capture: Capture, gop: GopStructure, rng: np.random.Generator) -> None:
     """Train a model, fit a frame and learn a mode, on pictures of noise of the source's size."""
     width, height = capture.width, capture.height
-    points = frontal_landmarks(head, Camera(width, height, TYPICAL_FOCAL * max(width, height)))
+    points = frontal_landmarks(
+        head, Camera(width, height, TYPICAL_FOCAL_RATIO * max(width, height))
+    )
     pictures = list(rng.integers(*GREY, (FRAMES, height, width, 3), np.uint8))
     budget = replace(
         BUDGETS["live"], appearance_bytes=BYTES, background_bytes=BYTES, max_modes=MODES

@@ -55,7 +55,7 @@ LOG_FOCAL_PRIOR_SIGMA = 0.15
 # Gauss-Newton iterations from the generic identity, and from an initial one.
 ITERATIONS, ITERATIONS_FROM_INITIAL = 12, 4
 # Focal length of a webcam or a portrait lens, of the picture's longer side.
-TYPICAL_FOCAL = 1.3
+TYPICAL_FOCAL_RATIO = 1.3
 
 
 def fit_identity(
@@ -102,7 +102,7 @@ def generic_identity(head: Head, size: tuple[int, int]) -> IdentityFit:
     """
     control = np.zeros((len(residual_basis(head)), 3))
     identity = identity_from_controls(head, np.zeros(len(AAUS)), control)
-    return IdentityFit(Camera(*size, TYPICAL_FOCAL * max(size)), identity, control, ())
+    return IdentityFit(Camera(*size, TYPICAL_FOCAL_RATIO * max(size)), identity, control, ())
 
 
 def _eau_prior_sigma(active: Sequence[int] | None) -> Array:
@@ -157,7 +157,7 @@ def _normal_equations(
 def _shared_prior(fitted: IdentityFit) -> tuple[Array, Array]:
     """(n,) precision and deviation from the prior's mean of log f, AAUs, controls."""
     camera, aau, control = fitted.camera, fitted.identity.aau, fitted.control_mm
-    log_focal = np.log(camera.focal_px / (TYPICAL_FOCAL * max(camera.width, camera.height)))
+    log_focal = np.log(camera.focal_px / (TYPICAL_FOCAL_RATIO * max(camera.width, camera.height)))
     sigma_mm = np.r_[RESIDUAL_SIGMA_MM, RESIDUAL_SIGMA_MM, RESIDUAL_DEPTH_SIGMA_MM]
     precision = np.concatenate(
         [

@@ -153,14 +153,14 @@ class ZenohSink(_Session):
         return False
 
     def _publisher(self, key: str, lossless: bool, kind: PacketKind) -> zenoh.Publisher:
-        sure = lossless or kind is not PacketKind.FRAME
+        reliable = lossless or kind is not PacketKind.FRAME
         return self._session.declare_publisher(
             key,
-            reliability=Reliability.RELIABLE if sure else Reliability.BEST_EFFORT,
-            congestion_control=CongestionControl.BLOCK if sure else CongestionControl.DROP,
+            reliability=Reliability.RELIABLE if reliable else Reliability.BEST_EFFORT,
+            congestion_control=CongestionControl.BLOCK if reliable else CongestionControl.DROP,
             # Express packets skip batching, which gains nothing at thirty packets a second, but
             # the flag takes two bytes a packet, and an idle link sends at once without it.
-            express=sure,
+            express=reliable,
         )
 
     def _answer(self, query: zenoh.Query) -> None:

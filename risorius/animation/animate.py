@@ -43,7 +43,7 @@ Picture = NDArray[np.uint8]
 Progress = Callable[[int, int | None], None]
 
 # Focal length of a script that names none, over the picture's longer side.
-TYPICAL_FOCAL = 1.4
+DEFAULT_FOCAL_RATIO = 1.4
 # Light from one side dims the other side by at most this share.
 SIDE_SHARE = 0.5
 
@@ -120,7 +120,7 @@ class GenericActor:
         self.head, self._script = head, script
         none = Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices))
         self._face = Face(head, none)
-        focal = script.focal_px or TYPICAL_FOCAL * max(script.width, script.height)
+        focal = script.focal_px or DEFAULT_FOCAL_RATIO * max(script.width, script.height)
         self._camera = Camera(script.width, script.height, focal)
         self._colours = painted_colours(head, script.mottle, script.seed)
         self._renderer = Renderer(script.width, script.height, head, samples=4)

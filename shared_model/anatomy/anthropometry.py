@@ -231,8 +231,8 @@ def _widened(
 ) -> Array:
     """In proportion to x up to the point `side`, then fading.
 
-    lateral: mm in depth without fading, and mm beyond `side` where it has gone.
-    vertical: mm above and below without fading, and where it has gone.  depth: likewise, mm.
+    lateral: mm in depth without falloff, and mm beyond `side` where the field is zero.
+    vertical: mm above and below without falloff, and where it is zero.  depth: mm where it is zero.
     """
     x = vertices[:, X]
     share = np.clip(x / side[X], -1, 1) * falloff(np.abs(x) - side[X], 0, lateral[1])
