@@ -1,4 +1,4 @@
-"""Probabilities that learn: both ends alike, cheaper as they learn, exact at every size."""
+"""Adaptive models: both ends agree, codes become shorter, every magnitude is exact."""
 
 import random
 
@@ -45,7 +45,7 @@ def test_a_value_beyond_the_largest_is_refused_at_both_ends() -> None:
         AdaptiveIntegers(1).code(RangeDecoder(b"\xff" * 40), 0, 0)
 
 
-def test_what_is_learned_costs_less() -> None:
+def test_an_adapted_context_costs_less() -> None:
     rng = random.Random(3)
     bits = [int(rng.random() < 0.03) for _ in range(4000)]
     coder, learning = RangeEncoder(), AdaptiveBits(1)
@@ -55,7 +55,7 @@ def test_what_is_learned_costs_less() -> None:
     assert 0.19 * 4000 < 8 * len(coder.finish()) < 0.23 * 4000
 
 
-def test_contexts_learn_apart() -> None:
+def test_contexts_adapt_independently() -> None:
     together, apart = RangeEncoder(), RangeEncoder()
     one, two = AdaptiveBits(1), AdaptiveBits(2)
     for turn in range(600):

@@ -1,4 +1,4 @@
-"""The sheets between lips and lids hang on their rims and open with them."""
+"""The sheets between lips and between eyelids follow their rims."""
 
 import numpy as np
 
@@ -15,20 +15,20 @@ from shared_model.aperture_sheets import (
 from shared_model.mesh import PARTS, generic_head, open_edges
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS
 
-HEAD, SHEETED = generic_head(), head_with_aperture_sheets()
+HEAD, WITH_SHEETS = generic_head(), head_with_aperture_sheets()
 COUNT = len(HEAD.vertices)
 
 
 def triangles_of(sheet: ApertureSheet) -> np.ndarray:
-    ours = SHEETED.parts[SHEETED.triangles[:, 0]] == PARTS.index(sheet.part)
-    return np.asarray(SHEETED.triangles[ours])
+    ours = WITH_SHEETS.parts[WITH_SHEETS.triangles[:, 0]] == PARTS.index(sheet.part)
+    return np.asarray(WITH_SHEETS.triangles[ours])
 
 
 def animated(**actuators: float) -> np.ndarray:
     eau = np.zeros(len(EAUS))
     for name, value in actuators.items():
         eau[EAU_INDEX[name]] = value
-    face = Face(SHEETED, Identity(np.zeros(len(AAUS)), np.zeros_like(SHEETED.vertices)))
+    face = Face(WITH_SHEETS, Identity(np.zeros(len(AAUS)), np.zeros_like(WITH_SHEETS.vertices)))
     return face.animate(eau)
 
 
@@ -38,27 +38,27 @@ def frontal_mm2(sheet: ApertureSheet, vertices: np.ndarray) -> float:
     return float(np.cross(b - a, c - a)[:, 2].sum() / 2)
 
 
-def test_the_head_itself_stays_as_it_is() -> None:
-    np.testing.assert_array_equal(SHEETED.vertices[:COUNT], HEAD.vertices)
-    np.testing.assert_array_equal(SHEETED.eau_up[:, :COUNT], HEAD.eau_up)
-    np.testing.assert_array_equal(SHEETED.aau[:, :COUNT], HEAD.aau)
-    assert SHEETED.landmarks == HEAD.landmarks
-    assert np.all(SHEETED.opacity[:COUNT] >= HEAD.opacity)
+def test_the_head_itself_is_unchanged() -> None:
+    np.testing.assert_array_equal(WITH_SHEETS.vertices[:COUNT], HEAD.vertices)
+    np.testing.assert_array_equal(WITH_SHEETS.eau_up[:, :COUNT], HEAD.eau_up)
+    np.testing.assert_array_equal(WITH_SHEETS.aau[:, :COUNT], HEAD.aau)
+    assert WITH_SHEETS.landmarks == HEAD.landmarks
+    assert np.all(WITH_SHEETS.opacity[:COUNT] >= HEAD.opacity)
 
 
-def test_nothing_of_the_old_mouth_and_eyes_is_drawn() -> None:
-    old = SHEETED.triangles[(SHEETED.triangles < COUNT).all(1)]
+def test_the_generic_mouth_and_eyes_are_not_drawn() -> None:
+    old = WITH_SHEETS.triangles[(WITH_SHEETS.triangles < COUNT).all(1)]
     assert np.all(HEAD.parts[old] == PARTS.index("skin"))
     for sheet in SHEETS:
         assert np.all(triangles_of(sheet) >= COUNT)
         assert len(triangles_of(sheet)) == 2 * (len(sheet.upper) - 1)
 
 
-def test_rim_weights_find_the_points_of_the_network_or_where_the_skin_ends() -> None:
+def test_rims_lie_on_points_of_the_network_or_on_the_edge_of_the_skin() -> None:
     weights = rim_weights(HEAD)
     np.testing.assert_allclose(weights.sum(1), 1, atol=1e-5)
     points = [point for sheet in SHEETS for point in (*sheet.upper, *sheet.lower)]
-    ends = open_edges(SHEETED.triangles[(SHEETED.triangles < COUNT).all(1)])
+    ends = open_edges(WITH_SHEETS.triangles[(WITH_SHEETS.triangles < COUNT).all(1)])
     for row, point in enumerate(points):
         if point in (MOUTH.upper[0], MOUTH.upper[-1]):
             assert weights[row].argmax() in ends and weights[row].max() == 1
@@ -68,7 +68,7 @@ def test_rim_weights_find_the_points_of_the_network_or_where_the_skin_ends() -> 
         np.testing.assert_allclose(weights[row] @ HEAD.vertices, expected, atol=1e-6)
 
 
-def test_the_sheet_hangs_behind_the_rims_in_every_setting_but_at_their_corners() -> None:
+def test_a_sheet_is_behind_its_rims_for_all_actuators_except_at_the_corners() -> None:
     weights = rim_weights(HEAD)
     rims = [rim for sheet in SHEETS for rim in (sheet.upper, sheet.lower)]
     depths_mm = [[0, *[BEHIND_MM] * (len(rim) - 2), 0] for rim in rims]
@@ -79,12 +79,12 @@ def test_the_sheet_hangs_behind_the_rims_in_every_setting_but_at_their_corners()
         np.testing.assert_allclose(behind, expected, atol=1e-6)
 
 
-def test_closed_lips_fold_the_sheet_to_nothing_and_an_open_jaw_spreads_it() -> None:
+def test_closed_lips_leave_the_sheet_no_area_and_an_open_jaw_extends_it() -> None:
     opened = frontal_mm2(MOUTH, animated(jaw_drop=1))
     assert opened > 400 and frontal_mm2(MOUTH, animated()) < 0.05 * opened
 
 
-def test_closed_lids_fold_the_sheet_of_their_own_eye() -> None:
+def test_closed_eyelids_leave_the_sheet_of_their_own_eye_no_area() -> None:
     left, right = EYES
     opened, closed = animated(), animated(lid_left=1)
     assert frontal_mm2(left, opened) > 150
@@ -100,21 +100,21 @@ def test_open_sheets_face_outwards() -> None:
         assert np.all(normals[np.linalg.norm(normals, axis=1) > 1, 2] > 0)
 
 
-def test_the_eyes_fill_the_holes_between_the_lids_in_the_atlas() -> None:
+def test_the_eyes_fill_the_holes_between_the_eyelids_in_the_atlas() -> None:
     for sheet in EYES:
         vertices = np.unique(triangles_of(sheet))
         low, high = (
-            SHEETED.texture_coordinates[vertices].min(0),
-            SHEETED.texture_coordinates[vertices].max(0),
+            WITH_SHEETS.texture_coordinates[vertices].min(0),
+            WITH_SHEETS.texture_coordinates[vertices].max(0),
         )
         corner = HEAD.landmarks["en_l" if sheet.part == "eye_left" else "en_r"]
         away = HEAD.texture_coordinates[corner] - (low + high) / 2
         assert np.all(np.abs(away) < (high - low)), sheet.part
 
 
-def test_the_networks_points_lie_where_they_did() -> None:
-    known = (HEAD.network_triangles >= 0) & (SHEETED.network_triangles >= 0)
+def test_the_points_of_the_network_are_unchanged() -> None:
+    known = (HEAD.network_triangles >= 0) & (WITH_SHEETS.network_triangles >= 0)
     assert known.sum() > 430
     before = HEAD.triangles[HEAD.network_triangles[known]]
-    after = SHEETED.triangles[SHEETED.network_triangles[known]]
+    after = WITH_SHEETS.triangles[WITH_SHEETS.network_triangles[known]]
     np.testing.assert_array_equal(before, after)

@@ -1,4 +1,4 @@
-"""The shape-free frame: every texel shows its own place on the head."""
+"""The shape-free frame: every texel has its own point of the head."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ SIZES = (32, 96)
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_a_texel_lies_on_the_point_of_the_head_whose_texture_it_holds(size: int) -> None:
+def test_a_texel_lies_on_the_point_of_the_head_with_its_texture_coordinates(size: int) -> None:
     head = generic_head()
     atlas = atlas_of(head, size)
     found = atlas.points(head.texture_coordinates)
@@ -47,12 +47,12 @@ def test_points_interpolate_any_value_over_the_triangles() -> None:
     np.testing.assert_allclose(atlas.points(linear)[:, 0], 2 * u - 3 * v + 1, atol=1e-6)
 
 
-def test_an_image_of_the_same_size_is_left_alone() -> None:
+def test_an_image_of_the_same_size_is_unchanged() -> None:
     image = np.random.default_rng(0).random((8, 8, 3)).astype(np.float32)
     assert resized(image, 8) is image
 
 
-def test_enlarging_keeps_what_is_plain_and_what_rises_evenly() -> None:
+def test_enlarging_preserves_constants_and_ramps() -> None:
     plain = np.full((6, 6, 2), 3.0, np.float32)
     np.testing.assert_allclose(resized(plain, 15), np.full((15, 15, 2), 3.0), atol=1e-6)
     slope = np.broadcast_to((np.arange(8, dtype=np.float32) + 0.5)[:, None, None], (8, 8, 1))

@@ -1,4 +1,4 @@
-"""The still in two: what moves with the head, and what is behind it."""
+"""The background in two layers: the person, and the scene behind."""
 
 import numpy as np
 import pytest
@@ -16,21 +16,21 @@ def room() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
     return np.asarray(np.rint(picture), np.uint8)
 
 
-def somebody() -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+def person_mask() -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
     mask = np.zeros((MASK_SIDE, MASK_SIDE), bool)
     mask[30:, 36:60] = True
     return mask
 
 
 def test_a_person_is_opaque_and_the_room_is_not() -> None:
-    still = load_background(BackgroundImage(room(), somebody()).encode(4000))
+    still = load_background(BackgroundImage(room(), person_mask()).encode(4000))
     opacity = still.moving[..., 3]
     assert (opacity[34:, 52:76] == 255).all()
     assert (opacity[:20] == 0).all() and (opacity[:, :40] == 0).all()
 
 
-def test_behind_the_person_the_room_goes_on() -> None:
-    still = load_background(BackgroundImage(room(), somebody()).encode(4000))
+def test_the_room_is_continued_behind_the_person() -> None:
+    still = load_background(BackgroundImage(room(), person_mask()).encode(4000))
     assert still.static is not None
     wall = np.linspace(60, 200, 128)[None, :, None]
     # The coder's own errors are within a few levels.
@@ -39,7 +39,7 @@ def test_behind_the_person_the_room_goes_on() -> None:
     assert still.static.min() > 40
 
 
-def test_what_is_known_stays_and_an_even_picture_stays_even() -> None:
+def test_known_pixels_and_constant_pictures_are_unchanged() -> None:
     rng = np.random.default_rng(2)
     picture = rng.integers(0, 256, (37, 50, 3), dtype=np.uint8)
     known = rng.random((37, 50)) < 0.4
@@ -49,7 +49,7 @@ def test_what_is_known_stays_and_an_even_picture_stays_even() -> None:
     assert pull_push_fill(picture, np.zeros((37, 50), bool)).shape == picture.shape
 
 
-def test_without_a_mask_nothing_shows_through() -> None:
+def test_without_a_mask_there_is_no_static_layer() -> None:
     still = load_background(BackgroundImage(room()).encode(2000))
     assert still.moving.shape == (96, 128, 3) and still.static is None
     assert load_background(b"").static is None
@@ -57,4 +57,4 @@ def test_without_a_mask_nothing_shows_through() -> None:
 
 def test_a_mask_without_a_picture_is_refused() -> None:
     with pytest.raises(ProtocolError, match="background"):
-        load_background(serialise_background(somebody(), b""))
+        load_background(serialise_background(person_mask(), b""))

@@ -63,7 +63,7 @@ def components() -> FrameTransform:
     )
 
 
-def growing() -> tuple[ModelPacket, list[bytes]]:
+def extensible_call() -> tuple[ModelPacket, list[bytes]]:
     """A model with two spare modes, and frame packets that begin to use the first of them."""
     roomy = with_reserved_modes(components(), 2)
     predictor, sent = FramePredictor(roomy.scale_codes, roomy.reserved_modes), []
@@ -157,7 +157,7 @@ def test_parts_of_the_model_add_up() -> None:
     assert (parts["background"], parts["modes"]) == (len(MODEL.background), len(b"mode"))
 
 
-def test_layers_are_counted_for_what_they_are_of() -> None:
+def test_layers_are_counted_by_item() -> None:
     packet = replace(MODEL, call=DEFAULT, profile_data=serialise_transform(components()))
     found = BitAccounting()
     found.add(replace(packet, progressive=True))
@@ -171,8 +171,8 @@ def test_layers_are_counted_for_what_they_are_of() -> None:
     assert sum(parts.values()) == sum(len(serialise(layer)) - 1 for layer in layers)
 
 
-def test_modes_learned_later_are_counted_as_modes() -> None:
-    model, _ = growing()
+def test_reserved_modes_in_layers_are_counted_as_modes() -> None:
+    model, _ = extensible_call()
     found = BitAccounting()
     found.add(model)
     before = found.model_parts
@@ -187,8 +187,8 @@ def test_modes_learned_later_are_counted_as_modes() -> None:
     assert sum(parts.values()) == sum(len(serialise(layer)) - 1 for layer in layers)
 
 
-def test_frames_are_read_whether_or_not_spare_components_are_in_use() -> None:
-    model, sent = growing()
+def test_frames_are_parsed_with_and_without_unused_components() -> None:
+    model, sent = extensible_call()
     halves = []
     found = BitAccounting()
     found.add(model)
@@ -211,7 +211,7 @@ def test_layers_alone_are_counted_and_damaged_ones_refused() -> None:
         found.add(LayerPacket(1, 0, b"\xff\xff\xff\xff"))
 
 
-def test_what_came_before_damaged_layers_is_still_counted(tmp_path: Path) -> None:
+def test_packets_before_damaged_layers_are_counted(tmp_path: Path) -> None:
     model = replace(
         MODEL, call=DEFAULT, profile_data=serialise_transform(components()), progressive=True
     )
@@ -250,7 +250,7 @@ def test_sizes_of_packets_are_stated() -> None:
     assert BitAccounting().packet_size is None
 
 
-def test_what_cannot_be_decoded_is_damaged() -> None:
+def test_packets_that_cannot_be_decoded_are_damaged() -> None:
     no_model = BitAccounting()
     no_model.add(FramePacket(0, bytes(7)))
     assert no_model.groups == {DAMAGED: 7}
@@ -261,7 +261,7 @@ def test_what_cannot_be_decoded_is_damaged() -> None:
     assert accounts([bytes(1000)]).groups == {DAMAGED: 1000}
 
 
-def test_components_that_are_none_are_a_protocol_error() -> None:
+def test_a_damaged_transform_is_a_protocol_error() -> None:
     with pytest.raises(ProtocolError, match="transform"):
         BitAccounting().add(replace(MODEL, profile_data=b"?"))
 

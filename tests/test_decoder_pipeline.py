@@ -33,10 +33,10 @@ def image(value: NDArray[np.uint8]) -> bytes:
     return cv2.imencode(".webp", value, [cv2.IMWRITE_WEBP_QUALITY, 101])[1].tobytes()
 
 
-def model(still: tuple[int, int, int] = (0, 160, 0), **changes: object) -> bytes:
+def model(background_colour: tuple[int, int, int] = (0, 160, 0), **changes: object) -> bytes:
     call = CallParameters("thesis", WIDTH, HEIGHT, *FPS, CAMERA.focal_px)
     fields: dict[str, object] = {
-        "background": image(np.full((HEIGHT, WIDTH, 3), still, dtype=np.uint8)),
+        "background": image(np.full((HEIGHT, WIDTH, 3), background_colour, dtype=np.uint8)),
         "texture": image(np.full((64, 64, 3), (30, 60, 220), dtype=np.uint8)),
         "reference_rotation": tuple(REFERENCE.rotation),
         "reference_translation_mm": tuple(REFERENCE.translation_mm),

@@ -1,4 +1,4 @@
-"""Decoded pictures arrive in the files as they were, whatever ends the recording."""
+"""Decoded pictures are unchanged in the files, whatever ends the recording."""
 
 from fractions import Fraction
 from pathlib import Path
@@ -107,7 +107,7 @@ def test_mpeg4_is_read_back_as_bright_as_the_pictures(
     assert abs(error.mean()) < 0.3 and (error**2).mean() < 1
 
 
-def test_what_needs_no_tag_or_has_no_place_for_it_stays_rgb(tmp_path: Path) -> None:
+def test_files_without_a_tag_are_rgb(tmp_path: Path) -> None:
     for name, matrix in (("a.mkv", "bt601"), ("b.avi", "bt601"), ("c.avi", "bt709")):
         (picture,) = noise(1)
         with open_sink(tmp_path / name, 64, 48, Fraction(25), matrix) as sink:
@@ -241,7 +241,7 @@ def test_background_sink_is_finished_when_interrupted(tmp_path: Path) -> None:
     assert len(read(path)[0]) == 11
 
 
-def test_background_sink_passes_errors_on_and_still_closes(tmp_path: Path) -> None:
+def test_a_threaded_sink_passes_errors_on_and_closes(tmp_path: Path) -> None:
     sink = ThreadedSink(open_sink(tmp_path / "out.mkv", 64, 48, Fraction(25)))
     sink.write(noise(1)[0])
     sink.write(noise(1, 62, 48)[0])
@@ -251,7 +251,7 @@ def test_background_sink_passes_errors_on_and_still_closes(tmp_path: Path) -> No
     assert len(read(tmp_path / "out.mkv")[0]) == 1
 
 
-def test_a_matrix_that_nobody_knows_is_refused(tmp_path: Path) -> None:
+def test_an_unknown_matrix_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="matrix is 'bt2020'"):
         open_sink(tmp_path / "a.mkv", 16, 16, Fraction(25), "bt2020")
     assert not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""The default profile's part of the model packet: exact, bounded, and a face whatever comes."""
+"""The frame transform: exact on the wire, bounded, and a valid face for any integers."""
 
 import random
 from dataclasses import replace
@@ -50,10 +50,12 @@ def sample(components: int = 5) -> FrameTransform:
     )
 
 
-def grown(spare: int, modes: tuple[bytes, ...], components: int = 5) -> FrameTransform:
-    """The sample with room for `spare` modes more, the first of which have come."""
-    roomy = with_reserved_modes(sample(components), spare)
-    return replace(roomy, modes=sample().modes + modes + (b"",) * (spare - len(modes)))
+def with_sent_reserved_modes(
+    reserved: int, modes: tuple[bytes, ...], components: int = 5
+) -> FrameTransform:
+    """The sample with `reserved` reserved modes, the first of which have been sent."""
+    extended = with_reserved_modes(sample(components), reserved)
+    return replace(extended, modes=sample().modes + modes + (b"",) * (reserved - len(modes)))
 
 
 def same(a: FrameTransform, b: FrameTransform) -> bool:
@@ -61,7 +63,7 @@ def same(a: FrameTransform, b: FrameTransform) -> bool:
 
 
 @pytest.mark.parametrize("count", [1, 5, 40])
-def test_components_survive_the_wire(count: int) -> None:
+def test_a_transform_survives_the_wire(count: int) -> None:
     components = sample(count)
     parsed = parse_transform(serialise_transform(components))
     assert same(parsed, components)
@@ -70,8 +72,8 @@ def test_components_survive_the_wire(count: int) -> None:
 
 
 @pytest.mark.parametrize("modes", [(), (b"third",), (b"third", b"fourth", b"fifth")])
-def test_spare_modes_survive_the_wire(modes: tuple[bytes, ...]) -> None:
-    components = grown(3, modes)
+def test_reserved_modes_survive_the_wire(modes: tuple[bytes, ...]) -> None:
+    components = with_sent_reserved_modes(3, modes)
     parsed = parse_transform(serialise_transform(components))
     assert (parsed.modes, parsed.reserved_modes) == (components.modes, 3)
     assert np.array_equal(parsed.matrix, components.matrix)
@@ -79,15 +81,15 @@ def test_spare_modes_survive_the_wire(modes: tuple[bytes, ...]) -> None:
     assert np.array_equal(parsed.scale_codes, components.scale_codes)
 
 
-def test_spare_modes_take_no_bytes_until_they_come() -> None:
+def test_empty_reserved_modes_take_no_bytes() -> None:
     few, many = (
         len(serialise_transform(with_reserved_modes(sample(), count))) for count in (1, 40)
     )
     assert few == many <= len(serialise_transform(sample())) + 5
 
 
-def test_components_are_as_before_without_the_spare_ones() -> None:
-    components = grown(3, (b"third", b"fourth"))
+def test_removing_reserved_modes_restores_the_transform() -> None:
+    components = with_sent_reserved_modes(3, (b"third", b"fourth"))
     assert same(without_reserved_modes(components), sample())
     kept = without_reserved_modes(components, 2)
     assert (kept.modes, kept.reserved_modes) == (components.modes[:-1], 0)
@@ -95,11 +97,11 @@ def test_components_are_as_before_without_the_spare_ones() -> None:
     assert kept.scale_codes[-2:].tolist() == [list(RESERVED_SCALE_CODES)] * 2
 
 
-def test_the_component_of_a_spare_mode_moves_nothing_but_it() -> None:
+def test_the_component_of_a_reserved_mode_moves_it_alone() -> None:
     coded = np.zeros(5 + 3, np.int64)
-    before = face_from_coefficients(grown(3, ()), coded, REFERENCE)
+    before = face_from_coefficients(with_sent_reserved_modes(3, ()), coded, REFERENCE)
     coded[6] = 2 * STEPS_PER_UNIT
-    after = face_from_coefficients(grown(3, ()), coded, REFERENCE)
+    after = face_from_coefficients(with_sent_reserved_modes(3, ()), coded, REFERENCE)
     change = vector_from_face(after, REFERENCE) - vector_from_face(before, REFERENCE)
     expected = np.zeros(D + 3)
     expected[D + 1] = 2 * units_from_codes(np.array([RESERVED_UNIT_CODE]))[0]
@@ -160,7 +162,7 @@ def test_components_out_of_bounds_are_refused(changes: dict[str, object], messag
 @pytest.mark.parametrize(
     "data", [b"", b"\xc0", b"\x90", b"\x80", msgpack.packb({"m": 1}), msgpack.packb([1, 2])]
 )
-def test_what_is_no_map_of_components_is_refused(data: bytes) -> None:
+def test_a_damaged_map_of_fields_is_refused(data: bytes) -> None:
     with pytest.raises(ProtocolError):
         parse_transform(data)
 
@@ -180,14 +182,14 @@ def test_modes_must_be_byte_strings(modes: object) -> None:
         *((), (0,), (0, 1, 2), 5, None),
     ],
 )
-def test_counts_of_spare_modes_that_cannot_be_are_refused(counts: object) -> None:
+def test_impossible_counts_of_reserved_modes_are_refused(counts: object) -> None:
     fields = msgpack.unpackb(serialise_transform(sample()), use_list=False)
     with pytest.raises(ProtocolError):
         parse_transform(msgpack.packb(fields | {"s": counts}))
 
 
 @pytest.mark.no_cover
-@pytest.mark.parametrize("components", [sample(2), grown(3, (b"third",), 2)])
+@pytest.mark.parametrize("components", [sample(2), with_sent_reserved_modes(3, (b"third",), 2)])
 def test_every_truncation_and_bit_flip_is_components_or_a_protocol_error(
     components: FrameTransform,
 ) -> None:
@@ -206,7 +208,10 @@ def test_fuzz_of_mutated_components() -> None:
     seed = 511
     print(f"seed {seed}")
     rng = random.Random(seed)
-    bases = [serialise_transform(base) for base in (sample(3), grown(2, (b"third",), 3))]
+    bases = [
+        serialise_transform(base)
+        for base in (sample(3), with_sent_reserved_modes(2, (b"third",), 3))
+    ]
     for _ in range(1500):
         data = bytearray(rng.choice(bases))
         for _ in range(rng.randint(1, 3)):

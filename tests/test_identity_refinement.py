@@ -1,4 +1,4 @@
-"""Identity refiner: frames at several angles determine depth that the first frame does not."""
+"""Identity refinement: frames at several angles determine depth that the first frame does not."""
 
 from dataclasses import replace
 
@@ -82,7 +82,7 @@ def film() -> list[tuple[Picture, FaceParameters]]:
     return shots
 
 
-def own_texture(film: list[tuple[Picture, FaceParameters]], person: IdentityFit) -> PersonTexture:
+def texture_of(film: list[tuple[Picture, FaceParameters]], person: IdentityFit) -> PersonTexture:
     face, (grey, start) = Face(HEAD, person.identity), film[0]
     return PersonTexture(HEAD, face, person.camera, grey, start, 56)
 
@@ -106,7 +106,7 @@ def test_turned_heads_determine_the_length_of_the_nose(
     film: list[tuple[Picture, FaceParameters]], nose_mm: float
 ) -> None:
     person = guessed(nose_mm)
-    texture = own_texture(film, person)
+    texture = texture_of(film, person)
     first, views = texture.observe(*film[0]), kept_views(film, texture)
     bundle = PhotometricBundleAdjustment(HEAD, person, first.target, ACTIVE)
     better = validated_adjustment(bundle, person, first, views)
@@ -117,7 +117,7 @@ def test_turned_heads_determine_the_length_of_the_nose(
 
 def test_a_correct_identity_is_kept(film: list[tuple[Picture, FaceParameters]]) -> None:
     person = guessed(0.0)
-    texture = own_texture(film, person)
+    texture = texture_of(film, person)
     first, views = texture.observe(*film[0]), kept_views(film, texture)
     bundle = PhotometricBundleAdjustment(HEAD, person, first.target, ACTIVE)
     better = validated_adjustment(bundle, person, first, views) or person
@@ -132,13 +132,13 @@ def test_bundle_adjustment_needs_the_first_frames_information(
     film: list[tuple[Picture, FaceParameters]],
 ) -> None:
     person = replace(guessed(0.0), information=None)
-    first = own_texture(film, person).observe(*film[0])
+    first = texture_of(film, person).observe(*film[0])
     with pytest.raises(ValueError, match="information"):
         PhotometricBundleAdjustment(HEAD, person, first.target, ACTIVE)
 
 
 def test_the_most_diverse_keyframes_are_kept(film: list[tuple[Picture, FaceParameters]]) -> None:
-    texture = own_texture(film, guessed(0.0))
+    texture = texture_of(film, guessed(0.0))
     view = texture.observe(*film[0])
     keyframes, face = KeyframeSet(), film[0][1]
     random = default_rng(1)
@@ -160,7 +160,7 @@ def test_a_result_comes_once_at_a_fixed_frame_and_keyframes_are_added_after_its_
     film: list[tuple[Picture, FaceParameters]],
 ) -> None:
     person = guessed(6.0)
-    texture = own_texture(film, person)
+    texture = texture_of(film, person)
     refiner = IdentityRefiner(HEAD, person, texture, texture.observe(*film[0]), ACTIVE)
     elapsed_s, came = 0.25, []
     for number in range(round(SCHEDULE_S[0] / elapsed_s) + 12):

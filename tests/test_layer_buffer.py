@@ -1,4 +1,4 @@
-"""Layers of a model: every prefix of them is a model, whatever comes in whatever order."""
+"""The layer buffer: every prefix of a stream makes a model, in any order of arrival."""
 
 import random
 from dataclasses import replace
@@ -31,14 +31,14 @@ from protocol.packets import LayerPacket, parse_packet, serialise
 from protocol.progressive_model import MAX_ITEMS, LayerBuffer, is_same_model, stream_item
 
 
-def test_a_growing_model_takes_no_pictures_from_layers() -> None:
+def test_an_extensible_model_takes_no_pictures_from_layers() -> None:
     for pictures in ((b"junk", b""), (b"", b"junk")):
         stream = b"".join(map(stream_item, (*pictures, LEARNED[0])))
         with pytest.raises(ProtocolError, match="its own"):
             received([LayerPacket(3, 0, stream)], WHOLE)
 
 
-def test_a_background_that_comes_late_is_of_the_same_model() -> None:
+def test_a_model_that_gets_its_background_late_is_the_same_model() -> None:
     bare = replace(WHOLE, background=b"")
     assert is_same_model(bare, WHOLE) and is_same_model(WHOLE, bare)
     assert not is_same_model(WHOLE, replace(WHOLE, background=b"another"))
@@ -52,7 +52,7 @@ def received(packets: list[LayerPacket], model: ModelPacket = FIRST) -> ModelPac
 
 
 @given(st.lists(st.integers(0, 1000), max_size=12))
-def test_every_prefix_is_a_model_with_what_came_whole(cuts: list[int]) -> None:
+def test_every_prefix_makes_a_model_with_its_complete_items(cuts: list[int]) -> None:
     packets, ends = pieces(STREAM, cuts), np.cumsum([len(stream_item(data)) for data in ITEMS])
     for count in range(len(packets) + 1):
         length = sum(len(packet.data) for packet in packets[:count])
@@ -77,18 +77,18 @@ def test_a_gap_waits_for_its_piece() -> None:
     assert received([packets[0], *packets[2:]]) is FIRST
 
 
-def test_an_empty_picture_leaves_the_rough_one() -> None:
+def test_an_empty_picture_leaves_that_of_the_model_packet() -> None:
     stream = b"".join(map(stream_item, (b"", b"", *ITEMS[2:])))
     model = received(pieces(stream, []))
     assert (model.texture, model.background) == (FIRST.texture, FIRST.background)
     assert parse_transform(model.profile_data).modes == ITEMS[2:]
 
 
-def test_layers_of_another_model_are_none_of_this_one() -> None:
+def test_layers_of_another_version_are_ignored() -> None:
     assert received([LayerPacket(2, 0, STREAM)]) is FIRST
 
 
-def test_parts_add_up_to_what_came() -> None:
+def test_bytes_by_item_add_up_to_the_bytes_received() -> None:
     layers = LayerBuffer()
     assert layers.bytes_by_item(3) == {}
     for packet in pieces(STREAM, [50]):
@@ -112,28 +112,28 @@ def test_parts_add_up_to_what_came() -> None:
         (bytes(MAX_ITEMS + 1), f"more than {MAX_ITEMS} items"),
     ],
 )
-def test_a_stream_that_is_none_is_named(stream: bytes, message: str) -> None:
+def test_a_damaged_stream_is_refused_with_the_reason(stream: bytes, message: str) -> None:
     with pytest.raises(ProtocolError, match=message):
         received([LayerPacket(3, 0, stream)])
 
 
-def test_modes_that_no_model_has_room_for_are_refused() -> None:
+def test_items_beyond_the_limits_of_a_model_are_refused() -> None:
     stream = b"".join(map(stream_item, (b"", b"", *[bytes(MAX_PROFILE_DATA_BYTES // 2)] * 2)))
     with pytest.raises(ProtocolError, match="profile data has"):
         received(pieces(stream, list(range(0, len(stream), MAX_LAYER_BYTES))))
 
 
-def test_a_length_that_is_cut_off_waits() -> None:
+def test_an_incomplete_length_waits() -> None:
     assert received([LayerPacket(3, 0, stream_item(ITEMS[0]) + b"\x80")]) == expected(1)
 
 
-def test_a_model_that_is_whole_takes_no_layers() -> None:
+def test_a_complete_model_takes_no_layers() -> None:
     with pytest.raises(ProtocolError, match="no layers"):
         received([LayerPacket(3, 0, STREAM)], replace(FIRST, progressive=False))
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_modes_learned_later_come_after_those_that_came_whole(count: int) -> None:
+def test_reserved_modes_follow_those_of_the_model_packet(count: int) -> None:
     model = received(learned_layers(*LEARNED)[:count], WHOLE)
     assert parse_transform(model.profile_data).modes == (
         *KNOWN,
@@ -144,7 +144,7 @@ def test_modes_learned_later_come_after_those_that_came_whole(count: int) -> Non
     assert replace(model, profile_data=WHOLE.profile_data) == WHOLE
 
 
-def test_refining_again_changes_nothing_and_what_comes_later_goes_on() -> None:
+def test_applying_layers_again_changes_nothing_and_later_layers_continue() -> None:
     layers, (first, second) = LayerBuffer(), learned_layers(*LEARNED)
     layers.add(first)
     model = layers.apply(WHOLE)
@@ -153,7 +153,7 @@ def test_refining_again_changes_nothing_and_what_comes_later_goes_on() -> None:
     assert layers.apply(model) == layers.apply(WHOLE) == received([first, second], WHOLE)
 
 
-def test_a_layered_models_spare_modes_come_after_all_others() -> None:
+def test_reserved_modes_of_a_progressive_model_follow_all_others() -> None:
     blank = replace(FIRST, profile_data=transform_data((b"",) * len(KNOWN), 3))
     model = received(
         [LayerPacket(3, 0, b"".join(map(stream_item, (b"", b"", *KNOWN, *LEARNED))))], blank
@@ -162,18 +162,18 @@ def test_a_layered_models_spare_modes_come_after_all_others() -> None:
 
 
 @pytest.mark.parametrize("modes", [(*LEARNED, b"third", b"fourth"), (*LEARNED, b"")])
-def test_modes_that_there_is_no_room_for_are_refused(modes: tuple[bytes, ...]) -> None:
+def test_modes_beyond_the_capacity_are_refused(modes: tuple[bytes, ...]) -> None:
     with pytest.raises(ProtocolError, match="modes in layers, expected 3"):
         received(learned_layers(*modes), WHOLE)
 
 
 @pytest.mark.parametrize("extension", [transform_data(KNOWN), b""])
-def test_a_whole_model_without_spare_modes_takes_none(extension: bytes) -> None:
+def test_a_model_without_reserved_modes_takes_none(extension: bytes) -> None:
     with pytest.raises(ProtocolError, match="no layers"):
         received(learned_layers(*LEARNED), replace(WHOLE, profile_data=extension))
 
 
-def test_what_is_kept_is_bounded_and_what_is_forgotten_makes_room() -> None:
+def test_the_buffer_is_bounded_and_dropping_versions_frees_it() -> None:
     layers = LayerBuffer(limit_bytes=1000)
     layers.add(LayerPacket(1, 0, bytes(400)))
     layers.add(LayerPacket(2, 7, bytes(400)))
@@ -191,7 +191,7 @@ def test_small_packets_count_for_more_than_their_bytes() -> None:
             layers.add(LayerPacket(1, number, b"x"))
 
 
-def test_the_same_model_is_known_by_all_but_its_layers() -> None:
+def test_the_same_model_is_recognised_without_its_layers() -> None:
     whole = expected(len(ITEMS))
     assert is_same_model(FIRST, whole) and is_same_model(whole, FIRST)
     assert not is_same_model(FIRST, replace(whole, version=2))

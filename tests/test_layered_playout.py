@@ -1,4 +1,4 @@
-"""Layers come between frames, before their model, or damaged: frames are decoded all the same."""
+"""Play-out with layers between frames, before their model, or damaged."""
 
 from dataclasses import replace
 
@@ -42,7 +42,7 @@ def play(playout: Playout, packets: list[bytes]) -> list[tuple[PlayoutFrame, Mod
     return found
 
 
-def test_frames_flow_on_through_layers() -> None:
+def test_frames_are_decoded_between_layers() -> None:
     sent, layers = frames(6), list(map(serialise, LAYERS))
     mixed = [serialise(BASE), *sent[:2], *layers[:2], *sent[2:4], *layers[2:], *sent[4:]]
     played, plain = play(Playout(), mixed), play(Playout(), [serialise(BASE), *sent])
@@ -57,7 +57,7 @@ def test_frames_flow_on_through_layers() -> None:
     assert len({model.profile_data for model in models}) > 1
 
 
-def test_layers_that_come_before_their_model_are_kept() -> None:
+def test_layers_before_their_model_are_buffered() -> None:
     playout = Playout()
     assert play(playout, [*map(serialise, LAYERS), serialise(FIRST)]) == []
     assert playout.model == expected(len(ITEMS))
@@ -86,7 +86,7 @@ def following() -> ModelPacket:
     )
 
 
-def test_under_an_update_nobody_has_coefficients_of_the_modes_before() -> None:
+def test_after_an_update_no_frame_has_coefficients_of_the_modes_before() -> None:
     """Neither a face held while it is lost, nor one between the last sample and the next."""
     update = following()
     lost = serialise(ControlPacket(0, ControlKind.FACE_LOST, 1 + PACKED))
@@ -114,9 +114,7 @@ def test_an_update_without_a_background_keeps_the_one_before_it() -> None:
     assert [model for _, model in play(Playout(), sent)][-1] == own
 
 
-def test_who_joined_at_an_update_without_a_background_learns_it_from_a_model_that_comes_later() -> (
-    None
-):
+def test_a_late_joiner_takes_a_missing_background_from_a_later_model_packet() -> None:
     update = replace(
         BASE, version=BASE.version + 1, version_count=BASE.version_count + 1, background=b""
     )
@@ -127,7 +125,7 @@ def test_who_joined_at_an_update_without_a_background_learns_it_from_a_model_tha
         assert shown[-1] == replace(update, background=BASE.background)
 
 
-def test_modes_learned_in_a_call_count_from_the_next_frame_on() -> None:
+def test_reserved_modes_take_effect_from_the_next_frame_on() -> None:
     model = replace(WHOLE, call=BASE.call, sequence=0)
     sent, playout = frames(3, model=model), Playout()
     first, second = map(serialise, learned_layers(*LEARNED))
@@ -138,7 +136,7 @@ def test_modes_learned_in_a_call_count_from_the_next_frame_on() -> None:
     assert all(len(frame.face.modes) == 5 for frame, _ in shown)
 
 
-def test_a_damaged_layer_harms_nothing() -> None:
+def test_a_damaged_layer_affects_no_frame() -> None:
     playout, sent = Playout(), frames(3)
     play(playout, [serialise(BASE), *sent[:2]])
     with pytest.raises(ProtocolError, match="bad number"):
@@ -150,7 +148,7 @@ def test_a_damaged_layer_harms_nothing() -> None:
 
 
 @pytest.mark.parametrize("late", [False, True])
-def test_an_update_holds_even_if_layers_ahead_of_it_were_damaged(late: bool) -> None:
+def test_an_update_is_activated_even_if_its_layers_are_damaged(late: bool) -> None:
     update = following()
     layer = serialise(LayerPacket(update.version, 0, b"\xff\xff\xff\xff"))
     playout = Playout()
@@ -163,7 +161,7 @@ def test_an_update_holds_even_if_layers_ahead_of_it_were_damaged(late: bool) -> 
     assert [model for _, model in shown] == [update] * (1 + 2 * PACKED)
 
 
-def test_a_model_is_drawn_even_if_its_early_layers_were_damaged() -> None:
+def test_a_model_is_drawn_even_if_its_first_layers_are_damaged() -> None:
     playout = Playout()
     play(playout, [serialise(LayerPacket(BASE.version, 0, b"\xff\xff\xff\xff"))])
     with pytest.raises(ProtocolError):

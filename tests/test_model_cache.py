@@ -1,4 +1,4 @@
-"""What is kept for who joins late is of the models in use and to come."""
+"""The cache for late joiners has the models in use and to come."""
 
 from dataclasses import replace
 
@@ -32,45 +32,45 @@ def frame(number: int) -> bytes:
     )
 
 
-def kept(packets: list[bytes]) -> tuple[bytes, ...]:
+def cached(packets: list[bytes]) -> tuple[bytes, ...]:
     found = ModelCache()
     for packet in packets:
         found.on_sent(packet)
     return found.packets
 
 
-def test_the_first_model_is_kept_with_its_layers() -> None:
+def test_the_first_model_is_cached_with_its_layers() -> None:
     control = serialise(ControlPacket(0, ControlKind.FACE_LOST, 3))
     sent = [model(0, 0), frame(0), layer(0, 0), control, frame(1), layer(0, 1)]
-    assert kept([*sent, *map(frame, range(2, 70))]) == (sent[0], sent[2], sent[5])
+    assert cached([*sent, *map(frame, range(2, 70))]) == (sent[0], sent[2], sent[5])
 
 
-def test_an_update_is_kept_beside_the_model_in_use_until_it_is_in_use() -> None:
+def test_an_update_is_cached_with_the_model_in_use_until_it_is_activated() -> None:
     first, early, update, late = model(0, 0), layer(1, 0), model(1, 4), layer(1, 1)
     sent = [first, frame(0), early, update, frame(1), late, frame(2), frame(3)]
-    assert kept(sent) == (first, early, update, late)
-    assert kept([*sent, frame(4)]) == (early, update, late)
-    assert kept([*sent, *map(frame, range(4, 140))]) == (early, update, late)
+    assert cached(sent) == (first, early, update, late)
+    assert cached([*sent, frame(4)]) == (early, update, late)
+    assert cached([*sent, *map(frame, range(4, 140))]) == (early, update, late)
 
 
 def test_an_update_without_a_background_gets_the_one_before_once_it_is_in_use() -> None:
     bare, grown = model(1, 2, b""), layer(1, 0)
     sent = [model(0, 0, b"still"), frame(0), bare, grown, frame(1)]
-    assert bare in kept(sent)
+    assert bare in cached(sent)
     sent += [frame(2), model(2, 4, b"")]
-    assert kept(sent) == (model(1, 2, b"still"), grown, model(2, 4, b""))
-    assert kept([*sent, frame(3), frame(4)]) == (model(2, 4, b"still"),)
+    assert cached(sent) == (model(1, 2, b"still"), grown, model(2, 4, b""))
+    assert cached([*sent, frame(3), frame(4)]) == (model(2, 4, b"still"),)
     newer = [*sent, frame(3), frame(4), model(3, 6, b"newer"), *map(frame, (5, 6))]
-    assert kept(newer) == (model(3, 6, b"newer"),)
-    assert kept([*newer, model(4, 8, b""), frame(7), frame(8)]) == (model(4, 8, b"newer"),)
+    assert cached(newer) == (model(3, 6, b"newer"),)
+    assert cached([*newer, model(4, 8, b""), frame(7), frame(8)]) == (model(4, 8, b"newer"),)
 
 
-def test_who_joins_after_updates_draws_every_frame_by_the_newest() -> None:
+def test_a_late_joiner_decodes_every_frame_by_the_newest_model() -> None:
     sent = [model(0, 0), *map(frame, range(8)), model(1, 10), *map(frame, range(8, 72))]
     sent += [model(2, 75 % 64), *map(frame, range(72, 100))]
     arrivals, playout, shown = ReceiveQueue(), Playout(), set[int]()
     # Frames come while the reply with the models is under way.
-    for packet in (frame(100), frame(101), *kept(sent), frame(102)):
+    for packet in (frame(100), frame(101), *cached(sent), frame(102)):
         arrivals.put(packet)
     while (data := arrivals.take(0)) is not None:
         for _ in playout.receive(data):

@@ -162,7 +162,7 @@ def test_a_step_out_of_bounds_is_named(step: int, message: str) -> None:
         parse_packet(model_of_fields({"k": step}, GOLDEN["model_step"]))
 
 
-def test_layered_is_yes_or_no() -> None:
+def test_progressive_is_a_boolean() -> None:
     with pytest.raises(ProtocolError, match="progressive"):
         parse_packet(model_of_fields({"y": 1}, GOLDEN["model_step"]))
     # What the older version can say is said in it.
@@ -170,7 +170,7 @@ def test_layered_is_yes_or_no() -> None:
         parse_packet(model_of_fields({"y": False}, GOLDEN["model_progressive"]))
 
 
-def test_growing_is_yes_or_no() -> None:
+def test_extensible_is_a_boolean() -> None:
     with pytest.raises(ProtocolError, match="extensible"):
         parse_packet(model_of_fields({"g": 1}, GOLDEN["model_extensible"]))
     with pytest.raises(ProtocolError, match="one encoding"):

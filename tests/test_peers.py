@@ -1,4 +1,4 @@
-"""Who listens to a call: news of it is said once, and only where it is some."""
+"""Presence of decoders: each change is announced once."""
 
 import threading
 
@@ -32,7 +32,7 @@ def test_the_last_that_goes_and_the_first_that_is_back_are_said_once() -> None:
     assert said[2:] == ["nobody listens any more; sending on"]
 
 
-def test_nobody_is_missed_who_never_came() -> None:
+def test_no_departure_is_announced_before_the_first_arrival() -> None:
     said: list[str] = []
     audience = PeerMonitor(said.append)
     assert not audience.poll()
@@ -43,7 +43,7 @@ def test_nobody_is_missed_who_never_came() -> None:
     assert said == []
 
 
-def test_who_is_told_of_twice_is_there_once() -> None:
+def test_a_peer_reported_twice_counts_once() -> None:
     audience = PeerMonitor(lambda line: None)
     audience.on_join("one")
     audience.on_join("one")
@@ -52,7 +52,7 @@ def test_who_is_told_of_twice_is_there_once() -> None:
     assert not audience.poll()
 
 
-def test_waiting_ends_with_who_comes_or_with_the_time() -> None:
+def test_waiting_ends_with_an_arrival_or_with_the_timeout() -> None:
     audience = PeerMonitor(lambda line: None)
     assert not audience.wait(0)
     thread = threading.Thread(target=audience.on_join, args=("one",))

@@ -19,7 +19,7 @@ def studio() -> Studio:
     return Studio()
 
 
-def own_texture(studio: Studio) -> PersonTexture:
+def texture_of(studio: Studio) -> PersonTexture:
     return PersonTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96)
 
 
@@ -32,7 +32,7 @@ def moved_face() -> FaceParameters:
 @pytest.mark.parametrize("light", [1.0, 0.75, 1.2])
 def test_a_known_motion_is_recovered_under_any_light(studio: Studio, light: float) -> None:
     truth = moved_face()
-    found = fitted(own_texture(studio), studio.draw(truth, light), REST, [JAW], 12)
+    found = fitted(texture_of(studio), studio.draw(truth, light), REST, [JAW], 12)
     assert found.correlation > 0.9
     assert angle_error_deg(found.face, truth) < 0.7
     assert found.face.eau[JAW] == pytest.approx(0.3, abs=0.06)
@@ -46,7 +46,7 @@ def test_a_shadow_over_half_the_face_misleads_luma_but_not_retinex(
     away_px = side * (np.arange(CAMERA.width) - CAMERA.width / 2)
     gain = 0.35 + 0.65 / (1 + np.exp(-np.clip(away_px / 8, -30, 30)))
     picture = np.asarray(np.rint(studio.draw(truth) * gain[None, :, None]), np.uint8)
-    by_luma = own_texture(studio)
+    by_luma = texture_of(studio)
     by_retinex = PersonTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96, FitOptions(retinex))
     off = [
         angle_error_deg(fitted(texture, picture, REST, [JAW], 12).face, truth)
@@ -58,12 +58,12 @@ def test_a_shadow_over_half_the_face_misleads_luma_but_not_retinex(
 def test_inactive_actuators_keep_their_values(studio: Studio) -> None:
     brow = EAU_INDEX["eyebrow_inner"]
     start = replace(REST, eau=np.where(np.arange(len(EAUS)) == brow, 0.2, 0.0))
-    found = fitted(own_texture(studio), studio.draw(moved_face()), start, [JAW], 6)
+    found = fitted(texture_of(studio), studio.draw(moved_face()), start, [JAW], 6)
     assert found.face.eau[brow] == 0.2
 
 
 def test_the_residual_sigma_is_the_noise_of_the_picture(studio: Studio) -> None:
-    clear, texture = studio.draw(REST), own_texture(studio)
+    clear, texture = studio.draw(REST), texture_of(studio)
     grain = np.random.default_rng(4).normal(0, 25, clear.shape[:2])[..., None]
     noisy = np.clip(np.rint(clear + grain), 0, 255).astype(np.uint8)
     found = [fitted(texture, picture, REST, [], 2) for picture in (clear, noisy)]
@@ -75,7 +75,7 @@ def test_the_residual_sigma_is_the_noise_of_the_picture(studio: Studio) -> None:
 def test_the_initial_face_has_less_weight_in_clear_pictures(studio: Studio) -> None:
     """With low noise, an actuator is fitted nearly without bias to its initial value."""
     truth = replace(REST, eau=np.where(np.arange(len(EAUS)) == BROW, 0.5, 0.0))
-    texture, picture = own_texture(studio), studio.draw(truth)
+    texture, picture = texture_of(studio), studio.draw(truth)
 
     def off() -> float:
         return float(abs(fitted(texture, picture, REST, [BROW], 12).face.eau[BROW] - 0.5))
@@ -93,7 +93,7 @@ def test_corners_on_the_wrong_side_of_rest_are_fitted_from_the_opposite_start(
     index = EAU_INDEX["mouth_corners"]
     truth = replace(REST, eau=np.where(np.arange(len(EAUS)) == index, corners, 0.0))
     held = replace(REST, eau=-0.1 * truth.eau)
-    texture, picture = own_texture(studio), studio.draw(truth)
+    texture, picture = texture_of(studio), studio.draw(truth)
     # An actuator that may not move is what a fit that halts is.
     halted = fitted(texture, picture, held, [], 6)
     freed = fitted(texture, picture, opposite_start(held), [index], 6)
@@ -104,18 +104,18 @@ def test_corners_on_the_wrong_side_of_rest_are_fitted_from_the_opposite_start(
 def test_a_wall_has_no_correlation_with_the_face(studio: Studio) -> None:
     random = np.random.default_rng(4)
     wall = random.integers(0, 256, (CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
-    assert fitted(own_texture(studio), wall, REST, [JAW], 4).correlation < 0.4
+    assert fitted(texture_of(studio), wall, REST, [JAW], 4).correlation < 0.4
 
 
 def test_a_face_outside_the_picture_has_no_correlation_and_raises_nothing(studio: Studio) -> None:
     away = replace(REST, pose=replace(REST.pose, translation_mm=np.array([4000.0, 0, 520])))
-    found = fitted(own_texture(studio), studio.draw(REST), away, [JAW], 4)
+    found = fitted(texture_of(studio), studio.draw(REST), away, [JAW], 4)
     assert np.isfinite(found.face.pose.translation_mm).all()
     assert found.correlation < 0.4
 
 
 def test_texels_hidden_in_the_first_frame_are_filled_as_the_head_turns(studio: Studio) -> None:
-    texture = own_texture(studio)
+    texture = texture_of(studio)
     turned = replace(REST, pose=pose_from_euler(0, 32, 0, PLACE))
     picture = studio.draw(turned, 0.9)
     before = texture.observed_texel_count

@@ -1,4 +1,4 @@
-"""Pictures of the model packet: colours, sizes, modes in a series, bad bytes."""
+"""The picture codec: colours, sizes, sequences of modes, damaged bytes."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def painting(height: int, width: int) -> Single:
     return np.asarray(np.clip(picture, 0, 255), np.float32)
 
 
-def encode_still(
+def encode_intra(
     colours: Single, step: int, weight_map: bytes = b"", kind: int = BACKGROUND
 ) -> tuple[bytes, Single]:
     """The bytes of a picture (h, w, 3), and what they decode to."""
@@ -44,9 +44,9 @@ def encode_still(
     return draft.serialise(), draft.decoded
 
 
-def coded(series: ModeCodec, mode: Single, step: int) -> tuple[bytes, Single]:
-    """A mode as the next of a series: its bytes, and what they decode to."""
-    draft = encode_mode(series, mode, step)
+def coded(codec: ModeCodec, mode: Single, step: int) -> tuple[bytes, Single]:
+    """A mode as the next of a codec: its bytes, and what they decode to."""
+    draft = encode_mode(codec, mode, step)
     data = draft.serialise()
     assert len(data) <= draft.size_bytes <= len(data) + 3
     return data, draft.decoded
@@ -69,9 +69,9 @@ def test_steps_double_every_octave() -> None:
 
 
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (2, 5), (33, 64), (97, 41), (160, 200)])
-def test_a_still_decodes_to_what_its_encoder_says(height: int, width: int) -> None:
+def test_a_picture_decodes_to_what_its_encoder_says(height: int, width: int) -> None:
     picture = painting(height, width)
-    data, stated = encode_still(picture, 8)
+    data, stated = encode_intra(picture, 8)
     head = parse_picture_header("still", data)
     assert (head.width, head.height, head.weight_map) == (width, height, b"")
     decoded = decode_picture("still", data)
@@ -80,15 +80,15 @@ def test_a_still_decodes_to_what_its_encoder_says(height: int, width: int) -> No
 
 
 @pytest.mark.parametrize("kind", [BACKGROUND, TEXTURE])
-def test_a_texture_is_told_from_another_still(kind: int) -> None:
-    data, stated = encode_still(painting(64, 64), 16, kind=kind)
+def test_textures_and_backgrounds_have_different_kinds(kind: int) -> None:
+    data, stated = encode_intra(painting(64, 64), 16, kind=kind)
     assert parse_picture_header("still", data).kind == kind
     assert np.array_equal(decode_picture("still", data), stated)
 
 
-def test_coarser_stills_are_smaller_and_worse() -> None:
+def test_coarser_pictures_are_smaller_and_worse() -> None:
     picture = painting(96, 96)
-    found = [encode_still(picture, step) for step in (0, 16, 32, 48, MAX_STEP_CODE)]
+    found = [encode_intra(picture, step) for step in (0, 16, 32, 48, MAX_STEP_CODE)]
     sizes = [len(data) for data, _ in found]
     errors = [error(decoded, picture) for _, decoded in found]
     assert sizes == sorted(sizes, reverse=True) and errors == sorted(errors)
@@ -121,7 +121,7 @@ def test_modes_decode_in_their_order() -> None:
         (b"S\x08\x08\xc8" + bytes(300), "weight map"),
     ],
 )
-def test_what_is_no_still_is_refused(data: bytes, message: str) -> None:
+def test_a_damaged_picture_is_refused(data: bytes, message: str) -> None:
     with pytest.raises(ProtocolError, match=message):
         decode_picture("still", data)
 
@@ -130,27 +130,27 @@ def test_a_harsh_picture_at_the_finest_step_is_coded() -> None:
     rng = np.random.default_rng(6)
     squares = rng.integers(0, 2, (4, 4, 3)) * 255.0
     picture = np.kron(squares, np.ones((32, 32, 1))).astype(np.float32)
-    data, stated = encode_still(picture, 0)
+    data, stated = encode_intra(picture, 0)
     assert np.array_equal(decode_picture("still", data), stated)
     assert error(stated, picture) < 2
 
 
-def test_a_mode_is_cheaper_after_others_that_are_busy_in_the_same_places() -> None:
+def test_a_mode_is_cheaper_after_others_with_energy_in_the_same_positions() -> None:
     rng = np.random.default_rng(8)
-    series, sizes, alone = ModeCodec(64), [], []
+    codec, sizes, alone = ModeCodec(64), [], []
     for _ in range(3):
         mode = np.zeros((64, 64, 3), np.float32)
         mode[20:34, 8:56] = rng.normal(size=(14, 48, 3)) * 30
-        sizes.append(len(coded(series, mode, 28)[0]))
+        sizes.append(len(coded(codec, mode, 28)[0]))
         alone.append(len(coded(ModeCodec(64), mode, 28)[0]))
     assert sizes[0] == alone[0] and sizes[2] < 0.95 * alone[2]
 
 
-def test_a_mode_of_another_series_is_a_mode_or_a_protocol_error() -> None:
+def test_a_mode_of_another_sequence_is_a_mode_or_a_protocol_error() -> None:
     rng = np.random.default_rng(9)
     modes = [rng.normal(size=(24, 24, 3)).astype(np.float32) * 30 for _ in range(4)]
-    series = ModeCodec(24)
-    packets = [coded(series, mode, 20)[0] for mode in modes]
+    codec = ModeCodec(24)
+    packets = [coded(codec, mode, 20)[0] for mode in modes]
     out_of_order = ModeCodec(24)
     for data in reversed(packets):
         try:
@@ -160,14 +160,14 @@ def test_a_mode_of_another_series_is_a_mode_or_a_protocol_error() -> None:
         assert decoded.shape == (24, 24, 3) and np.isfinite(decoded).all()
 
 
-def test_what_is_no_mode_is_refused() -> None:
+def test_a_damaged_mode_is_refused() -> None:
     with pytest.raises(ProtocolError, match="no step"):
         ModeCodec(16).decode("mode 0", b"")
 
 
 @pytest.mark.no_cover
-def test_every_truncation_and_bit_flip_is_a_still_or_a_protocol_error() -> None:
-    data, _ = encode_still(painting(12, 14), 32, encode_weight_map(hill()))
+def test_every_truncation_and_bit_flip_is_a_picture_or_an_error() -> None:
+    data, _ = encode_intra(painting(12, 14), 32, encode_weight_map(hill()))
     for place in range(len(data)):
         for damaged in (data[:place], *(flip(data, place, bit) for bit in range(8))):
             try:
@@ -182,7 +182,7 @@ def test_every_truncation_and_bit_flip_is_a_still_or_a_protocol_error() -> None:
 def test_a_weight_map_makes_the_picture_finer_where_it_is_high() -> None:
     picture = np.random.default_rng(2).uniform(0, 255, (96, 96, 3)).astype(np.float32)
     weight_map = encode_weight_map(hill())
-    data, stated = encode_still(picture, 40, weight_map)
+    data, stated = encode_intra(picture, 40, weight_map)
     assert parse_picture_header("still", data).weight_map == weight_map
     assert np.array_equal(decode_picture("still", data), stated)
     middle, rim = np.s_[40:56, 40:56], np.s_[:16, :16]
@@ -227,10 +227,10 @@ def test_what_share_of_a_mode_its_picture_would_hold_is_known_before() -> None:
     y, x = np.mgrid[:64, :64] / 64
     smooth = 12 * np.sin(7 * x) * np.cos(5 * y) + rng.normal(0, 1.5, (64, 64))
     planes = np.stack([smooth, 0.3 * smooth, -0.2 * smooth], -1).astype(np.float32)
-    series, shares = ModeCodec(64), []
+    codec, shares = ModeCodec(64), []
     for step in (8, 20, 32, 44, MAX_STEP_CODE):
-        shares.append(retained_energy(series, planes, step))
-        found = to_planes(encode_mode(series.copy(), planes, step).decoded)
+        shares.append(retained_energy(codec, planes, step))
+        found = to_planes(encode_mode(codec.copy(), planes, step).decoded)
         left = float(np.square(planes - found).sum() / np.square(planes).sum())
         # Coefficients that are too unlikely for their size are left out as well.
         assert 1 - left < shares[-1] + 0.05

@@ -1,4 +1,4 @@
-"""Every source frame gets exactly one face, whatever is lost, late or repeated on the way."""
+"""Every source frame gets exactly one face, whatever packets are lost, late or repeated."""
 
 import numpy as np
 import pytest
@@ -100,7 +100,7 @@ def test_late_and_repeated_packets_change_nothing() -> None:
     assert (playout.lost, playout.late) == (1, 3)
 
 
-def test_last_face_is_held_to_the_end_of_the_call() -> None:
+def test_last_face_is_repeated_to_the_end_of_the_call() -> None:
     played = play([model((30, 1)), sample(0), sample(1), control(ControlKind.END, 9)])
     assert [frame.index for frame in played] == list(range(9))
     assert jaw(played[3:]) == pytest.approx([1] * 6)
@@ -117,7 +117,7 @@ def test_sequence_numbers_wrap_without_a_jump() -> None:
     assert jaw(played) == pytest.approx(list(range(150)))
 
 
-def test_lost_face_is_held_and_marked_while_samples_go_on() -> None:
+def test_lost_face_is_frozen_while_packets_continue() -> None:
     packets = [sample(0), sample(1), control(ControlKind.FACE_LOST, 2), sample(2), sample(3)]
     packets += [control(ControlKind.FACE_FOUND, 4), sample(4), control(ControlKind.END, 5)]
     played = play([model((10, 1)), *packets])
@@ -125,7 +125,7 @@ def test_lost_face_is_held_and_marked_while_samples_go_on() -> None:
     assert [frame.frozen for frame in played] == [False, False, True, True, False]
 
 
-def test_lost_face_is_held_when_no_samples_come_for_longer_than_the_numbers_reach() -> None:
+def test_lost_face_is_frozen_without_packets_for_longer_than_the_sequence_numbers() -> None:
     packets = [
         sample(0),
         sample(1),
@@ -276,7 +276,7 @@ def test_an_update_of_another_call_is_refused() -> None:
     assert len(play([sample(1)], playout)) == 1
 
 
-def test_who_joins_after_an_update_counts_from_it() -> None:
+def test_a_late_joiner_counts_from_the_update() -> None:
     playout = Playout()
     played = play([update(3, 60, 100), sample(1), sample(2)], playout)
     assert playout.joined_late

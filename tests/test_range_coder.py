@@ -64,7 +64,7 @@ def test_likely_zeros_cost_no_byte() -> None:
     assert encode([]) == b""
 
 
-def test_carries_run_through_the_whole_string() -> None:
+def test_carries_propagate_through_all_bytes() -> None:
     ones, last = [(1, PROBABILITY_ONE // 2)] * 400, (0, PROBABILITY_ONE - 1)
     data = encode([*ones, last])
     assert data == b"\xff" * 50

@@ -15,9 +15,9 @@ def frame(number: int) -> bytes:
     return serialise(FramePacket(number % 64, number.to_bytes(10, "big")))
 
 
-def taken(arrivals: ReceiveQueue) -> list[bytes]:
+def taken(queue: ReceiveQueue) -> list[bytes]:
     """All that is in the queue."""
-    return list(iter(lambda: arrivals.take(0), None))
+    return list(iter(lambda: queue.take(0), None))
 
 
 def test_the_model_comes_before_frames_that_were_there_first() -> None:
@@ -30,7 +30,7 @@ def test_the_model_comes_before_frames_that_were_there_first() -> None:
     assert taken(arrivals) == [MODEL_BYTES, *map(frame, range(4))]
 
 
-def test_only_the_newest_frames_are_held() -> None:
+def test_only_the_newest_frames_wait() -> None:
     arrivals = ReceiveQueue()
     for number in range(MAX_WAITING_FRAMES + 7):
         arrivals.put(frame(number))
@@ -46,7 +46,7 @@ def test_the_same_model_is_handed_out_once() -> None:
     assert taken(arrivals) == [MODEL_BYTES, other]
 
 
-def test_layers_neither_wait_for_the_model_nor_stand_for_it() -> None:
+def test_layers_neither_wait_for_the_model_nor_release_frames() -> None:
     arrivals, layer = ReceiveQueue(), serialise(LayerPacket(0, 3, b"piece"))
     for packet in (frame(0), layer, MODEL_BYTES, layer):
         arrivals.put(packet)

@@ -1,4 +1,4 @@
-"""Another's face for a call: the sender's motion, the other's looks."""
+"""Face reenactment: the motion of the source, the appearance of the target."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -42,7 +42,7 @@ from risorius.cli import main
 from shared_model.geometry import FRONTAL, pose_from_euler
 from shared_model.parameters import EAUS, FaceParameters
 
-WORN = replace(
+TARGET = replace(
     MODEL, reference_rotation=FRONTAL, reference_translation_mm=(-40.0, 10.0, 900.0), texture=b"x"
 )
 
@@ -57,19 +57,19 @@ def frame(modes: NDArray[np.float64] | None = None) -> PlayoutFrame:
 
 def test_the_other_moves_from_their_own_reference_as_the_sender_does() -> None:
     sent = frame()
-    shown = reenact(sent, MODEL, WORN)
+    shown = reenact(sent, MODEL, TARGET)
     before = motion_from_pose(sent.face.pose, MODEL.reference_pose)
-    after = motion_from_pose(shown.face.pose, WORN.reference_pose)
+    after = motion_from_pose(shown.face.pose, TARGET.reference_pose)
     np.testing.assert_allclose(after, before, atol=1e-6)
     np.testing.assert_array_equal(shown.face.eau, sent.face.eau)
     assert (shown.index, shown.frozen) == (sent.index, sent.frozen)
 
 
-def test_the_senders_appearance_is_not_worn() -> None:
-    assert reenact(frame(np.ones(4)), MODEL, WORN).face.modes.size == 0
+def test_the_sources_appearance_is_not_drawn() -> None:
+    assert reenact(frame(np.ones(4)), MODEL, TARGET).face.modes.size == 0
 
 
-def test_a_callers_own_face_is_played_as_it_was_sent() -> None:
+def test_a_callers_own_face_is_unchanged() -> None:
     sent = frame(np.ones(4))
     assert reenact(sent, MODEL, replace(MODEL)) is sent
 
@@ -99,7 +99,7 @@ def test_another_face_is_not_measured_against_the_source(
     assert "not allowed with" in capsys.readouterr().err
 
 
-def test_the_layers_of_updates_are_none_of_the_first_model(tmp_path: Path) -> None:
+def test_the_layers_of_updates_are_not_applied_to_the_first_model(tmp_path: Path) -> None:
     path, more = tmp_path / "call.rzo", bytes(MAX_LAYER_BYTES)
     packets: list[Packet] = [FIRST, *pieces(STREAM, [20])]
     packets[1:1] = [LayerPacket(FIRST.version + 1, number, more) for number in range(40)]
@@ -108,9 +108,7 @@ def test_the_layers_of_updates_are_none_of_the_first_model(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("layered", [False, True])
-def test_of_a_call_with_updates_the_newest_model_is_worn_with_its_layers(
-    layered: bool, tmp_path: Path
-) -> None:
+def test_the_newest_model_of_a_call_is_drawn_with_its_layers(layered: bool, tmp_path: Path) -> None:
     path = tmp_path / "call.rzo"
     rough = replace(FIRST, version=FIRST.version - 1, texture=b"rougher")
     update = FIRST if layered else replace(FIRST, progressive=False)
@@ -133,7 +131,7 @@ def test_a_newest_model_without_a_background_wears_the_newest_before_it(tmp_path
         assert read_model(path) == replace(newest, background=background)
 
 
-def test_modes_learned_in_a_call_are_worn(tmp_path: Path) -> None:
+def test_reserved_modes_of_a_call_are_drawn(tmp_path: Path) -> None:
     path = tmp_path / "call.rzo"
     packets: list[Packet] = [WHOLE, *learned_layers(*LEARNED)]
     path.write_bytes(MAGIC + serialise_records(serialise(packet) for packet in packets))

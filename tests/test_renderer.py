@@ -1,4 +1,4 @@
-"""The renderer draws where the geometry says, in the colours it was given, over its backdrop."""
+"""The renderer draws where the geometry says, in the colours it was given, over its background."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -146,7 +146,7 @@ def test_a_far_face_is_averaged_from_its_atlas_and_a_near_one_is_not() -> None:
     assert contrasts[0] < 30 and contrasts[1] > 75
 
 
-def test_still_at_rest_is_shown_exactly(renderer: Renderer, head: Head) -> None:
+def test_an_unwarped_background_is_shown_exactly(renderer: Renderer, head: Head) -> None:
     still = np.random.default_rng(1).integers(0, 256, (240, 320, 3), dtype=np.uint8)
     u, v = np.linspace(-0.5, 319.5, 21), np.linspace(-0.5, 239.5, 16)
     renderer.set_background(still, np.stack(np.meshgrid(u, v), -1))
@@ -156,7 +156,7 @@ def test_still_at_rest_is_shown_exactly(renderer: Renderer, head: Head) -> None:
     np.testing.assert_allclose(picture.astype(int), still, atol=1)
 
 
-def test_moved_mesh_moves_the_still(renderer: Renderer, head: Head) -> None:
+def test_a_warped_mesh_moves_the_background(renderer: Renderer, head: Head) -> None:
     rng = np.random.default_rng(2)
     still = rng.integers(0, 256, (240, 320, 3), dtype=np.uint8)
     u, v = np.linspace(-0.5, 319.5, 21), np.linspace(-0.5, 239.5, 16)
@@ -173,7 +173,7 @@ def test_moved_mesh_moves_the_still(renderer: Renderer, head: Head) -> None:
     "shown",
     [np.s_[80:160, 100:200], np.s_[95:97, 111:113], np.s_[100, 120], np.s_[0:0, 0:0], np.s_[:, :]],
 )
-def test_what_is_behind_stands_still_where_the_still_lets_it_through(
+def test_the_static_layer_shows_where_the_moving_one_is_transparent(
     head: Head, shown: tuple[slice | int, slice | int], samples: int
 ) -> None:
     rng = np.random.default_rng(4)
@@ -199,7 +199,7 @@ def test_what_is_behind_stands_still_where_the_still_lets_it_through(
         np.testing.assert_allclose(picture.astype(int), still, atol=1)
 
 
-def test_opacity_blends_the_head_over_the_still() -> None:
+def test_opacity_blends_the_head_over_the_background() -> None:
     texture = np.full((1, 4, 2), 0.5)
     quad = quads_head(square(np.zeros(3), 30.0)[None], texture, opacity=0.25)
     with Renderer(CAMERA.width, CAMERA.height, quad) as renderer:
@@ -212,7 +212,7 @@ def test_opacity_blends_the_head_over_the_still() -> None:
     np.testing.assert_array_equal(picture[5, 5], (40, 60, 80))
 
 
-def test_nearer_parts_hide_farther_ones_even_where_the_still_stands_for_them() -> None:
+def test_nearer_parts_hide_farther_ones_even_where_they_are_transparent() -> None:
     far, near = square(np.array([0.0, 0, 0]), 30.0), square(np.array([0.0, 0, 40]), 10.0)
     texture = np.stack([np.full((4, 2), 0.25), np.full((4, 2), 0.75)])
     atlas = np.zeros((2, 2, 3), dtype=np.uint8)
@@ -249,7 +249,9 @@ def test_the_same_frame_is_drawn_the_same_twice(renderer: Renderer, head: Head) 
 
 
 @pytest.mark.parametrize("yaw_deg", [0, 25, 50])
-def test_a_rim_is_that_of_the_whole_head(yaw_deg: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_expanded_silhouette_equals_that_of_all_triangles(
+    yaw_deg: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     head, pose = head_with_surround(), pose_from_euler(8, yaw_deg, 5, np.array([0.0, 0, 500]))
     rng = np.random.default_rng(1)
     u, v = np.linspace(-0.5, 319.5, 3), np.linspace(-0.5, 239.5, 3)
@@ -322,7 +324,7 @@ def test_missing_egl_tells_what_to_install(monkeypatch: pytest.MonkeyPatch) -> N
         Renderer(8, 8, synthetic_head(4, 6))
 
 
-def test_molars_are_in_the_dark_and_front_teeth_are_not() -> None:
+def test_molars_are_dark_and_front_teeth_are_not() -> None:
     head = generic_head()
     light, depth_mm = teeth_falloff(head), head.vertices[:, 2]
     teeth = np.isin(head.parts, [PARTS.index(part) for part in ("teeth_upper", "teeth_lower")])

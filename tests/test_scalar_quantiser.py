@@ -116,7 +116,7 @@ def test_a_payload_of_another_length_is_refused(lids: bool, expected: int) -> No
             decode_thesis(bytes([128] * length), REFERENCE, lids)
 
 
-def test_lids_come_after_what_is_sent_without_them() -> None:
+def test_eyelids_are_the_last_values() -> None:
     with_lids = encode_thesis(GOLDEN, REFERENCE, with_eyelids=True)
     assert with_lids[:10] == encode_thesis(GOLDEN, REFERENCE)
     face = decode_thesis(with_lids, REFERENCE, with_eyelids=True)

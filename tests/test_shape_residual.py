@@ -1,4 +1,4 @@
-"""The residual shape on the wire: what is written is read, and nothing else."""
+"""The residual shape on the wire: decoding inverts coding, damage is refused."""
 
 import random
 
@@ -9,7 +9,7 @@ from protocol.shape_residual_coding import parse_residual, serialise_residual
 
 
 @pytest.mark.parametrize("points", [0, 1, 60, MAX_RESIDUAL_POINTS])
-def test_what_is_written_is_read(points: int) -> None:
+def test_residual_shapes_survive_the_wire(points: int) -> None:
     rng = random.Random(points)
     for size in (0, 1, 8, 127):
         codes = tuple(rng.randint(-size, size) for _ in range(3 * points))

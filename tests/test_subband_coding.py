@@ -1,4 +1,4 @@
-"""Planes of wavelet coefficients: both ends agree, what is known helps, bad bytes are refused."""
+"""Planes of wavelet coefficients: both ends agree, context saves bits, damage is refused."""
 
 import random
 from importlib.resources import files
@@ -52,10 +52,12 @@ def drawing(shape: tuple[int, int], seed: int = 1) -> Array:
 
 
 def encode(
-    series: PictureSequence, planes: list[Array], step: float
+    sequence: PictureSequence, planes: list[Array], step: float
 ) -> tuple[bytes, list[SubbandPyramid]]:
-    """The bytes of planes as the next of a series, and the integers chosen."""
-    pyramids, tape = quantise_picture(series, [transform(plane / step, LEVELS) for plane in planes])
+    """The bytes of planes as the next of a sequence, and the integers chosen."""
+    pyramids, tape = quantise_picture(
+        sequence, [transform(plane / step, LEVELS) for plane in planes]
+    )
     data = tape.serialise()
     assert data == tape.serialise() and len(data) <= np.ceil((tape.bits + 1) / 8) <= len(data) + 2
     return data, pyramids
@@ -103,15 +105,15 @@ def test_finer_steps_cost_more_and_err_less() -> None:
 
 
 @pytest.mark.parametrize("kind", [TEXTURE, MODE])
-def test_pictures_before_teach_where_something_happens(kind: int) -> None:
+def test_previous_pictures_predict_the_positions_of_coefficients(kind: int) -> None:
     rng = np.random.default_rng(2)
     busy = np.zeros((64, 64))
     busy[20:34, 10:50] = 1
-    series, sizes = PictureSequence(kind), []
+    sequence, sizes = PictureSequence(kind), []
     for _ in range(4):
         picture = busy * rng.normal(size=busy.shape) * 40
         alone = encode(PictureSequence(kind), [picture], 8.0)[0]
-        sizes.append((len(encode(series, [picture], 8.0)[0]), len(alone)))
+        sizes.append((len(encode(sequence, [picture], 8.0)[0]), len(alone)))
     assert sizes[0][0] == sizes[0][1]
     assert sum(after for after, _ in sizes[1:]) < 0.97 * sum(alone for _, alone in sizes[1:])
 
@@ -125,27 +127,27 @@ def test_the_largest_coefficients_survive(kind: int) -> None:
     assert same(found, chosen) and np.abs(dequantised(found[0], 2.0) - plane).max() < 8
 
 
-def test_a_copy_goes_on_by_itself() -> None:
+def test_a_copy_is_independent() -> None:
     first, second, third = (drawing((32, 32), seed) for seed in range(3))
-    series = PictureSequence(MODE)
-    encode(series, [first], 4.0)
-    copy = series.copy()
+    sequence = PictureSequence(MODE)
+    encode(sequence, [first], 4.0)
+    copy = sequence.copy()
     encode(copy, [second], 4.0)
-    data, chosen = encode(series, [third], 4.0)
+    data, chosen = encode(sequence, [third], 4.0)
     receiver = PictureSequence(MODE)
     encode(receiver, [first], 4.0)
     assert same(decode_planes(receiver, "it", data, [(32, 32)]), chosen)
 
 
-def test_pictures_of_one_series_have_one_size() -> None:
-    series = PictureSequence(MODE)
-    encode(series, [drawing((32, 32))], 4.0)
+def test_pictures_of_one_sequence_have_one_size() -> None:
+    sequence = PictureSequence(MODE)
+    encode(sequence, [drawing((32, 32))], 4.0)
     with pytest.raises(ValueError, match="size"):
-        encode(series, [drawing((40, 40))], 4.0)
+        encode(sequence, [drawing((40, 40))], 4.0)
 
 
 @pytest.mark.parametrize(("lonely", "kept"), [(0.84, 0), (0.9, 0), (1.6, 1), (3.2, 3)])
-def test_a_coefficient_that_costs_more_than_it_spares_is_left_out(lonely: float, kept: int) -> None:
+def test_a_coefficient_that_costs_more_than_it_saves_is_left_out(lonely: float, kept: int) -> None:
     empty = empty_pyramid((64, 64))
     details = [[band.astype(np.float64) for band in level] for level in empty.details]
     details[-1][2][9, 12] = lonely
@@ -156,33 +158,33 @@ def test_a_coefficient_that_costs_more_than_it_spares_is_left_out(lonely: float,
     assert sum(np.abs(band).sum() for band in bands(chosen)) == kept
 
 
-def test_a_mode_whose_coefficients_are_beyond_all_sizes_is_cut() -> None:
+def test_coefficients_beyond_the_largest_magnitude_are_clipped() -> None:
     plane = np.full((32, 32), 1e9)
     data, (chosen,) = encode(PictureSequence(MODE), [plane], 1.0)
     assert np.abs(chosen.lowpass).max() == MAX_MAGNITUDE
     assert same(decode_planes(PictureSequence(MODE), "it", data, [(32, 32)]), [chosen])
 
 
-def test_what_is_known_around_a_place_comes_from_all_its_sides() -> None:
+def test_context_comes_from_all_sides_of_a_position() -> None:
     grid = (8, 8)
     sources = np.zeros((len(ContextBand), *grid), np.int64)
-    around = CoefficientContext(sources, np.ones(grid, bool), np.zeros(grid, np.int64))
-    turns = around.passes()
-    first = next(turns)
-    assert not around.magnitude_features(first).any() and not around.sign_features(first).any()
-    around.set_known(first, np.where((first.rows == 4) & (first.columns == 2), -7, 0))
-    diagonal = next(turns)
+    context = CoefficientContext(sources, np.ones(grid, bool), np.zeros(grid, np.int64))
+    passes = context.passes()
+    first = next(passes)
+    assert not context.magnitude_features(first).any() and not context.sign_features(first).any()
+    context.set_known(first, np.where((first.rows == 4) & (first.columns == 2), -7, 0))
+    diagonal = next(passes)
     beside = (np.abs(diagonal.rows - 4) == 1) & (np.abs(diagonal.columns - 2) == 1)
-    signs = around.sign_features(diagonal)
+    signs = context.sign_features(diagonal)
     assert beside.sum() == 4 and (signs[beside] < 0).sum() == 4
     # The other side of the face is seen as well.
     opposite = (np.abs(diagonal.rows - 4) <= 1) & (np.abs(diagonal.columns - 5) <= 1)
-    assert (around.magnitude_features(diagonal)[opposite] > 0).any()
-    around.set_known(diagonal, np.zeros(len(diagonal.rows), np.int64))
-    assert [turn.number for turn in turns] == [2, 3]
+    assert (context.magnitude_features(diagonal)[opposite] > 0).any()
+    context.set_known(diagonal, np.zeros(len(diagonal.rows), np.int64))
+    assert [coding_pass.number for coding_pass in passes] == [2, 3]
 
 
-def test_networks_are_integers_and_their_sums_stay_exact() -> None:
+def test_weights_are_integers_and_their_sums_are_exact() -> None:
     """Floating point counts integers up to 2 ** 53 exactly, in whatever order they are added."""
     with np.load(str(files("protocol") / "data/probability_model.npz")) as stored:
         assert set(stored) == {
@@ -205,24 +207,24 @@ def test_no_table_rounds_differently_on_another_machine() -> None:
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_probabilities_leave_room_whatever_the_weights_are(sign: int) -> None:
+def test_probabilities_are_bounded_for_all_weights(sign: int) -> None:
     features, classes = np.full((MAGNITUDE_FEATURES + 2, 2), 2.0**15), np.ones((CLASS_COUNT, 2))
     network = Mlp(features, classes, np.full((3, 1), sign * 2.0**31))
-    turn = CodingPass(1, (16, 16), np.arange(4), np.arange(4))
+    coding_pass = CodingPass(1, (16, 16), np.arange(4), np.arange(4))
     zeros = network.zero_probabilities(
-        np.full((4, MAGNITUDE_FEATURES), 100.0), BandPosition(BACKGROUND, 0, 1, 0), turn
+        np.full((4, MAGNITUDE_FEATURES), 100.0), BandPosition(BACKGROUND, 0, 1, 0), coding_pass
     )
     assert (zeros == (MIN_PROBABILITY if sign < 0 else PROBABILITY_ONE - MIN_PROBABILITY)).all()
     assert probability_models() is probability_models()
 
 
 @pytest.mark.parametrize("kind", [BACKGROUND, TEXTURE, MODE])
-def test_golden_bytes_still_mean_what_they_did(kind: int) -> None:
+def test_golden_bytes_decode_as_before(kind: int) -> None:
     """Other weights, tables or another order would make stored calls unreadable."""
     lines = (VECTORS / f"picture_{('background', 'texture', 'mode')[kind]}.txt").read_text().split()
-    series = PictureSequence(kind)
+    sequence = PictureSequence(kind)
     for data, *expected in zip(*[iter(lines)] * 4, strict=True):
-        found = decode_planes(series, "it", bytes.fromhex(data), plane_shapes(24, 20))
+        found = decode_planes(sequence, "it", bytes.fromhex(data), plane_shapes(24, 20))
         assert [text_of(pyramid) for pyramid in found] == expected
 
 
@@ -232,11 +234,11 @@ def text_of(pyramid: SubbandPyramid) -> str:
 
 def test_bytes_too_many_are_refused() -> None:
     data, chosen = encode(PictureSequence(BACKGROUND), [drawing((32, 32))], 8.0)
-    series = PictureSequence(BACKGROUND)
+    sequence = PictureSequence(BACKGROUND)
     with pytest.raises(ProtocolError, match=r"it: \d+ bytes too many"):
-        decode_planes(series, "it", data + bytes(12), [(32, 32)])
+        decode_planes(sequence, "it", data + bytes(12), [(32, 32)])
     # What was refused has taught nothing.
-    assert series.pictures == 0 and same(decode_planes(series, "it", data, [(32, 32)]), chosen)
+    assert sequence.pictures == 0 and same(decode_planes(sequence, "it", data, [(32, 32)]), chosen)
 
 
 @pytest.mark.no_cover
@@ -264,28 +266,28 @@ def test_fuzz_of_random_bytes() -> None:
 
 
 @pytest.mark.no_cover
-def test_fuzz_of_a_series_of_colour_pictures() -> None:
+def test_fuzz_of_a_sequence_of_colour_pictures() -> None:
     seed = 20261122
     print("seed", seed)
     rng = random.Random(seed)
     shapes = plane_shapes(20, 24)
     for _ in range(60):
-        series = PictureSequence(MODE)
+        sequence = PictureSequence(MODE)
         for _ in range(3):
             try:
-                decode_planes(series, "it", rng.randbytes(rng.randrange(120)), shapes)
+                decode_planes(sequence, "it", rng.randbytes(rng.randrange(120)), shapes)
             except ProtocolError:
                 continue
     sender = PictureSequence(MODE)
     planes = [drawing(shape) for shape in shapes]
     packets = [encode(sender, [i * plane for plane in planes], 6.0)[0] for i in (1, 2, 3)]
     for _ in range(60):
-        series = PictureSequence(MODE)
+        sequence = PictureSequence(MODE)
         for data in packets:
             damaged = bytearray(data)
             damaged[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
             try:
-                found = decode_planes(series, "it", bytes(damaged), shapes)
+                found = decode_planes(sequence, "it", bytes(damaged), shapes)
             except ProtocolError:
                 continue
             assert all(np.isfinite(dequantised(plane, 6.0)).all() for plane in found)

@@ -1,4 +1,4 @@
-"""The sheet beside the face: behind the skin, moving with it, in strips of the atlas of its own."""
+"""The surround: behind the skin, moving with it, with strips of its own in the atlas."""
 
 import cv2
 import numpy as np
@@ -23,11 +23,11 @@ from shared_model.surround import (
 
 INNER, HEAD = head_with_aperture_sheets(), head_with_surround()
 COUNT = len(INNER.vertices)
-SHEET = np.arange(COUNT, len(HEAD.vertices))
+SURROUND = np.arange(COUNT, len(HEAD.vertices))
 TRIANGLES = HEAD.triangles[HEAD.parts[HEAD.triangles[:, 0]] == PARTS.index("surround")]
 
 
-def test_the_head_itself_stays_as_it_is() -> None:
+def test_the_head_itself_is_unchanged() -> None:
     np.testing.assert_array_equal(HEAD.vertices[:COUNT], INNER.vertices)
     np.testing.assert_array_equal(HEAD.triangles[len(TRIANGLES) :], INNER.triangles)
     known = INNER.network_triangles >= 0
@@ -38,39 +38,39 @@ def test_the_head_itself_stays_as_it_is() -> None:
     )
 
 
-def test_the_sheet_faces_the_camera_behind_all_skin_that_shows() -> None:
+def test_the_surround_faces_the_camera_behind_all_visible_skin() -> None:
     a, b, c = (HEAD.vertices[TRIANGLES[:, i]] for i in range(3))
     assert np.all(np.cross(b - a, c - a)[:, 2] > 0)
     skin = (INNER.opacity > 0) & (INNER.parts == PARTS.index("skin"))
-    assert HEAD.vertices[SHEET, 2].max() < INNER.vertices[skin, 2].min()
+    assert HEAD.vertices[SURROUND, 2].max() < INNER.vertices[skin, 2].min()
 
 
-def test_it_is_the_same_on_both_sides() -> None:
-    left, right = np.split(HEAD.vertices[SHEET], 2)
+def test_the_surround_is_symmetrical() -> None:
+    left, right = np.split(HEAD.vertices[SURROUND], 2)
     np.testing.assert_allclose(left, right * [-1, 1, 1], atol=0.5)
 
 
-def test_it_reaches_from_under_the_skin_outwards_and_fades() -> None:
-    rings = HEAD.vertices[SHEET, :2].reshape(2, len(RINGS), -1, 2)
+def test_the_surround_begins_under_the_skin_and_fades_outwards() -> None:
+    rings = HEAD.vertices[SURROUND, :2].reshape(2, len(RINGS), -1, 2)
     centre = rings[:, 0].mean((0, 1))
     radii = np.linalg.norm(rings - centre, axis=3)
     assert np.all(np.diff(radii, axis=1) > 0)
-    opacity = HEAD.opacity[SHEET].reshape(2, len(RINGS), -1)
+    opacity = HEAD.opacity[SURROUND].reshape(2, len(RINGS), -1)
     assert np.all(opacity[:, -1] == 0) and np.all(opacity[:, :, 0] == 0)
     assert np.all(opacity[:, 0, 2:] == 1)
 
 
-def test_it_moves_with_the_skin_beside_it() -> None:
+def test_the_surround_moves_with_the_skin_next_to_it() -> None:
     aau = np.linspace(-0.5, 0.5, len(AAUS))
     control_mm = np.random.default_rng(1).normal(0, 3, (len(residual_basis(HEAD)), 3))
     eau = np.zeros(len(EAUS))
     eau[EAU_INDEX["jaw_drop"]] = 0.8
     face = Face(HEAD, identity_from_controls(HEAD, aau, control_mm))
     moved = face.animate(eau) - HEAD.vertices
-    np.testing.assert_allclose(moved[SHEET], moved[surround_anchors(INNER)], atol=1e-9)
+    np.testing.assert_allclose(moved[SURROUND], moved[surround_anchors(INNER)], atol=1e-9)
 
 
-def test_its_strips_in_the_atlas_are_its_own() -> None:
+def test_the_strips_of_the_surround_overlap_no_other_texels() -> None:
     atlas = atlas_of(HEAD, 256)
     owner = HEAD.parts[atlas.corners[:, 0]] == PARTS.index("surround")
     columns = np.unique(atlas.columns[owner])
@@ -78,7 +78,7 @@ def test_its_strips_in_the_atlas_are_its_own() -> None:
     assert not np.isin(atlas.columns[~owner & (atlas.rows < 220)], columns).any()
 
 
-def test_its_halves_meet_without_a_seam() -> None:
+def test_the_halves_of_the_surround_meet_without_a_seam() -> None:
     atlas = np.random.default_rng(2).uniform(0, 255, (256, 256, 3)).astype(np.float32)
     result = blend_surround_seam(atlas)
     rows, columns = np.nonzero((result != atlas).any(2))

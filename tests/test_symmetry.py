@@ -19,7 +19,7 @@ def studio() -> Studio:
     return Studio()
 
 
-def own_texture(studio: Studio, synthesis: FitOptions) -> PersonTexture:
+def texture_of(studio: Studio, synthesis: FitOptions) -> PersonTexture:
     return PersonTexture(HEAD, FACE, CAMERA, studio.draw(REST), REST, 96, synthesis)
 
 
@@ -67,7 +67,7 @@ def test_a_slightly_turned_face_is_not_mirrored(studio: Studio, yaw: float) -> N
 @pytest.mark.parametrize("yaw", [-32.0, 32.0])
 def test_an_occluder_of_the_far_half_has_no_influence(studio: Studio, yaw: float) -> None:
     picture, start = studio.draw(turned(yaw)), turned(yaw, 1.0)
-    texture = own_texture(studio, MIRRORED)
+    texture = texture_of(studio, MIRRORED)
 
     def found(seen: np.ndarray) -> FaceParameters:
         return fitted(texture, seen, start, [JAW], 1).face

@@ -32,19 +32,21 @@ from protocol.frames.value_coding import MAX_MAGNITUDE
 from protocol.limits import MAX_FRAME_PAYLOAD_BYTES, SEQUENCE_MODULUS
 
 VECTORS = Path(__file__).parent / "vectors"
-USUAL, SPARE = 8, 6
-SPREADS = np.clip(np.arange(20)[:, None] * -1 + np.array([40, 30, 28, 26, 24]), 0, MAX_SCALE_CODE)
+NOMINAL_FRAMES, RESERVED = 8, 6
+SCALE_CODES = np.clip(
+    np.arange(20)[:, None] * -1 + np.array([40, 30, 28, 26, 24]), 0, MAX_SCALE_CODE
+)
 
 
-def predictor(spare: int = 0) -> FramePredictor:
-    return FramePredictor(SPREADS, spare)
+def predictor(reserved: int = 0) -> FramePredictor:
+    return FramePredictor(SCALE_CODES, reserved)
 
 
 def walk(seed: int, count: int) -> Integers:
-    """(count, n) frames, in 1 / UNIT, of components that wander about."""
+    """(count, n) frames, in 1 / STEPS_PER_UNIT, of components that vary slowly."""
     rng = np.random.default_rng(seed)
-    noise = rng.normal(size=(count, len(SPREADS))) * 2.0 ** (SPREADS[:, 1] / 4 - 4)
-    state, frames = np.zeros(len(SPREADS)), []
+    noise = rng.normal(size=(count, len(SCALE_CODES))) * 2.0 ** (SCALE_CODES[:, 1] / 4 - 4)
+    state, frames = np.zeros(len(SCALE_CODES)), []
     for kick in noise:
         state = 0.9 * state + 0.5 * kick
         frames.append(state)
@@ -56,46 +58,47 @@ def send(
     sequence: int,
     wanted: Integers,
     quality: int = 12,
-    fresh: bool = False,
-    idle: int = 0,
+    intra: bool = False,
+    unused: int = 0,
 ) -> tuple[bytes, Integers]:
     """Quantise and code plainly; returns the payload and the frames a receiver gets."""
-    head = PayloadHeader(quality, len(wanted), fresh, idle)
+    head = PayloadHeader(quality, len(wanted), intra, unused)
     known, values = {0: sender.anchor}, []
     for place in coding_order(len(wanted)):
-        kinds = sender.kinds(place, sequence, fresh)
+        kinds = sender.kinds(place, sequence, intra)
         steps = np.array([step(quality, kind) for kind in range(PREDICTION_KINDS)])[kinds]
         error = wanted[place.index - 1] - sender.predict(place, kinds, known)
         values.append((place, np.rint(error / steps).astype(np.int64)))
         known[place.index] = reconstruct(sender, place, kinds, known, quality, values[-1][1])
-    payload = encode_payload(sender, sequence, USUAL, head, values)
+    payload = encode_payload(sender, sequence, NOMINAL_FRAMES, head, values)
     sender.anchor = known[len(wanted)]
     return payload, np.array([known[index] for index in range(1, len(wanted) + 1)])
 
 
 def packets(seed: int, count: int) -> list[tuple[int, bytes, Integers]]:
     """(sequence, payload, frames) of a call."""
-    sender, frames = predictor(), walk(seed, 1 + USUAL * count)
-    call = [(0, *send(sender, 0, frames[:1], fresh=True))]
+    sender, frames = predictor(), walk(seed, 1 + NOMINAL_FRAMES * count)
+    call = [(0, *send(sender, 0, frames[:1], intra=True))]
     for number in range(1, count + 1):
         sequence = number % SEQUENCE_MODULUS
-        part = frames[1 + USUAL * (number - 1) : 1 + USUAL * number]
+        part = frames[1 + NOMINAL_FRAMES * (number - 1) : 1 + NOMINAL_FRAMES * number]
         call.append((sequence, *send(sender, sequence, part)))
     return call
 
 
-def growing(seed: int) -> list[tuple[int, bytes, Integers]]:
-    """(sequence, payload, frames) of a call whose spare components come into use two by two."""
-    sender, frames, call = predictor(SPARE), walk(seed, 4 * USUAL), []
-    for sequence, idle in enumerate((6, 4, 2, 0)):
-        part = frames[USUAL * sequence : USUAL * (sequence + 1)]
-        part[:, len(SPREADS) - idle :] = 0
-        call.append((sequence, *send(sender, sequence, part, 2, not sequence, idle)))
+def extensible_packets(seed: int) -> list[tuple[int, bytes, Integers]]:
+    """(sequence, payload, frames) of a call whose reserved components come into use two by two."""
+    sender, frames, call = predictor(RESERVED), walk(seed, 4 * NOMINAL_FRAMES), []
+    for sequence, unused in enumerate((6, 4, 2, 0)):
+        part = frames[NOMINAL_FRAMES * sequence : NOMINAL_FRAMES * (sequence + 1)]
+        part[:, len(SCALE_CODES) - unused :] = 0
+        call.append((sequence, *send(sender, sequence, part, 2, not sequence, unused)))
     return call
 
 
 @pytest.mark.parametrize(
-    ("name", "call"), [("frames_default", packets(1, 5)), ("frames_reserved", growing(1))]
+    ("name", "call"),
+    [("frames_default", packets(1, 5)), ("frames_reserved", extensible_packets(1))],
 )
 def test_golden_packets_have_not_changed(
     name: str, call: list[tuple[int, bytes, Integers]]
@@ -104,22 +107,24 @@ def test_golden_packets_have_not_changed(
     assert data == [payload for _, payload, _ in call]
 
 
-def test_components_come_into_use_while_the_call_goes_on() -> None:
-    receiver = predictor(SPARE)
-    for sequence, payload, frames in growing(3):
-        assert np.array_equal(decode_payload(receiver, sequence, USUAL, payload), frames)
-        used = len(SPREADS) - SPARE + 2 * sequence
+def test_reserved_components_come_into_use_during_a_call() -> None:
+    receiver = predictor(RESERVED)
+    for sequence, payload, frames in extensible_packets(3):
+        assert np.array_equal(decode_payload(receiver, sequence, NOMINAL_FRAMES, payload), frames)
+        used = len(SCALE_CODES) - RESERVED + 2 * sequence
         assert frames[:, :used].any(0).all() and not frames[:, used:].any()
 
 
-def test_idle_components_take_no_bytes() -> None:
+def test_unused_components_take_no_bytes() -> None:
     saved = 0
     for seed in range(5):
-        wanted = walk(seed, USUAL)
-        wanted[:, -SPARE:] = 0
-        resting, awake = (send(predictor(SPARE), 0, wanted, idle=idle)[0] for idle in (SPARE, 0))
-        fewer = send(FramePredictor(SPREADS[:-SPARE]), 0, wanted[:, :-SPARE])[0]
-        # Three bits say how many are idle.
+        wanted = walk(seed, NOMINAL_FRAMES)
+        wanted[:, -RESERVED:] = 0
+        resting, awake = (
+            send(predictor(RESERVED), 0, wanted, unused=unused)[0] for unused in (RESERVED, 0)
+        )
+        fewer = send(FramePredictor(SCALE_CODES[:-RESERVED]), 0, wanted[:, :-RESERVED])[0]
+        # Three bits say how many are unused.
         assert len(fewer) <= len(resting) <= len(fewer) + 1
         saved += len(awake) - len(resting)
     assert saved > 0
@@ -145,33 +150,35 @@ def test_frames_between_are_expected_on_a_cubic() -> None:
 def test_both_ends_stay_in_step_throughout_a_call(seed: int) -> None:
     receiver = predictor()
     for sequence, payload, frames in packets(seed, 70):
-        assert np.array_equal(decode_payload(receiver, sequence, USUAL, payload), frames)
+        assert np.array_equal(decode_payload(receiver, sequence, NOMINAL_FRAMES, payload), frames)
 
 
 @pytest.mark.parametrize("lost", [{3}, {5, 6}, {2, 9, 20}, {61, 62}])
-def test_a_lost_packet_is_forgotten_once_all_has_been_refreshed(lost: set[int]) -> None:
+def test_a_lost_packet_has_no_effect_after_a_refresh_period(lost: set[int]) -> None:
     receiver, call = predictor(), packets(4, 70)
     for number, (sequence, payload, frames) in enumerate(call):
         if number in lost:
             continue
-        decoded = np.array(decode_payload(receiver, sequence, USUAL, payload))
+        decoded = np.array(decode_payload(receiver, sequence, NOMINAL_FRAMES, payload))
         # Where the sequence number wraps, one packet more.
         if not any(number - REFRESH_PERIOD - 1 <= gone < number for gone in lost):
             assert np.array_equal(decoded[-1], frames[-1])
 
 
-def test_a_fresh_packet_needs_no_past() -> None:
+def test_an_intra_packet_needs_no_packet_before() -> None:
     sender, receiver = predictor(), predictor()
-    send(sender, 0, walk(5, USUAL))
+    send(sender, 0, walk(5, NOMINAL_FRAMES))
     receiver.anchor = receiver.anchor + 12345
-    payload, frames = send(sender, 1, walk(6, USUAL), fresh=True)
-    assert np.array_equal(decode_payload(receiver, 1, USUAL, payload)[-1], frames[-1])
+    payload, frames = send(sender, 1, walk(6, NOMINAL_FRAMES), intra=True)
+    assert np.array_equal(decode_payload(receiver, 1, NOMINAL_FRAMES, payload)[-1], frames[-1])
 
 
-def test_a_still_face_costs_hardly_a_byte() -> None:
+def test_a_motionless_face_costs_hardly_a_byte() -> None:
     sender = predictor()
-    sender.anchor = np.zeros(len(SPREADS), dtype=np.int64)
-    payload, _ = send(sender, 1, np.zeros((USUAL, len(SPREADS)), dtype=np.int64), quality=8)
+    sender.anchor = np.zeros(len(SCALE_CODES), dtype=np.int64)
+    payload, _ = send(
+        sender, 1, np.zeros((NOMINAL_FRAMES, len(SCALE_CODES)), dtype=np.int64), quality=8
+    )
     assert len(payload) <= 6
 
 
@@ -204,7 +211,7 @@ def test_parents_are_the_frames_within_the_packet() -> None:
 
 
 @pytest.mark.no_cover
-@pytest.mark.parametrize(("spare", "call"), [(0, packets(7, 3)), (SPARE, growing(7))])
+@pytest.mark.parametrize(("spare", "call"), [(0, packets(7, 3)), (RESERVED, extensible_packets(7))])
 def test_every_truncation_and_bit_flip_is_frames_or_a_protocol_error(
     spare: int, call: list[tuple[int, bytes, Integers]]
 ) -> None:
@@ -224,20 +231,20 @@ def test_fuzz_of_random_payloads() -> None:
     rng = random.Random(seed)
     for _ in range(1500):
         payload = rng.randbytes(rng.randint(0, 60))
-        decodes_or_protocol_error(rng.randrange(64), payload, rng.choice((0, SPARE)))
+        decodes_or_protocol_error(rng.randrange(64), payload, rng.choice((0, RESERVED)))
     decodes_or_protocol_error(0, b"\xff" * MAX_FRAME_PAYLOAD_BYTES)
 
 
-def decodes_or_protocol_error(sequence: int, payload: bytes, spare: int = 0) -> None:
+def decodes_or_protocol_error(sequence: int, payload: bytes, reserved: int = 0) -> None:
     """Fails by any other exception, and if frames are more or larger than allowed."""
-    receiver = predictor(spare)
+    receiver = predictor(reserved)
     before = receiver.anchor
     try:
-        frames = decode_payload(receiver, sequence, USUAL, payload)
+        frames = decode_payload(receiver, sequence, NOMINAL_FRAMES, payload)
     except ProtocolError:
         assert receiver.anchor is before
         return
-    assert 1 <= len(frames) <= USUAL
+    assert 1 <= len(frames) <= NOMINAL_FRAMES
     assert all(np.abs(frame).max() <= MAX_VALUE for frame in frames)
 
 
@@ -246,36 +253,38 @@ def test_too_many_frames_are_refused() -> None:
     code_bits(coder, 0, 5)
     coder.code_bit(0, 65536 - 512)
     coder.code_bit(1, 65536 - 512)
-    code_bits(coder, USUAL, 6)
+    code_bits(coder, NOMINAL_FRAMES, 6)
     with pytest.raises(ProtocolError, match="9 frames, limit 8"):
-        decode_payload(predictor(), 0, USUAL, coder.finish())
+        decode_payload(predictor(), 0, NOMINAL_FRAMES, coder.finish())
 
 
-def test_more_idle_components_than_spare_ones_are_refused() -> None:
+def test_more_unused_components_than_reserved_ones_are_refused() -> None:
     coder = RangeEncoder()
     code_bits(coder, 0, 5)
     coder.code_bit(0, 65536 - 512)
     coder.code_bit(0, 65536 - 512)
-    code_bits(coder, SPARE + 1, 3)
+    code_bits(coder, RESERVED + 1, 3)
     with pytest.raises(ProtocolError, match="7 components unused, limit 6"):
-        decode_payload(predictor(SPARE), 0, USUAL, coder.finish())
+        decode_payload(predictor(RESERVED), 0, NOMINAL_FRAMES, coder.finish())
 
 
 def test_bytes_too_many_are_refused() -> None:
     sequence, payload, _ = packets(9, 1)[1]
     with pytest.raises(ProtocolError, match="bytes too many"):
-        decode_payload(predictor(), sequence, USUAL, payload + bytes(8))
+        decode_payload(predictor(), sequence, NOMINAL_FRAMES, payload + bytes(8))
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.integers(0, 31), st.integers(1, USUAL), st.integers(0, 63), st.integers(0, 2**32))
+@given(
+    st.integers(0, 31), st.integers(1, NOMINAL_FRAMES), st.integers(0, 63), st.integers(0, 2**32)
+)
 def test_any_quality_and_length_round_trips(
     quality: int, count: int, sequence: int, seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
-    wanted = rng.integers(-(2**20), 2**20, size=(count, len(SPREADS)))
+    wanted = rng.integers(-(2**20), 2**20, size=(count, len(SCALE_CODES)))
     limit = MAX_MAGNITUDE * step(quality, 0)
     wanted = np.clip(wanted, -limit // 2, limit // 2)
     sender, receiver = predictor(), predictor()
     payload, frames = send(sender, sequence, wanted, quality)
-    assert np.array_equal(decode_payload(receiver, sequence, USUAL, payload), frames)
+    assert np.array_equal(decode_payload(receiver, sequence, NOMINAL_FRAMES, payload), frames)

@@ -1,4 +1,4 @@
-"""Which follower the options open, and what they refuse."""
+"""Which tracker the options open, and which options are refused."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def opened(options: TrackingOptions, warnings: list[str] | None = None) -> FaceT
     return open_tracker(options, generic_head(), (320, 240), TRACKED_EAUS, 0.04, said.append)
 
 
-def test_the_whole_tracker_is_the_default(networks: object) -> None:
+def test_the_full_tracker_is_the_default(networks: object) -> None:
     assert isinstance(opened(TrackingOptions()), ModelTracker)
 
 
@@ -34,7 +34,7 @@ def test_each_frame_can_be_measured_by_itself(networks: object) -> None:
 
 
 @pytest.mark.parametrize(("tracker", "kind"), [("single", HaarPoseTracker), ("full", ModelTracker)])
-def test_viola_jones_steps_in_where_the_networks_are_missing(
+def test_viola_jones_replaces_missing_networks(
     monkeypatch: pytest.MonkeyPatch, tracker: str, kind: type
 ) -> None:
     def missing() -> None:
@@ -56,32 +56,32 @@ def test_viola_jones_steps_in_where_the_networks_are_missing(
         (TrackingOptions(without=frozenset({"guess"})), "part guess is unknown; choose one of net"),
     ],
 )
-def test_an_option_that_cannot_be_is_the_users_mistake(
+def test_an_unknown_option_is_a_user_error(
     networks: object, options: TrackingOptions, complaint: str
 ) -> None:
     with pytest.raises(UserError, match=complaint):
         opened(options)
 
 
-@pytest.mark.parametrize("tracker", ["single", "full"])
-def test_a_picture_without_a_face_has_no_identity(networks: object, tracker: str) -> None:
-    follower = opened(TrackingOptions(tracker=tracker))
-    assert follower.update(np.full((240, 320, 3), 128, np.uint8)) is None
+@pytest.mark.parametrize("kind", ["single", "full"])
+def test_a_picture_without_a_face_has_no_identity(networks: object, kind: str) -> None:
+    tracker = opened(TrackingOptions(tracker=kind))
+    assert tracker.update(np.full((240, 320, 3), 128, np.uint8)) is None
     with pytest.raises(ValueError, match="no face has been seen"):
-        _ = follower.fitted
+        _ = tracker.fitted
 
 
 def test_a_grey_picture_has_no_face_for_viola_jones() -> None:
-    for tracker in ("single", "full"):
-        follower = opened(TrackingOptions("haar", tracker))
-        assert follower.update(np.full((240, 320, 3), 128, np.uint8)) is None
+    for kind in ("single", "full"):
+        tracker = opened(TrackingOptions("haar", kind))
+        assert tracker.update(np.full((240, 320, 3), 128, np.uint8)) is None
 
 
-def test_all_that_the_thesis_sends_is_followed() -> None:
+def test_all_actuators_of_the_thesis_are_tracked() -> None:
     assert {EAU_INDEX[name] for name in THESIS_EAUS} <= set(TRACKED_EAUS)
 
 
-def test_blending_goes_half_the_way_in_angle_place_and_actuators() -> None:
+def test_interpolation_covers_rotation_translation_and_actuators() -> None:
     place = np.array([0.0, 0, 600])
     first = FaceParameters(pose_from_euler(0, 0, 0, place))
     second = FaceParameters(

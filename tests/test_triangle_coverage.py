@@ -28,7 +28,7 @@ def test_a_triangle_covers_its_points_with_their_weights() -> None:
         [[2.0, 20.0], [6.0, 20.0], [2.0, 26.0]],  # below it
     ],
 )
-def test_what_holds_no_point_covers_none(corners: list[list[float]]) -> None:
+def test_triangles_without_grid_points_cover_none(corners: list[list[float]]) -> None:
     found = covered_points(np.array([corners]), 8, 6)
     assert [len(part) for part in found] == [0, 0, 0, 0]
 

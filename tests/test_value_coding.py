@@ -91,7 +91,7 @@ def test_every_value_keeps_a_probability() -> None:
     assert (2.0 ** -costs[:, 0] + 2 * (2.0 ** -costs[:, 1:]).sum(1) <= 1 + 1e-9).all()
 
 
-def test_surroundings_raise_the_table_of_a_packet_that_moves() -> None:
+def test_context_raises_the_table_of_a_packet_with_much_motion() -> None:
     still, moving = ValueContext(), ValueContext()
     for _ in range(3):
         for packet, size in ((still, 0), (moving, 9)):
@@ -104,12 +104,12 @@ def test_surroundings_raise_the_table_of_a_packet_that_moves() -> None:
 
 
 def test_tables_stay_within_bounds() -> None:
-    surroundings = ValueContext()
-    surroundings.start_frame()
-    assert surroundings.table(0, 0) == 0
+    context = ValueContext()
+    context.start_frame()
+    assert context.table(0, 0) == 0
     for _ in range(50):
-        surroundings.update(0, MAX_MAGNITUDE)
-    assert surroundings.table(TABLES - 1, MAX_MAGNITUDE) == TABLES - 1
+        context.update(0, MAX_MAGNITUDE)
+    assert context.table(TABLES - 1, MAX_MAGNITUDE) == TABLES - 1
 
 
 @given(st.integers(1, 8), st.integers(1, 12), st.integers(0, 2**32 - 1))
@@ -118,13 +118,13 @@ def test_tables_are_the_same_all_at_once(frames: int, count: int, seed: int) -> 
     expected = rng.integers(0, TABLES, (frames, count))
     parents = rng.integers(0, 4, (frames, count))
     sizes = rng.integers(0, 30, (frames, count)) * rng.integers(0, 2, (frames, count))
-    surroundings, tables = ValueContext(), []
+    context, tables = ValueContext(), []
     for frame in range(frames):
-        surroundings.start_frame()
+        context.start_frame()
         for usual, parent, size in zip(
             expected[frame].tolist(), parents[frame].tolist(), sizes[frame].tolist(), strict=True
         ):
-            tables.append(surroundings.table(usual, parent))
-            surroundings.update(usual, size)
+            tables.append(context.table(usual, parent))
+            context.update(usual, size)
     found = context_tables(expected, parents, sizes)
     assert found.tolist() == np.reshape(tables, (frames, count)).tolist()

@@ -1,1 +1,1 @@
-"""Parameters of the model that explain landmarks and pictures."""
+"""Pose, actuators and identity fitted to landmarks and to pictures."""

@@ -76,7 +76,7 @@ class PersonModel:
         return self.texel_fitter.fit_crop(crop, initial, FRAME_FIT_STEPS)
 
     def image_fitter(self, max_pixels: int = MAX_PIXELS) -> ImageFitter:
-        """A fitter that renders the appearance as a decoder does.  max_pixels: see `ImageFitter`."""
+        """Renders the appearance as a decoder does.  max_pixels: see `ImageFitter`."""
         mean, modes = to_luma(self.appearance.mean), to_luma(self.appearance.mode_images)
         return ImageFitter(self.face, self.shape.camera, mean, modes, max_pixels)
 

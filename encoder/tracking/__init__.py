@@ -1,1 +1,1 @@
-"""The face from frame to frame."""
+"""The face tracked from frame to frame."""

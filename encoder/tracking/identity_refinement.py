@@ -187,7 +187,7 @@ def validated_adjustment(
 
 
 def pose_descriptor(face: FaceParameters, active: Sequence[int]) -> Array:
-    """(3 + a,) rotation and active actuators, in units of `DISTANCE_SCALE_RAD` and `DISTANCE_SCALE_EAU`."""
+    """(3 + a,) rotation and active actuators, each relative to its distance scale."""
     rotation = geometry.vector_from_quaternion(face.pose.rotation)
     eau = face.eau[list(active)]
     return np.concatenate([rotation / DISTANCE_SCALE_RAD, eau / DISTANCE_SCALE_EAU])
