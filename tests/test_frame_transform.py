@@ -7,6 +7,8 @@ import msgpack  # type: ignore[import-untyped]
 import numpy as np
 import pytest
 
+from protocol.entropy.adaptive_models import AdaptiveIntegers
+from protocol.entropy.range_coder import RangeEncoder
 from protocol.errors import ProtocolError
 from protocol.frames.frame_transform import (
     GEOMETRY_SIZE,
@@ -164,6 +166,42 @@ def test_components_out_of_bounds_are_refused(changes: dict[str, object], messag
 )
 def test_a_damaged_map_of_fields_is_refused(data: bytes) -> None:
     with pytest.raises(ProtocolError):
+        parse_transform(data)
+
+
+def profile_data(unit_step: int = 0, basis: int = 0, trailing: bytes = b"") -> bytes:
+    """A transform of one component without modes, whose tables begin with these values."""
+    coder = RangeEncoder()
+    for first, count in ((unit_step, GEOMETRY_SIZE), (0, GEOMETRY_SIZE)):
+        integers = AdaptiveIntegers(1)
+        for value in (first, *(0,) * (count - 1)):
+            integers.code(coder, 0, value)
+    integers = AdaptiveIntegers(3)
+    for column in range(GEOMETRY_SIZE):
+        integers.code(coder, 0 if column < 6 else 1, basis if not column else 0)
+    AdaptiveIntegers(1).code(coder, 0, 0)
+    scales = AdaptiveIntegers(PREDICTION_KINDS)
+    for kind in range(PREDICTION_KINDS):
+        scales.code(coder, kind, 0)
+    data: bytes = msgpack.packb({"m": [], "t": b"\1" + coder.finish() + trailing})
+    return data
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (profile_data(unit_step=-1), "beyond a byte"),
+        (profile_data(unit_step=256), "beyond a byte"),
+        (profile_data(basis=-128), "beyond a byte"),
+        (profile_data(trailing=bytes(10)), "bytes too many"),
+        (msgpack.packb({"m": [], "t": b""}), "no tables"),
+        (msgpack.packb({"m": [], "t": b"\x55"}), "no tables"),
+        (msgpack.packb({"m": [], "t": "t"}), "no tables"),
+    ],
+)
+def test_damaged_tables_are_refused_with_the_reason(data: bytes, message: str) -> None:
+    assert not parse_transform(profile_data()).basis.any()
+    with pytest.raises(ProtocolError, match=message):
         parse_transform(data)
 
 

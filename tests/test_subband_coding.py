@@ -241,6 +241,11 @@ def test_bytes_too_many_are_refused() -> None:
     assert sequence.pictures == 0 and same(decode_planes(sequence, "it", data, [(32, 32)]), chosen)
 
 
+def test_a_coefficient_beyond_all_limits_is_refused() -> None:
+    with pytest.raises(ProtocolError, match="it: a value is too large"):
+        decode_planes(PictureSequence(BACKGROUND), "it", b"\xff" * 99, [(16, 16)])
+
+
 @pytest.mark.no_cover
 @pytest.mark.parametrize("kind", [BACKGROUND, MODE])
 def test_every_truncation_and_bit_flip_is_a_picture_or_a_protocol_error(kind: int) -> None:
