@@ -28,8 +28,8 @@ def step_limits(rotation_rad: float, translation_mm: float = np.inf, eau: float 
     return limits
 
 
-# Of fits to landmarks and of bundle adjustment; of fits to one picture, whose gradient tells
-# nothing of what is farther away.
+# Limits of fits to landmarks and of bundle adjustment, and of fits to one picture, whose gradients
+# hold only near the current face.
 STEP_LIMITS = step_limits(rotation_rad=0.5)
 PICTURE_STEP_LIMITS = step_limits(rotation_rad=0.3, translation_mm=100.0, eau=1.0)
 LOG_FOCAL_LIMIT, AAU_LIMIT = 0.2, 1.9
