@@ -342,6 +342,7 @@ def test_a_stream_holds_the_bytes_of_a_file_and_stays_open(tmp_path: Path) -> No
     with CallStreamWriter(stream) as sink:
         for packet in packets:
             sink.send(packet)
+        assert sink.reachability is Reachability.HAS_PEER
     assert stream.getvalue() == path.read_bytes()
     stream.seek(0)
     with CallReader(stream) as reader:

@@ -15,13 +15,13 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("shared_model", "protocol", "encoder", "decoder", "loopback", "risorius")
 MODULE_LINES, FUNCTION_LINES, PACKAGE_MODULES = 300, 40, 13
 LONGER_MODULES: dict[str, int] = {
-    "tests/test_subband_coding.py": 301,
-    "tests/test_call_file.py": 350,
+    "tests/test_subband_coding.py": 308,
+    "tests/test_call_file.py": 351,
     "protocol/link/zenoh_link.py": 353,
     "tests/test_bad_wire.py": 302,
     "tests/test_packets.py": 353,
     "tests/test_progressive_model.py": 314,
-    "tests/test_renderer.py": 331,
+    "tests/test_renderer.py": 333,
     "tests/test_two_pass_session.py": 324,
     "tests/test_zenoh_link.py": 456,
 }
