@@ -1,7 +1,8 @@
 """The tracker alone: pose and actuators of every frame of a video."""
 
 import csv
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
@@ -9,7 +10,7 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.capture.video_source import open_source
+from encoder.capture.video_source import Capture, open_source
 from encoder.runtime.parallel import prefetch
 from encoder.tracking.trackers import TrackingOptions, open_tracker
 from shared_model.errors import UserError, cannot_write
@@ -89,12 +90,12 @@ def track(
     Raises `UserError` if the source cannot be read or shows no face.
     """
     times, faces, confidence, warnings = list[float](), list[Array](), list[float](), list[str]()
-    with open_source(source) as capture:
+    # Reading ahead ends before the capture is closed: OpenCV hangs or crashes otherwise.
+    with open_source(source) as capture, closing(_frames(capture)) as frames:
         size, frame_s = (capture.width, capture.height), float(1 / capture.fps)
         options = TrackingOptions(eyelids=True, refine_identity=False)
         active = range(len(EAUS))
         tracker = open_tracker(options, generic_head(), size, active, frame_s, warnings.append)
-        frames = iter(capture) if capture.is_live else prefetch(iter(capture))
         for index, frame in frames:
             if stop() or index == max_frames:
                 break
@@ -125,6 +126,11 @@ def action_unit_intensities(eau: Array) -> dict[str, Array]:
                 value = np.clip(eau[..., index] / end, 0, 1)
                 found[name] = np.maximum(found[name], value) if name in found else value
     return dict(sorted(found.items(), key=lambda each: int(each[0].removeprefix("AU"))))
+
+
+def _frames(capture: Capture) -> Generator[tuple[int, NDArray[np.uint8]], None, None]:
+    """The frames with their numbers; those of a recorded source are read in the background."""
+    yield from iter(capture) if capture.is_live else prefetch(iter(capture))
 
 
 def _row(face: FaceParameters | None) -> Array:
