@@ -2,7 +2,7 @@
 
 The loops repeat the coding order and the context model of `protocol.pictures.coefficient_context`
 and `probability_model`, which work on whole arrays.  All sums are exact integers;
-tests/test_subband_coding.py checks that both give the same probabilities.
+tests/test_protocol/pictures/test_subband_coding.py checks that both give the same probabilities.
 """
 
 from typing import NamedTuple

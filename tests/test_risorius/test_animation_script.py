@@ -12,7 +12,7 @@ from shared_model.anatomy.expressions import EMOTIONS
 from shared_model.errors import UserError
 from shared_model.parameters import AAUS, EAU_INDEX
 
-SCRIPTS = sorted((Path(__file__).resolve().parent.parent / "scripts/animations").glob("*.toml"))
+SCRIPTS = sorted((Path(__file__).resolve().parents[2] / "scripts/animations").glob("*.toml"))
 TWO_KEYS = {
     "seconds": 2,
     "key": [

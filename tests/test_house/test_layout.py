@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 OURS = ("shared_model", "protocol", "encoder", "decoder", "loopback", "risorius")
 MAY_IMPORT = {
     "shared_model": {"shared_model"},

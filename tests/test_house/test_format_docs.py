@@ -28,7 +28,7 @@ from protocol.packets import ControlKind, PacketKind, max_packet_bytes
 from protocol.pictures.probability_model import WEIGHT_ARRAYS, ProbabilityModels
 from protocol.shape_residual_coding import serialise_residual
 
-PAGE = (Path(__file__).parents[1] / "docs" / "format.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "format.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"<!-- vector: (\S+) at (\d+) -->\n```hex\n(.*?)```", PAGE, re.DOTALL)
 BYTE = re.compile(r"[0-9a-f]{2}")
 
@@ -170,7 +170,7 @@ def test_examples_of_frame_payloads_are_those_of_the_vectors() -> None:
 def test_weights_are_those_of_the_page() -> None:
     digest = hashlib.sha256()
     shapes = {name: shape for name, *shape in rows("| network | features | classes | last |")}
-    with np.load(Path(__file__).parents[1] / "protocol/data/probability_model.npz") as stored:
+    with np.load(Path(__file__).parents[2] / "protocol/data/probability_model.npz") as stored:
         for name in ProbabilityModels.__slots__:
             arrays = [stored[f"{name}_{part}"] for part in WEIGHT_ARRAYS]
             assert shapes[name] == [f"{len(array)}, {array.shape[1]}" for array in arrays]

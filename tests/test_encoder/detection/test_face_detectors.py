@@ -12,7 +12,7 @@ from encoder.detection.detector import Detection, FaceDetector, by_size
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.detection.viola_jones import HaarDetector
 
-CLIPS = Path(__file__).resolve().parents[2] / "shared" / "clips"
+CLIPS = Path(__file__).resolve().parents[4] / "shared" / "clips"
 
 
 def first_frame(name: str) -> Frame:

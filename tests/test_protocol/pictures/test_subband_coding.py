@@ -40,7 +40,7 @@ from protocol.pictures.subband_pyramid import SubbandPyramid, dequantised, empty
 from protocol.pictures.wavelet import LEVELS, transform
 
 Array = NDArray[np.float64]
-VECTORS = Path(__file__).parent / "vectors"
+VECTORS = Path(__file__).parents[2] / "vectors"
 SHAPES = [(1, 1), (1, 7), (2, 3), (5, 4), (16, 16), (33, 47), (40, 64)]
 
 

@@ -31,7 +31,7 @@ from protocol.frames.temporal_prediction import (
 from protocol.frames.value_coding import MAX_MAGNITUDE
 from protocol.limits import MAX_FRAME_PAYLOAD_BYTES, SEQUENCE_MODULUS
 
-VECTORS = Path(__file__).parent / "vectors"
+VECTORS = Path(__file__).parents[2] / "vectors"
 NOMINAL_FRAMES, RESERVED = 8, 6
 SCALE_CODES = np.clip(
     np.arange(20)[:, None] * -1 + np.array([40, 30, 28, 26, 24]), 0, MAX_SCALE_CODE

@@ -17,7 +17,7 @@ from av.video.reformatter import ColorPrimaries, Colorspace
 from encoder.capture.video_source import exact_fps, open_source, tagged_colour_matrix
 from shared_model.errors import UserError
 
-CLIPS = Path(__file__).resolve().parents[2] / "shared" / "clips"
+CLIPS = Path(__file__).resolve().parents[4] / "shared" / "clips"
 
 
 def write_video(path: Path, sizes: list[tuple[int, int]], fps: float = 30.0) -> None:

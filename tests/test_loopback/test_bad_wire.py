@@ -293,7 +293,7 @@ def test_the_command_kills_and_runs_again(
 def test_the_command_says_in_one_line_what_is_wrong() -> None:
     found = subprocess.run(
         [sys.executable, "-m", "scripts.bad_wire", "--loss", "100", "true", "true"],
-        cwd=Path(__file__).parent.parent,
+        cwd=Path(__file__).parents[2],
         capture_output=True,
         text=True,
     )
