@@ -19,6 +19,7 @@ from protocol.call_records import TruncatedCall
 from protocol.errors import ProtocolError
 from protocol.link.interface import (
     CONNECT_TIMEOUT_S,
+    Arrival,
     LinkOptions,
     MessageCallback,
     PacketSource,
@@ -203,9 +204,9 @@ def playout_frames(
 
     Damaged packets are counted and skipped.
     """
-    for data in _packets(source, playout, stats, stop):
-        _count(data, stats)
-        frames = playout.receive(data)
+    for arrival in _arrivals(source, playout, stats, stop):
+        _count(arrival.data, stats)
+        frames = playout.receive(arrival.data)
         while not stop():
             try:
                 frame = next(frames, None)
@@ -220,20 +221,20 @@ def playout_frames(
         yield None
 
 
-def _packets(
+def _arrivals(
     source: PacketSource, playout: Playout, stats: DecodeStats, stop: Callable[[], bool]
-) -> Iterator[bytes]:
+) -> Iterator[Arrival]:
     while not stop() and not source.ended:
         try:
-            packet = source.receive(POLL_S)
+            arrival = source.receive(POLL_S)
         except TruncatedCall as error:
             stats.warnings.append(str(error))
             return
         except ProtocolError as error:
             stats.note_damage(error, playout)
             continue
-        if packet is not None:
-            yield packet
+        if arrival is not None:
+            yield arrival
 
 
 def _count(data: bytes, stats: DecodeStats) -> None:

@@ -7,11 +7,12 @@ interrupted encoder; its records up to there are valid.
 from collections.abc import Callable, Iterator
 from os import fstat
 from pathlib import Path
+from time import monotonic
 from typing import BinaryIO, Self
 
 from protocol.call_records import DamagedRecord, RecordReader, RecordWriter
 from protocol.errors import ProtocolError
-from protocol.link.interface import Reachability
+from protocol.link.interface import Arrival, LinkQuality, Reachability
 from protocol.packets import is_end
 from shared_model.errors import UserError, cannot_read, cannot_write
 
@@ -48,6 +49,11 @@ class CallWriter:
     def reachability(self) -> Reachability:
         """A file always takes the packet."""
         return Reachability.HAS_PEER
+
+    @property
+    def quality(self) -> LinkQuality:
+        """A file loses nothing."""
+        return LinkQuality()
 
     def send(self, packet: bytes) -> None:
         """Append one packet.  Raises `UserError` if the disk refuses."""
@@ -98,6 +104,11 @@ class CallStreamWriter:
     def reachability(self) -> Reachability:
         """A stream always takes the packet."""
         return Reachability.HAS_PEER
+
+    @property
+    def quality(self) -> LinkQuality:
+        """A stream loses nothing."""
+        return LinkQuality()
 
     def send(self, packet: bytes) -> None:
         """Write one packet."""
@@ -161,8 +172,8 @@ class CallReader:
         """Whether no further packet will be returned."""
         return self._ended
 
-    def receive(self, timeout_s: float | None = None) -> bytes | None:
-        """The next packet, None at the end.
+    def receive(self, timeout_s: float | None = None) -> Arrival | None:
+        """The next packet, None at the end; its time is that of reading it.
 
         Raises `ProtocolError` if it is not a call file, `DamagedRecord`, after which reading
         continues after the damage, and `TruncatedCall` if the file ends within a record.
@@ -178,18 +189,18 @@ class CallReader:
             raise
         self._complete = packet is not None and is_end(packet)
         self._ended = packet is None or self._complete
-        return packet
+        return None if packet is None else Arrival(packet, monotonic())
 
     def undamaged(self, on_damage: Callable[[ProtocolError], None]) -> Iterator[bytes]:
         """All packets that can be read; the errors of the others are passed to `on_damage`."""
         while not self._ended:
             try:
-                packet = self.receive()
+                arrival = self.receive()
             except ProtocolError as error:
                 on_damage(error)
                 continue
-            if packet is not None:
-                yield packet
+            if arrival is not None:
+                yield arrival.data
 
     def _opened(self) -> RecordReader:
         if self._records is None:
@@ -200,8 +211,8 @@ class CallReader:
         return self._records
 
     def __iter__(self) -> Iterator[bytes]:
-        while (packet := self.receive()) is not None:
-            yield packet
+        while (arrival := self.receive()) is not None:
+            yield arrival.data
 
     def close(self) -> None:
         """Close the file."""

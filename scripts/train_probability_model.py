@@ -141,7 +141,7 @@ def read_call(path: Path) -> tuple[list[Samples], ...]:
             found[network].append(samples)
 
     reader = CallReader(path)
-    while (data := reader.receive()) is not None:
+    for data in reader:
         packet = parse_packet(data)
         if not isinstance(packet, ModelPacket):
             continue

@@ -58,6 +58,60 @@ class LinkOptions:
                 raise UserError(f"endpoint {endpoint!r}: nobody listens on port 0")
 
 
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """A serialised packet as a source returns it.
+
+    time_s: `time.monotonic` when it arrived, or was read from a file.
+    session: 0 for the first start of the encoder that this source has heard, one more after each
+        restart of the encoder; 0 for a file.
+    number: of a frame packet its full number in the session, from 0; of a model packet that of the
+        first frame packet coded by it; of a control packet that of the frame packet after it.
+        None if the source does not know it: then the packet's own 6 bits have to do.
+    """
+
+    data: bytes
+    time_s: float
+    session: int = 0
+    number: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class LinkQuality:
+    """What the sender of a call knows of its link.
+
+    loss: share of the frame packets that did not arrive the first time, 0..1, of late.
+    round_trip_s: None before it has been measured, and for files.
+    rate_bps: what the link carries, bits per second with the headers of IP, as far as it has been
+        tried; None before it has been measured, and for files.
+    """
+
+    loss: float = 0.0
+    round_trip_s: float | None = None
+    rate_bps: float | None = None
+
+
+class PacketProtection(Protocol):
+    """Guards each payload of a link against change; with keys also against reading and forging.
+
+    The payloads of a link are packets of a call and messages of the link.  A HELLO message is
+    the first that an end sends; it carries `session`, and the other end's once that is known.
+    session: 8 random bytes that this end has drawn when it started.
+    """
+
+    @property
+    def session(self) -> bytes: ...
+
+    def protect(self, data: bytes) -> bytes:
+        """The payload to send for `data`; a repetition is protected again."""
+
+    def unprotect(self, data: bytes) -> bytes | None:
+        """What the other end protected; None: not from this call, or changed on the way."""
+
+    def on_peer(self, session: bytes) -> None:
+        """The other end is in this session: its HELLO has echoed ours."""
+
+
 class Reachability(StrEnum):
     """Whether a packet that is sent now reaches a receiver."""
 
@@ -69,11 +123,14 @@ class Reachability(StrEnum):
 class PacketSink(Protocol):
     """Takes the packets of one call in order.
 
-    reachability: of the newest packet.
+    reachability: of the newest packet.  quality: of the link at the moment.
     """
 
     @property
     def reachability(self) -> Reachability: ...
+
+    @property
+    def quality(self) -> LinkQuality: ...
 
     def send(self, packet: bytes) -> None:
         """Send one serialised packet."""
@@ -89,8 +146,10 @@ class PacketSink(Protocol):
 
 
 class PacketSource(Protocol):
-    """Yields the serialised packets of one call in order.
+    """Yields the serialised packets of one call.
 
+    Over a lossy link frame packets may be missing, and one that was lost and sent again is late:
+    it comes after frame packets with higher numbers, and never twice.
     complete: the END packet has been returned.
     ended: no further packet will be returned.
     """
@@ -101,11 +160,11 @@ class PacketSource(Protocol):
     @property
     def ended(self) -> bool: ...
 
-    def receive(self, timeout_s: float | None = None) -> bytes | None:
+    def receive(self, timeout_s: float | None = None) -> Arrival | None:
         """The next packet, waiting at most `timeout_s`; None on timeout, or if `ended`."""
 
     def __iter__(self) -> Iterator[bytes]:
-        """All packets until `ended`."""
+        """The bytes of all packets until `ended`."""
 
     def close(self) -> None:
         """Close the file or the network connection."""

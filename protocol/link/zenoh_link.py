@@ -20,7 +20,14 @@ from zenoh import CongestionControl, ConsolidationMode, Reliability, SampleKind
 from zenoh.handlers import Callback
 
 from protocol.limits import MAX_MODEL_PACKET_BYTES
-from protocol.link.interface import LinkOptions, MessageCallback, Reachability, ignore_message
+from protocol.link.interface import (
+    Arrival,
+    LinkOptions,
+    LinkQuality,
+    MessageCallback,
+    Reachability,
+    ignore_message,
+)
 from protocol.link.model_cache import ModelCache
 from protocol.link.peers import POLL_S, PeerMonitor
 from protocol.link.receive_queue import ReceiveQueue
@@ -118,6 +125,11 @@ class ZenohSink(_Session):
     def reachability(self) -> Reachability:
         """Reachability of the newest packet; an encoder that listens always has a link."""
         return self._reachability
+
+    @property
+    def quality(self) -> LinkQuality:
+        """Nothing is measured."""
+        return LinkQuality()
 
     def wait_for_peer(self, timeout_s: float) -> None:
         """Wait for a decoder, which then receives all packets sent from now on.
@@ -221,14 +233,14 @@ class ZenohSource(_Session):
         """Whether no further packet will be returned."""
         return self._ended
 
-    def receive(self, timeout_s: float | None = None) -> bytes | None:
+    def receive(self, timeout_s: float | None = None) -> Arrival | None:
         """The next packet, waiting at most `timeout_s`; None on timeout, or if `ended`."""
         deadline = None if timeout_s is None else monotonic() + timeout_s
         while not self._ended:
             packet = self._queue.take(self._wait_s(deadline))
             if packet is not None:
                 self._complete = self._ended = is_end(packet)
-                return packet
+                return Arrival(packet, monotonic())
             now, end = monotonic(), self._end_s
             self._ended = end is not None and now >= end
             if deadline is not None and now >= deadline:
@@ -236,8 +248,8 @@ class ZenohSource(_Session):
         return None
 
     def __iter__(self) -> Iterator[bytes]:
-        while (packet := self.receive()) is not None:
-            yield packet
+        while (arrival := self.receive()) is not None:
+            yield arrival.data
 
     def _wait_s(self, deadline: float | None) -> float:
         ends = [end - monotonic() for end in (deadline, self._end_s) if end is not None]

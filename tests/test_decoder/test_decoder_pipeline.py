@@ -16,6 +16,7 @@ from protocol.call_file import MAGIC, CallReader
 from protocol.call_parameters import CallParameters
 from protocol.call_records import serialise_records
 from protocol.frames.scalar_quantiser import encode_thesis, thesis_sample_count
+from protocol.link.interface import Arrival
 from protocol.model_packet import ModelPacket
 from protocol.packets import ControlKind, ControlPacket, FramePacket, serialise
 from shared_model.animate import Face, Identity
@@ -84,7 +85,7 @@ class Waited(CallReader):
         super().__init__(path)
         self.before_packet: list[int] = []
 
-    def receive(self, timeout_s: float | None = None) -> bytes | None:
+    def receive(self, timeout_s: float | None = None) -> Arrival | None:
         self.before_packet.append(self.shown)
         return super().receive(timeout_s)
 

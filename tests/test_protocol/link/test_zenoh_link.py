@@ -65,6 +65,12 @@ def connecting(endpoint: str, lossless: bool = True) -> LinkOptions:
     return LinkOptions("test", connect=(endpoint,), lossless=lossless)
 
 
+def received(source: ZenohSource) -> bytes | None:
+    """The next packet."""
+    arrival = source.receive(WAIT_S)
+    return None if arrival is None else arrival.data
+
+
 def test_a_whole_call_arrives_in_order(stack: ExitStack, endpoint: str) -> None:
     source = stack.enter_context(ZenohSource(listening(endpoint)))
     sent = [MODEL_BYTES, *map(frame, range(3000)), END]
@@ -85,7 +91,7 @@ def test_a_live_call_arrives_packet_by_packet(stack: ExitStack, scheme: str) -> 
     sink.wait_for_peer(WAIT_S)
     for packet in [MODEL_BYTES, *map(frame, range(50)), END]:
         sink.send(packet)
-        assert source.receive(WAIT_S) == packet
+        assert received(source) == packet
 
 
 def test_a_live_frame_costs_six_bytes_more_over_udp(stack: ExitStack) -> None:
@@ -96,10 +102,10 @@ def test_a_live_frame_costs_six_bytes_more_over_udp(stack: ExitStack) -> None:
     sink.wait_for_peer(WAIT_S)
     for packet in [MODEL_BYTES, frame(0)]:
         sink.send(packet)
-        assert source.receive(WAIT_S) == packet
+        assert received(source) == packet
     for number in range(100):
         sink.send(frame(number))
-        assert source.receive(WAIT_S) == frame(number)
+        assert received(source) == frame(number)
     # The first few may spell out the key, until the other end has it.
     assert mode(relay.sizes) == len(frame(0)) + ZENOH_OVERHEAD_BYTES["udp"]
 
@@ -169,9 +175,9 @@ def test_who_joins_late_gets_the_model_first(stack: ExitStack, endpoint: str) ->
     source = stack.enter_context(ZenohSource(connecting(endpoint)))
     sink.wait_for_peer(WAIT_S)
     sink.send(frame(2))
-    received = [source.receive(WAIT_S) for _ in range(3)]
-    assert received[0] in layers
-    assert sorted(received, key=str) == sorted([*layers, frame(2)], key=str)
+    found = [received(source) for _ in range(3)]
+    assert found[0] in layers
+    assert sorted(found, key=str) == sorted([*layers, frame(2)], key=str)
 
 
 def test_who_joins_late_gets_all_layers_sent_so_far(stack: ExitStack, endpoint: str) -> None:
@@ -182,11 +188,11 @@ def test_who_joins_late_gets_all_layers_sent_so_far(stack: ExitStack, endpoint: 
         sink.send(packet)
     source = stack.enter_context(ZenohSource(connecting(endpoint)))
     # What is sent while somebody joins may come twice.
-    received = [source.receive(WAIT_S) for _ in [first, *layers[:4]]]
+    found = [received(source) for _ in [first, *layers[:4]]]
     for packet in [*layers[4:], frame(1)]:
         sink.send(packet)
-    received += [source.receive(WAIT_S) for _ in range(3)]
-    assert sorted(received, key=str) == sorted([first, *layers, frame(1)], key=str)
+    found += [received(source) for _ in range(3)]
+    assert sorted(found, key=str) == sorted([first, *layers, frame(1)], key=str)
 
 
 def test_frames_before_the_model_are_held_and_bounded(stack: ExitStack, endpoint: str) -> None:
@@ -206,7 +212,7 @@ def test_receiving_times_out_and_carries_on(stack: ExitStack, endpoint: str) -> 
     sink = stack.enter_context(ZenohSink(connecting(endpoint)))
     sink.wait_for_peer(WAIT_S)
     sink.send(MODEL_BYTES)
-    assert source.receive(WAIT_S) == MODEL_BYTES
+    assert received(source) == MODEL_BYTES
     assert source.receive(timeout_s=0) is None
 
 
@@ -230,7 +236,7 @@ def test_an_encoder_that_is_killed_ends_the_call(stack: ExitStack, endpoint: str
     child = subprocess.Popen(
         [sys.executable, "-c", program, endpoint, MODEL_BYTES.hex()], stdin=subprocess.PIPE
     )
-    assert source.receive(WAIT_S) == MODEL_BYTES
+    assert received(source) == MODEL_BYTES
     os.kill(child.pid, signal.SIGKILL)
     child.communicate()
     assert source.receive(WAIT_S) is None
@@ -350,7 +356,7 @@ def test_the_encoder_says_when_nobody_listens_any_more(stack: ExitStack, endpoin
     send_until(sink, Reachability.NO_PEER)
     assert said == ["nobody listens any more; sending on"]
     source = stack.enter_context(ZenohSource(connecting(endpoint)))
-    assert source.receive(WAIT_S) == MODEL_BYTES
+    assert received(source) == MODEL_BYTES
     send_until(sink, Reachability.HAS_PEER)
     assert said[1:] == ["somebody listens again"]
 
@@ -372,7 +378,7 @@ def test_a_link_that_breaks_is_known_and_made_again(stack: ExitStack, endpoint: 
     assert said == [f"connecting to {endpoint} for an encoder of call 'test'"]
     send_until(sink, Reachability.HAS_PEER)
     sink.send(MODEL_BYTES)
-    assert source.receive(WAIT_S) == MODEL_BYTES
+    assert received(source) == MODEL_BYTES
 
 
 def send_until(sink: ZenohSink, reach: Reachability) -> None:
