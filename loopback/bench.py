@@ -11,6 +11,7 @@ from encoder.capture.video_source import exact_fps, open_source
 from loopback.landmark_metrics import LandmarkMetrics, compare_faces
 from loopback.process_pair import CallResult, run_call
 from loopback.quality import FaceMaskFinder, Quality, face_mask_finder, measure_quality
+from loopback.region_quality import RegionQuality, region_meter
 from loopback.report import figure, html_page, rounded, table
 from protocol.summary import nominal_duration_s
 from shared_model.errors import UserError
@@ -25,7 +26,11 @@ TABLE_COLUMNS = {
     "frame_bps": "bps",
     "face_psnr_db": "face dB",
     "face_psnr_p5_db": "p5",
-    "full_psnr_db": "full dB",
+    "person_psnr_db": "person",
+    "background_psnr_db": "behind",
+    "full_psnr_db": "picture",
+    "face_ssimulacra2": "SSIMU2 face",
+    "picture_ssimulacra2": "of picture",
     "nme_percent": "nme %",
     "mouth_corr": "mouth",
     "blink_corr": "blink",
@@ -44,7 +49,8 @@ STAGES = ("encoder_ms.", "decoder_ms.")
 # Figures that have a mean over clips.
 AVERAGED_FIGURES = (
     *("model_bytes", "frame_bps", "face_psnr_db", "face_psnr_p5_db", "full_psnr_db"),
-    *("nme_percent", "face_found", "mouth_corr", "brow_corr", "blink_corr"),
+    *("person_psnr_db", "background_psnr_db", "face_ssimulacra2", "picture_ssimulacra2"),
+    *("flicker_ratio", "nme_percent", "face_found", "mouth_corr", "brow_corr", "blink_corr"),
 )
 
 
@@ -100,7 +106,7 @@ def bench(
     for source, name in zip(sources, output_names(sources), strict=True):
         say(f"bench: {source}")
         try:
-            yield bench_clip(source, settings, folder / f"{name}.mkv", face_mask_finder(say))
+            yield bench_clip(source, settings, folder / f"{name}.mkv", face_mask_finder(say), say)
         except UserError as error:
             yield ClipFailure(source, error)
 
@@ -117,9 +123,16 @@ def bench_report(
 
 
 def bench_clip(
-    source: str, settings: BenchSettings, output: Path, find_face_mask: FaceMaskFinder
+    source: str,
+    settings: BenchSettings,
+    output: Path,
+    find_face_mask: FaceMaskFinder,
+    say: Callable[[str], None],
 ) -> dict[str, Any]:
-    """The figures of one source, sent from one process to another; decoded into `output`."""
+    """The figures of one source, sent from one process to another; decoded into `output`.
+
+    say: called with a line for what cannot be measured here.
+    """
     check_recorded([source])
     with open_source(source) as capture:
         frames = min(capture.frame_count or 10_000, settings.max_frames or 10_000)
@@ -127,16 +140,23 @@ def bench_clip(
     limit_s = LIMIT_START_S + LIMIT_S_PER_FRAME * frames
     result = run_call(source, output, settings.encoder_options(), limit_s)
     quality = measure_quality(
-        source, str(output), find_face_mask, lambda done, total: None, settings.max_frames
+        source,
+        str(output),
+        find_face_mask,
+        lambda done, total: None,
+        settings.max_frames,
+        regions=region_meter(say),
     )
     metrics = compare_faces(source, str(output), settings.max_frames)
     figures = call_figures(result, settings.profile)
-    return {"source": Path(source).name, **figures, **asdict(quality), **asdict(metrics)}
+    return {"source": Path(source).name, **figures, **quality.figures(), **asdict(metrics)}
 
 
 def is_figure(name: str) -> bool:
     """Whether a clip's report has a figure of this dotted name."""
-    of_pictures = {item.name for kind in (Quality, LandmarkMetrics) for item in fields(kind)}
+    of_pictures = {
+        item.name for kind in (Quality, RegionQuality, LandmarkMetrics) for item in fields(kind)
+    }
     return name in of_pictures.union(CALL_FIGURES) or name.startswith(STAGES)
 
 

@@ -1,18 +1,20 @@
 """PSNR of a decoded video against its source, over the face and over the whole picture."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import zip_longest
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.capture.colour import luma_u8
 from encoder.capture.video_source import Capture, open_source
 from encoder.detection.landmark_indices import face_outline
 from encoder.detection.landmarks import open_landmark_tracker
 from encoder.detection.tflite import NetworkFilesMissing
 from encoder.runtime.image_ops import hull_mask
+from loopback.psnr import psnr_db, squared_error
+from loopback.region_quality import RegionMeter, RegionQuality
 from loopback.report import rounded
 from shared_model.errors import UserError
 
@@ -22,9 +24,6 @@ Progress = Callable[[int, int | None], None]
 # The face of a picture as a mask, (height, width) bool; None: no face.
 FaceMaskFinder = Callable[[Picture], Mask | None]
 
-# Two pictures without any difference: the error is taken as this, so that a mean stays finite.
-LEAST_SQUARED_ERROR = 1e-6
-
 
 @dataclass(frozen=True, slots=True)
 class Quality:
@@ -32,6 +31,7 @@ class Quality:
 
     frames: compared; face_frames: those of them whose source shows a face.
     face_*: over the face mask of the source, None without any face; full_*: over the whole picture.
+    regions: what is around the face, if it was measured.
     """
 
     frames: int
@@ -40,6 +40,13 @@ class Quality:
     face_psnr_p5_db: float | None
     full_psnr_db: float | None
     full_psnr_p5_db: float | None
+    regions: RegionQuality | None = None
+
+    def figures(self) -> dict[str, Any]:
+        """All figures by name, those of the regions among the others if they were measured."""
+        figures = asdict(self)
+        regions: dict[str, Any] = figures.pop("regions") or {}
+        return figures | regions
 
 
 class TrackedFaceMask:
@@ -64,12 +71,14 @@ def measure_quality(
     progress: Progress,
     max_frames: int | None = None,
     is_strict: bool = True,
+    regions: RegionMeter | None = None,
 ) -> Quality:
     """Compare a decoded video with its source, frame by frame.
 
     source, decoded: anything `open_source` opens.  max_frames: compare no more frames.
     is_strict: one that ends before the other, and before `max_frames`, is an error; else only the
         frames of both are compared.
+    regions: measures what is around the face as well.
     Raises `UserError` if they have different sizes.
     """
     face: list[float] = []
@@ -89,8 +98,11 @@ def measure_quality(
             mask = find_face_mask(original[1])
             if mask is not None and mask.any():
                 face.append(psnr_db(error[mask]))
+            if regions is not None:
+                regions.add(index, original[1], copy[1], mask)
             progress(index + 1, max_frames or originals.frame_count)
-    return Quality(len(full), len(face), *_mean_and_p5(face), *_mean_and_p5(full))
+    around = None if regions is None else regions.result()
+    return Quality(len(full), len(face), *_mean_and_p5(face), *_mean_and_p5(full), around)
 
 
 def source_frame_count(source: str, expected: int) -> int:
@@ -101,17 +113,6 @@ def source_frame_count(source: str, expected: int) -> int:
     """
     with open_source(source) as capture:
         return expected if capture.frame_count == expected else sum(1 for _ in capture)
-
-
-def squared_error(original: Picture, copy: Picture) -> NDArray[np.float64]:
-    """Squared difference of luma, (height, width)."""
-    first, second = (luma_u8(picture).astype(np.float64) for picture in (original, copy))
-    return np.asarray((first - second) ** 2)
-
-
-def psnr_db(error: NDArray[np.float64]) -> float:
-    """Peak signal-to-noise ratio of squared errors, dB (eq. 6.1)."""
-    return float(10 * np.log10(255.0**2 / max(float(error.mean()), LEAST_SQUARED_ERROR)))
 
 
 def face_oval_mask(points_px: NDArray[np.floating], height: int, width: int) -> Mask:

@@ -158,7 +158,7 @@ def junit_xml(suite: Suite, results: list[ClipResult]) -> bytes:
 
 def _replay_clip(clip: Clip, output: Path, say: Say) -> ClipResult:
     try:
-        figures = bench_clip(clip.path, clip.settings, output, face_mask_finder(say))
+        figures = bench_clip(clip.path, clip.settings, output, face_mask_finder(say), say)
     except UserError as error:
         return ClipResult(clip.name, {"source": clip.name}, (), str(error))
     return ClipResult(clip.name, figures, check(clip, figures), None)

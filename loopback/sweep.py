@@ -136,7 +136,7 @@ def measure_point(
         "packet_bps": rounded(summary.packet_bps, 1),
         "model_bytes": summary.model_bytes,
         "groups": {name: rounded(count, 1) for name, count in summary.groups.items()},
-        **asdict(quality),
+        **quality.figures(),
     }
 
 

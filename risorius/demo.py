@@ -18,6 +18,7 @@ from encoder.pipeline import encode
 from loopback.bench import make_folder
 from loopback.clip_paths import CARPHONE, clip_path
 from loopback.quality import Quality, face_mask_finder, measure_quality
+from loopback.region_quality import RegionQuality, region_meter
 from loopback.report import Cell, table
 from protocol.summary import CallSummary, summarise
 from shared_model.errors import UserError
@@ -45,7 +46,9 @@ def demo(folder: Path, say: Callable[[str], None], stop: Callable[[], bool]) -> 
     say("demo: decode")
     decode(DecodeOptions(call_file=call, output=decoded), _ignore, stop)
     say("demo: compare")
-    quality = measure_quality(source, str(decoded), face_mask_finder(say), _ignore)
+    quality = measure_quality(
+        source, str(decoded), face_mask_finder(say), _ignore, regions=region_meter(say)
+    )
     both, sheet = folder / "side_by_side.mp4", folder / "contact_sheet.png"
     write_side_by_side(source, decoded, both)
     write_contact_sheet(source, decoded, sheet, quality.frames)
@@ -121,13 +124,16 @@ def _size_table(summary: CallSummary) -> str:
 
 
 def _quality_table(quality: Quality) -> str:
-    still = "hair, shoulders and background come from one still picture"
+    around = quality.regions or RegionQuality()
+    still = "comes from one still picture"
     rows: list[list[Cell]] = [
-        ["face", quality.face_psnr_db, "fitted and sent in every frame"],
-        ["face, 5th percentile", quality.face_psnr_p5_db, "its worst frames"],
-        ["whole picture", quality.full_psnr_db, still],
+        ["face", quality.face_psnr_db, around.face_ssimulacra2, "fitted and sent in every frame"],
+        ["face, 5th percentile", quality.face_psnr_p5_db, None, "its worst frames"],
+        ["hair, neck, shoulders", around.person_psnr_db, None, still],
+        ["background", around.background_psnr_db, None, still],
+        ["whole picture", quality.full_psnr_db, around.picture_ssimulacra2, "all of these"],
     ]
-    return table(("PSNR of the", "dB", "why"), rows)
+    return table(("quality of the", "PSNR dB", "SSIMULACRA2", "why"), rows)
 
 
 def _ignore(done: int, total: int | None) -> None:

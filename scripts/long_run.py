@@ -12,7 +12,8 @@ from itertools import zip_longest
 import numpy as np
 
 from encoder.capture.video_source import open_source
-from loopback.quality import TrackedFaceMask, psnr_db, squared_error
+from loopback.psnr import psnr_db, squared_error
+from loopback.quality import TrackedFaceMask
 from risorius.command_line.argument_types import seconds
 from scripts.command import run
 from shared_model.errors import UserError

@@ -39,13 +39,20 @@ def segment_person(path: Path, frame: Frame, outline_px: Array) -> Mask | None:
     return None if person.all() else person
 
 
-def _segment_people(path: Path, frame: Frame) -> Mask:
-    """(SIDE, SIDE) bool: the cells of a frame that show people."""
+def person_probability(path: Path, frame: Frame) -> NDArray[np.float32]:
+    """(INPUT_PX, INPUT_PX): how likely each cell of the whole frame shows a person, 0 to 1.
+
+    path: of the network.  frame: (h, w, 3) uint8 BGR.
+    Raises `NetworkFilesMissing` if the network cannot be read.
+    """
     square = np.asarray(cv2.resize(frame, (INPUT_PX, INPUT_PX), interpolation=cv2.INTER_AREA))
     probability = TfliteNetwork(path).run(square.astype(np.uint8), low=0.0)[INPUT_PX**2]
+    return np.asarray(probability.reshape(INPUT_PX, INPUT_PX))
+
+
+def _segment_people(path: Path, frame: Frame) -> Mask:
+    """(SIDE, SIDE) bool: the cells of a frame that show people."""
     in_cells = cv2.resize(
-        probability.reshape(INPUT_PX, INPUT_PX),
-        (MASK_SIDE, MASK_SIDE),
-        interpolation=cv2.INTER_AREA,
+        person_probability(path, frame), (MASK_SIDE, MASK_SIDE), interpolation=cv2.INTER_AREA
     )
     return np.asarray(in_cells > 0.5)

@@ -90,7 +90,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
         try:
             if output and arguments.source:
                 quality = _quality(arguments, output, report.frames, frames)
-                figures["quality"] = asdict(quality)
+                figures["quality"] = quality.figures()
                 if not arguments.quiet:
                     print(_quality_summary(quality))
         finally:

@@ -96,7 +96,7 @@ def test_an_end_that_took_no_time_has_no_shares() -> None:
 @pytest.mark.parametrize("source", ["0", "rtsp://192.0.2.1/a"])
 def test_a_live_source_cannot_be_compared(source: str, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="only a recorded video"):
-        bench_clip(source, BenchSettings(), tmp_path / "a.mkv", lambda picture: None)
+        bench_clip(source, BenchSettings(), tmp_path / "a.mkv", lambda picture: None, pytest.fail)
 
 
 def test_the_end_that_fails_is_named_with_its_exit_code(
@@ -198,7 +198,7 @@ def test_bench_and_file_decode_to_the_same_pictures(carphone: Path, tmp_path: Pa
     options = ["--profile", "thesis", "--max-frames", "12", "-q"]
     assert main(["encode", str(carphone), "-o", str(call), *options]) == 0
     assert main(["decode", str(call), "-o", str(over_file), "-q"]) == 0
-    bench_clip(str(carphone), settings, over_link, face_mask_finder(pytest.fail))
+    bench_clip(str(carphone), settings, over_link, face_mask_finder(pytest.fail), pytest.fail)
     with open_source(str(over_file)) as file, open_source(str(over_link)) as link:
         pairs = zip(file, link, strict=True)
         assert all(np.array_equal(ours[1], theirs[1]) for ours, theirs in pairs)

@@ -9,14 +9,13 @@ from numpy.typing import NDArray
 
 from decoder.sinks.frame_sink import open_sink
 from encoder.detection.landmark_indices import FACE_OVAL
+from loopback.psnr import psnr_db, squared_error
 from loopback.quality import (
     Mask,
     Picture,
     face_mask_finder,
     face_oval_mask,
     measure_quality,
-    psnr_db,
-    squared_error,
 )
 from shared_model.errors import UserError
 

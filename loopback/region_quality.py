@@ -1,0 +1,154 @@
+"""Quality of what surrounds the face: the person, what is behind, and how the picture looks.
+
+Looked at in every tenth frame, since SSIMULACRA2 and the segmentation network take their time.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from io import BytesIO
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.capture.colour import luma_u8
+from encoder.detection.segmentation import person_probability
+from encoder.detection.tflite import find_segmentation_network
+from loopback.psnr import psnr_db
+from loopback.report import rounded
+
+Picture = NDArray[np.uint8]
+Luma = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+# The person in a picture as a mask, (height, width) bool.
+PersonMaskFinder = Callable[[Picture], Mask]
+# SSIMULACRA2 of a copy beside its original.
+Similarity = Callable[[Picture, Picture], float]
+
+FRAME_INTERVAL = 10
+# Pixels around the face that its SSIMULACRA2 looks at.
+FACE_MARGIN_PX = 4
+# A source that stands stiller than this is taken for one that flickers this much, grey levels.
+LEAST_FLICKER = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class RegionQuality:
+    """Means over every tenth frame; None for what could not be measured.
+
+    person_psnr_db: PSNR of luma (eq. 6.1) over the person in the source outside the face: hair,
+        ears, neck, shoulders.
+    background_psnr_db: over all that is neither person nor face.
+    face_ssimulacra2: SSIMULACRA2 of the face's bounding box, with the source's pixels around the
+        face.
+    picture_ssimulacra2: of the whole picture.  90 looks lossless, 70 high, 50 medium, 30 low.
+    flicker_ratio: mean change of the background from one looked-at frame to the next, decoded over
+        source; 1 is as calm as the source.
+    """
+
+    person_psnr_db: float | None = None
+    background_psnr_db: float | None = None
+    face_ssimulacra2: float | None = None
+    picture_ssimulacra2: float | None = None
+    flicker_ratio: float | None = None
+
+
+@dataclass(slots=True)
+class RegionMeter:
+    """Collects the figures of one video.
+
+    find_person: None leaves out person, background and flicker.
+    similarity: None leaves out SSIMULACRA2.
+    """
+
+    find_person: PersonMaskFinder | None
+    similarity: Similarity | None
+    _values: dict[str, list[float]] = field(default_factory=dict)
+    _changes: list[tuple[float, float]] = field(default_factory=list)
+    _before: tuple[Luma, Luma, Mask] | None = None
+
+    def add(self, index: int, original: Picture, copy: Picture, face: Mask | None) -> None:
+        """Measure frame `index`, if it is its turn.
+
+        original, copy: (height, width, 3) uint8 BGR.  face: mask of the face in `original`.
+        """
+        if index % FRAME_INTERVAL:
+            return
+        face = np.zeros(original.shape[:2], np.bool_) if face is None else face
+        if self.find_person is not None:
+            self._add_regions(original, copy, face, self.find_person(original))
+        if self.similarity is not None:
+            self._add("picture_ssimulacra2", self.similarity(original, copy))
+            if face.any():
+                self._add("face_ssimulacra2", self.similarity(*_face_only(original, copy, face)))
+
+    def result(self) -> RegionQuality:
+        """The means over the frames added."""
+        means = {name: rounded(float(np.mean(values))) for name, values in self._values.items()}
+        return RegionQuality(**means, flicker_ratio=self._flicker_ratio())
+
+    def _add_regions(self, original: Picture, copy: Picture, face: Mask, person: Mask) -> None:
+        lumas = luma_u8(original).astype(np.float64), luma_u8(copy).astype(np.float64)
+        error = (lumas[0] - lumas[1]) ** 2
+        behind = ~(person | face)
+        for name, region in (("person", person & ~face), ("background", behind)):
+            if region.any():
+                self._add(f"{name}_psnr_db", psnr_db(error[region]))
+        if self._before is not None and (both := behind & self._before[2]).any():
+            changes = [np.abs(lumas[i] - self._before[i])[both].mean() for i in (0, 1)]
+            self._changes.append((float(changes[0]), float(changes[1])))
+        self._before = (*lumas, behind)
+
+    def _flicker_ratio(self) -> float | None:
+        if not self._changes:
+            return None
+        source, decoded = np.mean(self._changes, axis=0)
+        return rounded(float(decoded / max(source, LEAST_FLICKER)))
+
+    def _add(self, name: str, value: float) -> None:
+        self._values.setdefault(name, []).append(value)
+
+
+def region_meter(warn: Callable[[str], None]) -> RegionMeter:
+    """A meter with what is installed; `warn` is called with a line for each part that is not."""
+    path = find_segmentation_network()
+    if path is None:
+        warn("risorius: warning: no segmentation network: no PSNR of person and background")
+        find_person = None
+    else:
+        network = path
+
+        def find_person(picture: Picture) -> Mask:
+            probability = person_probability(network, picture)
+            size = picture.shape[1::-1]
+            return np.asarray(cv2.resize(probability, size, interpolation=cv2.INTER_LINEAR) > 0.5)
+
+    similarity = _ssimulacra2()
+    if similarity is None:
+        warn("risorius: warning: no SSIMULACRA2; pip install 'risorius[quality]' brings it")
+    return RegionMeter(find_person, similarity)
+
+
+def _ssimulacra2() -> Similarity | None:
+    try:
+        from ssimulacra2 import compute_ssimulacra2
+    except ImportError:
+        return None
+    compute: Any = compute_ssimulacra2
+    return lambda original, copy: float(compute(_as_png(original), _as_png(copy)))
+
+
+def _as_png(picture: Picture) -> BytesIO:
+    return BytesIO(cv2.imencode(".png", picture)[1].tobytes())
+
+
+def _face_only(original: Picture, copy: Picture, face: Mask) -> tuple[Picture, Picture]:
+    """The face's surroundings in the original, and the same with the face of the copy."""
+    rows, columns = np.nonzero(face)
+    box = tuple(
+        slice(max(0, int(i.min()) - FACE_MARGIN_PX), int(i.max()) + FACE_MARGIN_PX + 1)
+        for i in (rows, columns)
+    )
+    mixed = np.where(face[..., None], copy, original)
+    return np.ascontiguousarray(original[box]), np.ascontiguousarray(mixed[box])

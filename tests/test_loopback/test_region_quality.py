@@ -1,0 +1,96 @@
+"""What is around the face: PSNR over the right pixels, SSIMULACRA2, flicker."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from loopback.quality import measure_quality
+from loopback.region_quality import FRAME_INTERVAL, RegionMeter, RegionQuality, region_meter
+
+SIZE = 64
+Picture = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+
+def flat(level: int) -> Picture:
+    return np.full((SIZE, SIZE, 3), level, np.uint8)
+
+
+def square(first: int, last: int) -> Mask:
+    mask = np.zeros((SIZE, SIZE), np.bool_)
+    mask[first:last, first:last] = True
+    return mask
+
+
+def person(picture: Picture) -> Mask:
+    return square(8, 56)
+
+
+FACE = square(24, 40)
+
+
+def db(difference: float) -> float:
+    return float(10 * np.log10(255**2 / difference**2))
+
+
+def test_each_region_counts_its_own_pixels_alone() -> None:
+    copy = flat(102)
+    copy[square(8, 56)] = 110
+    copy[FACE] = 200
+    meter = RegionMeter(person, None)
+    meter.add(0, flat(100), copy, FACE)
+    result = meter.result()
+    assert result.person_psnr_db == pytest.approx(db(10), abs=0.01)
+    assert result.background_psnr_db == pytest.approx(db(2), abs=0.01)
+    assert result.face_ssimulacra2 is None and result.picture_ssimulacra2 is None
+
+
+def test_a_face_is_no_background_where_the_person_is_not_found() -> None:
+    copy = flat(104)
+    copy[FACE] = 0
+    meter = RegionMeter(lambda picture: np.zeros((SIZE, SIZE), np.bool_), None)
+    meter.add(0, flat(100), copy, FACE)
+    assert meter.result().background_psnr_db == pytest.approx(db(4), abs=0.01)
+    assert meter.result().person_psnr_db is None
+
+
+def test_frames_between_are_left_out() -> None:
+    meter = RegionMeter(person, None)
+    for index in range(1, FRAME_INTERVAL):
+        meter.add(index, flat(100), flat(0), None)
+    assert meter.result() == RegionQuality()
+
+
+def test_flicker_is_the_change_of_the_copy_over_that_of_the_source() -> None:
+    meter = RegionMeter(person, None)
+    for index, (original, copy) in enumerate([(100, 100), (102, 101), (100, 100)]):
+        meter.add(FRAME_INTERVAL * index, flat(original), flat(copy), FACE)
+    assert meter.result().flicker_ratio == pytest.approx(0.5)
+
+
+def test_ssimulacra2_of_the_face_sees_the_face_alone() -> None:
+    pytest.importorskip("ssimulacra2")
+    meter = RegionMeter(None, region_meter(lambda line: None).similarity)
+    noise = np.random.default_rng(0).integers(0, 255, (SIZE, SIZE, 3), np.uint8)
+    copy = flat(128)
+    copy[FACE] = noise[FACE]
+    meter.add(0, noise, copy, FACE)
+    result = meter.result()
+    assert result.face_ssimulacra2 is not None and result.face_ssimulacra2 > 99
+    assert result.picture_ssimulacra2 is not None and result.picture_ssimulacra2 < 50
+
+
+def test_the_person_of_a_real_clip_is_found(carphone: Path) -> None:
+    lines: list[str] = []
+    found = region_meter(lines.append)
+    if found.find_person is None:
+        pytest.skip(lines[0])
+    meter = RegionMeter(found.find_person, None)
+    clip = str(carphone)
+    quality = measure_quality(
+        clip, clip, lambda picture: None, lambda done, total: None, 1, regions=meter
+    )
+    figures = quality.figures()
+    assert figures["person_psnr_db"] == figures["background_psnr_db"] == pytest.approx(108, abs=1)
