@@ -8,10 +8,15 @@ from typing import Any
 import numpy as np
 
 from encoder.capture.video_source import exact_fps, open_source
-from loopback.landmark_metrics import LandmarkMetrics, compare_faces
 from loopback.process_pair import CallResult, run_call
-from loopback.quality import FaceMaskFinder, Quality, face_mask_finder, measure_quality
-from loopback.region_quality import RegionQuality, region_meter
+from loopback.quality.landmark_metrics import LandmarkMetrics, compare_faces
+from loopback.quality.region_quality import RegionQuality, region_meter
+from loopback.quality.video_quality import (
+    FaceMaskFinder,
+    Quality,
+    face_mask_finder,
+    measure_quality,
+)
 from loopback.report import figure, html_page, rounded, table
 from protocol.summary import nominal_duration_s
 from shared_model.errors import UserError

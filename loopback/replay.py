@@ -18,7 +18,7 @@ from loopback.bench import (
     output_names,
 )
 from loopback.clip_paths import clip_path
-from loopback.quality import face_mask_finder
+from loopback.quality.video_quality import face_mask_finder
 from loopback.report import flatten, table
 from loopback.toml_file import read_toml
 from shared_model.errors import UserError

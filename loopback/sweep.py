@@ -24,7 +24,7 @@ from encoder.options import EncodeOptions
 from encoder.pipeline import first_and_second_pass
 from loopback.bench import ClipFailure, check_recorded, make_folder, output_names
 from loopback.chart import Chart, Curve, layout, picture, svg
-from loopback.quality import face_mask_finder, measure_quality
+from loopback.quality.video_quality import face_mask_finder, measure_quality
 from loopback.report import Cell, rounded, table, write_json
 from protocol.call_file import CallWriter
 from protocol.summary import summarise

@@ -17,8 +17,8 @@ from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from loopback.bench import make_folder
 from loopback.clip_paths import CARPHONE, clip_path
-from loopback.quality import Quality, face_mask_finder, measure_quality
-from loopback.region_quality import RegionQuality, region_meter
+from loopback.quality.region_quality import RegionQuality, region_meter
+from loopback.quality.video_quality import Quality, face_mask_finder, measure_quality
 from loopback.report import Cell, table
 from protocol.summary import CallSummary, summarise
 from shared_model.errors import UserError

@@ -21,7 +21,7 @@ from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import Capture, open_source
 from encoder.coding.model_packet import budget_for, build_thesis_model_packet, call_parameters
 from encoder.tracking.trackers import TRACKED_EAUS, TrackingOptions, open_tracker
-from loopback.quality import TrackedFaceMask
+from loopback.quality.video_quality import TrackedFaceMask
 from scripts.command import run, warn
 from scripts.track_synthetic import track_frame
 from shared_model.errors import UserError

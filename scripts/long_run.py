@@ -12,8 +12,8 @@ from itertools import zip_longest
 import numpy as np
 
 from encoder.capture.video_source import open_source
-from loopback.psnr import psnr_db, squared_error
-from loopback.quality import TrackedFaceMask
+from loopback.quality.psnr import psnr_db, squared_error
+from loopback.quality.video_quality import TrackedFaceMask
 from risorius.command_line.argument_types import seconds
 from scripts.command import run
 from shared_model.errors import UserError

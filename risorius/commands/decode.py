@@ -21,7 +21,7 @@ from shared_model.errors import LINK_FAILED, UserError
 
 if TYPE_CHECKING:
     from decoder.pipeline import DecodeReport
-    from loopback.quality import Quality
+    from loopback.quality.video_quality import Quality
     from risorius.command_line.parser import Commands
 
 Progress = Callable[[int, int | None], None]
@@ -175,7 +175,7 @@ def _frames_to_compare(arguments: argparse.Namespace) -> int | None:
     from decoder.duration import count_frames
     from decoder.reenactment import read_model
     from encoder.capture.video_source import open_source
-    from loopback.quality import check_size
+    from loopback.quality.video_quality import check_size
 
     path: Path | None = arguments.call_file
     with open_source(arguments.source) as originals:
@@ -188,7 +188,7 @@ def _frames_to_compare(arguments: argparse.Namespace) -> int | None:
 
 def _common_frames(source: str, frames: int) -> int:
     """How many of `frames` the source has, and a warning if it has more or fewer."""
-    from loopback.quality import source_frame_count
+    from loopback.quality.video_quality import source_frame_count
 
     available = source_frame_count(source, frames)
     common = min(available, frames)
@@ -204,7 +204,7 @@ def _quality(
 
     shown: frames of the video.  known: those that source and call have, None if not known yet.
     """
-    from loopback.quality import face_mask_finder, measure_quality
+    from loopback.quality.video_quality import face_mask_finder, measure_quality
 
     source = arguments.source
     frames = _common_frames(source, shown) if known is None else min(known, shown)

@@ -22,7 +22,7 @@ from loopback.bench import (
     output_names,
 )
 from loopback.process_pair import free_port, run_call
-from loopback.quality import face_mask_finder
+from loopback.quality.video_quality import face_mask_finder
 from loopback.report import figure, flatten, rounded, table
 from loopback.timing_tables import timings_tables
 from risorius.cli import main

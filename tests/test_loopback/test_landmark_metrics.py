@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from loopback.landmark_metrics import LandmarkMetrics, compare_faces, correlation, landmark_metrics
+from loopback.quality.landmark_metrics import (
+    LandmarkMetrics,
+    compare_faces,
+    correlation,
+    landmark_metrics,
+)
 from shared_model.errors import UserError
 
 EYES_PX = 60.0

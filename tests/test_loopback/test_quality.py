@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from decoder.sinks.frame_sink import open_sink
 from encoder.detection.landmark_indices import FACE_OVAL
-from loopback.psnr import psnr_db, squared_error
-from loopback.quality import (
+from loopback.quality.psnr import psnr_db, squared_error
+from loopback.quality.video_quality import (
     Mask,
     Picture,
     face_mask_finder,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from loopback.quality import measure_quality
-from loopback.region_quality import FRAME_INTERVAL, RegionMeter, RegionQuality, region_meter
+from loopback.quality.region_quality import FRAME_INTERVAL, RegionMeter, RegionQuality, region_meter
+from loopback.quality.video_quality import measure_quality
 
 SIZE = 64
 Picture = NDArray[np.uint8]

@@ -16,7 +16,7 @@ from encoder.coding.progressive_model import BASE_LAYER_BYTES
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from encoder.report import EncodeReport
-from loopback.quality import face_mask_finder, measure_quality
+from loopback.quality.video_quality import face_mask_finder, measure_quality
 from protocol.call_file import MAGIC, CallReader
 from protocol.call_records import serialise_records
 from protocol.entropy.varint import decode_varint

@@ -30,7 +30,7 @@ from encoder.fitting.sequence_fit import pick_diverse_frames, smooth_landmarks
 from encoder.learning.frame_sampler import TRAINING_FRAMES, UniformSubsampler
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode as encode_clip
-from loopback.quality import face_mask_finder, measure_quality
+from loopback.quality.video_quality import face_mask_finder, measure_quality
 from protocol.call_file import CallReader, CallWriter
 from protocol.model_packet import ModelPacket
 from protocol.packets import (

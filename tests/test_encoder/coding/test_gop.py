@@ -16,7 +16,7 @@ from encoder.coding.gop import FRAMES_PER_PACKET, GopStructure, gop_for_fps
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from encoder.report import EncodeReport
-from loopback.quality import face_mask_finder, measure_quality
+from loopback.quality.video_quality import face_mask_finder, measure_quality
 from protocol.call_file import CallReader
 from protocol.limits import MAX_FRAME_STEP
 from protocol.model_packet import ModelPacket

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from encoder.capture.colour import luma_u8
 from encoder.detection.segmentation import person_probability
 from encoder.detection.tflite import find_segmentation_network
-from loopback.psnr import psnr_db
+from loopback.quality.psnr import psnr_db
 from loopback.report import rounded
 
 Picture = NDArray[np.uint8]

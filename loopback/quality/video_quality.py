@@ -13,8 +13,8 @@ from encoder.detection.landmark_indices import face_outline
 from encoder.detection.landmarks import open_landmark_tracker
 from encoder.detection.tflite import NetworkFilesMissing
 from encoder.runtime.image_ops import hull_mask
-from loopback.psnr import psnr_db, squared_error
-from loopback.region_quality import RegionMeter, RegionQuality
+from loopback.quality.psnr import psnr_db, squared_error
+from loopback.quality.region_quality import RegionMeter, RegionQuality
 from loopback.report import rounded
 from shared_model.errors import UserError
 

@@ -1,0 +1,1 @@
+"""How good a decoded video is beside its source: PSNR, SSIMULACRA2, landmarks."""
