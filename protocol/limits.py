@@ -1,5 +1,7 @@
 """Limits of the fields of packets: what a parser accepts, whatever the bytes."""
 
+import re
+
 from protocol.entropy.varint import MAX_VARINT
 
 SEQUENCE_MODULUS = 64
@@ -28,6 +30,10 @@ MAX_RESIDUAL_POINTS = 255
 MAX_TRANSLATION_MM = 1e6
 MAX_MODEL_VERSIONS = 64
 MAX_LAYER_PACKETS = 4096
+
+# Names of calls, and ports.
+CALL_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")
+MAX_PORT = 65535
 
 # Characters of an error message that quotes a packet.
 MAX_MESSAGE_LENGTH = 200

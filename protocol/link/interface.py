@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, Self
 
+from protocol.limits import CALL_NAME, MAX_PORT
 from shared_model.errors import UserError
 
 MessageCallback = Callable[[str], None]
@@ -14,8 +15,6 @@ MessageCallback = Callable[[str], None]
 CONNECT_TIMEOUT_S = 10.0
 
 _ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws)/\S+:(?P<port>\d{1,5})(\?\S*)?(#\S*)?")
-MAX_PORT = 65535
-_CALL_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")
 
 
 def ignore_message(line: str) -> None:
@@ -42,7 +41,7 @@ class LinkOptions:
     router: bool = False
 
     def __post_init__(self) -> None:
-        if not _CALL_NAME.fullmatch(self.call):
+        if not CALL_NAME.fullmatch(self.call):
             raise UserError(
                 f"call name {self.call!r}: use a-z, A-Z, 0-9 and _ . -, and no . in front"
             )

@@ -12,6 +12,7 @@ import secrets
 from dataclasses import dataclass, field
 
 from protocol.errors import ProtocolError
+from protocol.limits import CALL_NAME, MAX_PORT
 
 SCHEME = "risorius"
 DEFAULT_PORT = 7447
@@ -30,7 +31,6 @@ _INVITATION = re.compile(
     r"/(?P<call>[A-Za-z0-9_.-]+)#(?P<key>[0-9A-Za-z-]+)"
 )
 _HOST = re.compile(r"[^\s:/?#@\[\]]+|[0-9A-Fa-f:.]+")
-_CALL = re.compile(r"[A-Za-z0-9_.-]+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,10 +50,10 @@ class Invitation:
     def __post_init__(self) -> None:
         if not _HOST.fullmatch(self.host):
             raise ValueError(f"host is {self.host!r}, expected a name or an address")
-        if not 1 <= self.port <= 65535:
-            raise ValueError(f"port is {self.port}, expected 1..65535")
-        if not _CALL.fullmatch(self.call):
-            raise ValueError(f"call is {self.call!r}, expected letters, digits and _ . - only")
+        if not 1 <= self.port <= MAX_PORT:
+            raise ValueError(f"port is {self.port}, expected 1..{MAX_PORT}")
+        if not CALL_NAME.fullmatch(self.call):
+            raise ValueError(f"call is {self.call!r}, expected letters, digits, _ . -")
         if len(self.key) != KEY_BYTES:
             raise ValueError(f"key has {len(self.key)} bytes, expected {KEY_BYTES}")
 
