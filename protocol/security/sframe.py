@@ -24,8 +24,10 @@ TAG_BYTES = 4
 KEY_ID_LIMIT = COUNTER_LIMIT = 1 << 64
 # How far a packet may be behind the newest one and yet be taken.
 REPLAY_WINDOW = 1024
-# Keys that a receiver holds at most.
-MAX_KEYS = 64
+# How far it may be ahead.
+MAX_AHEAD = 1 << 20
+# Key IDs of sessions; they stand in the header's first byte.
+SESSION_KEY_IDS = range(1, 8)
 
 _CIPHER_KEY_BYTES, _AUTHENTICATION_KEY_BYTES, _NONCE_BYTES = 16, 32, 12
 _COUNTER_BLOCK_END = bytes(16 - _NONCE_BYTES)
@@ -64,18 +66,19 @@ def derive_base_key(invitation_key: bytes, sender: str, call: str) -> bytes:
 
 
 def random_session() -> int:
-    """A number of eight bytes for a sender that starts: no two ever have the same."""
-    return secrets.randbelow(KEY_ID_LIMIT - (KEY_ID_LIMIT >> 8)) + (KEY_ID_LIMIT >> 8)
+    """A number of 64 bits for a sender that starts: no two ever have the same."""
+    return secrets.randbits(64)
 
 
 def derive_session_key(base_key: bytes, session: int) -> Key:
     """The key of most packets of a sender that has the number `session`.
 
-    Its key ID stands in the header's first byte, so who shall read them must be told the number:
-    packets under `derive_key(base_key, session)` carry it.
+    Its key ID, one of `SESSION_KEY_IDS`, does not tell the number: who shall read the packets must
+    be told it, in a packet under another key.
     """
     info = b"risorius session\0" + session.to_bytes(8, "big")
-    return derive_key(_expanded(base_key, info, _CIPHER_KEY_BYTES), session % _SHORT)
+    key_id = SESSION_KEY_IDS[session % len(SESSION_KEY_IDS)]
+    return derive_key(_expanded(base_key, info, _CIPHER_KEY_BYTES), key_id)
 
 
 def serialise_header(key_id: int, counter: int) -> bytes:
@@ -147,72 +150,39 @@ def unprotect(key: Key, packet: bytes, metadata: bytes = b"") -> tuple[int, byte
     return counter, _in_counter_mode(key, nonce, ciphertext)
 
 
-class Protector:
-    """Protects the packets of one sender, each with the next counter."""
-
-    def __init__(self, key: Key) -> None:
-        self._key, self._counter = key, 0
-
-    def protect(self, plaintext: bytes, metadata: bytes = b"") -> bytes:
-        """See `protect`."""
-        packet = protect(self._key, self._counter, plaintext, metadata)
-        self._counter += 1
-        return packet
-
-
-class Unprotector:
-    """Takes packets under the keys that it was given, each packet once."""
-
-    def __init__(self) -> None:
-        self._keys: dict[int, tuple[Key, ReplayWindow]] = {}
-
-    def add(self, key: Key) -> None:
-        """Take packets under `key`, too, and none any more under another of the same key ID.
-
-        Beyond `MAX_KEYS` the one added first is given up.
-        """
-        known = self._keys.pop(key.key_id, None)
-        window = known[1] if known is not None and known[0] == key else ReplayWindow()
-        self._keys[key.key_id] = key, window
-        if len(self._keys) > MAX_KEYS:
-            del self._keys[next(iter(self._keys))]
-
-    def unprotect(self, packet: bytes, metadata: bytes = b"") -> tuple[int, bytes]:
-        """Key ID and plaintext of a packet.
-
-        Raises `ProtocolError` if its key is unknown, it is not as it was sent, or it came before;
-        nothing changes then.
-        """
-        key_id, _, _ = parse_header(packet)
-        if key_id not in self._keys:
-            raise ProtocolError(f"protected packet: unknown key ID {key_id}")
-        key, window = self._keys[key_id]
-        counter, plaintext = unprotect(key, packet, metadata)
-        window.take(counter)
-        return key_id, plaintext
-
-
 class ReplayWindow:
-    """Which counters of one key have come, as far as `REPLAY_WINDOW` behind the newest."""
+    """Which counters of one key have come, as far as `REPLAY_WINDOW` behind the newest.
 
-    def __init__(self) -> None:
-        self._newest = -1
-        self._seen = 0  # bit i: newest - i has come
+    newest: the newest counter so far; it and all before it count as come.
+    """
 
-    def take(self, counter: int) -> None:
-        """Note a counter.  Raises `ProtocolError` if it came before, or is too old to tell."""
-        behind = self._newest - counter
-        if behind >= REPLAY_WINDOW:
-            raise ProtocolError(f"protected packet: number {counter} is {behind} behind the newest")
+    def __init__(self, newest: int = -1) -> None:
+        self.newest = newest
+        self._seen = (1 << REPLAY_WINDOW) - 1  # bit i: newest - i has come
+
+    def can_take(self, counter: int) -> bool:
+        """Whether `take` would take a counter.
+
+        It refuses counters more than `MAX_AHEAD` ahead: so many packets are not lost in a row.
+        """
+        behind = self.newest - counter
+        if behind < 0:
+            return -behind <= MAX_AHEAD
+        return behind < REPLAY_WINDOW and not self._seen >> behind & 1
+
+    def take(self, counter: int) -> bool:
+        """Note a counter; False: it came before, or is too old or too far ahead to tell."""
+        if not self.can_take(counter):
+            return False
+        behind = self.newest - counter
         if behind >= 0:
-            if self._seen >> behind & 1:
-                raise ProtocolError(f"protected packet: number {counter} came before")
             self._seen |= 1 << behind
-            return
-        # No more bits than the window has, however far ahead.
-        shift = min(-behind, REPLAY_WINDOW)
-        self._seen = (self._seen << shift | 1) & (1 << REPLAY_WINDOW) - 1
-        self._newest = counter
+        else:
+            # No more bits than the window has, however far ahead.
+            shift = min(-behind, REPLAY_WINDOW)
+            self._seen = (self._seen << shift | 1) & (1 << REPLAY_WINDOW) - 1
+            self.newest = counter
+        return True
 
 
 def _expanded(base_key: bytes, info: bytes, length: int) -> bytes:

@@ -110,7 +110,7 @@ def test_invitations_are_read(text: str, host: str, port: int, call: str) -> Non
 @given(
     st.sampled_from(["192.0.2.7", "host", "a-b.example", "2001:db8::1", "::"]),
     st.integers(1, 65535),
-    st.from_regex(r"[A-Za-z0-9_.-]{1,40}", fullmatch=True),
+    st.from_regex(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,39}", fullmatch=True),
     keys,
 )
 def test_invitations_come_back(host: str, port: int, call: str, key: bytes) -> None:
