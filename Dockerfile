@@ -14,6 +14,7 @@ COPY shared_model ./shared_model
 COPY protocol ./protocol
 COPY encoder ./encoder
 COPY decoder ./decoder
+COPY aam ./aam
 COPY loopback ./loopback
 COPY risorius ./risorius
 RUN pip install --no-cache-dir --no-deps --no-build-isolation . && risorius compile

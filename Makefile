@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 BROWSER := $(VENV)/.browser
-PACKAGES := shared_model protocol encoder decoder loopback risorius
+PACKAGES := shared_model protocol encoder decoder aam loopback risorius
 
 .PHONY: install demo test lint format lock clean
 

@@ -13,6 +13,7 @@ from contextlib import suppress
 from typing import NoReturn
 
 from risorius.command_line.parser import BAD_USAGE, EXIT_CODES, INTERRUPTED, Parser
+from risorius.commands.annotate import add_annotate
 from risorius.commands.benchmarks import add_bench, add_replay
 from risorius.commands.compile import add_compile
 from risorius.commands.decode import add_decode
@@ -33,6 +34,7 @@ COMMANDS = (
     add_replay,
     add_info,
     add_track,
+    add_annotate,
     add_animate,
     add_view,
     add_demo,

@@ -9,8 +9,13 @@ from pathlib import Path
 
 import pytest
 
+<<<<<<< HEAD:tests/test_house/test_layout.py
 ROOT = Path(__file__).resolve().parents[2]
 OURS = ("shared_model", "protocol", "encoder", "decoder", "loopback", "risorius")
+=======
+ROOT = Path(__file__).resolve().parent.parent
+OURS = ("shared_model", "protocol", "encoder", "decoder", "aam", "loopback", "risorius")
+>>>>>>> 49a0caf (Annotation of still pictures: risorius annotate):tests/test_layout.py
 MAY_IMPORT = {
     "shared_model": {"shared_model"},
     "protocol": {
@@ -21,7 +26,15 @@ MAY_IMPORT = {
     },
     "encoder": {"encoder", "protocol", "shared_model"},
     "decoder": {"decoder", "protocol", "shared_model"},
-    "loopback": {"loopback", "shared_model", "protocol", "encoder", "decoder"},
+    "aam": {
+        "aam",
+        "shared_model",
+        "encoder.appearance",
+        "encoder.detection",
+        "encoder.fitting",
+        "encoder.runtime",
+    },
+    "loopback": {"loopback", "shared_model", "protocol", "encoder", "decoder", "aam"},
     "risorius": set(OURS),
 }
 IMPORTERS = {
@@ -36,7 +49,7 @@ IMPORTERS = {
     },
     "zenoh": {"protocol/link/zenoh_link.py"},
 }
-CV2_PACKAGES = {"encoder", "decoder", "loopback", "risorius"}
+CV2_PACKAGES = {"aam", "encoder", "decoder", "loopback", "risorius"}
 # The encoder's packages in the order of the data; each may import those before it.
 ENCODER_PACKAGES = (
     "runtime",

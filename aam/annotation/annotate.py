@@ -1,0 +1,238 @@
+"""Annotate pictures one by one: find landmarks or take given ones, fit, write both files."""
+
+import hashlib
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.annotation.annotation_file import Annotation, read_header, write_annotation
+from aam.annotation.landmark_files import read_landmark_csv, read_landmark_file
+from aam.annotation.landmark_schemes import FaceLandmarks, from_given, from_network
+from aam.annotation.landmark_search import StillLandmarks
+from aam.annotation.still_fit import StillFit, fit_still
+from aam.shape_space import shape_vector
+from aam.weak_pose import project
+from aam.window import FACE_CENTRE_MM, WINDOW_MM, FaceWindow, window_around
+from encoder.appearance.texture import extract_texture
+from shared_model.animate import Face, identity_from_controls
+from shared_model.appearance import atlas_of
+from shared_model.errors import UserError, cannot_read
+from shared_model.mesh import generic_head
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+Progress = Callable[[int, int], None]
+
+SUFFIXES = {".jpg", ".jpeg", ".png", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".webp"}
+LANDMARK_SUFFIXES = (".asf", ".pts")
+# Largest side of the window that is kept, pixels, and of the texture, texels.
+WINDOW_PX, TEXTURE_SIZE = 384, 256
+
+
+@dataclass(frozen=True, slots=True)
+class AnnotationOptions:
+    """How pictures are annotated.
+
+    projection: see `still_fit.PROJECTIONS`.  residual: fit the residual shape as well.
+    landmarks: "network", ".asf" or ".pts" for files beside the pictures, or the path of a CSV.
+    person: a regular expression whose first group in the picture's path names the person; "": each
+        picture shows another one.
+    """
+
+    projection: str = "weak"
+    residual: bool = False
+    landmarks: str = "network"
+    person: str = ""
+
+    @property
+    def text(self) -> str:
+        """All that changes the result of a fit."""
+        residual = " residual" if self.residual else ""
+        return f"{self.projection}{residual} landmarks={self.landmarks}"
+
+
+@dataclass(slots=True)
+class AnnotationReport:
+    """What came of it: names of annotations, in all and from this run; pictures without one."""
+
+    names: list[str] = field(default_factory=list)
+    fitted: int = 0
+    failures: list[str] = field(default_factory=list)
+
+
+def annotate(
+    images: Sequence[Path],
+    folder: Path,
+    options: AnnotationOptions,
+    progress: Progress = lambda done, total: None,
+    stop: Callable[[], bool] = lambda: False,
+) -> AnnotationReport:
+    """Annotate pictures into a folder; those with a whole annotation of the same are passed over.
+
+    A picture that shows no face, or cannot be read, is noted and the others go on.
+    Raises `UserError` where no picture could be annotated for a reason that holds for all.
+    """
+    given = _GivenLandmarks(options.landmarks)
+    report = AnnotationReport()
+    names = annotation_names(images)
+    for done, (path, name) in enumerate(zip(images, names, strict=True)):
+        if stop():
+            break
+        try:
+            if not _is_done(folder / f"{name}.json", path, options):
+                annotation = _annotate_one(path, name, given, options)
+                write_annotation(folder, annotation)
+                report.fitted += 1
+            report.names.append(name)
+        except _NotAnnotated as error:
+            report.failures.append(f"{path}: {error}")
+        progress(done + 1, len(images))
+    return report
+
+
+def list_images(paths: Iterable[Path]) -> list[Path]:
+    """The pictures that are named, and those in folders that are named.  Raises `UserError`."""
+    found: list[Path] = []
+    for path in paths:
+        if path.is_dir():
+            inside = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES)
+            if not inside:
+                raise UserError(f"{path} holds no pictures ({', '.join(sorted(SUFFIXES))})")
+            found += inside
+        elif path.is_file():
+            found.append(path)
+        else:
+            raise UserError(f"cannot read {path}: no such file")
+    return found
+
+
+def annotation_names(images: Sequence[Path]) -> list[str]:
+    """A name for each picture: that of its file, with as many folders before it as all need."""
+    for depth in range(1, 8):
+        names = ["_".join(path.with_suffix("").parts[-depth:]) for path in images]
+        if len(set(names)) == len(names):
+            return names
+    raise UserError("two of the pictures have the same path; name each once")
+
+
+class _NotAnnotated(Exception):
+    """A picture that cannot be annotated; the message says why."""
+
+
+class _GivenLandmarks:
+    """Where landmarks come from, see `AnnotationOptions.landmarks`."""
+
+    def __init__(self, source: str) -> None:
+        self._source = source
+        self._search: StillLandmarks | None = None
+        self._table: Mapping[str, Array] = {}
+        if source == "network":
+            self._search = StillLandmarks()
+        elif source not in LANDMARK_SUFFIXES:
+            self._table = read_landmark_csv(Path(source))
+
+    def of(self, path: Path, picture: Picture) -> FaceLandmarks:
+        """The landmarks in a picture.  Raises `_NotAnnotated`."""
+        if self._search is not None:
+            points = self._search.find(picture)
+            if points is None:
+                raise _NotAnnotated("no face found")
+            return from_network(points)
+        try:
+            return from_given(self._given(path, picture))
+        except (UserError, ValueError) as error:
+            raise _NotAnnotated(str(error)) from error
+
+    def _given(self, path: Path, picture: Picture) -> Array:
+        if self._source in LANDMARK_SUFFIXES:
+            size = picture.shape[1], picture.shape[0]
+            return read_landmark_file(path.with_suffix(self._source), size)
+        for name in (str(path), path.name, path.stem, f"{path.parent.name}/{path.name}"):
+            if name in self._table:
+                return self._table[name]
+        raise UserError(f"{self._source} has no line for it")
+
+
+def _is_done(json_path: Path, image: Path, options: AnnotationOptions) -> bool:
+    if not json_path.is_file() or not json_path.with_suffix(".npz").is_file():
+        return False
+    try:
+        header = read_header(json_path)
+    except UserError:
+        return False
+    wanted = (_sha256(image), options.text, _person(image, options.person, json_path.stem))
+    return (header.get("image_sha256"), header.get("options"), header.get("person")) == wanted
+
+
+def _annotate_one(
+    path: Path, name: str, given: _GivenLandmarks, options: AnnotationOptions
+) -> Annotation:
+    picture = _read_picture(path)
+    landmarks = given.of(path, picture)
+    size = picture.shape[1], picture.shape[0]
+    try:
+        fitted = fit_still(generic_head(), size, landmarks, options.projection, options.residual)
+    except ValueError as error:
+        raise _NotAnnotated(str(error)) from error
+    return Annotation(
+        name,
+        _person(path, options.person, name),
+        str(path),
+        _sha256(path),
+        options.text,
+        fitted.projection,
+        fitted.camera.focal_px,
+        fitted.error,
+        fitted.pose,
+        shape_vector(fitted.aau, fitted.face.eau),
+        fitted.control_mm,
+        _texture(picture, fitted),
+        landmarks.points,
+        face_window(picture, fitted.pose, WINDOW_PX),
+    )
+
+
+def _texture(picture: Picture, fitted: StillFit) -> Picture:
+    head = generic_head()
+    identity = identity_from_controls(head, fitted.aau, fitted.control_mm)
+    vertices = Face(head, identity).animate(fitted.face.eau)
+    atlas = atlas_of(head, TEXTURE_SIZE)
+    return extract_texture(head, atlas, fitted.camera, fitted.face.pose, vertices, picture)
+
+
+def face_window(picture: Picture, pose: Array, largest_px: int) -> FaceWindow:
+    """The window about a face of this weak-perspective pose (6,), at most `largest_px` a side.
+
+    Faces that are smaller in the picture are not enlarged.
+    """
+    side = float(np.exp(pose[5]) * WINDOW_MM)
+    centre = project(pose, FACE_CENTRE_MM[None])[0]
+    return window_around(picture, centre, side, min(largest_px, max(round(side), 16)))
+
+
+def _read_picture(path: Path) -> Picture:
+    picture = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if picture is None:
+        raise _NotAnnotated("not a picture that can be read")
+    return np.asarray(picture, np.uint8)
+
+
+def _person(path: Path, pattern: str, name: str) -> str:
+    if not pattern:
+        return name
+    match = re.search(pattern, str(path))
+    if match is None or not match.groups():
+        raise _NotAnnotated(f"--person {pattern} names nobody in its path")
+    return match.group(1)
+
+
+def _sha256(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise cannot_read(path, error) from error

@@ -1,0 +1,32 @@
+"""The anthropometric-expression (AE) shape space (thesis 2.4.1): AAUs and EAUs in [-1, 1]."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.fitting.increments import AAU_LIMIT
+from shared_model.parameters import AAUS, EAU_HIGH, EAU_INDEX, EAU_LOW, EAUS
+
+Array = NDArray[np.float64]
+
+SHAPE_NAMES = (*AAUS, *(eau.name for eau in EAUS))
+SHAPE_COUNT = len(SHAPE_NAMES)
+# What an actuator is divided by; rest is 0.
+SHAPE_RANGE = np.concatenate(
+    [np.full(len(AAUS), AAU_LIMIT), np.maximum(np.abs(EAU_LOW), np.abs(EAU_HIGH))]
+)
+# The gaze is not fitted: landmarks show it by the lids alone.
+FITTED_EAUS = tuple(i for i, eau in enumerate(EAUS) if not eau.name.startswith("gaze"))
+LOW = np.concatenate([np.full(len(AAUS), -1.0), np.array(EAU_LOW)])
+HIGH = np.concatenate([np.full(len(AAUS), 1.0), np.array(EAU_HIGH)])
+JAW_DROP = len(AAUS) + EAU_INDEX["jaw_drop"]
+
+
+def shape_vector(aau: Array, eau: Array) -> Array:
+    """The AE shape vector (25,) of AAUs (11,) and EAUs (14,), each in [-1, 1]."""
+    return np.asarray(np.clip(np.concatenate([aau, eau]) / SHAPE_RANGE, -1, 1))
+
+
+def actuators(shape: Array) -> tuple[Array, Array]:
+    """AAUs (11,) and EAUs (14,) of a shape vector (25,); EAUs beyond their ranges are clipped."""
+    values = np.clip(shape, LOW, HIGH) * SHAPE_RANGE
+    return values[: len(AAUS)], values[len(AAUS) :]

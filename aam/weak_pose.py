@@ -1,0 +1,80 @@
+"""Poses under weak perspective (thesis eq. 2.16) as vectors that searches displace.
+
+A pose is (wx, wy, wz, x, y, log s): the rotation vector that turns the head before it looks into
+the camera, `FRONTAL` exp(w), radians; the pixel of the head's origin; the logarithm of the scale,
+pixels per mm.  A step is (wx, wy, wz, x, y, log s) too, but in the head's own axes, so that the
+same step changes a texture alike wherever the face is: the rotation is applied in head axes, the
+shift is along and across the head's horizontal axis in the picture, in mm.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shared_model.geometry import (
+    FRONTAL,
+    Camera,
+    conjugate,
+    euler_deg,
+    matrix_from_quaternion,
+    multiply,
+    normalise,
+    quaternion_from_vector,
+    vector_from_quaternion,
+)
+from shared_model.parameters import Pose
+
+Array = NDArray[np.float64]
+
+POSE_COUNT = 6
+POSE_NAMES = ("rx", "ry", "rz", "tx", "ty", "scale")
+# The lens by which weak perspective is expressed as a perspective camera, in terms of the longer
+# side: so long that depth in the head changes the scale by less than 1 in 10,000.
+TELEPHOTO_RATIO = 1000.0
+
+
+def rotation_matrix(pose: Array) -> Array:
+    """(3, 3) camera from head.  pose: (6,)."""
+    turned = multiply(np.array(FRONTAL), quaternion_from_vector(pose[:3]))
+    return matrix_from_quaternion(turned)
+
+
+def project(pose: Array, points_mm: Array) -> Array:
+    """(m, 2) pixels of points (m, 3), mm, head frame (eq. 2.16)."""
+    rotation = rotation_matrix(pose)
+    return np.asarray(np.exp(pose[5]) * (points_mm @ rotation[:2].T) + pose[3:5])
+
+
+def displaced(pose: Array, step: Array) -> Array:
+    """The pose (6,) after a step (6,), see above."""
+    turn = multiply(quaternion_from_vector(pose[:3]), quaternion_from_vector(step[:3]))
+    across = rotation_matrix(pose)[:2, 0]
+    across = across / max(float(np.linalg.norm(across)), 1e-6)
+    down = np.array([-across[1], across[0]])
+    shift = np.exp(pose[5]) * (step[3] * across + step[4] * down)
+    return np.concatenate([vector_from_quaternion(turn), pose[3:5] + shift, [pose[5] + step[5]]])
+
+
+def pose_vector(pose: Pose, camera: Camera) -> Array:
+    """The weak-perspective vector (6,) of a perspective pose, exact at the head's origin."""
+    turn = multiply(conjugate(np.array(FRONTAL)), pose.rotation)
+    scale = camera.focal_px / pose.translation_mm[2]
+    origin = camera.centre + scale * pose.translation_mm[:2]
+    return np.concatenate([vector_from_quaternion(turn), origin, [np.log(scale)]])
+
+
+def telephoto(pose: Array, size: tuple[int, int]) -> tuple[Camera, Pose]:
+    """A perspective camera and pose that project as the vector (6,) does.
+
+    size: (width, height) of the picture.
+    """
+    camera = Camera(*size, TELEPHOTO_RATIO * max(size))
+    scale = np.exp(pose[5])
+    shift = (pose[3:5] - camera.centre) / scale
+    rotation = normalise(multiply(np.array(FRONTAL), quaternion_from_vector(pose[:3])))
+    return camera, Pose(rotation, np.append(shift, camera.focal_px / scale))
+
+
+def euler_angles_deg(pose: Array) -> tuple[float, float, float]:
+    """Pitch, yaw, roll, degrees, see `euler_deg`."""
+    rotation = normalise(multiply(np.array(FRONTAL), quaternion_from_vector(pose[:3])))
+    return euler_deg(Pose(rotation, np.zeros(3)))
