@@ -9,13 +9,8 @@ from pathlib import Path
 
 import pytest
 
-<<<<<<< HEAD:tests/test_house/test_layout.py
 ROOT = Path(__file__).resolve().parents[2]
-OURS = ("shared_model", "protocol", "encoder", "decoder", "loopback", "risorius")
-=======
-ROOT = Path(__file__).resolve().parent.parent
 OURS = ("shared_model", "protocol", "encoder", "decoder", "aam", "loopback", "risorius")
->>>>>>> 49a0caf (Annotation of still pictures: risorius annotate):tests/test_layout.py
 MAY_IMPORT = {
     "shared_model": {"shared_model"},
     "protocol": {
