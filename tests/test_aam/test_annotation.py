@@ -64,10 +64,12 @@ def test_names_take_as_many_folders_as_tell_pictures_apart() -> None:
 def test_landmark_files_of_both_formats(tmp_path: Path) -> None:
     asf = tmp_path / "a.asf"
     asf.write_text("# comment\n2\n0 0 0.25 0.5 0 1 1 0 0 0\n0 0 0.5 0.75 1 0 0 0 0 0\na.jpg\n")
-    np.testing.assert_allclose(read_landmark_file(asf, (100, 40)), [[24.5, 19.5], [49.5, 29.5]])
+    np.testing.assert_allclose(
+        read_landmark_file(asf, (100, 40)), np.array([[24.5, 19.5], [49.5, 29.5]])
+    )
     pts = tmp_path / "a.pts"
     pts.write_text("version: 1\nn_points: 2\n{\n1.5 2\n3 4\n}\n")
-    np.testing.assert_allclose(read_landmark_file(pts, (9, 9)), [[1.5, 2], [3, 4]])
+    np.testing.assert_allclose(read_landmark_file(pts, (9, 9)), np.array([[1.5, 2.0], [3.0, 4.0]]))
     pts.write_text("{ 1 two }")
     with pytest.raises(UserError, match=r"a\.pts: could not convert"):
         read_landmark_file(pts, (9, 9))
@@ -104,7 +106,8 @@ def test_annotate_writes_open_files_and_tells_of_a_picture_without_landmarks(
     read = read_annotation(out / "p1_a.json")
     assert read.texture.shape == (256, 256, 3) and np.abs(read.shape).max() <= 1
     assert values["pose"]["scale"] == pytest.approx(POSE[5], abs=0.02)
-    assert cv2.imread(str(out / "contact_000.jpg")).shape == (160, 6 * 320, 3)
+    sheet = cv2.imread(str(out / "contact_000.jpg"))
+    assert sheet is not None and sheet.shape == (160, 6 * 320, 3)
 
 
 def test_annotate_passes_over_what_is_there_and_repeats_what_is_damaged(
