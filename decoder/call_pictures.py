@@ -28,6 +28,7 @@ from protocol.link.interface import (
 from protocol.model_packet import ModelPacket
 from protocol.packets import PacketKind, packet_kind
 from protocol.progressive_model import is_same_model
+from protocol.security.link_security import LinkSecurity
 from shared_model.errors import LINK_FAILED, UserError
 from shared_model.stage_timer import StageTimer
 
@@ -42,7 +43,8 @@ class CallOptions:
     """The source of a call, and the person that is drawn.
 
     call_file: a recorded call, or an open stream of one; None: over the network.
-    listen, connect: Zenoh endpoints such as tcp/0.0.0.0:7447; call: name of the call.
+    listen, connect: endpoints (HOST:PORT, tcp/HOST:PORT); call: name of the call.
+    security: what protects the call over the network.
     connect_timeout_s: time limit for connecting; 0: the default.
     face: call file whose person is drawn instead; None: the call's own.
     """
@@ -53,6 +55,7 @@ class CallOptions:
     call: str = "call"
     connect_timeout_s: float = 0.0
     face: Path | None = None
+    security: LinkSecurity = field(default_factory=LinkSecurity)
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,9 +195,10 @@ def open_source(options: CallOptions, on_message: MessageCallback) -> PacketSour
     from protocol.link.zenoh_link import ZenohSource
 
     timeout_s = options.connect_timeout_s or CONNECT_TIMEOUT_S
-    return ZenohSource(
-        LinkOptions(options.call, options.listen, options.connect, timeout_s), on_message
+    link = LinkOptions(
+        options.call, options.listen, options.connect, timeout_s, security=options.security
     )
+    return ZenohSource(link, on_message)
 
 
 def playout_frames(

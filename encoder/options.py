@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from encoder.tracking.trackers import TrackingOptions
+from protocol.security.link_security import LinkSecurity
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,7 +14,8 @@ class EncodeOptions:
 
     source: video file, image pattern (frame_%04d.png), camera index or URL.
     output: call file, or an open stream for its bytes.
-    connect, listen: Zenoh endpoints (tcp/HOST:PORT); call: name of the call there.
+    connect, listen: endpoints (HOST:PORT, tcp/HOST:PORT); call: name of the call there.
+    security: what protects the call over the network.
     lossless: over the network no packet is dropped, however slow: for measurements, not live calls.
     tracking: how the thesis profile tracks the face.
     profile: "thesis" or "default".
@@ -34,6 +36,7 @@ class EncodeOptions:
     connect: tuple[str, ...] = ()
     listen: tuple[str, ...] = ()
     call: str = "call"
+    security: LinkSecurity = field(default_factory=LinkSecurity)
     lossless: bool = False
     profile: str = "default"
     bitrate: float = 800.0

@@ -29,7 +29,14 @@ def open_packet_sink(
     from protocol.link.zenoh_link import ZenohSink
 
     timeout_s = options.wait_for_peer_s or CONNECT_TIMEOUT_S
-    link = LinkOptions(options.call, options.listen, options.connect, timeout_s, options.lossless)
+    link = LinkOptions(
+        options.call,
+        options.listen,
+        options.connect,
+        timeout_s,
+        options.lossless,
+        security=options.security,
+    )
     sink = stack.enter_context(ZenohSink(link, on_message))
     if options.wait_for_peer_s:
         sink.wait_for_peer(options.wait_for_peer_s)

@@ -34,6 +34,7 @@ MAX_LAYER_PACKETS = 4096
 # Names of calls, and ports.
 CALL_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")
 MAX_PORT = 65535
+DEFAULT_PORT = 7447
 
 # Characters of an error message that quotes a packet.
 MAX_MESSAGE_LENGTH = 200

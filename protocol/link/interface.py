@@ -1,20 +1,19 @@
 """Interfaces of what carries a call's packets: a file or a network."""
 
-import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol, Self
 
-from protocol.limits import CALL_NAME, MAX_PORT
+from protocol.endpoint import parse_endpoint, parse_remote_endpoint
+from protocol.limits import CALL_NAME
+from protocol.security.link_security import LinkSecurity
 from shared_model.errors import UserError
 
 MessageCallback = Callable[[str], None]
 
 # Default of `LinkOptions.connect_timeout_s`.
 CONNECT_TIMEOUT_S = 10.0
-
-_ENDPOINT = re.compile(r"(tcp|udp|tls|quic|ws)/\S+:(?P<port>\d{1,5})(\?\S*)?(#\S*)?")
 
 
 def ignore_message(line: str) -> None:
@@ -26,11 +25,12 @@ class LinkOptions:
     """How to hold a call over a network.  Raises `UserError` if an option is invalid.
 
     call: its name: a-z, A-Z, 0-9 and `_.-`, no dot in front.
-    listen, connect: Zenoh endpoints such as tcp/127.0.0.1:7447; at least one.
+    listen, connect: endpoints, see `parse_endpoint`; at least one.
     connect_timeout_s: time limit for connecting.
     lossless: frame packets are sent reliably and wait for a slow link instead of being dropped;
         over TCP all arrive, in order, before END.  For files and measurements, not for live calls.
     router: forward the calls of others and take part in none.
+    security: what protects the call.
     """
 
     call: str
@@ -39,22 +39,26 @@ class LinkOptions:
     connect_timeout_s: float = CONNECT_TIMEOUT_S
     lossless: bool = False
     router: bool = False
+    security: LinkSecurity = field(default_factory=LinkSecurity)
 
     def __post_init__(self) -> None:
         if not CALL_NAME.fullmatch(self.call):
             raise UserError(
                 f"call name {self.call!r}: use a-z, A-Z, 0-9 and _ . -, and no . in front"
             )
-        if not self.listen and not self.connect:
+        if not self.listen_locators + self.connect_locators:
             raise UserError("no endpoint to listen on or to connect to")
-        for endpoint in self.listen + self.connect:
-            parts = _ENDPOINT.fullmatch(endpoint)
-            if parts is None:
-                raise UserError(f"endpoint {endpoint!r}: expected something like tcp/HOST:7447")
-            if int(parts["port"]) > MAX_PORT:
-                raise UserError(f"endpoint {endpoint!r}: ports go up to {MAX_PORT}")
-            if endpoint in self.connect and not int(parts["port"]):
-                raise UserError(f"endpoint {endpoint!r}: nobody listens on port 0")
+
+    @property
+    def listen_locators(self) -> tuple[str, ...]:
+        """What Zenoh listens on."""
+        return tuple(place for text in self.listen for place in parse_endpoint(text).locators)
+
+    @property
+    def connect_locators(self) -> tuple[str, ...]:
+        """What Zenoh connects to."""
+        remote = map(parse_remote_endpoint, self.connect)
+        return tuple(place for endpoint in remote for place in endpoint.locators)
 
 
 @dataclass(frozen=True, slots=True)

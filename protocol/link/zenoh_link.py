@@ -330,10 +330,10 @@ def _config(options: LinkOptions) -> zenoh.Config:
         "mode": "router" if options.router else "peer" if options.listen else "client",
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
-        "listen/endpoints": options.listen,
+        "listen/endpoints": options.listen_locators,
         "listen/timeout_ms": 0,
         "listen/exit_on_failure": True,
-        "connect/endpoints": options.connect,
+        "connect/endpoints": options.connect_locators,
         "connect/timeout_ms": round(1000 * options.connect_timeout_s),
         "connect/exit_on_failure": True,
         "connect/retry": {

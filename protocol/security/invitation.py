@@ -12,10 +12,9 @@ import secrets
 from dataclasses import dataclass, field
 
 from protocol.errors import ProtocolError
-from protocol.limits import CALL_NAME, MAX_PORT
+from protocol.limits import CALL_NAME, DEFAULT_PORT, MAX_PORT
 
 SCHEME = "risorius"
-DEFAULT_PORT = 7447
 KEY_BYTES = 16
 MAX_INVITATION_CHARACTERS = 512
 

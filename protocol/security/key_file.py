@@ -1,26 +1,17 @@
-"""Key files: what one end shows and trusts in mutual TLS."""
+"""Key files, which `risorius keys` writes."""
 
 import re
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from cryptography import x509
 from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives import serialization
 
+from protocol.security.link_security import KeyFile
 from shared_model.errors import UserError
 
 _PEM_BLOCK = re.compile(rb"-----BEGIN ([A-Z ]+)-----.*?-----END \1-----\r?\n?", re.DOTALL)
 MAX_KEY_FILE_BYTES = 64 * 1024
-
-
-@dataclass(frozen=True, slots=True)
-class KeyFile:
-    """The authority that is trusted, the own certificate and its private key, each in PEM."""
-
-    authority: bytes
-    certificate: bytes
-    private_key: bytes = field(repr=False)
 
 
 def read_key_file(path: Path) -> KeyFile:

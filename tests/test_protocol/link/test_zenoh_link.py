@@ -448,10 +448,9 @@ def test_sending_after_closing_is_a_failed_link(endpoint: str) -> None:
         ({"call": "é"}, "use a-z, A-Z, 0-9"),
         ({"call": ".."}, "no . in front"),
         ({"call": "x"}, "no endpoint"),
-        ({"call": "x", "connect": ("host:7447",)}, "expected something like"),
-        ({"call": "x", "listen": ("tcp/host",)}, "expected something like"),
+        ({"call": "x", "connect": ("sctp/host:7447",)}, "expected HOST:7447"),
         ({"call": "x", "listen": ("tcp/host:65536",)}, "ports go up to 65535"),
-        ({"call": "x", "listen": ("tcp/host:" + 5000 * "1",)}, "expected something like"),
+        ({"call": "x", "listen": ("tcp/host:" + 5000 * "1",)}, "expected HOST:7447"),
         ({"call": "x", "connect": ("tcp/host:0",)}, "nobody listens on port 0"),
     ],
 )

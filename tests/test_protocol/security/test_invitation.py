@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocol.errors import ProtocolError
+from protocol.limits import DEFAULT_PORT
 from protocol.security.invitation import (
-    DEFAULT_PORT,
     KEY_BYTES,
     MAX_INVITATION_CHARACTERS,
     Invitation,

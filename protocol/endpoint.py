@@ -1,0 +1,107 @@
+"""Where an end listens or connects to, as a user names it: [SCHEME/][HOST][:PORT].
+
+Without a scheme an end listens for, or tries, all of `DEFAULT_SCHEMES` on one port number.
+"""
+
+import re
+import socket
+from dataclasses import dataclass
+from ipaddress import ip_address
+
+from protocol.limits import DEFAULT_PORT, MAX_MESSAGE_LENGTH, MAX_PORT
+from shared_model.errors import UserError
+
+SCHEMES = ("tcp", "udp", "tls", "quic", "ws")
+# Tried in this order.
+DEFAULT_SCHEMES = ("tcp",)
+ANY_HOST = "0.0.0.0"
+# A host that no packet is sent to: its route tells the address that others see.
+_FAR_HOST = ("192.0.2.1", 9)
+
+_ENDPOINT = re.compile(
+    rf"((?P<scheme>{'|'.join(SCHEMES)})/)?(?P<host>\[[0-9A-Fa-f:.]+\]|[^\s:/?#@\[\]]*)"
+    r"(:(?P<port>\d{1,5}))?(?P<options>(\?[^\s#]*)?(#\S*)?)"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """One endpoint.
+
+    scheme: None: any of `DEFAULT_SCHEMES`.  host: an IPv6 address without brackets.
+    options: as Zenoh has them, with ? or # in front; empty: none.
+    """
+
+    scheme: str | None
+    host: str
+    port: int
+    options: str = ""
+
+    @property
+    def address(self) -> str:
+        """HOST:PORT."""
+        return f"{f'[{self.host}]' if ':' in self.host else self.host}:{self.port}"
+
+    @property
+    def locators(self) -> tuple[str, ...]:
+        """What Zenoh is given for it."""
+        schemes = DEFAULT_SCHEMES if self.scheme is None else (self.scheme,)
+        return tuple(f"{scheme}/{self.address}{self.options}" for scheme in schemes)
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only this host can reach it."""
+        if self.host == "localhost":
+            return True
+        try:
+            return ip_address(self.host).is_loopback
+        except ValueError:
+            return False
+
+    @property
+    def is_any(self) -> bool:
+        """Whether it stands for all addresses of this host."""
+        try:
+            return ip_address(self.host).is_unspecified
+        except ValueError:
+            return False
+
+
+def parse_endpoint(text: str) -> Endpoint:
+    """The endpoint that a user named; without a host all addresses of this one, without a port
+    `DEFAULT_PORT`.
+
+    Raises `UserError` if it is none.
+    """
+    parts = _ENDPOINT.fullmatch(text)
+    if parts is None or not text:
+        raise UserError(
+            f"endpoint {text[:MAX_MESSAGE_LENGTH]!r}: expected HOST:{DEFAULT_PORT}, or with a scheme as in"
+            f" tcp/HOST:{DEFAULT_PORT}"
+        )
+    port = int(parts["port"] or DEFAULT_PORT)
+    if port > MAX_PORT:
+        raise UserError(f"endpoint {text!r}: ports go up to {MAX_PORT}")
+    return Endpoint(parts["scheme"], parts["host"].strip("[]") or ANY_HOST, port, parts["options"])
+
+
+def parse_remote_endpoint(text: str) -> Endpoint:
+    """The endpoint to connect to.  Raises `UserError` if nobody can be there."""
+    endpoint = parse_endpoint(text)
+    if not endpoint.port:
+        raise UserError(f"endpoint {text!r}: nobody listens on port 0")
+    if endpoint.is_any:
+        raise UserError(f"endpoint {text!r}: name the host to connect to")
+    return endpoint
+
+
+def address_for_others() -> str | None:
+    """The address of this host on its default route; None without one.  Sends nothing."""
+    for family, host in ((socket.AF_INET, _FAR_HOST), (socket.AF_INET6, ("2001:db8::1", 9))):
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.connect(host)
+            except OSError:
+                continue
+            return str(probe.getsockname()[0])
+    return None

@@ -1,0 +1,24 @@
+"""What protects a link: the key of an invitation, and the certificates of mutual TLS."""
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True)
+class KeyFile:
+    """The authority that is trusted, the own certificate and its private key, each in PEM."""
+
+    authority: bytes
+    certificate: bytes
+    private_key: bytes = field(repr=False)
+
+
+@dataclass(frozen=True, slots=True)
+class LinkSecurity:
+    """How a call is protected.
+
+    key: of the invitation: the packets are encrypted from end to end; None: they are not.
+    key_file: for endpoints with TLS: what is shown to the other end and asked of it; None: none.
+    """
+
+    key: bytes | None = field(default=None, repr=False)
+    key_file: KeyFile | None = field(default=None, repr=False)
