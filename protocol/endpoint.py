@@ -76,8 +76,8 @@ def parse_endpoint(text: str) -> Endpoint:
     parts = _ENDPOINT.fullmatch(text)
     if parts is None or not text:
         raise UserError(
-            f"endpoint {text[:MAX_MESSAGE_LENGTH]!r}: expected HOST:{DEFAULT_PORT}, or with a scheme as in"
-            f" tcp/HOST:{DEFAULT_PORT}"
+            f"endpoint {text[:MAX_MESSAGE_LENGTH]!r}: expected HOST:{DEFAULT_PORT},"
+            f" or with a scheme as in tcp/HOST:{DEFAULT_PORT}"
         )
     port = int(parts["port"] or DEFAULT_PORT)
     if port > MAX_PORT:
