@@ -28,6 +28,7 @@ from protocol.pictures.coefficient_coding import STEP_OUTPUTS, UNARY_LIMIT
 from protocol.pictures.coefficient_context import CodingPass, CoefficientContext, tile_sums
 from protocol.pictures.foreground_mask import parse_background
 from protocol.pictures.picture_codec import parse_picture_header, plane_shapes
+from protocol.pictures.plane_decoding import ArrayBandDecoder, decode_planes
 from protocol.pictures.probability_model import (
     CLASS_COUNT,
     CLASS_STARTS,
@@ -40,7 +41,7 @@ from protocol.pictures.probability_model import (
     BandPosition,
     ProbabilityModels,
 )
-from protocol.pictures.subband_coding import PictureSequence, decode_planes
+from protocol.pictures.subband_coding import PictureSequence
 from protocol.pictures.subband_pyramid import SubbandPyramid
 from scripts.command import run
 
@@ -151,10 +152,13 @@ def read_call(path: Path) -> tuple[list[Samples], ...]:
             head = parse_picture_header("still", still)
             recorder = ContextRecorder(head.kind)
             shapes = plane_shapes(head.height, head.width)
-            keep(recorder, decode_planes(recorder, "still", still[head.start + 1 :], shapes))
+            keep(
+                recorder,
+                decode_planes(recorder, "still", still[head.start + 1 :], shapes, ArrayBandDecoder),
+            )
         recorder = ContextRecorder(MODE)
         for mode in parse_transform(packet.profile_data).modes:
-            keep(recorder, decode_planes(recorder, "mode", mode[1:], shapes))
+            keep(recorder, decode_planes(recorder, "mode", mode[1:], shapes, ArrayBandDecoder))
     return found
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.runtime.jit import jit
+from protocol.runtime.jit import jit
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.runtime.jit import jit
+from protocol.runtime.jit import jit
 from shared_model import geometry
 from shared_model.animate import Face
 from shared_model.appearance import Atlas

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from encoder.appearance.shape_free import ShapeFreeFrame, warp_jacobian
 from encoder.capture.face_crop import Crop
-from encoder.runtime.jit import jit
+from protocol.runtime.jit import jit
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]

@@ -8,7 +8,7 @@ for the visibility of triangles in pixels.
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.runtime.jit import jit
+from protocol.runtime.jit import jit
 from shared_model import geometry
 from shared_model.appearance import Atlas
 from shared_model.mesh import Head

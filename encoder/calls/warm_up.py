@@ -20,7 +20,9 @@ from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.fitting.identity import TYPICAL_FOCAL_RATIO
 from encoder.fitting.landmark_fit import landmark_model
 from encoder.learning.incremental_modes import ModeLearner
+from encoder.picture_coding.image_budget import encode_background_within
 from encoder.tracking.outlier_rejection import robust_residuals
+from protocol.pictures.picture_codec import decode_picture
 from shared_model.geometry import Camera, camera_from_head, pixel_from_camera, pose_from_euler
 from shared_model.mesh import Head
 from shared_model.surround import head_with_surround
@@ -63,6 +65,8 @@ def compile_loops() -> None:
         cv2.imwrite(f"{folder}/0.png", noise)
         with open_source(f"{folder}/%d.png") as capture:
             warm_up(head_with_surround(), capture, gop_for_fps(capture.fps, None), rng)
+    # Of the decoder.
+    decode_picture("noise", encode_background_within(noise, BYTES))
     # Of the thesis profile's filter; the other loops are those of the default one.
     points, state = 4, 7
     jacobian = np.zeros((2 * points, 2 * state))[:, :state]

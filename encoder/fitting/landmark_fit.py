@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from encoder.detection.landmark_indices import OUTER_EYE_CORNERS, RIGID_LANDMARKS
 from encoder.fitting.increments import RIGID, apply_clipped_increment
-from encoder.runtime.jit import jit
+from protocol.runtime.jit import jit
 from shared_model import geometry
 from shared_model.geometry import Camera
 from shared_model.mesh import Head

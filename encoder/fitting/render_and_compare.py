@@ -21,7 +21,7 @@ from encoder.fitting.analysis_by_synthesis import PICTURE_DAMPING, cauchy_weight
 from encoder.fitting.increments import FACE_PARAMETERS, RIGID, apply_picture_step
 from encoder.fitting.levenberg_marquardt import Equations, Evaluation, levenberg_marquardt
 from encoder.runtime.image_ops import hull_mask
-from encoder.runtime.jit import jit
+from protocol.runtime.jit import jit
 from shared_model.animate import Face
 from shared_model.geometry import Camera, matrix_from_quaternion
 from shared_model.parameters import EAUS, LID_EAUS, FaceParameters

@@ -13,16 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.picture_coding.symbol_prediction import (
-    PASSES,
-    Predictor,
-    add_to_context,
-    context_grids,
-    list_positions,
-    make_predictor,
-    predict,
-)
-from encoder.runtime.jit import jit
 from protocol.entropy.range_coder import PROBABILITY_ONE
 from protocol.pictures.coefficient_coding import MAX_MAGNITUDE, STEP_OUTPUTS, UNARY_LIMIT
 from protocol.pictures.coefficient_context import (
@@ -33,6 +23,16 @@ from protocol.pictures.coefficient_context import (
 )
 from protocol.pictures.probability_model import BandPosition, probability_models
 from protocol.pictures.subband_pyramid import RECONSTRUCTION_BIAS
+from protocol.pictures.symbol_prediction import (
+    PASSES,
+    Predictor,
+    add_to_context,
+    context_grids,
+    list_positions,
+    make_predictor,
+    predict,
+)
+from protocol.runtime.jit import jit
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

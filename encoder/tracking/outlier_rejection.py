@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.runtime.jit import jit
+from protocol.runtime.jit import jit
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

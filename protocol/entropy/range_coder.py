@@ -7,13 +7,18 @@ a message of likely zeros alone has no bytes.  After Martin, "Range encoding", 1
 """
 
 from bisect import bisect_left
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 PROBABILITY_BITS = 16
 PROBABILITY_ONE = 1 << PROBABILITY_BITS
 # The range exceeds 2 ** 40, so its split follows the probabilities to within 2 ** -24.
 _TOP_BITS = 48
-_LEAST_RANGE = 1 << 40
+LEAST_RANGE = 1 << 40
 # The time of an addition grows with the length of the integer: longer low ends are flushed.
 _FLUSH_BITS = 1024
 
@@ -40,7 +45,7 @@ class RangeEncoder:
             self._range -= split
         else:
             self._range = split
-        while self._range < _LEAST_RANGE:
+        while self._range < LEAST_RANGE:
             self._low <<= 8
             self._range <<= 8
             self._shifted += 8
@@ -81,6 +86,16 @@ class RangeDecoder:
         """Number of bytes at the end on which no bit decoded so far depends."""
         return max(0, len(self._data) - self._position)
 
+    @contextmanager
+    def registers(self) -> Iterator[tuple[NDArray[np.uint8], NDArray[np.int64]]]:
+        """The bytes (n,), and code, range and position (3,) for a compiled loop to go on from.
+
+        What the loop makes of the three is taken over at the end of the `with` block.
+        """
+        registers = np.array([self._code, self._range, self._position], np.int64)
+        yield np.frombuffer(self._data, np.uint8), registers
+        self._code, self._range, self._position = registers.tolist()
+
     def code_bit(self, bit: int, zero: int) -> int:
         """The next bit, which is 0 with probability `zero` / 65536; `bit` is ignored."""
         split = (self._range >> PROBABILITY_BITS) * zero
@@ -90,7 +105,7 @@ class RangeDecoder:
             self._range -= split
         else:
             self._range = split
-        while self._range < _LEAST_RANGE:
+        while self._range < LEAST_RANGE:
             byte = self._data[self._position] if self._position < len(self._data) else 0
             self._code = self._code << 8 | byte
             self._range <<= 8

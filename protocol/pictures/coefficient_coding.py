@@ -16,8 +16,8 @@ Integers = NDArray[np.int64]
 UNARY_LIMIT = 60
 # The output of `ProbabilityModels.sizes` that gives the probability of each unary decision.
 STEP_OUTPUTS = (0, 1, 2, 3, 3, 4, 4, 4, 4, *[5] * (UNARY_LIMIT - 9))
-_LONGEST = 14
-MAX_MAGNITUDE = UNARY_LIMIT + (2 << _LONGEST) - 2
+LONGEST = 14
+MAX_MAGNITUDE = UNARY_LIMIT + (2 << LONGEST) - 2
 
 
 def code_lowpass_band(
@@ -60,4 +60,4 @@ def _code_magnitude(coder: BitCoder, magnitude: int, zeros: list[int]) -> int:
     for reached in range(UNARY_LIMIT):
         if not coder.code_bit(int(magnitude > reached), zeros[STEP_OUTPUTS[reached]]):
             return reached
-    return UNARY_LIMIT + code_exp_golomb(coder, magnitude - UNARY_LIMIT, _LONGEST)
+    return UNARY_LIMIT + code_exp_golomb(coder, magnitude - UNARY_LIMIT, LONGEST)

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from protocol.entropy.varint import decode_varint, encode_varint
 from protocol.errors import ProtocolError
+from protocol.pictures.plane_decoding import decode_planes
 from protocol.pictures.probability_model import BACKGROUND, MODE, TEXTURE
-from protocol.pictures.subband_coding import PictureSequence, decode_planes
+from protocol.pictures.subband_coding import PictureSequence
 from protocol.pictures.subband_pyramid import SubbandPyramid, dequantised
 from protocol.pictures.weight_map import decode_weight_map
 

@@ -13,18 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.entropy.adaptive_models import AdaptiveIntegers
-from protocol.entropy.range_coder import RangeDecoder
-from protocol.errors import ProtocolError
-from protocol.pictures.coefficient_coding import code_bit_array, code_lowpass_band, code_magnitudes
 from protocol.pictures.coefficient_context import (
-    SMALL_BAND,
-    TILE,
     CodingPass,
     CoefficientContext,
     ContextBand,
     box_sum,
     crop_or_pad,
-    tile_sums,
     upsample,
 )
 from protocol.pictures.probability_model import LOWPASS, MODE, BandPosition, probability_models
@@ -186,72 +180,3 @@ class PictureSequence:
         """(n,) probabilities that the coefficients of a pass are positive, in 1/65536."""
         features, mlp = context.sign_features(coding_pass), probability_models().signs
         return mlp.zero_probabilities(features, position, coding_pass)[:, 0]
-
-
-@dataclass(frozen=True, slots=True)
-class _PlaneDecoder:
-    """A `PlaneCoder` that reads a plane of the next picture of `sequence`."""
-
-    sequence: PictureSequence
-    coder: RangeDecoder
-    shape: Shape
-
-    def lowpass_band(self, empty: Integers, integers: AdaptiveIntegers, context: int) -> Integers:
-        return code_lowpass_band(self.coder, integers, context, empty)
-
-    def band(self, position: BandPosition, context_bands: Integers) -> Integers:
-        shape = context_bands.shape[1:]
-        flags = self._tile_flags(position, tile_sums(np.abs(context_bands)))
-        active, around = (upsample(each, TILE, shape) for each in (flags, box_sum(flags)))
-        band = np.zeros(shape, np.int64)
-        context = CoefficientContext(context_bands, active > 0, around)
-        for coding_pass in context.passes():
-            zeros = self.sequence.predict_magnitudes(context, position, coding_pass)
-            values = code_magnitudes(self.coder, np.zeros(len(zeros), np.int64), zeros)
-            nonzero = values > 0
-            if nonzero.any():
-                signed = coding_pass.subset(nonzero)
-                zeros = self.sequence.predict_signs(context, position, signed)
-                values[nonzero] *= 1 - 2 * self._bits(zeros)
-            context.set_known(coding_pass, values)
-            band[coding_pass.rows, coding_pass.columns] = values
-        return band
-
-    def _tile_flags(self, position: BandPosition, context_bands: Integers) -> Integers:
-        """(rows, columns) 1 for each tile that may have nonzero coefficients.
-
-        context_bands: (len(ContextBand), rows, columns) sums over tiles.
-        """
-        grid = context_bands.shape[1:]
-        if grid[0] * grid[1] * TILE**2 <= SMALL_BAND:
-            return np.ones(grid, np.int64)
-        flags = np.zeros(grid, np.int64)
-        context = CoefficientContext(context_bands, np.ones(grid, bool), np.zeros(grid, np.int64))
-        for coding_pass in context.passes():
-            bits = self._bits(self.sequence.predict_tiles(context, position, coding_pass))
-            context.set_known(coding_pass, bits)
-            flags[coding_pass.rows, coding_pass.columns] = bits
-        return flags
-
-    def _bits(self, zeros: Integers) -> Integers:
-        return code_bit_array(self.coder, np.zeros_like(zeros), zeros)
-
-
-def decode_planes(
-    sequence: PictureSequence, name: str, data: bytes, shapes: Sequence[Shape]
-) -> list[SubbandPyramid]:
-    """Decode planes of `shapes`, the next picture of `sequence`, and advance the sequence.
-
-    name: of the picture, for the message.
-    Raises `ProtocolError` if `data` is damaged; then the sequence does not advance.
-    """
-    sequence.check_shapes(shapes)
-    coder = RangeDecoder(data)
-    try:
-        pyramids = sequence.code([_PlaneDecoder(sequence, coder, shape) for shape in shapes])
-    except ValueError as error:
-        raise ProtocolError(f"{name}: {error}") from error
-    if coder.unread_bytes:
-        raise ProtocolError(f"{name}: {coder.unread_bytes} bytes too many")
-    sequence.advance(pyramids)
-    return pyramids

@@ -15,7 +15,6 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("shared_model", "protocol", "encoder", "decoder", "aam", "loopback", "risorius")
 MODULE_LINES, FUNCTION_LINES, PACKAGE_MODULES = 300, 40, 13
 LONGER_MODULES: dict[str, int] = {
-    "tests/test_protocol/pictures/test_subband_coding.py": 308,
     "tests/test_protocol/test_call_file.py": 353,
     "protocol/link/zenoh_link.py": 365,
     "tests/test_loopback/test_bad_wire.py": 302,

@@ -36,7 +36,7 @@ IMPORTERS = {
     "ai_edge_litert": {"encoder/detection/tflite.py"},
     "av": {"encoder/capture/video_source.py", "decoder/sinks/video_file.py"},
     "filterpy": {"encoder/tracking/ekf.py"},
-    "numba": {"encoder/runtime/jit.py"},
+    "numba": {"protocol/runtime/jit.py"},
     "moderngl": {
         "decoder/rendering/background_pass.py",
         "decoder/rendering/gl_context.py",

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pyramids import bands, same
 
 from encoder.picture_coding.picture_rdoq import quantise_picture
 from protocol.entropy.range_coder import PROBABILITY_ONE
@@ -20,6 +21,7 @@ from protocol.pictures.coefficient_context import (
     log_feature,
 )
 from protocol.pictures.picture_codec import plane_shapes
+from protocol.pictures.plane_decoding import decode_planes
 from protocol.pictures.probability_model import (
     BACKGROUND,
     CLASS_COUNT,
@@ -35,7 +37,7 @@ from protocol.pictures.probability_model import (
     ProbabilityModels,
     probability_models,
 )
-from protocol.pictures.subband_coding import PictureSequence, decode_planes
+from protocol.pictures.subband_coding import PictureSequence
 from protocol.pictures.subband_pyramid import SubbandPyramid, dequantised, empty_pyramid
 from protocol.pictures.wavelet import LEVELS, transform
 
@@ -61,19 +63,6 @@ def encode(
     data = tape.serialise()
     assert data == tape.serialise() and len(data) <= np.ceil((tape.bits + 1) / 8) <= len(data) + 2
     return data, pyramids
-
-
-def same(ours: list[SubbandPyramid], theirs: list[SubbandPyramid]) -> bool:
-    pairs = zip(ours, theirs, strict=True)
-    return all(
-        np.array_equal(a, b)
-        for one, other in pairs
-        for a, b in zip(bands(one), bands(other), strict=True)
-    )
-
-
-def bands(pyramid: SubbandPyramid) -> list[NDArray[np.int64]]:
-    return [pyramid.lowpass, *(band for level in pyramid.details for band in level)]
 
 
 @pytest.mark.parametrize("shape", SHAPES)

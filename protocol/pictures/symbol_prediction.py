@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.runtime.jit import jit
 from protocol.pictures.coefficient_context import (
     FIRST_SIGNED,
     LOG_TABLE,
@@ -28,6 +27,7 @@ from protocol.pictures.probability_model import (
     WEIGHT_BITS,
     Mlp,
 )
+from protocol.runtime.jit import jit
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from encoder.runtime.jit import fingerprint, jit
+from protocol.runtime.jit import fingerprint, jit
 
 LOOP = """
 def ratios(over, under):

@@ -1,0 +1,1 @@
+"""What makes inner loops fast, for both ends."""
