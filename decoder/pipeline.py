@@ -7,12 +7,14 @@ from fractions import Fraction
 from pathlib import Path
 from typing import BinaryIO
 
-from decoder.call_pictures import CallOptions, CallPictures
+from decoder.call_pictures import CallOptions, CallPictures, DrawnFrame
 from decoder.duration import count_frames
 from decoder.sinks.frame_sink import FrameSink, ThreadedSink, check_sink, open_sink
+from protocol.call_parameters import CallParameters
 from protocol.link.interface import MessageCallback, ignore_message
 
 Progress = Callable[[int, int | None], None]
+ShowCallback = Callable[[DrawnFrame, CallParameters], None]
 
 # Damaged packets that are reported one by one.
 MAX_DAMAGES_TOLD = 5
@@ -61,11 +63,13 @@ def decode(
     progress: Progress,
     stop: Callable[[], bool],
     on_message: MessageCallback = ignore_message,
+    show: ShowCallback | None = None,
 ) -> DecodeReport:
     """Decode one call to its end, or until `stop`; pictures decoded by then are written.
 
     progress: called with the number of pictures so far and of the whole call, if that is known.
     on_message: called with a line when the link waits for an encoder.
+    show: called with each picture and the sender's parameters, as soon as it is drawn.
     Raises `UserError` if the call cannot be read, drawn or written; with exit code 4 if its encoder
     leaves before it has sent a face.
     """
@@ -81,6 +85,8 @@ def decode(
             if sink is not None:
                 with pictures.timer.stage("write"):
                     sink.write(frame.picture)
+            if show is not None:
+                show(frame, pictures.sender)
             progress(len(pictures.stats.shown_ns), total)
         if not pictures.playout.ended and (stop() or options.call_file is None):
             pictures.stats.warnings += _unfinished(options, sink, stop())

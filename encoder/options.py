@@ -14,6 +14,7 @@ class EncodeOptions:
 
     source: video file, image pattern (frame_%04d.png), camera index or URL.
     output: call file, or an open stream for its bytes.
+    monitor: an open stream that gets the call as well, to look at what is sent; None: none.
     connect, listen: endpoints (HOST:PORT, tcp/HOST:PORT); call: name of the call there.
     security: what protects the call over the network.
     lossless: over the network no packet is dropped, however slow: for measurements, not live calls.
@@ -33,6 +34,7 @@ class EncodeOptions:
 
     source: str
     output: Path | BinaryIO | None = None
+    monitor: BinaryIO | None = None
     connect: tuple[str, ...] = ()
     listen: tuple[str, ...] = ()
     call: str = "call"

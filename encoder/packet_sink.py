@@ -1,7 +1,8 @@
 """Where an encoder's packets go: a call file, a stream or the network."""
 
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
+from typing import BinaryIO, Self
 
 from encoder.options import EncodeOptions
 from protocol.call_file import CallStreamWriter, CallWriter
@@ -10,17 +11,25 @@ from protocol.link.interface import (
     LinkOptions,
     MessageCallback,
     PacketSink,
+    Reachability,
 )
 
 
 def open_packet_sink(
     options: EncodeOptions, stack: ExitStack, on_message: MessageCallback
 ) -> PacketSink:
-    """The sink for `options`, closed with `stack`.
+    """The sink for `options`, with a copy for its monitor, closed with `stack`.
 
     on_message: see `SessionCallbacks`.
     Raises `UserError` if it cannot be written, or nobody is there within the time to wait.
     """
+    sink = _open_packet_sink(options, stack, on_message)
+    return sink if options.monitor is None else MonitoredSink(sink, options.monitor)
+
+
+def _open_packet_sink(
+    options: EncodeOptions, stack: ExitStack, on_message: MessageCallback
+) -> PacketSink:
     if isinstance(options.output, Path):
         return stack.enter_context(CallWriter(options.output))
     if options.output is not None:
@@ -41,3 +50,41 @@ def open_packet_sink(
     if options.wait_for_peer_s:
         sink.wait_for_peer(options.wait_for_peer_s)
     return sink
+
+
+class MonitoredSink:
+    """A `PacketSink` that sends each packet to another one and writes it to an open stream.
+
+    A stream that cannot be written any more gets nothing further: the call goes on.
+    """
+
+    def __init__(self, sink: PacketSink, monitor: BinaryIO) -> None:
+        self._sink = sink
+        self._copy: CallStreamWriter | None = None
+        with suppress(OSError):
+            self._copy = CallStreamWriter(monitor)
+
+    @property
+    def reachability(self) -> Reachability:
+        """That of the other sink."""
+        return self._sink.reachability
+
+    def send(self, packet: bytes) -> None:
+        """Send one packet."""
+        self._sink.send(packet)
+        if self._copy is None:
+            return
+        try:
+            self._copy.send(packet)
+        except OSError:
+            self._copy = None
+
+    def close(self) -> None:
+        """Close the other sink; the stream stays open."""
+        self._sink.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()

@@ -57,7 +57,7 @@ examples:
   risorius bench me.mp4 --out out/bench         bits against PSNR, two processes on this host
 """
 # Libraries that only one end needs, and the extra that brings them.
-EXTRA_OF = {"filterpy": "encoder", "moderngl": "decoder"}
+EXTRA_OF = {"aiohttp": "call", "filterpy": "encoder", "moderngl": "decoder", "segno": "call"}
 
 
 class ShowVersion(argparse.Action):

@@ -10,6 +10,7 @@ from risorius.command_line.argument_types import (
     frame_rate,
     model_bytes,
     parts,
+    port,
     seconds,
 )
 
@@ -168,6 +169,18 @@ def add_timeout(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="over a link, give up after S seconds without a picture, or to connect to; 0: wait for"
         " pictures as long as it takes, and 10 seconds to connect (default: 0)",
+    )
+
+
+def add_view(parser: argparse.ArgumentParser, what: str) -> None:
+    """A page that shows the call.  what: whose face it shows."""
+    parser.add_argument(
+        "--view",
+        action="store_true",
+        help=f"show {what} on a page of this host while the call goes on",
+    )
+    parser.add_argument(
+        "--port", type=port, default=0, metavar="N", help="TCP port of that page; 0: any free one"
     )
 
 

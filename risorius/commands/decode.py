@@ -11,7 +11,13 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from risorius.command_line.option_rules import DECODE_LINK_OPTIONS, reject
-from risorius.command_line.options import add_comparison, add_link, add_reporting, add_timeout
+from risorius.command_line.options import (
+    add_comparison,
+    add_link,
+    add_reporting,
+    add_timeout,
+    add_view,
+)
 from risorius.command_line.output_checks import STANDARD, check_outputs
 from risorius.command_line.parser import INTERRUPTED, add_command
 from risorius.command_line.progress import ProgressLine, say, warn
@@ -20,7 +26,7 @@ from risorius.command_line.standard_streams import input_of, output_of
 from shared_model.errors import LINK_FAILED, UserError
 
 if TYPE_CHECKING:
-    from decoder.pipeline import DecodeReport
+    from decoder.pipeline import DecodeReport, ShowCallback
     from loopback.quality.video_quality import Quality
     from risorius.command_line.parser import Commands
 
@@ -42,7 +48,7 @@ def add_decode(added: "Commands") -> None:
         "  risorius decode call.rzo -o out.mkv --source me.mp4\n"
         "  risorius decode call.rzo --face anna.rzo -o anna.mkv\n"
         "  risorius decode call.rzo -o - | mpv -\n"
-        "  risorius decode --listen tcp/0.0.0.0:7447 --call anna -o out.mkv\n",
+        "  risorius decode --listen tcp/0.0.0.0:7447 --call anna --view\n",
     )
     where = parser.add_mutually_exclusive_group(required=True)
     where.add_argument(
@@ -63,6 +69,7 @@ def add_decode(added: "Commands") -> None:
     )
     add_comparison(parser)
     add_timeout(parser)
+    add_view(parser, "the call")
     add_reporting(parser)
     parser.set_defaults(run=run_decode)
 
@@ -116,15 +123,34 @@ def _decode(
         face=arguments.face,
     )
     idle = IdleTimeout(arguments.timeout, stop)
-    with ProgressLine("decode", sys.stderr, arguments.quiet) as progress:
+    with ExitStack() as stack:
+        show = _view(arguments, idle, stack) if arguments.view else None
+        progress = stack.enter_context(ProgressLine("decode", sys.stderr, arguments.quiet))
         try:
-            report = decode(options, idle.watch(stop.watch(progress)), idle, progress.say)
+            report = decode(options, idle.watch(stop.watch(progress)), idle, progress.say, show)
         except UserError as error:
             raise _reason(error, stop, idle) from error
     if idle.expired and not report.complete:
         warn([f"no picture came for {idle.timeout_s:g} s"])
     warn(report.warnings)
     return report
+
+
+def _view(
+    arguments: argparse.Namespace, stop: Callable[[], bool], stack: ExitStack
+) -> "ShowCallback":
+    """What shows each picture on a page until `stack` is closed."""
+    from risorius.call_page.call_view import CallView
+
+    path: Path | None = arguments.call_file
+    is_recorded = path is not None and path != STANDARD
+    name = arguments.call if path is None else path.name if is_recorded else "What is sent"
+
+    def announce(address: str) -> None:
+        say(f"decode: the call is shown at {address}")
+
+    view = CallView(announce, name, arguments.port, is_recorded, path is not None, stop)
+    return stack.enter_context(view).show
 
 
 class IdleTimeout:

@@ -2,6 +2,8 @@
 
 import argparse
 import sys
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +15,7 @@ from risorius.command_line.options import (
     add_reporting,
     add_tracking,
     add_transport,
+    add_view,
 )
 from risorius.command_line.output_checks import check_call_file, check_outputs
 from risorius.command_line.parser import INTERRUPTED, add_command
@@ -51,6 +54,7 @@ def add_encode(added: "Commands") -> None:
     add_coding(parser)
     add_tracking(parser)
     add_transport(parser)
+    add_view(parser, "what is sent, as the other end draws it,")
     add_reporting(parser)
     parser.set_defaults(run=run_encode)
 
@@ -62,28 +66,39 @@ def run_encode(arguments: argparse.Namespace) -> int:
     profile = profile_of(arguments)
     if arguments.output is not None:
         reject(arguments, ENCODE_LINK_OPTIONS, "-o")
-    from encoder.pipeline import encode
     from loopback.report import write_json
     from protocol.link.interface import Reachability
 
-    options = _encode_options(arguments, profile)
-    progress_line = ProgressLine("encode", sys.stderr, arguments.quiet)
-    with StopOnSignal() as stop, progress_line as progress:
-        try:
-            preparing = stop.watch_preparing(progress.preparing)
-            report = encode(options, stop.watch(progress), stop, progress.say, preparing)
-        except UserError as error:
-            if stop():
-                raise KeyboardInterrupt from error
-            raise
-    warn(report.warnings)
-    if not arguments.quiet:
-        print(f"{'interrupted: ' if stop() else ''}{_encode_summary(report)}")
+    with ExitStack() as stack:
+        options = _encode_options(arguments, profile)
+        if arguments.view:
+            from risorius.call_page.call_view import SentView
+
+            view = stack.enter_context(SentView(arguments.port))
+            options = replace(options, monitor=view.stream)
+        stop = stack.enter_context(StopOnSignal())
+        report = _encode(options, stop, arguments.quiet)
+        warn(report.warnings)
+        if not arguments.quiet:
+            print(f"{'interrupted: ' if stop() else ''}{_encode_summary(report)}")
     if arguments.report:
         write_json(arguments.report, report)
     if stop():
         return INTERRUPTED
     return LINK_FAILED if report.reach == Reachability.NO_LINK else 0
+
+
+def _encode(options: "EncodeOptions", stop: StopOnSignal, quiet: bool) -> "EncodeReport":
+    from encoder.pipeline import encode
+
+    with ProgressLine("encode", sys.stderr, quiet) as progress:
+        try:
+            preparing = stop.watch_preparing(progress.preparing)
+            return encode(options, stop.watch(progress), stop, progress.say, preparing)
+        except UserError as error:
+            if stop():
+                raise KeyboardInterrupt from error
+            raise
 
 
 def _encode_options(arguments: argparse.Namespace, profile: str) -> "EncodeOptions":

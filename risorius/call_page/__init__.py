@@ -1,0 +1,1 @@
+"""The page that shows a call while it goes on, and takes the camera of who looks at it."""

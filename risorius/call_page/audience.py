@@ -1,0 +1,91 @@
+"""The pages and programs that watch a call, each with a queue of its own.
+
+A slow one loses pictures; it delays neither the call nor another one.
+"""
+
+import asyncio
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from risorius.call_page.messages import PictureMessage, Stream
+
+# Pictures of each stream that may wait for one watcher: a packet's eight come at once.
+MAX_WAITING = 24
+
+Message = PictureMessage | str
+
+
+class Watcher:
+    """What one page has not received yet; of pictures the newest, of texts all."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[Message] = deque()
+        self._arrived = asyncio.Event()
+
+    def put(self, message: Message) -> None:
+        """Add a message; if there are too many pictures of its stream, the oldest goes."""
+        if isinstance(message, PictureMessage):
+            same = [m for m in self._waiting if _stream(m) == message.stream]
+            if len(same) >= MAX_WAITING:
+                self._waiting.remove(same[0])
+        self._waiting.append(message)
+        self._arrived.set()
+
+    async def take(self) -> Message:
+        """Wait for the next message."""
+        while not self._waiting:
+            self._arrived.clear()
+            await self._arrived.wait()
+        return self._waiting.popleft()
+
+
+class Audience:
+    """All watchers of a call; used in one event loop.
+
+    A new one first gets the newest picture of each stream and the newest text of each kind.
+    """
+
+    def __init__(self) -> None:
+        self._watchers: list[Watcher] = []
+        self._pictures: dict[Stream, PictureMessage] = {}
+        self._texts: dict[str, str] = {}
+        self._joined = asyncio.Event()
+
+    def __len__(self) -> int:
+        return len(self._watchers)
+
+    def show(self, picture: PictureMessage) -> None:
+        """Send a picture to all."""
+        self._pictures[picture.stream] = picture
+        for watcher in self._watchers:
+            watcher.put(picture)
+
+    def tell(self, kind: str, text: str) -> None:
+        """Send a text to all; who joins later gets the newest of its kind."""
+        self._texts[kind] = text
+        for watcher in self._watchers:
+            watcher.put(text)
+
+    async def joined(self) -> None:
+        """Wait for the first watcher."""
+        await self._joined.wait()
+
+    @contextmanager
+    def watching(self) -> Iterator[Watcher]:
+        """A watcher for the time of the `with` block."""
+        watcher = Watcher()
+        for text in self._texts.values():
+            watcher.put(text)
+        for picture in self._pictures.values():
+            watcher.put(picture)
+        self._watchers.append(watcher)
+        self._joined.set()
+        try:
+            yield watcher
+        finally:
+            self._watchers.remove(watcher)
+
+
+def _stream(message: Message) -> Stream | None:
+    return message.stream if isinstance(message, PictureMessage) else None

@@ -1,0 +1,114 @@
+"""A one-way call on a page while it is decoded, or while it is sent."""
+
+import fcntl
+import os
+import subprocess
+import sys
+import time
+import webbrowser
+from collections.abc import Callable
+from contextlib import suppress
+from typing import BinaryIO, Self, cast
+
+from decoder.call_pictures import DrawnFrame
+from protocol.call_parameters import CallParameters
+from risorius.call_page.page_thread import PageThread
+
+# An interrupted program ends within about this time.
+NAP_S = 0.1
+# As much of the call may wait for a program that shows it: an encoder must not wait for that.
+PIPE_BYTES = 1 << 20
+
+
+class CallView:
+    """Shows the pictures of a call on a page; a context manager.
+
+    announce: called with the page's address.
+    name: of the call, as the page's title.
+    port: TCP port on this host; 0: any free one.
+    is_recorded: the call is read from a file: it is shown at the source's own rate, and begins when
+        somebody looks.  paced: shown at that rate; a call over a link comes at it.
+    stop: whether the user has asked to stop.
+    """
+
+    def __init__(
+        self,
+        announce: Callable[[str], None],
+        name: str,
+        port: int,
+        is_recorded: bool,
+        paced: bool,
+        stop: Callable[[], bool],
+    ) -> None:
+        self._name, self._paced, self._stop = name, paced, stop
+        self._start_s: float | None = None
+        self._page = PageThread(port)
+        self._tell("waiting for the call", over="Waiting for the call …")
+        announce(self._page.address)
+        open_browser(self._page.address)
+        if is_recorded:
+            self._page.wait_for_page(stop)
+
+    def show(self, frame: DrawnFrame, sender: CallParameters) -> None:
+        """Show one picture, at its time if the call is paced."""
+        time_s = frame.index / sender.fps
+        if self._start_s is None:
+            self._start_s = time.monotonic() - time_s
+            self._tell(f"{sender.width}x{sender.height}, {sender.fps:.4g} pictures a second")
+        if self._paced:
+            self._sleep_until(self._start_s + time_s)
+        self._page.show(frame.index, time_s, frame.picture, frame.frozen)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._page.close()
+
+    def _tell(self, text: str, over: str = "") -> None:
+        self._page.tell("state", name=self._name, text=text, over=over)
+
+    def _sleep_until(self, due_s: float) -> None:
+        while not self._stop() and (left_s := due_s - time.monotonic()) > 0:
+            time.sleep(min(left_s, NAP_S))
+
+
+class SentView:
+    """A program that shows what an encoder sends; a context manager.
+
+    It reads the call from `stream` and decodes it as the other end does.  port: of its page.
+    """
+
+    def __init__(self, port: int) -> None:
+        program = (sys.executable, "-m", "risorius", "decode", "-", "--view", "-q")
+        # A group of its own: a Ctrl-C ends the encoder, and with it the stream.
+        self._process = subprocess.Popen(
+            [*program, "--port", str(port)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        if hasattr(fcntl, "F_SETPIPE_SZ"):
+            with suppress(OSError):
+                fcntl.fcntl(self.stream, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
+
+    @property
+    def stream(self) -> BinaryIO:
+        """Takes the call; see `encoder.options.EncodeOptions.monitor`."""
+        assert self._process.stdin is not None
+        return cast(BinaryIO, self._process.stdin)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        with suppress(OSError):
+            self.stream.close()
+        self._process.wait()
+
+
+def open_browser(address: str) -> None:
+    """Open a page in the user's browser, if this host has a screen."""
+    has_screen = sys.platform in ("darwin", "win32")
+    if has_screen or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        webbrowser.open(address)

@@ -1,0 +1,159 @@
+"""The server of a call's page: the page itself, its WebSocket, and a stream for other programs.
+
+/TOKEN/               the page; with ?window=1 nothing but the picture, for OBS and the like
+/TOKEN/ws             pictures and state to the page; camera, sound and commands from it
+/TOKEN/stream.mjpg    the other person's pictures as Motion JPEG
+"""
+
+import asyncio
+import json
+from collections.abc import Callable
+from contextlib import suppress
+from importlib.resources import files
+from typing import Any, Self
+
+from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
+
+from protocol.errors import ProtocolError
+from risorius.call_page.access import HEADERS, HOST, Access, random_token
+from risorius.call_page.audience import Audience, Watcher
+from risorius.call_page.messages import (
+    MAX_JPEG_BYTES,
+    PictureMessage,
+    Stream,
+    parse_picture,
+    serialise_picture,
+)
+from shared_model.errors import LINK_FAILED, UserError
+
+BOUNDARY = "picture"
+CommandCallback = Callable[[dict[str, Any]], None]
+CameraCallback = Callable[[PictureMessage], None]
+
+
+class PageServer:
+    """Serves one call's page on this host while it is open; used in one event loop.
+
+    on_command: called with each command of a page.  on_camera: called with each picture of a page's
+        camera.  None: there are none.
+    """
+
+    def __init__(
+        self, on_command: CommandCallback | None = None, on_camera: CameraCallback | None = None
+    ) -> None:
+        self.audience = Audience()
+        self._on_command, self._on_camera = on_command, on_camera
+        self._page = (files("risorius.call_page") / "call.html").read_bytes()
+        self._sockets: set[web.WebSocketResponse] = set()
+        self._access = Access(0, random_token())
+        self._runner = web.AppRunner(self._application(), access_log=None)
+
+    @property
+    def address(self) -> str:
+        """The address of the page, with its secret part."""
+        return self._access.address
+
+    async def open(self, port: int) -> None:
+        """Listen on this TCP port; 0: any free one.  Raises `UserError` if it is taken."""
+        await self._runner.setup()
+        site = web.TCPSite(self._runner, HOST, port, shutdown_timeout=0.5)
+        try:
+            await site.start()
+        except OSError as error:
+            await self._runner.cleanup()
+            reason = f"cannot serve the page on {HOST}:{port}: {error.strerror}"
+            raise UserError(f"{reason}; try another --port", LINK_FAILED) from error
+        bound: int = self._runner.addresses[0][1]
+        self._access = Access(bound, self._access.token)
+
+    async def close(self) -> None:
+        """Say goodbye to all pages and stop listening."""
+        for socket in list(self._sockets):
+            await socket.close(code=WSCloseCode.GOING_AWAY, message=b"the call has ended")
+        await self._runner.cleanup()
+
+    def show(self, picture: PictureMessage) -> None:
+        """Send a picture to all pages."""
+        self.audience.show(picture)
+
+    def tell(self, kind: str, **content: Any) -> None:
+        """Send a state to all pages, see `Audience.tell`."""
+        self.audience.tell(kind, json.dumps({"kind": kind, **content}))
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *exception: object) -> None:
+        await self.close()
+
+    def _application(self) -> web.Application:
+        application = web.Application(middlewares=[self._checked])
+        application.router.add_get("/{token}/", self._get_page)
+        application.router.add_get("/{token}/ws", self._get_socket)
+        application.router.add_get("/{token}/stream.mjpg", self._get_stream)
+        return application
+
+    @web.middleware
+    async def _checked(self, request: web.Request, handler: Any) -> web.StreamResponse:
+        is_websocket = request.headers.get("Upgrade", "").lower() == "websocket"
+        token = request.path.split("/")[1]
+        reason = self._access.refusal(request.headers, token, is_websocket)
+        if reason is not None:
+            return web.Response(status=403, text=f"{reason}\n", headers=HEADERS)
+        answer: web.StreamResponse = await handler(request)
+        return answer
+
+    async def _get_page(self, request: web.Request) -> web.Response:
+        return web.Response(body=self._page, content_type="text/html", headers=HEADERS)
+
+    async def _get_stream(self, request: web.Request) -> web.StreamResponse:
+        kind = f"multipart/x-mixed-replace; boundary={BOUNDARY}"
+        answer = web.StreamResponse(headers={**HEADERS, "Content-Type": kind})
+        await answer.prepare(request)
+        with self.audience.watching() as watcher, suppress(ConnectionError):
+            while True:
+                message = await watcher.take()
+                if isinstance(message, PictureMessage) and message.stream is Stream.OTHER:
+                    head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\n"
+                    size = f"Content-Length: {len(message.jpeg)}\r\n\r\n"
+                    await answer.write((head + size).encode() + message.jpeg + b"\r\n")
+        return answer
+
+    async def _get_socket(self, request: web.Request) -> web.WebSocketResponse:
+        socket = web.WebSocketResponse(max_msg_size=2 * MAX_JPEG_BYTES, heartbeat=20)
+        await socket.prepare(request)
+        self._sockets.add(socket)
+        try:
+            with self.audience.watching() as watcher:
+                sending = asyncio.create_task(_send(socket, watcher))
+                try:
+                    async for message in socket:
+                        self._receive(message)
+                finally:
+                    sending.cancel()
+        finally:
+            self._sockets.discard(socket)
+        return socket
+
+    def _receive(self, message: WSMessage) -> None:
+        """Take a page's message; one that is damaged is left out."""
+        with suppress(ProtocolError, ValueError):
+            if message.type is WSMsgType.BINARY and self._on_camera is not None:
+                picture = parse_picture(message.data)
+                if picture.stream is Stream.CAMERA:
+                    self._on_camera(picture)
+            elif message.type is WSMsgType.TEXT and self._on_command is not None:
+                command = json.loads(message.data)
+                if isinstance(command, dict):
+                    self._on_command(command)
+
+
+async def _send(socket: web.WebSocketResponse, watcher: Watcher) -> None:
+    """Send what a watcher gets until the page closes."""
+    with suppress(ConnectionError):
+        while True:
+            message = await watcher.take()
+            if isinstance(message, str):
+                await socket.send_str(message)
+            else:
+                await socket.send_bytes(serialise_picture(message))

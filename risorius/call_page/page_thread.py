@@ -1,0 +1,96 @@
+"""A call's page beside a program that decodes: the server runs in a thread of its own."""
+
+import asyncio
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from contextlib import suppress
+from threading import Thread
+from typing import Any, Self
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from risorius.call_page.messages import PictureMessage, Stream
+from risorius.call_page.page_server import PageServer
+
+JPEG_QUALITY = 90
+# How often who waits for a page asks whether to stop, and how long the last pictures take to the
+# screen.
+NAP_S, LINGER_S = 0.1, 0.5
+
+
+class PageThread:
+    """A page that shows pictures; a context manager.  port: TCP port on this host; 0: any free one.
+
+    Raises `UserError` if the port is taken.
+    """
+
+    def __init__(self, port: int) -> None:
+        self._loop = asyncio.new_event_loop()
+        self._thread = Thread(target=self._loop.run_forever, daemon=True)
+        self._thread.start()
+        self._server: PageServer = self._wait(self._open(port))
+        self._joined: Future[None] = asyncio.run_coroutine_threadsafe(
+            self._server.audience.joined(), self._loop
+        )
+
+    @property
+    def address(self) -> str:
+        """The address of the page."""
+        return self._server.address
+
+    def wait_for_page(self, stop: Callable[[], bool]) -> None:
+        """Wait until somebody looks, or until `stop`."""
+        while not self._joined.done() and not stop():
+            time.sleep(NAP_S)
+
+    def show(self, index: int, time_s: float, picture: NDArray[np.uint8], frozen: bool) -> None:
+        """Show a picture, (height, width, 3) uint8 BGR.
+
+        index, time_s: of its source frame.  frozen: it repeats an older face.
+        """
+        jpeg = encoded_picture(picture)
+        message = PictureMessage(Stream.OTHER, index, time_s, 1000 * time.time(), jpeg, frozen)
+        self._loop.call_soon_threadsafe(self._server.show, message)
+
+    def tell(self, kind: str, **content: Any) -> None:
+        """Tell the page a state, see `PageServer.tell`."""
+        self._loop.call_soon_threadsafe(lambda: self._server.tell(kind, **content))
+
+    def close(self) -> None:
+        """Let the page show what it has, then end."""
+        if self._joined.done():
+            time.sleep(LINGER_S)
+        self._joined.cancel()
+        self._wait(self._server.close())
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._thread.join()
+        self._loop.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    async def _open(self, port: int) -> PageServer:
+        server = PageServer()
+        await server.open(port)
+        return server
+
+    def _wait(self, coroutine: Any) -> Any:
+        try:
+            return asyncio.run_coroutine_threadsafe(coroutine, self._loop).result()
+        except BaseException:
+            with suppress(RuntimeError):
+                self._loop.call_soon_threadsafe(self._loop.stop)
+            raise
+
+
+def encoded_picture(picture: NDArray[np.uint8]) -> bytes:
+    """A picture (height, width, 3) uint8 BGR as a JPEG file."""
+    done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    assert done
+    return data.tobytes()
