@@ -9,6 +9,7 @@ from protocol.call_file import CallStreamWriter, CallWriter
 from protocol.link.interface import (
     CONNECT_TIMEOUT_S,
     LinkOptions,
+    LinkQuality,
     MessageCallback,
     PacketSink,
     Reachability,
@@ -68,6 +69,11 @@ class MonitoredSink:
     def reachability(self) -> Reachability:
         """That of the other sink."""
         return self._sink.reachability
+
+    @property
+    def quality(self) -> LinkQuality:
+        """That of the other sink."""
+        return self._sink.quality
 
     def send(self, packet: bytes) -> None:
         """Send one packet."""

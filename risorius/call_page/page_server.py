@@ -46,7 +46,7 @@ class PageServer:
         self._page = (files("risorius.call_page") / "call.html").read_bytes()
         self._sockets: set[web.WebSocketResponse] = set()
         self._access = Access(0, random_token())
-        self._runner = web.AppRunner(self._application(), access_log=None)
+        self._runner = web.AppRunner(self._application(), access_log=None, shutdown_timeout=0.5)
 
     @property
     def address(self) -> str:
@@ -56,7 +56,7 @@ class PageServer:
     async def open(self, port: int) -> None:
         """Listen on this TCP port; 0: any free one.  Raises `UserError` if it is taken."""
         await self._runner.setup()
-        site = web.TCPSite(self._runner, HOST, port, shutdown_timeout=0.5)
+        site = web.TCPSite(self._runner, HOST, port)
         try:
             await site.start()
         except OSError as error:

@@ -1,0 +1,33 @@
+"""The binary messages between page and server."""
+
+from dataclasses import replace
+
+import pytest
+
+from protocol.errors import ProtocolError
+from risorius.call_page.messages import (
+    MAX_JPEG_BYTES,
+    PictureMessage,
+    Stream,
+    parse_picture,
+    serialise_picture,
+)
+
+MESSAGE = PictureMessage(Stream.SELF, 70000, 2333.5, 1.8e12, b"\xff\xd8jpeg", frozen=True)
+
+
+def test_a_message_comes_back_as_it_was() -> None:
+    assert parse_picture(serialise_picture(MESSAGE)) == MESSAGE
+
+
+def test_the_header_is_as_described() -> None:
+    data = serialise_picture(MESSAGE)
+    assert data[:8].hex() == "0201000070110100" and data[24:] == MESSAGE.jpeg
+
+
+def test_what_is_no_message_is_refused() -> None:
+    data = serialise_picture(MESSAGE)
+    too_long = serialise_picture(replace(MESSAGE, jpeg=bytes(MAX_JPEG_BYTES + 1)))
+    for damaged in (b"", data[:24], b"\x09" + data[1:], data[:1] + b"\x02" + data[2:], too_long):
+        with pytest.raises(ProtocolError):
+            parse_picture(damaged)

@@ -1,0 +1,154 @@
+"""A one-way call in a real browser while it is decoded, and as raw video while it comes."""
+
+import subprocess
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Thread
+from typing import Any
+from urllib.parse import urlsplit
+
+import cv2
+import numpy as np
+import pytest
+from browser import Browser, find_browser
+from conftest import PROGRAM, ROOT, Start
+from processes import finish
+
+from protocol.call_file import MAGIC, CallReader
+from protocol.call_records import RecordWriter
+
+pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    program = find_browser()
+    if program is None:
+        pytest.skip("needs Chromium: apt-get install chromium")
+    with Browser(program, tmp_path_factory.mktemp("browser"), 800, 640) as opened:
+        yield opened
+
+
+def address_of(process: "subprocess.Popen[str]") -> str:
+    assert process.stderr is not None
+    line = process.stderr.readline()
+    assert "shown at http://127.0.0.1:" in line, line + process.stderr.read()
+    return line.split()[-1]
+
+
+def test_every_picture_of_a_call_is_shown_at_its_time(
+    call: Path, tmp_path: Path, start: Start, browser: Browser
+) -> None:
+    viewer = start("decode", call, "--view", "-q", "-o", tmp_path / "%04d.png")
+    browser.call("Page.navigate", url=address_of(viewer))
+    code, stderr = finish(viewer)
+    assert (code, stderr) == (0, "")
+    browser.wait("ended")
+    assert browser.value("el('name').textContent") == "call.rzo"
+    assert "has ended" in browser.value("el('over').innerText")
+    written = sorted(tmp_path.glob("*.png"))
+    assert browser.value("players[OTHER].index") == len(written) - 1
+    data = browser.value("el('other').toDataURL('image/png')")
+    shown = picture_of(data)
+    last = cv2.imread(str(written[-1]))
+    assert last is not None and cv2.PSNR(shown, last) > 30
+
+
+def picture_of(data_url: str) -> Any:
+    """The picture in a data URL, (height, width, 3) uint8 BGR."""
+    from base64 import b64decode
+
+    data = np.frombuffer(b64decode(data_url.partition(",")[2]), np.uint8)
+    return cv2.imdecode(data, cv2.IMREAD_COLOR)
+
+
+FOREIGN = """<!doctype html><title>elsewhere</title><iframe id=frame src="{page}"></iframe>
+<img id=img src="{page}stream.mjpg"><script>
+window.found = {{}};
+const note = (name, what) => found[name] = what;
+fetch("{page}").then(r => r.text()).then(t => note("fetch", t.length), e => note("fetch", "refused"));
+img.onload = () => note("img", "seen"); img.onerror = () => note("img", "refused");
+const s = new WebSocket("{socket}");
+s.onopen = () => {{ note("ws", "open"); s.send('{{"kind": "hang-up"}}'); }};
+s.onerror = () => note("ws", "refused");
+</script>"""
+
+
+class Elsewhere(ThreadingHTTPServer):
+    """Another page of this host, that has got to know the secret address."""
+
+    def __init__(self, page: str) -> None:
+        socket = f"ws{page.removeprefix('http')}ws"
+        self.body = FOREIGN.format(page=page, socket=socket).encode()
+        super().__init__(("127.0.0.1", 0), ElsewhereHandler)
+
+
+class ElsewhereHandler(BaseHTTPRequestHandler):
+    server: Elsewhere
+
+    def do_GET(self) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html")
+        self.end_headers()
+        self.wfile.write(self.server.body)
+
+    def log_message(self, format: str, *arguments: Any) -> None:
+        pass
+
+
+def test_another_page_in_the_same_browser_can_neither_watch_nor_steer(
+    call: Path, start: Start, browser: Browser
+) -> None:
+    viewer = start("decode", call, "--view", "-q")
+    address = address_of(viewer)
+    with Elsewhere(address) as elsewhere:
+        Thread(target=elsewhere.serve_forever, daemon=True).start()
+        for name in ("127.0.0.1", "localhost"):
+            browser.call("Page.navigate", url=f"http://{name}:{elsewhere.server_port}/")
+            browser.wait("document.title == 'elsewhere' && Object.keys(found).length == 3")
+            found = browser.value("found")
+            assert found == {"fetch": "refused", "img": "refused", "ws": "refused"}
+            # A frame that may not be shown has a page of the browser's, of another origin.
+            assert browser.value("frame.contentDocument") is None
+        elsewhere.shutdown()
+    # It has not begun: nobody was let in.
+    assert viewer.poll() is None
+    port = urlsplit(address).port
+    browser.call("Page.navigate", url=f"http://127.0.0.1:{port}/")
+    browser.wait("document.body && document.body.innerText.includes('no such page')")
+
+
+def test_what_an_encoder_sends_is_shown_to_the_sender(
+    carphone: Path, tmp_path: Path, start: Start, browser: Browser
+) -> None:
+    options = ("--profile", "thesis", "--max-frames", "20", "-q")
+    encoder = start("encode", carphone, "-o", tmp_path / "call.rzo", "--view", *options)
+    browser.call("Page.navigate", url=address_of(encoder))
+    browser.wait("typeof players != 'undefined' && players[OTHER].index == 19")
+    assert browser.value("el('name').textContent") == "What is sent"
+    assert finish(encoder) == (0, "")
+
+
+def test_raw_video_is_written_as_its_pictures_come(call: Path) -> None:
+    with CallReader(call) as reader:
+        packets = list(reader)
+    command = [*PROGRAM, "decode", "-", "-o", "-", "-q"]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT
+    ) as decoder:
+        assert decoder.stdin is not None and decoder.stdout is not None
+        records = RecordWriter()
+        decoder.stdin.write(MAGIC)
+        for packet in packets[:-1]:
+            decoder.stdin.write(records.record(packet))
+        decoder.stdin.flush()
+        # The call has not ended, and yet its pictures are there.
+        head = decoder.stdout.readline()
+        assert head.startswith(b"YUV4MPEG2 W176 H144 ")
+        assert decoder.stdout.readline() == b"FRAME\n"
+        assert len(decoder.stdout.read(3 * 176 * 144)) == 3 * 176 * 144
+        decoder.stdin.write(records.record(packets[-1]))
+        decoder.stdin.close()
+        decoder.stdout.read()
+        assert decoder.wait() == 0
