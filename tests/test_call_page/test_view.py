@@ -67,7 +67,7 @@ FOREIGN = """<!doctype html><title>elsewhere</title><iframe id=frame src="{page}
 <img id=img src="{page}stream.mjpg"><script>
 window.found = {{}};
 const note = (name, what) => found[name] = what;
-fetch("{page}").then(r => r.text()).then(t => note("fetch", t.length), e => note("fetch", "refused"));
+fetch("{page}").then(r => note("fetch", r.status), e => note("fetch", "refused"));
 img.onload = () => note("img", "seen"); img.onerror = () => note("img", "refused");
 const s = new WebSocket("{socket}");
 s.onopen = () => {{ note("ws", "open"); s.send('{{"kind": "hang-up"}}'); }};
