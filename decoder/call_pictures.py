@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from typing import BinaryIO, Self
 
@@ -63,11 +64,13 @@ class DrawnFrame:
     """A picture (height, width, 3) uint8 BGR, and the index of its source frame.
 
     frozen: it repeats an older face.
+    time_s: of the source frame, seconds from the start of the source.
     """
 
     index: int
     picture: Picture
     frozen: bool
+    time_s: Fraction
 
 
 @dataclass(slots=True)
@@ -164,7 +167,8 @@ class CallPictures:
         picture = self._scene.read_back(self.timer)
         self.stats.shown_ns.append((frame.index, time.monotonic_ns()))
         self.stats.frozen_frames += frame.frozen
-        yield DrawnFrame(frame.index, picture, frame.frozen)
+        time_s = self.playout.clock.time_s(frame.index, self.sender.exact_fps)
+        yield DrawnFrame(frame.index, picture, frame.frozen, time_s)
 
     def _change_scene(self, model: ModelPacket) -> Scene:
         before = self._scene

@@ -3,13 +3,13 @@
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
 from typing import BinaryIO
 
 from decoder.call_pictures import CallOptions, CallPictures, DrawnFrame
 from decoder.duration import count_frames
-from decoder.sinks.frame_sink import FrameSink, ThreadedSink, check_sink, open_sink
+from decoder.sinks.frame_sink import FrameSink, ThreadedSink, check_sink, keeps_times, open_sink
+from decoder.sinks.video_file import TIMED
 from protocol.call_parameters import CallParameters
 from protocol.link.interface import MessageCallback, ignore_message
 
@@ -84,7 +84,7 @@ def decode(
                 sink = stack.enter_context(ThreadedSink(_open_sink(options.output, pictures)))
             if sink is not None:
                 with pictures.timer.stage("write"):
-                    sink.write(frame.picture)
+                    sink.write(frame.picture, frame.time_s)
             if show is not None:
                 show(frame, pictures.sender)
             progress(len(pictures.stats.shown_ns), total)
@@ -98,8 +98,14 @@ def decode(
 
 def _open_sink(output: Path | BinaryIO, pictures: CallPictures) -> FrameSink:
     sender, shown = pictures.sender, pictures.shown
-    fps = Fraction(sender.fps_numerator, sender.fps_denominator)
-    return open_sink(output, shown.width, shown.height, fps, shown.colour_matrix)
+    fps, is_variable = sender.exact_fps, not pictures.playout.clock.is_constant
+    if is_variable and not keeps_times(output):
+        pictures.stats.warnings.append(
+            "the frame rate of the source varies, that of"
+            f" {output.suffix if isinstance(output, Path) else 'YUV4MPEG2'} cannot: frames are not"
+            f" shown at their own times ({' '.join(TIMED)} keep them)"
+        )
+    return open_sink(output, shown.width, shown.height, fps, shown.colour_matrix, is_variable)
 
 
 def _unfinished(options: DecodeOptions, sink: FrameSink | None, stopped: bool) -> list[str]:

@@ -16,6 +16,7 @@ import numpy as np
 from decoder.frame_decoder import FrameDecoder, TimedFace, frame_decoder_for
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
+from protocol.frames.frame_times import FrameClock, TimesPacket
 from protocol.limits import SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
 from protocol.packets import (
@@ -51,6 +52,7 @@ class Playout:
 
     model: the model of the newest frames, None before a model packet.  An update is activated by
         the frame packet with its sequence number.  The layers received are applied.
+    clock: when source frames are shown.
     ended: the END packet has been received.
     lost, late, unusable: numbers of frame packets that are missing, that were received too late or
         repeated, and that preceded the model packet.
@@ -58,6 +60,7 @@ class Playout:
 
     def __init__(self) -> None:
         self.model: ModelPacket | None = None
+        self.clock = FrameClock()
         self.ended = False
         self.joined_late = False
         self.lost = self.late = self.unusable = 0
@@ -86,6 +89,8 @@ class Playout:
             self._receive_model(packet)
         elif isinstance(packet, LayerPacket):
             self._receive_layer(packet)
+        elif isinstance(packet, TimesPacket):
+            self.clock.receive(packet)
         elif self.model is None or self._decoder is None:
             self.unusable += 1
         elif isinstance(packet, FramePacket):

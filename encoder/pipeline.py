@@ -81,16 +81,17 @@ def encode_thesis(
     tracker = open_tracker(
         options.tracking, generic_head(), size, TRACKED_EAUS, frame_s, stats.warn
     )
+    packets = PacketSender(sink, stats, times=capture.times)
     session = ThesisEncoder(
         capture,
         tracker,
-        PacketSender(sink, stats),
+        packets,
         budget_for("thesis", options.model_bytes),
         options.look_for_face_s,
         stats,
         options.tracking.eyelids,
     )
-    run_session(session, options, capture, stats, callbacks)
+    run_session(session, packets, options, capture, stats, callbacks)
 
 
 def encode_live(
@@ -101,7 +102,7 @@ def encode_live(
     callbacks: SessionCallbacks,
 ) -> None:
     """Fit, code and send every frame as it comes."""
-    packets = PacketSender(sink, stats, _pacer(options))
+    packets = PacketSender(sink, stats, _pacer(options), capture.times)
     gop = gop_for_fps(capture.fps, options.fps)
     # A source that waits for its reader can wait for the training, too.
     synchronous = not (options.pace or capture.is_live)
@@ -120,7 +121,7 @@ def encode_live(
         options.look_for_face_s,
         synchronous,
     )
-    run_session(session, options, capture, stats, callbacks)
+    run_session(session, packets, options, capture, stats, callbacks)
 
 
 def encode_two_pass(
@@ -131,11 +132,11 @@ def encode_two_pass(
     callbacks: SessionCallbacks,
 ) -> None:
     """Go through the whole source twice, then code and send the call."""
-    packets = PacketSender(sink, stats, _pacer(options))
+    packets = PacketSender(sink, stats, _pacer(options), capture.times)
     encoder = first_and_second_pass(options, capture, stats, callbacks)
     call = encoder.encode(options.bitrate, progressive=packets.pacer is not None)
     if options.pace:
-        send_call(call, packets, float(capture.fps), callbacks.stop)
+        send_call(call, packets, capture.times, callbacks.stop)
     else:
         # A stop during the passes has ended the call already.
         send_call(call, packets, None, lambda: False)
@@ -143,6 +144,7 @@ def encode_two_pass(
 
 def run_session(
     session: CallSession,
+    packets: PacketSender,
     options: EncodeOptions,
     capture: Capture,
     stats: SessionStats,
@@ -150,7 +152,13 @@ def run_session(
 ) -> None:
     """Run a session over all frames.  Raises `UserError` if none shows a face."""
     source = FrameSource(capture, stats, callbacks.stop, options.max_frames, options.pace)
-    _run_pass(session, source, callbacks.progress, options.source)
+
+    def next_frame(done: int, total: int | None) -> None:
+        packets.send_times(done)
+        callbacks.progress(done, total)
+
+    packets.send_times(0)
+    _run_pass(session, source, next_frame, options.source)
     session.end(len(stats.capture_ns))
 
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from encoder.capture.video_source import exact_fps, open_source
+from encoder.capture.frame_times import exact_fps
+from encoder.capture.video_source import open_source
 from loopback.process_pair import CallResult, run_call
 from loopback.quality.landmark_metrics import LandmarkMetrics, compare_faces
 from loopback.quality.region_quality import RegionQuality, region_meter

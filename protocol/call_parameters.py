@@ -1,6 +1,7 @@
 """What stays the same throughout a call: profile, picture size, frame rate, camera."""
 
 from dataclasses import dataclass
+from fractions import Fraction
 
 from protocol.entropy.validation import as_float32, check_bool, check_int
 from protocol.limits import (
@@ -76,6 +77,11 @@ class CallParameters:
     def fps(self) -> float:
         """Frame rate of the source, frames per second."""
         return self.fps_numerator / self.fps_denominator
+
+    @property
+    def exact_fps(self) -> Fraction:
+        """Frame rate of the source, frames per second; the mean of one that varies."""
+        return Fraction(self.fps_numerator, self.fps_denominator)
 
     @property
     def camera(self) -> Camera:

@@ -10,7 +10,7 @@ MAX_FRAME_INDEX = MAX_VARINT
 # Bytes of whole packets, or of one of their fields.
 MAX_MODEL_PACKET_BYTES = 256 * 1024
 MAX_FRAME_PAYLOAD_BYTES = 1024
-MAX_CONTROL_PACKET_BYTES = 16
+MAX_CONTROL_PACKET_BYTES = 256
 MAX_LAYER_BYTES = 16 * 1024
 MAX_IMAGE_BYTES = 128 * 1024
 MAX_PROFILE_DATA_BYTES = 128 * 1024
@@ -24,6 +24,10 @@ MAX_FPS = 1000
 MAX_FRAMES_PER_PACKET = 64
 MAX_FRAME_STEP = 255
 MAX_FOCAL_PX = 1e6
+
+# Times of source frames: frames in one packet, and ticks from one frame to the next.
+MAX_TIMED_FRAMES = 64
+MAX_TICK_STEP = 2**15 - 2
 
 # Models and their layers.
 MAX_RESIDUAL_POINTS = 255

@@ -13,6 +13,7 @@ from enum import IntEnum
 from protocol.entropy.validation import check_bytes, check_int
 from protocol.entropy.varint import decode_varint, encode_varint
 from protocol.errors import ProtocolError
+from protocol.frames.frame_times import TimesPacket, parse_times, serialise_times
 from protocol.limits import (
     MAX_CONTROL_PACKET_BYTES,
     MAX_FRAME_INDEX,
@@ -42,6 +43,7 @@ class ControlKind(IntEnum):
     END = 0  # the call is over; `frame` is its number of source frames
     FACE_LOST = 1  # no face from source frame `frame` on
     FACE_FOUND = 2  # a face again from source frame `frame` on
+    TIMES = 3  # a `TimesPacket`: when source frames from `frame` on are shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,13 +60,15 @@ class FramePacket:
 
 @dataclass(frozen=True, slots=True)
 class ControlPacket:
-    """An event of the call at a source frame, see `ControlKind`."""
+    """An event of the call at a source frame, see `ControlKind`; TIMES has a class of its own."""
 
     sequence: int
     kind: ControlKind
     frame: int
 
     def __post_init__(self) -> None:
+        if self.kind is ControlKind.TIMES:
+            raise ValueError("kind of control is TIMES, expected a TimesPacket")
         check_int("sequence", self.sequence, 0, SEQUENCE_MODULUS - 1)
         check_int("frame", self.frame, 0, MAX_FRAME_INDEX)
 
@@ -90,7 +94,7 @@ class LayerPacket:
             raise ValueError("layer is empty")
 
 
-Packet = ModelPacket | FramePacket | ControlPacket | LayerPacket
+Packet = ModelPacket | FramePacket | ControlPacket | TimesPacket | LayerPacket
 
 
 _MAX_PACKET_BYTES = {
@@ -131,6 +135,9 @@ def serialise(packet: Packet) -> bytes:
     if isinstance(packet, ControlPacket):
         body = bytes([packet.kind]) + encode_varint(packet.frame)
         return _header(PacketKind.CONTROL, packet.sequence) + body
+    if isinstance(packet, TimesPacket):
+        body = bytes([ControlKind.TIMES]) + serialise_times(packet)
+        return _header(PacketKind.CONTROL, packet.sequence) + body
     if isinstance(packet, LayerPacket):
         return (
             _header(PacketKind.LAYER, packet.model_version)
@@ -168,10 +175,12 @@ def _header(kind: PacketKind, sequence: int) -> bytes:
     return bytes([kind * SEQUENCE_MODULUS + sequence])
 
 
-def _parse_control(sequence: int, payload: bytes) -> ControlPacket:
+def _parse_control(sequence: int, payload: bytes) -> ControlPacket | TimesPacket:
     if not payload:
         raise ValueError("kind of control missing")
     kind = ControlKind(payload[0])
+    if kind is ControlKind.TIMES:
+        return parse_times(sequence, payload[1:])
     frame, length = decode_varint(payload[1:])
     if len(payload) != 1 + length:
         raise ValueError(f"{len(payload) - 1 - length} bytes too many")

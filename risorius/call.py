@@ -28,11 +28,11 @@ class Call:
     def __iter__(self) -> Iterator[TimedPicture]:
         """Each picture as soon as it is drawn, one for each frame of the source."""
         for frame in self._pictures:
-            yield TimedPicture(frame.index / self._pictures.sender.fps, frame.picture)
+            yield TimedPicture(float(frame.time_s), frame.picture)
 
     @property
     def fps(self) -> float:
-        """Frames a second of the source; known from the first picture on."""
+        """Frames a second of the source, the mean if they vary; known from the first picture on."""
         return self._pictures.sender.fps
 
     @property

@@ -17,7 +17,8 @@ import pytest
 from shots import Shots, draw_shots
 
 from decoder.sinks.frame_sink import open_sink
-from encoder.capture.video_source import Frame, exact_fps, open_source
+from encoder.capture.frame_times import exact_fps
+from encoder.capture.video_source import Frame, open_source
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from loopback.clip_paths import CARPHONE, clip_path
 from risorius.cli import main

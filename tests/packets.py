@@ -5,6 +5,7 @@ from pathlib import Path
 
 from protocol.call_parameters import CallParameters
 from protocol.entropy.varint import encode_varint
+from protocol.frames.frame_times import TimesPacket
 from protocol.model_packet import ModelPacket
 from protocol.packets import (
     ControlKind,
@@ -50,6 +51,7 @@ GOLDEN: dict[str, Packet] = {
     "frame_empty": FramePacket(1, b""),
     "control_end": ControlPacket(7, ControlKind.END, 382),
     "control_lost": ControlPacket(0, ControlKind.FACE_LOST, 0),
+    "control_times": TimesPacket(0, 320, (9, 9, 9, 57, 56)),
     "control_found": ControlPacket(33, ControlKind.FACE_FOUND, 2**32 - 1),
 }
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.sinks.video_file import CODECS, VideoFile
+from decoder.sinks.video_file import CODECS, TIMED, VideoFile
 from decoder.sinks.y4m_stream import Y4mStream
 from shared_model.errors import UserError
 
@@ -23,8 +23,11 @@ MAX_QUEUED_PICTURES = 4
 class FrameSink(Protocol):
     """Takes the pictures of one call in order."""
 
-    def write(self, picture: Picture) -> None:
-        """Add one picture, (height, width, 3) uint8 BGR."""
+    def write(self, picture: Picture, time_s: Fraction | None = None) -> None:
+        """Add one picture, (height, width, 3) uint8 BGR.
+
+        time_s: when it is shown, seconds from the start, where the frame rate varies.
+        """
 
     def mark_incomplete(self) -> Path | None:
         """State that pictures are missing at the end, so that an older file keeps its name.
@@ -43,7 +46,12 @@ class FrameSink(Protocol):
 
 
 def open_sink(
-    path: Path | BinaryIO, width: int, height: int, fps: Fraction, matrix: str = "bt601"
+    path: Path | BinaryIO,
+    width: int,
+    height: int,
+    fps: Fraction,
+    matrix: str = "bt601",
+    is_variable: bool = False,
 ) -> FrameSink:
     """The sink for `path`: .mkv, .avi, .mp4, .mov, images such as out/%04d.png, or a stream.
 
@@ -52,6 +60,7 @@ def open_sink(
         losslessly, as RGB; others as 8-bit Y'CbCr of their matrix, tagged with it, so that readers
         that ignore tags treat the file as they treat the source.  .avi, which cannot be tagged, is
         always RGB.
+    is_variable: pictures have times of their own and `fps` is the mean, see `keeps_times`.
     Raises `UserError` if the kind of file is unknown or it cannot be written, `ValueError` for an
     unknown matrix.
     """
@@ -60,7 +69,14 @@ def open_sink(
     check_sink(path)
     if "%" in path.name:
         return ImageSequence(path)
-    return VideoFile(path, width, height, fps, matrix)
+    return VideoFile(path, width, height, fps, matrix, is_variable and keeps_times(path))
+
+
+def keeps_times(output: Path | BinaryIO) -> bool:
+    """Whether a sink for `output` keeps the times of pictures; images have none to keep."""
+    if not isinstance(output, Path):
+        return False
+    return "%" in output.name or output.suffix.lower() in TIMED
 
 
 def check_sink(path: Path) -> None:
@@ -83,14 +99,14 @@ class ThreadedSink:
     def __init__(self, sink: FrameSink) -> None:
         self._sink = sink
         self._error: BaseException | None = None
-        self._queue: Queue[Picture | None] = Queue(MAX_QUEUED_PICTURES)
+        self._queue: Queue[tuple[Picture, Fraction | None] | None] = Queue(MAX_QUEUED_PICTURES)
         self._thread = Thread(target=self._work, daemon=True)
         self._thread.start()
 
-    def write(self, picture: Picture) -> None:
+    def write(self, picture: Picture, time_s: Fraction | None = None) -> None:
         """Queue one picture, which must not change afterwards; waits while the queue is full."""
         self._raise_error()
-        self._queue.put(picture)
+        self._queue.put((picture, time_s))
 
     def mark_incomplete(self) -> Path | None:
         """See `FrameSink`."""
@@ -115,10 +131,10 @@ class ThreadedSink:
         self.close()
 
     def _work(self) -> None:
-        while (picture := self._queue.get()) is not None:
+        while (item := self._queue.get()) is not None:
             if self._error is None:
                 try:
-                    self._sink.write(picture)
+                    self._sink.write(*item)
                 except Exception as error:  # passed on to the other thread, whatever it is
                     self._error = error
 
@@ -143,7 +159,7 @@ class ImageSequence:
                 f"cannot write {path}: no image format {path.suffix or 'without suffix'}"
             )
 
-    def write(self, picture: Picture) -> None:
+    def write(self, picture: Picture, time_s: Fraction | None = None) -> None:
         """Write the next image.  Raises `UserError` if the disk refuses."""
         path = self._pattern.with_name(self._pattern.name % self._count)
         if not cv2.imwrite(str(path), picture):

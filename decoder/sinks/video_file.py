@@ -20,6 +20,7 @@ from av.video.reformatter import (
 from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
+from protocol.frames.frame_times import TICKS_PER_FRAME
 from shared_model.errors import UserError
 
 Picture = NDArray[np.uint8]
@@ -31,6 +32,8 @@ CODECS: dict[str, Literal["ffv1", "mpeg4"]] = {
     ".mp4": "mpeg4",
     ".mov": "mpeg4",
 }
+# Containers whose pictures may have times of their own.
+TIMED = (".mkv", ".mp4", ".mov")
 # Options of FFmpeg's codecs; the quantiser of MPEG-4 ranges from 1, the finest, to 31.
 OPTIONS = {"ffv1": {}, "mpeg4": {"qmin": "1", "qmax": "1"}}
 # Pixel format with colour differences of half the resolution.
@@ -61,23 +64,34 @@ class VideoFile:
     Leaving the `with` block by an exception finishes it too, so that a stopped recording can be
     played; it keeps the temporary name if there is an older file, which may be complete.
     Without any picture no file is left.
+
+    is_variable: pictures have times of their own, and `fps` is the mean rate.
     """
 
-    def __init__(self, path: Path, width: int, height: int, fps: Fraction, matrix: str) -> None:
+    def __init__(
+        self,
+        path: Path,
+        width: int,
+        height: int,
+        fps: Fraction,
+        matrix: str,
+        is_variable: bool = False,
+    ) -> None:
         self._path, self._shape = path, (height, width, 3)
         self._part = path.with_name(f"{path.stem}.part{path.suffix}")
         self._reformatter, self._colours = VideoReformatter(), _pixel_format(path, matrix)
         self._luma = LUMA_RANGE * np.array([LUMA_WEIGHTS[self._colours.matrix]], np.float32)
-        self._written, self._is_open, self._replaces = 0, True, True
+        self._next_pts, self._is_open, self._replaces = 0, True, True
+        self._is_variable = is_variable
         with ExitStack() as undo, _as_user_error(path):
             undo.callback(self._part.unlink, missing_ok=True)
             self._container = undo.enter_context(av.open(str(self._part), "w"))
-            self._stream = self._add_stream(width, height, fps)
+            self._stream = self._add_stream(width, height, fps, is_variable)
             self._container.start_encoding()
             undo.pop_all()
 
-    def write(self, picture: Picture) -> None:
-        """Add one picture.
+    def write(self, picture: Picture, time_s: Fraction | None = None) -> None:
+        """Add one picture; `time_s` is of no effect unless the rate varies.
 
         Raises `ValueError` if it is of another size, `UserError` if the disk refuses.
         """
@@ -91,10 +105,13 @@ class VideoFile:
         )
         if self._colours.pixel_format == CHROMA_SUBSAMPLED:
             self._correct_luma(frame, picture)
-        frame.pts = self._written
+        if self._is_variable and time_s is not None:
+            # No two pictures may have one time.
+            self._next_pts = max(round(time_s / self._time_base), self._next_pts)
+        frame.pts = self._next_pts
         with _as_user_error(self._path):
             self._container.mux(self._stream.encode(frame))
-        self._written += 1
+        self._next_pts += 1
 
     def close(self) -> None:
         """Finish and rename the file; closing twice has no further effect.
@@ -108,7 +125,7 @@ class VideoFile:
             with _as_user_error(self._path), self._container:
                 self._container.mux(self._stream.encode(None))
         finally:
-            if not self._written:
+            if not self._next_pts:
                 self._part.unlink(missing_ok=True)
             elif self._replaces:
                 self._part.replace(self._path)
@@ -143,10 +160,12 @@ class VideoFile:
         ]
         cv2.add(luma, deficit, luma, dtype=cv2.CV_8U)
 
-    def _add_stream(self, width: int, height: int, fps: Fraction) -> VideoStream:
+    def _add_stream(self, width: int, height: int, fps: Fraction, is_variable: bool) -> VideoStream:
         codec = CODECS[self._path.suffix.lower()]
-        rate = fps if codec == "ffv1" else _mpeg4_rate(fps)
-        stream = self._container.add_stream(codec, rate=rate, options=OPTIONS[codec])
+        exact = (lambda rate: rate) if codec == "ffv1" else _mpeg4_rate
+        stream = self._container.add_stream(codec, rate=exact(fps), options=OPTIONS[codec])
+        self._time_base = 1 / exact(fps * TICKS_PER_FRAME if is_variable else fps)
+        stream.codec_context.time_base = self._time_base
         stream.width, stream.height = width, height
         stream.pix_fmt = self._colours.pixel_format
         if self._colours.matrix is not None:

@@ -32,8 +32,11 @@ class Y4mStream:
         rate = f"{fps.numerator}:{fps.denominator}"
         self._write(f"YUV4MPEG2 W{width} H{height} F{rate} Ip A1:1 C444\n".encode())
 
-    def write(self, picture: Picture) -> None:
-        """Write one picture.  Raises `ValueError` if it is of another size."""
+    def write(self, picture: Picture, time_s: Fraction | None = None) -> None:
+        """Write one picture; the format has a constant rate.
+
+        Raises `ValueError` if it is of another size.
+        """
         if picture.shape != self._shape:
             raise ValueError(f"picture has shape {picture.shape}, expected {self._shape}")
         ycbcr = cv2.transform(picture.astype(np.float32), self._ycbcr_from_bgr)

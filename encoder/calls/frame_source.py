@@ -63,7 +63,7 @@ class FrameSource:
             if item is None or (self.max_frames is not None and item[0] >= self.max_frames):
                 return
             if self.pace:
-                due = start + float(item[0] / self.capture.fps)
+                due = start + self.capture.times.time_s(item[0])
                 time.sleep(max(0.0, due - time.monotonic()))
             self.stats.capture_ns.append(time.monotonic_ns())
             yield item

@@ -1,9 +1,10 @@
 """Sends the packets of one call and counts them; all three sessions send through it."""
 
 from encoder.calls.session_stats import SessionStats
+from encoder.capture.frame_times import FrameTimes
 from encoder.coding.pacer import LayerPacer
 from encoder.coding.progressive_model import LayeredModel
-from protocol.limits import SEQUENCE_MODULUS
+from protocol.limits import MAX_TIMED_FRAMES, SEQUENCE_MODULUS
 from protocol.link.interface import PacketSink
 from protocol.model_packet import ModelPacket
 from protocol.packets import (
@@ -24,12 +25,18 @@ class PacketSender:
     """Serialises, sends and counts packets.
 
     pacer: holds all packets together to the start-up bitrate; None: each goes at once.
+    times: of the source's frames; None: their rate is constant.
     """
 
     def __init__(
-        self, sink: PacketSink, stats: SessionStats, pacer: LayerPacer | None = None
+        self,
+        sink: PacketSink,
+        stats: SessionStats,
+        pacer: LayerPacer | None = None,
+        times: FrameTimes | None = None,
     ) -> None:
         self._sink, self._stats, self._pacer = sink, stats, pacer
+        self._times, self._timed_frames = times, 0
         self._face_visible = True
 
     @property
@@ -63,6 +70,17 @@ class PacketSender:
             self._pacer.on_packet_sent(1 + len(payload))
             for layer in self._pacer.packets_due(duration_s):
                 self._send_model_part(layer)
+
+    def send_times(self, frame: int) -> None:
+        """Send the times of source frames up to `frame`, where the rate varies.
+
+        To be called before the packet with the face of that frame.
+        """
+        while self._times is not None and self._timed_frames <= frame:
+            packet = self._times.packet(self._timed_frames)
+            self._timed_frames += MAX_TIMED_FRAMES
+            if packet is not None:
+                self._send(packet)
 
     def report_face(self, visible: bool, frame: int) -> bool:
         """Send FACE_LOST or FACE_FOUND for source frame `frame`, if that is news; whether it is."""

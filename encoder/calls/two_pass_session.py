@@ -19,6 +19,7 @@ from encoder.calls.face_search import open_landmark_search
 from encoder.calls.packet_sender import PacketSender
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.face_crop import Crop, crop_face
+from encoder.capture.frame_times import FrameTimes
 from encoder.capture.video_source import Capture
 from encoder.coding.background import BackgroundImage, background_of
 from encoder.coding.gop import GopStructure
@@ -226,10 +227,11 @@ def hold_last_detection(detection_of: dict[int, int], start: int, end: int) -> l
 
 
 def send_call(
-    call: EncodedCall, packets: PacketSender, fps: float | None, stop: Callable[[], bool]
+    call: EncodedCall, packets: PacketSender, pace: FrameTimes | None, stop: Callable[[], bool]
 ) -> None:
-    """Send an encoded call at `fps` source frames per second; None: as fast as possible.
+    """Send an encoded call.
 
+    pace: no packet is sent before its last source frame is over; None: as fast as possible.
     stop: asked before each packet but the first; the call ends there.
     """
     packets.send_model(call.model)
@@ -243,11 +245,13 @@ def send_call(
         if number and stop():
             frames = start + first * step
             break
-        if fps is not None:
-            newest = start + (end - 1) * step
-            time.sleep(max(0.0, begin + (newest + 1) / fps - time.monotonic()))
+        if pace is not None:
+            due = begin + pace.time_s(start + (end - 1) * step + 1)
+            time.sleep(max(0.0, due - time.monotonic()))
+        packets.send_times(start + (end - 1) * step)
         visible = any(start + i * step not in call.lost for i in range(first, end))
         packets.report_face(visible, start + first * step)
         packets.send_frames(number, payload, (end - first) * step / parameters.fps)
     packets.warn_of_incomplete_model()
+    packets.send_times(frames - 1)
     packets.end(frames)

@@ -12,13 +12,21 @@ from typing import Protocol, Self
 import av
 import cv2
 import numpy as np
+from av.container import InputContainer
+from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
+from encoder.capture.frame_times import (
+    DEFAULT_FPS,
+    FrameTimes,
+    exact_fps,
+    frame_times,
+    is_usable_fps,
+)
 from shared_model.errors import UserError
 
 Frame = NDArray[np.uint8]
 
-DEFAULT_FPS = Fraction(25)
 _OPEN_TIMEOUT_MS = 10_000
 # FFmpeg's number of the colour matrix BT.709, as in ITU-T H.273.
 _BT709 = 1
@@ -37,24 +45,24 @@ class Capture:
     """An open source of frames of one size; a context manager that can be iterated once.
 
     width, height: pixels, of the frames as delivered (after rotation metadata).
-    fps: exact frame rate, frames per second.
+    times: the frame rate, and when each frame is shown if the rate varies.
     frame_count: number of frames according to the container; None if it is not known.
     is_live: whether frames arrive in real time and without a known end.
     colour_matrix: of a file's Y'CbCr, see `protocol.packets.CallParameters`.
-    is_fps_assumed: whether the source states no usable frame rate, so that `fps` is a default.
+    is_fps_assumed: whether the source states no usable frame rate, so that it is a default.
     """
 
     def __init__(
         self,
         name: str,
         reader: _Reader,
-        fps: Fraction,
+        times: FrameTimes,
         frame_count: int | None,
         is_live: bool,
         colour_matrix: str = "bt601",
         is_fps_assumed: bool = False,
     ) -> None:
-        self.name, self.fps, self.frame_count, self.is_live = name, fps, frame_count, is_live
+        self.name, self.times, self.frame_count, self.is_live = name, times, frame_count, is_live
         self.colour_matrix, self.is_fps_assumed = colour_matrix, is_fps_assumed
         self._reader = reader
         self._first = reader.read()
@@ -62,6 +70,11 @@ class Capture:
             reader.close()
             raise UserError(f"{name} has no readable frame; check that it is a video")
         self.height, self.width = self._first.shape[:2]
+
+    @property
+    def fps(self) -> Fraction:
+        """Exact frame rate, frames per second; the mean of one that varies."""
+        return self.times.fps
 
     def __iter__(self) -> Iterator[tuple[int, Frame]]:
         """Yield (index, frame): frame (height, width, 3) uint8, BGR.
@@ -152,43 +165,41 @@ def open_source(source: str) -> Capture:
     if not os.access(path, os.R_OK):
         raise UserError(f"cannot read {path}: no permission")
     video = cv2.VideoCapture(str(path))
-    return _open_video(
-        str(path), video, "{} is not a video OpenCV can read", tagged_colour_matrix(path)
-    )
+    return _open_video(str(path), video, "{} is not a video OpenCV can read", *read_tags(path))
 
 
-def is_usable_fps(fps: float) -> bool:
-    """Whether a stated frame rate is plausible."""
-    return math.isfinite(fps) and 1 <= fps <= 240
+def read_tags(path: Path) -> tuple[str, tuple[Fraction, ...]]:
+    """What OpenCV does not tell of a video file: colour matrix, and times of all frames in seconds.
 
-
-def exact_fps(fps: float) -> Fraction:
-    """The exact rate of a rounded one (29.97 -> 30000/1001); 25 if it is not usable."""
-    if not is_usable_fps(fps):
-        return DEFAULT_FPS
-    for denominator in (1, 1001):
-        numerator = round(fps * denominator / 1000) * 1000 if denominator > 1 else round(fps)
-        if abs(numerator / denominator - fps) < 0.004:
-            return Fraction(numerator, denominator)
-    return Fraction(fps).limit_denominator(1001)
-
-
-def tagged_colour_matrix(path: Path) -> str:
-    """The colour matrix of a video file's Y'CbCr according to its tag: bt709 or bt601.
-
-    bt601 also for files without a tag or with another matrix, for pipes and for devices.
-    OpenCV converts BT.2020 pictures to the RGB of BT.709 by itself.
+    The matrix is that of the tag: bt709 or bt601; bt601 also for files without a tag or with
+    another matrix, for pipes and for devices.  OpenCV converts BT.2020 pictures to the RGB of
+    BT.709 by itself.  The times are empty where the container has not all of them.
     """
     # A pipe or device can be read only once.
     if not path.is_file():
-        return "bt601"
+        return "bt601", ()
     try:
         with av.open(str(path), metadata_errors="ignore") as container:
-            streams = container.streams.video
-            context = streams[0].codec_context if streams else None
-            return "bt709" if context and context.colorspace == _BT709 else "bt601"
+            if not container.streams.video:
+                return "bt601", ()
+            stream = container.streams.video[0]
+            context = stream.codec_context
+            matrix = "bt709" if context and context.colorspace == _BT709 else "bt601"
+            return matrix, _times_s(container, stream)
     except av.FFmpegError:
-        return "bt601"
+        return "bt601", ()
+
+
+def _times_s(container: InputContainer, stream: VideoStream) -> tuple[Fraction, ...]:
+    """The presentation times of a stream's frames, seconds, in coding order; or none."""
+    times_s: list[Fraction] = []
+    for packet in container.demux(stream):
+        if not packet.size or packet.is_discard:
+            continue
+        if packet.pts is None or packet.time_base is None:
+            return ()
+        times_s.append(packet.pts * packet.time_base)
+    return tuple(times_s)
 
 
 def _silence_opencv() -> None:
@@ -205,7 +216,11 @@ def _open_stream(url: str) -> Capture:
 
 
 def _open_video(
-    name: str, video: cv2.VideoCapture, error_text: str, colour_matrix: str = "bt601"
+    name: str,
+    video: cv2.VideoCapture,
+    error_text: str,
+    colour_matrix: str = "bt601",
+    times_s: tuple[Fraction, ...] = (),
 ) -> Capture:
     if not video.isOpened():
         raise UserError(error_text.format(name))
@@ -215,16 +230,22 @@ def _open_video(
         video.set(cv2.CAP_PROP_BUFFERSIZE, 1)
     count = video.get(cv2.CAP_PROP_FRAME_COUNT)
     frame_count = int(count) if math.isfinite(count) and 0 < count < 2**31 else None
-    fps = video.get(cv2.CAP_PROP_FPS)
+    stated_fps = video.get(cv2.CAP_PROP_FPS)
+    times = frame_times(times_s, exact_fps(stated_fps))
+    # Without a rate a container may still have times.
+    is_assumed = not is_usable_fps(stated_fps) and times == FrameTimes(DEFAULT_FPS)
     is_live = is_remote and frame_count is None
-    reader, is_assumed = _VideoReader(video), not is_usable_fps(fps)
-    return Capture(name, reader, exact_fps(fps), frame_count, is_live, colour_matrix, is_assumed)
+    reader = _VideoReader(video)
+    return Capture(
+        name, reader, times, len(times_s) or frame_count, is_live, colour_matrix, is_assumed
+    )
 
 
 def _open_sequence(pattern: Path) -> Capture:
     """Read numbered images, the lowest number first, at the default rate."""
     paths = _sequence_paths(pattern)
-    return Capture(str(pattern), _SequenceReader(paths), DEFAULT_FPS, len(paths), is_live=False)
+    times = FrameTimes(DEFAULT_FPS)
+    return Capture(str(pattern), _SequenceReader(paths), times, len(paths), is_live=False)
 
 
 def _sequence_paths(pattern: Path) -> list[Path]:

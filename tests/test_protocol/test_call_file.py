@@ -107,7 +107,7 @@ def test_another_kind_of_file_is_named(data: bytes) -> None:
         (b"\xff\xff\xff\xff", "length of a record is too large"),
         (b"\x81\0x", "length of a record has a byte too many"),
         (serialise_records([bytes(2000)]), "frame packet of 1999 bytes"),
-        (serialise_records([b"\x80" + bytes(20)]), "too long for its kind"),
+        (serialise_records([b"\x80" + bytes(300)]), "too long for its kind"),
     ],
 )
 def test_bad_records_are_named(records: bytes, message: str) -> None:

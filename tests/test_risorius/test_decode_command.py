@@ -12,7 +12,8 @@ from processes import error_line, one_line
 from videos import copy_frames
 
 from decoder.sinks.frame_sink import open_sink
-from encoder.capture.video_source import exact_fps, open_source
+from encoder.capture.frame_times import exact_fps
+from encoder.capture.video_source import open_source
 from protocol.summary import summarise
 from risorius.cli import main
 from risorius.commands.decode import IdleTimeout

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 from av.video.reformatter import ColorPrimaries, Colorspace
 
-from encoder.capture.video_source import exact_fps, open_source, tagged_colour_matrix
+from encoder.capture.frame_times import exact_fps
+from encoder.capture.video_source import open_source, read_tags
 from shared_model.errors import UserError
 
 CLIPS = Path(__file__).resolve().parents[4] / "shared" / "clips"
@@ -120,7 +121,7 @@ def test_an_unreadable_file_is_bt601_without_a_message(
     # Asking it would take from the pipe what is to be read, or wait for it.
     os.mkfifo(tmp_path / "pipe.mkv")
     for name in ("cut.mkv", "text.mp4", "pipe.mkv"):
-        assert tagged_colour_matrix(tmp_path / name) == "bt601"
+        assert read_tags(tmp_path / name) == ("bt601", ())
     assert capfd.readouterr() == ("", "")
 
 
