@@ -121,7 +121,8 @@ def encode_live(
         options.look_for_face_s,
         synchronous,
     )
-    run_session(session, packets, options, capture, stats, callbacks)
+    with closing(session):
+        run_session(session, packets, options, capture, stats, callbacks)
 
 
 def encode_two_pass(

@@ -73,7 +73,7 @@ def tracked_renderings(
             if face is None:
                 raise UserError(f"{capture.name} begins without a face")
             fitted = tracker.fitted
-            call = call_parameters(capture, "thesis", fitted.camera.focal_px, index)
+            call = call_parameters(capture.format, "thesis", fitted.camera.focal_px, index)
             model = build_thesis_model_packet(
                 head, fitted, face, frame, call, budget_for("thesis", None)
             )

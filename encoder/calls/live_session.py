@@ -24,7 +24,8 @@ from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget
 from encoder.coding.rate_control import OnlineRateController, RateTarget
 from encoder.detection.iris import WIDE_CROP_SCALE
-from encoder.runtime.parallel import low_priority_executor
+from encoder.live_model.learner import Learner, LocalLearner
+from encoder.live_model.learning_process import LearningProcess
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -60,12 +61,14 @@ class LiveEncoder:
         fps, coded_fps = float(capture.fps), float(gop.coded_fps(capture.fps))
         self._packets, self._stats, self._gop, self._fps = packets, stats, gop, fps
         self._look_for_face_s, self._clock = look_for_face_s, clock
-        self._executor = None if synchronous else low_priority_executor(2)
+        self._learner: Learner = LocalLearner() if synchronous else LearningProcess(stats.warn)
         self._overload = None if synchronous else OverloadController(1 / fps)
         self._mode_latency_frames = 0 if synchronous else round(MODE_LATENCY_S * coded_fps)
         updates = ModelUpdateSender(packets, stats, gop, fps)
         self._search = open_landmark_search(stats, eye_crop_scale=WIDE_CROP_SCALE)
-        self._model = ModelLifecycle(capture, gop, budget, updates, stats, self._executor)
+        self._model = ModelLifecycle(
+            capture, gop, budget, updates, stats, self._learner, not synchronous
+        )
         self._filler = PacketFiller(gop.frame_step)
         self._rate = OnlineRateController(RateTarget(bitrate, coded_fps, gop.frames_per_packet))
         self._coder = PacketCoder(self._rate)
@@ -84,8 +87,7 @@ class LiveEncoder:
 
     def end(self, frames: int) -> None:
         """See `CallSession`."""
-        if self._executor is not None:
-            self._executor.shutdown(cancel_futures=True)
+        self.close()
         if not self.started:
             return
         if len(self._filler):
@@ -94,6 +96,10 @@ class LiveEncoder:
         if excess := self._rate.overshoot_message:
             self._stats.warn(excess)
         self._packets.end(frames)
+
+    def close(self) -> None:
+        """Leave what is being learned; for a call that ends by an error."""
+        self._learner.close()
 
     def _encode(self, index: int, picture: Picture, next_frame: Picture | None) -> None:
         found = self._search.find(picture, next_frame)

@@ -17,27 +17,27 @@ an update.
 Only an update that is sent in layers passes through SENDING_LAYERS.  The call may end in any state.
 """
 
-from collections.abc import Mapping
-from concurrent.futures import Executor, Future
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import replace
 from enum import StrEnum
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.calls.model_schedule import ModelSchedule
-from encoder.calls.model_trainer import ModelTrainer, TrainingFrames
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
-from encoder.calls.model_version import ModelVersion
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture
 from encoder.coding.background import background_of
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget
 from encoder.detection.landmark_indices import face_outline
-from encoder.learning.incremental_modes import FaceSample
+from encoder.learning.incremental_modes import FaceSample, LearnedMode
 from encoder.learning.mode_scheduler import ModeScheduler
+from encoder.live_model.learner import Learner, ModesTask, TrainingTask
+from encoder.live_model.model_schedule import ModelSchedule
+from encoder.live_model.model_trainer import ModelTrainer, TrainingFrames
+from encoder.live_model.model_version import ModelVersion
 from shared_model.surround import head_with_surround
 
 Array = NDArray[np.float64]
@@ -81,8 +81,8 @@ class ModelLifecycle:
     """Trains, announces and switches the versions of one call's model.
 
     budget: of a version.
-    executor: trains and learns in the background; None: at once, before the next frame, so that
-        the same source gives the same bytes.
+    learner: trains updates and learns modes.
+    realtime: frames do not wait for it.
     """
 
     def __init__(
@@ -92,15 +92,16 @@ class ModelLifecycle:
         budget: ModelBudget,
         updates: ModelUpdateSender,
         stats: SessionStats,
-        executor: Executor | None,
+        learner: Learner,
+        realtime: bool,
     ) -> None:
         self._capture, self._gop, self._budget = capture, gop, budget
-        self._updates, self._stats, self._executor = updates, stats, executor
+        self._updates, self._stats, self._learner = updates, stats, learner
+        self._realtime = realtime
         fps = float(capture.fps)
-        self._frames = TrainingFrames(TRAINING_FRAMES_REALTIME if executor else TRAINING_FRAMES)
-        self._schedule, self._modes = ModelSchedule(fps), ModeScheduler(fps, executor)
+        self._frames = TrainingFrames(TRAINING_FRAMES_REALTIME if realtime else TRAINING_FRAMES)
+        self._schedule, self._modes = ModelSchedule(fps), ModeScheduler(fps, self._learn)
         self._state = ModelState.SEARCHING
-        self._trainer: ModelTrainer | None = None
         self._training: Future[ModelVersion] | None = None
         self._version: ModelVersion | None = None
         self._next_version: ModelVersion | None = None
@@ -124,7 +125,7 @@ class ModelLifecycle:
     def start(self, index: int) -> None:
         """Train the first version from the frame added last, source frame `index`, and send it."""
         pictures, points = self._frames.sample()
-        self._trainer = ModelTrainer(
+        trainer = ModelTrainer(
             head_with_surround(),
             self._capture,
             self._gop,
@@ -132,11 +133,12 @@ class ModelLifecycle:
             self._budget,
             self._updates.progressive,
             # More would take the cores from the frames.
-            workers=1 if self._executor else None,
+            workers=1 if self._realtime else None,
         )
-        version = self._trainer.bootstrap(pictures, points, index)
+        version = trainer.bootstrap(pictures, points, index)
         self._updates.send_first(version)
-        self._modes.start(version.person)
+        self._learner.begin(trainer)
+        self._start_modes(version)
         self._version = version
         self._go_to(ModelState.CODING)
 
@@ -156,7 +158,7 @@ class ModelLifecycle:
         assert version is not None
         most = max(version.free_slots - self._modes_to_reserve, 0)
         with self._stats.stage("modes"):
-            modes = self._modes.take_modes(index, version.fit_texels, most, may_start)
+            modes = self._modes.take_modes(index, most, may_start)
         for mode in modes:
             version = version.with_mode(mode)
             self._updates.send_mode(version, mode.data)
@@ -201,7 +203,7 @@ class ModelLifecycle:
         # In layers the modes of the update itself are still to come.
         lead = 0 if self._updates.progressive else MODE_LEAD_PACKETS
         if self._state is ModelState.ANNOUNCED and packet >= following.first_packet - lead:
-            self._modes.start(following.person)
+            self._start_modes(following)
             self._go_to(ModelState.SWITCHING)
         if packet != following.first_packet:
             return False
@@ -215,15 +217,19 @@ class ModelLifecycle:
         # While layers were sent more than one may have become due.
         while self._updates.progressive and self._schedule.is_update_due(self._frames.offered):
             share = self._schedule.take_update()
-        trainer, number = self._trainer, self.version.number + 1
-        assert trainer is not None
-        work = partial(trainer.retrain, share, *self._frames.sample(), number)
-        if self._executor is not None:
-            return self._executor.submit(work)
-        done = Future[ModelVersion]()
+        task = TrainingTask(share, *self._frames.sample(), self.version.number + 1)
         with self._stats.stage("train"):
-            done.set_result(work())
-        return done
+            return self._learner.train(task)
+
+    def _start_modes(self, version: ModelVersion) -> None:
+        """Learn the modes that a version lacks."""
+        self._learner.start_modes(version)
+        self._modes.start()
+
+    def _learn(
+        self, samples: Sequence[FaceSample], byte_budget: float, max_modes: int
+    ) -> "Future[list[LearnedMode]]":
+        return self._learner.learn(ModesTask(samples, byte_budget, max_modes))
 
     @property
     def _may_send_modes(self) -> bool:

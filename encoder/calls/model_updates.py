@@ -8,12 +8,12 @@ update better than the version in use, and the other modes after that.
 from dataclasses import dataclass
 from math import ceil
 
-from encoder.calls.model_version import ModelVersion
 from encoder.calls.packet_sender import LEAD_PACKETS, MAX_LEAD_PACKETS, PacketSender
 from encoder.calls.session_stats import SessionStats
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget
 from encoder.coding.progressive_model import UPDATE_BASE_LAYER_BYTES, LayeredModel
+from encoder.live_model.model_version import ModelVersion
 from protocol.packets import LayerPacket
 from protocol.progressive_model import PICTURE_ITEMS, stream_item
 

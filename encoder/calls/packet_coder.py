@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from encoder.calls.model_version import ModelVersion
 from encoder.coding.rate_control import OnlineRateController
+from encoder.live_model.model_version import ModelVersion
 from protocol.frames.temporal_prediction import FramePredictor
 from shared_model.parameters import FaceParameters
 

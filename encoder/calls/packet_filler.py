@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from encoder.calls.model_version import ModelVersion
 from encoder.learning.incremental_modes import FaceSample
+from encoder.live_model.model_version import ModelVersion
 from shared_model.parameters import FaceParameters
 
 

@@ -168,7 +168,7 @@ class ThesisEncoder:
 
     def _build_model(self, index: int, picture: Picture, face: FaceParameters) -> ModelPacket:
         identity = self._tracker.fitted
-        call = call_parameters(self._capture, "thesis", identity.camera.focal_px, index)
+        call = call_parameters(self._capture.format, "thesis", identity.camera.focal_px, index)
         call = replace(call, has_eyelids=self._lids)
         return build_thesis_model_packet(
             generic_head(), identity, face, picture, call, self._budget

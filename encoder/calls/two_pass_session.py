@@ -133,7 +133,7 @@ class TwoPassEncoder:
         held = hold_last_detection(self._detection_of, start, max(self._detection_of) + 1)
         packing = (gop.frames_per_packet, gop.frame_step)
         focal_px = identity.camera.focal_px
-        call = call_parameters(self._capture, "default", focal_px, start, *packing)
+        call = call_parameters(self._capture.format, "default", focal_px, start, *packing)
         with self._stats.stage("train"):
             trained = build_person_model(
                 identity,

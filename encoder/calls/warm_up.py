@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.calls.model_trainer import ModelTrainer
 from encoder.capture.video_source import Capture, open_source
 from encoder.coding.background import BackgroundImage
 from encoder.coding.gop import GopStructure, gop_for_fps
@@ -20,6 +19,7 @@ from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.fitting.identity import TYPICAL_FOCAL_RATIO
 from encoder.fitting.landmark_fit import landmark_model
 from encoder.learning.incremental_modes import ModeLearner
+from encoder.live_model.model_trainer import ModelTrainer
 from encoder.picture_coding.image_budget import encode_background_within
 from encoder.tracking.outlier_rejection import robust_residuals
 from protocol.pictures.picture_codec import decode_picture

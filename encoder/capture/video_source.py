@@ -4,6 +4,7 @@ import math
 import os
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
@@ -41,6 +42,16 @@ class _Reader(Protocol):
     def close(self) -> None: ...
 
 
+@dataclass(frozen=True, slots=True)
+class VideoFormat:
+    """Size and frame rate of a source, see `Capture`."""
+
+    width: int
+    height: int
+    fps: Fraction
+    colour_matrix: str
+
+
 class Capture:
     """An open source of frames of one size; a context manager that can be iterated once.
 
@@ -75,6 +86,11 @@ class Capture:
     def fps(self) -> Fraction:
         """Exact frame rate, frames per second; the mean of one that varies."""
         return self.times.fps
+
+    @property
+    def format(self) -> VideoFormat:
+        """Size and rate of the frames."""
+        return VideoFormat(self.width, self.height, self.fps, self.colour_matrix)
 
     def __iter__(self) -> Iterator[tuple[int, Frame]]:
         """Yield (index, frame): frame (height, width, 3) uint8, BGR.

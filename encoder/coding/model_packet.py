@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.appearance.texture import atlas_size_for, extract_texture
-from encoder.capture.video_source import Capture
+from encoder.capture.video_source import VideoFormat
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.quantised_identity import identity_codes, quantised_identity
 from encoder.learning.person_model import PersonModel
@@ -73,25 +73,25 @@ def budget_for(profile: str, model_bytes: int | None) -> ModelBudget:
 
 
 def call_parameters(
-    capture: Capture,
+    video: VideoFormat,
     profile: str,
     focal_px: float,
     start_frame: int,
     frames_per_packet: int = 1,
     frame_step: int = 1,
 ) -> CallParameters:
-    """The parameters of a call of this source."""
+    """The parameters of a call of a source with this format."""
     return CallParameters(
         profile=profile,
-        width=capture.width,
-        height=capture.height,
-        fps_numerator=capture.fps.numerator,
-        fps_denominator=capture.fps.denominator,
+        width=video.width,
+        height=video.height,
+        fps_numerator=video.fps.numerator,
+        fps_denominator=video.fps.denominator,
         focal_px=focal_px,
         frames_per_packet=frames_per_packet,
         start_frame=start_frame,
         frame_step=frame_step,
-        colour_matrix=capture.colour_matrix,
+        colour_matrix=video.colour_matrix,
     )
 
 

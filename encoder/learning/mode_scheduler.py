@@ -1,20 +1,20 @@
 """Scheduling of incremental mode learning in a live call, within a byte budget."""
 
 from collections import deque
-from concurrent.futures import Executor, Future
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future
 from dataclasses import replace
-from functools import partial
 
 from encoder.learning.incremental_modes import (
     BYTES_PER_S,
     SAMPLES_PER_S,
     WINDOW_SAMPLES,
     FaceSample,
-    FitSample,
     LearnedMode,
-    ModeLearner,
 )
-from encoder.learning.person_model import PersonModel
+
+# Learns modes from samples, within a byte budget, at most so many.
+LearnModes = Callable[[Sequence[FaceSample], float, int], "Future[list[LearnedMode]]"]
 
 # Time between two updates: each new mode changes the template of the texel fitter.
 MIN_INTERVAL_S = 0.25
@@ -23,23 +23,21 @@ CARRIED_OVER_SAMPLES = WINDOW_SAMPLES // 2
 
 
 class ModeScheduler:
-    """Collects recent samples and runs a `ModeLearner` on them.
+    """Collects recent samples and has modes learned from them.
 
-    fps: of the source.  pool: runs the learner in the background; None: in the caller's thread.
+    fps: of the source.
     """
 
-    def __init__(self, fps: float, pool: Executor | None) -> None:
-        self._fps, self._pool = fps, pool
+    def __init__(self, fps: float, learn: LearnModes) -> None:
+        self._fps, self._learn = fps, learn
         self._recent_samples: deque[FaceSample] = deque(maxlen=WINDOW_SAMPLES)
         self._new_samples = deque[FaceSample](maxlen=self._recent_samples.maxlen)
-        self._learner: ModeLearner | None = None
         self._job: Future[list[LearnedMode]] | None = None
         self._last_sample = self._last_update = float("-inf")
         self._byte_budget = 0.0
 
-    def start(self, person: PersonModel) -> None:
-        """Learn the modes that `person` lacks; the result of a running job is dropped."""
-        self._learner = ModeLearner(person)
+    def start(self) -> None:
+        """Begin with another version's modes; the result of a running job is dropped."""
         self._new_samples.clear()
         newest = list(self._recent_samples)[-CARRIED_OVER_SAMPLES:]
         self._new_samples.extend(replace(sample, face=None) for sample in newest)
@@ -55,34 +53,27 @@ class ModeScheduler:
         self._recent_samples.append(sample)
         self._new_samples.append(sample)
 
-    def take_modes(
-        self, index: int, fit: FitSample, max_modes: int, may_start: bool
-    ) -> list[LearnedMode]:
+    def take_modes(self, index: int, max_modes: int, may_start: bool) -> list[LearnedMode]:
         """The modes learned by source frame `index`.
 
-        fit: see `ModeLearner.update`.
         max_modes: of a new update.  may_start: whether an update may start now.
         """
         if self._job is not None:
-            if not self._job.done():
-                return []
-            modes, self._job = self._job.result(), None
-            return self._charge(modes)
+            return self._take_finished()
         early = index - self._last_update < MIN_INTERVAL_S * self._fps
         if early or not may_start or not self._new_samples or not max_modes:
             return []
         earned = BYTES_PER_S * min(1.0, (index - self._last_update) / self._fps)
         self._byte_budget = min(self._byte_budget + earned, BYTES_PER_S)
         self._last_update = index
-        assert self._learner is not None
         samples = list(self._new_samples)
         self._new_samples.clear()
-        job = partial(self._learner.update, samples, fit, self._byte_budget, max_modes)
-        if self._pool is None:
-            return self._charge(job())
-        self._job = self._pool.submit(job)
-        return []
+        self._job = self._learn(samples, self._byte_budget, max_modes)
+        return self._take_finished()
 
-    def _charge(self, modes: list[LearnedMode]) -> list[LearnedMode]:
+    def _take_finished(self) -> list[LearnedMode]:
+        if self._job is None or not self._job.done():
+            return []
+        modes, self._job = self._job.result(), None
         self._byte_budget -= sum(len(mode.data) for mode in modes)
         return modes

@@ -15,11 +15,11 @@ from videos import read_frames
 
 from decoder.pipeline import DecodeOptions, decode
 from encoder.calls.model_lifecycle import NEXT_STATES, ModelLifecycle, ModelState
-from encoder.calls.model_schedule import MODE_SPENDING_EXPONENT
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
-from encoder.calls.model_version import RESERVED_MODES, ModelVersion
 from encoder.coding.rate_control import OnlineRateController
 from encoder.coding.rdo_quantiser import CodedPacket
+from encoder.live_model.model_schedule import MODE_SPENDING_EXPONENT
+from encoder.live_model.model_version import RESERVED_MODES, ModelVersion
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from protocol.call_file import MAGIC, CallReader
@@ -234,7 +234,9 @@ def test_modes_are_reserved_for_later_frames(
     clip: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # After a second of face the model is trained again only after another thousand.
-    monkeypatch.setattr("encoder.calls.model_schedule.TRAINING_SCHEDULE", {1.0: 0.6, 1001.0: 1.0})
+    monkeypatch.setattr(
+        "encoder.live_model.model_schedule.TRAINING_SCHEDULE", {1.0: 0.6, 1001.0: 1.0}
+    )
     copy = tmp_path / "clip.mkv"
     copy.write_bytes(clip.read_bytes())
     sent = send(copy)

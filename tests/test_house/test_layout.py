@@ -56,6 +56,7 @@ ENCODER_PACKAGES = (
     "tracking",
     "learning",
     "coding",
+    "live_model",
     "calls",
 )
 

@@ -8,9 +8,9 @@ from shots import draw, talking
 
 from decoder.pipeline import DecodeOptions, decode
 from decoder.playout import Playout, PlayoutFrame
-from encoder.calls.model_schedule import TRAINING_SCHEDULE
-from encoder.calls.model_version import RESERVED_MODES
 from encoder.calls.packet_sender import LEAD_PACKETS
+from encoder.live_model.model_schedule import TRAINING_SCHEDULE
+from encoder.live_model.model_version import RESERVED_MODES
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from protocol.call_file import CallReader

@@ -16,6 +16,7 @@ from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import open_source
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import BUDGETS
+from encoder.live_model.learner import LocalLearner
 from protocol.call_file import CallStreamWriter
 
 
@@ -44,7 +45,7 @@ def test_a_call_without_a_face_has_no_version_and_ends_once(tmp_path: Path) -> N
     stats, gop = SessionStats(), GopStructure()
     with open_source(str(tmp_path / "%d.png")) as capture, CallStreamWriter(io.BytesIO()) as sink:
         updates = ModelUpdateSender(PacketSender(sink, stats), stats, gop, 25.0)
-        model = ModelLifecycle(capture, gop, BUDGETS["live"], updates, stats, None)
+        model = ModelLifecycle(capture, gop, BUDGETS["live"], updates, stats, LocalLearner(), False)
         assert model.state is ModelState.SEARCHING
         with pytest.raises(ValueError, match="no face"):
             _ = model.version

@@ -2,7 +2,7 @@
 
 import math
 
-from encoder.calls.model_version import RESERVED_MODES
+from encoder.live_model.model_version import RESERVED_MODES
 
 # Seconds of the person's face after which the model is trained again, and the share of the budget
 # for texture and modes that the update takes: the first one is soon replaced.  Later updates follow

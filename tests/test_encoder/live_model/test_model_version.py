@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from encoder.calls.model_trainer import ModelTrainer
-from encoder.calls.model_version import RESERVED_MODES, ModelVersion
 from encoder.calls.warm_up import frontal_landmarks
 from encoder.capture.video_source import open_source
 from encoder.coding.background import BackgroundImage
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import BUDGETS
 from encoder.learning.incremental_modes import FaceSample, LearnedMode
+from encoder.live_model.model_trainer import ModelTrainer
+from encoder.live_model.model_version import RESERVED_MODES, ModelVersion
 from shared_model.geometry import Camera
 from shared_model.parameters import FaceParameters
 from shared_model.surround import head_with_surround

@@ -1,13 +1,13 @@
 """Trains the versions of a live call's model, each from more frames than the one before."""
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.calls.model_version import EYELID_DISTORTION, RESERVED_MODES, ModelVersion
 from encoder.capture.video_source import Capture
 from encoder.coding.background import BackgroundImage
 from encoder.coding.distortion import distortion_of
@@ -26,6 +26,7 @@ from encoder.fitting.quantised_identity import quantised_identity
 from encoder.fitting.sequence_fit import fit_sequence
 from encoder.learning.frame_sampler import UniformSubsampler
 from encoder.learning.person_model import TrainedModel, TrainingOptions, build_person_model
+from encoder.live_model.model_version import EYELID_DISTORTION, RESERVED_MODES, ModelVersion
 from protocol.call_parameters import CallParameters
 from protocol.frames.frame_transform import vector_from_face, with_reserved_modes
 from protocol.frames.transform_coding import serialise_transform
@@ -89,14 +90,20 @@ class ModelTrainer:
         progressive: bool,
         workers: int | None,
     ) -> None:
-        self._head, self._capture, self._gop = head, capture, gop
+        self._head, self._video, self._gop = head, capture.format, gop
         self._background, self._budget = background, budget
         self._progressive, self._workers = progressive, workers
         self._identity: IdentityFit | None = None  # of the version before
         # Encoded while the first version is trained: each takes as long as many frames.
         executor = ThreadPoolExecutor(1)
-        self._background_data = executor.submit(background.encode, budget.background_bytes)
+        self._background_data: Future[bytes] | bytes = executor.submit(
+            background.encode, budget.background_bytes
+        )
         executor.shutdown(wait=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process needs to go on."""
+        return self.__dict__ | {"_background_data": self._encoded_background()}
 
     def bootstrap(
         self, pictures: Sequence[Picture], points: Sequence[Array], start_frame: int
@@ -145,7 +152,7 @@ class ModelTrainer:
             frame_step=self._gop.frame_step,
         )
         call = self._call_parameters(person.fitted.camera.focal_px)
-        background = self._background_data.result() if budget.background_bytes else b""
+        background = self._encoded_background() if budget.background_bytes else b""
         packet = replace(
             build_model_packet(person, transform, call, background),
             version=number,
@@ -162,7 +169,7 @@ class ModelTrainer:
     def _train_person(
         self, budget: ModelBudget, pictures: Sequence[Picture], points: Sequence[Array]
     ) -> TrainedModel:
-        size = (self._capture.width, self._capture.height)
+        size = (self._video.width, self._video.height)
         identity, faces = fit_sequence(self._head, size, points, self._identity)
         self._identity = identity
         # Eyelids as `ModelVersion.fit_texels` finds them.
@@ -208,9 +215,13 @@ class ModelTrainer:
         fitter = person.image_fitter(IMAGE_FIT_PIXELS)
         return replace(version, person=person, image_fitter=fitter, layers=None)
 
+    def _encoded_background(self) -> bytes:
+        data = self._background_data
+        return data if isinstance(data, bytes) else data.result()
+
     def _landmark_model(self, identity: IdentityFit) -> LandmarkModel:
         return personalise(landmark_model(self._head), identity.identity.aau, identity.control_mm)
 
     def _call_parameters(self, focal_px: float) -> CallParameters:
         packing = self._gop.frames_per_packet, self._gop.frame_step
-        return call_parameters(self._capture, "default", focal_px, 0, *packing)
+        return call_parameters(self._video, "default", focal_px, 0, *packing)

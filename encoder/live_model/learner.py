@@ -1,0 +1,114 @@
+"""What learns while a live call's frames go on: updates of the model, and modes one by one."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.learning.incremental_modes import FaceSample, LearnedMode, ModeLearner
+from encoder.live_model.model_trainer import ModelTrainer
+from encoder.live_model.model_version import ModelVersion
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, slots=True)
+class TrainingTask:
+    """An update to train, see `ModelTrainer.retrain`."""
+
+    share: float
+    pictures: Sequence[Picture]
+    points: Sequence[Array]
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class ModesTask:
+    """Modes to learn, see `ModeLearner.update`.  Samples without a face are fitted first."""
+
+    samples: Sequence[FaceSample]
+    byte_budget: float
+    max_modes: int
+
+
+class Learner(Protocol):
+    """Trains and learns in the order of the calls; what it returns may be done later."""
+
+    def begin(self, trainer: ModelTrainer) -> None:
+        """Go on with a trainer that has made its first version."""
+
+    def train(self, task: TrainingTask) -> "Future[ModelVersion]":
+        """Train an update."""
+
+    def start_modes(self, version: ModelVersion) -> None:
+        """Learn the modes that `version` lacks from now on."""
+
+    def learn(self, task: ModesTask) -> "Future[list[LearnedMode]]":
+        """Learn modes of the version of the last `start_modes`, which has them from then on."""
+
+    def close(self) -> None:
+        """Leave what is under way."""
+
+
+class LocalLearner:
+    """A `Learner` in this process.
+
+    executor: trains and learns in the background; None: at once, so that the same source gives the
+        same bytes.
+    """
+
+    def __init__(self, executor: Executor | None = None) -> None:
+        self._executor = executor
+        self._trainer: ModelTrainer | None = None
+        self._modes: _VersionModes | None = None
+
+    def begin(self, trainer: ModelTrainer) -> None:
+        """See `Learner`."""
+        self._trainer = trainer
+
+    def train(self, task: TrainingTask) -> "Future[ModelVersion]":
+        """See `Learner`."""
+        assert self._trainer is not None
+        retrain = self._trainer.retrain
+        return self._submit(partial(retrain, task.share, task.pictures, task.points, task.number))
+
+    def start_modes(self, version: ModelVersion) -> None:
+        """See `Learner`."""
+        self._modes = _VersionModes(version)
+
+    def learn(self, task: ModesTask) -> "Future[list[LearnedMode]]":
+        """See `Learner`."""
+        assert self._modes is not None
+        return self._submit(partial(self._modes.learn, task))
+
+    def close(self) -> None:
+        """See `Learner`."""
+        if self._executor is not None:
+            self._executor.shutdown(cancel_futures=True)
+
+    def _submit(self, work: Callable[[], Result]) -> "Future[Result]":
+        if self._executor is not None:
+            return self._executor.submit(work)
+        done = Future[Result]()
+        done.set_result(work())
+        return done
+
+
+class _VersionModes:
+    """Learns the modes of one version."""
+
+    def __init__(self, version: ModelVersion) -> None:
+        self._version, self._learner = version, ModeLearner(version.person)
+
+    def learn(self, task: ModesTask) -> list[LearnedMode]:
+        fit = self._version.fit_texels
+        modes = self._learner.update(task.samples, fit, task.byte_budget, task.max_modes)
+        for mode in modes:
+            self._version = self._version.with_mode(mode)
+        return modes

@@ -1,0 +1,143 @@
+"""A `Learner` in a process of its own, so that learning never holds the interpreter of the frames.
+
+The process is started once for a call and has a lower priority.  It ends with the call, and with
+the process that started it.
+"""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from functools import partial
+from itertools import count
+from typing import Any, TypeVar
+
+from encoder.learning.incremental_modes import LearnedMode
+from encoder.live_model.learner import LocalLearner, ModesTask, TrainingTask
+from encoder.live_model.model_trainer import ModelTrainer
+from encoder.live_model.model_version import ModelVersion
+from encoder.live_model.object_stream import ObjectStream
+from encoder.runtime.parallel import NICENESS, low_priority_executor
+
+Result = TypeVar("Result")
+
+
+class LearningProcess:
+    """A `Learner` in a process of its own.
+
+    on_failure: called once with a line if the process ends by itself; nothing more is learned.
+    """
+
+    def __init__(self, on_failure: Callable[[str], None]) -> None:
+        ours, theirs = socket.socketpair()
+        program = (
+            f"import sys; sys.path[:] = {sys.path!r};"
+            f" from encoder.live_model.learning_process import serve; serve({theirs.fileno()})"
+        )
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", program],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                # Ctrl-C in a terminal is for the process that talks to the user.
+                start_new_session=True,
+            )
+        self._stream, self._on_failure = ObjectStream(ours), on_failure
+        self._numbers, self._waiting = count(), dict[int, Future[Any]]()
+        self._is_closing = False
+        # Objects are put together and sent in a thread of their own.
+        self._sender = ThreadPoolExecutor(1)
+        threading.Thread(target=self._receive, daemon=True).start()
+
+    @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self._process.pid
+
+    def begin(self, trainer: ModelTrainer) -> None:
+        """See `Learner`."""
+        self._send("begin", trainer)
+
+    def train(self, task: TrainingTask) -> "Future[ModelVersion]":
+        """See `Learner`."""
+        return self._send("train", task)
+
+    def start_modes(self, version: ModelVersion) -> None:
+        """See `Learner`."""
+        self._send("start_modes", version)
+
+    def learn(self, task: ModesTask) -> "Future[list[LearnedMode]]":
+        """See `Learner`."""
+        return self._send("learn", task)
+
+    def close(self) -> None:
+        """End the process; closing twice has no further effect."""
+        self._is_closing = True
+        self._process.kill()
+        self._process.wait()
+        self._sender.shutdown(cancel_futures=True)
+        self._stream.close()
+
+    def _send(self, method: str, argument: object) -> "Future[Any]":
+        future = Future[Any]()
+        number = next(self._numbers)
+        self._waiting[number] = future
+        self._sender.submit(self._send_now, (number, method, argument))
+        return future
+
+    def _send_now(self, message: object) -> None:
+        # A process that is gone is noticed where its results are waited for.
+        with suppress(OSError):
+            self._stream.send(message)
+
+    def _receive(self) -> None:
+        with suppress(EOFError):
+            while True:
+                number, result, error = self._stream.receive()
+                future = self._waiting.pop(number)
+                if error is None:
+                    future.set_result(result)
+                else:
+                    future.set_exception(error)
+        if not self._is_closing:
+            code = self._process.wait()
+            self._on_failure(f"the learning process has ended ({code}): nothing more is learned")
+
+
+def serve(descriptor: int) -> None:
+    """Learn for the process at the other end of a socket until it is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with suppress(OSError):
+        os.nice(NICENESS)
+    _Server(ObjectStream(socket.socket(fileno=descriptor))).run()
+    # What is under way is of no use any more.
+    os._exit(0)
+
+
+class _Server:
+    def __init__(self, stream: ObjectStream) -> None:
+        self._stream, self._lock = stream, threading.Lock()
+        self._learner = LocalLearner(low_priority_executor(2))
+
+    def run(self) -> None:
+        with suppress(EOFError):
+            while True:
+                number, method, argument = self._stream.receive()
+                result = getattr(self._learner, method)(argument)
+                if isinstance(result, Future):
+                    result.add_done_callback(partial(self._answer, number))
+                else:
+                    self._reply(number, None, None)
+
+    def _answer(self, number: int, done: "Future[Any]") -> None:
+        error = done.exception()
+        self._reply(number, None if error else done.result(), error)
+
+    def _reply(self, number: int, result: object, error: BaseException | None) -> None:
+        with self._lock, suppress(OSError):
+            self._stream.send((number, result, error))

@@ -1,0 +1,89 @@
+"""Learning in a process of its own: the same results, and an end whatever happens."""
+
+import os
+import signal
+import socket
+from pathlib import Path
+from queue import SimpleQueue
+
+import numpy as np
+import pytest
+from shots import draw, talking
+
+from encoder.calls.warm_up import frontal_landmarks
+from encoder.capture.video_source import open_source
+from encoder.coding.background import BackgroundImage
+from encoder.coding.gop import gop_for_fps
+from encoder.coding.model_packet import BUDGETS
+from encoder.live_model.learner import LocalLearner, ModesTask, TrainingTask
+from encoder.live_model.learning_process import LearningProcess
+from encoder.live_model.model_trainer import ModelTrainer
+from encoder.live_model.object_stream import ObjectStream
+from protocol.pictures.picture_codec import decode_picture
+from shared_model.geometry import Camera
+from shared_model.surround import head_with_surround
+
+LIMIT_S = 120
+
+
+def test_what_another_process_learns_is_what_this_one_learns(tmp_path: Path) -> None:
+    draw(tmp_path / "clip.mkv", talking(2.96))
+    head, failures = head_with_surround(), list[str]()
+    with open_source(str(tmp_path / "clip.mkv")) as capture:
+        pictures = [picture for _, picture in capture][:4]
+        size = capture.width, capture.height
+        points = frontal_landmarks(head, Camera(*size, max(size)))
+        trainer = ModelTrainer(
+            head,
+            capture,
+            gop_for_fps(capture.fps, None),
+            BackgroundImage(pictures[0]),
+            BUDGETS["live"],
+            progressive=False,
+            workers=1,
+        )
+    version = trainer.bootstrap(pictures[:1], [points], 0)
+    update = TrainingTask(0.3, pictures, [points] * len(pictures), 1)
+    modes = ModesTask([version.sample(each, points) for each in pictures], 1200.0, 2)
+    here, there = LocalLearner(), LearningProcess(failures.append)
+    try:
+        for learner in (there, here):
+            learner.begin(trainer)
+            learner.start_modes(version)
+        far_update, far_modes = there.train(update), there.learn(modes)
+        packet, learned = far_update.result(LIMIT_S).packet, far_modes.result(LIMIT_S)
+        # Only now: training changes what the trainer knows of the person.
+        near_update, near_modes = here.train(update).result(), here.learn(modes).result()
+        textures = [decode_picture("it", each.texture) for each in (packet, near_update.packet)]
+        # The last bits of a sum depend on the number of threads.
+        assert np.abs(textures[0] - textures[1]).mean() < 0.5 and failures == []
+        assert packet.version == 1 and packet.aau == near_update.packet.aau
+        assert learned and len(learned) == len(near_modes)
+        assert np.abs(learned[0].luma - near_modes[0].luma).mean() < 0.5
+    finally:
+        there.close()
+
+
+def test_a_learning_process_that_dies_is_told_once_and_harms_nothing() -> None:
+    lines = SimpleQueue[str]()
+    process = LearningProcess(lines.put)
+    try:
+        os.kill(process.pid, signal.SIGKILL)
+        assert "nothing more is learned" in lines.get(timeout=LIMIT_S)
+        assert not process.learn(ModesTask([], 1.0, 1)).done()
+    finally:
+        process.close()
+
+
+def test_arrays_and_heads_arrive_as_they_were() -> None:
+    ours, theirs = map(ObjectStream, socket.socketpair())
+    array = np.arange(12.0).reshape(3, 4)
+    ours.send((array, array.T, head_with_surround(), "text"))
+    first, second, head, text = theirs.receive()
+    assert np.array_equal(first, array) and np.array_equal(second, array.T) and text == "text"
+    assert head is head_with_surround()
+    first[0, 0] = 7
+    assert array[0, 0] == 0
+    ours.close()
+    with pytest.raises(EOFError):
+        theirs.receive()
