@@ -33,6 +33,7 @@ THESIS_OPTIONS: Options = {
 DEFAULT_OPTIONS: Options = {
     "bitrate": 800.0,
     "live": False,
+    "low_delay": False,
     "fps": None,
     "startup_bitrate": None,
 }

@@ -24,6 +24,7 @@ class EncodeOptions:
     startup_bitrate: bits per second of all packets together while the model is sent in layers
         (default profile), above `bitrate`; None: the model is sent whole, at once.
     fps: code about this many frames a second (default profile), see `gop_for_fps`; None: all.
+    low_delay: packets of half as many frames (default profile).
     live: one pass, as if the source were a camera (default profile).
     pace: send at the source's own rate, as a camera would, instead of as fast as possible.
     wait_for_peer_s: wait this long for a decoder before the first frame, beginning with the link;
@@ -44,6 +45,7 @@ class EncodeOptions:
     bitrate: float = 800.0
     startup_bitrate: float | None = None
     fps: float | None = None
+    low_delay: bool = False
     live: bool = False
     tracking: TrackingOptions = field(default_factory=TrackingOptions)
     pace: bool = False

@@ -22,7 +22,7 @@ from encoder.calls.thesis_session import ThesisEncoder
 from encoder.calls.two_pass_session import TwoPassEncoder, send_call
 from encoder.calls.warm_up import warm_up
 from encoder.capture.video_source import Capture, open_source
-from encoder.coding.gop import gop_for_fps
+from encoder.coding.gop import GopStructure, gop_for_fps
 from encoder.coding.model_packet import budget_for
 from encoder.coding.pacer import LayerPacer
 from encoder.options import EncodeOptions
@@ -103,7 +103,7 @@ def encode_live(
 ) -> None:
     """Fit, code and send every frame as it comes."""
     packets = PacketSender(sink, stats, _pacer(options), capture.times)
-    gop = gop_for_fps(capture.fps, options.fps)
+    gop = _gop(options, capture)
     # A source that waits for its reader can wait for the training, too.
     synchronous = not (options.pace or capture.is_live)
     if not synchronous:
@@ -189,7 +189,7 @@ def first_pass(
     callbacks: SessionCallbacks,
 ) -> TwoPassEncoder:
     """Landmarks of every frame, then the model of the person."""
-    encoder = TwoPassEncoder(capture, stats, gop_for_fps(capture.fps, options.fps))
+    encoder = TwoPassEncoder(capture, stats, _gop(options, capture))
     source = FrameSource(capture, stats, callbacks.stop, options.max_frames)
     callbacks.on_preparing("first pass")
 
@@ -234,6 +234,11 @@ def _run_pass(frame_pass: FramePass, source: FrameSource, progress: Progress, na
             " is one in the picture, upright and at least 20 pixels wide?",
             NO_FACE,
         )
+
+
+def _gop(options: EncodeOptions, capture: Capture) -> GopStructure:
+    gop = gop_for_fps(capture.fps, options.fps)
+    return gop.with_low_delay() if options.low_delay else gop
 
 
 def _pacer(options: EncodeOptions) -> LayerPacer | None:

@@ -1,6 +1,6 @@
 """GOP structure: temporal decimation, and the number of coded frames in a packet."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import floor
 
@@ -25,6 +25,10 @@ class GopStructure:
     def coded_fps(self, source_fps: Fraction) -> Fraction:
         """Coded frames per second."""
         return source_fps / self.frame_step
+
+    def with_low_delay(self) -> "GopStructure":
+        """The same with half as many frames in a packet: their heads take a larger share."""
+        return replace(self, frames_per_packet=max(1, self.frames_per_packet // 2))
 
 
 def gop_for_fps(source_fps: Fraction, target_fps: float | None) -> GopStructure:

@@ -131,6 +131,7 @@ def _encode_options(arguments: argparse.Namespace, profile: str) -> "EncodeOptio
         wait_for_peer_s=arguments.wait,
         look_for_face_s=arguments.look_for_face,
         model_bytes=arguments.model_bytes,
+        low_delay=arguments.low_delay,
         live=arguments.live,
     )
 

@@ -152,3 +152,17 @@ def test_a_target_rate_above_the_sources_codes_every_frame(clip: str, tmp_path: 
     for name, fps in (("all", None), ("more", 60.0)):
         encoded(clip, tmp_path / name, fps, live=False, max_frames=12)
     assert (tmp_path / "all").read_bytes() == (tmp_path / "more").read_bytes()
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_low_delay_halves_the_frames_of_a_packet(clip: str, tmp_path: Path, live: bool) -> None:
+    path = tmp_path / "low.rzo"
+    options = EncodeOptions(clip, path, live=live, low_delay=True, max_frames=14)
+    encode(options, lambda done, total: None, lambda: False)
+    packets = packets_of(path)
+    model = next(packet for packet in packets if isinstance(packet, ModelPacket))
+    assert model.call.frames_per_packet == 4
+    first = model.call.start_frame
+    coded = sum(isinstance(packet, FramePacket) for packet in packets)
+    # One frame alone, then four at a time.
+    assert coded == 1 + -(-(14 - first - 1) // 4)
