@@ -1,42 +1,39 @@
 """The pictures of a call, drawn one after the other: packets -> playout -> scene."""
 
-import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
 from typing import BinaryIO, Self
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.playout import Playout, PlayoutFrame
+from decoder.playout import PlayoutFrame
+from decoder.reception.call_playout import CallPlayout
+from decoder.reception.received_frames import DecodeStats, received_frames
 from decoder.reenactment import read_model, reenact
 from decoder.scene import Scene, head_of
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
-from protocol.call_records import TruncatedCall
 from protocol.errors import ProtocolError
 from protocol.link.interface import (
     CONNECT_TIMEOUT_S,
-    Arrival,
     LinkOptions,
     MessageCallback,
     PacketSource,
     ignore_message,
 )
 from protocol.model_packet import ModelPacket
-from protocol.packets import PacketKind, packet_kind
 from protocol.progressive_model import is_same_model
 from protocol.security.link_security import LinkSecurity
 from shared_model.errors import LINK_FAILED, UserError
+from shared_model.parameters import FaceParameters
 from shared_model.stage_timer import StageTimer
 
 Picture = NDArray[np.uint8]
-
-# Interval at which a decoder that waits for packets calls `stop`.
-POLL_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,32 +60,15 @@ class CallOptions:
 class DrawnFrame:
     """A picture (height, width, 3) uint8 BGR, and the index of its source frame.
 
-    frozen: it repeats an older face.
+    frozen: it repeats an older face; lost: its packet is missing.  What is both is shown in grey.
     time_s: of the source frame, seconds from the start of the source.
     """
 
     index: int
     picture: Picture
     frozen: bool
+    lost: bool
     time_s: Fraction
-
-
-@dataclass(slots=True)
-class DecodeStats:
-    """Counts, times and warnings of one call on the receiving side."""
-
-    model_bytes: int = 0
-    frame_bytes: int = 0
-    frozen_frames: int = 0
-    damages: list[str] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-    shown_ns: list[tuple[int, int]] = field(default_factory=list)
-
-    def note_damage(self, error: ProtocolError, playout: Playout) -> None:
-        """Add a damaged packet with the first frame that it can affect."""
-        model, frame = playout.model, max(playout.next_frame, 0)
-        where = f", at frame {frame} ({frame / model.call.fps:.2f} s)" if model else ""
-        self.damages.append(f"{error}{where}")
 
 
 class CallPictures:
@@ -105,12 +85,14 @@ class CallPictures:
         stop: Callable[[], bool],
         on_message: MessageCallback = ignore_message,
     ) -> None:
-        self.playout, self.stats, self.timer = Playout(), DecodeStats(), StageTimer()
+        self.playout, self.stats, self.timer = CallPlayout(), DecodeStats(), StageTimer()
         self._options, self._stop, self._stack = options, stop, ExitStack()
         self._target = read_model(options.face) if options.face else None
         self._source = self._stack.enter_context(open_source(options, on_message))
         self._scene: Scene | None = None
         self._submitted: PlayoutFrame | None = None
+        self._face: FaceParameters | None = None  # of the frame before, as long as it looks so
+        self._picture: Picture | None = None  # of the newest frame that is complete
 
     @property
     def sender(self) -> CallParameters:
@@ -130,7 +112,7 @@ class CallPictures:
         return self._source.trailing_bytes if isinstance(self._source, CallReader) else 0
 
     def __iter__(self) -> Iterator[DrawnFrame]:
-        for frame in playout_frames(self._source, self.playout, self.stats, self._stop):
+        for frame in received_frames(self._source, self.playout, self.stats, self._stop):
             if frame is None:
                 yield from self._finished()
                 continue
@@ -139,12 +121,17 @@ class CallPictures:
             target = self._target or sender
             if self._scene is None or self._scene.model is not target:
                 yield from self._finished()
+                self._face = None
                 with self.timer.stage("model"):
                     self._scene = self._change_scene(target)
+            if frame.face is self._face:
+                yield from self._finished()
+                yield self._complete(frame)
+                continue
             prepared = self._scene.prepare(reenact(frame, sender, target), self.timer)
             yield from self._finished()
             self._scene.submit(prepared, self.timer)
-            self._submitted = frame
+            self._submitted, self._face = frame, frame.face
         yield from self._finished()
         if self.playout.model is None:
             raise _no_model_error(self._options, self.stats, self._source.ended)
@@ -164,11 +151,17 @@ class CallPictures:
         if self._scene is None or self._submitted is None:
             return
         frame, self._submitted = self._submitted, None
-        picture = self._scene.read_back(self.timer)
-        self.stats.shown_ns.append((frame.index, time.monotonic_ns()))
-        self.stats.frozen_frames += frame.frozen
-        time_s = self.playout.clock.time_s(frame.index, self.sender.exact_fps)
-        yield DrawnFrame(frame.index, picture, frame.frozen, time_s)
+        self._picture = self._scene.read_back(self.timer)
+        yield self._complete(frame)
+
+    def _complete(self, frame: PlayoutFrame) -> DrawnFrame:
+        """`frame` with the newest picture."""
+        assert self._picture is not None
+        self.stats.note_shown(frame)
+        is_held = frame.lost and frame.frozen
+        picture = in_grey(self._picture) if is_held else self._picture
+        time_s = self.playout.time_s(frame.index)
+        return DrawnFrame(frame.index, picture, frame.frozen, frame.lost, time_s)
 
     def _change_scene(self, model: ModelPacket) -> Scene:
         before = self._scene
@@ -189,6 +182,11 @@ class CallPictures:
         return scene
 
 
+def in_grey(picture: Picture) -> Picture:
+    """The picture (h, w, 3) uint8 BGR without its colours."""
+    return np.asarray(cv2.cvtColor(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR))
+
+
 def open_source(options: CallOptions, on_message: MessageCallback) -> PacketSource:
     """The call file or the network, whichever the options name.  Raises `UserError`.
 
@@ -203,55 +201,6 @@ def open_source(options: CallOptions, on_message: MessageCallback) -> PacketSour
         options.call, options.listen, options.connect, timeout_s, security=options.security
     )
     return ZenohSource(link, on_message)
-
-
-def playout_frames(
-    source: PacketSource, playout: Playout, stats: DecodeStats, stop: Callable[[], bool]
-) -> Iterator[PlayoutFrame | None]:
-    """The faces of the call's source frames; None before each wait for a packet.
-
-    Damaged packets are counted and skipped.
-    """
-    for arrival in _arrivals(source, playout, stats, stop):
-        _count(arrival.data, stats)
-        frames = playout.receive(arrival.data)
-        while not stop():
-            try:
-                frame = next(frames, None)
-            except ProtocolError as error:
-                stats.note_damage(error, playout)
-                break
-            if frame is None:
-                break
-            yield frame
-        if playout.ended:
-            return
-        yield None
-
-
-def _arrivals(
-    source: PacketSource, playout: Playout, stats: DecodeStats, stop: Callable[[], bool]
-) -> Iterator[Arrival]:
-    while not stop() and not source.ended:
-        try:
-            arrival = source.receive(POLL_S)
-        except TruncatedCall as error:
-            stats.warnings.append(str(error))
-            return
-        except ProtocolError as error:
-            stats.note_damage(error, playout)
-            continue
-        if arrival is not None:
-            yield arrival
-
-
-def _count(data: bytes, stats: DecodeStats) -> None:
-    with suppress(ProtocolError):
-        kind = packet_kind(data)
-        if kind in (PacketKind.MODEL, PacketKind.LAYER):
-            stats.model_bytes += len(data) - 1
-        elif kind is PacketKind.FRAME:
-            stats.frame_bytes += len(data) - 1
 
 
 def call_name(options: CallOptions) -> str:

@@ -1,5 +1,6 @@
 """Decoding of frame packets, by the call's profile: faces with their times."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import ceil
@@ -8,7 +9,7 @@ from typing import Protocol
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
 from protocol.frames.frame_transform import face_from_coefficients
-from protocol.frames.payload_coding import decode_payload
+from protocol.frames.packet_history import PacketHistory
 from protocol.frames.scalar_quantiser import (
     EAU_STEP,
     THESIS_RATE_HZ,
@@ -16,9 +17,8 @@ from protocol.frames.scalar_quantiser import (
     sent_eaus,
     values_from_codes,
 )
-from protocol.frames.temporal_prediction import FramePredictor
+from protocol.frames.temporal_prediction import FramePredictor, Integers
 from protocol.frames.transform_coding import parse_transform
-from protocol.limits import SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
 from shared_model.parameters import EAU_INDEX, FaceParameters
 
@@ -37,8 +37,17 @@ class FrameDecoder(Protocol):
     def decode(self, number: int, payload: bytes) -> list[TimedFace]:
         """The faces of packet `number` (0 is the model's first).  Raises `ProtocolError`."""
 
+    def repair(self, number: int, payload: bytes) -> TimedFace | None:
+        """Take in a packet that comes after a later one.
+
+        Returns the newest face, if it has changed.  Raises `ProtocolError`.
+        """
+
     def packet_index_at(self, frame: int) -> int:
         """The packet of the first coded face at or after source frame `frame`."""
+
+    def newest_frame(self, number: int) -> Fraction:
+        """Time of the last face of packet `number`, source frames from the start of the call."""
 
 
 def frame_decoder_for(model: ModelPacket) -> FrameDecoder:
@@ -66,12 +75,20 @@ class ThesisFrameDecoder:
         eau = values_from_codes(self._model.reference_eau, EAU_STEP)
         sent = [EAU_INDEX[name] for name in sent_eaus(has_eyelids)]
         eau[sent] = face.eau[sent]
-        timestamp = self._model.call.start_frame + number * self._spacing
-        return [TimedFace(timestamp, replace(face, eau=eau))]
+        return [TimedFace(self.newest_frame(number), replace(face, eau=eau))]
+
+    def repair(self, number: int, payload: bytes) -> TimedFace | None:
+        """See `FrameDecoder`: no packet depends on another."""
+        self.decode(number, payload)
+        return None
 
     def packet_index_at(self, frame: int) -> int:
         """See `FrameDecoder`."""
         return ceil((frame - self._model.call.start_frame) / self._spacing)
+
+    def newest_frame(self, number: int) -> Fraction:
+        """See `FrameDecoder`."""
+        return self._model.call.start_frame + number * self._spacing
 
 
 class PredictiveFrameDecoder:
@@ -84,16 +101,34 @@ class PredictiveFrameDecoder:
             raise ProtocolError(
                 f"{self._transform.reserved_modes} reserved modes, extensible: {model.extensible}"
             )
-        self._predictor = FramePredictor(
-            self._transform.scale_codes, self._transform.reserved_modes
-        )
+        predictor = FramePredictor(self._transform.scale_codes, self._transform.reserved_modes)
+        self._history = PacketHistory(predictor, model.call.frames_per_packet)
+        self._newest = -1
 
     def decode(self, number: int, payload: bytes) -> list[TimedFace]:
         """See `FrameDecoder`."""
+        frames = self._history.decode(number, payload)
+        self._newest = number
+        return self._timed(number, frames)
+
+    def repair(self, number: int, payload: bytes) -> TimedFace | None:
+        """See `FrameDecoder`."""
+        frames = self._history.insert(number, payload)
+        return None if frames is None else self._timed(self._newest, frames)[-1]
+
+    def packet_index_at(self, frame: int) -> int:
+        """See `FrameDecoder`."""
+        call = self._model.call
+        return max(0, ceil((frame - call.start_frame) / (call.frame_step * call.frames_per_packet)))
+
+    def newest_frame(self, number: int) -> Fraction:
+        """See `FrameDecoder`; a packet at the end of a call may have fewer faces."""
+        call = self._model.call
+        return Fraction(call.start_frame + number * call.frames_per_packet * call.frame_step)
+
+    def _timed(self, number: int, frames: Sequence[Integers]) -> list[TimedFace]:
         call, reference = self._model.call, self._model.reference_pose
-        nominal = call.frames_per_packet
-        frames = decode_payload(self._predictor, number % SEQUENCE_MODULUS, nominal, payload)
-        first = 1 + (number - 1) * nominal if number else 0
+        first = 1 + (number - 1) * call.frames_per_packet if number else 0
         timestamps = [call.start_frame + (first + i) * call.frame_step for i in range(len(frames))]
         return [
             TimedFace(
@@ -101,8 +136,3 @@ class PredictiveFrameDecoder:
             )
             for timestamp, coded in zip(timestamps, frames, strict=True)
         ]
-
-    def packet_index_at(self, frame: int) -> int:
-        """See `FrameDecoder`."""
-        call = self._model.call
-        return max(0, ceil((frame - call.start_frame) / (call.frame_step * call.frames_per_packet)))

@@ -1,6 +1,6 @@
 """Decoding of a call into a sink: call file or link -> pictures -> video, images or stream."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,6 +8,8 @@ from typing import BinaryIO
 
 from decoder.call_pictures import CallOptions, CallPictures, DrawnFrame
 from decoder.duration import count_frames
+from decoder.reception.call_playout import CallPlayout
+from decoder.reception.received_frames import DecodeStats
 from decoder.sinks.frame_sink import FrameSink, ThreadedSink, check_sink, keeps_times, open_sink
 from decoder.sinks.video_file import TIMED
 from protocol.call_parameters import CallParameters
@@ -38,8 +40,11 @@ class DecodeReport:
     model_bytes, frame_bytes: payload bytes of the packets received.
     stage_ms: mean time per frame of each stage, ms.
     shown_ns: for each picture its source frame and `time.monotonic_ns` when it was complete.
-    lost_packets, late_packets: frame packets not received, or received too late.
+    lost_packets, late_packets: frame packets not received in time; received too late or twice.
     frozen_frames: pictures that repeat an older face because the encoder had none.
+    lost_frames: pictures in place of those whose packets were not received in time.
+    before_join: pictures from before the first frame packet.
+    restarts: how often the encoder has started again.
     complete: the call was decoded to its END packet.
     """
 
@@ -54,6 +59,9 @@ class DecodeReport:
     lost_packets: int
     late_packets: int
     frozen_frames: int
+    lost_frames: int
+    before_join: int
+    restarts: int
     complete: bool
     warnings: tuple[str, ...]
 
@@ -87,7 +95,8 @@ def decode(
                     sink.write(frame.picture, frame.time_s)
             if show is not None:
                 show(frame, pictures.sender)
-            progress(len(pictures.stats.shown_ns), total)
+            if not (frame.frozen and frame.lost):
+                progress(len(pictures.stats.shown_ns), total)
         if not pictures.playout.ended and (stop() or options.call_file is None):
             pictures.stats.warnings += _unfinished(options, sink, stop())
         if excess := pictures.trailing_bytes:
@@ -98,7 +107,7 @@ def decode(
 
 def _open_sink(output: Path | BinaryIO, pictures: CallPictures) -> FrameSink:
     sender, shown = pictures.sender, pictures.shown
-    fps, is_variable = sender.exact_fps, not pictures.playout.clock.is_constant
+    fps, is_variable = sender.exact_fps, not pictures.playout.is_constant_rate
     if is_variable and not keeps_times(output):
         pictures.stats.warnings.append(
             "the frame rate of the source varies, that of"
@@ -128,8 +137,7 @@ def _report(pictures: CallPictures) -> DecodeReport:
     warnings += [f"damaged packet: {damage}" for damage in stats.damages[:MAX_DAMAGES_TOLD]]
     if more := stats.damages[MAX_DAMAGES_TOLD:]:
         warnings.append(f"damaged packets: {len(more)} more")
-    if playout.joined_late:
-        warnings.append("joined a call under way: the frames before are missing")
+    warnings += _loss_warnings(playout, stats)
     return DecodeReport(
         frames=frames,
         fps=pictures.sender.fps,
@@ -142,6 +150,21 @@ def _report(pictures: CallPictures) -> DecodeReport:
         lost_packets=playout.lost,
         late_packets=playout.late,
         frozen_frames=stats.frozen_frames,
+        lost_frames=stats.lost_frames,
+        before_join=playout.before_join,
+        restarts=playout.restarts,
         complete=playout.ended,
         warnings=tuple(warnings),
     )
+
+
+def _loss_warnings(playout: CallPlayout, stats: DecodeStats) -> Iterator[str]:
+    if playout.joined_late:
+        yield "joined a call under way: the frames before are missing"
+    if playout.before_join:
+        yield f"joined a call under way: {playout.before_join} pictures are from before it joined"
+    if playout.restarts:
+        yield f"the encoder has started again: {playout.restarts} times"
+    if stats.lost_frames:
+        share = f"{stats.lost_frames} of {len(stats.shown_ns)} pictures"
+        yield f"{playout.lost} frame packets did not come in time: {share} stand for lost ones"

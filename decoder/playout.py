@@ -1,9 +1,9 @@
-"""The play-out buffer: from packets in any order of arrival to one face per source frame.
+"""The play-out of one encoder's packets: one face per source frame, in order.
 
-Coded faces are less frequent than source frames; the faces between two coded ones are interpolated,
-also across lost packets.  Before the first coded face and after the last, the nearest one is
-repeated; while the encoder has lost the face, its last one is repeated (a frozen face).  A live
-call is therefore delayed by the time between two coded faces.
+Coded faces are less frequent than source frames; the faces between two coded ones are interpolated.
+Before the first coded face and after the last, the nearest one is repeated; while the encoder has
+lost the face, its last one is repeated (a frozen face).  A live call is therefore delayed by the
+time between two coded faces.  Where packets are lost the face is concealed (`decoder.concealment`).
 """
 
 from collections.abc import Iterator
@@ -13,7 +13,9 @@ from math import ceil
 
 import numpy as np
 
-from decoder.frame_decoder import FrameDecoder, TimedFace, frame_decoder_for
+from decoder.concealment import bridge
+from decoder.frame_decoder import TimedFace
+from decoder.model_versions import ModelVersion, ModelVersions
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
 from protocol.frames.frame_times import FrameClock, TimesPacket
@@ -24,9 +26,9 @@ from protocol.packets import (
     ControlPacket,
     FramePacket,
     LayerPacket,
+    Packet,
     parse_packet,
 )
-from protocol.progressive_model import LayerBuffer
 from shared_model.geometry import interpolate
 from shared_model.parameters import FaceParameters, with_focal_change
 
@@ -40,38 +42,46 @@ MAX_FROZEN_S = 600
 
 @dataclass(frozen=True, slots=True)
 class PlayoutFrame:
-    """The face of source frame `index`; `frozen`: the encoder had no face there."""
+    """The face of source frame `index`.
+
+    lost: its packet is missing; the face is concealed.
+    frozen: it repeats an older face: the encoder had none there, or too much is lost.
+    """
 
     index: int
     face: FaceParameters
     frozen: bool
+    lost: bool = False
 
 
 class Playout:
-    """Turns the packets of one call into the faces of its source frames, in order.
+    """Turns the packets of one encoder into the faces of its source frames, in order.
 
     model: the model of the newest frames, None before a model packet.  An update is activated by
         the frame packet with its sequence number.  The layers received are applied.
     clock: when source frames are shown.
     ended: the END packet has been received.
-    lost, late, unusable: numbers of frame packets that are missing, that were received too late or
-        repeated, and that preceded the model packet.
+    is_frozen: the encoder has lost the face.
+    lost, late, unusable: numbers of frame packets that were missing when they were due, that came
+        too late or twice, and that preceded the model packet.
+    before_join: source frames shown that precede the first frame packet.
     """
 
     def __init__(self) -> None:
-        self.model: ModelPacket | None = None
         self.clock = FrameClock()
-        self.ended = False
-        self.joined_late = False
-        self.lost = self.late = self.unusable = 0
+        self.ended = self.joined_late = self.is_frozen = False
+        self.lost = self.late = self.unusable = self.before_join = 0
         self._next = 0
         self._newest = -1  # number of the newest frame packet
+        self._is_numbered = False  # numbers are those of the call, not only modulo 64
         self._last: TimedFace | None = None
-        self._decoder: FrameDecoder | None = None
-        self._first = 0  # number of the model's first frame packet
-        self._update: tuple[ModelPacket, FrameDecoder, int] | None = None
-        self._layers = LayerBuffer()
-        self._face_lost = False
+        self._versions = ModelVersions()
+        self._repaired: FaceParameters | None = None
+
+    @property
+    def model(self) -> ModelPacket | None:
+        """See the class."""
+        return self._versions.current.model if self._versions.current else None
 
     @property
     def next_frame(self) -> int:
@@ -84,100 +94,121 @@ class Playout:
         The packet takes effect as the iterator is consumed.
         Raises `ProtocolError` if the packet is damaged or contradicts the call.
         """
-        packet = parse_packet(data)
+        yield from self.receive_packet(parse_packet(data))
+
+    def receive_packet(self, packet: Packet, number: int | None = None) -> Iterator[PlayoutFrame]:
+        """As `receive`.  number: see `Arrival`; None: the packet's 6 bits tell."""
+        version = self._versions.current
         if isinstance(packet, ModelPacket):
-            self._receive_model(packet)
+            self._receive_model(packet, number)
         elif isinstance(packet, LayerPacket):
-            self._receive_layer(packet)
+            self._versions.receive_layer(packet)
         elif isinstance(packet, TimesPacket):
             self.clock.receive(packet)
-        elif self.model is None or self._decoder is None:
+        elif version is None:
             self.unusable += 1
         elif isinstance(packet, FramePacket):
-            yield from self._receive_frame(packet)
+            yield from self._receive_frame(packet, number)
         else:
-            yield from self._receive_control(self.model.call, packet)
+            yield from self._receive_control(version, packet, number)
 
-    def _receive_model(self, packet: ModelPacket) -> None:
-        """Enter the first model packet or an update; either may be repeated for a late joiner."""
-        newest = self._update[0] if self._update else self.model
-        if newest is None:
-            self.model, self._decoder = packet, frame_decoder_for(packet)
-            self._first, self._newest = packet.sequence, packet.sequence - 1
+    @property
+    def next_number(self) -> int:
+        """Number of the frame packet that follows the newest."""
+        return self._newest + 1
+
+    def time_s(self, number: int) -> float:
+        """Time in the call of the last face of frame packet `number`, once there is a model."""
+        current, update = self._versions.current, self._versions.update
+        assert current is not None
+        version = update if update is not None and number >= update.first else current
+        return float(version.decoder.newest_frame(number - version.first)) / version.model.call.fps
+
+    def skip_to(self, index: int) -> None:
+        """Do not show the source frames before `index` any more."""
+        self._next = max(self._next, index)
+
+    def take_repaired(self) -> FaceParameters | None:
+        """The face shown last as it truly was, if a late packet has told so since asked before."""
+        repaired, self._repaired = self._repaired, None
+        return repaired
+
+    def _receive_model(self, packet: ModelPacket, first: int | None) -> None:
+        is_first = self._versions.current is None
+        if first is None:
+            newest = packet.sequence if is_first else self._newest
+            first = newest + (packet.sequence - newest) % SEQUENCE_MODULUS
+        if is_first:
+            self._newest = first - 1
             if packet.version:
                 self._join_late()
-            self.model = self._layers.apply(packet)
-        elif packet.version > newest.version:
-            check_update(newest.call, packet.call)
-            ahead = (packet.sequence - self._newest) % SEQUENCE_MODULUS
-            self._update = packet, frame_decoder_for(packet), self._newest + ahead
-            self._apply_layers_to_update()
-        elif self.model is not None and self.model.with_missing_pictures_from(packet) != self.model:
-            # A decoder that joined at an update receives the pictures before it later.
-            check_update(self.model.call, packet.call)
-            self.model = self.model.with_missing_pictures_from(packet)
+        self._versions.receive_model(packet, first)
 
-    def _receive_layer(self, packet: LayerPacket) -> None:
-        """Enter a layer; a late joiner may receive it before its model."""
-        if self.model is None or packet.model_version >= self.model.version:
-            self._layers.add(packet)
-        if self.model is not None and packet.model_version == self.model.version:
-            self.model = self._layers.apply(self.model)
-        elif self._update is not None and packet.model_version == self._update[0].version:
-            self._apply_layers_to_update()
+    def _join_late(self) -> None:
+        self.joined_late, self._next = True, -1
 
-    def _apply_layers_to_update(self) -> None:
-        """Apply layers before the update is activated, lest damage affect its first frame."""
-        assert self._update is not None
-        model, decoder, first = self._update
-        self._update = self._layers.apply(model), decoder, first
-
-    def _receive_frame(self, packet: FramePacket) -> Iterator[PlayoutFrame]:
-        number = self._extend_sequence_number(packet.sequence)
-        if number is None:
-            self.late += 1
+    def _receive_frame(self, packet: FramePacket, exact: int | None) -> Iterator[PlayoutFrame]:
+        number, newest = self._number(packet.sequence, exact), self._newest
+        if number <= newest:
+            self._receive_late(number, packet)
             return
-        if self._update is not None and number >= self._update[2]:
-            self._activate_update(*self._update)
-        assert self.model is not None and self._decoder is not None
-        call = self.model.call
-        coded = self._decoder.decode(number - self._first, packet.payload)
-        self.lost += number - self._newest - 1
+        if self._versions.update is not None and number >= self._versions.update.first:
+            self._activate_update(self._versions.update)
+        version = self._versions.current
+        assert version is not None
+        coded = version.decoder.decode(number - version.first, packet.payload)
+        self.lost += number - newest - 1
         self._newest = number
-        for timed in coded:
-            yield from self._frames_until(call, timed)
-            frozen = self._face_lost and self._last is not None
+        for place, timed in enumerate(coded):
+            is_gap = place == 0 and number - newest > 1
+            yield from self._frames_until(version.model.call, timed, is_gap)
+            frozen = self.is_frozen and self._last is not None
             face = self._last.face if frozen and self._last else timed.face
             self._last = TimedFace(timed.timestamp, face)
 
-    def _activate_update(self, update: ModelPacket, decoder: FrameDecoder, first: int) -> None:
+    def _receive_late(self, number: int, packet: FramePacket) -> None:
+        """Let what was decoded without this packet become exact."""
+        self.late += 1
+        version = self._versions.current
+        assert version is not None
+        if number < version.first:
+            return
+        newest = version.decoder.repair(number - version.first, packet.payload)
+        if newest is not None and self._last is not None and not self.is_frozen:
+            self._last = newest
+            if self._next > newest.timestamp:
+                self._repaired = newest.face
+
+    def _activate_update(self, update: ModelVersion) -> None:
         """Decode frame packets by `update` from now on."""
         assert self.model is not None
+        ratio = update.model.call.focal_px / self.model.call.focal_px
         if self._last is not None:
             # Its mode coefficients belong to the model before.
-            ratio = update.call.focal_px / self.model.call.focal_px
             face = replace(with_focal_change(self._last.face, ratio), modes=np.zeros(0))
             self._last = replace(self._last, face=face)
-        self.model, self._update = update.with_missing_pictures_from(self.model), None
-        self._decoder, self._first = decoder, first
-        self._layers.drop_before(update.version)
+        self._versions.activate()
 
-    def _extend_sequence_number(self, sequence: int) -> int | None:
-        """The packet's number in the call; None if it is late or a repetition."""
-        ahead = (sequence - self._newest) % SEQUENCE_MODULUS
-        if self._last is None and self._newest < self._first and ahead > FIRST_WINDOW:
+    def _number(self, sequence: int, exact: int | None) -> int:
+        """The packet's number in the call, by the number that the link knows or by its 6 bits."""
+        version = self._versions.current
+        assert version is not None
+        if exact is not None:
+            self._is_numbered = True
+            ahead = exact - self._newest
+        else:
+            ahead = (sequence - self._newest) % SEQUENCE_MODULUS
+        number = self._newest + ahead
+        if self._last is None and self._newest < version.first and ahead > FIRST_WINDOW:
             self._join_late()
-            self._newest += ahead - 1
-            return self._newest + 1
-        if ahead == 0 or ahead >= SEQUENCE_MODULUS - LATE_WINDOW:
-            return None
-        return self._newest + ahead
+            self._newest = number - 1
+        elif exact is None and ahead >= SEQUENCE_MODULUS - LATE_WINDOW:
+            number -= SEQUENCE_MODULUS
+        return number
 
-    def _join_late(self) -> None:
-        self.joined_late = True
-        self._next = -1
-
-    def _frames_until(self, call: CallParameters, timed: TimedFace) -> Iterator[PlayoutFrame]:
+    def _frames_until(
+        self, call: CallParameters, timed: TimedFace, is_gap: bool
+    ) -> Iterator[PlayoutFrame]:
         """Source frames after those shown before, up to the time of `timed`."""
         before = self._last
         if self._next < 0:
@@ -186,55 +217,46 @@ class Playout:
         while self._next <= timed.timestamp:
             index = self._next
             self._next += 1
-            if self._face_lost and before is not None:
-                yield PlayoutFrame(index, before.face, True)
+            if self.is_frozen and before is not None:
+                yield PlayoutFrame(index, before.face, frozen=True)
             elif before is None or index <= before.timestamp:
+                self.before_join += is_gap and index < timed.timestamp
                 yield PlayoutFrame(index, timed.face, index < call.start_frame)
+            elif is_gap and index < timed.timestamp:
+                face, is_held = bridge(before, timed, index)
+                yield PlayoutFrame(index, face, is_held, lost=True)
             else:
                 fraction = (index - before.timestamp) / (timed.timestamp - before.timestamp)
                 face = interpolate(before.face, timed.face, float(fraction))
-                yield PlayoutFrame(index, face, False)
+                yield PlayoutFrame(index, face, frozen=False)
 
     def _receive_control(
-        self, call: CallParameters, packet: ControlPacket
+        self, version: ModelVersion, packet: ControlPacket, following: int | None
     ) -> Iterator[PlayoutFrame]:
-        yield from self._freeze_until(call, packet.frame)
+        yield from self._freeze_until(version.model.call, packet.frame)
         if packet.kind is ControlKind.END:
             self.ended = True
         elif packet.kind is ControlKind.FACE_LOST:
-            self._face_lost = True
+            self.is_frozen = True
         else:
-            self._face_lost = False
-            self._resynchronise(packet.frame)
+            self.is_frozen = False
+            # Without a face no packets were sent: their numbers are skipped.
+            if following is None and not self.joined_late:
+                following = version.number_at(packet.frame)
+            self._newest = max(self._newest, (following or 0) - 1)
 
     def _freeze_until(self, call: CallParameters, end: int) -> Iterator[PlayoutFrame]:
         """The last face for every source frame before `end`."""
-        if self._last is None or self.joined_late:
+        if self._last is None or (self.joined_late and not self._is_numbered):
             return
         self._check_gap(call, end)
         while self._next < end:
             index = self._next
             self._next += 1
-            yield PlayoutFrame(index, self._last.face, self._face_lost)
-
-    def _resynchronise(self, frame: int) -> None:
-        """Skip the packet numbers before source frame `frame`: without a face none were sent."""
-        if not self.joined_late and self._decoder is not None:
-            self._newest = max(self._newest, self._first + self._decoder.packet_index_at(frame) - 1)
+            yield PlayoutFrame(index, self._last.face, self.is_frozen)
 
     def _check_gap(self, call: CallParameters, end: int | Fraction) -> None:
         if end - self._next > MAX_FROZEN_S * call.fps:
             raise ProtocolError(
                 f"call jumps from frame {self._next} to {int(end)}, limit {MAX_FROZEN_S} s"
             )
-
-
-def check_update(call: CallParameters, update: CallParameters) -> None:
-    """Raise `ProtocolError` if an update belongs to another call."""
-    for one, other in ((call.profile, update.profile), (_shape(call), _shape(update))):
-        if one != other:
-            raise ProtocolError(f"an update is of another call: {other}, expected {one}")
-
-
-def _shape(call: CallParameters) -> tuple[int, int, int, int]:
-    return call.width, call.height, call.fps_numerator, call.fps_denominator

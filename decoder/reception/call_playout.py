@@ -1,0 +1,245 @@
+"""The play-out of a whole call: what its encoder and the link do to it is bridged.
+
+Frame packets of a link are put in order and waited for; those of a call file, which have no number,
+are taken as they come.  Where an encoder starts again the call goes on with its new model, in the
+place where it would be had nothing happened.
+"""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import replace
+from fractions import Fraction
+
+from decoder.concealment import SmoothReturn
+from decoder.model_versions import picture_of
+from decoder.playout import FIRST_WINDOW, Playout, PlayoutFrame
+from decoder.reception.arrival_clock import MAX_WAIT_S, ArrivalClock
+from decoder.reception.jitter_buffer import MAX_HELD, JitterBuffer, NumberedPacket
+from protocol.errors import ProtocolError
+from protocol.limits import SEQUENCE_MODULUS
+from protocol.link.interface import Arrival
+from protocol.model_packet import ModelPacket
+from protocol.packets import ControlPacket, FramePacket, parse_packet
+from shared_model.errors import LINK_FAILED, UserError
+from shared_model.parameters import FaceParameters, with_focal_change
+
+# After so long a silence the last face is shown for the frames that do not come.  What comes within
+# that time, of a link that repeats what was lost, is shown late but whole.
+SILENCE_S = 5.0
+
+
+class EncoderSession:
+    """The packets of one start of the encoder.
+
+    offset: index of its source frame 0 in the call; None before its first picture is shown.
+    """
+
+    def __init__(self, max_wait_s: float = MAX_WAIT_S) -> None:
+        self.playout, self.clock = Playout(), ArrivalClock(max_wait_s)
+        self.buffer = JitterBuffer(self._deadline_s)
+        self.offset: int | None = None
+        self._newest = -1
+        self._early: deque[Arrival] = deque()  # packets that wait for the model
+
+    def receive(self, arrival: Arrival) -> Iterator[PlayoutFrame]:
+        """The frames of this session that can be shown after an arrival.
+
+        Raises `ProtocolError` as `Playout.receive`.
+        """
+        packet = parse_packet(arrival.data)
+        is_ordered = isinstance(packet, FramePacket | ControlPacket)
+        if arrival.number is None or not is_ordered:
+            yield from self.playout.receive_packet(packet, arrival.number)
+        elif len(self._early) < MAX_HELD:
+            self._early.append(arrival)
+        while self._early and self.playout.model is not None:
+            yield from self._receive_ordered(self._early.popleft())
+
+    def poll(self, now_s: float) -> Iterator[PlayoutFrame]:
+        """The frames that can be shown at `now_s`.  Raises `ProtocolError`."""
+        while item := self.buffer.take(now_s):
+            yield from self.playout.receive_packet(item.packet, item.number)
+
+    def frame_due(self, now_s: float) -> int | None:
+        """The source frame whose packet is expected at `now_s`; None: not known."""
+        start_s, model = self.clock.start_s, self.playout.model
+        if start_s is None or model is None:
+            return None
+        return int((now_s - start_s) * model.call.fps)
+
+    def _receive_ordered(self, arrival: Arrival) -> Iterator[PlayoutFrame]:
+        """As `receive`, of a packet with a number, once there is a model."""
+        packet, number = parse_packet(arrival.data), arrival.number
+        assert isinstance(packet, FramePacket | ControlPacket) and number is not None
+        if isinstance(packet, FramePacket):
+            self._note(number, packet, arrival.time_s)
+        self.buffer.add(NumberedPacket(number, packet, arrival.time_s))
+        yield from self.poll(arrival.time_s)
+
+    def _note(self, number: int, packet: FramePacket, arrival_s: float) -> None:
+        if number % SEQUENCE_MODULUS != packet.sequence:
+            raise ProtocolError(f"frame packet {number} has sequence number {packet.sequence}")
+        self.clock.note(self.playout.time_s(number), arrival_s, number < self._newest)
+        self._newest = max(self._newest, number)
+        if self.buffer.next is None:
+            first = self.playout.next_number
+            self.buffer.start(first if first <= number <= first + FIRST_WINDOW else number)
+
+    def _deadline_s(self, number: int) -> float:
+        expected_s = self.clock.expected_s(self.playout.time_s(number))
+        return expected_s + self.clock.wait_s
+
+
+class CallPlayout:
+    """Turns the arrivals of a call into the faces of its source frames, in order.
+
+    max_wait_s: how long a missing packet is waited for, at most.
+    Attributes are those of `Playout`, of the whole call.
+    """
+
+    def __init__(self, max_wait_s: float = MAX_WAIT_S) -> None:
+        self._max_wait_s = max_wait_s
+        self._return = SmoothReturn()
+        self._receiving = self._shown = EncoderSession(max_wait_s)
+        self._receiving.offset = 0
+        self._session = 0
+        self._next = 0  # index in the call of the frame to show next
+        self._focal_px = 0.0  # of the face shown last
+        self._past: list[Playout] = []
+
+    @property
+    def model(self) -> ModelPacket | None:
+        """The model of the newest frames; before any, of the encoder that is heard."""
+        return self._shown.playout.model or self._receiving.playout.model
+
+    @property
+    def ended(self) -> bool:
+        """The END packet has been received."""
+        return self._receiving.playout.ended
+
+    @property
+    def joined_late(self) -> bool:
+        """The call was under way before its first packet."""
+        return self._all[0].joined_late
+
+    @property
+    def is_constant_rate(self) -> bool:
+        """Source frames follow each other at the rate of the call."""
+        return self._shown.playout.clock.is_constant
+
+    def time_s(self, index: int) -> Fraction:
+        """Time of the frame shown last, `index`, in the call, seconds, once there is a model."""
+        assert self.model is not None
+        fps, offset = self.model.call.exact_fps, self._shown.offset or 0
+        return offset / fps + self._shown.playout.clock.time_s(index - offset, fps)
+
+    @property
+    def next_frame(self) -> int:
+        """The source frame to show next."""
+        return self._next
+
+    @property
+    def restarts(self) -> int:
+        """How often the encoder has started again."""
+        return len(self._past)
+
+    @property
+    def lost(self) -> int:
+        """Frame packets that were missing when they were due."""
+        return sum(each.lost for each in self._all)
+
+    @property
+    def late(self) -> int:
+        """Frame packets that came too late or twice."""
+        return sum(each.late for each in self._all)
+
+    @property
+    def before_join(self) -> int:
+        """Source frames shown that precede the first frame packet."""
+        return self._all[0].before_join
+
+    @property
+    def _all(self) -> list[Playout]:
+        return [*self._past, self._receiving.playout]
+
+    @property
+    def release_s(self) -> float | None:
+        """When `poll` may have something to show, if nothing arrives before; None: not known."""
+        return self._receiving.buffer.release_s
+
+    def receive(self, arrival: Arrival) -> Iterator[PlayoutFrame]:
+        """The frames that can be shown after an arrival, perhaps none.
+
+        The arrival takes effect as the iterator is consumed.
+        Raises `ProtocolError` if it is damaged or contradicts the call, `UserError` if the encoder
+        has come back with other pictures.
+        """
+        if arrival.session < self._session:
+            return
+        if arrival.session > self._session:
+            self._begin(arrival.session)
+        yield from self._placed(self._receiving.receive(arrival))
+
+    def poll(self, now_s: float) -> Iterator[PlayoutFrame]:
+        """The frames to show at `now_s` although nothing has come.  Raises as `receive`."""
+        yield from self._placed(self._receiving.poll(now_s))
+        due, playout = self._shown.frame_due(now_s - SILENCE_S), self._shown.playout
+        if due is not None and not playout.is_frozen and not self.ended:
+            yield from self._hold_until((self._shown.offset or 0) + due)
+
+    def _begin(self, session: int) -> None:
+        """Take packets from an encoder that has started again."""
+        self._past.append(self._receiving.playout)
+        self._receiving, self._session = EncoderSession(self._max_wait_s), session
+
+    def _placed(self, frames: Iterator[PlayoutFrame]) -> Iterator[PlayoutFrame]:
+        """Frames of the encoder that is heard, with their place in the call."""
+        session = self._receiving
+        for frame in frames:
+            model = session.playout.model
+            assert model is not None
+            if session.offset is None:
+                if frame.index < model.call.start_frame:
+                    continue
+                session.offset = self._offset_of(session, frame.index)
+                yield from self._hold_until(session.offset + frame.index)
+                self._return.interrupt()
+                self._shown = session
+            self._next = session.offset + frame.index + 1
+            face = self._smoothed(frame.face, model.call.focal_px)
+            yield replace(frame, index=self._next - 1, face=face)
+        if repaired := session.playout.take_repaired():
+            self._return.correct(repaired)
+
+    def _smoothed(self, face: FaceParameters, focal_px: float) -> FaceParameters:
+        shown = self._return.shown
+        if shown is not None and focal_px != self._focal_px:
+            self._return.shown = with_focal_change(shown, focal_px / self._focal_px)
+        self._focal_px = focal_px
+        return self._return.show(face)
+
+    def _offset_of(self, session: EncoderSession, index: int) -> int:
+        """The offset of a session whose first picture has this index in it."""
+        assert session.playout.model is not None and self._shown.playout.model is not None
+        before, after = self._shown.playout.model.call, session.playout.model.call
+        if picture_of(before) != picture_of(after):
+            raise UserError(
+                f"the encoder came back with pictures of {after.width}x{after.height} at"
+                f" {after.fps:g}/s, before they were {before.width}x{before.height} at"
+                f" {before.fps:g}/s: decode it anew",
+                LINK_FAILED,
+            )
+        starts_s = self._shown.clock.start_s, session.clock.start_s
+        elapsed = 0
+        if starts_s[0] is not None and starts_s[1] is not None:
+            elapsed = (self._shown.offset or 0) + round((starts_s[1] - starts_s[0]) * before.fps)
+        return max(elapsed, self._next - index)
+
+    def _hold_until(self, end: int) -> Iterator[PlayoutFrame]:
+        """The face shown last, as lost, for every source frame before `end`."""
+        held, session = self._return.shown, self._shown
+        while held is not None and self._next < end:
+            self._return.interrupt()
+            self._next += 1
+            session.playout.skip_to(self._next - (session.offset or 0))
+            yield PlayoutFrame(self._next - 1, held, frozen=True, lost=True)

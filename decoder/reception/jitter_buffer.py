@@ -1,0 +1,69 @@
+"""Puts packets in order and decides how long the missing ones are waited for."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from protocol.packets import ControlPacket, FramePacket
+
+# Packets that overtake each other on the way are no further apart than this.
+REORDER_S = 0.06
+# Packets that may wait for one that is missing; with more, the oldest no longer do.
+MAX_HELD = 64
+
+
+@dataclass(frozen=True, slots=True)
+class NumberedPacket:
+    """A frame packet and its number, or a control packet and that of the frame packet after it."""
+
+    number: int
+    packet: FramePacket | ControlPacket
+    arrival_s: float
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """A control packet comes before the frame packet with its number."""
+        return self.number, isinstance(self.packet, FramePacket)
+
+
+class JitterBuffer:
+    """Holds packets while one before them is missing and its deadline is not past.
+
+    deadline_s: time until which the frame packet with a number is waited for.
+    next: number of the frame packet to release next; None before the first.
+    """
+
+    def __init__(self, deadline_s: Callable[[int], float]) -> None:
+        self.next: int | None = None
+        self._deadline_s = deadline_s
+        self._held: list[NumberedPacket] = []
+
+    def start(self, number: int) -> None:
+        """Let `number` be the first frame packet to release."""
+        self.next = number
+
+    def add(self, item: NumberedPacket) -> None:
+        """Enter a packet; one that is there already is left out."""
+        if all(item.order != other.order for other in self._held):
+            self._held.append(item)
+            self._held.sort(key=lambda each: each.order)
+
+    @property
+    def release_s(self) -> float | None:
+        """When the first packet is released, whether or not those before it come."""
+        if not self._held or self.next is None:
+            return None
+        first = self._held[0]
+        if first.number <= self.next or len(self._held) > MAX_HELD:
+            return first.arrival_s
+        oldest_s = min(item.arrival_s for item in self._held)
+        return max(self._deadline_s(first.number - 1), oldest_s + REORDER_S)
+
+    def take(self, now_s: float) -> NumberedPacket | None:
+        """The next packet in order, None while it is waited for; a late one comes at once."""
+        release_s = self.release_s
+        if release_s is None or now_s < release_s or self.next is None:
+            return None
+        item = self._held.pop(0)
+        is_frame = isinstance(item.packet, FramePacket)
+        self.next = max(self.next, item.number + is_frame)
+        return item
