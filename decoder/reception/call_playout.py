@@ -59,6 +59,7 @@ class EncoderSession:
         """The frames that can be shown at `now_s`.  Raises `ProtocolError`."""
         while item := self.buffer.take(now_s):
             yield from self.playout.receive_packet(item.packet, item.number)
+            self.buffer.is_idle = self.playout.is_frozen
 
     def frame_due(self, now_s: float) -> int | None:
         """The source frame whose packet is expected at `now_s`; None: not known."""
@@ -73,6 +74,8 @@ class EncoderSession:
         assert isinstance(packet, FramePacket | ControlPacket) and number is not None
         if isinstance(packet, FramePacket):
             self._note(number, packet, arrival.time_s)
+        elif self.buffer.next is None:
+            self.buffer.start(number)
         self.buffer.add(NumberedPacket(number, packet, arrival.time_s))
         yield from self.poll(arrival.time_s)
 

@@ -30,10 +30,12 @@ class JitterBuffer:
 
     deadline_s: time until which the frame packet with a number is waited for.
     next: number of the frame packet to release next; None before the first.
+    is_idle: no frame packets are sent until a control packet says so: it is not held.
     """
 
     def __init__(self, deadline_s: Callable[[int], float]) -> None:
         self.next: int | None = None
+        self.is_idle = False
         self._deadline_s = deadline_s
         self._held: list[NumberedPacket] = []
 
@@ -53,7 +55,8 @@ class JitterBuffer:
         if not self._held or self.next is None:
             return None
         first = self._held[0]
-        if first.number <= self.next or len(self._held) > MAX_HELD:
+        is_awaited = self.is_idle and isinstance(first.packet, ControlPacket)
+        if first.number <= self.next or is_awaited or len(self._held) > MAX_HELD:
             return first.arrival_s
         oldest_s = min(item.arrival_s for item in self._held)
         return max(self._deadline_s(first.number - 1), oldest_s + REORDER_S)
