@@ -29,7 +29,7 @@ class Clock:
         return self.now
 
 
-@pytest.mark.parametrize("endpoint", ["nonsense", "tcp/127.0.0.1"])
+@pytest.mark.parametrize("endpoint", ["ftp/127.0.0.1:1", "tcp/a b:1"])
 def test_an_endpoint_that_is_none_is_named(endpoint: str, call: Path, capsys: Capture) -> None:
     assert main(["decode", "--listen", endpoint, "-q"]) == 2
     assert endpoint in error_line(capsys)
