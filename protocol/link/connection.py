@@ -1,0 +1,134 @@
+"""Which connections an end that connects tries, keeps and gives up; without input and output.
+
+While nothing is heard a new candidate is opened every now and then.  The first that hears anything
+becomes the link and the others are closed; the link before is held until then.  On a lossy link
+this repairs what the transport sends only once.  Time is an argument.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from protocol.link.endpoints import Endpoint, Failure
+
+# How often a candidate is opened, in the first seconds of silence and later.
+EARLY_PAUSE_S, LATE_PAUSE_S, EARLY_S = 0.4, 1.0, 10.0
+# After what silence every second candidate takes the other transport.
+FALLBACK_S = 4.0
+# A candidate that is open and hears nothing for so long is closed.
+DEAF_S, RELIABLE_DEAF_S = 2.0, 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class Open:
+    """Open a connection."""
+
+    connection: int
+    endpoint: Endpoint
+
+
+@dataclass(frozen=True, slots=True)
+class Close:
+    """Close a connection."""
+
+    connection: int
+
+
+Action = Open | Close
+
+
+@dataclass(slots=True)
+class _Candidate:
+    endpoint: Endpoint
+    opened_s: float | None = None
+
+    @property
+    def deaf_s(self) -> float:
+        return RELIABLE_DEAF_S if self.endpoint.is_reliable else DEAF_S
+
+
+class Connector:
+    """The connections of one end to any of `places`, each with its endpoints, the best first.
+
+    link: the connection in use; None: none has heard anything yet.
+    failure: why the newest attempt failed; None: it did not.
+    """
+
+    def __init__(self, places: Sequence[Sequence[Endpoint]]) -> None:
+        self._places = [tuple(place) for place in places]
+        self.link: int | None = None
+        self.failure: Failure | None = None
+        self._candidates: dict[int, _Candidate] = {}
+        self._count = 0
+        self._heard_s = float("-inf")
+        self._begun_s: float | None = None  # when the search began
+        self._opened_s = float("-inf")
+        self._endpoint: Endpoint | None = None
+        self._to_close: list[int] = []
+
+    @property
+    def endpoint(self) -> Endpoint | None:
+        """Of the link."""
+        return self._endpoint
+
+    @property
+    def opened(self) -> tuple[int, ...]:
+        """The candidates that are open."""
+        return tuple(
+            number for number, each in self._candidates.items() if each.opened_s is not None
+        )
+
+    def on_opened(self, connection: int, now_s: float) -> None:
+        """A candidate is open."""
+        if candidate := self._candidates.get(connection):
+            candidate.opened_s, self.failure = now_s, None
+
+    def on_failed(self, connection: int, failure: Failure) -> None:
+        """A candidate could not be opened."""
+        if self._candidates.pop(connection, None) is not None:
+            self.failure = failure
+
+    def on_heard(self, connection: int, now_s: float) -> None:
+        """Something has come over a connection."""
+        candidate = self._candidates.pop(connection, None)
+        if candidate is not None:
+            self._to_close += [*self._candidates, *([] if self.link is None else [self.link])]
+            self._candidates.clear()
+            self.link, self._endpoint = connection, candidate.endpoint
+        if connection == self.link:
+            self._heard_s, self._begun_s = now_s, None
+
+    def on_broken(self, connection: int) -> None:
+        """The transport of a connection has ended."""
+        if connection == self.link:
+            self.link, self._heard_s = None, float("-inf")
+            self._to_close.append(connection)
+
+    def tick(self, now_s: float, patience_s: float) -> list[Action]:
+        """What is to be done now.  patience_s: silence after which the link counts as deaf."""
+        for number, each in list(self._candidates.items()):
+            if each.opened_s is not None and now_s - each.opened_s > each.deaf_s:
+                del self._candidates[number]
+                self._to_close.append(number)
+        actions: list[Action] = [Close(number) for number in self._to_close]
+        self._to_close.clear()
+        if now_s - self._heard_s > patience_s:
+            actions += self._search(now_s)
+        return actions
+
+    def _search(self, now_s: float) -> Iterator[Action]:
+        begun_s = self._begun_s = now_s if self._begun_s is None else self._begun_s
+        pause_s = EARLY_PAUSE_S if now_s - begun_s < EARLY_S else LATE_PAUSE_S
+        if now_s - self._opened_s < pause_s:
+            return
+        self._opened_s, number = now_s, self._count
+        self._count += 1
+        place = self._places[number % len(self._places)]
+        turn = number // len(self._places) if now_s - begun_s >= FALLBACK_S else 0
+        endpoint = place[turn % len(place)]
+        # One that repeats its set-up by itself needs no second one.
+        if endpoint.is_reliable and any(
+            each.endpoint == endpoint for each in self._candidates.values()
+        ):
+            return
+        self._candidates[number] = _Candidate(endpoint)
+        yield Open(number, endpoint)

@@ -1,0 +1,155 @@
+"""Numbers of frame packets at the decoder's end of a link: which are new, late, twice, missing."""
+
+from collections import deque
+from dataclasses import dataclass
+
+from protocol.limits import SEQUENCE_MODULUS
+from protocol.link.messages import MAX_MISSING
+
+# A packet may be so far ahead of the newest; any other is behind it.
+MAX_AHEAD = 40
+# Numbers behind the newest that are known to have come or not, and of which the loss is a share.
+WINDOW, LOSS_WINDOW = 48, 32
+# A missing packet is asked for so long after it was noticed, then again and again until it is
+# given up; one that has not been missed by a later packet only so often.
+ASK_AFTER_S, ASK_AGAIN_S, GIVE_UP_S = 0.03, 0.13, 2.5
+MAX_EARLY_ASKS = 8
+# On a link that loses more than this share each question goes out twice, so soon one after another.
+LOSSY, TWICE_S = 0.1, 0.03
+# How late a packet is when it is asked for without a later one.
+LATE_S = 0.06
+# Without loss a packet that is missing is in a queue, or was dropped there.
+RELIABLE_ASK_AFTER_S = 0.6
+# The interval between packets is measured over so many.
+INTERVAL_WINDOW = 8
+# After a longer gap the packets missing are not asked for: prediction has healed without them.
+MAX_ASKED_GAP = 12
+# Numbers are certain again after such a silence only by a HELLO.
+MIN_CERTAIN_S, MAX_CERTAIN_S, CERTAIN_INTERVALS = 1.5, 8.0, 16
+
+
+@dataclass(slots=True)
+class _Missing:
+    since_s: float
+    asked_s: float = float("-inf")
+    asks: int = 0
+    is_early: bool = False
+
+
+class FrameNumbers:
+    """The full numbers of one session's frame packets.
+
+    next_number: of the packet after those sent so far.
+    newest, newest_s: number and time of the newest packet, and is_certain: whether they tell the
+        number of the next one.
+    """
+
+    def __init__(self, next_number: int, now_s: float) -> None:
+        self._begin = next_number
+        self.newest, self.newest_s = next_number - 1, float("-inf")
+        self.is_certain = True
+        self._come: set[int] = set()
+        self._missing: dict[int, _Missing] = {}
+        self._firsts: deque[bool] = deque(maxlen=LOSS_WINDOW)
+        self._times: deque[tuple[int, float]] = deque(maxlen=INTERVAL_WINDOW)
+        self._round_s = ASK_AGAIN_S
+        self._unevenness_s = 0.0
+
+    @property
+    def loss(self) -> float:
+        """Share of the packets of late that did not come the first time."""
+        return 1 - sum(self._firsts) / len(self._firsts) if self._firsts else 0.0
+
+    @property
+    def certain_s(self) -> float:
+        """After what silence numbers are not certain."""
+        interval_s = self._interval_s or MAX_CERTAIN_S
+        return min(max(CERTAIN_INTERVALS * interval_s, MIN_CERTAIN_S), MAX_CERTAIN_S)
+
+    def synchronise(self, next_number: int, now_s: float) -> None:
+        """The encoder has said which packet is next."""
+        self.is_certain = True
+        if next_number > self.newest + 1:
+            self._miss(self.newest + 1, next_number, now_s)
+            self.newest = next_number - 1
+
+    def take(self, byte: int, now_s: float) -> int | None:
+        """The number of a packet that begins with `byte`; None: it is not new."""
+        ahead = (byte - self.newest) % SEQUENCE_MODULUS
+        number = self.newest + (ahead if ahead <= MAX_AHEAD else ahead - SEQUENCE_MODULUS)
+        if number < self._begin or number in self._come or number <= self.newest - WINDOW:
+            return None
+        self._note(number, now_s)
+        if number > self.newest:
+            self._miss(self.newest + 1, number, now_s)
+            self.newest, self.newest_s = number, now_s
+            self._come = {each for each in self._come if each > number - WINDOW}
+        self._come.add(number)
+        return number
+
+    def awaits_below(self, number: int) -> bool:
+        """Whether packets before `number` are missing and not given up."""
+        return any(missing < number for missing in self._missing)
+
+    def to_ask(self, now_s: float, is_reliable: bool) -> tuple[int, ...]:
+        """The packets to ask for now, ascending."""
+        self._expect(now_s, is_reliable)
+        after_s = RELIABLE_ASK_AFTER_S if is_reliable else ASK_AFTER_S
+        asked = list[int]()
+        for number, missing in sorted(self._missing.items()):
+            if now_s - missing.since_s > GIVE_UP_S:
+                del self._missing[number]
+                self._firsts.append(False)
+            elif missing.is_early and missing.asks >= MAX_EARLY_ASKS:
+                continue
+            elif now_s >= missing.since_s + after_s and now_s >= self._ask_again_s(missing):
+                asked.append(number)
+        asked = asked[-MAX_MISSING:]
+        for number in asked:
+            self._missing[number].asked_s = now_s
+            self._missing[number].asks += 1
+        return tuple(asked)
+
+    def _ask_again_s(self, missing: _Missing) -> float:
+        is_first_of_two = missing.asks % 2 and self.loss > LOSSY
+        return missing.asked_s + (TWICE_S if is_first_of_two else self._round_s)
+
+    @property
+    def _interval_s(self) -> float | None:
+        """Time from one packet to the next, of late."""
+        if len(self._times) < 2:
+            return None
+        (first, begin_s), (last, end_s) = self._times[0], self._times[-1]
+        return (end_s - begin_s) / (last - first)
+
+    def _note(self, number: int, now_s: float) -> None:
+        """Learn from a packet that has come."""
+        missing = self._missing.pop(number, None)
+        self._firsts.append(missing is None or not missing.asks)
+        if missing is not None and missing.asks == 1:
+            # How long a question and its answer take, a little more.
+            self._round_s = min(max(1.3 * (now_s - missing.asked_s), ASK_AGAIN_S), GIVE_UP_S / 2)
+        if missing is None and number > self.newest:
+            interval_s = self._interval_s
+            if interval_s is not None:
+                expected_s = self._times[-1][1] + interval_s * (number - self._times[-1][0])
+                self._unevenness_s += 0.2 * (abs(now_s - expected_s) - self._unevenness_s)
+            self._times.append((number, now_s))
+
+    def _miss(self, first: int, end: int, now_s: float) -> None:
+        if end - first > MAX_ASKED_GAP:
+            self._firsts.extend([False] * min(end - first, LOSS_WINDOW))
+            return
+        for number in range(first, end):
+            known = self._missing.get(number)
+            self._missing[number] = _Missing(now_s) if known is None else known
+            self._missing[number].is_early = False
+
+    def _expect(self, now_s: float, is_reliable: bool) -> None:
+        """Miss the next packet once it is late."""
+        interval_s, expected = self._interval_s, self.newest + 1
+        if is_reliable or interval_s is None or not self.is_certain or expected in self._missing:
+            return
+        late_s = LATE_S + 2 * self._unevenness_s
+        if interval_s + late_s < now_s - self.newest_s < GIVE_UP_S:
+            self._missing[expected] = _Missing(now_s - ASK_AFTER_S, is_early=True)

@@ -1,0 +1,97 @@
+"""How many pieces may be on their way to one decoder, and what its link carries.
+
+A window that grows with what is acknowledged while nothing waits in the link, and shrinks while
+something does.  Losses do not shrink it: a lossy link is no slower for that.
+"""
+
+from dataclasses import dataclass
+
+START_WINDOW, MIN_WINDOW, MAX_WINDOW = 4.0, 2.0, 96.0
+# Bytes of IP, UDP and Zenoh around a piece.
+PIECE_OVERHEAD_BYTES = 45
+# Before anything is known of the link.
+DEFAULT_ROUND_TRIP_S = 0.5
+# What a piece may take longer than the shortest round trip before the link counts as filled.
+FILLED_S = 0.15
+# A piece counts as lost if one that was sent so much later has arrived.
+REORDERING_S = 0.06
+MIN_TIMEOUT_S, MAX_TIMEOUT_S = 0.25, 8.0
+# How long the highest rate that was measured holds.
+RATE_MEMORY_S = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """When a piece was sent last, and how many bytes had been acknowledged by then."""
+
+    time_s: float
+    delivered: int
+    again: bool = False
+
+
+class PieceWindow:
+    """The window of one decoder.
+
+    round_trip_s, rate_bps: None before they are measured.
+    """
+
+    def __init__(self) -> None:
+        self.round_trip_s: float | None = None
+        self.rate_bps: float | None = None
+        self.delivered = 0
+        self._size = START_WINDOW
+        self._newest_s = float("-inf")  # when the newest piece that arrived was sent
+        self._rate_s = float("-inf")
+
+    @property
+    def size(self) -> int:
+        """Pieces that may be on their way."""
+        return int(self._size)
+
+    def on_round_trip(self, seconds: float) -> None:
+        """A short message and its answer have taken so long."""
+        known = self.round_trip_s
+        self.round_trip_s = seconds if known is None else min(seconds, 0.9 * known + 0.1 * seconds)
+
+    def on_padded_round_trip(self, seconds: float, padding_bytes: int) -> None:
+        """The same with so many bytes more one way: what the link carries, at least."""
+        longer_s = max(seconds - (self.round_trip_s or 0.0), 0.004)
+        if self.rate_bps is None:
+            self.rate_bps = 8 * padding_bytes / longer_s
+
+    def on_piece(self, sent: Sent, size: int, now_s: float) -> None:
+        """A piece of `size` bytes has been acknowledged."""
+        self.delivered += size + PIECE_OVERHEAD_BYTES
+        self._newest_s = max(self._newest_s, sent.time_s)
+        if sent.again:
+            return
+        took_s = max(now_s - sent.time_s, 1e-3)
+        self._take_rate(8 * (self.delivered - sent.delivered) / took_s, now_s)
+        known = self.round_trip_s
+        if known is None or took_s < known:
+            self.round_trip_s = known = took_s
+        if took_s < known + FILLED_S:
+            self._size = min(self._size + 1, MAX_WINDOW)
+        elif took_s > known + 2 * FILLED_S:
+            self._size = max(self._size - 0.5, MIN_WINDOW)
+
+    def is_lost(self, sent: Sent, now_s: float, flying: int) -> bool:
+        """Whether a piece that has not been acknowledged has to be sent again.
+
+        flying: bytes on their way.
+        """
+        if sent.time_s + REORDERING_S < self._newest_s:
+            return True
+        return now_s - sent.time_s > self.timeout_s(flying)
+
+    def timeout_s(self, flying: int) -> float:
+        """After what time a piece counts as lost."""
+        round_trip_s = DEFAULT_ROUND_TRIP_S if self.round_trip_s is None else self.round_trip_s
+        queue_s = 8 * flying / self.rate_bps if self.rate_bps else 0.0
+        return min(max(1.5 * (round_trip_s + queue_s) + 0.1, MIN_TIMEOUT_S), MAX_TIMEOUT_S)
+
+    def _take_rate(self, rate_bps: float, now_s: float) -> None:
+        """The highest rate of late; what the padding told is a first guess."""
+        is_old = now_s - self._rate_s > RATE_MEMORY_S
+        if self.rate_bps is None or is_old or rate_bps > self.rate_bps:
+            self.rate_bps, self._rate_s = rate_bps, now_s

@@ -1,0 +1,313 @@
+"""What the encoder's end of a link does, without input and output.
+
+Frame packets go out at once, and again when a decoder asks.  All else is kept as items, sent in
+pieces until every decoder that is present has them.  Time is an argument, seconds from any origin.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from itertools import islice
+
+from protocol.link.delivery.item_store import ItemStore, PieceKey
+from protocol.link.delivery.piece_window import PieceWindow, Sent
+from protocol.link.interface import LinkQuality
+from protocol.link.messages import (
+    NO_SESSION,
+    NONCES,
+    PIECE_BYTES,
+    Bye,
+    Channel,
+    Hello,
+    Report,
+    Role,
+    parse_message,
+    peer_id,
+    serialise_message,
+)
+from protocol.packets import PacketKind, packet_kind
+
+# Frame packets that can be sent again, and how soon after the last time.
+HISTORY = 24
+REPEAT_S = 0.09
+# To a decoder that misses more than this share a repetition goes twice, so soon after another.
+LOSSY, TWICE_S = 0.1, 0.03
+# A decoder that has been silent for so long is gone; one that has been for less gets no pieces.
+PEER_GONE_S, PEER_SILENT_S = 8.0, 4.0
+# How often the other end is asked who has never answered, first and later; who has become silent.
+ASK_S, LATER_ASK_S, FIRST_ASKS = 0.25, 1.0, 20
+# How often one decoder is answered.
+ANSWER_S = 0.15
+# Bytes that a HELLO is padded with to measure the link, and how often that is tried.
+PADDING_BYTES, MAX_PROBES = 400, 4
+# How long a decoder's word holds that it listens to another encoder.
+BUSY_S = 1.5
+
+PeerCallback = Callable[[bytes], None]
+
+
+@dataclass(slots=True)
+class _Peer:
+    """A decoder: what it has, by its last report."""
+
+    session: bytes
+    heard_s: float
+    below: dict[Channel, int] = field(default_factory=lambda: dict.fromkeys(Channel, 0))
+    pieces: dict[tuple[Channel, int], int] = field(default_factory=dict)
+    loss: float = 0.0
+    window: PieceWindow = field(default_factory=PieceWindow)
+    answered_s: float = float("-inf")
+    probes: int = 0
+    probed_s: float = float("-inf")
+    has_reported: bool = False
+
+    def lacks(self, key: PieceKey) -> bool:
+        channel, item, index = key
+        if item < self.below[channel]:
+            return False
+        return not self.pieces.get((channel, item), 0) >> index & 1
+
+
+class DeliverySender:
+    """Sends one call to any number of decoders.
+
+    session: of this start of the encoder.  lossless: frame packets are items, too.
+    on_peer: called with the session of a decoder that has echoed ours.
+    progress_s: when a decoder has acknowledged a piece of an item last.
+    """
+
+    def __init__(self, session: bytes, lossless: bool, on_peer: PeerCallback) -> None:
+        self._session, self._lossless, self._on_peer = session, lossless, on_peer
+        self._items = ItemStore(keeps_all=lossless)
+        self._frames = 0
+        self._history: deque[tuple[int, bytes]] = deque(maxlen=HISTORY)
+        self._repeated_s: dict[int, float] = {}
+        self._later: deque[tuple[float, bytes]] = deque()
+        self._peers: dict[int, _Peer] = {}
+        self._sent: dict[PieceKey, Sent] = {}
+        self._out: list[bytes] = []
+        self._nonce, self._nonces = 0, dict[int, tuple[float, int]]()
+        self._asked_s, self._asks = float("-inf"), 0
+        self._busy_s = self.progress_s = float("-inf")
+
+    @property
+    def peers(self) -> frozenset[bytes]:
+        """The sessions of the decoders that are present."""
+        return frozenset(peer.session for peer in self._peers.values())
+
+    @property
+    def quality(self) -> LinkQuality:
+        """Of the worst of the decoders' links."""
+        windows = [peer.window for peer in self._peers.values()]
+        trips = [each.round_trip_s for each in windows if each.round_trip_s is not None]
+        rates = [each.rate_bps for each in windows if each.rate_bps is not None]
+        loss = max((peer.loss for peer in self._peers.values()), default=0.0)
+        return LinkQuality(loss, max(trips, default=None), min(rates, default=None))
+
+    @property
+    def delivered(self) -> bool:
+        """Whether every decoder that is present has all items."""
+        return not self.waiting_pieces(1)
+
+    def is_busy(self, now_s: float) -> bool:
+        """Whether a decoder has said that it listens to another encoder."""
+        return now_s - self._busy_s < BUSY_S
+
+    def waiting_pieces(self, limit: int) -> int:
+        """Number of pieces that some decoder lacks, counted up to `limit`."""
+        needed = self._needed(list(self._peers.values()))
+        return sum(1 for _ in islice(needed, limit))
+
+    def send(self, packet: bytes) -> None:
+        """Take the next packet of the call.  Raises `ProtocolError` if it is invalid."""
+        if packet_kind(packet) is not PacketKind.FRAME:
+            self._items.add(packet, self._frames)
+            return
+        if self._lossless:
+            self._items.add(packet, self._frames)
+        else:
+            self._items.on_frame(packet)
+            self._history.append((self._frames, packet))
+            self._out.append(packet)
+        self._frames += 1
+
+    def receive(self, data: bytes, now_s: float) -> None:
+        """Take a payload of a decoder.  Raises `ProtocolError` if it is invalid."""
+        message = parse_message(data)
+        if isinstance(message, Hello):
+            self._on_hello(message, now_s)
+        elif isinstance(message, Report):
+            self._on_report(message, now_s)
+        elif isinstance(message, Bye) and message.role is Role.DECODER:
+            self._peers.pop(message.peer, None)
+
+    def on_new_link(self) -> None:
+        """Another connection is in use: who is there is asked again at once."""
+        self._asked_s, self._asks = float("-inf"), 0
+
+    def forget_peers(self) -> None:
+        """The link is broken: who is still there has to say so."""
+        self._peers.clear()
+
+    def hello(self, now_s: float, asks: bool = True) -> bytes:
+        """A HELLO to all."""
+        return self._hello(now_s, NO_SESSION, asks)
+
+    def payloads(self, now_s: float) -> list[bytes]:
+        """What is to be sent now."""
+        for peer in [p for p in self._peers.values() if now_s - p.heard_s > PEER_GONE_S]:
+            del self._peers[peer_id(peer.session)]
+        out, self._out = self._out, []
+        while self._later and self._later[0][0] <= now_s:
+            out.append(self._later.popleft()[1])
+        out += self._questions(now_s)
+        present = [
+            peer
+            for peer in self._peers.values()
+            if peer.has_reported and now_s - peer.heard_s < PEER_SILENT_S
+        ]
+        return out + list(self._due_pieces(present, now_s))
+
+    def bye(self) -> bytes:
+        """What is sent at last."""
+        return serialise_message(Bye(Role.ENCODER, peer_id(self._session)))
+
+    def _questions(self, now_s: float) -> Iterator[bytes]:
+        peers = self._peers.values()
+        new = [peer for peer in peers if not peer.has_reported]
+        silent = [peer for peer in peers if now_s - peer.heard_s > PEER_SILENT_S]
+        early = new or (not peers and self._asks < FIRST_ASKS)
+        pause_s = ASK_S if early else LATER_ASK_S
+        if (new or silent or not peers) and now_s - self._asked_s >= pause_s:
+            self._asked_s, self._asks = now_s, self._asks + 1
+            yield self.hello(now_s)
+        for peer in peers:
+            unknown = peer.window.rate_bps is None and peer.window.round_trip_s is not None
+            if unknown and peer.probes < MAX_PROBES and now_s - peer.probed_s > LATER_ASK_S:
+                peer.probed_s, peer.probes = now_s, peer.probes + 1
+                yield self._hello(now_s, peer.session, asks=True, padding=PADDING_BYTES)
+
+    def _hello(
+        self, now_s: float, echo: bytes, asks: bool, answers: int = 0, padding: int = 0
+    ) -> bytes:
+        self._nonce = self._nonce % (NONCES - 1) + 1
+        self._nonces[self._nonce] = now_s, padding
+        return serialise_message(
+            Hello(
+                role=Role.ENCODER,
+                session=self._session,
+                echo=echo,
+                asks=asks,
+                nonce=self._nonce,
+                answers=answers,
+                frames=self._frames,
+                ordered=self._items.span(Channel.ORDERED),
+                unordered=self._items.span(Channel.UNORDERED),
+                padding=padding,
+            )
+        )
+
+    def _on_hello(self, hello: Hello, now_s: float) -> None:
+        if hello.role is not Role.DECODER:
+            return
+        if hello.is_busy and hello.echo != self._session:
+            self._busy_s = now_s
+            return
+        peer = self._peers.get(peer_id(hello.session))
+        if hello.echo == self._session:
+            if peer is None or peer.session != hello.session:
+                peer = self._peers[peer_id(hello.session)] = _Peer(hello.session, now_s)
+                self._on_peer(hello.session)
+            peer.heard_s = now_s
+            self._measure(peer, hello.answers, now_s)
+        if hello.asks and (peer is None or now_s - peer.answered_s >= ANSWER_S):
+            if peer is not None:
+                peer.answered_s = now_s
+            known = peer is not None and peer.window.round_trip_s is not None
+            self._out.append(self._hello(now_s, hello.session, not known, hello.nonce))
+
+    def _measure(self, peer: _Peer, answered: int, now_s: float) -> None:
+        sent_s, padding = self._nonces.get(answered, (None, 0))
+        if sent_s is None:
+            return
+        if padding:
+            peer.window.on_padded_round_trip(now_s - sent_s, padding)
+        else:
+            peer.window.on_round_trip(now_s - sent_s)
+
+    def _on_report(self, report: Report, now_s: float) -> None:
+        peer = self._peers.get(report.peer)
+        if peer is None:
+            # Known after its next HELLO.
+            self._asked_s = min(self._asked_s, now_s - ASK_S)
+            return
+        peer.heard_s, peer.loss, peer.has_reported = now_s, report.loss / 255, True
+        self._acknowledge(peer, report, now_s)
+        for number, packet in self._history:
+            recently = now_s - self._repeated_s.get(number, float("-inf")) < REPEAT_S
+            if number in report.missing and not recently:
+                self._repeated_s[number] = now_s
+                self._out.append(packet)
+                if peer.loss > LOSSY:
+                    self._later.append((now_s + TWICE_S, packet))
+        oldest = self._frames - HISTORY
+        self._repeated_s = {n: at for n, at in self._repeated_s.items() if n >= oldest}
+
+    def _acknowledge(self, peer: _Peer, report: Report, now_s: float) -> None:
+        before = replace(peer, below=dict(peer.below), pieces=dict(peer.pieces))
+        ends = {channel: self._items.span(channel).end for channel in Channel}
+        for channel, below in zip(Channel, (report.ordered, report.unordered), strict=True):
+            peer.below[channel] = min(max(peer.below[channel], below), ends[channel])
+        for held in report.holdings:
+            if held.item < ends[held.channel]:
+                item = held.channel, held.item
+                peer.pieces[item] = peer.pieces.get(item, 0) | held.pieces
+        peer.pieces = {
+            item: bits for item, bits in peer.pieces.items() if item[1] >= peer.below[item[0]]
+        }
+        for key, sent in list(self._sent.items()):
+            if before.lacks(key) and not peer.lacks(key):
+                size = len(self._items.piece(key).data)
+                peer.window.on_piece(sent, size, now_s)
+                self.progress_s = now_s
+            if not any(each.lacks(key) for each in self._peers.values()):
+                del self._sent[key]
+
+    def _needed(self, peers: list[_Peer]) -> Iterator[PieceKey]:
+        """The pieces that some of these decoders lack, in the order of their items."""
+        for channel in Channel if peers else ():
+            span = self._items.span(channel)
+            begin = max(span.first, min(peer.below[channel] for peer in peers))
+            for number in range(begin, span.end):
+                for index in range(self._items.get(channel, number).pieces):
+                    key = channel, number, index
+                    if any(peer.lacks(key) for peer in peers):
+                        yield key
+
+    def _due_pieces(self, peers: list[_Peer], now_s: float) -> Iterator[bytes]:
+        """Pieces that were lost, then new ones as far as the windows allow."""
+        flying = {peer_id(peer.session): 0 for peer in peers}
+        lost = list[PieceKey]()
+        for key, sent in self._sent.items():
+            lacking = [peer for peer in peers if peer.lacks(key)]
+            waiting_bytes = PIECE_BYTES * len(self._sent)
+            if any(peer.window.is_lost(sent, now_s, waiting_bytes) for peer in lacking):
+                lost.append(key)
+            for peer in lacking:
+                flying[peer_id(peer.session)] += 1
+        for key in lost:
+            yield self._sent_piece(key, peers, now_s)
+        for key in self._needed(peers):
+            if key in self._sent:
+                continue
+            lacking = [peer for peer in peers if peer.lacks(key)]
+            if any(flying[peer_id(peer.session)] >= peer.window.size for peer in lacking):
+                return
+            for peer in lacking:
+                flying[peer_id(peer.session)] += 1
+            yield self._sent_piece(key, peers, now_s)
+
+    def _sent_piece(self, key: PieceKey, peers: list[_Peer], now_s: float) -> bytes:
+        delivered = min(peer.window.delivered for peer in peers if peer.lacks(key))
+        self._sent[key] = Sent(now_s, delivered, again=key in self._sent)
+        return serialise_message(self._items.piece(key))

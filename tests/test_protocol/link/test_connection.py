@@ -1,0 +1,97 @@
+"""Which connections are tried, kept and given up."""
+
+from protocol.link.connection import Close, Connector, Open
+from protocol.link.endpoints import Endpoint, Failure
+
+UDP, TCP = Endpoint("udp", "host", 7447), Endpoint("tcp", "host", 7447)
+PATIENCE_S = 2.0
+
+
+def run(
+    connector: Connector, begin_s: float, end_s: float, step_s: float = 0.05
+) -> list[tuple[float, Open | Close]]:
+    """What it asks for from one time to another."""
+    times = [begin_s + step_s * i for i in range(round((end_s - begin_s) / step_s))]
+    return [(t, action) for t in times for action in connector.tick(t, PATIENCE_S)]
+
+
+def opened(actions: list[tuple[float, Open | Close]]) -> list[tuple[float, str]]:
+    return [(t, each.endpoint.scheme) for t, each in actions if isinstance(each, Open)]
+
+
+def closed(actions: list[tuple[float, Open | Close]]) -> list[int]:
+    return [each.connection for _, each in actions if isinstance(each, Close)]
+
+
+def test_candidates_follow_one_another_quickly_at_first() -> None:
+    connector = Connector([(UDP,)])
+    times = [t for t, _ in opened(run(connector, 0, 20))]
+    assert sum(t < 4 for t in times) in range(8, 12) and sum(t > 12 for t in times) in range(6, 10)
+
+
+def test_the_other_transport_takes_turns_after_some_seconds() -> None:
+    connector = Connector([(UDP, TCP)])
+    begun = opened(run(connector, 0, 3.5))
+    assert {scheme for _, scheme in begun} == {"udp"}
+    assert {scheme for _, scheme in opened(run(connector, 3.5, 9))} == {"udp", "tcp"}
+
+
+def test_a_transport_that_repeats_its_setup_has_one_candidate() -> None:
+    connector = Connector([(TCP,)])
+    assert len(opened(run(connector, 0, 5))) == 1
+    connector.on_failed(0, Failure.REFUSED)
+    assert connector.failure is Failure.REFUSED
+    assert len(opened(run(connector, 5, 6))) == 1
+
+
+def test_the_first_that_hears_becomes_the_link_and_the_others_are_closed() -> None:
+    connector = Connector([(UDP,)])
+    run(connector, 0, 1)
+    for number in range(3):
+        connector.on_opened(number, 1)
+    connector.on_heard(1, 1)
+    assert connector.link == 1 and connector.endpoint == UDP
+    assert sorted(closed(run(connector, 1, 1.2))) == [0, 2]
+    connector.on_heard(1, 2.5)
+    assert opened(run(connector, 1.2, 4)) == []
+
+
+def test_a_silent_link_is_held_until_another_one_hears() -> None:
+    connector = Connector([(UDP,)])
+    run(connector, 0, 0.1)
+    connector.on_opened(0, 0.1)
+    connector.on_heard(0, 0.1)
+    actions = run(connector, 0.2, 3)
+    assert opened(actions)[0][0] > 2 and closed(actions) == [] and connector.link == 0
+    connector.on_opened(1, 3)
+    connector.on_heard(1, 3)
+    assert connector.link == 1 and 0 in closed(run(connector, 3, 3.1))
+
+
+def test_a_broken_link_is_replaced_at_once() -> None:
+    connector = Connector([(UDP,)])
+    run(connector, 0, 0.1)
+    connector.on_opened(0, 0.1)
+    connector.on_heard(0, 0.1)
+    run(connector, 0.2, 0.6)
+    connector.on_broken(0)
+    assert connector.link is None
+    actions = run(connector, 0.6, 0.8)
+    assert closed(actions) == [0] and len(opened(actions)) == 1
+
+
+def test_a_candidate_that_hears_nothing_is_closed() -> None:
+    connector = Connector([(UDP,)])
+    run(connector, 0, 0.1)
+    connector.on_opened(0, 0.1)
+    assert 0 not in closed(run(connector, 0.1, 2))
+    assert 0 in closed(run(connector, 2, 2.3))
+
+
+def test_what_a_closed_candidate_does_has_no_effect() -> None:
+    connector = Connector([(UDP,)])
+    connector.on_opened(5, 1)
+    connector.on_heard(5, 1)
+    connector.on_failed(5, Failure.SILENT)
+    connector.on_broken(5)
+    assert connector.link is None and connector.failure is None and connector.opened == ()
