@@ -1,0 +1,148 @@
+"""Calls on the local network."""
+
+import os
+import socket
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from loopback.bad_wire import BadWire, Faults
+from loopback.network_namespace import obstacle
+from protocol.discovery import (
+    ANSWERS_PER_S,
+    MAX_NAME_BYTES,
+    QUESTION_BYTES,
+    CallAnnouncer,
+    FoundCall,
+    find_calls,
+    parse_answer,
+    parse_question,
+    serialise_answer,
+    serialise_question,
+)
+from protocol.errors import ProtocolError
+
+NUMBER = bytes(range(8))
+ANNA = FoundCall("anna", "192.0.2.7", 7447, True, False)
+names = st.from_regex(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,39}", fullmatch=True)
+
+
+@given(names, st.integers(1, 65535), st.booleans(), st.booleans())
+def test_answers_come_back(call: str, port: int, is_encoder: bool, needs: bool) -> None:
+    found = FoundCall(call, "192.0.2.7", port, is_encoder, needs)
+    answer = serialise_answer(NUMBER, found)
+    assert parse_answer(answer, NUMBER, "192.0.2.7") == found
+    assert found.address == f"192.0.2.7:{port}"
+
+
+def test_nobody_is_made_to_send_more_than_was_asked_for() -> None:
+    question = serialise_question(NUMBER)
+    assert parse_question(question) == NUMBER
+    assert len(question) == QUESTION_BYTES
+    longest = serialise_answer(NUMBER, FoundCall(500 * "a", "h", 1, True, True))
+    assert len(longest) <= QUESTION_BYTES
+    assert parse_answer(longest, NUMBER, "h").call == MAX_NAME_BYTES * "a"
+    for wrong in (question[:-1], question + b"\0", b"", b"RZQ1" + NUMBER):
+        assert parse_question(wrong) is None
+
+
+def test_answers_to_others_and_garbage_are_refused() -> None:
+    answer = serialise_answer(NUMBER, ANNA)
+    for wrong in (
+        b"",
+        answer[:15],
+        answer[:12] + b"\x07" + answer[13:],
+        answer[:13] + b"\0\0" + answer[15:],
+        answer[:15] + b"a/b",
+        answer[:15] + b"\xff",
+        answer + 200 * b"a",
+    ):
+        with pytest.raises(ProtocolError):
+            parse_answer(wrong, NUMBER, "h")
+    with pytest.raises(ProtocolError):
+        parse_answer(answer, bytes(8), "h")
+
+
+@given(st.binary(max_size=40))
+def test_any_bytes_are_an_answer_or_none(data: bytes) -> None:
+    try:
+        parse_answer(b"RZA1" + NUMBER + data, NUMBER, "h")
+    except ProtocolError:
+        return
+
+
+PROGRAM = """
+import sys
+from protocol.discovery import CallAnnouncer, FoundCall, find_calls
+kind, *arguments = sys.argv[1:]
+if kind == "find":
+    for found in find_calls(float(arguments[0])):
+        print(found.call, found.address, found.is_encoder, found.needs_invitation, flush=True)
+else:
+    with CallAnnouncer(FoundCall(arguments[0], "", 7447, kind == "encoder", kind == "encoder")):
+        print("ready", flush=True)
+        sys.stdin.read() or __import__("signal").pause()
+"""
+
+
+@pytest.mark.skipif(obstacle() is not None, reason=str(obstacle()))
+def test_calls_are_found_on_a_local_network(tmp_path: Path) -> None:
+    root = str(Path(__file__).resolve().parents[2])
+    environment = os.environ | {"PYTHONPATH": root}
+    command = [sys.executable, "-c", PROGRAM]
+    logs = [tmp_path / name for name in ("1", "2", "3")]
+    addresses = [f"10.77.0.{number}" for number in (1, 2, 3)]
+    with BadWire(addresses, Faults(), 1) as wire:
+        asked = (["encoder", "anna"], ["decoder", "bert"], ["find", "3"])
+        processes = []
+        for host, log, arguments in zip(wire.hosts, logs, asked, strict=True):
+            with log.open("wb") as output:
+                process = host.run([*command, *arguments], output, environment)
+            processes.append(process)
+            deadline = time.monotonic() + 30
+            while arguments[0] != "find" and b"ready" not in log.read_bytes():
+                assert time.monotonic() < deadline and process.poll() is None, log.read_text()
+                time.sleep(0.02)
+        assert processes[2].wait(30) == 0
+        for process in processes[:2]:
+            process.kill()
+            process.wait()
+    assert sorted(logs[2].read_text().splitlines()) == [
+        "anna 10.77.0.1:7447 True True",
+        "bert 10.77.0.2:7447 False False",
+    ]
+
+
+def test_a_flood_of_questions_gets_few_answers() -> None:
+    with (
+        CallAnnouncer(ANNA, "127.0.0.1"),
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking,
+    ):
+        found = list(find_calls(0.3, "127.0.0.1"))
+        if not found:
+            pytest.skip("loopback has no multicast here")
+        assert found == [FoundCall("anna", "127.0.0.1", 7447, True, False)]
+        asking.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
+        begun = time.monotonic()
+        for _ in range(500):
+            asking.sendto(serialise_question(NUMBER), ("239.255.116.34", 7448))
+        asking.settimeout(0.3)
+        answers = 0
+        while True:
+            try:
+                asking.recv(QUESTION_BYTES)
+            except TimeoutError:
+                break
+            answers += 1
+        assert 0 < answers <= ANSWERS_PER_S * (1 + time.monotonic() - begun)
+
+
+def test_a_closed_announcer_is_silent() -> None:
+    announcer = CallAnnouncer(ANNA, "127.0.0.1")
+    announcer.close()
+    announcer.close()
+    assert list(find_calls(0.1, "127.0.0.1")) == []
