@@ -164,6 +164,11 @@ def add_link(parser: argparse.ArgumentParser, where: argparse._MutuallyExclusive
         metavar="NAME",
         help="name on the link, of a-z, A-Z, 0-9 and _ . - (default: %(default)s)",
     )
+    parser.add_argument(
+        "--insecure",
+        action="store_true",
+        help="without encryption: as every call over a network at present, with this option or not",
+    )
 
 
 def add_timeout(parser: argparse.ArgumentParser) -> None:
