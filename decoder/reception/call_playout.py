@@ -223,7 +223,9 @@ class CallPlayout:
 
     def _offset_of(self, session: EncoderSession, index: int) -> int:
         """The offset of a session whose first picture has this index in it."""
-        assert session.playout.model is not None and self._shown.playout.model is not None
+        assert session.playout.model is not None
+        if self._shown.playout.model is None:
+            return 0
         before, after = self._shown.playout.model.call, session.playout.model.call
         if picture_of(before) != picture_of(after):
             raise UserError(

@@ -213,3 +213,10 @@ def test_packets_of_a_call_file_are_never_waited_for() -> None:
     order = [Arrival(data, 0.0) for data in (MODEL, *PACKETS[:3], *PACKETS[4:], END)]
     played = [frame for arrival in order for frame in playout.receive(arrival)]
     assert len(played) == FRAMES and sum(frame.lost for frame in played) == PACKED
+
+
+def test_an_encoder_that_starts_again_before_its_model_came_begins_the_call() -> None:
+    playout = CallPlayout()
+    assert list(playout.receive(Arrival(PACKETS[0], 0.0, 0, 0))) == []
+    played = list(play(playout, on_time(range(2), session=1, start_s=3.0)))
+    assert [frame.index for frame in played] == list(range(1 + PACKED))
