@@ -1,5 +1,7 @@
 """Endpoints as users name them."""
 
+import socket
+
 import pytest
 
 from protocol.endpoint import (
@@ -74,3 +76,19 @@ def test_only_this_host_reaches_loopback(host: str, is_loopback: bool) -> None:
 def test_the_address_for_others_is_one() -> None:
     address = address_for_others()
     assert address is None or not parse_endpoint(f"[{address}]:1").is_any
+
+
+def test_ports_end_where_they_end_and_a_name_is_not_all_addresses() -> None:
+    with pytest.raises(UserError, match="up to 65535"):
+        parse_endpoint("tcp/h:65536")
+    assert not parse_endpoint("host.example:1").is_any
+
+
+def test_a_host_without_a_network_has_no_address_for_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def unreachable(*arguments: object) -> None:
+        raise OSError("Network is unreachable")
+
+    monkeypatch.setattr(socket.socket, "connect", unreachable)
+    assert address_for_others() is None
