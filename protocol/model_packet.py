@@ -36,11 +36,11 @@ from shared_model.parameters import AAUS, EAUS, Pose
 # A model packet has the lowest format number whose keys hold all its fields.  The colour matrix
 # shares a field with the profile, so it needs no format of its own: a program that knows no matrix
 # but bt601 refuses the field's value.
-THESIS_FORMAT = 2
-EYELIDS_FORMAT = 8
-DEFAULT_FORMAT = 9
-PROGRESSIVE_FORMAT = 10
-EXTENSIBLE_FORMAT = 11
+THESIS_FORMAT = 15
+EYELIDS_FORMAT = 16
+DEFAULT_FORMAT = 17
+PROGRESSIVE_FORMAT = 18
+EXTENSIBLE_FORMAT = 19
 _THESIS_FORMATS = THESIS_FORMAT, EYELIDS_FORMAT
 _DEFAULT_FORMATS = DEFAULT_FORMAT, PROGRESSIVE_FORMAT, EXTENSIBLE_FORMAT
 FORMATS = _THESIS_FORMATS + _DEFAULT_FORMATS

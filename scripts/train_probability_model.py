@@ -1,7 +1,6 @@
 """Train the probability model of wavelet coefficients on the pictures in call files.
 
-    for clip in CLIPS; do for bytes in 10000 7000; do
-        risorius encode $clip --model-bytes $bytes -o calls/$clip.$bytes.rzo; done; done
+    python -m scripts.training_faces PICTURES calls
     python -m scripts.train_probability_model calls/*.rzo --held-out others/*.rzo
 
 writes protocol/data/probability_model.npz and prints the bits per decision in either set, before

@@ -195,7 +195,7 @@ def test_the_default_profile_of_an_older_program_is_refused_by_its_version() -> 
     assert MODEL.call.profile == "thesis"
     default = replace(MODEL, call=replace(MODEL.call, profile="default"))
     assert parse_packet(serialise(default)) == default
-    with pytest.raises(ProtocolError, match="version is 2, of the default profile"):
+    with pytest.raises(ProtocolError, match="version is 15, of the default profile"):
         parse_packet(model_of_fields({"p": 1}))
 
 
@@ -239,8 +239,8 @@ def test_a_version_has_its_own_fields_only() -> None:
         (bytes(2 + MAX_FRAME_PAYLOAD_BYTES), "too long"),
         (b"\x40", "version is missing"),
         (b"\x40\x63", "version is 99"),
-        (b"\x40\x02\x90", "no map"),
-        (b"\x40\x02\x80", "no map"),
+        (b"\x40\x0f\x90", "no map"),
+        (b"\x40\x0f\x80", "no map"),
         (b"\x40" + bytes(MAX_MODEL_PACKET_BYTES), "too long"),
         (b"\x80", "kind of control missing"),
         (b"\x80\x09\x00", "9 is not a valid"),
