@@ -1,6 +1,7 @@
 """The NumPy decoder of subbands reads what the compiled one reads, from whatever bytes."""
 
 import random
+from typing import Any
 
 import numpy as np
 import pytest
@@ -51,3 +52,9 @@ def test_without_numba_arrays_are_used(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not isinstance(band_decoder(PictureSequence(MODE), RangeDecoder(b"")), ArrayBandDecoder)
     monkeypatch.setattr("protocol.pictures.plane_decoding.find_spec", lambda name: None)
     assert isinstance(band_decoder(PictureSequence(MODE), RangeDecoder(b"")), ArrayBandDecoder)
+
+
+@pytest.mark.parametrize("options", [(), (ArrayBandDecoder,)], ids=["compiled", "arrays"])
+def test_a_magnitude_that_no_encoder_writes_is_refused(options: tuple[Any, ...]) -> None:
+    with pytest.raises(ProtocolError, match="too large"):
+        decode_planes(PictureSequence(MODE), "it", b"\xff" * 999, [(16, 16)], *options)
