@@ -12,6 +12,7 @@ from decoder.reception.call_playout import CallPlayout
 from decoder.reception.received_frames import DecodeStats
 from decoder.sinks.frame_sink import FrameSink, ThreadedSink, check_sink, keeps_times, open_sink
 from decoder.sinks.video_file import TIMED
+from decoder.sound.sound_track import SoundTrack, open_sound_track
 from protocol.call_parameters import CallParameters
 from protocol.link.interface import MessageCallback, ignore_message
 
@@ -37,7 +38,8 @@ class DecodeReport:
     """What was decoded.
 
     frames: pictures shown; fps: of the source; width, height: of the pictures.
-    model_bytes, frame_bytes: payload bytes of the packets received.
+    model_bytes, frame_bytes: payload bytes of the packets received.  voice, voice_bytes: its codec,
+        one of `VOICES`, and its share of the frame packets, which `frame_bytes` does not count.
     stage_ms: mean time per frame of each stage, ms.
     shown_ns: for each picture its source frame and `time.monotonic_ns` when it was complete.
     lost_packets, late_packets: frame packets not received in time; received too late or twice.
@@ -64,6 +66,8 @@ class DecodeReport:
     restarts: int
     complete: bool
     warnings: tuple[str, ...]
+    voice: str = "off"
+    voice_bytes: int = 0
 
 
 def decode(
@@ -85,18 +89,21 @@ def decode(
         check_sink(options.output)
     total = count_frames(options.call_file) if isinstance(options.call_file, Path) else None
     sink: FrameSink | None = None
+    sound: SoundTrack | None = None
     with ExitStack() as stack:
         pictures = stack.enter_context(CallPictures(options, stop, on_message))
         for frame in pictures:
             if sink is None and options.output is not None:
-                sink = stack.enter_context(ThreadedSink(_open_sink(options.output, pictures)))
+                sound = open_sound_track(pictures.voice, pictures.sender, frame.index)
+                opened = _open_sink(options.output, pictures, sound)
+                sink = stack.enter_context(ThreadedSink(opened))
             if sink is not None:
-                with pictures.timer.stage("write"):
-                    sink.write(frame.picture, frame.time_s)
+                _write(sink, sound, pictures, frame)
             if show is not None:
                 show(frame, pictures.sender)
             if not (frame.frozen and frame.lost):
                 progress(len(pictures.stats.shown_ns), total)
+        _write_sound(sink, sound, pictures, None)
         if not pictures.playout.ended and (stop() or options.call_file is None):
             pictures.stats.warnings += _unfinished(options, sink, stop())
         if excess := pictures.trailing_bytes:
@@ -105,7 +112,9 @@ def decode(
     return _report(pictures)
 
 
-def _open_sink(output: Path | BinaryIO, pictures: CallPictures) -> FrameSink:
+def _open_sink(
+    output: Path | BinaryIO, pictures: CallPictures, sound: SoundTrack | None
+) -> FrameSink:
     sender, shown = pictures.sender, pictures.shown
     fps, is_variable = sender.exact_fps, not pictures.playout.is_constant_rate
     if is_variable and not keeps_times(output):
@@ -114,7 +123,33 @@ def _open_sink(output: Path | BinaryIO, pictures: CallPictures) -> FrameSink:
             f" {output.suffix if isinstance(output, Path) else 'YUV4MPEG2'} cannot: frames are not"
             f" shown at their own times ({' '.join(TIMED)} keep them)"
         )
-    return open_sink(output, shown.width, shown.height, fps, shown.colour_matrix, is_variable)
+    if sender.voice != "off" and sound is None:
+        pictures.stats.warnings.append(
+            f"without the voice ({sender.voice}): pip install 'risorius[voice]' to hear it"
+        )
+    rate_hz = sound.rate_hz if sound is not None else None
+    size = shown.width, shown.height
+    return open_sink(output, *size, fps, shown.colour_matrix, is_variable, rate_hz)
+
+
+def _write(
+    sink: FrameSink, sound: SoundTrack | None, pictures: CallPictures, frame: DrawnFrame
+) -> None:
+    """Write a picture, and the sound that is known up to it."""
+    with pictures.timer.stage("write"):
+        sink.write(frame.picture, frame.time_s)
+    _write_sound(sink, sound, pictures, pictures.voice.speech.known_until)
+
+
+def _write_sound(
+    sink: FrameSink | None,
+    sound: SoundTrack | None,
+    pictures: CallPictures,
+    known_until: int | None,
+) -> None:
+    """Write the sound of the pictures so far.  known_until: see `SoundTrack.take`."""
+    if sink is not None and sound is not None:
+        sink.write_sound(sound.take(len(pictures.stats.shown_ns), known_until))
 
 
 def _unfinished(options: DecodeOptions, sink: FrameSink | None, stopped: bool) -> list[str]:
@@ -155,6 +190,8 @@ def _report(pictures: CallPictures) -> DecodeReport:
         restarts=playout.restarts,
         complete=playout.ended,
         warnings=tuple(warnings),
+        voice=pictures.sender.voice,
+        voice_bytes=stats.voice_bytes,
     )
 
 

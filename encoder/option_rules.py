@@ -19,6 +19,7 @@ CHOICES: Mapping[str, tuple[str, ...]] = {
     "tracker": ("single", "full"),
     "normalise": ("none", "retinex"),
     "abs": ("gauss-newton", "mirrored", "matrix"),
+    "voice": ("off", "700C", "1200", "opus"),
 }
 # Options that have an effect in one profile only, and their defaults.
 THESIS_OPTIONS: Options = {

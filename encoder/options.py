@@ -31,6 +31,8 @@ class EncodeOptions:
         0: wait only until the link is made.
     look_for_face_s: warn if there is no face after this many seconds of video.
     model_bytes: approximate size of the model packet; None: the profile's usual one.
+    voice: codec of the voice, one of `VOICES`; None: 1200 where the source has sound and the codec
+        is installed.
     """
 
     source: str
@@ -53,3 +55,4 @@ class EncodeOptions:
     wait_for_peer_s: float = 0.0
     look_for_face_s: float = 10.0
     model_bytes: int | None = None
+    voice: str | None = "off"

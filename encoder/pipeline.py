@@ -29,6 +29,8 @@ from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
 from encoder.report import EncodeReport, report_of
 from encoder.runtime.parallel import short_switch_interval
+from encoder.sound.open_voice import chosen_voice, open_voice
+from encoder.sound.voice_packer import VoicePacker
 from encoder.tracking.trackers import TRACKED_EAUS, open_tracker
 from protocol.link.interface import MessageCallback, PacketSink, ignore_message
 from shared_model.errors import UserError
@@ -59,13 +61,14 @@ def encode(
         if capture.is_fps_assumed:
             rate = f"{float(capture.fps):g} frames a second"
             stats.warn(f"{capture.name} states no usable frame rate: taken as {rate}")
+        voice = _open_voice(options, stats)
         sink = open_packet_sink(options, stack, on_message)
         if options.profile == "thesis":
-            encode_thesis(options, capture, sink, stats, callbacks)
+            encode_thesis(options, capture, sink, stats, callbacks, voice)
         elif options.live or capture.is_live:
-            encode_live(options, capture, sink, stats, callbacks)
+            encode_live(options, capture, sink, stats, callbacks, voice)
         else:
-            encode_two_pass(options, capture, sink, stats, callbacks)
+            encode_two_pass(options, capture, sink, stats, callbacks, voice)
         return report_of(options, capture, stats, sink.reachability)
 
 
@@ -75,13 +78,14 @@ def encode_thesis(
     sink: PacketSink,
     stats: SessionStats,
     callbacks: SessionCallbacks,
+    voice: VoicePacker | None = None,
 ) -> None:
     """Track the face frame by frame and send ten samples a second."""
     size, frame_s = (capture.width, capture.height), float(1 / capture.fps)
     tracker = open_tracker(
         options.tracking, generic_head(), size, TRACKED_EAUS, frame_s, stats.warn
     )
-    packets = PacketSender(sink, stats, times=capture.times)
+    packets = PacketSender(sink, stats, times=capture.times, voice=voice)
     session = ThesisEncoder(
         capture,
         tracker,
@@ -100,9 +104,10 @@ def encode_live(
     sink: PacketSink,
     stats: SessionStats,
     callbacks: SessionCallbacks,
+    voice: VoicePacker | None = None,
 ) -> None:
     """Fit, code and send every frame as it comes."""
-    packets = PacketSender(sink, stats, _pacer(options), capture.times)
+    packets = PacketSender(sink, stats, _pacer(options), capture.times, voice)
     gop = _gop(options, capture)
     # A source that waits for its reader can wait for the training, too.
     synchronous = not (options.pace or capture.is_live)
@@ -131,9 +136,10 @@ def encode_two_pass(
     sink: PacketSink,
     stats: SessionStats,
     callbacks: SessionCallbacks,
+    voice: VoicePacker | None = None,
 ) -> None:
     """Go through the whole source twice, then code and send the call."""
-    packets = PacketSender(sink, stats, _pacer(options), capture.times)
+    packets = PacketSender(sink, stats, _pacer(options), capture.times, voice)
     encoder = first_and_second_pass(options, capture, stats, callbacks)
     call = encoder.encode(options.bitrate, progressive=packets.pacer is not None)
     if options.pace:
@@ -245,3 +251,10 @@ def _pacer(options: EncodeOptions) -> LayerPacer | None:
     if options.startup_bitrate is None:
         return None
     return LayerPacer(options.startup_bitrate, options.bitrate)
+
+
+def _open_voice(options: EncodeOptions, stats: SessionStats) -> VoicePacker | None:
+    stats.voice, warning = chosen_voice(options.source, options.voice, options.output is not None)
+    if warning is not None:
+        stats.warn(warning)
+    return open_voice(options.source, stats.voice)

@@ -25,7 +25,8 @@ class EncodeReport:
 
     frames: of the call.  fps, width, height: of the source.
     coded_fps: frames a second that were coded.
-    model_bytes, frame_bytes: payload of the packets.
+    model_bytes, frame_bytes: payload of the packets.  voice, voice_bytes: its codec, one of
+        `VOICES`, and its share of the frame packets, which `frame_bytes` does not count.
     stage_ms: mean time per frame of each stage, ms.
     capture_ns: `time.monotonic_ns` at which each source frame was read.
     reach: whom the last packet could reach.
@@ -44,6 +45,8 @@ class EncodeReport:
     warnings: tuple[str, ...]
     capture_ns: tuple[int, ...]
     reach: Reachability
+    voice: str = "off"
+    voice_bytes: int = 0
 
 
 def report_of(
@@ -74,6 +77,8 @@ def report_of(
         warnings=tuple(stats.warnings),
         capture_ns=tuple(stats.capture_ns),
         reach=reach,
+        voice=stats.voice,
+        voice_bytes=stats.voice_bytes,
     )
 
 

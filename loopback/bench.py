@@ -79,7 +79,7 @@ class BenchSettings:
     def encoder_options(self) -> list[str]:
         """The settings as options of the encoder's command line."""
         options = ["--profile", str(self.profile), "--detector", str(self.detector), "--lossless"]
-        options += ["--bitrate", str(self.bitrate)]
+        options += ["--voice", "off", "--bitrate", str(self.bitrate)]
         options += ["--pace" if self.pace else "--no-pace"]
         options += ["--live"] if self.live else []
         options += ["--lids"] if self.lids else []

@@ -17,6 +17,8 @@ from shared_model.geometry import Camera
 
 PROFILES = ("thesis", "default")
 COLOUR_MATRICES = ("bt601", "bt709")
+# Codecs of the voice, in the order of their numbers on the wire.
+VOICES = ("off", "700C", "1200", "opus")
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +35,7 @@ class CallParameters:
     has_eyelids: frame packets of the thesis profile carry the two eyelid actuators as well.
     colour_matrix: one of `COLOUR_MATRICES`, the matrix of the source's Y'CbCr; bt601 if the source
         states none or is RGB.
+    voice: one of `VOICES`, the codec of the speech in the frame packets; off: the call is silent.
     """
 
     profile: str
@@ -46,6 +49,7 @@ class CallParameters:
     frame_step: int = 1
     has_eyelids: bool = False
     colour_matrix: str = "bt601"
+    voice: str = "off"
 
     def __post_init__(self) -> None:
         if self.profile not in PROFILES:
@@ -54,6 +58,8 @@ class CallParameters:
             raise ValueError(
                 f"colour matrix is {self.colour_matrix!r}, expected one of {COLOUR_MATRICES}"
             )
+        if self.voice not in VOICES:
+            raise ValueError(f"voice is {self.voice!r}, expected one of {VOICES}")
         check_int("width", self.width, 1, MAX_SIDE_PX)
         check_int("height", self.height, 1, MAX_SIDE_PX)
         check_int("fps numerator", self.fps_numerator, 1, MAX_FPS_TERM)

@@ -12,7 +12,7 @@ from typing import Any
 import msgpack  # type: ignore[import-untyped]
 import numpy as np
 
-from protocol.call_parameters import COLOUR_MATRICES, PROFILES, CallParameters
+from protocol.call_parameters import COLOUR_MATRICES, PROFILES, VOICES, CallParameters
 from protocol.entropy.validation import (
     as_float32s,
     check_bool,
@@ -41,9 +41,10 @@ EYELIDS_FORMAT = 16
 DEFAULT_FORMAT = 17
 PROGRESSIVE_FORMAT = 18
 EXTENSIBLE_FORMAT = 19
+VOICE_FORMAT = 20
 _THESIS_FORMATS = THESIS_FORMAT, EYELIDS_FORMAT
 _DEFAULT_FORMATS = DEFAULT_FORMAT, PROGRESSIVE_FORMAT, EXTENSIBLE_FORMAT
-FORMATS = _THESIS_FORMATS + _DEFAULT_FORMATS
+FORMATS = (*_THESIS_FORMATS, *_DEFAULT_FORMATS, VOICE_FORMAT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,17 +129,21 @@ class ModelPacket:
 # Keys of the map, one letter each because they are sent.
 _KEYS = ("p", "s", "r", "f", "n", "o", "l", "a", "d", "q", "t", "e", "b", "x", "m")
 # Further keys; each format has so many of them.
-_FURTHER_KEYS = ("k", "y", "g", "i")
+_FURTHER_KEYS = ("k", "y", "g", "i", "v")
+_DEFAULTS: tuple[Any, ...] = (1, False, False, False, 0)
 _FURTHER_KEY_COUNT = {
     THESIS_FORMAT: 0,
     EYELIDS_FORMAT: 4,
     DEFAULT_FORMAT: 0,
     PROGRESSIVE_FORMAT: 2,
     EXTENSIBLE_FORMAT: 3,
+    VOICE_FORMAT: 5,
 }
 
 
 def _format_of(packet: ModelPacket) -> int:
+    if packet.call.voice != "off":
+        return VOICE_FORMAT
     if packet.call.has_eyelids:
         return EYELIDS_FORMAT
     if packet.extensible:
@@ -174,6 +179,7 @@ def _model_fields(packet: ModelPacket) -> dict[str, Any]:
         packet.progressive,
         packet.extensible,
         call.has_eyelids,
+        VOICES.index(call.voice),
     )
     return dict(zip(_keys(format_number), values, strict=False))
 
@@ -216,14 +222,18 @@ def parse_model(sequence: int, payload: bytes) -> ModelPacket:
     return packet
 
 
+def _voice_of(number: Any) -> str:
+    check_int("voice", number, 0, len(VOICES) - 1)
+    return VOICES[number]
+
+
 def _model_from_fields(sequence: int, format_number: int, fields: Any) -> ModelPacket:
     keys = _keys(format_number)
     if not isinstance(fields, dict) or tuple(fields) != keys:
         raise ValueError(f"no map of the fields {','.join(keys)}")
     profile, size, fps, focal, packing, start, versions, aau, residual, *rest = fields.values()
     rotation, translation, eau, background, texture, profile_data, *further = rest
-    defaults: tuple[Any, ...] = (1, False, False, False)
-    step, progressive, extensible, has_eyelids = (*further, *defaults[len(further) :])
+    step, progressive, extensible, has_eyelids, voice = (*further, *_DEFAULTS[len(further) :])
     check_int("profile and matrix", profile, 0, len(PROFILES) * len(COLOUR_MATRICES) - 1)
     matrix, profile = divmod(profile, len(PROFILES))
     width, height = _pair("size", size)
@@ -242,6 +252,7 @@ def _model_from_fields(sequence: int, format_number: int, fields: Any) -> ModelP
             step,
             has_eyelids,
             COLOUR_MATRICES[matrix],
+            _voice_of(voice),
         ),
         aau=_codes_from_bytes("aau", aau),
         reference_rotation=rotation,

@@ -8,6 +8,7 @@ from protocol.bit_accounting import BitAccounting, PacketSize
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
 from protocol.call_records import TruncatedCall
+from protocol.entropy.varint import encode_varint
 from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import THESIS_RATE_HZ, thesis_sample_count
 from protocol.model_packet import ModelPacket
@@ -15,10 +16,12 @@ from protocol.packets import (
     ControlKind,
     ControlPacket,
     FramePacket,
+    Packet,
     PacketKind,
     packet_kind,
     parse_packet,
 )
+from protocol.voice.voice_block import split_payload
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,16 +32,20 @@ class CallSummary:
     coded_fps: coded frames per second; the decoder interpolates the other source frames.
     colour_matrix: of the source's Y'CbCr, see `CallParameters`.
     model_bytes, frame_bytes, control_bytes: payload by kind of packet; layers count as model.
+    voice, voice_bytes: codec of the voice, one of `VOICES`, and its share of the frame packets,
+        which `frame_bytes` does not count.
     container_bytes: magic, record lengths and byte 0 of each packet; `file_bytes` is the sum of
-        these four.
+        these five.
     model_packets, layer_packets, frame_packets: numbers of packets.
-    frame_bps: payload bits of the frame packets per second of their nominal duration.
+    frame_bps: payload bits of the faces in frame packets per second of their nominal duration.
+    voice_bps: payload bits of the voice in them, likewise.
     packet_bps: `frame_bps` with byte 0 of each frame packet.
-    record_bps: `packet_bps` with the record length of each packet, which `--bitrate` bounds.
+    record_bps: `packet_bps` with the record length that each packet has without voice, which
+        `--bitrate` bounds.
     complete: the call has an END packet.
     trailing_bytes: bytes after the END packet; `container_bytes` includes them.
     damaged_packets: number of packets that cannot be parsed; their bytes count as container.
-    packet_size: of the frame packets; None without any.
+    packet_size: of the frame packets, without voice; None without any.
     model_parts: bytes by part; their sum is `model_bytes`.
     groups: bytes by group of parameters, see `bit_accounting`; their sum is `frame_bytes`.
     group_bits: `groups` in bits per source frame.
@@ -52,8 +59,10 @@ class CallSummary:
     width: int
     height: int
     colour_matrix: str
+    voice: str
     model_bytes: int
     frame_bytes: int
+    voice_bytes: int
     control_bytes: int
     container_bytes: int
     file_bytes: int
@@ -61,6 +70,7 @@ class CallSummary:
     layer_packets: int
     frame_packets: int
     frame_bps: float
+    voice_bps: float
     packet_bps: float
     record_bps: float
     complete: bool
@@ -95,7 +105,8 @@ class _ByteCounter:
         self.call: CallParameters | None = None
         self.payload = {kind: 0 for kind in PacketKind}
         self.packets = {kind: 0 for kind in PacketKind}
-        self.frame_records = 0  # bytes of the records of frame packets
+        self.voice_bytes = 0  # of frame packets; `payload` does not count them
+        self.frame_records = 0  # bytes of the records of frame packets, as if without voice
         self.end: int | None = None  # `frame` of the END packet
         self.damaged = 0
         self.first_damage: ProtocolError | None = None
@@ -107,19 +118,33 @@ class _ByteCounter:
 
     def add(self, data: bytes, accounting: BitAccounting, record_bytes: int) -> None:
         try:
-            packet = parse_packet(data)
-            accounting.add(packet)
+            packet = self._without_voice(parse_packet(data))
+            if packet is not None:
+                accounting.add(packet)
         except ProtocolError as error:
             self.note_damage(error)
             return
-        self.payload[packet_kind(data)] += len(data) - 1
-        self.packets[packet_kind(data)] += 1
+        kind, voice_bytes = packet_kind(data), 0
         if isinstance(packet, FramePacket):
-            self.frame_records += record_bytes
+            voice_bytes = len(data) - 1 - len(packet.payload)
+            lengths = encode_varint(2 * len(data)), encode_varint(2 * (len(data) - voice_bytes))
+            self.frame_records += record_bytes - voice_bytes - len(lengths[0]) + len(lengths[1])
+        elif packet is None:
+            voice_bytes = len(data) - 1
+        self.voice_bytes += voice_bytes
+        self.payload[kind] += len(data) - 1 - voice_bytes
+        self.packets[kind] += packet is not None
         if isinstance(packet, ModelPacket):
             self.call = self.call or packet.call
         elif isinstance(packet, ControlPacket) and packet.kind is ControlKind.END:
             self.end = packet.frame
+
+    def _without_voice(self, packet: Packet) -> Packet | None:
+        """The packet without its voice; None: it has no face.  Raises `ProtocolError`."""
+        if self.call is None or self.call.voice == "off" or not isinstance(packet, FramePacket):
+            return packet
+        block, face = split_payload(self.call.voice, packet.payload)
+        return FramePacket(packet.sequence, face) if block.has_face else None
 
     def _frames(self, call: CallParameters) -> int:
         if self.end is not None:
@@ -146,15 +171,18 @@ class _ByteCounter:
             width=call.width,
             height=call.height,
             colour_matrix=call.colour_matrix,
+            voice=call.voice,
             model_bytes=self.payload[PacketKind.MODEL] + self.payload[PacketKind.LAYER],
             frame_bytes=self.payload[PacketKind.FRAME],
+            voice_bytes=self.voice_bytes,
             control_bytes=self.payload[PacketKind.CONTROL],
-            container_bytes=file_bytes - sum(self.payload.values()),
+            container_bytes=file_bytes - sum(self.payload.values()) - self.voice_bytes,
             file_bytes=file_bytes,
             model_packets=self.packets[PacketKind.MODEL],
             layer_packets=self.packets[PacketKind.LAYER],
             frame_packets=self.packets[PacketKind.FRAME],
             frame_bps=frame_bits / seconds,
+            voice_bps=8 * self.voice_bytes / seconds,
             packet_bps=(frame_bits + 8 * self.packets[PacketKind.FRAME]) / seconds,
             record_bps=8 * self.frame_records / seconds,
             complete=reader.complete,

@@ -58,6 +58,7 @@ def encode(
     fps: float | None = None,
     live: bool = False,
     model_bytes: int | None = None,
+    voice: str | None = None,
     max_frames: int | None = None,
     progress: Progress | None = None,
 ) -> "EncodeReport":
@@ -68,6 +69,8 @@ def encode(
     bitrate: bits a second of frame packets.  fps: code about so many frames a second; None: all.
     live: one pass, as for a camera.  These three are of the default profile.
     model_bytes: approximate size of the model packet; None: the profile's usual one.
+    voice: "off", "700C", "1200" or "opus"; None: 1200 where the source has sound and the codec is
+        installed.
     max_frames: stop after so many frames.
     progress: called with the number of frames so far and of all, None if that is not known.
     Raises `UserError` if the source cannot be read or shows no face, or if an option has no effect,
@@ -75,7 +78,7 @@ def encode(
     """
     from risorius.encoding import encode_checked
 
-    rates: dict[str, object] = {"bitrate": bitrate, "fps": fps, "live": live}
+    rates: dict[str, object] = {"bitrate": bitrate, "fps": fps, "live": live, "voice": voice}
     sizes: dict[str, object] = {"model_bytes": model_bytes, "max_frames": max_frames}
     return encode_checked(source, output, {"profile": profile, **rates, **sizes}, progress)
 

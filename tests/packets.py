@@ -45,6 +45,7 @@ GOLDEN: dict[str, Packet] = {
     "model_extensible": replace(MODEL, extensible=True),
     "model_eyelids": replace(MODEL, call=replace(CALL, has_eyelids=True)),
     "model_bt709": replace(MODEL, call=replace(CALL, profile="default", colour_matrix="bt709")),
+    "model_voice": replace(MODEL, call=replace(CALL, profile="default", voice="1200")),
     "layer": LayerPacket(2, 300, b"a piece"),
     "frame_thesis": FramePacket(63, bytes(range(123, 133))),
     "frame_eyelids": FramePacket(0, bytes(range(120, 132))),

@@ -1,6 +1,8 @@
 """Where decoded pictures go: a video file, a sequence of image files, or a raw stream."""
 
+from collections.abc import Callable
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from queue import Queue
 from threading import Thread
@@ -14,10 +16,11 @@ from decoder.sinks.video_file import CODECS, TIMED, VideoFile
 from decoder.sinks.y4m_stream import Y4mStream
 from shared_model.errors import UserError
 
+Samples = NDArray[np.int16]
 Picture = NDArray[np.uint8]
 
-# Pictures that may wait for a `ThreadedSink`.
-MAX_QUEUED_PICTURES = 4
+# Pictures and pieces of sound that may wait for a `ThreadedSink`.
+MAX_QUEUED_WRITES = 6
 
 
 class FrameSink(Protocol):
@@ -28,6 +31,9 @@ class FrameSink(Protocol):
 
         time_s: when it is shown, seconds from the start, where the frame rate varies.
         """
+
+    def write_sound(self, samples: Samples) -> None:
+        """Add samples, (n,) int16, to the sound track, if there is one."""
 
     def mark_incomplete(self) -> Path | None:
         """State that pictures are missing at the end, so that an older file keeps its name.
@@ -52,6 +58,7 @@ def open_sink(
     fps: Fraction,
     matrix: str = "bt601",
     is_variable: bool = False,
+    sound_rate_hz: int | None = None,
 ) -> FrameSink:
     """The sink for `path`: .mkv, .avi, .mp4, .mov, images such as out/%04d.png, or a stream.
 
@@ -61,6 +68,7 @@ def open_sink(
         that ignore tags treat the file as they treat the source.  .avi, which cannot be tagged, is
         always RGB.
     is_variable: pictures have times of their own and `fps` is the mean, see `keeps_times`.
+    sound_rate_hz: samples per second of the sound track of a video file; None: it has none.
     Raises `UserError` if the kind of file is unknown or it cannot be written, `ValueError` for an
     unknown matrix.
     """
@@ -69,7 +77,8 @@ def open_sink(
     check_sink(path)
     if "%" in path.name:
         return ImageSequence(path)
-    return VideoFile(path, width, height, fps, matrix, is_variable and keeps_times(path))
+    is_timed = is_variable and keeps_times(path)
+    return VideoFile(path, width, height, fps, matrix, is_timed, sound_rate_hz)
 
 
 def keeps_times(output: Path | BinaryIO) -> bool:
@@ -99,14 +108,20 @@ class ThreadedSink:
     def __init__(self, sink: FrameSink) -> None:
         self._sink = sink
         self._error: BaseException | None = None
-        self._queue: Queue[tuple[Picture, Fraction | None] | None] = Queue(MAX_QUEUED_PICTURES)
+        self._queue: Queue[Callable[[], None] | None] = Queue(MAX_QUEUED_WRITES)
         self._thread = Thread(target=self._work, daemon=True)
         self._thread.start()
 
     def write(self, picture: Picture, time_s: Fraction | None = None) -> None:
         """Queue one picture, which must not change afterwards; waits while the queue is full."""
         self._raise_error()
-        self._queue.put((picture, time_s))
+        self._queue.put(partial(self._sink.write, picture, time_s))
+
+    def write_sound(self, samples: Samples) -> None:
+        """Queue samples, which must not change afterwards; waits while the queue is full."""
+        self._raise_error()
+        if len(samples):
+            self._queue.put(partial(self._sink.write_sound, samples))
 
     def mark_incomplete(self) -> Path | None:
         """See `FrameSink`."""
@@ -131,10 +146,10 @@ class ThreadedSink:
         self.close()
 
     def _work(self) -> None:
-        while (item := self._queue.get()) is not None:
+        while (write := self._queue.get()) is not None:
             if self._error is None:
                 try:
-                    self._sink.write(*item)
+                    write()
                 except Exception as error:  # passed on to the other thread, whatever it is
                     self._error = error
 
@@ -165,6 +180,9 @@ class ImageSequence:
         if not cv2.imwrite(str(path), picture):
             raise UserError(f"cannot write {path}: no space or no permission")
         self._count += 1
+
+    def write_sound(self, samples: Samples) -> None:
+        """Do nothing: images have no sound."""
 
     def mark_incomplete(self) -> Path | None:
         """See `FrameSink`: each image has replaced an older one already."""

@@ -20,9 +20,11 @@ from av.video.reformatter import (
 from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
+from decoder.sinks.sound_stream import SoundStream
 from protocol.frames.frame_times import TICKS_PER_FRAME
 from shared_model.errors import UserError
 
+Samples = NDArray[np.int16]
 Picture = NDArray[np.uint8]
 
 # Container -> codec.  FFV1 is lossless.
@@ -66,6 +68,7 @@ class VideoFile:
     Without any picture no file is left.
 
     is_variable: pictures have times of their own, and `fps` is the mean rate.
+    sound_rate_hz: samples per second of the sound track; None: the file has none.
     """
 
     def __init__(
@@ -76,6 +79,7 @@ class VideoFile:
         fps: Fraction,
         matrix: str,
         is_variable: bool = False,
+        sound_rate_hz: int | None = None,
     ) -> None:
         self._path, self._shape = path, (height, width, 3)
         self._part = path.with_name(f"{path.stem}.part{path.suffix}")
@@ -87,6 +91,11 @@ class VideoFile:
             undo.callback(self._part.unlink, missing_ok=True)
             self._container = undo.enter_context(av.open(str(self._part), "w"))
             self._stream = self._add_stream(width, height, fps, is_variable)
+            self._sound = (
+                None
+                if sound_rate_hz is None
+                else SoundStream(self._container, path.suffix.lower(), sound_rate_hz)
+            )
             self._container.start_encoding()
             undo.pop_all()
 
@@ -113,6 +122,12 @@ class VideoFile:
             self._container.mux(self._stream.encode(frame))
         self._next_pts += 1
 
+    def write_sound(self, samples: Samples) -> None:
+        """Add samples, (n,) int16, to the sound track.  Raises `UserError` if the disk refuses."""
+        if self._sound is not None:
+            with _as_user_error(self._path):
+                self._sound.write(samples)
+
     def close(self) -> None:
         """Finish and rename the file; closing twice has no further effect.
 
@@ -124,6 +139,8 @@ class VideoFile:
         try:
             with _as_user_error(self._path), self._container:
                 self._container.mux(self._stream.encode(None))
+                if self._sound is not None:
+                    self._sound.finish()
         finally:
             if not self._next_pts:
                 self._part.unlink(missing_ok=True)

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+Samples = NDArray[np.int16]
 Picture = NDArray[np.uint8]
 
 # Weights of B, G, R in luma by the source's colour matrix.
@@ -42,6 +43,9 @@ class Y4mStream:
         ycbcr = cv2.transform(picture.astype(np.float32), self._ycbcr_from_bgr)
         planes = np.clip(np.rint(ycbcr), 0, 255).astype(np.uint8).transpose(2, 0, 1)
         self._write(b"FRAME\n" + planes.tobytes())
+
+    def write_sound(self, samples: Samples) -> None:
+        """Do nothing: the format has no sound."""
 
     def mark_incomplete(self) -> Path | None:
         """See `FrameSink`: a stream has no older file."""

@@ -4,6 +4,7 @@ from encoder.calls.session_stats import SessionStats
 from encoder.capture.frame_times import FrameTimes
 from encoder.coding.pacer import LayerPacer
 from encoder.coding.progressive_model import LayeredModel
+from encoder.sound.voice_packer import VoicePacker
 from protocol.limits import MAX_TIMED_FRAMES, SEQUENCE_MODULUS
 from protocol.link.interface import PacketSink
 from protocol.model_packet import ModelPacket
@@ -26,6 +27,7 @@ class PacketSender:
 
     pacer: holds all packets together to the start-up bitrate; None: each goes at once.
     times: of the source's frames; None: their rate is constant.
+    voice: adds the voice to frame packets; None: the call has none.
     """
 
     def __init__(
@@ -34,8 +36,9 @@ class PacketSender:
         stats: SessionStats,
         pacer: LayerPacer | None = None,
         times: FrameTimes | None = None,
+        voice: VoicePacker | None = None,
     ) -> None:
-        self._sink, self._stats, self._pacer = sink, stats, pacer
+        self._sink, self._stats, self._pacer, self._voice = sink, stats, pacer, voice
         self._times, self._timed_frames = times, 0
         self._face_visible = True
 
@@ -65,9 +68,12 @@ class PacketSender:
         duration_s: from the packet's first frame to that of the next.
         """
         self._stats.frame_bytes += len(payload)
-        self._send(FramePacket(number % SEQUENCE_MODULUS, payload))
+        packet = FramePacket(number % SEQUENCE_MODULUS, payload)
+        if self._voice is not None:
+            packet = self._voice.packet(number, payload)
+        self._send_frame(packet)
         if self._pacer is not None:
-            self._pacer.on_packet_sent(1 + len(payload))
+            self._pacer.on_packet_sent(1 + len(packet.payload))
             for layer in self._pacer.packets_due(duration_s):
                 self._send_model_part(layer)
 
@@ -87,14 +93,25 @@ class PacketSender:
         if visible == self._face_visible:
             return False
         self._face_visible = visible
+        if visible and self._voice is not None:
+            self._voice.resume(frame)
         self._send(
             ControlPacket(0, ControlKind.FACE_FOUND if visible else ControlKind.FACE_LOST, frame)
         )
         return True
 
+    def send_voice_alone(self, frame: int) -> None:
+        """Send the voice that is due up to source frame `frame`, which shows no face."""
+        if self._voice is not None:
+            for packet in self._voice.packets_without_face(frame):
+                self._send_frame(packet)
+
     def end(self, frames: int) -> None:
         """Close a call of `frames` source frames."""
         self._stats.frames = frames
+        if self._voice is not None:
+            for packet in self._voice.last_packets(frames):
+                self._send_frame(packet)
         self._send(ControlPacket(0, ControlKind.END, frames))
 
     def warn_of_incomplete_model(self) -> None:
@@ -107,10 +124,17 @@ class PacketSender:
 
     def _send_model_part(self, packet: ModelPacket | LayerPacket) -> int:
         """Send what counts as model; returns the bytes of the packet."""
+        if self._voice is not None and isinstance(packet, ModelPacket):
+            packet = self._voice.model(packet)
         size = len(serialise(packet))
         self._stats.model_bytes += size - 1
         self._send(packet)
         return size
+
+    def _send_frame(self, packet: FramePacket) -> None:
+        self._send(packet)
+        if self._voice is not None:
+            self._stats.voice_bytes = self._voice.voice_bytes
 
     def _send(self, packet: Packet) -> None:
         with self._stats.stage("send"):

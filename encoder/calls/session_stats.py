@@ -11,7 +11,8 @@ class SessionStats:
     """What the encoder reports of a call.
 
     frames: source frames of the call, where these are fewer than were captured; None: all.
-    model_bytes, frame_bytes: payload of model and layer packets, of frame packets.
+    model_bytes, frame_bytes: payload of model and layer packets, of frame packets without voice.
+    voice, voice_bytes: its codec, one of `VOICES`, and its share of the frame packets.
     packets: number of packets of any kind.
     lost_frames: number of source frames without a face.
     capture_ns: `time.monotonic_ns` at which each source frame was read.
@@ -21,6 +22,8 @@ class SessionStats:
     frames: int | None = None
     model_bytes: int = 0
     frame_bytes: int = 0
+    voice: str = "off"
+    voice_bytes: int = 0
     packets: int = 0
     lost_frames: int = 0
     warnings: list[str] = field(default_factory=list)

@@ -91,6 +91,7 @@ class FixedRateSender:
     def report_lost(self, index: int) -> None:
         """Source frame `index` shows no face; no samples are due until the next one with a face."""
         self._packets.report_face(False, index)
+        self._packets.send_voice_alone(index)
 
     def _resume_at(self, frame: int) -> None:
         self._previous = None

@@ -103,6 +103,17 @@ def add_tracking(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_sound(parser: argparse.ArgumentParser) -> None:
+    """The voice of a call."""
+    parser.add_argument(
+        "--voice",
+        choices=CHOICES["voice"],
+        help="code the source's first sound track by Codec2 at 1200 or 700 bits a second, or by"
+        " Opus at 6000, beside --bitrate; silence takes next to nothing (default: 1200 where the"
+        " source has sound and the codec is installed)",
+    )
+
+
 def add_transport(parser: argparse.ArgumentParser) -> None:
     """When and how packets go out."""
     parser.add_argument(

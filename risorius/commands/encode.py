@@ -13,6 +13,7 @@ from risorius.command_line.options import (
     add_coding,
     add_link,
     add_reporting,
+    add_sound,
     add_tracking,
     add_transport,
     add_view,
@@ -52,6 +53,7 @@ def add_encode(added: "Commands") -> None:
     )
     add_link(parser, where)
     add_coding(parser)
+    add_sound(parser)
     add_tracking(parser)
     add_transport(parser)
     add_view(parser, "what is sent, as the other end draws it,")
@@ -133,14 +135,16 @@ def _encode_options(arguments: argparse.Namespace, profile: str) -> "EncodeOptio
         model_bytes=arguments.model_bytes,
         low_delay=arguments.low_delay,
         live=arguments.live,
+        voice=arguments.voice,
     )
 
 
 def _encode_summary(report: "EncodeReport") -> str:
     busy_ms = sum(report.stage_ms.values())
+    voice = f", voice {report.voice_bytes} bytes" if report.voice != "off" else ""
     return (
         f"{report.frames} frames of {report.width}x{report.height} at {report.fps:.2f}/s,"
         f" {report.coded_fps:.2f}/s coded: model {report.model_bytes} bytes,"
-        f" frames {report.frame_bytes} bytes; {busy_ms:.1f} ms a frame"
+        f" frames {report.frame_bytes} bytes{voice}; {busy_ms:.1f} ms a frame"
         f"{'' if report.reach == 'somebody' else '; nobody heard its end'}"
     )

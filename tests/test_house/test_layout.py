@@ -34,7 +34,14 @@ MAY_IMPORT = {
 }
 IMPORTERS = {
     "ai_edge_litert": {"encoder/detection/tflite.py"},
-    "av": {"encoder/capture/video_source.py", "decoder/sinks/video_file.py"},
+    "av": {
+        "decoder/sinks/sound_stream.py",
+        "decoder/sinks/video_file.py",
+        "decoder/sound/speech_decoder.py",
+        "encoder/capture/video_source.py",
+        "encoder/sound/sound_file.py",
+        "encoder/sound/speech_encoder.py",
+    },
     "filterpy": {"encoder/tracking/ekf.py"},
     "numba": {"protocol/runtime/jit.py"},
     "moderngl": {
@@ -42,6 +49,8 @@ IMPORTERS = {
         "decoder/rendering/gl_context.py",
         "decoder/rendering/renderer.py",
     },
+    "pycodec2": {"decoder/sound/speech_decoder.py", "encoder/sound/speech_encoder.py"},
+    "webrtcvad": {"encoder/sound/speech_gate.py"},
     "zenoh": {"protocol/link/zenoh_link.py"},
 }
 CV2_PACKAGES = {"aam", "encoder", "decoder", "loopback", "risorius"}
@@ -57,6 +66,7 @@ ENCODER_PACKAGES = (
     "learning",
     "coding",
     "live_model",
+    "sound",
     "calls",
 )
 

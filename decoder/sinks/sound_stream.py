@@ -1,0 +1,46 @@
+"""The sound track of a video file: FLAC, lossless, in .mkv, PCM in .avi, else AAC."""
+
+from typing import Literal
+
+import av
+import numpy as np
+from av.audio.stream import AudioStream
+from av.container import OutputContainer
+from numpy.typing import NDArray
+
+Samples = NDArray[np.int16]
+
+SOUND_CODECS: dict[str, Literal["flac", "pcm_s16le", "aac"]] = {
+    ".mkv": "flac",
+    ".avi": "pcm_s16le",
+    ".mp4": "aac",
+    ".mov": "aac",
+}
+AAC_BPS = 64_000
+
+
+class SoundStream:
+    """A mono sound track in an open video file.
+
+    suffix: of the file.  rate_hz: samples per second.
+    """
+
+    def __init__(self, container: OutputContainer, suffix: str, rate_hz: int) -> None:
+        codec = SOUND_CODECS[suffix]
+        self._container, self._rate_hz, self._written = container, rate_hz, 0
+        self._stream: AudioStream = container.add_stream(codec, rate=rate_hz, layout="mono")
+        if codec == "aac":
+            self._stream.bit_rate = AAC_BPS
+
+    def write(self, samples: Samples) -> None:
+        """Add samples, (n,) int16."""
+        if not len(samples):
+            return
+        frame = av.AudioFrame.from_ndarray(samples.reshape(1, -1), format="s16", layout="mono")
+        frame.sample_rate, frame.pts = self._rate_hz, self._written
+        self._written += len(samples)
+        self._container.mux(self._stream.encode(frame))
+
+    def finish(self) -> None:
+        """Write what the codec has kept."""
+        self._container.mux(self._stream.encode(None))

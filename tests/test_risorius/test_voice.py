@@ -1,0 +1,88 @@
+"""The voice of a call file, from `risorius encode` to `risorius decode`."""
+
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from conftest import MakeOnce
+from numpy.typing import NDArray
+
+from decoder.sinks.frame_sink import open_sink
+from encoder.capture.video_source import open_source
+from encoder.sound.open_voice import chosen_voice
+from protocol.summary import summarise
+from risorius.cli import main
+
+RATE_HZ = 8000
+FRAMES = 30
+
+
+def voiced_sound(count: int) -> NDArray[np.int16]:
+    """A buzz of 120 Hz whose loudness follows syllables, (count,) int16."""
+    time_s = np.arange(count) / RATE_HZ
+    buzz = sum(np.sin(2 * np.pi * 120 * k * time_s) / k for k in range(1, 25))
+    return np.asarray(5000 * buzz * (0.6 + 0.4 * np.sin(2 * np.pi * 4 * time_s)), np.int16)
+
+
+def sound_samples(path: Path) -> NDArray[np.float64]:
+    """The samples of the sound track, and their rate last."""
+    with av.open(str(path)) as container:
+        frames = list(container.decode(audio=0))
+        pieces = [frame.to_ndarray().reshape(-1).astype(np.float64) for frame in frames]
+        return np.append(np.concatenate(pieces), frames[0].sample_rate)
+
+
+@pytest.fixture(scope="session")
+def talking(carphone: Path, make_once: MakeOnce) -> Path:
+    """The first frames of the demo clip with a sound track."""
+
+    def write(folder: Path) -> None:
+        with open_source(str(carphone)) as capture:
+            size, fps = (capture.width, capture.height), capture.fps
+            path = folder / "talking.mkv"
+            with open_sink(path, *size, fps, "bt601", False, RATE_HZ) as sink:
+                for index, frame in capture:
+                    if index == FRAMES:
+                        break
+                    sink.write(frame)
+                sink.write_sound(voiced_sound(round(FRAMES / fps * RATE_HZ)))
+
+    return make_once("talking", write) / "talking.mkv"
+
+
+@pytest.mark.parametrize("voice", ["700C", "1200", "opus"])
+def test_a_voice_goes_from_the_source_into_the_decoded_video(
+    voice: str, talking: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("pycodec2")
+    pytest.importorskip("webrtcvad")
+    call, decoded = tmp_path / "call.rzo", tmp_path / "out.mkv"
+    options = ["--profile", "thesis", "--voice", voice, "-q"]
+    assert main(["encode", str(talking), "-o", str(call), *options]) == 0
+    summary = summarise(call)
+    assert summary.voice == voice and summary.voice_bytes > 30
+    assert summary.damaged_packets == 0
+    assert main(["decode", str(call), "-o", str(decoded), "-q"]) == 0
+    *samples, rate_hz = sound_samples(decoded)
+    with open_source(str(decoded)) as capture:
+        fps = float(capture.fps)
+    assert len(samples) / rate_hz == pytest.approx(FRAMES / fps, abs=0.05)
+    assert np.std(samples) > 0
+
+
+def test_a_call_over_the_network_has_no_voice(talking: Path) -> None:
+    assert chosen_voice(str(talking), None, to_file=False) == ("off", None)
+    voice, warning = chosen_voice(str(talking), "1200", to_file=False)
+    assert voice == "off" and warning is not None and "network" in warning
+
+
+def test_a_call_without_its_voice_is_that_of_a_silent_source(
+    talking: Path, call: Path, tmp_path: Path
+) -> None:
+    off = tmp_path / "off.rzo"
+    options = ["--profile", "thesis", "--voice", "off", "-q"]
+    assert main(["encode", str(talking), "-o", str(off), *options]) == 0
+    summary = summarise(off)
+    assert (summary.voice, summary.voice_bytes) == ("off", 0)
+    assert summary.frame_packets == summarise(call).frame_packets
