@@ -15,7 +15,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from itertools import count
-from typing import Any, TypeVar
+from typing import Any
 
 from encoder.learning.incremental_modes import LearnedMode
 from encoder.live_model.learner import LocalLearner, ModesTask, TrainingTask
@@ -23,8 +23,6 @@ from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import ModelVersion
 from encoder.live_model.object_stream import ObjectStream
 from encoder.runtime.parallel import NICENESS, low_priority_executor
-
-Result = TypeVar("Result")
 
 
 class LearningProcess:
