@@ -16,7 +16,6 @@ from decoder.reception.call_playout import CallPlayout
 from decoder.reception.received_frames import DecodeStats, received_frames
 from decoder.reenactment import read_model, reenact
 from decoder.scene import Scene, head_of
-from decoder.sound.voice_separator import VoiceSeparator
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
@@ -76,7 +75,7 @@ class CallPictures:
     """Draws the pictures of one call; a context manager that can be iterated once.
 
     While one picture is drawn, the next is prepared.  Attributes `stats`, `timer` and `playout`
-    hold what the report needs, `voice` the speech received.  Raises `UserError` if the call cannot
+    hold what the report needs.  Raises `UserError` if the call cannot
     be read or drawn; with exit code 4 if its encoder leaves before it has sent a face.
     """
 
@@ -87,7 +86,6 @@ class CallPictures:
         on_message: MessageCallback = ignore_message,
     ) -> None:
         self.playout, self.stats, self.timer = CallPlayout(), DecodeStats(), StageTimer()
-        self.voice = VoiceSeparator()
         self._options, self._stop, self._stack = options, stop, ExitStack()
         self._target = read_model(options.face) if options.face else None
         self._source = self._stack.enter_context(open_source(options, on_message))
@@ -114,9 +112,7 @@ class CallPictures:
         return self._source.trailing_bytes if isinstance(self._source, CallReader) else 0
 
     def __iter__(self) -> Iterator[DrawnFrame]:
-        for frame in received_frames(
-            self._source, self.playout, self.stats, self._stop, self.voice
-        ):
+        for frame in received_frames(self._source, self.playout, self.stats, self._stop):
             if frame is None:
                 yield from self._finished()
                 continue

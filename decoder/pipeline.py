@@ -94,7 +94,7 @@ def decode(
         pictures = stack.enter_context(CallPictures(options, stop, on_message))
         for frame in pictures:
             if sink is None and options.output is not None:
-                sound = open_sound_track(pictures.voice, pictures.sender, frame.index)
+                sound = open_sound_track(pictures.playout.speech, pictures.sender, frame.index)
                 opened = _open_sink(options.output, pictures, sound)
                 sink = stack.enter_context(ThreadedSink(opened))
             if sink is not None:
@@ -138,7 +138,7 @@ def _write(
     """Write a picture, and the sound that is known up to it."""
     with pictures.timer.stage("write"):
         sink.write(frame.picture, frame.time_s)
-    _write_sound(sink, sound, pictures, pictures.voice.speech.known_until)
+    _write_sound(sink, sound, pictures, pictures.playout.speech.known_until)
 
 
 def _write_sound(
@@ -179,7 +179,7 @@ def _report(pictures: CallPictures) -> DecodeReport:
         width=pictures.shown.width,
         height=pictures.shown.height,
         model_bytes=stats.model_bytes,
-        frame_bytes=stats.frame_bytes,
+        frame_bytes=stats.frame_bytes - playout.voice_bytes,
         stage_ms=pictures.timer.mean_ms(frames),
         shown_ns=tuple(stats.shown_ns),
         lost_packets=playout.lost,
@@ -191,7 +191,7 @@ def _report(pictures: CallPictures) -> DecodeReport:
         complete=playout.ended,
         warnings=tuple(warnings),
         voice=pictures.sender.voice,
-        voice_bytes=stats.voice_bytes,
+        voice_bytes=playout.voice_bytes,
     )
 
 

@@ -254,7 +254,7 @@ def _pacer(options: EncodeOptions) -> LayerPacer | None:
 
 
 def _open_voice(options: EncodeOptions, stats: SessionStats) -> VoicePacker | None:
-    stats.voice, warning = chosen_voice(options.source, options.voice, options.output is not None)
+    stats.voice, warning = chosen_voice(options.source, options.voice)
     if warning is not None:
         stats.warn(warning)
     return open_voice(options.source, stats.voice)

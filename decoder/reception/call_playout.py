@@ -15,11 +15,15 @@ from decoder.model_versions import picture_of
 from decoder.playout import FIRST_WINDOW, Playout, PlayoutFrame
 from decoder.reception.arrival_clock import MAX_WAIT_S, ArrivalClock
 from decoder.reception.jitter_buffer import MAX_HELD, JitterBuffer, NumberedPacket
+from decoder.sound.call_speech import CallSpeech
+from decoder.sound.speech_frames import SpeechFrames
+from decoder.sound.voice_separator import VoiceSeparator
 from protocol.errors import ProtocolError
 from protocol.limits import SEQUENCE_MODULUS
 from protocol.link.interface import Arrival
 from protocol.model_packet import ModelPacket
-from protocol.packets import ControlPacket, FramePacket, parse_packet
+from protocol.packets import ControlPacket, FramePacket, Packet, parse_packet
+from protocol.voice.voice_block import SPEECH_FRAMES_PER_SECOND
 from shared_model.errors import LINK_FAILED, UserError
 from shared_model.parameters import FaceParameters, with_focal_change
 
@@ -31,12 +35,13 @@ SILENCE_S = 5.0
 class EncoderSession:
     """The packets of one start of the encoder.
 
+    voice: takes the speech out of them.
     offset: index of its source frame 0 in the call; None before its first picture is shown.
     """
 
     def __init__(self, max_wait_s: float = MAX_WAIT_S) -> None:
         self.playout, self.clock = Playout(), ArrivalClock(max_wait_s)
-        self.buffer = JitterBuffer(self._deadline_s)
+        self.voice, self.buffer = VoiceSeparator(), JitterBuffer(self._deadline_s)
         self.offset: int | None = None
         self._newest = -1
         self._early: deque[Arrival] = deque()  # packets that wait for the model
@@ -49,7 +54,7 @@ class EncoderSession:
         packet = parse_packet(arrival.data)
         is_ordered = isinstance(packet, FramePacket | ControlPacket)
         if arrival.number is None or not is_ordered:
-            yield from self.playout.receive_packet(packet, arrival.number)
+            yield from self._receive(self.voice.receive(packet, arrival.number), arrival.number)
         elif len(self._early) < MAX_HELD:
             self._early.append(arrival)
         while self._early and self.playout.model is not None:
@@ -58,7 +63,7 @@ class EncoderSession:
     def poll(self, now_s: float) -> Iterator[PlayoutFrame]:
         """The frames that can be shown at `now_s`.  Raises `ProtocolError`."""
         while item := self.buffer.take(now_s):
-            yield from self.playout.receive_packet(item.packet, item.number)
+            yield from self._receive(item.packet, item.number)
             self.buffer.is_idle = self.playout.is_frozen
 
     def frame_due(self, now_s: float) -> int | None:
@@ -68,6 +73,11 @@ class EncoderSession:
             return None
         return int((now_s - start_s) * model.call.fps)
 
+    def _receive(self, packet: Packet | None, number: int | None) -> Iterator[PlayoutFrame]:
+        """As `receive`, of what comes next; None: of a packet without a face."""
+        if packet is not None:
+            yield from self.playout.receive_packet(packet, number)
+
     def _receive_ordered(self, arrival: Arrival) -> Iterator[PlayoutFrame]:
         """As `receive`, of a packet with a number, once there is a model."""
         packet, number = parse_packet(arrival.data), arrival.number
@@ -76,7 +86,9 @@ class EncoderSession:
             self._note(number, packet, arrival.time_s)
         elif self.buffer.next is None:
             self.buffer.start(number)
-        self.buffer.add(NumberedPacket(number, packet, arrival.time_s))
+        face = self.voice.receive(packet, number)
+        assert face is None or isinstance(face, FramePacket | ControlPacket)
+        self.buffer.add(NumberedPacket(number, face, arrival.time_s))
         yield from self.poll(arrival.time_s)
 
     def _note(self, number: int, packet: FramePacket, arrival_s: float) -> None:
@@ -97,6 +109,7 @@ class CallPlayout:
     """Turns the arrivals of a call into the faces of its source frames, in order.
 
     max_wait_s: how long a missing packet is waited for, at most.
+    speech: the speech received.
     Attributes are those of `Playout`, of the whole call.
     """
 
@@ -108,7 +121,8 @@ class CallPlayout:
         self._session = 0
         self._next = 0  # index in the call of the frame to show next
         self._focal_px = 0.0  # of the face shown last
-        self._past: list[Playout] = []
+        self._past: list[EncoderSession] = []
+        self.speech = CallSpeech(self._receiving.voice.speech)
 
     @property
     def model(self) -> ModelPacket | None:
@@ -157,13 +171,22 @@ class CallPlayout:
         return sum(each.late for each in self._all)
 
     @property
+    def voice_bytes(self) -> int:
+        """So many bytes of the frame packets were voice."""
+        return sum(session.voice.voice_bytes for session in self._sessions)
+
+    @property
     def before_join(self) -> int:
         """Source frames shown that precede the first frame packet."""
         return self._all[0].before_join
 
     @property
     def _all(self) -> list[Playout]:
-        return [*self._past, self._receiving.playout]
+        return [session.playout for session in self._sessions]
+
+    @property
+    def _sessions(self) -> list[EncoderSession]:
+        return [*self._past, self._receiving]
 
     @property
     def release_s(self) -> float | None:
@@ -192,7 +215,7 @@ class CallPlayout:
 
     def _begin(self, session: int) -> None:
         """Take packets from an encoder that has started again."""
-        self._past.append(self._receiving.playout)
+        self._past.append(self._receiving)
         self._receiving, self._session = EncoderSession(self._max_wait_s), session
 
     def _placed(self, frames: Iterator[PlayoutFrame]) -> Iterator[PlayoutFrame]:
@@ -207,12 +230,23 @@ class CallPlayout:
                 session.offset = self._offset_of(session, frame.index)
                 yield from self._hold_until(session.offset + frame.index)
                 self._return.interrupt()
+                self._go_on_speaking(session, model.call.exact_fps)
                 self._shown = session
             self._next = session.offset + frame.index + 1
             face = self._smoothed(frame.face, model.call.focal_px)
             yield replace(frame, index=self._next - 1, face=face)
         if repaired := session.playout.take_repaired():
             self._return.correct(repaired)
+
+    def _go_on_speaking(self, session: EncoderSession, fps: Fraction) -> None:
+        """Hear another start of the encoder from the next frame on."""
+        assert session.offset is not None
+        per_frame = SPEECH_FRAMES_PER_SECOND / fps
+        is_same = session.voice.voice == self._shown.voice.voice
+        is_same |= self._shown.playout.model is None
+        # The decoder of the one before would not understand another codec.
+        speech = session.voice.speech if is_same else SpeechFrames()
+        self.speech.go_on(speech, round(self._next * per_frame), round(session.offset * per_frame))
 
     def _smoothed(self, face: FaceParameters, focal_px: float) -> FaceParameters:
         shown = self._return.shown

@@ -13,16 +13,19 @@ MAX_HELD = 64
 
 @dataclass(frozen=True, slots=True)
 class NumberedPacket:
-    """A frame packet and its number, or a control packet and that of the frame packet after it."""
+    """A frame packet and its number, or a control packet and that of the frame packet after it.
+
+    packet: None: a frame packet without a face.
+    """
 
     number: int
-    packet: FramePacket | ControlPacket
+    packet: FramePacket | ControlPacket | None
     arrival_s: float
 
     @property
     def order(self) -> tuple[int, int]:
         """A control packet comes before the frame packet with its number."""
-        return self.number, isinstance(self.packet, FramePacket)
+        return self.number, not isinstance(self.packet, ControlPacket)
 
 
 class JitterBuffer:
@@ -67,6 +70,6 @@ class JitterBuffer:
         if release_s is None or now_s < release_s or self.next is None:
             return None
         item = self._held.pop(0)
-        is_frame = isinstance(item.packet, FramePacket)
+        is_frame = not isinstance(item.packet, ControlPacket)
         self.next = max(self.next, item.number + is_frame)
         return item

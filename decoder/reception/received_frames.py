@@ -3,11 +3,10 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from decoder.playout import PlayoutFrame
 from decoder.reception.call_playout import CallPlayout
-from decoder.sound.voice_separator import VoiceSeparator
 from protocol.call_records import TruncatedCall
 from protocol.errors import ProtocolError
 from protocol.link.interface import Arrival, PacketSource
@@ -21,14 +20,13 @@ POLL_S = 0.1
 class DecodeStats:
     """Counts, times and warnings of one call on the receiving side.
 
-    frame_bytes: payload of frame packets without voice; voice_bytes: the voice in them.
+    frame_bytes: payload of frame packets, with the voice in them.
     frozen_frames: pictures that repeat an older face because the encoder had none.
     lost_frames: pictures in place of those whose packets are lost.
     """
 
     model_bytes: int = 0
     frame_bytes: int = 0
-    voice_bytes: int = 0
     frozen_frames: int = 0
     lost_frames: int = 0
     damages: list[str] = field(default_factory=list)
@@ -62,17 +60,17 @@ def received_frames(
     playout: CallPlayout,
     stats: DecodeStats,
     stop: Callable[[], bool],
-    voice: VoiceSeparator,
 ) -> Iterator[PlayoutFrame | None]:
     """The faces of the call's source frames; None before each wait for a packet.
 
-    Damaged packets are counted and skipped.  voice: takes the speech out of the packets.
+    Damaged packets are counted and skipped.
     """
     for arrival in _arrivals(source, playout, stats, stop):
         if arrival is None:
             frames = playout.poll(time.monotonic())
         else:
-            frames = _received(arrival, playout, stats, voice)
+            stats.note_received(arrival.data)
+            frames = playout.receive(arrival)
         yield from _undamaged(frames, playout, stats, stop)
         if playout.ended:
             return
@@ -80,21 +78,6 @@ def received_frames(
     # Nothing more can come: what waits need not wait any longer.
     while not stop() and playout.release_s is not None:
         yield from _undamaged(playout.poll(playout.release_s), playout, stats, stop)
-
-
-def _received(
-    arrival: Arrival, playout: CallPlayout, stats: DecodeStats, voice: VoiceSeparator
-) -> Iterator[PlayoutFrame]:
-    """The frames that can be shown after an arrival, whose voice is taken out."""
-    try:
-        data = voice.receive(arrival.data, arrival.number)
-    except ProtocolError:
-        stats.note_received(arrival.data)
-        raise
-    stats.voice_bytes = voice.voice_bytes
-    if data is not None:
-        stats.note_received(data)
-        yield from playout.receive(replace(arrival, data=data))
 
 
 def _undamaged(

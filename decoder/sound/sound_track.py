@@ -5,9 +5,9 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 
+from decoder.sound.call_speech import CallSpeech
 from decoder.sound.speech_decoder import open_speech_decoder, voice_is_decodable
 from decoder.sound.voice_decoder import VoiceDecoder
-from decoder.sound.voice_separator import VoiceSeparator
 from protocol.call_parameters import CallParameters
 
 Samples = NDArray[np.int16]
@@ -52,10 +52,10 @@ class SoundTrack:
 
 
 def open_sound_track(
-    received: VoiceSeparator, call: CallParameters, first_picture: int
+    speech: CallSpeech, call: CallParameters, first_picture: int
 ) -> SoundTrack | None:
     """The sound track of a call; None: it has no voice, or none that can be decoded here."""
     if call.voice == "off" or not voice_is_decodable(call.voice):
         return None
-    voice = VoiceDecoder(received.speech, open_speech_decoder(call.voice))
+    voice = VoiceDecoder(speech, open_speech_decoder(call.voice))
     return SoundTrack(voice, Fraction(call.fps_numerator, call.fps_denominator), first_picture)

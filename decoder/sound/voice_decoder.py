@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from decoder.sound.call_speech import CallSpeech
 from decoder.sound.speech_decoder import SpeechDecoder
-from decoder.sound.speech_frames import SpeechFrames
 from protocol.errors import ProtocolError
 from protocol.voice.voice_block import SPEECH_FRAMES_PER_SECOND
 
@@ -22,7 +22,7 @@ class VoiceDecoder:
     damaged: number of frames that the codec refused.
     """
 
-    def __init__(self, speech: SpeechFrames, decoder: SpeechDecoder) -> None:
+    def __init__(self, speech: CallSpeech, decoder: SpeechDecoder) -> None:
         self._speech, self._decoder = speech, decoder
         self._gain, self._follows_silence = 0.0, True
         self.next_frame = self.concealed = self.damaged = 0

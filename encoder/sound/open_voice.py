@@ -10,16 +10,13 @@ from encoder.sound.voice_packer import VoicePacker
 USUAL_VOICE = "1200"
 
 
-def chosen_voice(source: str, asked: str | None, to_file: bool) -> tuple[str, str | None]:
+def chosen_voice(source: str, asked: str | None) -> tuple[str, str | None]:
     """The codec for a source, one of `VOICES`, and a warning if it is not what one may expect.
 
     asked: one of `VOICES`; None: the usual one where there is sound and the codec is installed.
-    to_file: the call goes into a call file; others have no voice.
     """
     if asked == "off":
         return "off", None
-    if not to_file:
-        return "off", None if asked is None else "a call over the network has no voice"
     if not has_sound(Path(source)):
         return "off", None if asked is None else f"{source} has no sound: the call has no voice"
     if asked is None and not voice_is_installed(USUAL_VOICE):

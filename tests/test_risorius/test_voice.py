@@ -1,16 +1,18 @@
-"""The voice of a call file, from `risorius encode` to `risorius decode`."""
+"""The voice of a call, from `risorius encode` to `risorius decode`: in a file, over a link."""
 
 from pathlib import Path
 
 import av
 import numpy as np
 import pytest
-from conftest import MakeOnce
+from conftest import MakeOnce, Start
 from numpy.typing import NDArray
+from processes import finish
 
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import open_source
 from encoder.sound.open_voice import chosen_voice
+from loopback.process_pair import free_port
 from protocol.summary import summarise
 from risorius.cli import main
 
@@ -71,10 +73,25 @@ def test_a_voice_goes_from_the_source_into_the_decoded_video(
     assert np.std(samples) > 0
 
 
-def test_a_call_over_the_network_has_no_voice(talking: Path) -> None:
-    assert chosen_voice(str(talking), None, to_file=False) == ("off", None)
-    voice, warning = chosen_voice(str(talking), "1200", to_file=False)
-    assert voice == "off" and warning is not None and "network" in warning
+def test_a_voice_goes_over_a_link_into_the_decoded_video(
+    talking: Path, tmp_path: Path, start: Start
+) -> None:
+    pytest.importorskip("pycodec2")
+    pytest.importorskip("webrtcvad")
+    endpoint, decoded = f"tcp/127.0.0.1:{free_port()}", tmp_path / "out.mkv"
+    decoder = start("decode", "--listen", endpoint, "-o", decoded, "-q")
+    encoder = start("encode", talking, "--connect", endpoint, "--profile", "thesis", "-q")
+    assert finish(encoder) == (0, "") and finish(decoder) == (0, "")
+    *samples, rate_hz = sound_samples(decoded)
+    assert rate_hz == RATE_HZ
+    assert len(samples) / RATE_HZ == pytest.approx(FRAMES / 30, abs=0.25)
+    assert np.std(samples) > 0
+
+
+def test_a_source_without_sound_has_no_voice(carphone: Path) -> None:
+    assert chosen_voice(str(carphone), None) == ("off", None)
+    voice, warning = chosen_voice("0", "1200")
+    assert voice == "off" and warning is not None and "no sound" in warning
 
 
 def test_a_call_without_its_voice_is_that_of_a_silent_source(
