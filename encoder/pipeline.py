@@ -166,7 +166,7 @@ def run_session(
 
     packets.send_times(0)
     _run_pass(session, source, next_frame, options.source)
-    session.end(len(stats.capture_ns))
+    session.end(stats.next_index)
 
 
 def first_and_second_pass(

@@ -26,6 +26,7 @@ from encoder.coding.rate_control import OnlineRateController, RateTarget
 from encoder.detection.iris import WIDE_CROP_SCALE
 from encoder.live_model.learner import Learner, LocalLearner
 from encoder.live_model.learning_process import LearningProcess
+from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -102,6 +103,11 @@ class LiveEncoder:
         self._learner.close()
 
     def _encode(self, index: int, picture: Picture, next_frame: Picture | None) -> None:
+        if self.started:
+            self._repeat_over_gap(index)
+        if not picture.size:
+            self._rest(index)
+            return
         found = self._search.find(picture, next_frame)
         if found is None:
             self._skip(index)
@@ -110,15 +116,37 @@ class LiveEncoder:
         if not self.started:
             self._model.start(index)
             self._filler.start_at(index)
-        if self._filler.is_coded(index):
+        if self._is_coded(index):
             self._add(index, picture, found.points)
         self._model.train_if_due(self._position)
+
+    def _repeat_over_gap(self, index: int) -> None:
+        """Fill and send the packets that end before source frame `index`.
+
+        A camera leaves frames out if nobody takes them; these repeat the newest face.
+        """
+        step = self._gop.frame_step
+        while self._filler.next_index + step * (self._packet_frames - len(self._filler)) <= index:
+            self._filler.fill_gap(index, self._packet_frames)
+            self._send_packet()
+
+    def _rest(self, index: int) -> None:
+        """The camera is off in source frame `index`."""
+        if not self.started:
+            return
+        version = self._model.version
+        self._filler.fill_gap(index, self._packet_frames - 1)
+        if self._filler.is_coded(index):
+            modes = np.zeros(len(version.transform.modes))
+            self._filler.add_rest(FaceParameters(version.packet.reference_pose, modes=modes))
+            self._send_full_packet()
 
     def _skip(self, index: int) -> None:
         """Source frame `index` shows no face."""
         if not self.started:
             warn_of_long_search(index / self._fps, self._look_for_face_s, self._stats)
             return
+        self._filler.fill_gap(index, self._packet_frames - 1)
         self._filler.add_without_face(index)
         self._send_full_packet()
 
@@ -129,6 +157,7 @@ class LiveEncoder:
         with self._stats.stage("fit"):
             fit = version.fit_texels if is_overloaded else version.fit
             face = fit(sample, self._filler.initial_face)
+        self._filler.fill_gap(index, self._packet_frames - 1, face)
         self._filler.add(face, sample)
         nearly_full = len(self._filler) + self._mode_latency_frames >= self._packet_frames
         fitted = replace(sample, face=face)
@@ -151,6 +180,10 @@ class LiveEncoder:
         self._packets.send_frames(number, payload, duration_s)
         if self._model.on_packet_sent(self._position):
             self._filler.reset_modes(len(self._model.version.transform.modes))
+
+    def _is_coded(self, index: int) -> bool:
+        ahead = index - self._filler.next_index
+        return ahead >= 0 and ahead % self._gop.frame_step == 0
 
     @property
     def _packet_frames(self) -> int:

@@ -1,31 +1,37 @@
 """Collects the coded frames of a live call until the next frame packet is full."""
 
 from dataclasses import dataclass, replace
+from math import ceil
 
 import numpy as np
 
 from encoder.learning.incremental_modes import FaceSample
 from encoder.live_model.model_version import ModelVersion
+from shared_model.geometry import interpolate
 from shared_model.parameters import FaceParameters
+
+# Share of the way to rest that a face goes from one coded frame to the next.
+REST_SHARE = 0.25
 
 
 @dataclass(frozen=True, slots=True)
 class _PendingFrame:
     """A coded frame whose packet is not full.
 
-    sample: what the face was fitted to; None: no face was visible, the frame repeats the one
-        before.
+    sample: what the face was fitted to; None: there was nothing to fit to.
+    repeats: the frame repeats the one before, since no face was visible.
     """
 
     face: FaceParameters
     sample: FaceSample | None = None
+    repeats: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class FilledPacket:
     """The faces of one frame packet.
 
-    start_frame: source frame of the first.  visible: whether any frame shows the face.
+    start_frame: source frame of the first.  visible: whether any frame has a face of its own.
     """
 
     start_frame: int
@@ -56,6 +62,11 @@ class PacketFiller:
         return self._start_frame
 
     @property
+    def next_index(self) -> int:
+        """The source frame that is coded next."""
+        return self._start_frame + len(self._pending) * self._frame_step
+
+    @property
     def initial_face(self) -> FaceParameters | None:
         """Where the fit of the next frame begins; None: the frame before shows no face."""
         return None if self._is_interrupted else self._face
@@ -66,12 +77,35 @@ class PacketFiller:
 
     def is_coded(self, index: int) -> bool:
         """Whether source frame `index` is the next coded one."""
-        return index == self._start_frame + len(self._pending) * self._frame_step
+        return index == self.next_index
 
     def add(self, face: FaceParameters, sample: FaceSample) -> None:
         """Add the next coded frame, with its face as fitted to `sample`."""
         self._face, self._is_interrupted = face, False
         self._pending.append(_PendingFrame(face, sample))
+
+    def add_rest(self, rest: FaceParameters) -> None:
+        """Add the next coded frame while the camera is off: the face goes to rest, and stays.
+
+        rest: with as many modes as the faces.
+        """
+        before = rest if self._face is None else self._face
+        self._face, self._is_interrupted = interpolate(before, rest, REST_SHARE), True
+        self._pending.append(_PendingFrame(self._face))
+
+    def fill_gap(self, index: int, limit: int, face: FaceParameters | None = None) -> None:
+        """Add the coded frames before source frame `index` that the source has left out.
+
+        They lead from the newest face to `face`; None: they repeat it.
+        limit: no more frames than these wait then.
+        """
+        if self._face is None:
+            return
+        missing = max(0, ceil((index - self.next_index) / self._frame_step))
+        before, after = self._face, self._face if face is None else face
+        for number in range(1, min(missing, limit - len(self._pending)) + 1):
+            between = interpolate(before, after, number / (missing + 1))
+            self._pending.append(_PendingFrame(between))
 
     def add_without_face(self, index: int) -> None:
         """Note that source frame `index` shows no face; if it is coded, it repeats the newest one.
@@ -82,16 +116,21 @@ class PacketFiller:
             raise ValueError(f"frame {index} has no face before it, expected one to repeat")
         self._is_interrupted = True
         if self.is_coded(index):
-            self._pending.append(_PendingFrame(self._face))
+            self._pending.append(_PendingFrame(self._face, repeats=True))
 
     def refit(self, version: ModelVersion) -> None:
-        """Fit the waiting faces again with the newest modes of `version`."""
+        """Fit the waiting faces again with the newest modes of `version`.
+
+        A frame without a sample gets the face, or only the modes, of the one before.
+        """
         refitted: list[_PendingFrame] = []
         for frame in self._pending:
             if frame.sample is not None:
                 frame = replace(frame, face=version.refit(frame.sample, frame.face))
             elif refitted:
-                frame = replace(frame, face=refitted[-1].face)
+                newest = refitted[-1].face
+                face = newest if frame.repeats else replace(frame.face, modes=newest.modes)
+                frame = replace(frame, face=face)
             refitted.append(frame)
         if refitted:
             self._pending, self._face = refitted, refitted[-1].face
@@ -104,7 +143,7 @@ class PacketFiller:
     def take(self) -> FilledPacket:
         """The frames that wait; the next packet begins after them."""
         faces = tuple(frame.face for frame in self._pending)
-        visible = any(frame.sample is not None for frame in self._pending)
+        visible = any(not frame.repeats for frame in self._pending)
         filled = FilledPacket(self._start_frame, faces, visible)
         self._start_frame += len(faces) * self._frame_step
         self._pending = []

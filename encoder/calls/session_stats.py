@@ -16,6 +16,7 @@ class SessionStats:
     packets: number of packets of any kind.
     lost_frames: number of source frames without a face.
     capture_ns: `time.monotonic_ns` at which each source frame was read.
+    next_index: index of the source frame after the newest; a camera may have left some out.
     timer: time of each stage.
     """
 
@@ -28,6 +29,7 @@ class SessionStats:
     lost_frames: int = 0
     warnings: list[str] = field(default_factory=list)
     capture_ns: list[int] = field(default_factory=list)
+    next_index: int = 0
     timer: StageTimer = field(default_factory=StageTimer)
 
     def stage(self, name: str) -> AbstractContextManager[None]:

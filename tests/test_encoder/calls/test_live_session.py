@@ -1,5 +1,6 @@
 """A live call: frames go out as they come, and the model is trained again meanwhile."""
 
+from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 
@@ -8,12 +9,18 @@ from shots import draw, talking
 
 from decoder.pipeline import DecodeOptions, decode
 from decoder.playout import Playout, PlayoutFrame
-from encoder.calls.packet_sender import LEAD_PACKETS
+from encoder.calls.live_session import LiveEncoder
+from encoder.calls.packet_sender import LEAD_PACKETS, PacketSender
+from encoder.calls.session_stats import SessionStats
+from encoder.capture.live_capture import NO_PICTURE, FrameMailbox, LiveCapture
+from encoder.capture.video_source import open_source
+from encoder.coding.gop import gop_for_fps
+from encoder.coding.model_packet import budget_for
 from encoder.live_model.model_schedule import TRAINING_SCHEDULE
 from encoder.live_model.model_version import RESERVED_MODES
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
-from protocol.call_file import CallReader
+from protocol.call_file import CallReader, CallWriter
 from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
 from protocol.packets import ControlKind, ControlPacket, FramePacket, parse_packet
@@ -110,3 +117,34 @@ def test_the_same_source_gives_the_same_bytes(call: Path, clip: Path, tmp_path: 
 def test_training_in_the_background_loses_no_frame(clip: Path, tmp_path: Path) -> None:
     encode_live(clip, tmp_path / "paced.rzo", pace=True)
     assert [frame.index for frame in played(tmp_path / "paced.rzo")] == list(range(FRAMES))
+
+
+def test_frames_that_a_camera_left_out_are_filled_and_a_camera_that_is_off_goes_to_rest(
+    clip: Path, tmp_path: Path
+) -> None:
+    """Frames come late and are left out; the call keeps the source's time."""
+    mailbox = FrameMailbox(Fraction(FPS))
+    path, off, end = tmp_path / "gaps.rzo", 50, 66
+    with open_source(str(clip)) as frames:
+        pictures = {i: p for i, p in frames if i not in {20, 21, *range(30, 42)}}
+    mailbox.put(pictures[0], 0.0)
+    capture = LiveCapture("camera", mailbox, Fraction(FPS))
+    stats = SessionStats()
+    with CallWriter(path) as sink:
+        gop, budget = gop_for_fps(capture.fps, None), budget_for("live", None)
+        packets = PacketSender(sink, stats)
+        session = LiveEncoder(capture, packets, stats, budget, 800, gop, 10, synchronous=True)
+        for index in range(end):
+            if index < off and index in pictures:
+                session.frame(index, pictures[index])
+            elif index >= off:
+                session.frame(index, NO_PICTURE)
+        session.end(end)
+    shown = played(path)
+    assert [frame.index for frame in shown] == list(range(end))
+    assert not any(frame.frozen for frame in shown)
+    jaw = [frame.face.eau[EAU_INDEX["jaw_drop"]] for frame in shown]
+    assert max(jaw[:off]) > 0.2 and abs(jaw[-1]) < 0.05
+    # Two frames between two others lie between them, too.
+    low, high = sorted((jaw[19], jaw[22]))
+    assert all(low - 0.1 <= value <= high + 0.1 for value in jaw[20:22])

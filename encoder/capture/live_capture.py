@@ -1,0 +1,193 @@
+"""A camera whose frames are counted by the clock: who is slow misses some, and time goes on.
+
+A thread or another program puts each frame into a mailbox; the encoder takes the newest.  The index
+of a frame is the time at which it was taken, in periods of the frame rate: after frames that nobody
+took, or that the camera left out in the dark, it goes on where the clock is.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from fractions import Fraction
+from threading import Condition, Thread
+
+import cv2
+import numpy as np
+
+from encoder.capture.frame_times import FrameTimes
+from encoder.capture.video_source import Capture, Frame, open_source
+from shared_model.errors import UserError
+
+# Stands for a frame while the camera is off.
+NO_PICTURE: Frame = np.zeros((0, 0, 3), np.uint8)
+# A frame may come by so many periods before its time; one that comes sooner is left out.
+EARLY_FRAMES = 0.8
+# How long who waits for a frame waits at once: Python handles Ctrl-C in between.
+NAP_S = 0.1
+# A camera that gives nothing for so long is taken as off: the call, and the voice in it, go on.
+STALL_S = 0.5
+# A picture taken from a camera file or device has at most so many pixels; larger ones are reduced.
+MAX_PICTURE_PX = 640 * 480
+
+
+class FrameMailbox:
+    """Holds the newest frame of a camera until it is taken; any thread may put one in.
+
+    While the camera is off, or gives nothing any more, `NO_PICTURE` comes out at the rate of the
+    frames.
+    """
+
+    def __init__(self, fps: Fraction, clock: Callable[[], float] = time.monotonic) -> None:
+        self._period_s, self._clock = float(1 / fps), clock
+        self._changed = Condition()
+        self._newest: tuple[float, Frame] | None = None
+        self._last_s: float | None = None  # when a frame was put in
+        self._is_off = self._is_closed = False
+        self._error: BaseException | None = None
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether no further frame is taken."""
+        return self._is_closed
+
+    def put(self, picture: Frame, time_s: float) -> None:
+        """A frame (h, w, 3) uint8 BGR, taken at `time_s` of the clock; replaces one not taken."""
+        with self._changed:
+            self._newest, self._last_s = (time_s, picture), self._clock()
+            self._changed.notify_all()
+
+    def switch(self, on: bool) -> None:
+        """Switch the camera on or off."""
+        with self._changed:
+            self._is_off = not on
+            self._changed.notify_all()
+
+    def close(self, error: BaseException | None = None) -> None:
+        """No further frame comes.  error: raised by who takes one."""
+        with self._changed:
+            self._is_closed, self._error = True, error
+            self._changed.notify_all()
+
+    def take(self) -> tuple[float, Frame] | None:
+        """Wait for a frame and the time at which it was taken; None after the last one."""
+        with self._changed:
+            while not self._is_closed:
+                if self._is_off or self._is_stalled:
+                    self._changed.wait(self._period_s)
+                    if self._is_off:
+                        self._newest = None
+                    if self._newest is None:
+                        return self._clock(), NO_PICTURE
+                if self._newest is not None:
+                    newest, self._newest = self._newest, None
+                    return newest
+                self._changed.wait(NAP_S)
+        if self._error is not None:
+            raise self._error
+        return None
+
+    @property
+    def _is_stalled(self) -> bool:
+        if self._newest is not None or self._last_s is None:
+            return False
+        return self._clock() - self._last_s > STALL_S
+
+
+class _FirstPicture:
+    """Reads the first picture that a mailbox gets, for a `Capture` to take the size of."""
+
+    def __init__(self, mailbox: FrameMailbox) -> None:
+        self._mailbox = mailbox
+
+    def read(self) -> Frame | None:
+        while (taken := self._mailbox.take()) is not None:
+            if taken[1].size:
+                return taken[1]
+        return None
+
+    def close(self) -> None:
+        self._mailbox.close()
+
+
+class LiveCapture(Capture):
+    """The frames of a mailbox as a source, see above; waits for the first one.
+
+    Raises `UserError` if the mailbox is closed before.
+    """
+
+    def __init__(self, name: str, mailbox: FrameMailbox, fps: Fraction) -> None:
+        self._mailbox = mailbox
+        self._start_s: float | None = None
+        super().__init__(name, _FirstPicture(mailbox), FrameTimes(fps), None, is_live=True)
+
+    @property
+    def start_s(self) -> float | None:
+        """The time of frame 0; None before it is taken."""
+        return self._start_s
+
+    def __iter__(self) -> Iterator[tuple[int, Frame]]:
+        """Yield (index, frame); frames of another size are brought to that of the first."""
+        upcoming = 0
+        while (taken := self._mailbox.take()) is not None:
+            time_s, picture = taken
+            if self._start_s is None:
+                self._start_s = time_s
+            position = (time_s - self._start_s) * float(self.fps)
+            if position < upcoming - EARLY_FRAMES:
+                continue
+            index = max(upcoming, round(position))
+            upcoming = index + 1
+            yield index, self._fitted(picture)
+
+    def drop_frames_while(self, busy: Callable[[], bool]) -> None:
+        """See `Capture`."""
+        while busy() and self._mailbox.take() is not None:
+            pass
+
+    def _fitted(self, picture: Frame) -> Frame:
+        if not picture.size or picture.shape[:2] == (self.height, self.width):
+            return picture
+        resized = cv2.resize(picture, (self.width, self.height), interpolation=cv2.INTER_AREA)
+        return np.asarray(resized, dtype=np.uint8)
+
+
+def read_camera(source: str, mailbox: FrameMailbox, capture: Capture, repeat: bool) -> Thread:
+    """Start a thread that puts the frames of an open source into a mailbox, each at its time.
+
+    repeat: begin a file again at its end.
+    """
+
+    def work() -> None:
+        try:
+            _read_all(capture, mailbox)
+            while repeat and not capture.is_live and not mailbox.is_closed:
+                with open_source(source) as again:
+                    _read_all(again, mailbox)
+            mailbox.close()
+        except UserError as error:
+            mailbox.close(error)
+
+    thread = Thread(target=work, daemon=True)
+    thread.start()
+    return thread
+
+
+def _read_all(capture: Capture, mailbox: FrameMailbox) -> None:
+    start_s = time.monotonic()
+    for index, picture in capture:
+        due_s = start_s if capture.is_live else start_s + capture.times.time_s(index)
+        if (early_s := due_s - time.monotonic()) > 0:
+            time.sleep(early_s)
+        if mailbox.is_closed:
+            return
+        taken_s = time.monotonic()
+        mailbox.put(reduced(picture), taken_s)
+
+
+def reduced(picture: Frame) -> Frame:
+    """The picture with at most `MAX_PICTURE_PX` pixels, its sides even."""
+    height, width = picture.shape[:2]
+    scale = (MAX_PICTURE_PX / (height * width)) ** 0.5
+    if scale >= 1:
+        return picture
+    size = 2 * round(scale * width / 2), 2 * round(scale * height / 2)
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)

@@ -1,0 +1,124 @@
+"""A camera by the clock: late frames are left out, early ones too, and time goes on."""
+
+from fractions import Fraction
+from pathlib import Path
+from threading import Thread
+
+import numpy as np
+import pytest
+
+from decoder.sinks.frame_sink import open_sink
+from encoder.capture.live_capture import (
+    MAX_PICTURE_PX,
+    NO_PICTURE,
+    FrameMailbox,
+    LiveCapture,
+    read_camera,
+    reduced,
+)
+from encoder.capture.video_source import Frame, open_source
+from shared_model.errors import UserError
+
+FPS = Fraction(25)
+
+
+def picture(value: int, height: int = 4, width: int = 6) -> Frame:
+    return np.full((height, width, 3), value, np.uint8)
+
+
+def indices(times_s: list[float]) -> list[int]:
+    """The indices of frames that are all taken, by the times at which they were."""
+    mailbox = FrameMailbox(FPS)
+    mailbox.put(picture(0), 0.0)
+    capture, found = LiveCapture("camera", mailbox, FPS), list[int]()
+    mailbox.put(picture(0), times_s[0])
+    for index, _ in capture:
+        found.append(index)
+        times_s = times_s[1:]
+        if not times_s:
+            break
+        mailbox.put(picture(0), times_s[0])
+    return found
+
+
+def test_frames_have_the_index_of_their_time() -> None:
+    assert indices([3.0, 3.04, 3.08, 3.2, 3.24]) == [0, 1, 2, 5, 6]
+
+
+def test_a_camera_of_half_the_rate_leaves_out_every_other_index() -> None:
+    assert indices([0.08 * i for i in range(5)]) == [0, 2, 4, 6, 8]
+
+
+def test_jitter_neither_repeats_nor_leaves_out_an_index() -> None:
+    assert indices([0, 0.05, 0.07, 0.13, 0.15]) == [0, 1, 2, 3, 4]
+
+
+def test_the_newest_frame_is_taken_and_after_closing_none() -> None:
+    mailbox = FrameMailbox(FPS)
+    for value in (1, 2):
+        mailbox.put(picture(value), float(value))
+    taken = mailbox.take()
+    assert taken is not None and taken[0] == 2.0 and taken[1][0, 0, 0] == 2
+    mailbox.close()
+    assert mailbox.take() is None
+
+
+def test_who_waits_gets_the_error_that_ends_the_camera() -> None:
+    mailbox = FrameMailbox(FPS)
+    mailbox.close(UserError("unplugged"))
+    with pytest.raises(UserError, match="unplugged"):
+        LiveCapture("camera", mailbox, FPS)
+
+
+def test_while_the_camera_is_off_there_are_frames_without_pictures() -> None:
+    mailbox = FrameMailbox(FPS)
+    mailbox.put(picture(1), 0.0)
+    capture = LiveCapture("camera", mailbox, FPS)
+    mailbox.switch(on=False)
+    frames = iter(capture)
+    assert all(next(frames)[1] is NO_PICTURE for _ in range(3))
+    mailbox.switch(on=True)
+    mailbox.put(picture(7), 1e9)
+    assert next(frames)[1][0, 0, 0] == 7
+
+
+def test_a_camera_that_gives_nothing_any_more_is_taken_as_off() -> None:
+    now_s = iter([0.0, *[2.0] * 9])
+    mailbox = FrameMailbox(FPS, lambda: next(now_s))
+    mailbox.put(picture(1), 0.0)
+    first, taken = mailbox.take(), mailbox.take()
+    assert first is not None and first[1].size
+    assert taken is not None and taken[1] is NO_PICTURE
+
+
+def test_frames_of_another_size_are_brought_to_that_of_the_first() -> None:
+    mailbox = FrameMailbox(FPS)
+    mailbox.put(picture(1), 0.0)
+    capture = LiveCapture("camera", mailbox, FPS)
+    mailbox.put(picture(9, 8, 12), 0.1)
+    assert next(iter(capture))[1].shape == (4, 6, 3)
+
+
+def test_a_file_is_a_camera_that_begins_again_at_its_end(tmp_path: Path) -> None:
+    path = tmp_path / "clip.mkv"
+    with open_sink(path, 16, 16, Fraction(100)) as sink:
+        for value in (10, 200):
+            sink.write(picture(value, 16, 16))
+    mailbox = FrameMailbox(Fraction(100))
+    with open_source(str(path)) as opened:
+        thread: Thread = read_camera(str(path), mailbox, opened, repeat=True)
+        seen = list[int]()
+        while len(seen) < 6 and (taken := mailbox.take()) is not None:
+            value = int(taken[1][0, 0, 0])
+            seen += [value] if seen[-1:] != [value] else []
+        mailbox.close()
+        thread.join()
+    assert seen == [10, 200] * 3
+
+
+def test_large_pictures_are_reduced_and_small_ones_stay() -> None:
+    large = reduced(picture(1, 720, 1280))
+    assert large.shape[0] * large.shape[1] <= MAX_PICTURE_PX * 1.01
+    assert large.shape[0] % 2 == large.shape[1] % 2 == 0
+    small = picture(1)
+    assert reduced(small) is small
