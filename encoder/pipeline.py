@@ -20,11 +20,13 @@ from encoder.calls.session_callbacks import Progress, SessionCallbacks
 from encoder.calls.session_stats import SessionStats
 from encoder.calls.thesis_session import ThesisEncoder
 from encoder.calls.two_pass_session import TwoPassEncoder, send_call
-from encoder.calls.warm_up import warm_up
 from encoder.capture.video_source import Capture, open_source
 from encoder.coding.gop import GopStructure, gop_for_fps
 from encoder.coding.model_packet import budget_for
 from encoder.coding.pacer import LayerPacer
+from encoder.live_model.learner import LocalLearner
+from encoder.live_model.learning_process import LearningProcess
+from encoder.live_model.warm_up import warm_up
 from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
 from encoder.report import EncodeReport, report_of
@@ -110,23 +112,25 @@ def encode_live(
     packets = PacketSender(sink, stats, _pacer(options), capture.times, voice)
     gop = _gop(options, capture)
     # A source that waits for its reader can wait for the training, too.
-    synchronous = not (options.pace or capture.is_live)
-    if not synchronous:
-        callbacks.on_preparing("warming up")
-        with dropping_frames(capture):
-            warm_up(head_with_surround(), capture, gop, np.random.default_rng(0))
-        callbacks.on_preparing("")
-    session = LiveEncoder(
-        capture,
-        packets,
-        stats,
-        budget_for("live", options.model_bytes),
-        options.bitrate,
-        gop,
-        options.look_for_face_s,
-        synchronous,
-    )
-    with closing(session):
+    realtime = options.pace or capture.is_live
+    with closing(LearningProcess(stats.warn) if realtime else LocalLearner()) as learner:
+        if isinstance(learner, LearningProcess):
+            learner.warm_up(capture.format, gop)
+            callbacks.on_preparing("warming up")
+            with dropping_frames(capture):
+                warm_up(head_with_surround(), capture.format, gop, np.random.default_rng(0))
+            callbacks.on_preparing("")
+        session = LiveEncoder(
+            capture,
+            packets,
+            stats,
+            budget_for("live", options.model_bytes),
+            options.bitrate,
+            gop,
+            options.look_for_face_s,
+            learner,
+            realtime,
+        )
         run_session(session, packets, options, capture, stats, callbacks)
 
 

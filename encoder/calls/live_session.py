@@ -24,8 +24,7 @@ from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget
 from encoder.coding.rate_control import OnlineRateController, RateTarget
 from encoder.detection.iris import WIDE_CROP_SCALE
-from encoder.live_model.learner import Learner, LocalLearner
-from encoder.live_model.learning_process import LearningProcess
+from encoder.live_model.learner import Learner
 from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
@@ -41,9 +40,9 @@ class LiveEncoder:
 
     bitrate: bits per second of the frame packets.
     look_for_face_s: add a warning if there is no face after this many seconds of video.
-    synchronous: train before the next frame, so that the same source gives the same bytes;
-        otherwise in the background, and a call that falls behind its source fits faces by texels
-        only.
+    learner: trains and learns; one that is done at once gives the same bytes for the same source.
+    realtime: frames do not wait for the learner, and a call that falls behind its source fits faces
+        by texels only.
     clock: seconds from any origin.
     """
 
@@ -56,20 +55,19 @@ class LiveEncoder:
         bitrate: float,
         gop: GopStructure,
         look_for_face_s: float,
-        synchronous: bool,
+        learner: Learner,
+        realtime: bool,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         fps, coded_fps = float(capture.fps), float(gop.coded_fps(capture.fps))
         self._packets, self._stats, self._gop, self._fps = packets, stats, gop, fps
         self._look_for_face_s, self._clock = look_for_face_s, clock
-        self._learner: Learner = LocalLearner() if synchronous else LearningProcess(stats.warn)
-        self._overload = None if synchronous else OverloadController(1 / fps)
-        self._mode_latency_frames = 0 if synchronous else round(MODE_LATENCY_S * coded_fps)
+        self._learner = learner
+        self._overload = OverloadController(1 / fps) if realtime else None
+        self._mode_latency_frames = round(MODE_LATENCY_S * coded_fps) if realtime else 0
         updates = ModelUpdateSender(packets, stats, gop, fps)
         self._search = open_landmark_search(stats, eye_crop_scale=WIDE_CROP_SCALE)
-        self._model = ModelLifecycle(
-            capture, gop, budget, updates, stats, self._learner, not synchronous
-        )
+        self._model = ModelLifecycle(capture, gop, budget, updates, stats, learner, realtime)
         self._filler = PacketFiller(gop.frame_step)
         self._rate = OnlineRateController(RateTarget(bitrate, coded_fps, gop.frames_per_packet))
         self._coder = PacketCoder(self._rate)

@@ -127,7 +127,7 @@ class ModelLifecycle:
         pictures, points = self._frames.sample()
         trainer = ModelTrainer(
             head_with_surround(),
-            self._capture,
+            self._capture.format,
             self._gop,
             background_of(pictures[0], face_outline(points[0])),
             self._budget,

@@ -110,5 +110,5 @@ class _VersionModes:
         fit = self._version.fit_texels
         modes = self._learner.update(task.samples, fit, task.byte_budget, task.max_modes)
         for mode in modes:
-            self._version = self._version.with_mode(mode)
+            self._version = self._version.with_mode_of_texels(mode)
         return modes

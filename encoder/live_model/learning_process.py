@@ -17,18 +17,25 @@ from functools import partial
 from itertools import count
 from typing import Any
 
+import numpy as np
+
+from encoder.capture.video_source import VideoFormat
+from encoder.coding.gop import GopStructure
 from encoder.learning.incremental_modes import LearnedMode
 from encoder.live_model.learner import LocalLearner, ModesTask, TrainingTask
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import ModelVersion
 from encoder.live_model.object_stream import ObjectStream
+from encoder.live_model.warm_up import warm_up
 from encoder.runtime.parallel import NICENESS, low_priority_executor
+from shared_model.surround import head_with_surround
 
 
 class LearningProcess:
     """A `Learner` in a process of its own.
 
-    on_failure: called once with a line if the process ends by itself; nothing more is learned.
+    on_failure: called once with a line if the process ends by itself or cannot be understood;
+        nothing more is learned.
     """
 
     def __init__(self, on_failure: Callable[[str], None]) -> None:
@@ -56,6 +63,10 @@ class LearningProcess:
     def pid(self) -> int:
         """Number of the process."""
         return self._process.pid
+
+    def warm_up(self, video: VideoFormat, gop: GopStructure) -> None:
+        """Begin with a warm-up for a source, see `warm_up`."""
+        self._send("warm_up", (video, gop))
 
     def begin(self, trainer: ModelTrainer) -> None:
         """See `Learner`."""
@@ -85,16 +96,21 @@ class LearningProcess:
         future = Future[Any]()
         number = next(self._numbers)
         self._waiting[number] = future
-        self._sender.submit(self._send_now, (number, method, argument))
+        self._sender.submit(self._send_now, number, method, argument)
         return future
 
-    def _send_now(self, message: object) -> None:
-        # A process that is gone is noticed where its results are waited for.
-        with suppress(OSError):
-            self._stream.send(message)
+    def _send_now(self, number: int, method: str, argument: object) -> None:
+        try:
+            self._stream.send((number, method, argument))
+        except OSError:
+            # A process that is gone is noticed where its results are received.
+            return
+        except Exception as error:
+            # An argument that cannot be pickled: for whoever asks for the result.
+            self._waiting.pop(number).set_exception(error)
 
     def _receive(self) -> None:
-        with suppress(EOFError):
+        try:
             while True:
                 number, result, error = self._stream.receive()
                 future = self._waiting.pop(number)
@@ -102,9 +118,16 @@ class LearningProcess:
                     future.set_result(result)
                 else:
                     future.set_exception(error)
-        if not self._is_closing:
-            code = self._process.wait()
-            self._on_failure(f"the learning process has ended ({code}): nothing more is learned")
+        except EOFError:
+            if not self._is_closing:
+                self._fail(f"the learning process has ended ({self._process.wait()})")
+        except Exception as error:
+            # Whatever unpickling raises.
+            self._process.kill()
+            self._fail(f"what the learning process has sent cannot be read ({error!r})")
+
+    def _fail(self, reason: str) -> None:
+        self._on_failure(f"{reason}: nothing more is learned")
 
 
 def serve(descriptor: int) -> None:
@@ -126,7 +149,12 @@ class _Server:
         with suppress(EOFError):
             while True:
                 number, method, argument = self._stream.receive()
-                result = getattr(self._learner, method)(argument)
+                if method == "warm_up":
+                    video, gop = argument
+                    warm_up(head_with_surround(), video, gop, np.random.default_rng(0))
+                    result = None
+                else:
+                    result = getattr(self._learner, method)(argument)
                 if isinstance(result, Future):
                     result.add_done_callback(partial(self._answer, number))
                 else:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.capture.video_source import Capture
+from encoder.capture.video_source import VideoFormat
 from encoder.coding.background import BackgroundImage
 from encoder.coding.distortion import distortion_of
 from encoder.coding.gop import GopStructure
@@ -83,14 +83,14 @@ class ModelTrainer:
     def __init__(
         self,
         head: Head,
-        capture: Capture,
+        video: VideoFormat,
         gop: GopStructure,
         background: BackgroundImage,
         budget: ModelBudget,
         progressive: bool,
         workers: int | None,
     ) -> None:
-        self._head, self._video, self._gop = head, capture.format, gop
+        self._head, self._video, self._gop = head, video, gop
         self._background, self._budget = background, budget
         self._progressive, self._workers = progressive, workers
         self._identity: IdentityFit | None = None  # of the version before

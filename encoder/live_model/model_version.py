@@ -129,16 +129,20 @@ class ModelVersion:
 
     def with_mode(self, mode: LearnedMode) -> "ModelVersion":
         """The same with one of the reserved modes learned."""
-        atlas = self.person.shape.atlas
-        fitter = self.person.texel_fitter.with_mode(mode.luma[atlas.rows, atlas.columns])
-        modes, model = fitter.template.modes, self.distortion_model
+        with_texels = self.with_mode_of_texels(mode)
+        modes = with_texels.person.texel_fitter.template.modes
         return replace(
-            self,
-            person=replace(self.person, texel_fitter=fitter),
+            with_texels,
             transform=with_reserved_modes(self.transform, 1),
-            distortion=model.distortion_matrix(modes, EYELID_DISTORTION),
+            distortion=self.distortion_model.distortion_matrix(modes, EYELID_DISTORTION),
             image_fitter=self.image_fitter.with_mode(mode.luma),
         )
+
+    def with_mode_of_texels(self, mode: LearnedMode) -> "ModelVersion":
+        """The same for `fit_texels` as `with_mode` makes it; the rest of it has no new mode."""
+        atlas = self.person.shape.atlas
+        fitter = self.person.texel_fitter.with_mode(mode.luma[atlas.rows, atlas.columns])
+        return replace(self, person=replace(self.person, texel_fitter=fitter))
 
 
 def _zero_padded(values: Array, count: int) -> Array:

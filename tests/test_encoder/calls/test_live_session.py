@@ -16,6 +16,7 @@ from encoder.capture.live_capture import NO_PICTURE, FrameMailbox, LiveCapture
 from encoder.capture.video_source import open_source
 from encoder.coding.gop import gop_for_fps
 from encoder.coding.model_packet import budget_for
+from encoder.live_model.learner import LocalLearner
 from encoder.live_model.model_schedule import TRAINING_SCHEDULE
 from encoder.live_model.model_version import RESERVED_MODES
 from encoder.options import EncodeOptions
@@ -133,7 +134,9 @@ def test_frames_that_a_camera_left_out_are_filled_and_a_camera_that_is_off_goes_
     with CallWriter(path) as sink:
         gop, budget = gop_for_fps(capture.fps, None), budget_for("live", None)
         packets = PacketSender(sink, stats)
-        session = LiveEncoder(capture, packets, stats, budget, 800, gop, 10, synchronous=True)
+        session = LiveEncoder(
+            capture, packets, stats, budget, 800, gop, 10, LocalLearner(), realtime=False
+        )
         for index in range(end):
             if index < off and index in pictures:
                 session.frame(index, pictures[index])

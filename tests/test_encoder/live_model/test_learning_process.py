@@ -3,22 +3,26 @@
 import os
 import signal
 import socket
+import threading
+from collections.abc import Sequence
 from pathlib import Path
 from queue import SimpleQueue
+from typing import cast
 
 import numpy as np
 import pytest
 from shots import draw, talking
 
-from encoder.calls.warm_up import frontal_landmarks
 from encoder.capture.video_source import open_source
 from encoder.coding.background import BackgroundImage
 from encoder.coding.gop import gop_for_fps
 from encoder.coding.model_packet import BUDGETS
+from encoder.learning.incremental_modes import FaceSample
 from encoder.live_model.learner import LocalLearner, ModesTask, TrainingTask
 from encoder.live_model.learning_process import LearningProcess
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.object_stream import ObjectStream
+from encoder.live_model.warm_up import frontal_landmarks
 from protocol.pictures.picture_codec import decode_picture
 from shared_model.geometry import Camera
 from shared_model.surround import head_with_surround
@@ -35,7 +39,7 @@ def test_what_another_process_learns_is_what_this_one_learns(tmp_path: Path) -> 
         points = frontal_landmarks(head, Camera(*size, max(size)))
         trainer = ModelTrainer(
             head,
-            capture,
+            capture.format,
             gop_for_fps(capture.fps, None),
             BackgroundImage(pictures[0]),
             BUDGETS["live"],
@@ -71,6 +75,43 @@ def test_a_learning_process_that_dies_is_told_once_and_harms_nothing() -> None:
         os.kill(process.pid, signal.SIGKILL)
         assert "nothing more is learned" in lines.get(timeout=LIMIT_S)
         assert not process.learn(ModesTask([], 1.0, 1)).done()
+    finally:
+        process.close()
+
+
+class TwoWordedError(Exception):
+    """Cannot be unpickled, as many exceptions with a constructor of their own."""
+
+    def __init__(self, one: str, other: str) -> None:
+        super().__init__(f"{one} {other}")
+
+
+class FailingTrainer:
+    """A trainer as far as it is needed to fail."""
+
+    def retrain(self, *task: object) -> None:
+        """Fail."""
+        raise TwoWordedError("cannot", "train")
+
+
+def test_what_cannot_be_sent_is_told_to_whoever_waits_for_it() -> None:
+    process = LearningProcess(lambda line: None)
+    try:
+        unsendable = cast(Sequence[FaceSample], threading.Lock())
+        waiting = process.learn(ModesTask(unsendable, 1.0, 1))
+        assert isinstance(waiting.exception(LIMIT_S), TypeError)
+    finally:
+        process.close()
+
+
+def test_a_result_that_cannot_be_read_is_told_once() -> None:
+    lines = SimpleQueue[str]()
+    process = LearningProcess(lines.put)
+    try:
+        process.begin(cast(ModelTrainer, FailingTrainer()))
+        process.train(TrainingTask(0.3, [], [], 1))
+        line = lines.get(timeout=LIMIT_S)
+        assert "cannot be read" in line and "nothing more is learned" in line
     finally:
         process.close()
 

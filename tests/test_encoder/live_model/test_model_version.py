@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from encoder.calls.warm_up import frontal_landmarks
 from encoder.capture.video_source import open_source
 from encoder.coding.background import BackgroundImage
 from encoder.coding.gop import GopStructure
@@ -15,6 +14,7 @@ from encoder.coding.model_packet import BUDGETS
 from encoder.learning.incremental_modes import FaceSample, LearnedMode
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import RESERVED_MODES, ModelVersion
+from encoder.live_model.warm_up import frontal_landmarks
 from shared_model.geometry import Camera
 from shared_model.parameters import FaceParameters
 from shared_model.surround import head_with_surround
@@ -35,7 +35,13 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> tuple[ModelVersion, Fac
     with open_source(str(path.with_name("%d.png"))) as capture:
         background = BackgroundImage(pictures[0])
         trainer = ModelTrainer(
-            head_with_surround(), capture, GopStructure(), background, budget, False, workers=1
+            head_with_surround(),
+            capture.format,
+            GopStructure(),
+            background,
+            budget,
+            False,
+            workers=1,
         )
         version = trainer.train(budget, pictures, [points] * FRAMES, 0)
     return version, version.sample(pictures[0], points)

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.capture.video_source import Capture, open_source
+from encoder.capture.video_source import VideoFormat, open_source
 from encoder.coding.background import BackgroundImage
 from encoder.coding.gop import GopStructure, gop_for_fps
 from encoder.coding.model_packet import BUDGETS
@@ -38,9 +38,9 @@ COMPILE_SIZE = (240, 320)
 GREY = (100, 156)
 
 
-def warm_up(head: Head, capture: Capture, gop: GopStructure, rng: np.random.Generator) -> None:
+def warm_up(head: Head, video: VideoFormat, gop: GopStructure, rng: np.random.Generator) -> None:
     """Train a model, fit a frame and learn a mode, on pictures of noise of the source's size."""
-    width, height = capture.width, capture.height
+    width, height = video.width, video.height
     points = frontal_landmarks(
         head, Camera(width, height, TYPICAL_FOCAL_RATIO * max(width, height))
     )
@@ -49,7 +49,7 @@ def warm_up(head: Head, capture: Capture, gop: GopStructure, rng: np.random.Gene
         BUDGETS["live"], appearance_bytes=BYTES, background_bytes=BYTES, max_modes=MODES
     )
     background = BackgroundImage(pictures[0])
-    trainer = ModelTrainer(head, capture, gop, background, budget, progressive=False, workers=1)
+    trainer = ModelTrainer(head, video, gop, background, budget, progressive=False, workers=1)
     version = trainer.train(budget, pictures, [points] * FRAMES, 0)
     samples = [version.sample(picture, points) for picture in pictures]
     version.fit(samples[0])
@@ -64,7 +64,8 @@ def compile_loops() -> None:
         noise = rng.integers(*GREY, (*COMPILE_SIZE, 3), np.uint8)
         cv2.imwrite(f"{folder}/0.png", noise)
         with open_source(f"{folder}/%d.png") as capture:
-            warm_up(head_with_surround(), capture, gop_for_fps(capture.fps, None), rng)
+            gop = gop_for_fps(capture.fps, None)
+            warm_up(head_with_surround(), capture.format, gop, rng)
     # Of the decoder.
     decode_picture("noise", encode_background_within(noise, BYTES))
     # Of the thesis profile's filter; the other loops are those of the default one.
