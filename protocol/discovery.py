@@ -70,12 +70,12 @@ class CallAnnouncer:
 
     def close(self) -> None:
         """Answer no more; closing twice has no further effect."""
-        if self._socket is not None:
+        group, self._socket = self._socket, None
+        if group is not None:
             with suppress(OSError):
                 # Wakes the thread.
-                self._socket.shutdown(socket.SHUT_RD)
-            self._socket.close()
-            self._socket = None
+                group.shutdown(socket.SHUT_RD)
+            group.close()
 
     def __enter__(self) -> Self:
         return self
@@ -85,14 +85,12 @@ class CallAnnouncer:
 
     def _run(self, group: socket.socket) -> None:
         with suppress(OSError):
-            while data_sender := group.recvfrom(2 * QUESTION_BYTES):
-                data, sender = data_sender
+            while self._socket is not None:
+                data, sender = group.recvfrom(2 * QUESTION_BYTES)
                 number = parse_question(data)
                 if number is not None and self._may_answer(monotonic()):
                     with suppress(OSError):
                         group.sendto(serialise_answer(number, self._found), sender)
-                elif not data and self._socket is None:
-                    return
 
     def _may_answer(self, now_s: float) -> bool:
         self._allowed += (now_s - self._filled_s) * ANSWERS_PER_S
@@ -175,6 +173,5 @@ def _group_socket(address: str | None) -> socket.socket | None:
 
 def _send_to_group_through(asking: socket.socket, address: str | None) -> None:
     asking.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, _HOPS)
-    if address is not None:
-        interface = socket.inet_aton(address)
-        asking.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
+    interface = socket.inet_aton(address or "0.0.0.0")
+    asking.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)

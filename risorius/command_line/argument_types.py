@@ -5,6 +5,9 @@ from typing import TypeVar
 
 from encoder.option_rules import check_value
 
+# As long as the relay's own certificate.
+MAX_DAYS = 3650
+
 Number = TypeVar("Number", int, float)
 
 
@@ -74,3 +77,19 @@ def bitrates(text: str) -> tuple[float, ...]:
 def count(text: str) -> int:
     """A number of frames."""
     return _checked("max_frames", _integer(text))
+
+
+def days(text: str) -> int:
+    """For how long a certificate is valid."""
+    value = _integer(text)
+    if not 0 < value <= MAX_DAYS:
+        raise argparse.ArgumentTypeError(f"{text} is not a number of days, 1 to {MAX_DAYS}")
+    return value
+
+
+def peers(text: str) -> int:
+    """How many peers may be connected."""
+    value = _integer(text)
+    if value < 2:
+        raise argparse.ArgumentTypeError(f"{text} is too few peers, at least 2")
+    return value

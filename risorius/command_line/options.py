@@ -163,25 +163,6 @@ def add_comparison(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_link(parser: argparse.ArgumentParser, where: argparse._MutuallyExclusiveGroup) -> None:
-    """Where the other end is: endpoints into the group `where`, and the name of the call."""
-    for option, example in (("--connect", "tcp/HOST:7447"), ("--listen", "tcp/0.0.0.0:7447")):
-        where.add_argument(
-            option, action="append", metavar="ENDPOINT", help=f"Zenoh endpoint, as {example}"
-        )
-    parser.add_argument(
-        "--call",
-        default="call",
-        metavar="NAME",
-        help="name on the link, of a-z, A-Z, 0-9 and _ . - (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--insecure",
-        action="store_true",
-        help="without encryption: as every call over a network at present, with this option or not",
-    )
-
-
 def add_timeout(parser: argparse.ArgumentParser) -> None:
     """How long a decoder waits."""
     parser.add_argument(

@@ -10,10 +10,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from risorius.command_line.call_link import (
+    NO_LINK,
+    CallLink,
+    add_link,
+    announced,
+    check_place,
+    read_link,
+)
 from risorius.command_line.option_rules import DECODE_LINK_OPTIONS, reject
 from risorius.command_line.options import (
     add_comparison,
-    add_link,
     add_reporting,
     add_timeout,
     add_view,
@@ -48,9 +55,9 @@ def add_decode(added: "Commands") -> None:
         "  risorius decode call.rzo -o out.mkv --source me.mp4\n"
         "  risorius decode call.rzo --face anna.rzo -o anna.mkv\n"
         "  risorius decode call.rzo -o - | mpv -\n"
-        "  risorius decode --listen tcp/0.0.0.0:7447 --call anna --view\n",
+        "  risorius decode --listen :7447 --call anna --view\n",
     )
-    where = parser.add_mutually_exclusive_group(required=True)
+    where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "call_file",
         nargs="?",
@@ -76,6 +83,7 @@ def add_decode(added: "Commands") -> None:
 
 def run_decode(arguments: argparse.Namespace) -> int:
     """`risorius decode`."""
+    check_place(arguments, "CALL", arguments.call_file is not None)
     read = [arguments.call_file, arguments.source, arguments.face]
     check_outputs(read, [arguments.output, arguments.report])
     if arguments.call_file is not None:
@@ -89,8 +97,12 @@ def run_decode(arguments: argparse.Namespace) -> int:
         output: Path | None = arguments.output
         if output is None and arguments.source:
             output = Path(stack.enter_context(TemporaryDirectory())) / "decoded.mkv"
+        link = NO_LINK
+        if arguments.call_file is None:
+            link = read_link(arguments, is_encoder=False, wait_s=arguments.timeout)
+            stack.enter_context(announced(link, is_encoder=False))
         stop = stack.enter_context(StopOnSignal())
-        report = _decode(arguments, output, stop)
+        report = _decode(arguments, link, output, stop)
         if not arguments.quiet:
             print(_decode_summary(report))
         figures = asdict(report)
@@ -109,22 +121,22 @@ def run_decode(arguments: argparse.Namespace) -> int:
 
 
 def _decode(
-    arguments: argparse.Namespace, output: Path | None, stop: StopOnSignal
+    arguments: argparse.Namespace, link: CallLink, output: Path | None, stop: StopOnSignal
 ) -> "DecodeReport":
     from decoder.pipeline import DecodeOptions, decode
 
     options = DecodeOptions(
         call_file=input_of(arguments.call_file),
-        listen=tuple(arguments.listen or ()),
-        connect=tuple(arguments.connect or ()),
-        call=arguments.call,
+        listen=link.listen,
+        connect=link.connect,
+        call=link.call,
         connect_timeout_s=arguments.timeout,
         output=output_of(output),
         face=arguments.face,
     )
     idle = IdleTimeout(arguments.timeout, stop)
     with ExitStack() as stack:
-        show = _view(arguments, idle, stack) if arguments.view else None
+        show = _view(arguments, link.call, idle, stack) if arguments.view else None
         progress = stack.enter_context(ProgressLine("decode", sys.stderr, arguments.quiet))
         try:
             report = decode(options, idle.watch(stop.watch(progress)), idle, progress.say, show)
@@ -137,14 +149,14 @@ def _decode(
 
 
 def _view(
-    arguments: argparse.Namespace, stop: Callable[[], bool], stack: ExitStack
+    arguments: argparse.Namespace, call: str, stop: Callable[[], bool], stack: ExitStack
 ) -> "ShowCallback":
     """What shows each picture on a page until `stack` is closed."""
     from risorius.call_page.call_view import CallView
 
     path: Path | None = arguments.call_file
     is_recorded = path is not None and path != STANDARD
-    name = arguments.call if path is None else path.name if is_recorded else "What is sent"
+    name = call if path is None else path.name if is_recorded else "What is sent"
 
     def announce(address: str) -> None:
         say(f"decode: the call is shown at {address}")

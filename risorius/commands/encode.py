@@ -7,11 +7,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from risorius.command_line.call_link import (
+    NO_LINK,
+    CallLink,
+    add_link,
+    announced,
+    check_place,
+    read_link,
+)
 from risorius.command_line.option_rules import ENCODE_LINK_OPTIONS, profile_of, reject
 from risorius.command_line.options import (
     SOURCE_HELP,
     add_coding,
-    add_link,
     add_reporting,
     add_sound,
     add_tracking,
@@ -40,10 +47,12 @@ def add_encode(added: "Commands") -> None:
         "The call goes into a file (-o) or over Zenoh (--connect or --listen): the same bytes.",
         "  risorius encode me.mp4 -o call.rzo\n"
         "  risorius encode me.mp4 --live -o - | risorius decode - -o - | mpv -\n"
-        "  risorius encode 0 --connect tcp/192.0.2.7:7447 --call anna\n",
+        "  risorius encode 0 --connect 192.0.2.7:7447 --call anna\n"
+        "  risorius encode 0 --listen :7447 --call anna       # then, on the same network,\n"
+        "  risorius decode --call anna --view\n",
     )
     parser.add_argument("source", metavar="SOURCE", help=SOURCE_HELP)
-    where = parser.add_mutually_exclusive_group(required=True)
+    where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "-o",
         "--output",
@@ -63,6 +72,7 @@ def add_encode(added: "Commands") -> None:
 
 def run_encode(arguments: argparse.Namespace) -> int:
     """`risorius encode`."""
+    check_place(arguments, "-o CALL", arguments.output is not None)
     check_outputs([arguments.source], [arguments.output, arguments.report])
     check_call_file(arguments.output)
     profile = profile_of(arguments)
@@ -72,7 +82,11 @@ def run_encode(arguments: argparse.Namespace) -> int:
     from protocol.link.interface import Reachability
 
     with ExitStack() as stack:
-        options = _encode_options(arguments, profile)
+        link = NO_LINK
+        if arguments.output is None:
+            link = read_link(arguments, is_encoder=True, wait_s=arguments.wait)
+            stack.enter_context(announced(link, is_encoder=True))
+        options = _encode_options(arguments, profile, link)
         if arguments.view:
             from risorius.call_page.call_view import SentView
 
@@ -103,7 +117,7 @@ def _encode(options: "EncodeOptions", stop: StopOnSignal, quiet: bool) -> "Encod
             raise
 
 
-def _encode_options(arguments: argparse.Namespace, profile: str) -> "EncodeOptions":
+def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink) -> "EncodeOptions":
     from encoder.options import EncodeOptions
     from encoder.tracking.trackers import TrackingOptions
 
@@ -111,9 +125,9 @@ def _encode_options(arguments: argparse.Namespace, profile: str) -> "EncodeOptio
     return EncodeOptions(
         source=arguments.source,
         output=output_of(arguments.output),
-        connect=tuple(arguments.connect or ()),
-        listen=tuple(arguments.listen or ()),
-        call=arguments.call,
+        connect=link.connect,
+        listen=link.listen,
+        call=link.call,
         lossless=arguments.lossless,
         profile=profile,
         bitrate=arguments.bitrate,

@@ -3,16 +3,22 @@
 import argparse
 import time
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from protocol.endpoint import parse_endpoint
+from risorius.command_line.argument_types import peers
 from risorius.command_line.parser import add_command
 from risorius.command_line.progress import say
 from risorius.command_line.signals import StopOnSignal
+from shared_model.errors import UserError
 
 if TYPE_CHECKING:
     from risorius.command_line.parser import Commands
 
 NAP_S = 0.2
+SECURE_SCHEMES = ("tls", "quic")
+MAX_PEERS = 2000
 
 
 def add_relay(added: "Commands") -> None:
@@ -21,26 +27,78 @@ def add_relay(added: "Commands") -> None:
         added,
         "relay",
         "pass calls on between hosts that can only connect out",
-        "A Zenoh router: encoder and decoder both --connect to it.  Runs until it is stopped.",
-        "  risorius relay --listen tcp/0.0.0.0:7447\n",
+        "A Zenoh router: encoder and decoder both --connect to it.  Runs until it is stopped.\n"
+        "With --keys only peers with a certificate get in, and each may do what it was invited\n"
+        "to.  Relays that connect to each other (--connect) pass calls on between them.",
+        "  risorius relay --listen :7447\n"
+        "  risorius relay --listen tls/:7447 --listen quic/:7448 --keys relay-keys\n"
+        "  risorius relay --listen :7447 --connect relay.example:7447\n",
     )
     parser.add_argument(
         "--listen",
         action="append",
         required=True,
         metavar="ENDPOINT",
-        help="Zenoh endpoint, as tcp/0.0.0.0:7447",
+        help="as :7447 or tcp/HOST:7447; may be given several times",
+    )
+    parser.add_argument(
+        "--connect", action="append", metavar="ENDPOINT", help="another relay to join"
+    )
+    parser.add_argument(
+        "--keys",
+        type=Path,
+        metavar="FOLDER",
+        help="folder of risorius keys: mutual TLS, on tls/ and quic/ endpoints only",
+    )
+    parser.add_argument(
+        "--max-peers",
+        type=peers,
+        default=MAX_PEERS,
+        metavar="N",
+        help="connections at a time (default: %(default)s)",
     )
     parser.set_defaults(run=run_relay)
 
 
 def run_relay(arguments: argparse.Namespace) -> int:
     """`risorius relay`: being stopped is its normal end."""
-    from protocol.link.zenoh_link import ZenohRouter
-
-    with StopOnSignal(), suppress(KeyboardInterrupt), ZenohRouter(tuple(arguments.listen)):
-        say(f"relay: listening on {' '.join(arguments.listen)}")
+    listen, connect = tuple(arguments.listen), tuple(arguments.connect or ())
+    if arguments.keys:
+        _check_endpoints(listen + connect)
+    folder: Path | None = arguments.keys
+    with StopOnSignal(), suppress(KeyboardInterrupt):
+        _relay(listen, connect, folder, arguments.max_peers, "listening on " + " ".join(listen))
         while True:
+            _relay(listen, connect, folder, arguments.max_peers, "the keys have changed")
+    return 0
+
+
+def _relay(
+    listen: tuple[str, ...],
+    connect: tuple[str, ...],
+    folder: Path | None,
+    max_peers: int,
+    news: str,
+) -> None:
+    """Relay until the keys change; say `news` as soon as it does.
+
+    Zenoh reads whom to let in when it starts; peers come back by themselves.
+    """
+    from protocol.relay.zenoh_relay import Relay, RelayOptions
+    from protocol.security.authority import RELAY_KEYS, read_peers
+    from protocol.security.key_file import read_key_file
+
+    invited = None if folder is None else read_peers(folder)
+    keys = None if folder is None else read_key_file(folder / RELAY_KEYS)
+    with Relay(RelayOptions(listen, connect, max_peers, keys, invited)):
+        say(f"relay: {news}")
+        while folder is None or read_peers(folder) == invited:
             # Not for a signal: a thread of Zenoh may take it.
             time.sleep(NAP_S)
-    return 0
+
+
+def _check_endpoints(endpoints: tuple[str, ...]) -> None:
+    """Raise `UserError` if somebody without a certificate could connect."""
+    for text in endpoints:
+        if parse_endpoint(text).scheme not in SECURE_SCHEMES:
+            raise UserError(f"endpoint {text!r}: with --keys use tls/HOST:PORT or quic/HOST:PORT")

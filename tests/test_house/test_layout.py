@@ -51,7 +51,7 @@ IMPORTERS = {
     },
     "pycodec2": {"decoder/sound/speech_decoder.py", "encoder/sound/speech_encoder.py"},
     "webrtcvad": {"encoder/sound/speech_gate.py"},
-    "zenoh": {"protocol/link/zenoh_link.py"},
+    "zenoh": {"protocol/link/zenoh_link.py", "protocol/relay/zenoh_relay.py"},
 }
 CV2_PACKAGES = {"aam", "encoder", "decoder", "loopback", "risorius"}
 # The encoder's packages in the order of the data; each may import those before it.

@@ -146,3 +146,17 @@ def test_a_closed_announcer_is_silent() -> None:
     announcer.close()
     announcer.close()
     assert list(find_calls(0.1, "127.0.0.1")) == []
+
+
+def test_a_call_that_answers_twice_is_found_once() -> None:
+    with CallAnnouncer(ANNA, "127.0.0.1"), CallAnnouncer(ANNA, "127.0.0.1"):
+        found = list(find_calls(0.3, "127.0.0.1"))
+    if not found:
+        pytest.skip("loopback has no multicast here")
+    assert found == [FoundCall("anna", "127.0.0.1", 7447, True, False)]
+
+
+def test_without_multicast_nobody_answers() -> None:
+    # Of no interface of this host (RFC 5737).
+    with CallAnnouncer(ANNA, "203.0.113.1"):
+        assert list(find_calls(0.1, "127.0.0.1")) == []

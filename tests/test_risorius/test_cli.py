@@ -15,7 +15,9 @@ from risorius.cli import build_parser, main
 COMMANDS = (
     "encode",
     "decode",
+    "calls",
     "relay",
+    "keys",
     "bench",
     "replay",
     "info",

@@ -1,0 +1,1 @@
+"""Relays: Zenoh's router with limits, and who may do what there."""

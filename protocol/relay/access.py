@@ -1,0 +1,70 @@
+"""What Zenoh is told about who may do what at a relay.
+
+`call_keys` says what carries a call: one key what its caller sends, another what its viewers send
+back.  Certificates tell the peers apart; whoever is on no list can do nothing.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+from protocol.link.presence import call_keys
+from protocol.security.authority import RELAY_NAME, Peer, Role
+
+# Who holds the relay's own keys: other relays of the owner pass everything on, and the owner may
+# ask which calls there are.
+_OWNER_RULES = [
+    {
+        "id": "pass on",
+        "permission": "allow",
+        "flows": ["ingress", "egress"],
+        "messages": ["put", "declare_subscriber"],
+        "key_exprs": list(call_keys("*", is_encoder=True)),
+    },
+    {
+        "id": "list calls",
+        "permission": "allow",
+        "flows": ["ingress", "egress"],
+        "messages": ["query", "reply"],
+        "key_exprs": ["@/*/router/subscriber/**"],
+    },
+]
+
+
+def access_control(peers: Iterable[Peer]) -> dict[str, Any]:
+    """Zenoh's section `access_control`: only the caller of a call publishes it, only its viewers
+    receive it and answer; who was revoked, or was never invited, neither.
+    """
+    allowed = [peer for peer in peers if not peer.revoked]
+    rules_of = {peer.name: _rules(peer) for peer in allowed} | {RELAY_NAME: _OWNER_RULES}
+    rules = {rule["id"]: rule for rules in rules_of.values() for rule in rules}
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": list(rules.values()),
+        "subjects": [{"id": name, "cert_common_names": [name]} for name in rules_of],
+        "policies": [
+            {"rules": [rule["id"] for rule in its_rules], "subjects": [name]}
+            for name, its_rules in rules_of.items()
+        ],
+    }
+
+
+def _rules(peer: Peer) -> list[dict[str, Any]]:
+    """What a peer may publish and subscribe to, and what may be passed on to it."""
+    sent, received = call_keys(peer.call, peer.role is Role.CALLER)
+    return [
+        _rule(peer, "ingress", "put", sent),
+        _rule(peer, "ingress", "declare_subscriber", received),
+        _rule(peer, "egress", "put", received),
+        _rule(peer, "egress", "declare_subscriber", sent),
+    ]
+
+
+def _rule(peer: Peer, flow: str, message: str, key: str) -> dict[str, Any]:
+    return {
+        "id": f"{peer.call}/{peer.role}/{flow}/{message}",
+        "permission": "allow",
+        "flows": [flow],
+        "messages": [message],
+        "key_exprs": [key],
+    }

@@ -1,0 +1,178 @@
+"""A relay: Zenoh's router, bounded in what peers can make it hold."""
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import zenoh
+
+from protocol.endpoint import parse_endpoint, parse_remote_endpoint
+from protocol.limits import MAX_MODEL_PACKET_BYTES
+from protocol.link.presence import call_keys
+from protocol.relay.access import access_control
+from protocol.security.authority import Peer
+from protocol.security.link_security import KeyFile
+from protocol.security.tls_settings import tls_settings
+from shared_model.errors import LINK_FAILED, UserError
+
+# Connections that are being opened at a time, and for how long each may take to.
+MAX_PENDING, OPEN_TIMEOUT_MS = 100, 5000
+# What waits for a slow peer, in batches of each priority; more is dropped.
+QUEUED_BATCHES = 4
+_PRIORITIES = (
+    "control",
+    "real_time",
+    "interactive_high",
+    "interactive_low",
+    "data_high",
+    "data",
+    "data_low",
+    "background",
+)
+# How long a relay may take to answer.
+QUERY_TIMEOUT_S = 5.0
+# After what silence a peer is gone.
+LEASE_MS = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class RelayOptions:
+    """listen, connect: endpoints, see `parse_endpoint`; connect: of other relays.
+
+    max_peers: connections at a time.
+    keys: what the relay shows, for mutual TLS; None: without.
+    peers: who was invited, with `keys`; None: everybody may do everything.
+    """
+
+    listen: tuple[str, ...]
+    connect: tuple[str, ...] = ()
+    max_peers: int = 1000
+    keys: KeyFile | None = None
+    peers: tuple[Peer, ...] | None = None
+
+
+class Relay:
+    """Forwards calls between the ends that connect to it, until it is closed.
+
+    Raises `UserError` with exit code 4 if it cannot listen.
+    """
+
+    def __init__(self, options: RelayOptions) -> None:
+        config = zenoh.Config()
+        for name, value in relay_settings(options).items():
+            config.insert_json5(name, json.dumps(value))
+        try:
+            self._session = zenoh.open(config)
+        except zenoh.ZError as error:
+            where = " and ".join(options.listen)
+            raise UserError(f"cannot listen on {where}: {_reason(error)}", LINK_FAILED) from error
+
+    def close(self) -> None:
+        """Leave; closing twice has no further effect."""
+        if not self._session.is_closed():
+            self._session.close()  # type: ignore[no-untyped-call]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+def relay_settings(options: RelayOptions) -> Mapping[str, Any]:
+    """Zenoh's settings for a relay, by name."""
+    listen = [place for text in options.listen for place in parse_endpoint(text).locators]
+    connect = [place for text in options.connect for place in parse_remote_endpoint(text).locators]
+    settings: dict[str, Any] = {
+        "mode": "router",
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "listen/endpoints": listen,
+        "listen/timeout_ms": 0,
+        "listen/exit_on_failure": True,
+        "connect/endpoints": connect,
+        # Another relay may start later, and come back.
+        "connect/timeout_ms": -1,
+        "connect/exit_on_failure": False,
+        # Its own list of subscriptions, which tells the calls.
+        "adminspace/enabled": True,
+        "adminspace/permissions": {"read": True, "write": False},
+        "transport/unicast/max_sessions": options.max_peers,
+        "transport/unicast/accept_pending": MAX_PENDING,
+        "transport/unicast/accept_timeout": OPEN_TIMEOUT_MS,
+        "transport/link/tx/lease": LEASE_MS,
+        # Sequence numbers of one byte instead of up to five.
+        "transport/link/tx/sequence_number_resolution": "8bit",
+        "transport/link/tx/queue/size": dict.fromkeys(_PRIORITIES, QUEUED_BATCHES),
+        "transport/link/rx/max_message_size": 2 * MAX_MODEL_PACKET_BYTES,
+    }
+    if options.keys is not None:
+        settings["transport/link/tls"] = tls_settings(options.keys)
+    if options.peers is not None:
+        settings["access_control"] = access_control(options.peers)
+    return settings
+
+
+def _reason(error: zenoh.ZError) -> str:
+    """Zenoh's message without the source location."""
+    if "Address already in use" in str(error):
+        return "the port is in use, choose another"
+    return re.sub(r"\s+at \S+\.rs:\d+\.?", "", str(error))
+
+
+@dataclass(frozen=True, slots=True)
+class RelayedCall:
+    """A call at a relay, and how many of its ends are connected to it."""
+
+    name: str
+    encoders: int
+    decoders: int
+
+
+def calls_at_relay(
+    endpoint: str, keys: KeyFile | None, timeout_s: float = QUERY_TIMEOUT_S
+) -> list[RelayedCall]:
+    """The calls at the relay that listens at `endpoint`, in the order of their names.
+
+    keys: to show, for TLS.  Raises `UserError` with exit code 4 if it cannot be reached, or no
+    relay answers.
+    """
+    config = zenoh.Config()
+    settings: dict[str, Any] = {
+        "mode": "client",
+        "scouting/multicast/enabled": False,
+        "connect/endpoints": parse_remote_endpoint(endpoint).locators,
+        "connect/timeout_ms": round(1000 * timeout_s),
+        "connect/exit_on_failure": True,
+    }
+    if keys is not None:
+        settings["transport/link/tls"] = tls_settings(keys)
+    for name, value in settings.items():
+        config.insert_json5(name, json.dumps(value))
+    try:
+        with zenoh.open(config) as session:
+            relay = str(next(iter(session.info.routers_zid()), ""))
+            if not relay:
+                raise UserError(f"{endpoint} is no relay", LINK_FAILED)
+            counts: dict[str, dict[str, int]] = {}
+            replies = session.get(f"@/{relay}/router/subscriber/**", timeout=timeout_s)
+            for sample in filter(None, [reply.ok for reply in replies]):
+                _count(counts, str(sample.key_expr), sample.payload.to_bytes())
+    except zenoh.ZError as error:
+        raise UserError(f"cannot reach {endpoint}: {_reason(error)}", LINK_FAILED) from error
+    return [
+        RelayedCall(name, ends.get("encoder", 0), ends.get("decoder", 0))
+        for name, ends in sorted(counts.items())
+    ]
+
+
+def _count(counts: dict[str, dict[str, int]], key: str, payload: bytes) -> None:
+    """Note how many have subscribed to a key: encoders to what goes up, decoders to the rest."""
+    subscribed = key.partition("/subscriber/")[2]
+    name = subscribed.partition("/")[2]
+    for end, is_encoder in (("encoder", True), ("decoder", False)):
+        if name and subscribed == call_keys(name, is_encoder)[1]:
+            ends = json.loads(payload)
+            counts.setdefault(name, {})[end] = len(ends["clients"]) + len(ends["peers"])

@@ -1,0 +1,114 @@
+"""`risorius keys`: who may use a relay."""
+
+import argparse
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from risorius.command_line.argument_types import days
+from risorius.command_line.parser import add_command
+
+if TYPE_CHECKING:
+    from risorius.command_line.parser import Commands
+
+ROLES = ("caller", "viewer")
+
+
+def add_keys(added: "Commands") -> None:
+    """`risorius keys`."""
+    parser = add_command(
+        added,
+        "keys",
+        "make and revoke the certificates of a relay's peers",
+        "A folder holds a private authority.  Each peer gets a key file for one call and one\n"
+        "role: a caller sends the face, a viewer watches it.  The relay refuses everybody else,\n"
+        "and who was revoked within a second.",
+        "  risorius keys new relay-keys --host relay.example --host 192.0.2.7\n"
+        "  risorius keys invite relay-keys anna --call anna --role caller -o anna.keys\n"
+        "  risorius keys invite relay-keys bob --call anna --role viewer -o bob.keys\n"
+        "  risorius keys list relay-keys\n"
+        "  risorius keys revoke relay-keys bob\n"
+        "  risorius relay --listen tls/:7447 --keys relay-keys\n",
+    )
+    actions = parser.add_subparsers(title="actions", metavar="ACTION", required=True)
+    new = actions.add_parser("new", help="make an authority and the relay's own keys")
+    _add_folder(new)
+    new.add_argument(
+        "--host",
+        action="append",
+        required=True,
+        help="name or address under which peers reach the relay; may be given several times",
+    )
+    new.set_defaults(run=_new)
+    _add_peer(actions)
+    listing = actions.add_parser("list", help="show who was invited")
+    _add_folder(listing)
+    listing.set_defaults(run=_list)
+    revoke = actions.add_parser("revoke", help="let the relay refuse a peer")
+    _add_folder(revoke)
+    revoke.add_argument("name", metavar="NAME", help="the peer")
+    revoke.set_defaults(run=_revoke)
+
+
+def _add_peer(actions: "Commands") -> None:
+    invite = actions.add_parser("invite", help="make the key file of a peer")
+    _add_folder(invite)
+    invite.add_argument("name", metavar="NAME", help="name of the peer, in its certificate")
+    invite.add_argument("--call", required=True, metavar="CALL", help="the call it takes part in")
+    invite.add_argument("--role", choices=ROLES, required=True, help="what it may do there")
+    invite.add_argument(
+        "--days", type=days, default=365, metavar="N", help="valid so long (default: %(default)s)"
+    )
+    invite.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="key file to write (default: NAME.keys)"
+    )
+    invite.set_defaults(run=_invite)
+
+
+def _add_folder(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("folder", type=Path, metavar="FOLDER", help="the folder of the authority")
+
+
+def _now() -> datetime:
+    return datetime.now(UTC)
+
+
+def _new(arguments: argparse.Namespace) -> int:
+    from protocol.security.authority import create_authority
+
+    create_authority(arguments.folder, arguments.host, _now())
+    print(f"{arguments.folder}: an authority for {', '.join(arguments.host)}; keep it secret")
+    return 0
+
+
+def _invite(arguments: argparse.Namespace) -> int:
+    from protocol.security.authority import Role, invite_peer
+    from protocol.security.private_file import write_private
+    from risorius.command_line.output_checks import check_outputs
+
+    output: Path = arguments.output or Path(f"{arguments.name}.keys")
+    check_outputs([], [output])
+    role = Role(arguments.role)
+    keys = invite_peer(
+        arguments.folder, arguments.name, arguments.call, role, _now(), arguments.days
+    )
+    write_private(output, keys)
+    print(f"{output}: keys of {arguments.name}, {role} of call {arguments.call!r}")
+    return 0
+
+
+def _list(arguments: argparse.Namespace) -> int:
+    from protocol.security.authority import read_peers
+
+    for peer in read_peers(arguments.folder):
+        state = "revoked" if peer.revoked else f"until {peer.expires}"
+        print(f"{peer.name:20} {peer.role:7} {peer.call:20} {state}")
+    return 0
+
+
+def _revoke(arguments: argparse.Namespace) -> int:
+    from protocol.security.authority import revoke_peer
+
+    revoke_peer(arguments.folder, arguments.name)
+    print(f"{arguments.name} is revoked; a relay that runs with {arguments.folder} refuses it")
+    return 0

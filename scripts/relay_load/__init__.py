@@ -1,0 +1,1 @@
+"""What relays carry: CPU, memory, delay and loss, by the number of calls and of subscribers."""

@@ -1,0 +1,224 @@
+"""A relay with certificates: who gets in, and what each may do there."""
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+
+from loopback.process_pair import free_port
+from protocol.relay.zenoh_relay import Relay, RelayOptions, calls_at_relay
+from protocol.security.authority import (
+    RELAY_KEYS,
+    Role,
+    create_authority,
+    invite_peer,
+    read_peers,
+    revoke_peer,
+)
+from protocol.security.key_file import read_key_file
+from protocol.security.link_security import KeyFile
+from protocol.security.tls_settings import tls_settings
+from shared_model.errors import UserError
+
+WAIT_S = 20.0
+PEERS = {
+    "anna": ("one", Role.CALLER),
+    "bob": ("one", Role.VIEWER),
+    "carl": ("two", Role.CALLER),
+    "dora": ("two", Role.VIEWER),
+    "eve": ("one", Role.VIEWER),
+}
+Received = list[tuple[str, str]]
+
+
+def authority(folder: Path) -> dict[str, KeyFile]:
+    """Key files of all `PEERS`, and of the relay."""
+    create_authority(folder, ["127.0.0.1"], datetime.now(UTC))
+    for name, (call, role) in PEERS.items():
+        keys = invite_peer(folder, name, call, role, datetime.now(UTC))
+        (folder / f"{name}.keys").write_bytes(keys)
+    files = {name: read_key_file(folder / f"{name}.keys") for name in PEERS}
+    return files | {"relay": read_key_file(folder / RELAY_KEYS)}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("relay") / "keys"
+
+
+@pytest.fixture(scope="module")
+def keys(folder: Path) -> dict[str, KeyFile]:
+    files = authority(folder)
+    revoke_peer(folder, "eve")
+    return files
+
+
+@pytest.fixture(scope="module", params=["tls", "quic"])
+def endpoint(
+    request: pytest.FixtureRequest, folder: Path, keys: dict[str, KeyFile]
+) -> Iterator[str]:
+    """Where a relay listens that knows `PEERS`."""
+    place = f"{request.param}/127.0.0.1:{free_port()}"
+    options = RelayOptions((place,), keys=keys["relay"], peers=read_peers(folder))
+    with Relay(options):
+        yield place
+
+
+@pytest.fixture
+def stack() -> Iterator[ExitStack]:
+    with ExitStack() as stack:
+        yield stack
+
+
+def session(endpoint: str, keys: KeyFile | None) -> zenoh.Session:
+    """Of a client that shows `keys`, which knows no rules."""
+    settings: dict[str, Any] = {
+        "mode": "client",
+        "scouting/multicast/enabled": False,
+        "connect/endpoints": [endpoint],
+        "connect/timeout_ms": 1000,
+    }
+    if keys is not None:
+        settings["transport/link/tls"] = tls_settings(keys)
+    config = zenoh.Config()
+    for name, value in settings.items():
+        config.insert_json5(name, json.dumps(value))
+    return zenoh.open(config)
+
+
+def collector(received: Received, who: str) -> Callable[[zenoh.Sample], None]:
+    return lambda sample: received.append((who, sample.payload.to_string()))
+
+
+def until(condition: Callable[[], bool], action: Callable[[], None]) -> None:
+    """Repeat `action` until `condition` holds."""
+    deadline = time.monotonic() + WAIT_S
+    while not condition():
+        assert time.monotonic() < deadline, "it took too long"
+        action()
+        time.sleep(0.02)
+
+
+def test_only_the_caller_publishes_and_only_the_invited_subscribe(
+    stack: ExitStack, endpoint: str, keys: dict[str, KeyFile]
+) -> None:
+    received: Received = []
+    peers = {name: stack.enter_context(session(endpoint, keys[name])) for name in PEERS}
+    for name, peer in peers.items():
+        for call in ("one", "two"):
+            # A peer's own subscription hears what it publishes itself; nobody publishes in both.
+            for direction in "du":
+                key = f"{direction}/{call}"
+                peer.declare_subscriber(key, collector(received, f"{name} {key}"))
+        peer.declare_subscriber("**", collector(received, f"{name} **"))
+
+    def all_publish() -> None:
+        for name, peer in peers.items():
+            for key in ("d/one", "u/one", "d/two", "u/two"):
+                peer.put(key, name)
+
+    def heard() -> set[tuple[str, str]]:
+        """Of others."""
+        return {(who, what) for who, what in received if not who.startswith(f"{what} ")}
+
+    expected = {
+        ("bob d/one", "anna"),
+        ("anna u/one", "bob"),
+        ("dora d/two", "carl"),
+        ("carl u/two", "dora"),
+    }
+    until(lambda: heard() >= expected, all_publish)
+    # Zenoh gives what comes for one subscription of a session to all that match.
+    assert {pair for pair in heard() if not pair[0].endswith("**")} == expected
+    assert not any(who.startswith("eve") or what == "eve" for who, what in heard())
+
+
+def test_who_shows_no_certificate_or_another_authoritys_does_not_get_in(
+    endpoint: str, keys: dict[str, KeyFile], tmp_path: Path
+) -> None:
+    others = authority(tmp_path / "others")
+    mixed = KeyFile(keys["anna"].authority, others["anna"].certificate, others["anna"].private_key)
+    for shown in (others["anna"], mixed, None):
+        with pytest.raises(zenoh.ZError), session(endpoint, shown) as intruder:
+            # With TLS 1.3 a client may take a refused connection for an open one for a moment.
+            until(lambda: not list(intruder.info.routers_zid()), lambda: None)
+            raise zenoh.ZError("refused")
+
+
+def test_a_caller_is_not_fooled_by_a_relay_of_another_authority(
+    keys: dict[str, KeyFile], tmp_path: Path
+) -> None:
+    others = authority(tmp_path / "others")
+    place = f"tls/127.0.0.1:{free_port()}"
+    options = RelayOptions((place,), keys=others["relay"], peers=())
+    with Relay(options), pytest.raises(zenoh.ZError):
+        session(place, keys["anna"])
+
+
+def test_a_relay_lists_its_calls(stack: ExitStack) -> None:
+    place = f"tcp/127.0.0.1:{free_port()}"
+    stack.enter_context(Relay(RelayOptions((place,))))
+    assert calls_at_relay(place, None) == []
+    encoder, *decoders = [stack.enter_context(session(place, None)) for _ in range(3)]
+    held = [encoder.declare_subscriber("u/anna", lambda sample: None)]
+    held += [each.declare_subscriber("d/anna", lambda sample: None) for each in decoders]
+    until(
+        lambda: (
+            [(c.name, c.encoders, c.decoders) for c in calls_at_relay(place, None)]
+            == [("anna", 1, 2)]
+        ),
+        lambda: None,
+    )
+
+
+def test_with_certificates_it_lists_them_to_its_owner_alone(
+    stack: ExitStack, endpoint: str, keys: dict[str, KeyFile]
+) -> None:
+    anna = stack.enter_context(session(endpoint, keys["anna"]))
+    held = anna.declare_subscriber("u/one", lambda sample: None)
+    until(lambda: "one" in [c.name for c in calls_at_relay(endpoint, keys["relay"])], lambda: None)
+    assert calls_at_relay(endpoint, keys["bob"]) == []
+    held.undeclare()  # type: ignore[no-untyped-call]
+
+
+def test_where_no_relay_is_there_is_one_line() -> None:
+    place = f"tcp/127.0.0.1:{free_port()}"
+    with pytest.raises(UserError, match="cannot reach") as caught:
+        calls_at_relay(place, None, timeout_s=0.2)
+    assert caught.value.exit_code == 4
+    with Relay(RelayOptions((place,))), pytest.raises(UserError, match="port is in use"):
+        Relay(RelayOptions((place,)))
+
+
+def test_an_end_that_listens_is_no_relay() -> None:
+    place = f"tcp/127.0.0.1:{free_port()}"
+    config = zenoh.Config()
+    for name, value in (("mode", "peer"), ("scouting/multicast/enabled", False)):
+        config.insert_json5(name, json.dumps(value))
+    config.insert_json5("listen/endpoints", json.dumps([place]))
+    with zenoh.open(config), pytest.raises(UserError, match="is no relay"):
+        calls_at_relay(place, None, timeout_s=1)
+
+
+def test_a_relay_may_be_closed_twice() -> None:
+    place = f"tcp/127.0.0.1:{free_port()}"
+    with Relay(RelayOptions((place,))) as relay:
+        relay.close()
+
+
+def test_two_relays_pass_a_call_on(stack: ExitStack) -> None:
+    received: Received = []
+    one, two = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
+    stack.enter_context(Relay(RelayOptions((two,), (one,))))
+    stack.enter_context(Relay(RelayOptions((one,))))
+    caller, viewer = (stack.enter_context(session(place, None)) for place in (one, two))
+    held = viewer.declare_subscriber("d/anna", collector(received, "viewer"))
+    until(lambda: bool(received), lambda: caller.put("d/anna", "a frame"))
+    assert received[0] == ("viewer", "a frame")
+    held.undeclare()  # type: ignore[no-untyped-call]
