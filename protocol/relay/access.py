@@ -7,7 +7,7 @@ back.  Certificates tell the peers apart; whoever is on no list can do nothing.
 from collections.abc import Iterable
 from typing import Any
 
-from protocol.link.presence import call_keys
+from protocol.link.presence import WHO_KEY, call_keys
 from protocol.security.authority import RELAY_NAME, Peer, Role
 
 # Who holds the relay's own keys: other relays of the owner pass everything on, and the owner may
@@ -32,7 +32,7 @@ _OWNER_RULES = [
 
 def access_control(peers: Iterable[Peer]) -> dict[str, Any]:
     """Zenoh's section `access_control`: only the caller of a call publishes it, only its viewers
-    receive it and answer; who was revoked, or was never invited, neither.
+    receive it and answer, both may ask who is there; who was revoked, or never invited, nothing.
     """
     allowed = [peer for peer in peers if not peer.revoked]
     rules_of = {peer.name: _rules(peer) for peer in allowed} | {RELAY_NAME: _OWNER_RULES}
@@ -53,18 +53,18 @@ def _rules(peer: Peer) -> list[dict[str, Any]]:
     """What a peer may publish and subscribe to, and what may be passed on to it."""
     sent, received = call_keys(peer.call, peer.role is Role.CALLER)
     return [
-        _rule(peer, "ingress", "put", sent),
+        _rule(peer, "ingress", "put", sent, WHO_KEY),
         _rule(peer, "ingress", "declare_subscriber", received),
         _rule(peer, "egress", "put", received),
         _rule(peer, "egress", "declare_subscriber", sent),
     ]
 
 
-def _rule(peer: Peer, flow: str, message: str, key: str) -> dict[str, Any]:
+def _rule(peer: Peer, flow: str, message: str, *keys: str) -> dict[str, Any]:
     return {
         "id": f"{peer.call}/{peer.role}/{flow}/{message}",
         "permission": "allow",
         "flows": [flow],
         "messages": [message],
-        "key_exprs": [key],
+        "key_exprs": list(keys),
     }

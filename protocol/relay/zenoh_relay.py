@@ -3,14 +3,17 @@
 import json
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Self
 
 import zenoh
+from zenoh.handlers import Callback
 
 from protocol.endpoint import parse_endpoint, parse_remote_endpoint
 from protocol.limits import MAX_MODEL_PACKET_BYTES
-from protocol.link.presence import call_keys
+from protocol.link.messages import Role as End
+from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence
 from protocol.relay.access import access_control
 from protocol.security.authority import Peer
 from protocol.security.link_security import KeyFile
@@ -31,6 +34,8 @@ _PRIORITIES = (
     "data_low",
     "background",
 )
+# Marks an answer to who is there among what carries a call.
+PRESENCE_MARK = b"p"
 # How long a relay may take to answer.
 QUERY_TIMEOUT_S = 5.0
 # After what silence a peer is gone.
@@ -68,6 +73,16 @@ class Relay:
         except zenoh.ZError as error:
             where = " and ".join(options.listen)
             raise UserError(f"cannot listen on {where}: {_reason(error)}", LINK_FAILED) from error
+        self._session.declare_subscriber(WHO_KEY, Callback(self._asked, indirect=False))
+
+    def _asked(self, sample: zenoh.Sample) -> None:
+        """Answer who asks who is there, on the key that it subscribes to."""
+        found = parse_presence(sample.payload.to_bytes())
+        if found is not None and found[0] is not End.RELAY:
+            _, key = call_keys(found[1], found[0] is End.ENCODER)
+            answer = serialise_presence(End.RELAY, "")
+            with suppress(zenoh.ZError):
+                self._session.put(key, answer, attachment=PRESENCE_MARK)
 
     def close(self) -> None:
         """Leave; closing twice has no further effect."""

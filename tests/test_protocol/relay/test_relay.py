@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ import pytest
 import zenoh
 
 from loopback.process_pair import free_port
+from protocol.link.messages import Role as End
+from protocol.link.presence import call_keys, parse_presence, serialise_presence
 from protocol.relay.zenoh_relay import Relay, RelayOptions, calls_at_relay
 from protocol.security.authority import (
     RELAY_KEYS,
@@ -159,6 +162,30 @@ def test_a_caller_is_not_fooled_by_a_relay_of_another_authority(
     options = RelayOptions((place,), keys=others["relay"], peers=())
     with Relay(options), pytest.raises(zenoh.ZError):
         session(place, keys["anna"])
+
+
+def test_a_relay_says_that_it_is_there_to_those_who_may_ask(
+    stack: ExitStack, endpoint: str, keys: dict[str, KeyFile]
+) -> None:
+    answers = list[str]()
+
+    def ask(name: str) -> Callable[[], None]:
+        """What repeats the question of a peer."""
+        peer = stack.enter_context(session(endpoint, keys[name]))
+        role = End.ENCODER if name == "anna" else End.DECODER
+
+        def note(sample: zenoh.Sample) -> None:
+            if sample.attachment is not None:
+                assert parse_presence(sample.payload.to_bytes()) == (End.RELAY, "")
+                answers.append(name)
+
+        peer.declare_subscriber(call_keys("one", role is End.ENCODER)[1], note)
+        return partial(peer.put, "w", serialise_presence(role, "one"))
+
+    ask("eve")()
+    for name in ("anna", "bob"):
+        until(partial(lambda name: name in answers, name), ask(name))
+    assert "eve" not in answers
 
 
 def test_a_relay_lists_its_calls(stack: ExitStack) -> None:
