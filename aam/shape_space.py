@@ -30,3 +30,12 @@ def actuators(shape: Array) -> tuple[Array, Array]:
     """AAUs (11,) and EAUs (14,) of a shape vector (25,); EAUs beyond their ranges are clipped."""
     values = np.clip(shape, LOW, HIGH) * SHAPE_RANGE
     return values[: len(AAUS)], values[len(AAUS) :]
+
+
+def mirrored(shape: Array) -> Array:
+    """The shape vector (25,) of the mirror image of a face."""
+    lids = [len(AAUS) + EAU_INDEX[name] for name in ("lid_left", "lid_right")]
+    flipped = np.array(shape)
+    flipped[lids] = flipped[lids[::-1]]
+    flipped[len(AAUS) + EAU_INDEX["gaze_horizontal"]] *= -1
+    return flipped

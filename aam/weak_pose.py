@@ -54,6 +54,24 @@ def displaced(pose: Array, step: Array) -> Array:
     return np.concatenate([vector_from_quaternion(turn), pose[3:5] + shift, [pose[5] + step[5]]])
 
 
+def step_between(pose: Array, target: Array) -> Array:
+    """The step (6,) that takes one pose to another: `displaced(pose, step)` is the target."""
+    turn = multiply(conjugate(quaternion_from_vector(pose[:3])), quaternion_from_vector(target[:3]))
+    across = rotation_matrix(pose)[:2, 0]
+    across = across / max(float(np.linalg.norm(across)), 1e-6)
+    down = np.array([-across[1], across[0]])
+    shift = (target[3:5] - pose[3:5]) / np.exp(pose[5])
+    moved = [shift @ across, shift @ down, target[5] - pose[5]]
+    return np.concatenate([vector_from_quaternion(turn), moved])
+
+
+def mirrored(pose: Array, width: int) -> Array:
+    """The pose (6,) of the same face in the mirror image of a picture of this width, pixels."""
+    flipped = pose * [1, -1, -1, 1, 1, 1]
+    flipped[3] = width - 1 - pose[3]
+    return np.asarray(flipped)
+
+
 def pose_vector(pose: Pose, camera: Camera) -> Array:
     """The weak-perspective vector (6,) of a perspective pose, exact at the head's origin."""
     turn = multiply(conjugate(np.array(FRONTAL)), pose.rotation)

@@ -25,6 +25,7 @@ from risorius.commands.info import add_info
 from risorius.commands.keys import add_keys
 from risorius.commands.relay import add_relay
 from risorius.commands.track import add_track
+from risorius.commands.train import add_train
 from shared_model.errors import UserError
 
 BROKEN_PIPE = 141
@@ -39,6 +40,7 @@ COMMANDS = (
     add_info,
     add_track,
     add_annotate,
+    add_train,
     add_animate,
     add_view,
     add_demo,

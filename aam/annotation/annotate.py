@@ -15,9 +15,8 @@ from aam.annotation.landmark_files import read_landmark_csv, read_landmark_file
 from aam.annotation.landmark_schemes import FaceLandmarks, from_given, from_network
 from aam.annotation.landmark_search import StillLandmarks
 from aam.annotation.still_fit import StillFit, fit_still
+from aam.face_window import face_window
 from aam.shape_space import shape_vector
-from aam.weak_pose import project
-from aam.window import FACE_CENTRE_MM, WINDOW_MM, FaceWindow, window_around
 from encoder.appearance.texture import extract_texture
 from shared_model.animate import Face, identity_from_controls
 from shared_model.appearance import atlas_of
@@ -203,16 +202,6 @@ def _texture(picture: Picture, fitted: StillFit) -> Picture:
     vertices = Face(head, identity).animate(fitted.face.eau)
     atlas = atlas_of(head, TEXTURE_SIZE)
     return extract_texture(head, atlas, fitted.camera, fitted.face.pose, vertices, picture)
-
-
-def face_window(picture: Picture, pose: Array, largest_px: int) -> FaceWindow:
-    """The window about a face of this weak-perspective pose (6,), at most `largest_px` a side.
-
-    Faces that are smaller in the picture are not enlarged.
-    """
-    side = float(np.exp(pose[5]) * WINDOW_MM)
-    centre = project(pose, FACE_CENTRE_MM[None])[0]
-    return window_around(picture, centre, side, min(largest_px, max(round(side), 16)))
 
 
 def _read_picture(path: Path) -> Picture:

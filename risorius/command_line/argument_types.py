@@ -93,3 +93,11 @@ def peers(text: str) -> int:
     if value < 2:
         raise argparse.ArgumentTypeError(f"{text} is too few peers, at least 2")
     return value
+
+
+def share(text: str) -> float:
+    """More than 0, at most 1."""
+    value = _number(text)
+    if not 0 < value <= 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a share, above 0 and up to 1")
+    return value

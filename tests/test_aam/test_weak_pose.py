@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from aam_faces import HEAD, POSE
 
-from aam.weak_pose import displaced, euler_angles_deg, pose_vector, project, telephoto
+from aam.weak_pose import (
+    displaced,
+    euler_angles_deg,
+    pose_vector,
+    project,
+    step_between,
+    telephoto,
+)
 from shared_model.geometry import Camera, pixel_from_head, pose_from_euler
 
 
@@ -34,3 +41,8 @@ def test_a_shift_goes_along_the_heads_horizontal_axis_in_the_picture() -> None:
     along = project(rolled, np.array([[1.0, 0, 0], [0, 0, 0]]))
     direction = (along[0] - along[1]) / np.linalg.norm(along[0] - along[1])
     np.testing.assert_allclose(moved[3:5] - rolled[3:5], 20 * direction, atol=1e-9)
+
+
+def test_the_step_between_two_poses_leads_from_one_to_the_other() -> None:
+    target = POSE + np.array([0.2, -0.1, 0.3, 5.0, -7.0, 0.1])
+    np.testing.assert_allclose(displaced(POSE, step_between(POSE, target)), target, atol=1e-12)

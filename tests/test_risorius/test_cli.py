@@ -22,6 +22,8 @@ COMMANDS = (
     "replay",
     "info",
     "track",
+    "annotate",
+    "train",
     "animate",
     "view",
     "demo",

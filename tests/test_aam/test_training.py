@@ -1,0 +1,198 @@
+"""Training: what the modes explain, what the matrices predict, the same bytes each time, files."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from aam_faces import synthetic_faces, write_annotations
+
+from aam.model import MultiResolutionModel, texture_at
+from aam.model_file import read_model, write_model
+from aam.pca import principal_components
+from aam.search.find_face import find_in_window, pose_at_eyes
+from aam.search.search import METHODS, SearchOptions
+from aam.training.faces import at_resolution, mirrored_face, read_faces, rescaled
+from aam.training.report import person_residuals, write_report
+from aam.training.ridge import fit_ridge
+from aam.training.train import TrainingOptions, combined_model, train
+from aam.warps import head_warp
+from risorius.cli import main
+from shared_model.errors import UserError
+
+OPTIONS = TrainingOptions(size=64, retained=0.97, normalisation="none", mirror=False)
+FACES = synthetic_faces(10, 2)
+STRANGERS = synthetic_faces(14, 1)[10:]
+
+
+@pytest.fixture(scope="module")
+def model() -> MultiResolutionModel:
+    return train(FACES, OPTIONS)
+
+
+@pytest.mark.parametrize("size", [(12, 40), (40, 12)])
+def test_components_keep_the_least_number_of_orthonormal_modes(size: tuple[int, int]) -> None:
+    random = np.random.default_rng(2)
+    rows = random.normal(0, 1, size) * np.linspace(3, 0.1, size[1]) + 5
+    linear = principal_components(rows, 0.9)
+    np.testing.assert_allclose(linear.modes @ linear.modes.T, np.eye(len(linear.modes)), atol=1e-9)
+    assert linear.total == pytest.approx(rows.var(0, ddof=1).sum())
+    shares = np.cumsum(linear.variances) / linear.total
+    assert shares[-1] >= 0.9 > shares[-2]
+    np.testing.assert_allclose(
+        linear.coefficients(rows).var(0, ddof=1), linear.variances, rtol=1e-9
+    )
+
+
+def test_combined_parameters_give_back_shape_and_texture_of_the_training_faces() -> None:
+    warp = head_warp(32, "full")
+    prepared = at_resolution(FACES, 32, "none")
+    options = TrainingOptions(size=64, retained=0.9999, normalisation="none", mirror=False)
+    model, truth = combined_model(prepared, warp, options)
+    for face, c in zip(prepared, truth, strict=True):
+        np.testing.assert_allclose(model.shape_of(c), face.shape, atol=0.02)
+        texture = texture_at(warp, face.luma, face.shape, face.pose)
+        assert ((texture - model.texture_of(c)) ** 2).mean() < 0.01
+
+
+def test_discarded_modes_are_the_first_ones() -> None:
+    warp, prepared = head_warp(32, "full"), at_resolution(FACES, 32, "none")
+    whole, _ = combined_model(prepared, warp, OPTIONS)
+    fewer, _ = combined_model(
+        prepared, warp, TrainingOptions(size=64, retained=0.97, discard=2, normalisation="none")
+    )
+    np.testing.assert_allclose(fewer.combined.modes, whole.combined.modes[2:])
+    with pytest.raises(ValueError, match="discard is 99"):
+        combined_model(prepared, warp, TrainingOptions(discard=99, normalisation="none"))
+
+
+def test_a_mirrored_face_is_where_the_mirror_image_shows_it() -> None:
+    warp, face = head_warp(32, "full"), FACES[0]
+    mirrored = mirrored_face(face)
+    expected = warp.positions(face.shape, face.pose) * [[-1], [1]] + [[95], [0]]
+    found = warp.positions(mirrored.shape, mirrored.pose)
+    nearest = np.linalg.norm(expected[:, :, None] - found[:, None], axis=0).min(1)
+    # The frame's outline is drawn to whole texels, and not quite symmetric.
+    assert np.quantile(nearest, 0.97) < 1e-3
+    twice = mirrored_face(mirrored)
+    np.testing.assert_allclose(twice.pose, face.pose)
+    np.testing.assert_array_equal(twice.window.picture, face.window.picture)
+
+
+def test_rescaled_poses_show_the_same_place_in_a_smaller_picture() -> None:
+    warp, face = head_warp(32, "full"), FACES[0]
+    small = warp.positions(face.shape, rescaled(face.pose, 0.5))
+    np.testing.assert_allclose(
+        small, (warp.positions(face.shape, face.pose) + 0.5) / 2 - 0.5, atol=1e-4
+    )
+
+
+@pytest.mark.parametrize("columns", [20, 200])
+def test_a_ridge_is_chosen_by_what_it_predicts_of_the_other_half(columns: int) -> None:
+    random = np.random.default_rng(3)
+    rows = random.normal(0, 1, (80, columns)).astype(np.float32)
+    true = random.normal(0, 1, (columns, 2)) * (np.arange(columns) < 3)[:, None]
+    targets = rows @ true + random.normal(0, 0.1, (80, 2))
+    half = np.arange(80) % 2 == 1
+    _, predicted = fit_ridge(rows, targets, half, (0.001, 1.0, 1000.0))
+    error = {
+        ridge: float(((fit_ridge(rows, targets, half, (ridge,))[1] - targets) ** 2).mean())
+        for ridge in (0.001, 1.0, 1000.0)
+    }
+    assert float(((predicted - targets) ** 2).mean()) == pytest.approx(min(error.values()))
+    assert min(error.values()) < 0.8 * float((targets**2).mean())
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_strangers_are_found_from_their_eyes(model: MultiResolutionModel, method: str) -> None:
+    warps = [model.warp(number) for number in range(len(model.levels))]
+    before, after = [], []
+    for face in STRANGERS:
+        true = warps[-1].landmarks(face.shape, face.pose)
+        eyes = true[list(warps[-1].eye_corners)].reshape(2, 2, 2).mean(1)
+        start = pose_at_eyes(model, eyes)
+        fit = find_in_window(model.levels, warps, "none", face.window, start, SearchOptions(method))
+        distance = np.linalg.norm(eyes[1] - eyes[0])
+        mean = warps[-1].landmarks(model.levels[0].shape.mean, start)
+        before.append(np.linalg.norm(mean - true, axis=1).mean() / distance)
+        after.append(np.linalg.norm(fit.landmarks - true, axis=1).mean() / distance)
+    assert np.mean(after) < 0.8 * np.mean(before)
+
+
+def test_a_model_is_the_same_bytes_each_time_and_reads_back(
+    model: MultiResolutionModel, tmp_path: Path
+) -> None:
+    one, other = tmp_path / "one.npz", tmp_path / "other.npz"
+    write_model(one, model)
+    write_model(other, read_model(one))
+    assert one.read_bytes() == other.read_bytes()
+    again = read_model(one)
+    assert (again.frame, again.normalisation, again.sizes) == ("full", "none", (32, 64))
+    np.testing.assert_array_equal(again.levels[1].cascade, model.levels[1].cascade)
+
+
+def test_what_is_no_model_is_refused(model: MultiResolutionModel, tmp_path: Path) -> None:
+    path = tmp_path / "model.npz"
+    write_model(path, model)
+    whole = path.read_bytes()
+    for damaged in (b"", whole[:1000], b"x" * 100):
+        path.write_bytes(damaged)
+        with pytest.raises(UserError, match="no model"):
+            read_model(path)
+    with np.load(_written(path, whole)) as data:
+        arrays = {name: data[name] for name in data.files}
+    for change in (
+        {"header": np.array(str(arrays["header"]).replace("risorius-aam", "other"))},
+        {"header": np.array("{}")},
+        {"1/additive": arrays["1/additive"][:, :-1]},
+    ):
+        np.savez(path, **{**arrays, **change})
+        with pytest.raises(UserError, match="no model"):
+            read_model(path)
+    del arrays["0/texture_mean"]
+    np.savez(path, **arrays)
+    with pytest.raises(UserError, match="texture_mean"):
+        read_model(path)
+
+
+def _written(path: Path, content: bytes) -> Path:
+    path.write_bytes(content)
+    return path
+
+
+def test_the_report_shows_modes_and_every_person(
+    model: MultiResolutionModel, tmp_path: Path
+) -> None:
+    text = write_report(tmp_path, model, FACES, OPTIONS).read_text(encoding="utf-8")
+    pictures = ("mean", "combined", "shape", "texture", "weights")
+    assert all(f"<img src={name}.png>" in text for name in pictures)
+    assert all((tmp_path / f"{name}.png").stat().st_size > 1000 for name in pictures)
+    assert all(f"<td>p{person}<td>2<td>" in text for person in range(10))
+    residuals = person_residuals(model, [*FACES, *STRANGERS])
+    strange = np.mean([residuals[face.person][1] for face in STRANGERS])
+    known = np.mean([residuals[face.person][1] for face in FACES])
+    assert 0 < known < strange < 1
+
+
+def test_the_command_trains_the_same_model_twice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_annotations(tmp_path / "in", FACES[:6])
+    assert len(read_faces([tmp_path / "in"])) == 6
+    for name in ("one.npz", "two.npz"):
+        path = str(tmp_path / name)
+        report = ["--report", str(tmp_path / "report")] if name == "two.npz" else []
+        arguments = ["train", str(tmp_path / "in"), "-o", path, "--size", "64", "--no-mirror"]
+        assert main([*arguments, "-q", *report]) == 0
+    assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
+    assert "6 faces" in capsys.readouterr().err
+    assert (tmp_path / "report" / "index.html").is_file()
+
+
+def test_the_command_says_what_it_cannot_train_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_annotations(tmp_path / "in", FACES[:3])
+    assert main(["train", str(tmp_path / "in"), "-o", str(tmp_path / "m.npz"), "-q"]) == 2
+    assert "expected 4 of two people" in capsys.readouterr().err
+    assert main(["train", str(tmp_path), "-o", str(tmp_path / "m.npz"), "-q"]) == 2
+    assert "no annotations" in capsys.readouterr().err
