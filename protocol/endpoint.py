@@ -13,7 +13,7 @@ from shared_model.errors import UserError
 
 SCHEMES = ("tcp", "udp", "tls", "quic", "ws")
 # Tried in this order.
-DEFAULT_SCHEMES = ("tcp",)
+DEFAULT_SCHEMES = ("udp", "tcp")
 ANY_HOST = "0.0.0.0"
 # A host that no packet is sent to: its route tells the address that others see.
 _FAR_HOST = ("192.0.2.1", 9)

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol, Self
 
-from protocol.endpoint import parse_endpoint, parse_remote_endpoint
 from protocol.limits import CALL_NAME
+from protocol.link.endpoints import Endpoint, link_endpoints
 from protocol.security.link_security import LinkSecurity
 from shared_model.errors import UserError
 
@@ -25,10 +25,10 @@ class LinkOptions:
     """How to hold a call over a network.  Raises `UserError` if an option is invalid.
 
     call: its name: a-z, A-Z, 0-9 and `_.-`, no dot in front.
-    listen, connect: endpoints, see `parse_endpoint`; at least one.
+    listen, connect: endpoints, see `protocol.endpoint`; at least one.
     connect_timeout_s: time limit for connecting.
-    lossless: frame packets are sent reliably and wait for a slow link instead of being dropped;
-        over TCP all arrive, in order, before END.  For files and measurements, not for live calls.
+    lossless: frame packets are sent again until they are there: all arrive, in order, before END.
+        For files and measurements, not for live calls.
     router: forward the calls of others and take part in none.
     security: what protects the call.
     """
@@ -46,19 +46,18 @@ class LinkOptions:
             raise UserError(
                 f"call name {self.call!r}: use a-z, A-Z, 0-9 and _ . -, and no . in front"
             )
-        if not self.listen_locators + self.connect_locators:
+        if not self.listen_endpoints and not self.connect_endpoints:
             raise UserError("no endpoint to listen on or to connect to")
 
     @property
-    def listen_locators(self) -> tuple[str, ...]:
-        """What Zenoh listens on."""
-        return tuple(place for text in self.listen for place in parse_endpoint(text).locators)
+    def listen_endpoints(self) -> tuple[Endpoint, ...]:
+        """All that is listened on."""
+        return tuple(each for text in self.listen for each in link_endpoints(text, listens=True))
 
     @property
-    def connect_locators(self) -> tuple[str, ...]:
-        """What Zenoh connects to."""
-        remote = map(parse_remote_endpoint, self.connect)
-        return tuple(place for endpoint in remote for place in endpoint.locators)
+    def connect_endpoints(self) -> tuple[tuple[Endpoint, ...], ...]:
+        """For each place to connect to its endpoints, the best first."""
+        return tuple(link_endpoints(text, listens=False) for text in self.connect)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,76 +1,113 @@
 """A call over Zenoh: the only file that imports it.
 
-Keys: risorius/CALL/model (published; a late joiner queries it for models and layers),
-risorius/CALL/layer, risorius/CALL/frame and risorius/CALL/control.  Each end declares a liveliness
-token, which tells the other end when it joins and leaves.  Multicast discovery is off: one end
-listens and the other connects to it, or both connect to a router.
+The encoder publishes on d/CALL, the decoders on u/CALL.  Who connects also subscribes to the
+other's key, and repairs its session by opening another one: nothing else has to be declared.
+On the key w an end asks who is there; the answers come on the key that it subscribes to, marked
+by an attachment.  Multicast discovery is off: one end listens and the other connects to it, or both
+connect to a router.
 """
 
 import _thread
 import json
 import re
-from collections.abc import Iterator
+import secrets
+from collections.abc import Callable
 from contextlib import suppress
 from queue import Empty, SimpleQueue
-from time import monotonic, sleep
-from typing import Self
+from time import monotonic
+from typing import Any, Self
 
 import zenoh
-from zenoh import CongestionControl, ConsolidationMode, Reliability, SampleKind
+from zenoh import CongestionControl
 from zenoh.handlers import Callback
 
-from protocol.limits import MAX_MODEL_PACKET_BYTES
+from protocol.limits import SEQUENCE_MODULUS
+from protocol.link.endpoints import Endpoint, Failure, resolve
 from protocol.link.interface import (
-    Arrival,
     LinkOptions,
-    LinkQuality,
     MessageCallback,
-    Reachability,
+    PacketProtection,
     ignore_message,
 )
-from protocol.link.model_cache import ModelCache
-from protocol.link.peers import POLL_S, PeerMonitor
-from protocol.link.receive_queue import ReceiveQueue
-from protocol.packets import PacketKind, is_end, packet_kind
+from protocol.link.link_service import (
+    LISTENING,
+    Failed,
+    LinkService,
+    Opened,
+    Presence,
+    Received,
+)
+from protocol.link.link_sink import LinkSink
+from protocol.link.link_source import LEAVE_GRACE_S, LinkSource
+from protocol.link.messages import SESSION_BYTES, Role
+from protocol.link.peers import POLL_S
+from protocol.link.plain_protection import PlainProtection
+from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence
+from protocol.packets import PacketKind
 from shared_model.errors import LINK_FAILED, UserError
 
-# Bytes that Zenoh adds to a live frame packet, measured with 8-bit sequence numbers and declared
-# keys; bytes of the headers of IP (20) and UDP (8), or TCP with timestamps (32).
+# Bytes that Zenoh adds to a frame packet from an end that listens or a relay, measured with 8-bit
+# sequence numbers; an end that connects also spells the key out, with one byte for its length.
 ZENOH_OVERHEAD_BYTES = {"udp": 6, "tcp": 8}
+# Bytes of the headers of IP (20) and UDP (8), or TCP with timestamps (32).
 IP_OVERHEAD_BYTES = {"udp": 28, "tcp": 52}
-# Time that a call without END waits for its encoder to return.
-LEAVE_GRACE_S = 1.0
-# Time that an interrupted program waits for a session that is being opened.
-OPENING_S = 0.5
+PRESENCE_MARK = b"p"
+# How long a connection may take to open, by whether it repeats lost messages.
+OPEN_S, RELIABLE_OPEN_S = 4.0, 10.0
+# Failures within this time are refusals.
+REFUSAL_S = 0.8 * OPEN_S
+# Time that an end waits for sessions that are being opened or closed when it leaves.
+OPENING_S, CLOSING_S = 0.5, 1.0
+MAX_MESSAGE_BYTES = 64 * 1024
 
 
-class _Session:
-    """An open session, closed on leaving the `with` block.
-
-    Callbacks run in Zenoh's receiving thread.  With a thread of its own for each callback, which
-    lives as long as the session, an interrupted program could not end.
-    """
+class ZenohSink(LinkSink):
+    """See `LinkSink`.  protection: None: only against change."""
 
     def __init__(
-        self, options: LinkOptions, waiting_for: str = "", say: MessageCallback = ignore_message
+        self,
+        options: LinkOptions,
+        say: MessageCallback = ignore_message,
+        protection: PacketProtection | None = None,
     ) -> None:
-        """waiting_for: the other end, as the message about connecting or listening names it."""
-        if not options.listen:
-            say(f"connecting to {' or '.join(options.connect)} for {waiting_for}")
-        self._session = _open(options)
-        try:
-            if options.listen:
-                say(f"listening on {' and '.join(options.listen)} for {waiting_for}")
-            self._declare(options)
-        except BaseException:
-            self.close()
-            raise
+        guard = protection or PlainProtection(secrets.token_bytes(SESSION_BYTES), is_encoder=True)
+        super().__init__(
+            options, guard, lambda service: _Carrier(options, Role.ENCODER, service), say
+        )
 
-    def _declare(self, options: LinkOptions) -> None:
-        """Declare what this end sends and receives."""
+
+class ZenohSource(LinkSource):
+    """See `LinkSource`.  protection: None: only against change."""
+
+    def __init__(
+        self,
+        options: LinkOptions,
+        say: MessageCallback = ignore_message,
+        protection: PacketProtection | None = None,
+        leave_grace_s: float = LEAVE_GRACE_S,
+    ) -> None:
+        guard = protection or PlainProtection(secrets.token_bytes(SESSION_BYTES), is_encoder=False)
+        super().__init__(
+            options,
+            guard,
+            lambda service: _Carrier(options, Role.DECODER, service),
+            say,
+            leave_grace_s,
+        )
+
+
+class ZenohRouter:
+    """Forwards calls between the ends that connect to it, until it is closed.
+
+    listen: see `LinkOptions`.  Raises `UserError` with exit code 4 if it cannot listen.
+    """
+
+    def __init__(self, listen: tuple[str, ...]) -> None:
+        self._session = _listen(LinkOptions("any", listen, router=True))
+        _answer_questions(self._session, Role.RELAY, "")
 
     def close(self) -> None:
-        """Deliver what was sent and leave; closing twice has no further effect."""
+        """End all connections."""
         if not self._session.is_closed():
             self._session.close()  # type: ignore[no-untyped-call]
 
@@ -81,226 +118,149 @@ class _Session:
         self.close()
 
 
-class ZenohSink(_Session):
-    """The encoder's end of a call: a `PacketSink`.  Zenoh reconnects it by itself.
+class _Carrier:
+    """The sessions of one end: a `Carrier`.  Callbacks run in Zenoh's receiving threads.
 
-    say: called with a line when it waits for a decoder, when the last decoder has left, and when
-        one has joined again.
-    Raises `UserError` with exit code 4 if the link cannot be made or another encoder has the same
-    call; two encoders that start at the same moment may not notice each other.
+    Raises `UserError` if the end cannot listen.
     """
 
-    def __init__(self, options: LinkOptions, say: MessageCallback = ignore_message) -> None:
-        self._models = ModelCache()
-        self._decoders = PeerMonitor(say)
-        self._reachability = Reachability.NO_PEER
-        self._listens = bool(options.listen)
-        self._begun_s = monotonic()
-        super().__init__(options, f"a decoder of call {options.call!r}", say)
+    def __init__(self, options: LinkOptions, role: Role, service: LinkService) -> None:
+        self._call, self._role, self._events = options.call, role, service.events
+        is_encoder = role is Role.ENCODER
+        self._sent_key, self._heard_key = call_keys(options.call, is_encoder)
+        self._sessions: dict[int, zenoh.Session] = {}
+        self._opening: set[int] = set()  # connections that are wanted and not open
+        self._busy = 0  # threads that open or close a session
+        self._done: SimpleQueue[None] = SimpleQueue()
+        if options.listen:
+            session = _listen(options)
+            self._sessions[LISTENING] = session
+            self._subscribe(LISTENING, session)
+            _answer_questions(session, role, options.call)
 
-    def _declare(self, options: LinkOptions) -> None:
-        key = f"risorius/{options.call}"
-        if self._name_is_taken(f"{key}/encoder"):
-            raise UserError(
-                f"call {options.call!r} has an encoder already; choose another name with --call",
-                LINK_FAILED,
-            )
-        self._publishers = {
-            kind: self._publisher(f"{key}/{kind.name.lower()}", options.lossless, kind)
-            for kind in PacketKind
-        }
-        self._session.declare_queryable(f"{key}/model", Callback(self._answer, indirect=False))
-        liveliness = self._session.liveliness()
-        liveliness.declare_subscriber(
-            f"{key}/decoder/*", Callback(self._decoder_changed, indirect=False), history=True
-        )
-        self._token = liveliness.declare_token(f"{key}/encoder")
+    def open(self, connection: int, endpoint: Endpoint) -> None:
+        """See `Carrier`."""
+        self._opening.add(connection)
+        self._in_background(lambda: self._open(connection, endpoint))
 
-    @property
-    def peers(self) -> int:
-        """Number of decoders present."""
-        return len(self._decoders)
+    def put(self, connection: int, payload: bytes) -> None:
+        """See `Carrier`."""
+        is_frame = payload[0] // SEQUENCE_MODULUS == PacketKind.FRAME
+        if session := self._sessions.get(connection):
+            with suppress(zenoh.ZError):
+                session.put(
+                    self._sent_key,
+                    payload,
+                    congestion_control=CongestionControl.DROP,
+                    # Express packets skip batching, which would join pieces to fragments of IP; the
+                    # flag takes two bytes, and an idle link sends at once without it.
+                    express=not is_frame,
+                )
 
-    @property
-    def reachability(self) -> Reachability:
-        """Reachability of the newest packet; an encoder that listens always has a link."""
-        return self._reachability
+    def ask(self, connection: int) -> None:
+        """See `Carrier`."""
+        if session := self._sessions.get(connection):
+            with suppress(zenoh.ZError):
+                session.put(WHO_KEY, serialise_presence(self._role, self._call))
 
-    @property
-    def quality(self) -> LinkQuality:
-        """Nothing is measured."""
-        return LinkQuality()
+    def is_linked(self, connection: int) -> bool:
+        """See `Carrier`."""
+        session = self._sessions.get(connection)
+        return session is not None and not session.is_closed() and bool(session.info.transports())
 
-    def wait_for_peer(self, timeout_s: float) -> None:
-        """Wait for a decoder, which then receives all packets sent from now on.
+    def close(self, connection: int) -> None:
+        """See `Carrier`."""
+        self._opening.discard(connection)
+        session = self._sessions.pop(connection, None)
+        if session is not None:
+            self._in_background(session.close)
+            del session
 
-        timeout_s: from the construction of the sink.
-        Raises `UserError` with exit code 4 if no decoder has joined by then.
-        """
-        if not self._decoders.wait(max(0.0, self._begun_s + timeout_s - monotonic())):
-            raise UserError(f"no decoder came within {timeout_s:g} s", LINK_FAILED)
+    def close_all(self) -> None:
+        """See `Carrier`."""
+        self._opening.clear()
+        for connection in list(self._sessions):
+            self.close(connection)
+        end_s = monotonic() + CLOSING_S
+        while self._busy and monotonic() < end_s:
+            with suppress(Empty):
+                self._done.get(timeout=POLL_S / 2)
+                self._busy -= 1
 
-    def send(self, packet: bytes) -> None:
-        """Publish one packet; model and layer packets are cached for decoders that join later."""
-        self._models.on_sent(packet)
-        try:
-            self._reachability = self._current_reachability()
-            self._publishers[packet_kind(packet)].put(packet)
-        except zenoh.ZError as error:
-            raise UserError(f"the link has failed: {_reason(error)}", LINK_FAILED) from error
+    def _in_background(self, function: Callable[[], Any]) -> None:
+        work = [function]
 
-    def _current_reachability(self) -> Reachability:
-        if self._decoders.poll():
-            return Reachability.HAS_PEER
-        linked = self._listens or self._session.info.transports()
-        return Reachability.NO_PEER if linked else Reachability.NO_LINK
+        def run() -> None:
+            try:
+                # Nothing may hold a session once this is done: the thread would wait for Zenoh.
+                work.pop()()
+            except zenoh.ZError:
+                pass
+            finally:
+                self._done.put(None)
 
-    def _name_is_taken(self, key: str) -> bool:
-        """Whether the token `key` is declared; one whose owner has left expires with a delay."""
-        deadline = monotonic() + LEAVE_GRACE_S
-        while any(r.ok for r in self._session.liveliness().get(key, timeout=LEAVE_GRACE_S)):
-            if monotonic() >= deadline:
-                return True
-            sleep(POLL_S)
-        return False
+        while not self._done.empty():
+            self._done.get()
+            self._busy -= 1
+        self._busy += 1
+        _thread.start_new_thread(run, ())
 
-    def _publisher(self, key: str, lossless: bool, kind: PacketKind) -> zenoh.Publisher:
-        reliable = lossless or kind is not PacketKind.FRAME
-        return self._session.declare_publisher(
-            key,
-            reliability=Reliability.RELIABLE if reliable else Reliability.BEST_EFFORT,
-            congestion_control=CongestionControl.BLOCK if reliable else CongestionControl.DROP,
-            # Express packets skip batching, which gains nothing at thirty packets a second, but
-            # the flag takes two bytes a packet, and an idle link sends at once without it.
-            express=reliable,
-        )
+    def _open(self, connection: int, endpoint: Endpoint) -> None:
+        begun_s = monotonic()
+        address, failure = resolve(endpoint, connection)
+        if failure is None:
+            try:
+                session = zenoh.open(_client_config(endpoint, address))
+                self._take(connection, session)
+                return
+            except zenoh.ZError:
+                took_s = monotonic() - begun_s
+                failure = Failure.REFUSED if took_s < REFUSAL_S else Failure.SILENT
+        self._events.put(Failed(connection, failure))
 
-    def _answer(self, query: zenoh.Query) -> None:
-        with query:
-            for packet in self._models.packets:
-                query.reply(query.key_expr, packet)
+    def _take(self, connection: int, session: zenoh.Session) -> None:
+        """Use a session that has been opened, unless it is not wanted any more."""
+        self._subscribe(connection, session)
+        self._sessions[connection] = session
+        if connection in self._opening:
+            self._opening.discard(connection)
+            self._events.put(Opened(connection))
+        elif self._sessions.pop(connection, None) is not None:
+            session.close()  # type: ignore[no-untyped-call]
 
-    def _decoder_changed(self, sample: zenoh.Sample) -> None:
-        change = (
-            self._decoders.on_join if sample.kind == SampleKind.PUT else self._decoders.on_leave
-        )
-        change(str(sample.key_expr))
+    def _subscribe(self, connection: int, session: zenoh.Session) -> None:
+        def arrived(sample: zenoh.Sample) -> None:
+            data = sample.payload.to_bytes()
+            if sample.attachment is None:
+                self._events.put(Received(connection, data, monotonic()))
+            elif (found := parse_presence(data)) is not None:
+                self._events.put(Presence(connection, *found))
 
-
-class ZenohSource(_Session):
-    """The decoder's end of a call: a `PacketSource`.
-
-    Returns the model before any frame, whenever it joins.  Ends with the END packet, or without one
-    when the encoder has left and no packet has arrived for `leave_grace_s`, since a slow link may
-    still deliver packets.
-    say: called with a line when it waits for an encoder.
-    Raises `UserError` with exit code 4 if the link cannot be made.
-    """
-
-    def __init__(
-        self,
-        options: LinkOptions,
-        say: MessageCallback = ignore_message,
-        leave_grace_s: float = LEAVE_GRACE_S,
-    ) -> None:
-        self._grace_s = leave_grace_s
-        self._queue = ReceiveQueue()
-        self._left_s: float | None = None
-        self._last_arrival_s = monotonic()  # when something arrived
-        self._complete = self._ended = False
-        self._key = f"risorius/{options.call}"
-        super().__init__(options, f"an encoder of call {options.call!r}", say)
-
-    def _declare(self, options: LinkOptions) -> None:
-        # With a thread for each key, packets would be reordered.
-        arrived = Callback(self._arrived, indirect=False)
-        for kind in PacketKind:
-            self._session.declare_subscriber(f"{self._key}/{kind.name.lower()}", arrived)
-        liveliness = self._session.liveliness()
-        liveliness.declare_subscriber(
-            f"{self._key}/encoder", Callback(self._encoder_changed, indirect=False), history=True
-        )
-        # After the subscribers, which the token announces.
-        self._token = liveliness.declare_token(f"{self._key}/decoder/{self._session.zid()}")
-
-    @property
-    def complete(self) -> bool:
-        """Whether the END packet has been returned."""
-        return self._complete
-
-    @property
-    def ended(self) -> bool:
-        """Whether no further packet will be returned."""
-        return self._ended
-
-    def receive(self, timeout_s: float | None = None) -> Arrival | None:
-        """The next packet, waiting at most `timeout_s`; None on timeout, or if `ended`."""
-        deadline = None if timeout_s is None else monotonic() + timeout_s
-        while not self._ended:
-            packet = self._queue.take(self._wait_s(deadline))
-            if packet is not None:
-                self._complete = self._ended = is_end(packet)
-                return Arrival(packet, monotonic())
-            now, end = monotonic(), self._end_s
-            self._ended = end is not None and now >= end
-            if deadline is not None and now >= deadline:
-                break
-        return None
-
-    def __iter__(self) -> Iterator[bytes]:
-        while (arrival := self.receive()) is not None:
-            yield arrival.data
-
-    def _wait_s(self, deadline: float | None) -> float:
-        ends = [end - monotonic() for end in (deadline, self._end_s) if end is not None]
-        return max(0.0, min([POLL_S, *ends]))
-
-    @property
-    def _end_s(self) -> float | None:
-        """Time at which the call ends after its encoder has left; None while it is present."""
-        gone_s = self._left_s
-        return None if gone_s is None else max(gone_s, self._last_arrival_s) + self._grace_s
-
-    def _arrived(self, sample: zenoh.Sample) -> None:
-        self._last_arrival_s = monotonic()
-        self._queue.put(sample.payload.to_bytes())
-
-    def _encoder_changed(self, sample: zenoh.Sample) -> None:
-        if sample.kind == SampleKind.PUT:
-            self._left_s = None
-            # The model may have been published before; of a repeated one, one is dropped.
-            self._session.get(
-                f"{self._key}/model",
-                Callback(self._replied, indirect=False),
-                consolidation=ConsolidationMode.NONE,
-            )
-        else:
-            self._left_s = monotonic()
-            self._queue.wake()
-
-    def _replied(self, reply: zenoh.Reply) -> None:
-        if reply.ok is not None:
-            self._queue.put(reply.ok.payload.to_bytes())
+        # With a thread of its own a callback would outlive an interrupted program.
+        session.declare_subscriber(self._heard_key, Callback(arrived, indirect=False))
 
 
-class ZenohRouter(_Session):
-    """Forwards calls between the ends that connect to it, until it is closed.
+def _answer_questions(session: zenoh.Session, role: Role, call: str) -> None:
+    """Answer each question who is there on the key that whoever asks subscribes to."""
 
-    Raises `UserError` with exit code 4 if it cannot listen.
-    """
+    def asked(sample: zenoh.Sample) -> None:
+        found = parse_presence(sample.payload.to_bytes())
+        if found is not None and found[0] is not Role.RELAY:
+            _, key = call_keys(found[1], found[0] is Role.ENCODER)
+            with suppress(zenoh.ZError):
+                session.put(key, serialise_presence(role, call), attachment=PRESENCE_MARK)
 
-    def __init__(self, listen: tuple[str, ...]) -> None:
-        super().__init__(LinkOptions("any", listen, router=True))
+    session.declare_subscriber(WHO_KEY, Callback(asked, indirect=False))
 
 
-def _open(options: LinkOptions) -> zenoh.Session:
-    """A session, opened in a thread of its own so that Ctrl-C takes effect while it opens."""
+def _listen(options: LinkOptions) -> zenoh.Session:
+    """A session that listens, opened in a thread of its own so that Ctrl-C takes effect."""
     results: list[zenoh.Session | zenoh.ZError] = []
     done: SimpleQueue[None] = SimpleQueue()
 
     def run() -> None:
         try:
-            results.append(zenoh.open(_config(options)))
+            results.append(zenoh.open(_listener_config(options)))
         except zenoh.ZError as error:
             results.append(error)
         done.put(None)
@@ -319,41 +279,52 @@ def _open(options: LinkOptions) -> zenoh.Session:
         raise
     (result,) = results
     if isinstance(result, zenoh.ZError):
-        raise UserError(_open_failure(options, _reason(result)), LINK_FAILED) from result
+        raise UserError(_listen_failure(options, _reason(result)), LINK_FAILED) from result
     return result
 
 
-def _config(options: LinkOptions) -> zenoh.Config:
+def _listener_config(options: LinkOptions) -> zenoh.Config:
+    return _config(
+        {
+            # Routers forward between clients, peers do not.
+            "mode": "router" if options.router else "peer",
+            "listen/endpoints": [str(endpoint) for endpoint in options.listen_endpoints],
+            "listen/timeout_ms": 0,
+            "listen/exit_on_failure": True,
+            "connect/endpoints": [str(each[0]) for each in options.connect_endpoints],
+        }
+    )
+
+
+def _client_config(endpoint: Endpoint, address: str) -> zenoh.Config:
+    open_s = RELIABLE_OPEN_S if endpoint.is_reliable else OPEN_S
+    return _config(
+        {
+            "mode": "client",
+            "connect/endpoints": [address],
+            # A second try of the same session might be refused for ever.
+            "connect/timeout_ms": 0,
+            "connect/exit_on_failure": True,
+            "transport/unicast/open_timeout": round(1000 * open_s),
+        }
+    )
+
+
+def _config(settings: dict[str, Any]) -> zenoh.Config:
     config = zenoh.Config()
-    settings = {
-        # Routers forward between clients, but not between peers without gossip.
-        "mode": "router" if options.router else "peer" if options.listen else "client",
+    common = {
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
-        "listen/endpoints": options.listen_locators,
-        "listen/timeout_ms": 0,
-        "listen/exit_on_failure": True,
-        "connect/endpoints": options.connect_locators,
-        "connect/timeout_ms": round(1000 * options.connect_timeout_s),
-        "connect/exit_on_failure": True,
-        "connect/retry": {
-            "period_init_ms": 100,
-            "period_max_ms": 1000,
-            "period_increase_factor": 1.5,
-        },
         # Sequence numbers of one byte instead of up to five.
         "transport/link/tx/sequence_number_resolution": "8bit",
-        "transport/link/rx/max_message_size": 2 * MAX_MODEL_PACKET_BYTES,
+        "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
     }
-    for name, value in settings.items():
+    for name, value in {**common, **settings}.items():
         config.insert_json5(name, json.dumps(value))
     return config
 
 
-def _open_failure(options: LinkOptions, reason: str) -> str:
-    if "Unable to connect" in reason:
-        where = " or ".join(options.connect)
-        return f"cannot reach {where} within {options.connect_timeout_s:g} s; is anyone there?"
+def _listen_failure(options: LinkOptions, reason: str) -> str:
     where = " and ".join(options.listen)
     if "Address already in use" in reason:
         return f"cannot listen on {where}: the port is in use, choose another"

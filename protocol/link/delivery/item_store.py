@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from protocol.limits import SEQUENCE_MODULUS
+from protocol.link.delivery.model_cache import ModelCache
 from protocol.link.messages import PIECE_BYTES, Channel, Piece, Span, piece_count
-from protocol.link.model_cache import ModelCache
 from protocol.model_packet import ModelPacket
 from protocol.packets import PacketKind, packet_kind, parse_packet
 

@@ -12,7 +12,7 @@ from encoder.calls.packet_sender import LEAD_PACKETS, PacketSender
 from encoder.calls.session_stats import SessionStats
 from encoder.calls.thesis_session import FixedRateSender
 from protocol.call_file import CallReader, CallWriter
-from protocol.link.model_cache import ModelCache
+from protocol.link.delivery.model_cache import ModelCache
 from protocol.model_packet import ModelPacket
 from protocol.packets import parse_packet
 from shared_model.parameters import FaceParameters, Pose, with_focal_change

@@ -6,7 +6,7 @@ from packets import MODEL
 
 from decoder.playout import Playout
 from protocol.frames.scalar_quantiser import sent_eaus
-from protocol.link.model_cache import ModelCache
+from protocol.link.delivery.model_cache import ModelCache
 from protocol.link.receive_queue import ReceiveQueue
 from protocol.packets import (
     ControlKind,

@@ -1,0 +1,110 @@
+"""What both ends of a call over a network have in common, whatever carries it."""
+
+from collections.abc import Callable
+from time import monotonic, sleep
+from typing import Self
+
+from protocol.link.connection import Connector
+from protocol.link.endpoints import Failure
+from protocol.link.interface import (
+    Arrival,
+    LinkOptions,
+    MessageCallback,
+    PacketProtection,
+)
+from protocol.link.link_service import Carrier, Delivery, LinkService
+from protocol.link.messages import Role
+from protocol.link.peers import POLL_S
+from shared_model.errors import LINK_FAILED, UserError
+
+# Makes the carrier of a service, and opens what the end listens on.
+CarrierFactory = Callable[[LinkService], Carrier]
+
+# How often a farewell is repeated, and how soon.
+FAREWELLS, FAREWELL_S = 3, 0.02
+
+
+class LinkEnd:
+    """What both ends have in common; closed on leaving the `with` block."""
+
+    def __init__(
+        self,
+        options: LinkOptions,
+        service: LinkService,
+        make_carrier: CarrierFactory,
+        say: MessageCallback,
+        waiting_for: str,
+    ) -> None:
+        self._options, self._service, self._say = options, service, say
+        self._begun_s, self._closed, self._told = monotonic(), False, False
+        if not options.listen:
+            say(f"connecting to {' or '.join(options.connect)} for {waiting_for}")
+        self._carrier = make_carrier(service)
+        try:
+            if options.listen:
+                say(f"listening on {' and '.join(options.listen)} for {waiting_for}")
+            service.start(self._carrier)
+            self._wait_for_link()
+        except BaseException:
+            self._leave()
+            raise
+
+    def close(self) -> None:
+        """Deliver what was sent and leave; closing twice has no further effect."""
+        self._leave()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def _wait_for_link(self) -> None:
+        """Raise `UserError` if no connection can be opened in time."""
+        connector, timeout_s = self._service.connector, self._options.connect_timeout_s
+        where = " or ".join(self._options.connect)
+        while connector is not None and connector.link is None and not connector.opened:
+            if connector.failure is Failure.UNRESOLVED and len(self._options.connect) == 1:
+                raise UserError(f"cannot reach {where}: {Failure.UNRESOLVED}", LINK_FAILED)
+            if monotonic() - self._begun_s >= timeout_s:
+                why = connector.failure or Failure.SILENT
+                raise UserError(f"cannot reach {where} within {timeout_s:g} s: {why}", LINK_FAILED)
+            sleep(POLL_S / 5)
+
+    def _tell_of_others(self, role: Role) -> None:
+        """Say once that somebody is there who is not the other end of this call."""
+        if not self._told and (who := self._others(role)):
+            self._told = True
+            self._say(who)
+
+    def _others(self, role: Role) -> str | None:
+        """Who has answered instead of the other end.  role: of the other end."""
+        presence = self._service.presence
+        if presence is None or presence.role is Role.RELAY:
+            return None
+        if presence.call != self._options.call:
+            return f"somebody is there, but for call {presence.call!r}"
+        if presence.role is not role:
+            return f"another {presence.role.name.lower()} of the call is there"
+        return None
+
+    def _leave(self, farewell: bytes | None = None) -> None:
+        if self._closed:
+            return
+        self._closed = True
+        for _ in range(FAREWELLS if farewell else 0):
+            self._service.put_now(farewell or b"")
+            sleep(FAREWELL_S)
+        self._service.stop()
+        self._carrier.close_all()
+
+
+def link_service(
+    options: LinkOptions,
+    delivery: Delivery,
+    protection: PacketProtection,
+    on_arrival: Callable[[Arrival], None] = lambda arrival: None,
+) -> LinkService:
+    places = options.connect_endpoints
+    connector = Connector(places) if places and not options.listen else None
+    return LinkService(delivery, protection, connector, on_arrival)

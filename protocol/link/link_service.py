@@ -1,0 +1,264 @@
+"""Runs one end of a link: a thread that carries payloads between connections and delivery."""
+
+import _thread
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+from threading import RLock
+from time import monotonic
+from typing import Protocol
+
+from protocol.errors import ProtocolError
+from protocol.link.connection import Close, Connector, Open
+from protocol.link.delivery.receiver import DeliveryReceiver
+from protocol.link.delivery.sender import DeliverySender
+from protocol.link.endpoints import Endpoint, Failure
+from protocol.link.interface import Arrival, PacketProtection
+from protocol.link.messages import Role
+
+# How often timers are looked at, and whether the transport of a link is still there.
+TICK_S, CHECK_S = 0.02, 0.2
+# After what silence an encoder's or an idle decoder's link is searched anew, and that of a decoder
+# to which frames are coming.
+PATIENCE_S, ACTIVE_PATIENCE_S = 4.5, 1.5
+# When a candidate greets: at once, again, and with a question for whoever is there.
+GREETINGS_S, QUESTION_S = (0.0, 0.03, 0.6, 1.2), (0.3, 1.0)
+# How often the same question goes over a link that has become silent, and after what silence.
+ASK_S = 1.0
+# How long the end of the thread is waited for.
+STOP_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """A connection is open."""
+
+    connection: int
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """A connection could not be opened."""
+
+    connection: int
+    failure: Failure
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """A payload has come."""
+
+    connection: int
+    data: bytes
+    time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Presence:
+    """Somebody has answered who is there; call: what that end is for, "" for a relay."""
+
+    connection: int
+    role: Role
+    call: str
+
+
+Event = Opened | Failed | Received | Presence
+
+
+class Carrier(Protocol):
+    """Connections that carry payloads; what happens to them comes as events."""
+
+    def open(self, connection: int, endpoint: Endpoint) -> None:
+        """Begin to open a connection; `Opened` or `Failed` follows."""
+
+    def put(self, connection: int, payload: bytes) -> None:
+        """Send a payload; nothing happens if the connection is gone."""
+
+    def ask(self, connection: int) -> None:
+        """Ask who is there; `Presence` follows for each answer."""
+
+    def is_linked(self, connection: int) -> bool:
+        """Whether another host is connected."""
+
+    def close(self, connection: int) -> None:
+        """Close a connection, in the background."""
+
+    def close_all(self) -> None:
+        """Close all connections and wait for it, in bounds."""
+
+
+Delivery = DeliverySender | DeliveryReceiver
+# The connection of an end that listens.
+LISTENING = -1
+
+
+class LinkService:
+    """One end of a link.
+
+    connector: None: the end listens.
+    on_arrival: called with each packet received, in the thread of the service.
+    presences: who has answered, by connection or place.
+    """
+
+    def __init__(
+        self,
+        delivery: Delivery,
+        protection: PacketProtection,
+        connector: Connector | None,
+        on_arrival: Callable[[Arrival], None] = lambda arrival: None,
+        clock: Callable[[], float] = monotonic,
+    ) -> None:
+        self.lock = RLock()
+        self.delivery, self._protection, self.connector = delivery, protection, connector
+        self.events: SimpleQueue[Event | None] = SimpleQueue()
+        self.presence: Presence | None = None
+        self.refused_payloads = 0
+        self._on_arrival, self._clock = on_arrival, clock
+        self._carrier: Carrier | None = None
+        self._checked_s = self._asked_s = float("-inf")
+        self._heard_s = float("-inf")
+        self._greetings: dict[int, list[tuple[float, bool]]] = {}
+        self._stopping = False
+        self._stopped: SimpleQueue[None] = SimpleQueue()
+        self._was_linked = False
+
+    @property
+    def is_linked(self) -> bool:
+        """Whether there is a link; an end that listens always has one."""
+        return self.connector is None or self.connector.link is not None
+
+    def start(self, carrier: Carrier) -> None:
+        """Run until `stop`."""
+        self._carrier = carrier
+        _thread.start_new_thread(self._run, ())
+
+    def stop(self) -> None:
+        """End the thread; the connections stay open."""
+        self._stopping = True
+        self.events.put(None)
+        if self._carrier is not None:
+            with suppress(Empty):
+                self._stopped.get(timeout=STOP_S)
+
+    def flush(self) -> None:
+        """Send what is due."""
+        with self.lock:
+            self._put(self.delivery.payloads(self._clock()))
+
+    def put_now(self, payload: bytes) -> None:
+        """Send a payload beside what is due."""
+        with self.lock:
+            self._put([payload])
+
+    def _run(self) -> None:
+        try:
+            while not self._stopping:
+                try:
+                    event = self.events.get(timeout=TICK_S)
+                except Empty:
+                    event = None
+                with self.lock:
+                    if event is not None:
+                        self._handle(event)
+                    if not self._stopping:
+                        self._tick(self._clock())
+        finally:
+            self._stopped.put(None)
+
+    def _handle(self, event: Event) -> None:
+        now_s = self._clock()
+        if isinstance(event, Received):
+            self._receive(event)
+        elif isinstance(event, Presence):
+            self.presence = event
+            self._heard(event.connection, now_s)
+        elif self.connector is not None:
+            if isinstance(event, Opened):
+                self.connector.on_opened(event.connection, now_s)
+                due = [(now_s + wait_s, False) for wait_s in GREETINGS_S]
+                due += [(now_s + wait_s, True) for wait_s in QUESTION_S]
+                self._greetings[event.connection] = sorted(due)
+            else:
+                self.connector.on_failed(event.connection, event.failure)
+
+    def _receive(self, event: Received) -> None:
+        data = self._protection.unprotect(event.data)
+        if data is None:
+            self.refused_payloads += 1
+            return
+        try:
+            arrivals = self.delivery.receive(data, event.time_s)
+        except ProtocolError:
+            self.refused_payloads += 1
+            return
+        self._heard(event.connection, event.time_s)
+        for arrival in arrivals or ():
+            self._on_arrival(arrival)
+
+    def _heard(self, connection: int, now_s: float) -> None:
+        self._heard_s = now_s
+        if self.connector is not None:
+            before = self.connector.link
+            self.connector.on_heard(connection, now_s)
+            if self.connector.link != before:
+                self.delivery.on_new_link()
+            if isinstance(self.delivery, DeliveryReceiver) and self.connector.endpoint is not None:
+                self.delivery.is_reliable = self.connector.endpoint.is_reliable
+
+    def _tick(self, now_s: float) -> None:
+        if isinstance(self.delivery, DeliveryReceiver):
+            for arrival in self.delivery.due(now_s):
+                self._on_arrival(arrival)
+        if self.connector is not None:
+            self._connect(self.connector, now_s)
+        self._check(now_s)
+        self._put(self.delivery.payloads(now_s))
+
+    def _patience_s(self, now_s: float) -> float:
+        is_active = isinstance(self.delivery, DeliveryReceiver) and self.delivery.is_active(now_s)
+        return ACTIVE_PATIENCE_S if is_active else PATIENCE_S
+
+    def _connect(self, connector: Connector, now_s: float) -> None:
+        assert self._carrier is not None
+        patience_s = self._patience_s(now_s)
+        for action in connector.tick(now_s, patience_s):
+            if isinstance(action, Open):
+                self._carrier.open(action.connection, action.endpoint)
+            elif isinstance(action, Close):
+                self._greetings.pop(action.connection, None)
+                self._carrier.close(action.connection)
+        for connection in connector.opened:
+            waiting = self._greetings.get(connection, [])
+            while waiting and waiting[0][0] <= now_s:
+                if waiting.pop(0)[1]:
+                    self._carrier.ask(connection)
+                else:
+                    hello = self.delivery.hello(now_s)
+                    self._carrier.put(connection, self._protection.protect(hello))
+        silent = now_s - self._heard_s > patience_s / 2
+        if connector.link is not None and silent and now_s - self._asked_s > ASK_S:
+            self._asked_s = now_s
+            self._carrier.ask(connector.link)
+
+    def _check(self, now_s: float) -> None:
+        """Notice that the transport of the link has ended."""
+        if now_s - self._checked_s < CHECK_S:
+            return
+        assert self._carrier is not None
+        self._checked_s = now_s
+        link = LISTENING if self.connector is None else self.connector.link
+        linked = link is not None and self._carrier.is_linked(link)
+        if self._was_linked and not linked:
+            if self.connector is not None and link is not None:
+                self.connector.on_broken(link)
+            if isinstance(self.delivery, DeliverySender):
+                self.delivery.forget_peers()
+        self._was_linked = linked
+
+    def _put(self, payloads: list[bytes]) -> None:
+        link = LISTENING if self.connector is None else self.connector.link
+        if link is None or self._carrier is None:
+            return
+        for payload in payloads:
+            self._carrier.put(link, self._protection.protect(payload))

@@ -1,0 +1,137 @@
+"""The encoder's end of a call over a network."""
+
+from time import monotonic, sleep
+
+from protocol.link.delivery.sender import DeliverySender
+from protocol.link.interface import (
+    LinkOptions,
+    LinkQuality,
+    MessageCallback,
+    PacketProtection,
+    Reachability,
+)
+from protocol.link.link_end import CarrierFactory, LinkEnd, link_service
+from protocol.link.messages import Role
+from protocol.link.peers import POLL_S, PeerMonitor
+from protocol.packets import is_end
+from shared_model.errors import LINK_FAILED, UserError
+
+# How long the end of a call is repeated to decoders that say nothing new.
+LINGER_S = 4.0
+# How long a decoder that is present is waited for until it has measured the link.
+MEASURE_S = 2.0
+# How long the other encoder of a call is given to be gone.
+BUSY_PATIENCE_S = 4.0
+
+
+class LinkSink(LinkEnd):
+    """The encoder's end of a call: a `PacketSink`.
+
+    say: called with a line when it waits for a decoder, when the last decoder has left, and when
+        one has joined again.
+    Raises `UserError` with exit code 4 if the link cannot be made.
+    """
+
+    def __init__(
+        self,
+        options: LinkOptions,
+        protection: PacketProtection,
+        make_carrier: CarrierFactory,
+        say: MessageCallback,
+    ) -> None:
+        self._delivery = DeliverySender(protection.session, options.lossless, protection.on_peer)
+        self._decoders = PeerMonitor(say)
+        self._reachability, self._ended_s = Reachability.NO_PEER, None
+        service = link_service(options, self._delivery, protection)
+        super().__init__(options, service, make_carrier, say, f"a decoder of call {options.call!r}")
+
+    _ended_s: float | None
+
+    @property
+    def peers(self) -> int:
+        """Number of decoders present."""
+        self._update_peers()
+        return len(self._decoders)
+
+    @property
+    def reachability(self) -> Reachability:
+        """Reachability of the newest packet; an encoder that listens always has a link."""
+        return self._reachability
+
+    @property
+    def quality(self) -> LinkQuality:
+        """Of the worst link to a decoder."""
+        with self._service.lock:
+            return self._delivery.quality
+
+    def wait_for_peer(self, timeout_s: float) -> None:
+        """Wait for a decoder, which then receives all packets sent from now on.
+
+        timeout_s: from the construction of the sink.
+        Raises `UserError` with exit code 4 if no decoder has joined by then, or if those that are
+        there listen to another encoder.
+        """
+        busy_since_s: float | None = None
+        while not self.peers:
+            now_s = monotonic()
+            self._tell_of_others(Role.DECODER)
+            if not self._delivery.is_busy(now_s):
+                busy_since_s = None
+            elif busy_since_s is None:
+                busy_since_s = now_s
+            elif now_s - busy_since_s > BUSY_PATIENCE_S:
+                raise self._name_is_taken()
+            if now_s - self._begun_s >= timeout_s:
+                others = self._others(Role.DECODER)
+                why = f"; {others}" if others else ""
+                raise UserError(f"no decoder came within {timeout_s:g} s{why}", LINK_FAILED)
+            sleep(POLL_S / 5)
+        measured_s = monotonic() + MEASURE_S
+        while self.quality.rate_bps is None and monotonic() < measured_s:
+            sleep(POLL_S / 5)
+
+    def send(self, packet: bytes) -> None:
+        """Send one packet.  Raises `UserError` if the sink is closed."""
+        if self._closed:
+            raise UserError("the link has failed: it is closed", LINK_FAILED)
+        with self._service.lock:
+            self._delivery.send(packet)
+            self._update_peers()
+            self._reachability = self._current_reachability()
+            self._service.flush()
+        if is_end(packet):
+            self._ended_s = monotonic()
+
+    def close(self) -> None:
+        """See `PacketSink`; a call that has ended is repeated until each decoder has its end."""
+        try:
+            if not self._closed:
+                self._linger()
+        finally:
+            self._leave(None if self._closed else self._delivery.bye())
+
+    def _linger(self) -> None:
+        if self._ended_s is None:
+            return
+        while self.peers:
+            with self._service.lock:
+                progress_s = max(self._delivery.progress_s, self._ended_s)
+            if monotonic() - progress_s > LINGER_S:
+                return
+            sleep(POLL_S / 10)
+
+    def _update_peers(self) -> None:
+        with self._service.lock:
+            present = {session.hex() for session in self._delivery.peers}
+            self._decoders.update(present)
+
+    def _current_reachability(self) -> Reachability:
+        if self._decoders.poll():
+            return Reachability.HAS_PEER
+        return Reachability.NO_PEER if self._service.is_linked else Reachability.NO_LINK
+
+    def _name_is_taken(self) -> UserError:
+        return UserError(
+            f"call {self._options.call!r} has an encoder already; choose another name with --call",
+            LINK_FAILED,
+        )
