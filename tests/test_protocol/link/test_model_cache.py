@@ -3,11 +3,11 @@
 from dataclasses import replace
 
 from packets import MODEL
+from protocol.link.receive_queue import ReceiveQueue
 
 from decoder.playout import Playout
 from protocol.frames.scalar_quantiser import sent_eaus
 from protocol.link.delivery.model_cache import ModelCache
-from protocol.link.receive_queue import ReceiveQueue
 from protocol.packets import (
     ControlKind,
     ControlPacket,

@@ -18,7 +18,6 @@ import zenoh
 from packets import MODEL
 
 from protocol.link.interface import LinkOptions, Reachability
-
 from protocol.link.zenoh_link import ZENOH_OVERHEAD_BYTES, ZenohRouter, ZenohSink, ZenohSource
 from protocol.packets import (
     ControlKind,
