@@ -71,6 +71,8 @@ def encode(
             encode_live(options, capture, sink, stats, callbacks, voice)
         else:
             encode_two_pass(options, capture, sink, stats, callbacks, voice)
+        # A link tells only now whether the end has been heard.
+        sink.close()
         return report_of(options, capture, stats, sink.reachability)
 
 

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -94,17 +95,26 @@ def _start(name: str, output: Path, options: Sequence[str]) -> _Process:
 
 def _wait(processes: list[_Process], deadline: float) -> None:
     while any(item.process.poll() is None for item in processes):
-        for item in processes:
-            code = item.process.poll()
-            if code:
-                raise UserError(item.error_text(), code if 0 < code < 128 else LINK_FAILED)
+        if any(item.process.poll() for item in processes):
+            raise _failure(processes)
         if time.monotonic() > deadline:
             names = " and ".join(item.name for item in processes if item.process.poll() is None)
             raise UserError(f"the {names} did not end in time", LINK_FAILED)
         time.sleep(POLL_S)
-    for item in processes:
-        if item.process.returncode:
-            raise UserError(item.error_text(), item.process.returncode)
+    if any(item.process.returncode for item in processes):
+        raise _failure(processes)
+
+
+def _failure(processes: list[_Process]) -> UserError:
+    """The error of an end that failed; of the encoder if both did, since the decoder follows it."""
+    failed = [item for item in processes if item.process.poll()]
+    for item in reversed(processes):
+        with suppress(subprocess.TimeoutExpired):
+            if item.process.wait(TERMINATION_GRACE_S):
+                failed = [item]
+                break
+    code = failed[0].process.returncode
+    return UserError(failed[0].error_text(), code if 0 < code < 128 else LINK_FAILED)
 
 
 def _terminate(process: subprocess.Popen[bytes]) -> None:

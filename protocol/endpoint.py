@@ -5,7 +5,7 @@ Without a scheme an end listens for, or tries, all of `DEFAULT_SCHEMES` on one p
 
 import re
 import socket
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from ipaddress import ip_address
 
 from protocol.limits import DEFAULT_PORT, MAX_MESSAGE_LENGTH, MAX_PORT
@@ -43,10 +43,20 @@ class Endpoint:
         return f"{f'[{self.host}]' if ':' in self.host else self.host}:{self.port}"
 
     @property
-    def locators(self) -> tuple[str, ...]:
-        """What Zenoh is given for it."""
+    def choices(self) -> tuple["Endpoint", ...]:
+        """The endpoints that it stands for, each with a scheme, the best first."""
         schemes = DEFAULT_SCHEMES if self.scheme is None else (self.scheme,)
-        return tuple(f"{scheme}/{self.address}{self.options}" for scheme in schemes)
+        return tuple(replace(self, scheme=scheme) for scheme in schemes)
+
+    @property
+    def locator(self) -> str:
+        """What Zenoh is given for an endpoint with a scheme."""
+        return f"{self.scheme}/{self.address}{self.options}"
+
+    @property
+    def is_reliable(self) -> bool:
+        """Whether nothing is lost on the way and the set-up repeats itself."""
+        return self.scheme != "udp" or "rel=1" in self.options
 
     @property
     def is_loopback(self) -> bool:

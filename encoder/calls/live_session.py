@@ -86,11 +86,12 @@ class LiveEncoder:
 
     def end(self, frames: int) -> None:
         """See `CallSession`."""
+        if len(self._filler):
+            # By its last packet the call may reach a version whose modes are learned.
+            self._send_packet()
         self.close()
         if not self.started:
             return
-        if len(self._filler):
-            self._send_packet()
         self._model.end()
         if excess := self._rate.overshoot_message:
             self._stats.warn(excess)

@@ -8,7 +8,8 @@ this repairs what the transport sends only once.  Time is an argument.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from protocol.link.endpoints import Endpoint, Failure
+from protocol.endpoint import Endpoint
+from protocol.link.endpoints import Failure
 
 # How often a candidate is opened, in the first seconds of silence and later.
 EARLY_PAUSE_S, LATE_PAUSE_S, EARLY_S = 0.4, 1.0, 10.0

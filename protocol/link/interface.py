@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol, Self
 
+from protocol.endpoint import Endpoint, parse_endpoint, parse_remote_endpoint
 from protocol.limits import CALL_NAME
-from protocol.link.endpoints import Endpoint, link_endpoints
 from protocol.security.link_security import LinkSecurity
 from shared_model.errors import UserError
 
@@ -52,12 +52,12 @@ class LinkOptions:
     @property
     def listen_endpoints(self) -> tuple[Endpoint, ...]:
         """All that is listened on."""
-        return tuple(each for text in self.listen for each in link_endpoints(text, listens=True))
+        return tuple(each for text in self.listen for each in parse_endpoint(text).choices)
 
     @property
     def connect_endpoints(self) -> tuple[tuple[Endpoint, ...], ...]:
         """For each place to connect to its endpoints, the best first."""
-        return tuple(link_endpoints(text, listens=False) for text in self.connect)
+        return tuple(parse_remote_endpoint(text).choices for text in self.connect)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,13 +9,14 @@ from threading import RLock
 from time import monotonic
 from typing import Protocol
 
+from protocol.endpoint import Endpoint
 from protocol.errors import ProtocolError
 from protocol.link.connection import Close, Connector, Open
 from protocol.link.delivery.receiver import DeliveryReceiver
 from protocol.link.delivery.sender import DeliverySender
-from protocol.link.endpoints import Endpoint, Failure
+from protocol.link.endpoints import Failure
 from protocol.link.interface import Arrival, PacketProtection
-from protocol.link.messages import Role
+from protocol.link.messages import Role, is_message
 
 # How often timers are looked at, and whether the transport of a link is still there.
 TICK_S, CHECK_S = 0.02, 0.2
@@ -72,8 +73,11 @@ class Carrier(Protocol):
     def open(self, connection: int, endpoint: Endpoint) -> None:
         """Begin to open a connection; `Opened` or `Failed` follows."""
 
-    def put(self, connection: int, payload: bytes) -> None:
-        """Send a payload; nothing happens if the connection is gone."""
+    def put(self, connection: int, payload: bytes, is_frame: bool) -> None:
+        """Send a payload; nothing happens if the connection is gone.
+
+        is_frame: it is a frame packet, and no message of the link.
+        """
 
     def ask(self, connection: int) -> None:
         """Ask who is there; `Presence` follows for each answer."""
@@ -121,7 +125,6 @@ class LinkService:
         self._greetings: dict[int, list[tuple[float, bool]]] = {}
         self._stopping = False
         self._stopped: SimpleQueue[None] = SimpleQueue()
-        self._was_linked = False
 
     @property
     def is_linked(self) -> bool:
@@ -234,8 +237,7 @@ class LinkService:
                 if waiting.pop(0)[1]:
                     self._carrier.ask(connection)
                 else:
-                    hello = self.delivery.hello(now_s)
-                    self._carrier.put(connection, self._protection.protect(hello))
+                    self._put_to(connection, self.delivery.hello(now_s))
         silent = now_s - self._heard_s > patience_s / 2
         if connector.link is not None and silent and now_s - self._asked_s > ASK_S:
             self._asked_s = now_s
@@ -248,17 +250,21 @@ class LinkService:
         assert self._carrier is not None
         self._checked_s = now_s
         link = LISTENING if self.connector is None else self.connector.link
-        linked = link is not None and self._carrier.is_linked(link)
-        if self._was_linked and not linked:
-            if self.connector is not None and link is not None:
-                self.connector.on_broken(link)
-            if isinstance(self.delivery, DeliverySender):
-                self.delivery.forget_peers()
-        self._was_linked = linked
+        if link is None or self._carrier.is_linked(link):
+            return
+        if self.connector is not None:
+            self.connector.on_broken(link)
+        if isinstance(self.delivery, DeliverySender):
+            self.delivery.forget_peers()
 
     def _put(self, payloads: list[bytes]) -> None:
         link = LISTENING if self.connector is None else self.connector.link
         if link is None or self._carrier is None:
             return
         for payload in payloads:
-            self._carrier.put(link, self._protection.protect(payload))
+            self._put_to(link, payload)
+
+    def _put_to(self, connection: int, payload: bytes) -> None:
+        if self._carrier is not None:
+            is_frame = not is_message(payload)
+            self._carrier.put(connection, self._protection.protect(payload), is_frame)

@@ -2,7 +2,7 @@
 
 from time import monotonic, sleep
 
-from protocol.link.delivery.sender import DeliverySender
+from protocol.link.delivery.sender import PEER_GONE_S, DeliverySender
 from protocol.link.interface import (
     LinkOptions,
     LinkQuality,
@@ -55,7 +55,10 @@ class LinkSink(LinkEnd):
 
     @property
     def reachability(self) -> Reachability:
-        """Reachability of the newest packet; an encoder that listens always has a link."""
+        """Reachability of the newest packet; an encoder that listens always has a link.
+
+        After `close` that of the end of the call.
+        """
         return self._reachability
 
     @property
@@ -108,17 +111,22 @@ class LinkSink(LinkEnd):
             if not self._closed:
                 self._linger()
         finally:
-            self._leave(None if self._closed else self._delivery.bye())
+            self._leave(None if self._closed or not self.peers else self._delivery.bye())
 
     def _linger(self) -> None:
         if self._ended_s is None:
             return
-        while self.peers:
-            with self._service.lock:
-                progress_s = max(self._delivery.progress_s, self._ended_s)
-            if monotonic() - progress_s > LINGER_S:
-                return
+        while self._is_awaited(self._ended_s):
             sleep(POLL_S / 10)
+        if self._delivery.is_end_heard:
+            self._reachability = Reachability.HAS_PEER
+
+    def _is_awaited(self, ended_s: float) -> bool:
+        """Whether a decoder may still take the end of the call."""
+        with self._service.lock:
+            progress_s = max(self._delivery.progress_s, ended_s)
+            was_there = ended_s - self._delivery.heard_s < PEER_GONE_S
+            return was_there and monotonic() - progress_s < LINGER_S
 
     def _update_peers(self) -> None:
         with self._service.lock:

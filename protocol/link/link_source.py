@@ -97,8 +97,6 @@ class LinkSource(LinkEnd):
             self._queued_bytes -= len(arrival.data) + ARRIVAL_OVERHEAD_BYTES
             if is_end(arrival.data):
                 self._complete = self._ended = True
-                if (farewell := self._delivery.bye()) is not None:
-                    self._service.put_now(farewell)
         return arrival
 
     def _is_over(self, now_s: float) -> bool:

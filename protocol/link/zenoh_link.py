@@ -21,8 +21,8 @@ import zenoh
 from zenoh import CongestionControl
 from zenoh.handlers import Callback
 
-from protocol.limits import SEQUENCE_MODULUS
-from protocol.link.endpoints import Endpoint, Failure, resolve
+from protocol.endpoint import Endpoint
+from protocol.link.endpoints import Failure, resolve
 from protocol.link.interface import (
     LinkOptions,
     MessageCallback,
@@ -43,7 +43,6 @@ from protocol.link.messages import SESSION_BYTES, Role
 from protocol.link.peers import POLL_S
 from protocol.link.plain_protection import PlainProtection
 from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence
-from protocol.packets import PacketKind
 from shared_model.errors import LINK_FAILED, UserError
 
 # Bytes that Zenoh adds to a frame packet from an end that listens or a relay, measured with 8-bit
@@ -143,9 +142,8 @@ class _Carrier:
         self._opening.add(connection)
         self._in_background(lambda: self._open(connection, endpoint))
 
-    def put(self, connection: int, payload: bytes) -> None:
+    def put(self, connection: int, payload: bytes, is_frame: bool) -> None:
         """See `Carrier`."""
-        is_frame = payload[0] // SEQUENCE_MODULUS == PacketKind.FRAME
         if session := self._sessions.get(connection):
             with suppress(zenoh.ZError):
                 session.put(
@@ -207,16 +205,16 @@ class _Carrier:
 
     def _open(self, connection: int, endpoint: Endpoint) -> None:
         begun_s = monotonic()
-        address, failure = resolve(endpoint, connection)
-        if failure is None:
-            try:
-                session = zenoh.open(_client_config(endpoint, address))
-                self._take(connection, session)
-                return
-            except zenoh.ZError:
-                took_s = monotonic() - begun_s
-                failure = Failure.REFUSED if took_s < REFUSAL_S else Failure.SILENT
-        self._events.put(Failed(connection, failure))
+        resolved = resolve(endpoint, connection)
+        if isinstance(resolved, Failure):
+            self._events.put(Failed(connection, resolved))
+            return
+        try:
+            self._take(connection, zenoh.open(_client_config(resolved)))
+        except zenoh.ZError:
+            took_s = monotonic() - begun_s
+            failure = Failure.REFUSED if took_s < REFUSAL_S else Failure.SILENT
+            self._events.put(Failed(connection, failure))
 
     def _take(self, connection: int, session: zenoh.Session) -> None:
         """Use a session that has been opened, unless it is not wanted any more."""
@@ -288,20 +286,20 @@ def _listener_config(options: LinkOptions) -> zenoh.Config:
         {
             # Routers forward between clients, peers do not.
             "mode": "router" if options.router else "peer",
-            "listen/endpoints": [str(endpoint) for endpoint in options.listen_endpoints],
+            "listen/endpoints": [each.locator for each in options.listen_endpoints],
             "listen/timeout_ms": 0,
             "listen/exit_on_failure": True,
-            "connect/endpoints": [str(each[0]) for each in options.connect_endpoints],
+            "connect/endpoints": [each[0].locator for each in options.connect_endpoints],
         }
     )
 
 
-def _client_config(endpoint: Endpoint, address: str) -> zenoh.Config:
+def _client_config(endpoint: Endpoint) -> zenoh.Config:
     open_s = RELIABLE_OPEN_S if endpoint.is_reliable else OPEN_S
     return _config(
         {
             "mode": "client",
-            "connect/endpoints": [address],
+            "connect/endpoints": [endpoint.locator],
             # A second try of the same session might be refused for ever.
             "connect/timeout_ms": 0,
             "connect/exit_on_failure": True,

@@ -32,11 +32,24 @@ def test_endpoints_are_read(text: str, endpoint: Endpoint) -> None:
 
 
 def test_zenoh_gets_a_scheme_a_host_and_a_port() -> None:
-    assert parse_endpoint("[::1]").locators == tuple(f"{s}/[::1]:7447" for s in DEFAULT_SCHEMES)
-    assert parse_endpoint("udp/h:1?rel=1").locators == ("udp/h:1?rel=1",)
-    link = LinkOptions("call", listen=("tcp/:0",), connect=("udp/h:1", "tls/h:2"))
-    assert link.listen_locators == ("tcp/0.0.0.0:0",)
-    assert link.connect_locators == ("udp/h:1", "tls/h:2")
+    found = [each.locator for each in parse_endpoint("[::1]").choices]
+    assert found == [f"{scheme}/[::1]:7447" for scheme in DEFAULT_SCHEMES]
+    assert [each.locator for each in parse_endpoint("udp/h:1?rel=1").choices] == ["udp/h:1?rel=1"]
+
+
+def test_a_link_listens_on_all_its_endpoints_and_connects_to_any_of_each_place() -> None:
+    link = LinkOptions("call", listen=("tcp/:0",), connect=("udp/h:1", "h:2"))
+    assert [each.locator for each in link.listen_endpoints] == ["tcp/0.0.0.0:0"]
+    connect = [[each.locator for each in place] for place in link.connect_endpoints]
+    assert connect == [["udp/h:1"], ["udp/h:2", "tcp/h:2"]]
+
+
+@pytest.mark.parametrize(
+    ("text", "is_reliable"),
+    [("udp/h:1", False), ("tcp/h:1", True), ("udp/h:1?rel=1", True), ("quic/h:1", True)],
+)
+def test_what_repeats_what_was_lost(text: str, is_reliable: bool) -> None:
+    assert parse_endpoint(text).is_reliable is is_reliable
 
 
 @pytest.mark.parametrize("text", ["", "http://h:1", "sctp/h:1", "h:x", "a b:1", "h:123456", "::1"])

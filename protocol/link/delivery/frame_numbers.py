@@ -87,6 +87,11 @@ class FrameNumbers:
         self._come.add(number)
         return number
 
+    def pass_by(self, number: int, now_s: float) -> None:
+        """A packet has come by another way, which delivers all of them in order."""
+        self._missing.clear()
+        self.newest, self.newest_s = max(self.newest, number), now_s
+
     def awaits_below(self, number: int) -> bool:
         """Whether packets before `number` are missing and not given up."""
         return any(missing < number for missing in self._missing)

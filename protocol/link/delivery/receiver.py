@@ -53,6 +53,7 @@ class _Call:
     """What has come of one session of the encoder.
 
     index: of the session, see `Arrival.session`.  piece_s: when a piece of an item came last.
+    is_over: the END has been given out.
     """
 
     session: bytes
@@ -68,6 +69,7 @@ class _Call:
     end: tuple[Arrival, float] | None = None
     piece_s: float = float("-inf")
     left: bool = False
+    is_over: bool = False
 
 
 class DeliveryReceiver:
@@ -113,9 +115,7 @@ class DeliveryReceiver:
 
     def bye(self) -> bytes | None:
         """What is sent at last; None if there is no encoder."""
-        if self._call is None:
-            return None
-        return serialise_message(Bye(Role.DECODER, peer_id(self._session)))
+        return self._bye() if self._call else None
 
     def receive(self, data: bytes, now_s: float) -> list[Arrival]:
         """The packets that are complete by a payload.  Raises `ProtocolError` if it is invalid."""
@@ -149,13 +149,16 @@ class DeliveryReceiver:
             return []
         if not call.has_model and now_s - call.piece_s < MODEL_PATIENCE_S:
             return []
-        call.end = None
+        call.end, call.is_over = None, True
+        self._out.append(self._bye())
         return [*call.waiting, arrival]
 
     def payloads(self, now_s: float) -> list[bytes]:
         """What is to be sent now."""
         out, self._out = self._out, []
         call = self._call
+        if call is not None and call.is_over:
+            return out
         out += self._questions(call, now_s)
         if call is None:
             return out
@@ -186,6 +189,9 @@ class DeliveryReceiver:
             Hello(Role.DECODER, self._session, echo, asks, is_busy, self._nonce, answers)
         )
 
+    def _bye(self) -> bytes:
+        return serialise_message(Bye(Role.DECODER, peer_id(self._session)))
+
     def _on_hello(self, hello: Hello, now_s: float) -> list[Arrival]:
         if hello.role is not Role.ENCODER:
             return []
@@ -196,6 +202,9 @@ class DeliveryReceiver:
             if call is None or hello.session != call.session:
                 return []
         call.heard_s = now_s
+        if call.is_over:
+            self._out.append(self._bye())
+            return []
         call.items.extend(Channel.ORDERED, hello.ordered)
         call.items.extend(Channel.UNORDERED, hello.unordered)
         call.frames.synchronise(hello.frames, now_s)
@@ -232,7 +241,7 @@ class DeliveryReceiver:
             known = None if kind is PacketKind.LAYER else number
             arrival = Arrival(packet, now_s, call.index, known)
             if kind is PacketKind.FRAME:
-                call.frames.newest_s = now_s
+                call.frames.pass_by(number, now_s)
             if is_end(packet):
                 call.frames.synchronise(number, now_s)
                 call.end = arrival, now_s

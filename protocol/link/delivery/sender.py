@@ -6,16 +6,14 @@ pieces until every decoder that is present has them.  Time is an argument, secon
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
 from itertools import islice
 
-from protocol.link.delivery.item_store import ItemStore, PieceKey
-from protocol.link.delivery.piece_window import PieceWindow, Sent
+from protocol.link.delivery.item_store import ItemStore
+from protocol.link.delivery.piece_schedule import Peer, PieceSchedule
 from protocol.link.interface import LinkQuality
 from protocol.link.messages import (
     NO_SESSION,
     NONCES,
-    PIECE_BYTES,
     Bye,
     Channel,
     Hello,
@@ -25,7 +23,7 @@ from protocol.link.messages import (
     peer_id,
     serialise_message,
 )
-from protocol.packets import PacketKind, packet_kind
+from protocol.packets import PacketKind, is_end, packet_kind
 
 # Frame packets that can be sent again, and how soon after the last time.
 HISTORY = 24
@@ -46,34 +44,14 @@ BUSY_S = 1.5
 PeerCallback = Callable[[bytes], None]
 
 
-@dataclass(slots=True)
-class _Peer:
-    """A decoder: what it has, by its last report."""
-
-    session: bytes
-    heard_s: float
-    below: dict[Channel, int] = field(default_factory=lambda: dict.fromkeys(Channel, 0))
-    pieces: dict[tuple[Channel, int], int] = field(default_factory=dict)
-    loss: float = 0.0
-    window: PieceWindow = field(default_factory=PieceWindow)
-    answered_s: float = float("-inf")
-    probes: int = 0
-    probed_s: float = float("-inf")
-    has_reported: bool = False
-
-    def lacks(self, key: PieceKey) -> bool:
-        channel, item, index = key
-        if item < self.below[channel]:
-            return False
-        return not self.pieces.get((channel, item), 0) >> index & 1
-
-
 class DeliverySender:
     """Sends one call to any number of decoders.
 
     session: of this start of the encoder.  lossless: frame packets are items, too.
     on_peer: called with the session of a decoder that has echoed ours.
     progress_s: when a decoder has acknowledged a piece of an item last.
+    heard_s: when a decoder was heard last that has not said good-bye; -inf: there is none.
+    is_end_heard: a decoder has all of a call that has ended.
     """
 
     def __init__(self, session: bytes, lossless: bool, on_peer: PeerCallback) -> None:
@@ -83,12 +61,14 @@ class DeliverySender:
         self._history: deque[tuple[int, bytes]] = deque(maxlen=HISTORY)
         self._repeated_s: dict[int, float] = {}
         self._later: deque[tuple[float, bytes]] = deque()
-        self._peers: dict[int, _Peer] = {}
-        self._sent: dict[PieceKey, Sent] = {}
+        self._peers: dict[int, Peer] = {}
+        self._gone: dict[int, bytes] = {}  # sessions of decoders that have said good-bye
+        self._pieces = PieceSchedule(self._items)
         self._out: list[bytes] = []
         self._nonce, self._nonces = 0, dict[int, tuple[float, int]]()
         self._asked_s, self._asks = float("-inf"), 0
-        self._busy_s = self.progress_s = float("-inf")
+        self._busy_s = self.progress_s = self.heard_s = float("-inf")
+        self._has_ended = self.is_end_heard = False
 
     @property
     def peers(self) -> frozenset[bytes]:
@@ -115,11 +95,12 @@ class DeliverySender:
 
     def waiting_pieces(self, limit: int) -> int:
         """Number of pieces that some decoder lacks, counted up to `limit`."""
-        needed = self._needed(list(self._peers.values()))
+        needed = self._pieces.needed(list(self._peers.values()))
         return sum(1 for _ in islice(needed, limit))
 
     def send(self, packet: bytes) -> None:
         """Take the next packet of the call.  Raises `ProtocolError` if it is invalid."""
+        self._has_ended = self._has_ended or is_end(packet)
         if packet_kind(packet) is not PacketKind.FRAME:
             self._items.add(packet, self._frames)
             return
@@ -138,8 +119,8 @@ class DeliverySender:
             self._on_hello(message, now_s)
         elif isinstance(message, Report):
             self._on_report(message, now_s)
-        elif isinstance(message, Bye) and message.role is Role.DECODER:
-            self._peers.pop(message.peer, None)
+        elif isinstance(message, Bye):
+            self._on_bye(message)
 
     def on_new_link(self) -> None:
         """Another connection is in use: who is there is asked again at once."""
@@ -166,7 +147,7 @@ class DeliverySender:
             for peer in self._peers.values()
             if peer.has_reported and now_s - peer.heard_s < PEER_SILENT_S
         ]
-        return out + list(self._due_pieces(present, now_s))
+        return out + [serialise_message(piece) for piece in self._pieces.due(present, now_s)]
 
     def bye(self) -> bytes:
         """What is sent at last."""
@@ -213,12 +194,15 @@ class DeliverySender:
         if hello.is_busy and hello.echo != self._session:
             self._busy_s = now_s
             return
+        if self._gone.get(peer_id(hello.session)) == hello.session:
+            # It was sent before the good-bye.
+            return
         peer = self._peers.get(peer_id(hello.session))
         if hello.echo == self._session:
             if peer is None or peer.session != hello.session:
-                peer = self._peers[peer_id(hello.session)] = _Peer(hello.session, now_s)
+                peer = self._peers[peer_id(hello.session)] = Peer(hello.session, now_s)
                 self._on_peer(hello.session)
-            peer.heard_s = now_s
+            peer.heard_s = self.heard_s = now_s
             self._measure(peer, hello.answers, now_s)
         if hello.asks and (peer is None or now_s - peer.answered_s >= ANSWER_S):
             if peer is not None:
@@ -226,7 +210,15 @@ class DeliverySender:
             known = peer is not None and peer.window.round_trip_s is not None
             self._out.append(self._hello(now_s, hello.session, not known, hello.nonce))
 
-    def _measure(self, peer: _Peer, answered: int, now_s: float) -> None:
+    def _on_bye(self, bye: Bye) -> None:
+        peer = self._peers.pop(bye.peer, None) if bye.role is Role.DECODER else None
+        if peer is not None:
+            self._gone[bye.peer] = peer.session
+            self.is_end_heard = self.is_end_heard or self._has_ended
+            if not self._peers:
+                self.heard_s = float("-inf")
+
+    def _measure(self, peer: Peer, answered: int, now_s: float) -> None:
         sent_s, padding = self._nonces.get(answered, (None, 0))
         if sent_s is None:
             return
@@ -241,8 +233,12 @@ class DeliverySender:
             # Known after its next HELLO.
             self._asked_s = min(self._asked_s, now_s - ASK_S)
             return
-        peer.heard_s, peer.loss, peer.has_reported = now_s, report.loss / 255, True
-        self._acknowledge(peer, report, now_s)
+        peer.heard_s = self.heard_s = now_s
+        peer.loss, peer.has_reported = report.loss / 255, True
+        if self._pieces.acknowledge(peer, report, list(self._peers.values()), now_s):
+            self.progress_s = now_s
+        if self._has_ended and not any(self._pieces.needed([peer])):
+            self.is_end_heard = True
         for number, packet in self._history:
             recently = now_s - self._repeated_s.get(number, float("-inf")) < REPEAT_S
             if number in report.missing and not recently:
@@ -252,62 +248,3 @@ class DeliverySender:
                     self._later.append((now_s + TWICE_S, packet))
         oldest = self._frames - HISTORY
         self._repeated_s = {n: at for n, at in self._repeated_s.items() if n >= oldest}
-
-    def _acknowledge(self, peer: _Peer, report: Report, now_s: float) -> None:
-        before = replace(peer, below=dict(peer.below), pieces=dict(peer.pieces))
-        ends = {channel: self._items.span(channel).end for channel in Channel}
-        for channel, below in zip(Channel, (report.ordered, report.unordered), strict=True):
-            peer.below[channel] = min(max(peer.below[channel], below), ends[channel])
-        for held in report.holdings:
-            if held.item < ends[held.channel]:
-                item = held.channel, held.item
-                peer.pieces[item] = peer.pieces.get(item, 0) | held.pieces
-        peer.pieces = {
-            item: bits for item, bits in peer.pieces.items() if item[1] >= peer.below[item[0]]
-        }
-        for key, sent in list(self._sent.items()):
-            if before.lacks(key) and not peer.lacks(key):
-                size = len(self._items.piece(key).data)
-                peer.window.on_piece(sent, size, now_s)
-                self.progress_s = now_s
-            if not any(each.lacks(key) for each in self._peers.values()):
-                del self._sent[key]
-
-    def _needed(self, peers: list[_Peer]) -> Iterator[PieceKey]:
-        """The pieces that some of these decoders lack, in the order of their items."""
-        for channel in Channel if peers else ():
-            span = self._items.span(channel)
-            begin = max(span.first, min(peer.below[channel] for peer in peers))
-            for number in range(begin, span.end):
-                for index in range(self._items.get(channel, number).pieces):
-                    key = channel, number, index
-                    if any(peer.lacks(key) for peer in peers):
-                        yield key
-
-    def _due_pieces(self, peers: list[_Peer], now_s: float) -> Iterator[bytes]:
-        """Pieces that were lost, then new ones as far as the windows allow."""
-        flying = {peer_id(peer.session): 0 for peer in peers}
-        lost = list[PieceKey]()
-        for key, sent in self._sent.items():
-            lacking = [peer for peer in peers if peer.lacks(key)]
-            waiting_bytes = PIECE_BYTES * len(self._sent)
-            if any(peer.window.is_lost(sent, now_s, waiting_bytes) for peer in lacking):
-                lost.append(key)
-            for peer in lacking:
-                flying[peer_id(peer.session)] += 1
-        for key in lost:
-            yield self._sent_piece(key, peers, now_s)
-        for key in self._needed(peers):
-            if key in self._sent:
-                continue
-            lacking = [peer for peer in peers if peer.lacks(key)]
-            if any(flying[peer_id(peer.session)] >= peer.window.size for peer in lacking):
-                return
-            for peer in lacking:
-                flying[peer_id(peer.session)] += 1
-            yield self._sent_piece(key, peers, now_s)
-
-    def _sent_piece(self, key: PieceKey, peers: list[_Peer], now_s: float) -> bytes:
-        delivered = min(peer.window.delivered for peer in peers if peer.lacks(key))
-        self._sent[key] = Sent(now_s, delivered, again=key in self._sent)
-        return serialise_message(self._items.piece(key))

@@ -1,7 +1,8 @@
 """Which connections are tried, kept and given up."""
 
+from protocol.endpoint import Endpoint
 from protocol.link.connection import Close, Connector, Open
-from protocol.link.endpoints import Endpoint, Failure
+from protocol.link.endpoints import Failure
 
 UDP, TCP = Endpoint("udp", "host", 7447), Endpoint("tcp", "host", 7447)
 PATIENCE_S = 2.0
@@ -15,7 +16,7 @@ def run(
     return [(t, action) for t in times for action in connector.tick(t, PATIENCE_S)]
 
 
-def opened(actions: list[tuple[float, Open | Close]]) -> list[tuple[float, str]]:
+def opened(actions: list[tuple[float, Open | Close]]) -> list[tuple[float, str | None]]:
     return [(t, each.endpoint.scheme) for t, each in actions if isinstance(each, Open)]
 
 

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 from packets import MODEL
-from protocol.link.receive_queue import ReceiveQueue
 
 from decoder.playout import Playout
 from protocol.frames.scalar_quantiser import sent_eaus
@@ -68,12 +67,9 @@ def test_an_update_without_a_background_gets_the_one_before_once_it_is_in_use() 
 def test_a_late_joiner_decodes_every_frame_by_the_newest_model() -> None:
     sent = [model(0, 0), *map(frame, range(8)), model(1, 10), *map(frame, range(8, 72))]
     sent += [model(2, 75 % 64), *map(frame, range(72, 100))]
-    arrivals, playout, shown = ReceiveQueue(), Playout(), set[int]()
-    # Frames come while the reply with the models is under way.
-    for packet in (frame(100), frame(101), *cached(sent), frame(102)):
-        arrivals.put(packet)
-    while (data := arrivals.take(0)) is not None:
-        for _ in playout.receive(data):
+    playout, shown = Playout(), set[int]()
+    for packet in (*cached(sent), frame(100), frame(101), frame(102)):
+        for _ in playout.receive(packet):
             assert playout.model is not None
             shown.add(playout.model.version)
     assert shown == {2}

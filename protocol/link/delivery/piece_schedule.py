@@ -1,0 +1,101 @@
+"""Which piece of which item goes out when, to the decoders that lack it."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+from protocol.link.delivery.item_store import ItemStore, PieceKey
+from protocol.link.delivery.piece_window import PieceWindow, Sent
+from protocol.link.messages import PIECE_BYTES, Channel, Piece, Report, peer_id
+
+
+@dataclass(slots=True)
+class Peer:
+    """A decoder: what it has, by its last report."""
+
+    session: bytes
+    heard_s: float
+    below: dict[Channel, int] = field(default_factory=lambda: dict.fromkeys(Channel, 0))
+    pieces: dict[tuple[Channel, int], int] = field(default_factory=dict)
+    loss: float = 0.0
+    window: PieceWindow = field(default_factory=PieceWindow)
+    answered_s: float = float("-inf")
+    probes: int = 0
+    probed_s: float = float("-inf")
+    has_reported: bool = False
+
+    def lacks(self, key: PieceKey) -> bool:
+        """Whether it needs a piece."""
+        channel, item, index = key
+        if item < self.below[channel]:
+            return False
+        return not self.pieces.get((channel, item), 0) >> index & 1
+
+
+class PieceSchedule:
+    """The pieces of some items on their way to any number of decoders."""
+
+    def __init__(self, items: ItemStore) -> None:
+        self._items = items
+        self._sent: dict[PieceKey, Sent] = {}
+
+    def needed(self, peers: Sequence[Peer]) -> Iterator[PieceKey]:
+        """The pieces that some of these decoders lack, in the order of their items."""
+        for channel in Channel if peers else ():
+            span = self._items.span(channel)
+            begin = max(span.first, min(peer.below[channel] for peer in peers))
+            for number in range(begin, span.end):
+                for index in range(self._items.get(channel, number).pieces):
+                    key = channel, number, index
+                    if any(peer.lacks(key) for peer in peers):
+                        yield key
+
+    def acknowledge(self, peer: Peer, report: Report, peers: Sequence[Peer], now_s: float) -> bool:
+        """Take over what a decoder, one of `peers`, has; whether that is more than before."""
+        before = replace(peer, below=dict(peer.below), pieces=dict(peer.pieces))
+        ends = {channel: self._items.span(channel).end for channel in Channel}
+        for channel, below in zip(Channel, (report.ordered, report.unordered), strict=True):
+            peer.below[channel] = min(max(peer.below[channel], below), ends[channel])
+        for held in report.holdings:
+            if held.item < ends[held.channel]:
+                item = held.channel, held.item
+                peer.pieces[item] = peer.pieces.get(item, 0) | held.pieces
+        peer.pieces = {
+            item: bits for item, bits in peer.pieces.items() if item[1] >= peer.below[item[0]]
+        }
+        has_more = False
+        for key, sent in list(self._sent.items()):
+            if before.lacks(key) and not peer.lacks(key):
+                size = len(self._items.piece(key).data)
+                peer.window.on_piece(sent, size, now_s)
+                has_more = True
+            if not any(each.lacks(key) for each in peers):
+                del self._sent[key]
+        return has_more
+
+    def due(self, peers: Sequence[Peer], now_s: float) -> Iterator[Piece]:
+        """Pieces that were lost, then new ones as far as the windows allow."""
+        flying = {peer_id(peer.session): 0 for peer in peers}
+        lost = list[PieceKey]()
+        for key, sent in self._sent.items():
+            lacking = [peer for peer in peers if peer.lacks(key)]
+            waiting_bytes = PIECE_BYTES * len(self._sent)
+            if any(peer.window.is_lost(sent, now_s, waiting_bytes) for peer in lacking):
+                lost.append(key)
+            for peer in lacking:
+                flying[peer_id(peer.session)] += 1
+        for key in lost:
+            yield self._sent_piece(key, peers, now_s)
+        for key in self.needed(peers):
+            if key in self._sent:
+                continue
+            lacking = [peer for peer in peers if peer.lacks(key)]
+            if any(flying[peer_id(peer.session)] >= peer.window.size for peer in lacking):
+                return
+            for peer in lacking:
+                flying[peer_id(peer.session)] += 1
+            yield self._sent_piece(key, peers, now_s)
+
+    def _sent_piece(self, key: PieceKey, peers: Sequence[Peer], now_s: float) -> Piece:
+        delivered = min(peer.window.delivered for peer in peers if peer.lacks(key))
+        self._sent[key] = Sent(now_s, delivered, again=key in self._sent)
+        return self._items.piece(key)
