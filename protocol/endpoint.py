@@ -49,9 +49,9 @@ class Endpoint:
         return tuple(replace(self, scheme=scheme) for scheme in schemes)
 
     @property
-    def locator(self) -> str:
-        """What Zenoh is given for an endpoint with a scheme."""
-        return f"{self.scheme}/{self.address}{self.options}"
+    def locators(self) -> tuple[str, ...]:
+        """What Zenoh is given for them."""
+        return tuple(f"{each.scheme}/{each.address}{each.options}" for each in self.choices)
 
     @property
     def is_reliable(self) -> bool:

@@ -29,7 +29,6 @@ class LinkOptions:
     connect_timeout_s: time limit for connecting.
     lossless: frame packets are sent again until they are there: all arrive, in order, before END.
         For files and measurements, not for live calls.
-    router: forward the calls of others and take part in none.
     security: what protects the call.
     """
 
@@ -38,7 +37,6 @@ class LinkOptions:
     connect: tuple[str, ...] = ()
     connect_timeout_s: float = CONNECT_TIMEOUT_S
     lossless: bool = False
-    router: bool = False
     security: LinkSecurity = field(default_factory=LinkSecurity)
 
     def __post_init__(self) -> None:
@@ -46,13 +44,13 @@ class LinkOptions:
             raise UserError(
                 f"call name {self.call!r}: use a-z, A-Z, 0-9 and _ . -, and no . in front"
             )
-        if not self.listen_endpoints and not self.connect_endpoints:
+        if not self.listen_locators and not self.connect_endpoints:
             raise UserError("no endpoint to listen on or to connect to")
 
     @property
-    def listen_endpoints(self) -> tuple[Endpoint, ...]:
-        """All that is listened on."""
-        return tuple(each for text in self.listen for each in parse_endpoint(text).choices)
+    def listen_locators(self) -> tuple[str, ...]:
+        """What Zenoh listens on."""
+        return tuple(each for text in self.listen for each in parse_endpoint(text).locators)
 
     @property
     def connect_endpoints(self) -> tuple[tuple[Endpoint, ...], ...]:

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from queue import Empty, SimpleQueue
 from time import monotonic
-from typing import Any, Self
+from typing import Any
 
 import zenoh
 from zenoh import CongestionControl
@@ -43,6 +43,8 @@ from protocol.link.messages import SESSION_BYTES, Role
 from protocol.link.peers import POLL_S
 from protocol.link.plain_protection import PlainProtection
 from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence
+from protocol.security.link_security import LinkSecurity
+from protocol.security.tls_settings import tls_settings
 from shared_model.errors import LINK_FAILED, UserError
 
 # Bytes that Zenoh adds to a frame packet from an end that listens or a relay, measured with 8-bit
@@ -95,28 +97,6 @@ class ZenohSource(LinkSource):
         )
 
 
-class ZenohRouter:
-    """Forwards calls between the ends that connect to it, until it is closed.
-
-    listen: see `LinkOptions`.  Raises `UserError` with exit code 4 if it cannot listen.
-    """
-
-    def __init__(self, listen: tuple[str, ...]) -> None:
-        self._session = _listen(LinkOptions("any", listen, router=True))
-        _answer_questions(self._session, Role.RELAY, "")
-
-    def close(self) -> None:
-        """End all connections."""
-        if not self._session.is_closed():
-            self._session.close()  # type: ignore[no-untyped-call]
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-
-
 class _Carrier:
     """The sessions of one end: a `Carrier`.  Callbacks run in Zenoh's receiving threads.
 
@@ -125,6 +105,7 @@ class _Carrier:
 
     def __init__(self, options: LinkOptions, role: Role, service: LinkService) -> None:
         self._call, self._role, self._events = options.call, role, service.events
+        self._security = options.security
         is_encoder = role is Role.ENCODER
         self._sent_key, self._heard_key = call_keys(options.call, is_encoder)
         self._sessions: dict[int, zenoh.Session] = {}
@@ -210,7 +191,7 @@ class _Carrier:
             self._events.put(Failed(connection, resolved))
             return
         try:
-            self._take(connection, zenoh.open(_client_config(resolved)))
+            self._take(connection, zenoh.open(_client_config(resolved, self._security)))
         except zenoh.ZError:
             took_s = monotonic() - begun_s
             failure = Failure.REFUSED if took_s < REFUSAL_S else Failure.SILENT
@@ -284,39 +265,42 @@ def _listen(options: LinkOptions) -> zenoh.Session:
 def _listener_config(options: LinkOptions) -> zenoh.Config:
     return _config(
         {
-            # Routers forward between clients, peers do not.
-            "mode": "router" if options.router else "peer",
-            "listen/endpoints": [each.locator for each in options.listen_endpoints],
+            "mode": "peer",
+            "listen/endpoints": options.listen_locators,
             "listen/timeout_ms": 0,
             "listen/exit_on_failure": True,
-            "connect/endpoints": [each[0].locator for each in options.connect_endpoints],
-        }
+            "connect/endpoints": [each[0].locators[0] for each in options.connect_endpoints],
+        },
+        options.security,
     )
 
 
-def _client_config(endpoint: Endpoint) -> zenoh.Config:
+def _client_config(endpoint: Endpoint, security: LinkSecurity) -> zenoh.Config:
     open_s = RELIABLE_OPEN_S if endpoint.is_reliable else OPEN_S
     return _config(
         {
             "mode": "client",
-            "connect/endpoints": [endpoint.locator],
+            "connect/endpoints": endpoint.locators,
             # A second try of the same session might be refused for ever.
             "connect/timeout_ms": 0,
             "connect/exit_on_failure": True,
             "transport/unicast/open_timeout": round(1000 * open_s),
-        }
+        },
+        security,
     )
 
 
-def _config(settings: dict[str, Any]) -> zenoh.Config:
+def _config(settings: dict[str, Any], security: LinkSecurity) -> zenoh.Config:
     config = zenoh.Config()
-    common = {
+    common: dict[str, Any] = {
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         # Sequence numbers of one byte instead of up to five.
         "transport/link/tx/sequence_number_resolution": "8bit",
         "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
     }
+    if security.key_file is not None:
+        common["transport/link/tls"] = tls_settings(security.key_file)
     for name, value in {**common, **settings}.items():
         config.insert_json5(name, json.dumps(value))
     return config

@@ -1,49 +1,22 @@
 """Calls over real Zenoh sessions on loopback."""
 
 import os
-import select
 import signal
 import socket
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
-from statistics import mode
-from time import monotonic
 
 import pytest
-import zenoh
+from links import END, MODEL_BYTES, WAIT_S, connecting, frame, free_endpoint, listening, received
 from packets import MODEL
 
-from protocol.link.interface import LinkOptions, Reachability
-from protocol.link.plain_protection import CHECKSUM_BYTES
-from protocol.link.zenoh_link import ZENOH_OVERHEAD_BYTES, ZenohRouter, ZenohSink, ZenohSource
-from protocol.packets import (
-    ControlKind,
-    ControlPacket,
-    FramePacket,
-    LayerPacket,
-    serialise,
-)
+from protocol.link.zenoh_link import ZenohSink, ZenohSource
+from protocol.packets import LayerPacket, serialise
+from protocol.relay.zenoh_relay import Relay, RelayOptions
 from shared_model.errors import UserError
-
-END = serialise(ControlPacket(0, ControlKind.END, 100))
-MODEL_BYTES = serialise(MODEL)
-WAIT_S = 20.0
-
-
-def frame(number: int) -> bytes:
-    """A frame packet that says which it is."""
-    return serialise(FramePacket(number % 64, number.to_bytes(10, "big")))
-
-
-def free_endpoint(scheme: str = "tcp") -> str:
-    """A loopback endpoint on a port that the system has just called free."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"{scheme}/127.0.0.1:{probe.getsockname()[1]}"
 
 
 @pytest.fixture
@@ -55,20 +28,6 @@ def stack() -> Iterator[ExitStack]:
 @pytest.fixture
 def endpoint() -> str:
     return free_endpoint()
-
-
-def listening(endpoint: str, lossless: bool = True) -> LinkOptions:
-    return LinkOptions("test", listen=(endpoint,), lossless=lossless)
-
-
-def connecting(endpoint: str, lossless: bool = True) -> LinkOptions:
-    return LinkOptions("test", connect=(endpoint,), lossless=lossless)
-
-
-def received(source: ZenohSource) -> bytes | None:
-    """The next packet."""
-    arrival = source.receive(WAIT_S)
-    return None if arrival is None else arrival.data
 
 
 def test_a_whole_call_arrives_in_order(stack: ExitStack, endpoint: str) -> None:
@@ -94,85 +53,8 @@ def test_a_live_call_arrives_packet_by_packet(stack: ExitStack, scheme: str) -> 
         assert received(source) == packet
 
 
-@pytest.mark.parametrize("listens", [True, False], ids=["listening", "connecting"])
-def test_what_a_live_frame_costs_over_udp(stack: ExitStack, listens: bool) -> None:
-    inner, outer = free_endpoint("udp"), free_endpoint("udp")
-    if listens:
-        sink = stack.enter_context(ZenohSink(listening(inner, lossless=False)))
-        relay = stack.enter_context(MeasuringRelay(port_of(outer), port_of(inner)))
-        source = stack.enter_context(ZenohSource(connecting(outer, lossless=False)))
-        sizes, key = relay.sizes_out, 0
-    else:
-        source = stack.enter_context(ZenohSource(listening(inner, lossless=False)))
-        relay = stack.enter_context(MeasuringRelay(port_of(outer), port_of(inner)))
-        sink = stack.enter_context(ZenohSink(connecting(outer, lossless=False)))
-        sizes, key = relay.sizes_in, 1 + len("d/test")
-    sink.wait_for_peer(WAIT_S)
-    sink.send(MODEL_BYTES)
-    assert received(source) == MODEL_BYTES
-    for number in range(60):
-        sink.send(frame(number))
-        assert received(source) == frame(number)
-    checked = len(frame(0)) + CHECKSUM_BYTES
-    assert mode(sizes) == checked + ZENOH_OVERHEAD_BYTES["udp"] + key
-
-
-class MeasuringRelay:
-    """Passes datagrams on between a port and another, and keeps their sizes."""
-
-    def __init__(self, port: int, target: int) -> None:
-        self.sizes_in, self.sizes_out = list[int](), list[int]()
-        self._target = "127.0.0.1", target
-        self._outside = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._outside.bind(("127.0.0.1", port))
-        # One for each client, as a translating router has.
-        self._inside: dict[tuple[str, int], socket.socket] = {}
-        self._done = threading.Event()
-        self._thread = threading.Thread(target=self._run)
-
-    def _run(self) -> None:
-        while not self._done.is_set():
-            clients = {inside: client for client, inside in self._inside.items()}
-            for ready in select.select([self._outside, *clients], [], [], 0.05)[0]:
-                if ready is self._outside:
-                    data, client = ready.recvfrom(65536)
-                    self.sizes_in.append(len(data))
-                    self._inside_of(client).sendto(data, self._target)
-                else:
-                    data = ready.recv(65536)
-                    self.sizes_out.append(len(data))
-                    self._outside.sendto(data, clients[ready])
-
-    def _inside_of(self, client: tuple[str, int]) -> socket.socket:
-        if client not in self._inside:
-            self._inside[client] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        return self._inside[client]
-
-    def __enter__(self) -> "MeasuringRelay":
-        self._thread.start()
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._done.set()
-        self._thread.join()
-        for each in (self._outside, *self._inside.values()):
-            each.close()
-
-
-def port_of(endpoint: str) -> int:
-    """The port of an endpoint."""
-    return int(endpoint.rsplit(":", 1)[1])
-
-
 def test_two_ends_meet_at_a_router(stack: ExitStack, endpoint: str) -> None:
-    config = zenoh.Config()
-    for name, value in (
-        ("mode", '"router"'),
-        ("scouting/multicast/enabled", "false"),
-        ("listen/endpoints", f'["{endpoint}"]'),
-    ):
-        config.insert_json5(name, value)
-    stack.enter_context(zenoh.open(config))
+    stack.enter_context(Relay(RelayOptions((endpoint,))))
     source = stack.enter_context(ZenohSource(connecting(endpoint)))
     sent = [MODEL_BYTES, *map(frame, range(300)), END]
     with ZenohSink(connecting(endpoint)) as sink:
@@ -235,27 +117,6 @@ def test_an_encoder_that_goes_without_a_word_ends_the_call(stack: ExitStack, end
         sink.send(MODEL_BYTES)
     assert list(source) == [MODEL_BYTES]
     assert source.ended and not source.complete
-
-
-def test_an_encoder_that_is_killed_and_started_again_goes_on_with_the_call(
-    stack: ExitStack, endpoint: str
-) -> None:
-    source = stack.enter_context(ZenohSource(listening(endpoint), leave_grace_s=0.01))
-    program = (
-        "import sys; from protocol.link.interface import LinkOptions\n"
-        "from protocol.link.zenoh_link import ZenohSink\n"
-        "sink = ZenohSink(LinkOptions('test', connect=(sys.argv[1],)))\n"
-        "sink.wait_for_peer(20); sink.send(bytes.fromhex(sys.argv[2])); sys.stdin.read()"
-    )
-    command = [sys.executable, "-c", program, endpoint, MODEL_BYTES.hex()]
-    for session in range(2):
-        child = subprocess.Popen(command, stdin=subprocess.PIPE)
-        arrival = source.receive(WAIT_S)
-        assert arrival is not None
-        assert (arrival.data, arrival.session) == (MODEL_BYTES, session)
-        os.kill(child.pid, signal.SIGKILL)
-        child.communicate()
-        assert source.receive(0.5) is None and not source.ended
 
 
 @pytest.mark.parametrize("waiting", ["connecting", "receiving"])
@@ -331,95 +192,6 @@ def test_a_program_ends_whenever_its_link_is_interrupted_while_it_opens(end: str
     assert child.returncode == 7
 
 
-def test_an_encoder_that_comes_back_goes_on_with_the_call(stack: ExitStack, endpoint: str) -> None:
-    source = stack.enter_context(ZenohSource(listening(endpoint), leave_grace_s=WAIT_S))
-    with ZenohSink(connecting(endpoint)) as first:
-        first.wait_for_peer(WAIT_S)
-        first.send(MODEL_BYTES)
-        first.send(frame(0))
-    with ZenohSink(connecting(endpoint)) as second:
-        second.wait_for_peer(WAIT_S)
-        second.send(MODEL_BYTES)
-        second.send(frame(1))
-        second.send(END)
-    found = [source.receive(WAIT_S) for _ in range(5)]
-    assert source.complete
-    came = [(each.session, each.number, each.data) for each in found if each is not None]
-    first_session = [(0, 0, MODEL_BYTES), (0, 0, frame(0))]
-    assert came == [*first_session, (1, 0, MODEL_BYTES), (1, 0, frame(1)), (1, 1, END)]
-
-
-def test_the_encoder_sees_decoders_come_and_go(stack: ExitStack, endpoint: str) -> None:
-    sink = stack.enter_context(ZenohSink(listening(endpoint)))
-    with pytest.raises(UserError, match="no decoder came") as caught:
-        sink.wait_for_peer(0.01)
-    assert caught.value.exit_code == 4 and sink.peers == 0
-    with ZenohSource(connecting(endpoint)):
-        sink.wait_for_peer(WAIT_S)
-        assert sink.peers == 1
-    gone = threading.Event()
-    while sink.peers:
-        assert not gone.wait(0.001)
-
-
-def test_the_encoder_says_when_nobody_listens_any_more(stack: ExitStack, endpoint: str) -> None:
-    said: list[str] = []
-    sink = stack.enter_context(ZenohSink(listening(endpoint), said.append))
-    assert said.pop() == f"listening on {endpoint} for a decoder of call 'test'"
-    sink.send(MODEL_BYTES)
-    assert sink.reachability is Reachability.NO_PEER and said == []
-    with ZenohSource(connecting(endpoint)):
-        sink.wait_for_peer(WAIT_S)
-        send_until(sink, Reachability.HAS_PEER)
-        assert said == []
-    send_until(sink, Reachability.NO_PEER)
-    assert said == ["nobody listens any more; sending on"]
-    source = stack.enter_context(ZenohSource(connecting(endpoint)))
-    assert received(source) == MODEL_BYTES
-    send_until(sink, Reachability.HAS_PEER)
-    assert said[1:] == ["somebody listens again"]
-
-
-def test_a_link_that_breaks_is_known_and_made_again(stack: ExitStack, endpoint: str) -> None:
-    said: list[str] = []
-    with ZenohRouter((endpoint,)):
-        sink = stack.enter_context(ZenohSink(connecting(endpoint), said.append))
-        assert said.pop() == f"connecting to {endpoint} for a decoder of call 'test'"
-        with ZenohSource(connecting(endpoint)):
-            sink.wait_for_peer(WAIT_S)
-            send_until(sink, Reachability.HAS_PEER)
-        send_until(sink, Reachability.NO_PEER)
-    send_until(sink, Reachability.NO_LINK)
-    stack.enter_context(ZenohRouter((endpoint,)))
-    send_until(sink, Reachability.NO_PEER)
-    said.clear()
-    source = stack.enter_context(ZenohSource(connecting(endpoint), said.append))
-    assert said == [f"connecting to {endpoint} for an encoder of call 'test'"]
-    send_until(sink, Reachability.HAS_PEER)
-    sink.send(MODEL_BYTES)
-    assert received(source) == MODEL_BYTES
-
-
-def send_until(sink: ZenohSink, reach: Reachability) -> None:
-    """Send END packets until one reaches so far."""
-    pause, deadline = threading.Event(), monotonic() + WAIT_S
-    sink.send(END)
-    while sink.reachability is not reach:
-        assert monotonic() < deadline, sink.reachability
-        pause.wait(0.005)
-        sink.send(END)
-
-
-def test_a_call_has_one_encoder(stack: ExitStack, endpoint: str) -> None:
-    stack.enter_context(ZenohSource(listening(endpoint)))
-    first = stack.enter_context(ZenohSink(connecting(endpoint)))
-    first.wait_for_peer(WAIT_S)
-    second = stack.enter_context(ZenohSink(connecting(endpoint)))
-    with pytest.raises(UserError, match="call 'test' has an encoder already") as caught:
-        second.wait_for_peer(WAIT_S)
-    assert caught.value.exit_code == 4 and second.peers == 0 and first.peers == 1
-
-
 def test_a_port_in_use_is_said_in_one_line() -> None:
     with socket.socket() as holder:
         holder.bind(("127.0.0.1", 0))
@@ -465,7 +237,7 @@ def test_who_is_there_for_another_call_is_named(stack: ExitStack, scheme: str) -
 
 
 def test_nobody_there_yet_is_not_somebody_for_another_call(stack: ExitStack, endpoint: str) -> None:
-    stack.enter_context(ZenohRouter((endpoint,)))
+    stack.enter_context(Relay(RelayOptions((endpoint,))))
     sink = stack.enter_context(ZenohSink(connecting(endpoint)))
     with pytest.raises(UserError, match=r"^no decoder came within 0\.8 s$"):
         sink.wait_for_peer(0.8)
