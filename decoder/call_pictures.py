@@ -74,9 +74,11 @@ class DrawnFrame:
 class CallPictures:
     """Draws the pictures of one call; a context manager that can be iterated once.
 
+    source: of the packets; None: what the options name.
+    wants: whether to draw the picture of a source frame; who cannot draw all leaves some out.
     While one picture is drawn, the next is prepared.  Attributes `stats`, `timer` and `playout`
-    hold what the report needs.  Raises `UserError` if the call cannot
-    be read or drawn; with exit code 4 if its encoder leaves before it has sent a face.
+    hold what the report needs.  Raises `UserError` if the call cannot be read or drawn; with exit
+    code 4 if its encoder leaves before it has sent a face.
     """
 
     def __init__(
@@ -84,15 +86,22 @@ class CallPictures:
         options: CallOptions,
         stop: Callable[[], bool],
         on_message: MessageCallback = ignore_message,
+        source: PacketSource | None = None,
+        wants: Callable[[int], bool] = lambda index: True,
     ) -> None:
         self.playout, self.stats, self.timer = CallPlayout(), DecodeStats(), StageTimer()
         self._options, self._stop, self._stack = options, stop, ExitStack()
+        self._wants = wants
         self._target = read_model(options.face) if options.face else None
-        self._source = self._stack.enter_context(open_source(options, on_message))
+        self._source = self._stack.enter_context(source or open_source(options, on_message))
         self._scene: Scene | None = None
         self._submitted: PlayoutFrame | None = None
         self._face: FaceParameters | None = None  # of the frame before, as long as it looks so
         self._picture: Picture | None = None  # of the newest frame that is complete
+
+    def draw_as(self, face: ModelPacket | None) -> None:
+        """From now on draw the person of this model; None: the call's own.  For any thread."""
+        self._target = face
 
     @property
     def sender(self) -> CallParameters:
@@ -115,6 +124,8 @@ class CallPictures:
         for frame in received_frames(self._source, self.playout, self.stats, self._stop):
             if frame is None:
                 yield from self._finished()
+                continue
+            if not self._wants(frame.index):
                 continue
             sender = self.playout.model
             assert sender is not None

@@ -26,10 +26,12 @@ from risorius.commands.keys import add_keys
 from risorius.commands.relay import add_relay
 from risorius.commands.track import add_track
 from risorius.commands.train import add_train
+from risorius.live_call.command import add_call
 from shared_model.errors import UserError
 
 BROKEN_PIPE = 141
 COMMANDS = (
+    add_call,
     add_encode,
     add_decode,
     add_calls,
@@ -53,6 +55,8 @@ A videophone that sends a face as muscles, not pixels: one model packet that say
 EXAMPLES = """\
 examples:
   risorius demo                                 a call from end to end, on a clip that is at hand
+  risorius call --listen :7447                  wait for somebody to call, in a browser; then
+  risorius call HOST:7447                       on the other host
   risorius encode me.mp4 -o call.rzo            record a call
   risorius info call.rzo                        see what it weighs
   risorius decode call.rzo -o out.mkv           make it a video again

@@ -30,9 +30,12 @@ class Browser:
     """One page of a new browser.
 
     program: path of Chromium.  folder: for its profile.  width, height: of the window, pixels.
+    more: flags.
     """
 
-    def __init__(self, program: str, folder: Path, width: int = 1280, height: int = 860) -> None:
+    def __init__(
+        self, program: str, folder: Path, width: int = 1280, height: int = 860, *more: str
+    ) -> None:
         to_browser, self._commands = os.pipe()
         self._answers, from_browser = os.pipe()
         to_browser, from_browser = (_moved(fd) for fd in (to_browser, from_browser))
@@ -45,7 +48,7 @@ class Browser:
         flags = ["--headless", "--no-sandbox", "--disable-gpu", "--no-first-run"]
         where = [f"--user-data-dir={folder}", f"--window-size={width},{height}"]
         self._process = subprocess.Popen(
-            [program, *flags, *where, "--remote-debugging-pipe", "about:blank"],
+            [program, *flags, *where, *more, "--remote-debugging-pipe", "about:blank"],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -98,9 +101,9 @@ class Browser:
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
-    def wait(self, condition: str) -> None:
+    def wait(self, condition: str, limit_s: float = LIMIT_S) -> None:
         """Wait until a JavaScript condition holds."""
-        deadline = time.monotonic() + LIMIT_S
+        deadline = time.monotonic() + limit_s
         while not self.value(condition):
             assert time.monotonic() < deadline, f"still not: {condition}"
             time.sleep(0.02)

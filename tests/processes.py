@@ -29,9 +29,11 @@ def first_line(process: subprocess.Popen[str]) -> str:
     return process.stderr.readline().rstrip("\n")
 
 
-def wait_until(condition: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+def wait_until(
+    condition: Callable[[], bool], process: subprocess.Popen[str], limit_s: float = LIMIT_S
+) -> None:
     """Wait until `condition` holds; fail if `process` ends first."""
-    deadline = time.monotonic() + LIMIT_S
+    deadline = time.monotonic() + limit_s
     while not condition():
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < deadline, "it took too long"

@@ -31,6 +31,11 @@ class SoundTrack:
         """Samples per second."""
         return self._voice.rate_hz
 
+    @property
+    def written(self) -> int:
+        """Samples that have been taken."""
+        return self._written
+
     def take(self, pictures: int, known_until: int | None) -> Samples:
         """The sound of the first `pictures` that has not been taken, (n,) int16.
 

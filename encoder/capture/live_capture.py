@@ -150,18 +150,28 @@ class LiveCapture(Capture):
         return np.asarray(resized, dtype=np.uint8)
 
 
-def read_camera(source: str, mailbox: FrameMailbox, capture: Capture, repeat: bool) -> Thread:
+def read_camera(
+    source: str,
+    mailbox: FrameMailbox,
+    capture: Capture,
+    repeat: bool,
+    on_start: Callable[[float], None] = lambda start_s: None,
+) -> Thread:
     """Start a thread that puts the frames of an open source into a mailbox, each at its time.
 
-    repeat: begin a file again at its end.
+    repeat: begin a file again at its end.  on_start: called with the time of each beginning.
     """
 
     def work() -> None:
+        start_s = time.monotonic()
         try:
-            _read_all(capture, mailbox)
+            with capture:
+                on_start(start_s)
+                start_s = _read_all(capture, mailbox, start_s)
             while repeat and not capture.is_live and not mailbox.is_closed:
                 with open_source(source) as again:
-                    _read_all(again, mailbox)
+                    on_start(start_s)
+                    start_s = _read_all(again, mailbox, start_s)
             mailbox.close()
         except UserError as error:
             mailbox.close(error)
@@ -171,16 +181,17 @@ def read_camera(source: str, mailbox: FrameMailbox, capture: Capture, repeat: bo
     return thread
 
 
-def _read_all(capture: Capture, mailbox: FrameMailbox) -> None:
-    start_s = time.monotonic()
+def _read_all(capture: Capture, mailbox: FrameMailbox, start_s: float) -> float:
+    """Put in the frames; returns when one more would be due."""
+    due_s = start_s
     for index, picture in capture:
         due_s = start_s if capture.is_live else start_s + capture.times.time_s(index)
         if (early_s := due_s - time.monotonic()) > 0:
             time.sleep(early_s)
         if mailbox.is_closed:
-            return
-        taken_s = time.monotonic()
-        mailbox.put(reduced(picture), taken_s)
+            break
+        mailbox.put(reduced(picture), time.monotonic() if capture.is_live else due_s)
+    return due_s + float(1 / capture.fps)
 
 
 def reduced(picture: Frame) -> Frame:

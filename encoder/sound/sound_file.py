@@ -43,13 +43,16 @@ def read_sound(path: Path, rate_hz: int) -> Iterator[Samples]:
             samples = np.concatenate([np.zeros(0, np.int16), *pieces])
             if frame is not None and frame.pts is not None and frame.time_base is not None:
                 due = round((frame.pts * frame.time_base - start_s) * rate_hz)
-                samples = _placed(samples, due - written, MAX_TIMING_ERROR_S * rate_hz)
+                samples = placed(samples, due - written, MAX_TIMING_ERROR_S * rate_hz)
             written += len(samples)
             yield samples
 
 
-def _placed(samples: Samples, late: int, tolerance: float) -> Samples:
-    """Samples with silence before them, or without those that come too early."""
+def placed(samples: Samples, late: int, tolerance: float) -> Samples:
+    """Samples (n,) that come `late`: with silence before them, or without those that are too early.
+
+    late, tolerance: number of samples; within the tolerance they stay as they are.
+    """
     if abs(late) <= tolerance:
         return samples
     if late < 0:

@@ -46,6 +46,11 @@ def voice_is_installed(voice: str) -> bool:
     return all(find_spec(module) for module in modules)
 
 
+def speech_rate_hz(voice: str) -> int:
+    """Samples per second that a codec of `VOICES` takes."""
+    return OPUS_RATE_HZ if voice == "opus" else CODEC2_RATE_HZ
+
+
 def open_speech_encoder(voice: str) -> SpeechEncoder:
     """The encoder of a codec of `VOICES`.  Raises `UserError` if it is not installed."""
     if not voice_is_installed(voice):

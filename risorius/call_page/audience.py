@@ -8,24 +8,24 @@ from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from risorius.call_page.messages import PictureMessage, Stream
+from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 
-# Pictures of each stream that may wait for one watcher: a packet's eight come at once.
+# Messages of each stream that may wait for one watcher: a packet's eight pictures come at once.
 MAX_WAITING = 24
 
-Message = PictureMessage | str
+Message = PictureMessage | SoundMessage | str
 
 
 class Watcher:
-    """What one page has not received yet; of pictures the newest, of texts all."""
+    """What one page has not received yet; of pictures and sound the newest, of texts all."""
 
     def __init__(self) -> None:
         self._waiting: deque[Message] = deque()
         self._arrived = asyncio.Event()
 
     def put(self, message: Message) -> None:
-        """Add a message; if there are too many pictures of its stream, the oldest goes."""
-        if isinstance(message, PictureMessage):
+        """Add a message; if there are too many of its stream, the oldest goes."""
+        if not isinstance(message, str):
             same = [m for m in self._waiting if _stream(m) == message.stream]
             if len(same) >= MAX_WAITING:
                 self._waiting.remove(same[0])
@@ -61,6 +61,11 @@ class Audience:
         for watcher in self._watchers:
             watcher.put(picture)
 
+    def play(self, sound: SoundMessage) -> None:
+        """Send a piece of sound to all."""
+        for watcher in self._watchers:
+            watcher.put(sound)
+
     def tell(self, kind: str, text: str) -> None:
         """Send a text to all; who joins later gets the newest of its kind."""
         self._texts[kind] = text
@@ -88,4 +93,4 @@ class Audience:
 
 
 def _stream(message: Message) -> Stream | None:
-    return message.stream if isinstance(message, PictureMessage) else None
+    return None if isinstance(message, str) else message.stream

@@ -1,13 +1,13 @@
 """What server and page say to each other over the WebSocket.
 
-Text messages are JSON objects; `kind` says what they are about.  Binary messages are pictures: a
-header of 24 bytes, little endian, then a JPEG file.
+Text messages are JSON objects; `kind` says what they are about.  Binary messages are pictures and
+pieces of sound: a header of 24 bytes, little endian, then a JPEG file, or samples (int16, mono).
 
-    0   uint8    which picture, see `Stream`
-    1   uint8    1: it repeats an older face
-    4   uint32   index of the source frame
-    8   float64  its time in the source, seconds
-    16  float64  when it was drawn, ms since 1970
+    0   uint8    which picture or sound, see `Stream`
+    1   uint8    of a picture, 1: it repeats an older face; of a sound, 0
+    4   uint32   index of the source frame; of a sound, samples per second
+    8   float64  its time in the source, of a sound that of its first sample, seconds
+    16  float64  when it was drawn or taken, ms since 1970
 """
 
 import struct
@@ -18,6 +18,9 @@ from protocol.errors import ProtocolError
 
 _HEADER = struct.Struct("<BB2xIdd")
 MAX_JPEG_BYTES = 4 << 20
+# Of a piece of sound: some seconds.
+MAX_SOUND_BYTES = 1 << 20
+MAX_RATE_HZ = 192_000
 
 
 class Stream(IntEnum):
@@ -26,6 +29,11 @@ class Stream(IntEnum):
     OTHER = 1  # the other person, decoded
     SELF = 2  # this person as the others see them, decoded
     CAMERA = 3  # from page to server: this person's camera
+    VOICE = 4  # the other person's voice
+    MICROPHONE = 5  # from page to server: this person's voice
+
+
+PICTURES = (Stream.OTHER, Stream.SELF, Stream.CAMERA)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +52,44 @@ class PictureMessage:
     frozen: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class SoundMessage:
+    """A piece of sound.
+
+    rate_hz: samples per second.  time_s: of the first sample, in the source, seconds.
+    made_ms: when that was taken, ms since 1970; 0 for a decoded voice.
+    samples: int16, little endian, mono.
+    """
+
+    stream: Stream
+    rate_hz: int
+    time_s: float
+    made_ms: float
+    samples: bytes
+
+
+def serialise_message(message: PictureMessage | SoundMessage) -> bytes:
+    """The bytes of a message, as above."""
+    if isinstance(message, PictureMessage):
+        return serialise_picture(message)
+    head = message.stream, 0, message.rate_hz, message.time_s, message.made_ms
+    return _HEADER.pack(*head) + message.samples
+
+
+def parse_message(data: bytes) -> PictureMessage | SoundMessage:
+    """The message in `data`.  Raises `ProtocolError` if it is none."""
+    if not data or data[0] not in (Stream.VOICE, Stream.MICROPHONE):
+        return parse_picture(data)
+    size = len(data) - _HEADER.size
+    if not 0 <= size <= MAX_SOUND_BYTES or size % 2:
+        raise ProtocolError(f"sound message of {len(data)} bytes")
+    stream, zero, rate_hz, time_s, made_ms = _HEADER.unpack_from(data)
+    if zero or not 1 <= rate_hz <= MAX_RATE_HZ:
+        raise ProtocolError(f"sound message of {rate_hz} Hz, flag {zero}")
+    samples = bytes(data[_HEADER.size :])
+    return SoundMessage(Stream(stream), rate_hz, time_s, made_ms, samples)
+
+
 def serialise_picture(message: PictureMessage) -> bytes:
     """The bytes of a message, as above."""
     header = _HEADER.pack(
@@ -57,7 +103,7 @@ def parse_picture(data: bytes) -> PictureMessage:
     if not _HEADER.size < len(data) <= _HEADER.size + MAX_JPEG_BYTES:
         raise ProtocolError(f"picture message of {len(data)} bytes")
     stream, frozen, index, time_s, made_ms = _HEADER.unpack_from(data)
-    if stream not in list(Stream) or frozen > 1:
+    if stream not in PICTURES or frozen > 1:
         raise ProtocolError(f"picture message of stream {stream}, flag {frozen}")
     jpeg = bytes(data[_HEADER.size :])
     return PictureMessage(Stream(stream), index, time_s, made_ms, jpeg, bool(frozen))

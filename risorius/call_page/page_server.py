@@ -20,29 +20,36 @@ from risorius.call_page.audience import Audience, Watcher
 from risorius.call_page.messages import (
     MAX_JPEG_BYTES,
     PictureMessage,
+    SoundMessage,
     Stream,
-    parse_picture,
-    serialise_picture,
+    parse_message,
+    serialise_message,
 )
 from shared_model.errors import LINK_FAILED, UserError
 
 BOUNDARY = "picture"
 CommandCallback = Callable[[dict[str, Any]], None]
 CameraCallback = Callable[[PictureMessage], None]
+SoundCallback = Callable[[SoundMessage], None]
 
 
 class PageServer:
     """Serves one call's page on this host while it is open; used in one event loop.
 
-    on_command: called with each command of a page.  on_camera: called with each picture of a page's
-        camera.  None: there are none.
+    on_command: called with each command of a page.
+    on_camera, on_sound: called with each picture of a page's camera and each piece of sound of its
+        microphone; of several pages one gives these at a time.  None: there are none.
     """
 
     def __init__(
-        self, on_command: CommandCallback | None = None, on_camera: CameraCallback | None = None
+        self,
+        on_command: CommandCallback | None = None,
+        on_camera: CameraCallback | None = None,
+        on_sound: SoundCallback | None = None,
     ) -> None:
         self.audience = Audience()
-        self._on_command, self._on_camera = on_command, on_camera
+        self._on_command, self._on_camera, self._on_sound = on_command, on_camera, on_sound
+        self._giving: web.WebSocketResponse | None = None  # whose camera and microphone are used
         self._page = (files("risorius.call_page") / "call.html").read_bytes()
         self._sockets: set[web.WebSocketResponse] = set()
         self._access = Access(0, random_token())
@@ -75,6 +82,10 @@ class PageServer:
     def show(self, picture: PictureMessage) -> None:
         """Send a picture to all pages."""
         self.audience.show(picture)
+
+    def play(self, sound: SoundMessage) -> None:
+        """Send a piece of sound to all pages."""
+        self.audience.play(sound)
 
     def tell(self, kind: str, **content: Any) -> None:
         """Send a state to all pages, see `Audience.tell`."""
@@ -120,7 +131,12 @@ class PageServer:
         return answer
 
     async def _get_socket(self, request: web.Request) -> web.WebSocketResponse:
-        socket = web.WebSocketResponse(max_msg_size=2 * MAX_JPEG_BYTES, heartbeat=20)
+        socket = web.WebSocketResponse(
+            # What is sent is compressed already.
+            max_msg_size=2 * MAX_JPEG_BYTES,
+            heartbeat=20,
+            compress=False,
+        )
         await socket.prepare(request)
         self._sockets.add(socket)
         try:
@@ -128,24 +144,39 @@ class PageServer:
                 sending = asyncio.create_task(_send(socket, watcher))
                 try:
                     async for message in socket:
-                        self._receive(message)
+                        await self._receive(socket, message)
                 finally:
                     sending.cancel()
         finally:
             self._sockets.discard(socket)
+            if self._giving is socket:
+                self._giving = None
         return socket
 
-    def _receive(self, message: WSMessage) -> None:
+    async def _receive(self, socket: web.WebSocketResponse, message: WSMessage) -> None:
         """Take a page's message; one that is damaged is left out."""
         with suppress(ProtocolError, ValueError):
-            if message.type is WSMsgType.BINARY and self._on_camera is not None:
-                picture = parse_picture(message.data)
-                if picture.stream is Stream.CAMERA:
-                    self._on_camera(picture)
+            if message.type is WSMsgType.BINARY:
+                await self._take(socket, parse_message(message.data))
             elif message.type is WSMsgType.TEXT and self._on_command is not None:
                 command = json.loads(message.data)
                 if isinstance(command, dict):
                     self._on_command(command)
+
+    async def _take(
+        self, socket: web.WebSocketResponse, message: PictureMessage | SoundMessage
+    ) -> None:
+        """Take what a page's camera or microphone gives."""
+        if message.stream not in (Stream.CAMERA, Stream.MICROPHONE):
+            return
+        self._giving = self._giving or socket
+        if self._giving is not socket:
+            await socket.send_str(json.dumps({"kind": "busy"}))
+        elif isinstance(message, SoundMessage):
+            if self._on_sound is not None:
+                self._on_sound(message)
+        elif self._on_camera is not None:
+            self._on_camera(message)
 
 
 async def _send(socket: web.WebSocketResponse, watcher: Watcher) -> None:
@@ -156,4 +187,4 @@ async def _send(socket: web.WebSocketResponse, watcher: Watcher) -> None:
             if isinstance(message, str):
                 await socket.send_str(message)
             else:
-                await socket.send_bytes(serialise_picture(message))
+                await socket.send_bytes(serialise_message(message))

@@ -8,12 +8,31 @@ from protocol.errors import ProtocolError
 from risorius.call_page.messages import (
     MAX_JPEG_BYTES,
     PictureMessage,
+    SoundMessage,
     Stream,
+    parse_message,
     parse_picture,
+    serialise_message,
     serialise_picture,
 )
 
 MESSAGE = PictureMessage(Stream.SELF, 70000, 2333.5, 1.8e12, b"\xff\xd8jpeg", frozen=True)
+
+
+SOUND = SoundMessage(Stream.MICROPHONE, 48000, 12.25, 1.8e12, b"\1\2\3\4")
+
+
+@pytest.mark.parametrize("message", [MESSAGE, SOUND])
+def test_pictures_and_sound_come_back_as_they_were(message: PictureMessage | SoundMessage) -> None:
+    assert parse_message(serialise_message(message)) == message
+
+
+def test_what_is_no_sound_is_refused() -> None:
+    data = serialise_message(SOUND)
+    no_rate = data[:4] + bytes(4) + data[8:]
+    for damaged in (data[:1], data[:23], data[:25], data[:1] + b"\x01" + data[2:], no_rate):
+        with pytest.raises(ProtocolError):
+            parse_message(damaged)
 
 
 def test_a_message_comes_back_as_it_was() -> None:

@@ -1,0 +1,88 @@
+"""What the page says of a call, in words: its state, and what it costs."""
+
+from dataclasses import dataclass
+
+from protocol.link.interface import Reachability
+from protocol.link.zenoh_link import IP_OVERHEAD_BYTES, ZENOH_OVERHEAD_BYTES
+from risorius.live_call.messages import Presence, Receiving, Sending, Traffic
+
+# What a packet takes beside its payload on the way, with the headers of IP.
+OVERHEAD_BYTES = ZENOH_OVERHEAD_BYTES["udp"] + IP_OVERHEAD_BYTES["udp"]
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """text: beside the name; over: over the picture, "" where that is shown.
+
+    is_trouble: something is wrong.
+    """
+
+    text: str
+    over: str = ""
+    is_trouble: bool = False
+
+
+def state_words(
+    name: str, is_listening: bool, has_picture: bool, sending: Sending | None, presence: Presence
+) -> Words:
+    """The state of a call.
+
+    name: of the call.  is_listening: this end waits for the other to call.
+    has_picture: the other person has been seen since they came.
+    sending: None: nothing is known yet.
+    """
+    reach = None if sending is None else sending.reach
+    if presence is Presence.LEFT and reach != Reachability.HAS_PEER:
+        return Words("has left", f"{name} has left.")
+    is_silent = presence is Presence.SILENT and has_picture
+    if is_silent or reach == Reachability.NO_LINK:
+        over = "" if has_picture else "Link lost, trying …"
+        return Words("link lost, trying", over, is_trouble=True)
+    if has_picture:
+        return Words("")
+    if reach == Reachability.HAS_PEER or presence in (Presence.HERE, Presence.SILENT):
+        if is_listening:
+            return Words("is calling", f"{name} is calling …")
+        return Words("answers", f"{name} answers …")
+    if is_listening:
+        return Words("waiting for a call", "Waiting for a call …")
+    return Words("calling", f"Calling {name} …")
+
+
+def cost_words(sending: Sending | None, receiving: Receiving | None) -> str:
+    """What the call costs, in one line; without the delay, which the page knows."""
+    parts = []
+    if sending is not None:
+        parts.append(f"up {_rates(sending.traffic)}")
+    if receiving is not None and receiving.presence is Presence.HERE:
+        parts.append(f"down {_rates(receiving.traffic)}")
+        parts.append(f"loss {100 * max(receiving.lost, _loss(sending)):.0f} %")
+    if sending is not None:
+        parts.append(sending.face)
+    return " · ".join(parts)
+
+
+def delay_ms(sending: Sending | None, receiving: Receiving | None) -> float | None:
+    """What is known of the delay of the other person's pictures before they are drawn, ms.
+
+    A packet fills, and goes half a round trip.  None: nothing is known.
+    """
+    if receiving is None or receiving.presence is not Presence.HERE or not receiving.packet_s:
+        return None
+    round_trip_s = None if sending is None else sending.round_trip_s
+    return 1000 * (receiving.packet_s + (round_trip_s or 0.0) / 2)
+
+
+def _loss(sending: Sending | None) -> float:
+    return 0.0 if sending is None else sending.loss
+
+
+def _rates(traffic: Traffic) -> str:
+    seconds = max(traffic.seconds, 1e-3)
+    payload = 8 * traffic.payload_bytes / seconds
+    total = payload + 8 * OVERHEAD_BYTES * traffic.packets / seconds
+    return f"{_grouped(payload)} bit/s (IP {_grouped(total)})"
+
+
+def _grouped(value: float) -> str:
+    return f"{value:,.0f}".replace(",", "\u202f")

@@ -1,0 +1,183 @@
+"""`risorius call`: two people see and hear each other, in a browser."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from encoder.option_rules import CHOICES
+from risorius.command_line.argument_types import bitrate, port, seconds
+from risorius.command_line.parser import add_command
+from risorius.command_line.progress import say, warn
+from shared_model.errors import UserError
+
+if TYPE_CHECKING:
+    from risorius.command_line.parser import Commands
+    from risorius.live_call.live_call import CallOptions
+
+BROWSER, NO_MICROPHONE = "browser", "off"
+USUAL_VOICE = "1200"
+
+
+def add_call(added: "Commands") -> None:
+    """`risorius call`."""
+    parser = add_command(
+        added,
+        "call",
+        "call somebody: picture and sound both ways, on a page of this host",
+        "One end listens, the other names its address; the page opens in the browser, which gives\n"
+        "camera and microphone.  Not encrypted.",
+        "  risorius call --listen :7447 --call anna\n"
+        "  risorius call HOST:7447 --call anna\n"
+        "  risorius call HOST:7447 --call anna --camera me.mp4\n",
+    )
+    _add_place(parser)
+    _add_devices(parser)
+    _add_coding(parser)
+    _add_page(parser)
+    parser.set_defaults(run=run_call)
+
+
+def _add_place(parser: argparse.ArgumentParser) -> None:
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument(
+        "address", nargs="?", metavar="HOST:PORT", help="where the other end listens"
+    )
+    where.add_argument("--listen", metavar="[HOST]:PORT", help="wait for the other end here")
+    parser.add_argument(
+        "--call",
+        default="call",
+        metavar="NAME",
+        help="name of the call at both ends, of a-z, A-Z, 0-9 and _ . - (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--timeout",
+        type=seconds,
+        default=0.0,
+        metavar="S",
+        help="give up after S seconds if nobody listens there; 0: after 10 (default: 0)",
+    )
+
+
+def _add_devices(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--camera",
+        default=BROWSER,
+        metavar="CAMERA",
+        help="browser, or a number or URL of a camera, or a video file, which is repeated"
+        " (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--microphone",
+        metavar="NAME",
+        help="browser, default or another microphone of this host, or off (default: that of the"
+        " browser, or the sound of the file, with the camera)",
+    )
+
+
+def _add_coding(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--voice",
+        choices=CHOICES["voice"],
+        help=f"codec of the voice (default: {USUAL_VOICE} where it is installed)",
+    )
+    parser.add_argument(
+        "--bitrate",
+        type=bitrate,
+        default=800.0,
+        metavar="BPS",
+        help="bits a second of the face (default: %(default)g)",
+    )
+    parser.add_argument(
+        "--low-delay",
+        action="store_true",
+        help="packets of four pictures instead of eight",
+    )
+
+
+def _add_page(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--face",
+        type=Path,
+        metavar="OTHER",
+        help="call file of a person who is drawn instead when the page asks for it",
+    )
+    parser.add_argument(
+        "--folder",
+        type=Path,
+        default=Path("."),
+        metavar="DIR",
+        help="where recordings go (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--port", type=port, default=0, metavar="N", help="TCP port of the page; 0: any free one"
+    )
+
+
+def run_call(arguments: argparse.Namespace) -> int:
+    """`risorius call`: hanging up is its normal end."""
+    from risorius.live_call.live_call import run_call as hold
+
+    def announce(address: str) -> None:
+        say(f"call: the page is at {address}")
+
+    hold(_options(arguments), announce)
+    return 0
+
+
+def _options(arguments: argparse.Namespace) -> "CallOptions":
+    from decoder.reenactment import read_model
+    from protocol.link.interface import LinkOptions
+    from risorius.live_call.live_call import CallOptions
+
+    listen, connect = arguments.listen, arguments.address
+    # Raises for what cannot be a name or an endpoint.
+    LinkOptions(
+        arguments.call,
+        () if listen is None else (listen,),
+        () if connect is None else (connect,),
+    )
+    if arguments.face is not None:
+        read_model(arguments.face)
+    if not arguments.folder.is_dir():
+        raise UserError(f"there is no folder {arguments.folder}")
+    microphone = _microphone(arguments)
+    return CallOptions(
+        listen=listen,
+        connect=connect,
+        name=arguments.call,
+        timeout_s=arguments.timeout,
+        camera=arguments.camera,
+        microphone=microphone,
+        voice=_voice(arguments, microphone),
+        bitrate=arguments.bitrate,
+        low_delay=arguments.low_delay,
+        face=arguments.face,
+        port=arguments.port,
+        folder=arguments.folder,
+    )
+
+
+def _microphone(arguments: argparse.Namespace) -> str | None:
+    from encoder.sound.sound_file import has_sound
+    from risorius.live_call.messages import CAMERA_SOUND
+
+    asked: str | None = arguments.microphone
+    if asked is not None:
+        return None if asked == NO_MICROPHONE else asked
+    if arguments.camera == BROWSER:
+        return BROWSER
+    return CAMERA_SOUND if has_sound(Path(arguments.camera)) else None
+
+
+def _voice(arguments: argparse.Namespace, microphone: str | None) -> str:
+    """The codec of the voice, one of `VOICES`."""
+    from encoder.sound.speech_encoder import voice_is_installed
+
+    if arguments.voice is not None:
+        return str(arguments.voice)
+    if microphone is None:
+        return "off"
+    if voice_is_installed(USUAL_VOICE):
+        return USUAL_VOICE
+    warn(["there is no sound: pip install 'risorius[voice]'"])
+    return "off"

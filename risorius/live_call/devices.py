@@ -1,0 +1,119 @@
+"""Camera and microphone of a call: those of the page, of a file, or of this host."""
+
+from contextlib import suppress
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, Self
+
+import cv2
+import numpy as np
+
+from encoder.capture.live_capture import FrameMailbox, LiveCapture, read_camera, reduced
+from encoder.capture.video_source import Capture, open_source
+from encoder.sound.file_microphone import FileMicrophone
+from encoder.sound.live_speech import LiveSpeech, Samples
+from encoder.sound.voice_packer import VoicePacker
+from risorius.live_call.messages import (
+    BROWSER,
+    CAMERA_SOUND,
+    CameraPicture,
+    Device,
+    MicrophoneSound,
+    SendingOptions,
+    Switch,
+)
+from shared_model.errors import UserError
+
+# Pictures a second that are taken from a camera in the browser, and from a faster one at most.
+BROWSER_FPS, MAX_FPS = Fraction(25), Fraction(30)
+
+
+class Devices:
+    """Camera and microphone, which any thread may switch; a context manager.
+
+    voice: what adds the voice to packets; None: the call has none.
+    Raises `UserError` if a device cannot be opened, or the codec is not installed.
+    """
+
+    def __init__(self, options: SendingOptions) -> None:
+        self._options = options
+        self._source: Capture | None = None
+        fps = BROWSER_FPS
+        if options.camera != BROWSER:
+            self._source = open_source(options.camera)
+            fps = min(self._source.fps, MAX_FPS)
+        self._mailbox = FrameMailbox(fps)
+        self._fps = fps
+        self._capture: LiveCapture | None = None
+        self._is_muted = False
+        self._speech: LiveSpeech | None = None
+        self.voice: VoicePacker | None = None
+        if options.voice != "off":
+            self._speech = LiveSpeech(options.voice, self._start_s)
+            self.voice = VoicePacker(self._speech)
+        self._file_microphone: FileMicrophone | None = None
+        self._host_microphone: Any = None
+        self._open_microphone()
+        if self._source is not None:
+            start = self._file_microphone.start if self._file_microphone else lambda start_s: None
+            read_camera(options.camera, self._mailbox, self._source, True, start)
+
+    def capture(self) -> LiveCapture | None:
+        """The camera, once it has given a picture; None: it was closed before."""
+        try:
+            self._capture = LiveCapture(self._options.camera, self._mailbox, self._fps)
+        except UserError:
+            if self._mailbox.is_closed:
+                return None
+            raise
+        return self._capture
+
+    def receive(self, message: CameraPicture | MicrophoneSound | Switch) -> None:
+        """Take what comes from the page."""
+        if isinstance(message, CameraPicture):
+            data = np.frombuffer(message.jpeg, np.uint8)
+            picture = cv2.imdecode(data, cv2.IMREAD_COLOR)
+            if picture is not None:
+                self._mailbox.put(reduced(np.asarray(picture, np.uint8)), message.time_s)
+        elif isinstance(message, MicrophoneSound):
+            if self._speech is not None and message.rate_hz == self._speech.rate_hz:
+                samples = np.frombuffer(message.samples, np.int16)
+                self._hear(samples, message.time_s)
+        elif message.device is Device.CAMERA:
+            self._mailbox.switch(message.on)
+        else:
+            self._is_muted = not message.on
+
+    def close(self) -> None:
+        """Release the devices; closing twice has no further effect."""
+        self._mailbox.close()
+        if self._file_microphone is not None:
+            self._file_microphone.stop()
+        if self._host_microphone is not None:
+            with suppress(Exception):
+                self._host_microphone.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def _start_s(self) -> float | None:
+        return None if self._capture is None else self._capture.start_s
+
+    def _open_microphone(self) -> None:
+        name = self._options.microphone
+        if self._speech is None or name is None or name == BROWSER:
+            return
+        if name == CAMERA_SOUND:
+            path = Path(self._options.camera)
+            self._file_microphone = FileMicrophone(path, self._speech.rate_hz, self._hear)
+        else:
+            from encoder.sound.host_microphone import open_host_microphone
+
+            self._host_microphone = open_host_microphone(name, self._speech.rate_hz, self._hear)
+
+    def _hear(self, samples: Samples, time_s: float) -> None:
+        if self._speech is not None:
+            self._speech.push(np.zeros_like(samples) if self._is_muted else samples, time_s)

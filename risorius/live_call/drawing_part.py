@@ -1,0 +1,180 @@
+"""The process that draws a person: packets of the call in, pictures and sound out."""
+
+import os
+import time
+from collections import deque
+from pathlib import Path
+
+from decoder.call_pictures import CallOptions, CallPictures, DrawnFrame, open_source
+from decoder.reenactment import read_model
+from decoder.sound.sound_track import SoundTrack, open_sound_track
+from protocol.call_file import CallReader
+from protocol.call_parameters import CallParameters
+from protocol.link.interface import PacketSource, ignore_message
+from risorius.call_page.page_thread import encoded_picture
+from risorius.live_call.messages import (
+    DrawAs,
+    DrawingOptions,
+    Drawn,
+    Heard,
+    Presence,
+    Receiving,
+    Record,
+    Trouble,
+)
+from risorius.live_call.part_connection import PartConnection
+from risorius.live_call.recorder import CallRecorder
+from risorius.live_call.thinning import Thinning
+from risorius.live_call.traffic_meter import MeteredSource, TrafficMeter
+from shared_model.errors import LINK_FAILED, UserError
+
+# No packet for so long: the link is lost, or the other end is.
+SILENT_S = 2.5
+# Seconds of which losses are counted.
+LOSS_S = 10
+# How long to wait before the next try of a link.
+RETRY_S = 1.0
+
+
+def run(part: PartConnection, options: DrawingOptions) -> None:
+    """Draw one call after the other until the process of the page is gone.
+
+    Raises `UserError` if the link cannot be made the first time.
+    """
+    drawing = _Drawing(part, options)
+    part.in_background(drawing.obey)
+    part.every_second(drawing.figures)
+    try:
+        drawing.run()
+    finally:
+        drawing.recorder.close()
+
+
+class _Drawing:
+    def __init__(self, part: PartConnection, options: DrawingOptions) -> None:
+        self._part, self._options = part, options
+        self._meter, self.recorder = TrafficMeter(), CallRecorder()
+        self._presence = Presence.AWAITED
+        self._pictures: CallPictures | None = None
+        self._face: Path | None = None
+        self._losses = deque[tuple[int, int]](maxlen=LOSS_S)  # lost and all, each second
+
+    def run(self) -> None:
+        """Draw until the part is over."""
+        source = self._open()
+        while not self._part.is_over.is_set():
+            self._draw(source)
+            if self._options.place is None:
+                return
+            if self._presence is not Presence.AWAITED:
+                self._presence = Presence.LEFT
+            self._part.send(self.figures())
+            source = self._open_again()
+
+    def obey(self) -> None:
+        """Do what comes from the page until it is gone."""
+        for message in self._part.messages():
+            try:
+                if isinstance(message, DrawAs):
+                    self._draw_as(message.face)
+                elif isinstance(message, Record):
+                    self.recorder.record(message.path)
+            except UserError as error:
+                self._part.send(Trouble(str(error)))
+
+    def figures(self) -> Receiving:
+        """How it goes, since the last time."""
+        traffic, pictures = self._meter.take(), self._pictures
+        if self._presence in (Presence.HERE, Presence.SILENT):
+            last_s = self._meter.last_s
+            silent = last_s is not None and time.monotonic() - last_s > SILENT_S
+            self._presence = Presence.SILENT if silent else Presence.HERE
+        covered_s = 0.0
+        if pictures is not None and (model := pictures.playout.model) is not None:
+            covered_s = packet_s(model.call)
+            self._losses.append((pictures.playout.lost, traffic.packets))
+        return Receiving(traffic, self._presence, self._lost_share, covered_s)
+
+    @property
+    def _lost_share(self) -> float:
+        if len(self._losses) < 2:
+            return 0.0
+        lost = self._losses[-1][0] - self._losses[0][0]
+        came = sum(count for _, count in self._losses)
+        return max(0, lost) / max(1, lost + came)
+
+    def _open(self) -> PacketSource:
+        place = self._options.place
+        if place is None:
+            assert self._options.stream is not None
+            return CallReader(os.fdopen(self._options.stream, "rb"))
+        options = CallOptions(
+            connect=(place.connect,), call=place.name, connect_timeout_s=place.timeout_s
+        )
+        return open_source(options, ignore_message)
+
+    def _open_again(self) -> PacketSource:
+        while True:
+            try:
+                return self._open()
+            except UserError:
+                if self._part.is_over.wait(RETRY_S):
+                    raise
+
+    def _draw(self, opened: PacketSource) -> None:
+        """Draw one call."""
+        self.recorder.forget()
+        self._losses.clear()
+        source = MeteredSource(opened, self._meter, self._note)
+        options, sound = CallOptions(), None
+        stop = self._part.is_over.is_set
+        try:
+            thinning = Thinning(self._options.fps, time.monotonic)
+
+            def wants(index: int) -> bool:
+                assert self._pictures is not None
+                call = self._pictures.sender
+                return thinning.wants(index, call.fps, packet_s(call))
+
+            with CallPictures(options, stop, source=source, wants=wants) as pictures:
+                self._pictures = pictures
+                self._draw_as(self._face)
+                for frame in pictures:
+                    if sound is None:
+                        speech = pictures.playout.speech
+                        sound = open_sound_track(speech, pictures.sender, frame.index)
+                        first = frame.index
+                    self._show(frame)
+                    if sound is not None:
+                        self._speak(sound, pictures, first, frame.index)
+        except UserError as error:
+            if error.exit_code != LINK_FAILED and not stop():
+                self._part.send(Trouble(str(error)))
+        finally:
+            self._pictures = None
+
+    def _note(self, packet: bytes) -> None:
+        self._presence = Presence.HERE
+        self.recorder.add(packet)
+
+    def _draw_as(self, face: Path | None) -> None:
+        self._face = face
+        if self._pictures is not None:
+            self._pictures.draw_as(None if face is None else read_model(face))
+
+    def _show(self, frame: DrawnFrame) -> None:
+        jpeg = encoded_picture(frame.picture)
+        made_ms = 1000 * time.time()
+        self._part.send(Drawn(frame.index, float(frame.time_s), made_ms, frame.frozen, jpeg))
+
+    def _speak(self, sound: SoundTrack, pictures: CallPictures, first: int, index: int) -> None:
+        """Send the sound that is known up to a picture.  first: the first picture."""
+        start_s = first / pictures.sender.fps + sound.written / sound.rate_hz
+        samples = sound.take(index + 1 - first, pictures.playout.speech.known_until)
+        if len(samples):
+            self._part.send(Heard(start_s, sound.rate_hz, samples.tobytes()))
+
+
+def packet_s(call: CallParameters) -> float:
+    """The time that a packet of a call covers, seconds."""
+    return call.frames_per_packet * call.frame_step / call.fps

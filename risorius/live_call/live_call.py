@@ -1,0 +1,290 @@
+"""A call both ways, as its page shows it: parts are started, spoken to, and listened to."""
+
+import asyncio
+import os
+import signal
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from encoder.sound.speech_encoder import speech_rate_hz
+from protocol.endpoint import parse_endpoint
+from protocol.relay.zenoh_relay import Relay, RelayOptions
+from risorius.call_page.call_view import open_browser
+from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
+from risorius.call_page.page_server import PageServer
+from risorius.live_call.call_words import cost_words, delay_ms, state_words
+from risorius.live_call.messages import (
+    BROWSER,
+    CameraPicture,
+    Device,
+    DrawAs,
+    DrawingOptions,
+    Drawn,
+    FromPart,
+    Heard,
+    LinkPlace,
+    MicrophoneSound,
+    Presence,
+    Receiving,
+    Record,
+    Sending,
+    SendingOptions,
+    Switch,
+    Trouble,
+)
+from risorius.live_call.part_process import PartProcess
+from shared_model.errors import LINK_FAILED, UserError
+
+# The two directions of a call: from the end that listens, and to it.
+FROM_LISTENER, TO_LISTENER = "-a", "-b"
+# Pictures of oneself that are drawn each second, about: they only tell how one is seen.
+SELF_FPS = 8.0
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+@dataclass(frozen=True, slots=True)
+class CallOptions:
+    """A call both ways.
+
+    listen: endpoint to wait for the other end at; None: `connect` to it.
+    name: of the call.  timeout_s: how long to try to connect; 0: the default.
+    camera, microphone, voice, bitrate, low_delay: see `SendingOptions`.
+    face: call file whose person may be shown instead of the other one; None: there is none.
+    port: TCP port of the page; 0: any free one.
+    folder: where recordings go.
+    """
+
+    listen: str | None
+    connect: str | None
+    name: str
+    timeout_s: float
+    camera: str
+    microphone: str | None
+    voice: str
+    bitrate: float
+    low_delay: bool
+    face: Path | None
+    port: int
+    folder: Path
+
+
+def run_call(options: CallOptions, announce: Callable[[str], None]) -> None:
+    """Hold a call until somebody hangs up here; announce: called with the page's address.
+
+    Raises `UserError` if it cannot be held.
+    """
+    with ExitStack() as stack:
+        where = options.connect
+        if options.listen is not None:
+            stack.enter_context(Relay(RelayOptions((options.listen,))))
+            where = own_address(options.listen)
+        assert where is not None
+        asyncio.run(_LiveCall(options, where).run(announce))
+
+
+def own_address(listen: str) -> str:
+    """The endpoint by which this host reaches an endpoint that it listens on."""
+    endpoint = parse_endpoint(listen)
+    if not endpoint.is_any:
+        return listen
+    scheme = "" if endpoint.scheme is None else f"{endpoint.scheme}/"
+    return f"{scheme}127.0.0.1:{endpoint.port}{endpoint.options}"
+
+
+class _LiveCall:
+    """The state of a call and what its page is told of it; used in one event loop."""
+
+    def __init__(self, options: CallOptions, where: str) -> None:
+        self._options, self._where = options, where
+        self._page = PageServer(self._command, self._take_picture, self._take_sound)
+        # From ms since 1970 to the clock of the camera.
+        self._epoch_s = time.monotonic() - time.time()
+        self._over = asyncio.Event()
+        self._failure: UserError | None = None
+        self._sending: Sending | None = None
+        self._receiving: Receiving | None = None
+        self._parts: list[PartProcess] = []
+        self._ended = 0
+        self._has_picture = self._is_recording = False
+        self._switches = {"mute": False, "camera-off": False, "face": False}
+        self._files = 0
+
+    async def run(self, announce: Callable[[str], None]) -> None:
+        """Hold the call until it is over."""
+        loop = asyncio.get_running_loop()
+        for number in SIGNALS:
+            loop.add_signal_handler(number, self._over.set)
+        async with self._page:
+            await self._page.open(self._options.port)
+            self._start(loop)
+            self._setup()
+            self._tell()
+            announce(self._page.address)
+            open_browser(self._page.address)
+            await self._over.wait()
+            for part in self._parts:
+                part.close()
+            await asyncio.gather(*(asyncio.to_thread(part.wait) for part in self._parts))
+        if self._failure is not None:
+            raise self._failure
+
+    def _start(self, loop: asyncio.AbstractEventLoop) -> None:
+        options = self._options
+        is_listening = options.listen is not None
+        ours, theirs = (
+            (FROM_LISTENER, TO_LISTENER) if is_listening else (TO_LISTENER, FROM_LISTENER)
+        )
+        own_picture, monitor = os.pipe()
+        sending = SendingOptions(
+            LinkPlace(options.name + ours, self._where, options.timeout_s),
+            options.camera,
+            options.microphone,
+            options.voice,
+            options.bitrate,
+            options.low_delay,
+            monitor,
+        )
+        other = DrawingOptions(LinkPlace(options.name + theirs, self._where, options.timeout_s))
+        oneself = DrawingOptions(None, own_picture, SELF_FPS)
+        package = "risorius.live_call"
+        self._sender = PartProcess(
+            f"{package}.sending_part", sending, (monitor,), self._receive_sending, loop
+        )
+        self._other = PartProcess(f"{package}.drawing_part", other, (), self._receive_other, loop)
+        self._oneself = PartProcess(
+            f"{package}.drawing_part", oneself, (own_picture,), self._receive_self, loop
+        )
+        self._parts = [self._sender, self._other, self._oneself]
+        for descriptor in (own_picture, monitor):
+            os.close(descriptor)
+
+    def _setup(self) -> None:
+        """Tell pages what they have and what they give."""
+        options = self._options
+        rate_hz = speech_rate_hz(options.voice) if options.voice != "off" else 0
+        self._page.tell(
+            "setup",
+            call=options.name,
+            camera=options.camera == BROWSER,
+            microphone_hz=rate_hz if options.microphone == BROWSER else 0,
+            has_voice=options.voice != "off" and options.microphone is not None,
+            has_face=options.face is not None,
+            **{name.replace("-", "_"): on for name, on in self._switches.items()},
+            recording=self._is_recording,
+        )
+
+    def _tell(self) -> None:
+        """Tell pages how it goes."""
+        sending, receiving = self._sending, self._receiving
+        presence = Presence.AWAITED if receiving is None else receiving.presence
+        name, is_listening = self._options.name, self._options.listen is not None
+        words = state_words(name, is_listening, self._has_picture, sending, presence)
+        self._page.tell(
+            "state", name=name, text=words.text, over=words.over, trouble=words.is_trouble
+        )
+        self._page.tell(
+            "costs", text=cost_words(sending, receiving), delay_ms=delay_ms(sending, receiving)
+        )
+
+    # What the parts say.
+
+    def _receive_sending(self, message: FromPart | None) -> None:
+        if isinstance(message, Sending):
+            self._sending = message
+            self._tell()
+        else:
+            self._receive(message)
+
+    def _receive_other(self, message: FromPart | None) -> None:
+        if isinstance(message, Drawn):
+            self._page.show(_picture(Stream.OTHER, message))
+            if not self._has_picture:
+                self._has_picture = True
+                self._tell()
+        elif isinstance(message, Heard):
+            sound = SoundMessage(
+                Stream.VOICE, message.rate_hz, message.time_s, 0.0, message.samples
+            )
+            self._page.play(sound)
+        elif isinstance(message, Receiving):
+            self._receiving = message
+            if message.presence is Presence.LEFT:
+                self._has_picture = False
+            self._tell()
+        else:
+            self._receive(message)
+
+    def _receive_self(self, message: FromPart | None) -> None:
+        if isinstance(message, Drawn):
+            self._page.show(_picture(Stream.SELF, message))
+        elif message is not None:
+            self._receive(message)
+
+    def _receive(self, message: FromPart | None) -> None:
+        if message is None:
+            # A part that ends before the call is over has failed.
+            if not self._over.is_set():
+                self._fail("a part of the call has ended by itself", LINK_FAILED)
+        elif isinstance(message, Trouble):
+            if message.exit_code is None:
+                self._page.tell("trouble", text=message.text)
+            else:
+                self._fail(message.text, message.exit_code)
+
+    def _fail(self, text: str, exit_code: int) -> None:
+        self._failure = self._failure or UserError(text, exit_code)
+        self._over.set()
+
+    # What the pages say.
+
+    def _take_picture(self, picture: PictureMessage) -> None:
+        if self._options.camera == BROWSER:
+            taken_s = picture.made_ms / 1000 + self._epoch_s
+            self._sender.send(CameraPicture(taken_s, picture.jpeg))
+
+    def _take_sound(self, sound: SoundMessage) -> None:
+        if self._options.microphone == BROWSER:
+            taken_s = sound.made_ms / 1000 + self._epoch_s
+            self._sender.send(MicrophoneSound(taken_s, sound.rate_hz, sound.samples))
+
+    def _command(self, command: dict[str, Any]) -> None:
+        kind, on = command.get("kind"), command.get("on") is True
+        if kind == "hang-up":
+            self._over.set()
+            return
+        if kind in self._switches:
+            self._switches[kind] = on
+        if kind == "mute":
+            self._sender.send(Switch(Device.MICROPHONE, not on))
+        elif kind == "camera-off":
+            self._sender.send(Switch(Device.CAMERA, not on))
+        elif kind == "face":
+            self._other.send(DrawAs(self._options.face if on else None))
+        elif kind == "record":
+            self._record(on)
+        self._setup()
+
+    def _record(self, on: bool) -> None:
+        """Begin or end a recording of both sides."""
+        self._is_recording = on
+        mine: Path | None = None
+        other: Path | None = None
+        if on:
+            stamp = time.strftime("%Y%m%d-%H%M%S")
+            mine, other = (
+                self._options.folder / f"{self._options.name}-{stamp}-{side}.rzo"
+                for side in ("mine", "other")
+            )
+            self._page.tell("trouble", text=f"recording into {mine.name} and {other.name}")
+        self._sender.send(Record(mine))
+        self._other.send(Record(other))
+
+
+def _picture(stream: Stream, drawn: Drawn) -> PictureMessage:
+    return PictureMessage(
+        stream, drawn.index, drawn.time_s, drawn.made_ms, drawn.jpeg, drawn.frozen
+    )

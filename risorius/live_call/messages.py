@@ -1,0 +1,196 @@
+"""What the processes of a call say to each other, over pairs of sockets.
+
+`serve` of a process gets its options first.  Times are `time.monotonic` of this host, in seconds,
+unless they are said to be others.
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+# What stands for the camera or the microphone of the page.
+BROWSER = "browser"
+
+
+@dataclass(frozen=True, slots=True)
+class LinkPlace:
+    """One direction of a call.
+
+    name: of this direction on the link.  connect: the endpoint.
+    timeout_s: how long to try; 0: the default.
+    """
+
+    name: str
+    connect: str
+    timeout_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class SendingOptions:
+    """What is sent, and where to.
+
+    camera: video file, camera index or URL, or `BROWSER`.
+    microphone: `CAMERA_SOUND`: the sound of the file; `BROWSER`; a device of the host; None: none.
+    voice: one of `VOICES`.
+    monitor: descriptor of a pipe that gets the call as well.
+    """
+
+    place: LinkPlace
+    camera: str
+    microphone: str | None
+    voice: str
+    bitrate: float
+    low_delay: bool
+    monitor: int | None
+
+
+CAMERA_SOUND = "camera"
+
+
+@dataclass(frozen=True, slots=True)
+class DrawingOptions:
+    """What is drawn.
+
+    place: where it comes from; None: from the descriptor `stream`.
+    fps: pictures a second that are drawn, about; None: all.
+    """
+
+    place: LinkPlace | None
+    stream: int | None = None
+    fps: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class CameraPicture:
+    """A picture of the page's camera, a JPEG file."""
+
+    time_s: float
+    jpeg: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class MicrophoneSound:
+    """Sound of the page's microphone, int16 mono; time_s: of its first sample."""
+
+    time_s: float
+    rate_hz: int
+    samples: bytes
+
+
+class Device(StrEnum):
+    """What can be switched off."""
+
+    CAMERA = "camera"
+    MICROPHONE = "microphone"
+
+
+@dataclass(frozen=True, slots=True)
+class Switch:
+    """Switch a device on or off."""
+
+    device: Device
+    on: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """Record into this call file from now on; None: stop recording."""
+
+    path: Path | None
+
+
+@dataclass(frozen=True, slots=True)
+class DrawAs:
+    """Draw the person of this call file instead; None: the call's own."""
+
+    face: Path | None
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """A picture that has been drawn, a JPEG file.
+
+    index, time_s: of its source frame, in the call.  made_ms: when it was drawn, ms since 1970.
+    frozen: it repeats an older face.
+    """
+
+    index: int
+    time_s: float
+    made_ms: float
+    frozen: bool
+    jpeg: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """Sound that has been decoded, int16 mono; time_s: of its first sample, in the call."""
+
+    time_s: float
+    rate_hz: int
+    samples: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Traffic:
+    """What went over the link since the message before.
+
+    payload_bytes, packets: packets of the call.  seconds: since then.
+    """
+
+    payload_bytes: int
+    packets: int
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sending:
+    """How sending goes.
+
+    reach: whom packets reach, a `protocol.link.interface.Reachability`.
+    loss, round_trip_s: see `LinkQuality`.
+    face: what has been sent of the face, in words.
+    pictures_per_second: of the camera, that were coded.
+    """
+
+    traffic: Traffic
+    reach: str
+    loss: float
+    round_trip_s: float | None
+    face: str
+    pictures_per_second: float
+
+
+class Presence(StrEnum):
+    """The other end, as far as its packets tell."""
+
+    AWAITED = "awaited"
+    HERE = "here"  # packets come
+    SILENT = "silent"  # none has come for a while
+    LEFT = "left"
+
+
+@dataclass(frozen=True, slots=True)
+class Receiving:
+    """How receiving goes.
+
+    lost: share of the packets that did not come in time, of late.  packet_s: time that a packet
+    covers.
+    """
+
+    traffic: Traffic
+    presence: Presence
+    lost: float
+    packet_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Trouble:
+    """A line for the user.  exit_code: None: the call goes on; else it cannot."""
+
+    text: str
+    exit_code: int | None = None
+
+
+ToSender = CameraPicture | MicrophoneSound | Switch | Record
+ToDrawer = DrawAs | Record
+FromPart = Drawn | Heard | Sending | Receiving | Trouble

@@ -1,0 +1,71 @@
+"""A part of a call: a process of its own, and its end of the connection to the page's process."""
+
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from threading import Event, Lock
+from typing import Any
+
+from risorius.live_call.messages import FromPart, Trouble
+from shared_model.errors import UserError
+
+# How often a part tells how it goes.
+FIGURES_S = 1.0
+
+
+class PartConnection:
+    """The connection of a part to the process of the page.
+
+    is_over: set once that is gone, or wants the part to end.
+    """
+
+    def __init__(self, connection: "Connection[Any, Any]") -> None:
+        self._connection, self._lock, self.is_over = connection, Lock(), Event()
+
+    def send(self, message: FromPart) -> None:
+        """Send a message; any thread may.  Without anybody to receive it, it is lost."""
+        with self._lock, suppress(OSError):
+            self._connection.send(message)
+
+    def messages(self) -> Iterator[Any]:
+        """What comes, until the other end is gone."""
+        with suppress(EOFError, OSError):
+            while True:
+                yield self._connection.recv()
+        self.is_over.set()
+
+    def in_background(self, work: Callable[[], None]) -> None:
+        """Run something in a thread that does not keep the process alive."""
+        threading.Thread(target=work, daemon=True).start()
+
+    def every_second(self, tell: Callable[[], FromPart]) -> None:
+        """Send what `tell` returns once a second."""
+
+        def work() -> None:
+            while not self.is_over.wait(FIGURES_S):
+                self.send(tell())
+
+        self.in_background(work)
+
+
+def serve(descriptor: int, run: Callable[[PartConnection, Any], None]) -> None:
+    """Run a part: its options come first over the socket.
+
+    A mistake of the user ends it with a message.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # What the libraries would spread over all cores is small.
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    connection: Connection[Any, Any] = Connection(descriptor)
+    part = PartConnection(connection)
+    options = connection.recv()
+    try:
+        run(part, options)
+    except UserError as error:
+        part.send(Trouble(str(error), error.exit_code))
+    except KeyboardInterrupt:
+        pass
+    connection.close()

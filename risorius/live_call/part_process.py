@@ -1,0 +1,122 @@
+"""A part of a call as the page's process sees it: started, spoken to, and ended."""
+
+import asyncio
+import os
+import socket
+import subprocess
+import sys
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from multiprocessing.connection import Connection
+from threading import Condition, Thread
+from typing import Any
+
+from risorius.live_call.messages import (
+    CameraPicture,
+    DrawingOptions,
+    FromPart,
+    MicrophoneSound,
+    SendingOptions,
+    ToDrawer,
+    ToSender,
+)
+
+# Pictures and pieces of sound that may wait for a part that is busy.
+MAX_PICTURES, MAX_SOUNDS = 2, 50
+# How long a part that has been told to end may take.
+END_S = 5.0
+
+
+class PartProcess:
+    """A process that runs `module`.run until it is closed.
+
+    descriptors: of this process, that it gets.
+    receive: called in `loop` with each of its messages, and with None when it has ended.
+    """
+
+    def __init__(
+        self,
+        module: str,
+        options: SendingOptions | DrawingOptions,
+        descriptors: tuple[int, ...],
+        receive: Callable[[FromPart | None], None],
+        loop: asyncio.AbstractEventLoop,
+    ) -> None:
+        ours, theirs = socket.socketpair()
+        program = (
+            f"import sys; sys.path[:] = {sys.path!r}; from {module} import run;"
+            " from risorius.live_call.part_connection import serve;"
+            f" serve({theirs.fileno()}, run)"
+        )
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", program],
+                pass_fds=[theirs.fileno(), *descriptors],
+                stdin=subprocess.DEVNULL,
+                # Ctrl-C in a terminal is for the process that talks to the user.
+                start_new_session=True,
+            )
+        self._socket = ours
+        self._connection: Connection[Any, Any] = Connection(os.dup(ours.fileno()))
+        self._connection.send(options)
+        self._receive_message, self._loop = receive, loop
+        self._waiting = deque[ToSender | ToDrawer]()
+        self._changed, self._is_closed = Condition(), False
+        Thread(target=self._receive, daemon=True).start()
+        Thread(target=self._send, daemon=True).start()
+
+    @property
+    def pid(self) -> int:
+        """Number of the process."""
+        return self._process.pid
+
+    def send(self, message: ToSender | ToDrawer) -> None:
+        """Send a message; of pictures and sound the oldest go if too many wait."""
+        with self._changed:
+            for kind, limit in ((CameraPicture, MAX_PICTURES), (MicrophoneSound, MAX_SOUNDS)):
+                if isinstance(message, kind):
+                    same = [each for each in self._waiting if isinstance(each, kind)]
+                    if len(same) >= limit:
+                        self._waiting.remove(same[0])
+            self._waiting.append(message)
+            self._changed.notify()
+
+    def close(self) -> None:
+        """Let the process end; returns at once, see `wait`."""
+        with self._changed:
+            self._is_closed = True
+            self._changed.notify()
+
+    def wait(self) -> None:
+        """Wait until the process has ended; it is killed if it takes too long."""
+        try:
+            self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _send(self) -> None:
+        with suppress(OSError):
+            while True:
+                with self._changed:
+                    while not self._waiting and not self._is_closed:
+                        self._changed.wait()
+                    if not self._waiting:
+                        break
+                    message = self._waiting.popleft()
+                self._connection.send(message)
+            # The process may still say something.
+            self._socket.shutdown(socket.SHUT_WR)
+
+    def _receive(self) -> None:
+        with suppress(EOFError, OSError):
+            while True:
+                self._tell(self._connection.recv())
+        self._socket.close()
+        self._tell(None)
+
+    def _tell(self, message: FromPart | None) -> None:
+        # The loop may be closed already.
+        with suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self._receive_message, message)

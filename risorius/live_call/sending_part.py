@@ -1,0 +1,104 @@
+"""The process that sends this person: camera and microphone in, packets of the call out."""
+
+import os
+import time
+from contextlib import ExitStack
+
+from encoder.calls.session_callbacks import SessionCallbacks
+from encoder.calls.session_stats import SessionStats
+from encoder.options import EncodeOptions
+from encoder.packet_sink import open_packet_sink
+from encoder.pipeline import NO_FACE, encode_live
+from encoder.runtime.parallel import short_switch_interval
+from protocol.link.interface import PacketSink, ignore_message
+from risorius.live_call.devices import Devices
+from risorius.live_call.messages import Record, Sending, SendingOptions, Trouble
+from risorius.live_call.part_connection import PartConnection
+from risorius.live_call.recorder import CallRecorder
+from risorius.live_call.sent_face import SentFace
+from risorius.live_call.traffic_meter import MeteredSink, TrafficMeter
+from shared_model.errors import UserError
+
+
+def run(part: PartConnection, options: SendingOptions) -> None:
+    """Send until the process of the page is gone, or says so.
+
+    Raises `UserError` if the camera, the voice or the link cannot be opened.
+    """
+    with ExitStack() as stack:
+        stack.enter_context(short_switch_interval())
+        recorder = CallRecorder()
+        stack.callback(recorder.close)
+        devices = stack.enter_context(Devices(options))
+        part.in_background(lambda: _obey(part, devices, recorder))
+        sent = _Sent(options, recorder, stack)
+        part.every_second(sent.figures)
+        capture = devices.capture()
+        if capture is None:
+            return
+        callbacks = SessionCallbacks(
+            lambda done, total: None, part.is_over.is_set, on_preparing=sent.prepare
+        )
+        try:
+            encode_live(sent.options, capture, sent.sink, sent.stats, callbacks, devices.voice)
+        except UserError as error:
+            if not (part.is_over.is_set() and error.exit_code == NO_FACE):
+                raise
+
+
+def _obey(part: PartConnection, devices: Devices, recorder: CallRecorder) -> None:
+    """Do what comes from the page until it is gone; then there is no camera any more."""
+    for message in part.messages():
+        if isinstance(message, Record):
+            try:
+                recorder.record(message.path)
+            except UserError as error:
+                part.send(Trouble(str(error)))
+        else:
+            devices.receive(message)
+    devices.close()
+
+
+class _Sent:
+    """What goes over the link.  Raises `UserError` if that cannot be made."""
+
+    def __init__(self, options: SendingOptions, recorder: CallRecorder, stack: ExitStack) -> None:
+        monitor = None
+        if options.monitor is not None:
+            monitor = stack.enter_context(os.fdopen(options.monitor, "wb", buffering=0))
+        self.options = EncodeOptions(
+            options.camera,
+            monitor=monitor,
+            connect=(options.place.connect,),
+            call=options.place.name,
+            bitrate=options.bitrate,
+            low_delay=options.low_delay,
+            live=True,
+        )
+        self.stats = SessionStats()
+        self._face, self._meter, self._recorder = SentFace(), TrafficMeter(), recorder
+        opened = open_packet_sink(self.options, stack, ignore_message)
+        self.sink: PacketSink = MeteredSink(opened, self._meter, self._note)
+        self._coded, self._told_s = 0, time.monotonic()
+
+    def prepare(self, what: str) -> None:
+        """Note what the encoder prepares; "": it is ready."""
+        self._face.preparing = what
+
+    def figures(self) -> Sending:
+        """How it goes, since the last time."""
+        now_s, coded, quality = time.monotonic(), len(self.stats.capture_ns), self.sink.quality
+        rate = (coded - self._coded) / (now_s - self._told_s)
+        self._coded, self._told_s = coded, now_s
+        return Sending(
+            traffic=self._meter.take(),
+            reach=str(self.sink.reachability),
+            loss=quality.loss,
+            round_trip_s=quality.round_trip_s,
+            face=self._face.words,
+            pictures_per_second=rate,
+        )
+
+    def _note(self, packet: bytes) -> None:
+        self._face.add(packet)
+        self._recorder.add(packet)

@@ -1,0 +1,115 @@
+"""Counts the packets of one direction of a call, and lets somebody else have a copy of each."""
+
+import time
+from collections.abc import Callable, Iterator
+from threading import Lock
+from typing import Self
+
+from protocol.link.interface import Arrival, LinkQuality, PacketSink, PacketSource, Reachability
+from risorius.live_call.messages import Traffic
+
+
+class TrafficMeter:
+    """Adds up packets; any thread may ask."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock, self._lock = clock, Lock()
+        self._bytes = self._packets = 0
+        self._since_s = clock()
+        self.last_s: float | None = None  # when the newest packet came
+
+    def add(self, size: int) -> None:
+        """Count a packet of so many bytes."""
+        with self._lock:
+            self._bytes, self._packets = self._bytes + size, self._packets + 1
+            self.last_s = self._clock()
+
+    def take(self) -> Traffic:
+        """What has been counted since the last time."""
+        with self._lock:
+            now_s = self._clock()
+            traffic = Traffic(self._bytes, self._packets, now_s - self._since_s)
+            self._bytes, self._packets, self._since_s = 0, 0, now_s
+        return traffic
+
+
+class MeteredSink:
+    """A `PacketSink` that counts what it sends to another one.
+
+    on_packet: called with each packet.
+    """
+
+    def __init__(
+        self, sink: PacketSink, meter: TrafficMeter, on_packet: Callable[[bytes], None]
+    ) -> None:
+        self._sink, self._meter, self._on_packet = sink, meter, on_packet
+
+    @property
+    def reachability(self) -> Reachability:
+        """That of the other sink."""
+        return self._sink.reachability
+
+    @property
+    def quality(self) -> LinkQuality:
+        """That of the other sink."""
+        return self._sink.quality
+
+    def send(self, packet: bytes) -> None:
+        """Send one packet."""
+        self._meter.add(len(packet))
+        self._sink.send(packet)
+        self._on_packet(packet)
+
+    def close(self) -> None:
+        """Close the other sink."""
+        self._sink.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+
+class MeteredSource:
+    """A `PacketSource` that counts what comes out of another one.
+
+    on_packet: called with each packet.
+    """
+
+    def __init__(
+        self, source: PacketSource, meter: TrafficMeter, on_packet: Callable[[bytes], None]
+    ) -> None:
+        self._source, self._meter, self._on_packet = source, meter, on_packet
+
+    @property
+    def complete(self) -> bool:
+        """That of the other source."""
+        return self._source.complete
+
+    @property
+    def ended(self) -> bool:
+        """That of the other source."""
+        return self._source.ended
+
+    def receive(self, timeout_s: float | None = None) -> Arrival | None:
+        """See `PacketSource`."""
+        arrival = self._source.receive(timeout_s)
+        if arrival is not None:
+            self._meter.add(len(arrival.data))
+            self._on_packet(arrival.data)
+        return arrival
+
+    def __iter__(self) -> Iterator[bytes]:
+        while (arrival := self.receive()) is not None:
+            yield arrival.data
+
+    def close(self) -> None:
+        """Close the other source."""
+        self._source.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()

@@ -1,0 +1,59 @@
+"""The state and the cost of a call, in words."""
+
+from dataclasses import replace
+
+import pytest
+
+from protocol.link.interface import Reachability
+from risorius.live_call.call_words import cost_words, delay_ms, state_words
+from risorius.live_call.messages import Presence, Receiving, Sending, Traffic
+
+SENDING = Sending(Traffic(100, 3, 1.0), Reachability.NO_PEER, 0.0, None, "looking for you", 25.0)
+LINKED = replace(SENDING, reach=Reachability.HAS_PEER)
+BROKEN = replace(SENDING, reach=Reachability.NO_LINK)
+RECEIVING = Receiving(Traffic(250, 6, 2.0), Presence.HERE, 0.02, 0.32)
+
+
+@pytest.mark.parametrize(
+    ("is_listening", "has_picture", "sending", "presence", "text"),
+    [
+        (True, False, None, Presence.AWAITED, "waiting for a call"),
+        (False, False, SENDING, Presence.AWAITED, "calling"),
+        (True, False, LINKED, Presence.AWAITED, "is calling"),
+        (False, False, LINKED, Presence.AWAITED, "answers"),
+        (False, False, SENDING, Presence.HERE, "answers"),
+        (True, False, LINKED, Presence.SILENT, "is calling"),
+        (True, True, LINKED, Presence.HERE, ""),
+        (True, True, SENDING, Presence.SILENT, "link lost, trying"),
+        (False, True, BROKEN, Presence.HERE, "link lost, trying"),
+        (False, False, BROKEN, Presence.AWAITED, "link lost, trying"),
+        (True, False, SENDING, Presence.LEFT, "has left"),
+        (True, False, LINKED, Presence.LEFT, "is calling"),
+    ],
+)
+def test_the_state_is_said_in_words(
+    is_listening: bool, has_picture: bool, sending: Sending | None, presence: Presence, text: str
+) -> None:
+    words = state_words("anna", is_listening, has_picture, sending, presence)
+    assert words.text == text
+    assert words.is_trouble == ("lost" in text)
+    # What is over the picture would hide it.
+    assert bool(words.over) == (not has_picture)
+
+
+def test_the_cost_counts_what_a_second_takes_with_the_headers_of_ip() -> None:
+    words = cost_words(SENDING, RECEIVING)
+    assert "up 800 bit/s" in words and "down 1\u202f000 bit/s" in words
+    assert "loss 2 %" in words and words.endswith("looking for you")
+    assert int(words.split("(IP ")[1].split(")")[0].replace("\u202f", "")) > 800 + 3 * 8 * 28
+
+
+def test_nothing_is_said_of_what_is_not_known() -> None:
+    assert cost_words(None, None) == ""
+    assert "down" not in cost_words(SENDING, replace(RECEIVING, presence=Presence.LEFT))
+    assert delay_ms(SENDING, None) is None
+
+
+def test_a_packet_that_fills_and_half_a_round_trip_are_delay() -> None:
+    assert delay_ms(SENDING, RECEIVING) == 320
+    assert delay_ms(replace(SENDING, round_trip_s=0.1), RECEIVING) == pytest.approx(370)

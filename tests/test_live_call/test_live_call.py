@@ -1,0 +1,233 @@
+"""A whole call: one end with camera and microphone of a real browser, the other with a file."""
+
+import asyncio
+import json
+import signal
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+from threading import Thread
+from typing import Any, Self
+from urllib.parse import urlsplit
+
+import cv2
+import numpy as np
+import pytest
+from browser import Browser, find_browser
+from conftest import MakeOnce, Start
+from processes import finish, wait_until
+from shots import draw, talking
+from sounds import voiced_sound, write_wave
+
+aiohttp = pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
+pytest.importorskip("pycodec2", reason="needs pycodec2: pip install '.[voice]'")
+pytest.importorskip("webrtcvad", reason="needs webrtcvad: pip install '.[voice]'")
+
+from decoder.pipeline import DecodeOptions, decode  # noqa: E402
+from decoder.sinks.frame_sink import open_sink  # noqa: E402
+from encoder.capture.video_source import open_source  # noqa: E402
+from loopback.process_pair import free_port  # noqa: E402
+from protocol.summary import summarise  # noqa: E402
+from risorius.call_page.messages import (  # noqa: E402
+    PictureMessage,
+    SoundMessage,
+    Stream,
+    parse_message,
+)
+
+# A machine that does much else takes so long until both ends see each other.
+LIMIT_S = 120.0
+FPS, SECONDS = 25, 2.4
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """What stands before the cameras: a file with sound; picture and sound for a browser."""
+
+    clip: Path
+    camera: Path
+    microphone: Path
+
+
+@pytest.fixture(scope="module")
+def material(networks: Path, make_once: MakeOnce) -> Material:
+    def make(folder: Path) -> None:
+        draw(folder / "silent.mkv", talking(SECONDS))
+        rate_hz = 16000
+        sound = voiced_sound(round(SECONDS * rate_hz), rate_hz)
+        write_wave(folder / "voice.wav", sound, rate_hz)
+        with open_source(str(folder / "silent.mkv")) as capture:
+            size = capture.width, capture.height
+            frames = [frame for _, frame in capture]
+        with open_sink(folder / "clip.mkv", *size, Fraction(FPS), "bt601", False, rate_hz) as sink:
+            for frame in frames:
+                sink.write(frame)
+            sink.write_sound(sound)
+        # Chromium's camera takes no other chroma.
+        with (folder / "camera.y4m").open("wb") as file:
+            file.write(b"YUV4MPEG2 W%d H%d F%d:1 Ip A1:1 C420jpeg\n" % (*size, FPS))
+            for frame in frames:
+                file.write(b"FRAME\n" + cv2.cvtColor(frame, cv2.COLOR_BGR2YUV_I420).tobytes())
+
+    folder = make_once("before_the_cameras", make)
+    return Material(folder / "clip.mkv", folder / "camera.y4m", folder / "voice.wav")
+
+
+@pytest.fixture
+def browser(tmp_path: Path, material: Material) -> Iterator[Browser]:
+    program = find_browser()
+    if program is None:
+        pytest.skip("needs Chromium: apt-get install chromium")
+    flags = (
+        "--use-fake-ui-for-media-stream",
+        "--use-fake-device-for-media-stream",
+        f"--use-file-for-fake-video-capture={material.camera}",
+        f"--use-file-for-fake-audio-capture={material.microphone}",
+        "--autoplay-policy=no-user-gesture-required",
+    )
+    with Browser(program, tmp_path / "browser", 900, 760, *flags) as opened:
+        yield opened
+
+
+@dataclass
+class Watcher:
+    """A page of the other end without a browser: what it is sent.
+
+    loudness: of the decoded voice, the greatest of a piece.
+    """
+
+    address: str
+    states: list[dict[str, Any]] = field(default_factory=list)
+    pictures: list[PictureMessage] = field(default_factory=list)
+    loudness: float = 0.0
+
+    def __enter__(self) -> Self:
+        Thread(target=lambda: asyncio.run(self._watch()), daemon=True).start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        """Nothing to do: the watcher ends with the page."""
+
+    async def _watch(self) -> None:
+        parts = urlsplit(self.address)
+        headers = {"Origin": f"http://{parts.netloc}"}
+        with suppress(aiohttp.ClientError):
+            async with aiohttp.ClientSession() as client:
+                url = self.address + "ws"
+                async with client.ws_connect(url, headers=headers, max_msg_size=1 << 24) as socket:
+                    async for message in socket:
+                        self._receive(message.data)
+
+    def _receive(self, data: str | bytes) -> None:
+        if isinstance(data, str):
+            self.states.append(json.loads(data))
+            return
+        message = parse_message(data)
+        if isinstance(message, SoundMessage):
+            samples = np.frombuffer(message.samples, np.int16).astype(float)
+            self.loudness = max(self.loudness, float(samples.std()))
+        elif message.stream is Stream.OTHER:
+            self.pictures.append(message)
+
+    def said(self, kind: str, name: str, value: object) -> bool:
+        """Whether the newest message of a kind says so."""
+        of_kind = [each for each in self.states if each["kind"] == kind]
+        return bool(of_kind) and of_kind[-1].get(name) == value
+
+
+def page_of(process: "subprocess.Popen[str]") -> str:
+    assert process.stderr is not None
+    line = process.stderr.readline()
+    assert "the page is at http://127.0.0.1:" in line, line + process.stderr.read()
+    return line.split()[-1]
+
+
+def until(condition: Callable[[], bool], process: "subprocess.Popen[str]") -> None:
+    wait_until(condition, process, LIMIT_S)
+
+
+def see_and_hear(browser: Browser, watcher: Watcher, second: "subprocess.Popen[str]") -> None:
+    """Each end sees the other and oneself, and hears the other on the clock of the picture."""
+    browser.wait("players[OTHER].shown > 20 && players[SELF].shown > 5", LIMIT_S)
+    assert browser.value("el('name').textContent") == "anna"
+    assert "bit/s" in browser.value("el('costs').textContent")
+    until(lambda: len(watcher.pictures) > 20, second)
+    browser.wait("voice.heard && voice.heard.loud > 0.01", LIMIT_S)
+    browser.wait("Math.abs(voice.heard.away) < 0.04", LIMIT_S)
+    until(lambda: watcher.loudness > 300, second)
+
+
+def switch_off(browser: Browser, watcher: Watcher, second: "subprocess.Popen[str]") -> None:
+    """Whoever is muted and whose camera is off is still there."""
+    for name in ("mute", "camera-off"):
+        browser.click(f"#{name}")
+        browser.wait(f"el('{name}').getAttribute('aria-pressed') == 'true'")
+    seen = len(watcher.pictures)
+    until(lambda: len(watcher.pictures) > seen + 30, second)
+
+
+def record_and_reload(browser: Browser, watcher: Watcher, second: Any, folder: Path) -> None:
+    """Both sides are recorded, and the page comes back in the middle of it."""
+    browser.click("#record")
+    browser.wait("el('record').getAttribute('aria-pressed') == 'true'")
+    until(lambda: len(list(folder.glob("anna-*"))) == 2, second)
+    seen = len(watcher.pictures)
+    until(lambda: len(watcher.pictures) > seen + 25, second)
+    browser.call("Page.reload")
+    browser.wait("typeof players != 'undefined' && players[OTHER].shown > 25", LIMIT_S)
+    assert browser.value("el('mute').getAttribute('aria-pressed')") == "true"
+    browser.click("#record")
+    until(lambda: len(list(folder.glob("anna-*.rzo"))) == 2, second)
+    for recording in folder.glob("anna-*.rzo"):
+        summary = summarise(recording)
+        assert summary.frame_packets > 2 and summary.damaged_packets == 0
+        assert summary.voice == "1200"
+        report = decode(DecodeOptions(recording), lambda done, total: None, lambda: False)
+        assert report.frames > 10
+
+
+def test_two_people_see_and_hear_each_other_until_one_leaves_and_the_other_hangs_up(
+    material: Material, browser: Browser, start: Start, tmp_path: Path
+) -> None:
+    where = f"127.0.0.1:{free_port()}"
+    options = ("--call", "anna", "--folder", tmp_path)
+    first = start("call", "--listen", where, *options)
+    browser.call("Page.navigate", url=page_of(first))
+    browser.wait("typeof players != 'undefined'")
+    browser.wait("el('state').textContent == 'waiting for a call'", LIMIT_S)
+    second = start("call", where, *options, "--camera", material.clip)
+    with Watcher(page_of(second)) as watcher:
+        see_and_hear(browser, watcher, second)
+        switch_off(browser, watcher, second)
+        record_and_reload(browser, watcher, second, tmp_path)
+        second.send_signal(signal.SIGINT)
+        assert finish(second)[0] == 0
+        browser.wait("el('state').textContent == 'has left'", LIMIT_S)
+        browser.click("#hang-up")
+        assert finish(first) == (0, "")
+        browser.wait("ended")
+
+
+def test_whoever_is_killed_is_waited_for(material: Material, start: Start) -> None:
+    where = f"127.0.0.1:{free_port()}"
+    camera = ("--camera", material.clip)
+    first = start("call", "--listen", where, *camera)
+    with Watcher(page_of(first)) as watcher:
+        second = start("call", where, *camera, "--voice", "off")
+        page_of(second)
+        until(lambda: len(watcher.pictures) > 3, first)
+        second.kill()
+        until(lambda: watcher.said("state", "text", "link lost, trying"), first)
+    first.send_signal(signal.SIGINT)
+    assert finish(first)[0] == 0
+
+
+def test_nobody_at_the_address_is_a_failed_link(material: Material, start: Start) -> None:
+    where = f"127.0.0.1:{free_port()}"
+    caller = start("call", where, "--camera", material.clip, "--timeout", "0.5")
+    page_of(caller)
+    code, stderr = finish(caller)
+    assert code == 4 and f"cannot reach {where}" in stderr
