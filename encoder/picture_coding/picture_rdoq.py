@@ -4,17 +4,17 @@ Subbands are quantised by `quantise_subband`.  The coefficients of the lowpass b
 and textures are rounded to the nearest integer.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from encoder.picture_coding.subband_rdoq import ZERO_BITS, QuantisedBand, quantise_subband
+from encoder.picture_coding.symbol_writing import Decisions, band_decisions, range_coded
 from protocol.entropy.adaptive_models import AdaptiveIntegers
-from protocol.entropy.range_coder import PROBABILITY_ONE, BitCoder, RangeEncoder
-from protocol.pictures.coefficient_coding import code_bit_array, code_lowpass_band, code_magnitudes
+from protocol.entropy.range_coder import PROBABILITY_ONE
+from protocol.pictures.coefficient_coding import code_lowpass_band
 from protocol.pictures.probability_model import BandPosition
 from protocol.pictures.subband_coding import PictureSequence
 from protocol.pictures.subband_pyramid import SubbandPyramid, plane_shape
@@ -44,23 +44,19 @@ class SymbolBuffer:
     """
 
     def __init__(self) -> None:
-        self._write_calls: list[Callable[[BitCoder], object]] = []
+        self._parts: list[Decisions | QuantisedBand] = []
         self.bits = 0.0
 
-    def append(self, write: Callable[[BitCoder], object], bits: float) -> None:
-        """Add symbols.
-
-        write: codes them with a given coder.  bits: their ideal code length.
-        """
-        self._write_calls.append(write)
+    def append(self, part: Decisions | QuantisedBand, bits: float) -> None:
+        """Add symbols.  bits: their ideal code length."""
+        self._parts.append(part)
         self.bits += bits
 
     def serialise(self) -> bytes:
         """The bytes of all symbols."""
-        coder = RangeEncoder()
-        for write in self._write_calls:
-            write(coder)
-        return coder.finish()
+        return range_coded(
+            [band_decisions(p) if isinstance(p, QuantisedBand) else p for p in self._parts]
+        )
 
 
 class _BitRecorder:
@@ -102,23 +98,12 @@ class _RdoPlaneCoder:
         )
         bits, p0 = recorder.recorded()
         cost = float(ZERO_BITS.take(np.where(bits, PROBABILITY_ONE - p0, p0)).sum())
-        self.symbols.append(partial(code_bit_array, bits=bits, zeros=p0), cost)
+        self.symbols.append((bits, p0), cost)
         return values
 
     def band(self, position: BandPosition, context_bands: Integers) -> Integers:
         quantised = quantise_subband(
             position, position.select(self.lowpass, self.details), context_bands
         )
-        self.symbols.append(partial(_write_band, quantised), quantised.bits)
+        self.symbols.append(quantised, quantised.bits)
         return quantised.values
-
-
-def _write_band(band: QuantisedBand, coder: BitCoder) -> None:
-    """Code a band in the order in which `protocol.pictures.subband_coding` reads it."""
-    code_bit_array(coder, band.flags, band.flag_p0)
-    magnitude = sign = 0
-    for magnitude_end, sign_end in band.pass_ends.tolist():
-        of_pass = slice(magnitude, magnitude_end)
-        code_magnitudes(coder, band.magnitudes[of_pass], band.magnitude_p0[of_pass])
-        code_bit_array(coder, band.signs[sign:sign_end], band.sign_p0[sign:sign_end])
-        magnitude, sign = magnitude_end, sign_end

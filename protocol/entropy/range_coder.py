@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 PROBABILITY_BITS = 16
 PROBABILITY_ONE = 1 << PROBABILITY_BITS
 # The range exceeds 2 ** 40, so its split follows the probabilities to within 2 ** -24.
-_TOP_BITS = 48
+TOP_BITS = 48
 LEAST_RANGE = 1 << 40
 # The time of an addition grows with the length of the integer: longer low ends are flushed.
 _FLUSH_BITS = 1024
@@ -34,7 +34,7 @@ class RangeEncoder:
     """Codes bits; `finish` returns the bytes."""
 
     def __init__(self) -> None:
-        self._low, self._range, self._shifted = 0, 1 << _TOP_BITS, 0
+        self._low, self._range, self._shifted = 0, 1 << TOP_BITS, 0
         self._flushed: list[tuple[int, int]] = []
 
     def code_bit(self, bit: int, zero: int) -> int:
@@ -50,36 +50,42 @@ class RangeEncoder:
             self._range <<= 8
             self._shifted += 8
         if self._shifted > _FLUSH_BITS:
-            self._flushed.append((self._low >> _TOP_BITS, self._shifted))
-            self._low, self._shifted = self._low & (1 << _TOP_BITS) - 1, 0
+            self._flushed.append((self._low >> TOP_BITS, self._shifted))
+            self._low, self._shifted = self._low & (1 << TOP_BITS) - 1, 0
         return bit
 
     def finish(self) -> bytes:
         """The fewest bytes from which a `RangeDecoder` reads the bits coded."""
-        low, total = 0, _TOP_BITS
-        for part, bits in (*self._flushed, (self._low >> _TOP_BITS, self._shifted)):
+        low, total = 0, TOP_BITS
+        for part, bits in (*self._flushed, (self._low >> TOP_BITS, self._shifted)):
             low, total = (low << bits) + part, total + bits
-        low = (low << _TOP_BITS) + (self._low & (1 << _TOP_BITS) - 1)
+        low = (low << TOP_BITS) + (self._low & (1 << TOP_BITS) - 1)
+        return shortest_point(low, self._range, total)
 
-        def point(length: int) -> int:
-            """The lowest point from `low` on that has `length` bytes, in units of the last one."""
-            return -(-low >> total - 8 * length)
 
-        length = bisect_left(
-            range(total // 8),
-            True,
-            key=lambda n: point(n) << total - 8 * n < low + self._range,
-        )
-        return point(length).to_bytes(length, "big")
+def shortest_point(low: int, size: int, bits: int) -> bytes:
+    """The fewest bytes that name a point from `low` on, within `size`, of numbers of `bits` bits.
+
+    bits: a multiple of 8.
+    """
+
+    def point(length: int) -> int:
+        """The lowest point from `low` on that has `length` bytes, in units of the last one."""
+        return -(-low >> bits - 8 * length)
+
+    length = bisect_left(
+        range(bits // 8), True, key=lambda n: point(n) << bits - 8 * n < low + size
+    )
+    return point(length).to_bytes(length, "big")
 
 
 class RangeDecoder:
     """Reads bits from bytes; any bytes can be decoded."""
 
     def __init__(self, data: bytes) -> None:
-        self._data, self._position = data, _TOP_BITS // 8
+        self._data, self._position = data, TOP_BITS // 8
         self._code = int.from_bytes(data[: self._position].ljust(self._position, b"\0"), "big")
-        self._range = 1 << _TOP_BITS
+        self._range = 1 << TOP_BITS
 
     @property
     def unread_bytes(self) -> int:
