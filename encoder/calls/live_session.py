@@ -30,9 +30,9 @@ from shared_model.parameters import FaceParameters
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-# About how long modes take to be learned concurrently with frames: learning begins so much before a
-# packet is full, since all frames of a packet have the modes that are there when it goes out.
-MODE_LATENCY_S = 0.12
+# Frames that wait for their packet are fitted again with new modes in what a frame leaves of this
+# share of its time.
+REFIT_TIME_SHARE = 0.6
 
 
 class LiveEncoder:
@@ -63,8 +63,10 @@ class LiveEncoder:
         self._packets, self._stats, self._gop, self._fps = packets, stats, gop, fps
         self._look_for_face_s, self._clock = look_for_face_s, clock
         self._learner = learner
+        self._realtime = realtime
         self._overload = OverloadController(1 / fps) if realtime else None
-        self._mode_latency_frames = round(MODE_LATENCY_S * coded_fps) if realtime else 0
+        self._frame_begin_s = 0.0
+        self._hurried_frames = 0
         updates = ModelUpdateSender(packets, stats, gop, fps)
         self._search = open_landmark_search(stats, eye_crop_scale=WIDE_CROP_SCALE)
         self._model = ModelLifecycle(capture, gop, budget, updates, stats, learner, realtime)
@@ -79,10 +81,11 @@ class LiveEncoder:
 
     def frame(self, index: int, picture: Picture, next_frame: Picture | None = None) -> None:
         """See `CallSession`."""
-        begin, was_started = self._clock(), self.started
+        was_started = self.started
+        self._frame_begin_s = self._clock()
         self._encode(index, picture, next_frame)
         if self._overload is not None and was_started:
-            self._overload.record_frame_time(self._clock() - begin)
+            self._overload.record_frame_time(self._clock() - self._frame_begin_s)
 
     def end(self, frames: int) -> None:
         """See `CallSession`."""
@@ -93,6 +96,11 @@ class LiveEncoder:
         if not self.started:
             return
         self._model.end()
+        if self._hurried_frames:
+            self._stats.warn(
+                f"{self._hurried_frames} of {frames} frames were fitted by texels only:"
+                " there was no time for more in real time"
+            )
         if excess := self._rate.overshoot_message:
             self._stats.warn(excess)
         self._packets.end(frames)
@@ -155,14 +163,17 @@ class LiveEncoder:
         sample = version.sample(picture, points)
         with self._stats.stage("fit"):
             fit = version.fit_texels if is_overloaded else version.fit
+            self._hurried_frames += is_overloaded
             face = fit(sample, self._filler.initial_face)
         self._filler.fill_gap(index, self._packet_frames - 1, face)
         self._filler.add(face, sample)
-        nearly_full = len(self._filler) + self._mode_latency_frames >= self._packet_frames
-        fitted = replace(sample, face=face)
-        if self._model.learn_modes(index, fitted, nearly_full) and not is_overloaded:
-            with self._stats.stage("fit"):
-                self._filler.refit(self._model.version)
+        # All frames of a packet have the modes that are there when it goes out.
+        may_start = self._realtime or len(self._filler) >= self._packet_frames
+        if self._model.learn_modes(index, replace(sample, face=face), may_start):
+            self._filler.mark_outdated()
+        with self._stats.stage("fit"):
+            while self._may_refit and self._filler.refit_newest(self._model.version):
+                pass
         self._send_full_packet()
 
     def _send_full_packet(self) -> None:
@@ -194,6 +205,14 @@ class LiveEncoder:
         packet = self._coder.number
         is_first = packet == self._model.version.first_packet
         return StreamPosition(packet, self._filler.start_frame, is_first)
+
+    @property
+    def _may_refit(self) -> bool:
+        """Whether there is time to fit a waiting frame again."""
+        if self._overload is None:
+            return True
+        passed_s = self._clock() - self._frame_begin_s
+        return not self._is_overloaded and passed_s < REFIT_TIME_SHARE / self._fps
 
     @property
     def _is_overloaded(self) -> bool:

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
+from encoder.calls.packet_sender import LEAD_PACKETS
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture
 from encoder.coding.background import background_of
@@ -45,10 +46,14 @@ Picture = NDArray[np.uint8]
 
 # Frames to train from, and up to twice as many; fewer where frames do not wait for the training: on
 # average of seven clips these cost .02 dB, and half the time.
-TRAINING_FRAMES, TRAINING_FRAMES_REALTIME = 24, 12
+TRAINING_FRAMES, TRAINING_FRAMES_REALTIME = 24, 8
 # Packets before an update's first one from which on modes are learned for it: soon enough for the
-# first of them to be used with it.  Until then they are for the version in use.
-MODE_LEAD_PACKETS = 1
+# first of them to be used with it.  Until then they are for the version in use.  Learning beside
+# the frames takes as long as several packets.
+MODE_LEAD_PACKETS, MODE_LEAD_PACKETS_REALTIME = 1, LEAD_PACKETS
+# Time between two updates of the modes: each new mode changes the template of the texel fitter.
+# What is learned beside the frames comes late: the sooner it begins the better.
+MODE_INTERVAL_S, MODE_INTERVAL_S_REALTIME = 0.25, 0.1
 # An update that the link carries within this time goes before modes; on a thinner link it waits
 # until no mode is learned: a few modes soon are better than all of the update late.
 UPDATE_WAIT_LIMIT_S = 3.0
@@ -100,7 +105,9 @@ class ModelLifecycle:
         self._realtime = realtime
         fps = float(capture.fps)
         self._frames = TrainingFrames(TRAINING_FRAMES_REALTIME if realtime else TRAINING_FRAMES)
-        self._schedule, self._modes = ModelSchedule(fps), ModeScheduler(fps, self._learn)
+        self._schedule = ModelSchedule(fps)
+        interval_s = MODE_INTERVAL_S_REALTIME if realtime else MODE_INTERVAL_S
+        self._modes = ModeScheduler(fps, interval_s, self._learn)
         self._state = ModelState.SEARCHING
         self._training: Future[ModelVersion] | None = None
         self._version: ModelVersion | None = None
@@ -201,7 +208,8 @@ class ModelLifecycle:
         if following is None:
             return False
         # In layers the modes of the update itself are still to come.
-        lead = 0 if self._updates.progressive else MODE_LEAD_PACKETS
+        lead = MODE_LEAD_PACKETS_REALTIME if self._realtime else MODE_LEAD_PACKETS
+        lead = 0 if self._updates.progressive else lead
         if self._state is ModelState.ANNOUNCED and packet >= following.first_packet - lead:
             self._start_modes(following)
             self._go_to(ModelState.SWITCHING)

@@ -2,7 +2,7 @@
 
 # A call that lags more than this leaves out what it can until it has caught up, and for so much
 # longer.
-LAG_LIMIT_S, HOLD_OFF_S = 0.1, 5.0
+LAG_LIMIT_S, HOLD_OFF_S = 0.1, 1.0
 # The lag grows no larger: a camera drops the frames that are not fetched.
 MAX_LAG_S = 0.3
 

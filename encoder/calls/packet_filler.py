@@ -20,11 +20,13 @@ class _PendingFrame:
 
     sample: what the face was fitted to; None: there was nothing to fit to.
     repeats: the frame repeats the one before, since no face was visible.
+    is_outdated: there are modes that the face has not been fitted with.
     """
 
     face: FaceParameters
     sample: FaceSample | None = None
     repeats: bool = False
+    is_outdated: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,22 +120,33 @@ class PacketFiller:
         if self.is_coded(index):
             self._pending.append(_PendingFrame(self._face, repeats=True))
 
-    def refit(self, version: ModelVersion) -> None:
-        """Fit the waiting faces again with the newest modes of `version`.
+    def mark_outdated(self) -> None:
+        """Note that there are new modes: faces that wait should be fitted again."""
+        self._pending = [
+            replace(frame, is_outdated=frame.sample is not None) for frame in self._pending
+        ]
 
-        A frame without a sample gets the face, or only the modes, of the one before.
+    def refit_newest(self, version: ModelVersion) -> bool:
+        """Fit the newest outdated face again with the modes of `version`; whether there was one.
+
+        Frames after it that have nothing to be fitted to get its face, or only its modes.
         """
-        refitted: list[_PendingFrame] = []
-        for frame in self._pending:
+        outdated = (i for i in reversed(range(len(self._pending))) if self._pending[i].is_outdated)
+        at = next(outdated, None)
+        if at is None:
+            return False
+        frame = self._pending[at]
+        assert frame.sample is not None
+        face = version.refit(frame.sample, frame.face)
+        self._pending[at] = replace(frame, face=face, is_outdated=False)
+        for later in range(at + 1, len(self._pending)):
+            frame = self._pending[later]
             if frame.sample is not None:
-                frame = replace(frame, face=version.refit(frame.sample, frame.face))
-            elif refitted:
-                newest = refitted[-1].face
-                face = newest if frame.repeats else replace(frame.face, modes=newest.modes)
-                frame = replace(frame, face=face)
-            refitted.append(frame)
-        if refitted:
-            self._pending, self._face = refitted, refitted[-1].face
+                break
+            face = face if frame.repeats else replace(frame.face, modes=face.modes)
+            self._pending[later] = replace(frame, face=face)
+        self._face = self._pending[-1].face
+        return True
 
     def reset_modes(self, count: int) -> None:
         """Set the newest face's coefficients to 0: it is of a version with `count` other modes."""

@@ -16,8 +16,6 @@ from encoder.learning.incremental_modes import (
 # Learns modes from samples, within a byte budget, at most so many.
 LearnModes = Callable[[Sequence[FaceSample], float, int], "Future[list[LearnedMode]]"]
 
-# Time between two updates: each new mode changes the template of the texel fitter.
-MIN_INTERVAL_S = 0.25
 # Samples of the last window that a learner for a new model starts with.
 CARRIED_OVER_SAMPLES = WINDOW_SAMPLES // 2
 
@@ -26,10 +24,11 @@ class ModeScheduler:
     """Collects recent samples and has modes learned from them.
 
     fps: of the source.
+    interval_s: time from one update to the next, at least.
     """
 
-    def __init__(self, fps: float, learn: LearnModes) -> None:
-        self._fps, self._learn = fps, learn
+    def __init__(self, fps: float, interval_s: float, learn: LearnModes) -> None:
+        self._fps, self._interval_s, self._learn = fps, interval_s, learn
         self._recent_samples: deque[FaceSample] = deque(maxlen=WINDOW_SAMPLES)
         self._new_samples = deque[FaceSample](maxlen=self._recent_samples.maxlen)
         self._job: Future[list[LearnedMode]] | None = None
@@ -60,7 +59,7 @@ class ModeScheduler:
         """
         if self._job is not None:
             return self._take_finished()
-        early = index - self._last_update < MIN_INTERVAL_S * self._fps
+        early = index - self._last_update < self._interval_s * self._fps
         if early or not may_start or not self._new_samples or not max_modes:
             return []
         earned = BYTES_PER_S * min(1.0, (index - self._last_update) / self._fps)
