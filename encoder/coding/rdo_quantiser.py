@@ -12,7 +12,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.frames.payload_coding import PayloadHeader, encode_payload
+from encoder.coding.value_loops import new_context, round_adaptively, value_decisions
+from encoder.picture_coding.symbol_writing import DecisionRecorder, range_coded
+from protocol.frames.payload_coding import PayloadHeader, code_header
 from protocol.frames.temporal_prediction import (
     ANCHOR,
     PREDICTION_KINDS,
@@ -28,7 +30,6 @@ from protocol.frames.temporal_prediction import (
 from protocol.frames.value_coding import (
     MAX_MAGNITUDE,
     UNARY_LIMIT,
-    ValueContext,
     context_tables,
     value_bits,
 )
@@ -44,7 +45,6 @@ ITERATIONS = 2
 # count that quantise to 0 there, that is, below so many steps.
 NEXT_PACKET_WEIGHT, ZERO_BIN_STEPS = 0.5, 0.5
 _BITS = value_bits()
-_BITS_BY_CONTEXT = _BITS.tolist()
 # Fixed-point 1 of the integers of `interpolate`.
 _ONE = 1 << 20
 
@@ -80,8 +80,7 @@ def code_packet(
     target = _target(frames, quality, next_frames)
     for _ in range(ITERATIONS):
         quantiser.coordinate_descent(values, target)
-    coded = list(zip(quantiser.order, values, strict=True))
-    payload = encode_payload(predictor, sequence, nominal_frames, header, coded)
+    payload = quantiser.payload(values, nominal_frames)
     return CodedPacket(payload, quantiser.decoded(values))
 
 
@@ -130,16 +129,19 @@ class _PacketQuantiser:
 
     def quantise_sequentially(self, frames: Integers) -> Integers:
         """Values for frames (count, n), regardless of the frames that refer to them."""
-        known, magnitudes, context = self._start(), dict[int, Integers](), ValueContext()
+        known, magnitudes, context = self._start(), dict[int, Integers](), new_context()
         values = np.zeros(self._steps.shape, np.int64)
         for coded, kinds, steps, tables, row in zip(
             self.order, self._kinds, self._steps, self._tables, values, strict=True
         ):
             error = frames[coded.index - 1] - self._predictor.predict(coded, kinds, known)
             references = reference_magnitudes(coded, magnitudes)
-            row[: self._used] = _rdo_round_adaptive(
-                (error / steps)[: self._used], tables, references, context
-            )
+            wanted = (error / steps)[: self._used]
+            sizes, sums = np.abs(wanted), np.zeros(len(wanted), np.int64)
+            if references is not None:
+                sums = references[: self._used]
+            chosen = round_adaptively(sizes, tables, sums, _BITS, LAGRANGIAN, context)
+            row[: self._used] = np.sign(wanted) * chosen
             magnitudes[coded.index] = np.abs(row)
             known[coded.index] = self._reconstructed(known, len(magnitudes) - 1, row)
         return values
@@ -161,6 +163,15 @@ class _PacketQuantiser:
             before = row.copy()
             row[:used] = _rdo_round(row[:used] + gradient / curvature, curvature, rate_cost)
             error -= effect * (row - before)
+
+    def payload(self, values: Integers, nominal_frames: int) -> bytes:
+        """The payload of values (count, n), see `payload_coding.encode_payload`."""
+        header = DecisionRecorder()
+        code_header(header, self._header, nominal_frames, self._predictor.reserved)
+        used = values[:, : self._used]
+        references = _reference_matrix(self._header.frames) @ np.abs(used)
+        of_values = value_decisions(used, np.array(self._tables), references)
+        return range_coded([header.recorded(), of_values])
 
     def decoded(self, values: Integers) -> Integers:
         """The frames (count, n) that a decoder makes of values (count, n)."""
@@ -250,33 +261,3 @@ def _rdo_round(optimum: Array, curvature: Array, rate_cost: Array) -> Integers:
     magnitudes = np.minimum(np.abs(candidates), UNARY_LIMIT).astype(np.intp)
     cost = curvature * (candidates - optimum) ** 2 + rate_cost[each, magnitudes]
     return np.asarray(candidates[cost.argmin(0), each], np.int64)
-
-
-def _rdo_round_adaptive(
-    error: Array, tables: Integers, references: Integers | None, context: ValueContext
-) -> Integers:
-    """(n,) integers that minimise squared distance to `error` (n,), steps, + Lagrangian * bits.
-
-    tables, references: (n,) see `ValueContext.table`.  context: updated by the integers.
-    """
-    context.start_frame()
-    chosen = []
-    for size, base_table, reference in zip(
-        np.abs(error).tolist(), tables.tolist(), _padded(references, len(tables)), strict=True
-    ):
-        best = min(round(size), MAX_MAGNITUDE)
-        if best:
-            bits = _BITS_BY_CONTEXT[context.table(base_table, reference)]
-            best = min(
-                (best, best - 1, 0),
-                key=lambda magnitude: (
-                    (size - magnitude) ** 2 + LAGRANGIAN * bits[min(magnitude, UNARY_LIMIT)]
-                ),
-            )
-        context.update(base_table, best)
-        chosen.append(best)
-    return np.asarray(np.sign(error) * chosen, dtype=np.int64)
-
-
-def _padded(references: Integers | None, count: int) -> list[int]:
-    return [0] * count if references is None else references[:count].tolist()

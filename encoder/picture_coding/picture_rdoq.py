@@ -11,7 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.picture_coding.subband_rdoq import ZERO_BITS, QuantisedBand, quantise_subband
-from encoder.picture_coding.symbol_writing import Decisions, band_decisions, range_coded
+from encoder.picture_coding.symbol_writing import (
+    DecisionRecorder,
+    Decisions,
+    band_decisions,
+    range_coded,
+)
 from protocol.entropy.adaptive_models import AdaptiveIntegers
 from protocol.entropy.range_coder import PROBABILITY_ONE
 from protocol.pictures.coefficient_coding import code_lowpass_band
@@ -59,23 +64,6 @@ class SymbolBuffer:
         )
 
 
-class _BitRecorder:
-    """A `BitCoder` that records bits and their probabilities."""
-
-    def __init__(self) -> None:
-        self._recorded: list[tuple[int, int]] = []
-
-    def code_bit(self, bit: int, zero: int) -> int:
-        """Record `bit` and the probability `zero` of a zero; returns `bit`."""
-        self._recorded.append((bit, zero))
-        return bit
-
-    def recorded(self) -> tuple[Integers, Integers]:
-        """(n,) bits, and (n,) probabilities of a zero."""
-        bits, p0 = np.array(self._recorded, np.int64).reshape(-1, 2).T
-        return bits, p0
-
-
 @dataclass(frozen=True, slots=True)
 class _RdoPlaneCoder:
     """A `PlaneCoder` that quantises.
@@ -92,7 +80,7 @@ class _RdoPlaneCoder:
         return plane_shape(self.details)
 
     def lowpass_band(self, empty: Integers, integers: AdaptiveIntegers, context: int) -> Integers:
-        recorder = _BitRecorder()
+        recorder = DecisionRecorder()
         values = code_lowpass_band(
             recorder, integers, context, np.rint(self.lowpass).astype(np.int64)
         )

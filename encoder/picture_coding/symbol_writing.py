@@ -30,6 +30,23 @@ _LOW_MASK = (1 << TOP_BITS) - 1
 _BYTE_SHIFT = TOP_BITS - 8
 
 
+class DecisionRecorder:
+    """A `BitCoder` that records decisions."""
+
+    def __init__(self) -> None:
+        self._recorded: list[tuple[int, int]] = []
+
+    def code_bit(self, bit: int, zero: int) -> int:
+        """Record `bit` and the probability `zero` of a zero; returns `bit`."""
+        self._recorded.append((bit, zero))
+        return bit
+
+    def recorded(self) -> Decisions:
+        """What has been recorded."""
+        bits, zeros = np.array(self._recorded, np.int64).reshape(-1, 2).T
+        return bits, zeros
+
+
 def band_decisions(band: QuantisedBand) -> Decisions:
     """The decisions of a band in the order in which `protocol.pictures.subband_coding` reads it."""
     # The unary part of a magnitude, and at most so many decisions after it.
@@ -125,8 +142,16 @@ def _list_magnitude(magnitude: int, p0: Integers, decisions: Integers, count: in
     if magnitude < UNARY_LIMIT:
         decisions[0, count], decisions[1, count] = 0, p0[_OUTPUTS[magnitude]]
         return count + 1
-    # An Exp-Golomb code of order 0.
-    shifted, digits = magnitude - UNARY_LIMIT + 1, 0
+    return list_exp_golomb(magnitude - UNARY_LIMIT, decisions, count)
+
+
+@jit
+def list_exp_golomb(value: int, decisions: Integers, count: int) -> int:
+    """Write the decisions of `integer_codes.code_exp_golomb` from `count` on; the number then.
+
+    decisions: (2, n), see `Decisions`.
+    """
+    shifted, digits = value + 1, 0
     while shifted >> digits > 1:
         digits += 1
     for place in range(2 * digits + 1):

@@ -86,7 +86,7 @@ def code_payload_stepwise(
 
     Yields None after the header, then the component's index after each value.
     """
-    _code_header(coder, header, nominal_frames, predictor.reserved)
+    code_header(coder, header, nominal_frames, predictor.reserved)
     yield None
     context, magnitudes = ValueContext(), dict[int, Integers]()
     for frame, residuals in values:
@@ -118,7 +118,7 @@ def parse_payload(
     coder = RangeDecoder(payload)
     try:
         expected = PayloadHeader(0, nominal_frames)
-        header = _code_header(coder, expected, nominal_frames, predictor.reserved)
+        header = code_header(coder, expected, nominal_frames, predictor.reserved)
         values, decoded = _decode_frames(coder, predictor, sequence, header)
     except ValueError as error:
         raise ProtocolError(f"frame packet: {error}") from error
@@ -127,9 +127,14 @@ def parse_payload(
     return ParsedPayload(header, values, [decoded[index] for index in range(1, header.frames + 1)])
 
 
-def _code_header(
+def code_header(
     coder: BitCoder, header: PayloadHeader, nominal_frames: int, reserved: int
 ) -> PayloadHeader:
+    """Code a header; a decoder ignores the one that it is given.  Returns the header coded.
+
+    nominal_frames: see `encode_payload`.  reserved: components that may be unused.
+    Raises `ValueError` if a decoder reads more frames or unused components than there may be.
+    """
     quality = code_bits(coder, header.quality, _QUALITY_BITS)
     intra = coder.code_bit(int(header.intra), _UNLIKELY_ONE)
     frames = nominal_frames

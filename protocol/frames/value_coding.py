@@ -47,18 +47,18 @@ LOWEST_TABLE = -20
 
 # Corrections of the table's index, fitted to calls of four people with cross-validation.
 # By the ratio of the magnitudes so far to their expectation; bounds in 1/256, half an octave apart.
-_RATIO_BOUNDS = (76, 108, 152, 215, 304, 431, 609, 861)
-_RATIO_CORRECTIONS = (-4, -4, -2, -2, -1, 0, 0, 1, 3)
+RATIO_BOUNDS = (76, 108, 152, 215, 304, 431, 609, 861)
+RATIO_CORRECTIONS = (-4, -4, -2, -2, -1, 0, 0, 1, 3)
 # By how many of the two preceding values of the frame are not zero.
-_PRECEDING_CORRECTIONS = (-1, 1, 1)
+PRECEDING_CORRECTIONS = (-1, 1, 1)
 # By the sum of the component's magnitudes in the two reference frames: 0, 1, 2 or more.
-_REFERENCE_CORRECTIONS = (0, 0, 1)
+REFERENCE_CORRECTIONS = (0, 0, 1)
 
 # Magnitudes up to this have a unary code; the excess of larger ones has an Exp-Golomb code of its
-# high bits, followed by `_ESCAPE_LOW` low bits.
+# high bits, followed by `ESCAPE_LOW` low bits.
 UNARY_LIMIT = 40
-_ESCAPE_LOW = 4
-_ESCAPE_TOP = 12
+ESCAPE_LOW = 4
+ESCAPE_TOP = 12
 
 
 class ValueContext:
@@ -90,9 +90,9 @@ class ValueContext:
         expected = 3 * self._frame_expected + self._expected + 256
         corrected = (
             base_table
-            + _RATIO_CORRECTIONS[bisect(_RATIO_BOUNDS, (observed << 16) // expected)]
-            + _PRECEDING_CORRECTIONS[self._last + self._last_but_one]
-            + _REFERENCE_CORRECTIONS[min(2, reference_magnitude)]
+            + RATIO_CORRECTIONS[bisect(RATIO_BOUNDS, (observed << 16) // expected)]
+            + PRECEDING_CORRECTIONS[self._last + self._last_but_one]
+            + REFERENCE_CORRECTIONS[min(2, reference_magnitude)]
         )
         return min(max(corrected, 0), TABLES - 1)
 
@@ -115,14 +115,14 @@ def context_tables(
     """
     observed = _weighted_sums(magnitudes) + 1
     expected = _weighted_sums(np.take(MEAN_MAGNITUDES, base_tables)) + 256
-    ratio = np.searchsorted(_RATIO_BOUNDS, (observed << 16) // expected, side="right")
+    ratio = np.searchsorted(RATIO_BOUNDS, (observed << 16) // expected, side="right")
     nonzero = np.zeros((len(magnitudes), magnitudes.shape[1] + 2), np.int64)
     nonzero[:, 2:] = magnitudes > 0
     corrected = (
         base_tables
-        + np.take(_RATIO_CORRECTIONS, ratio)
-        + np.take(_PRECEDING_CORRECTIONS, nonzero[:, :-2] + nonzero[:, 1:-1])
-        + np.take(_REFERENCE_CORRECTIONS, np.minimum(reference_magnitudes, 2))
+        + np.take(RATIO_CORRECTIONS, ratio)
+        + np.take(PRECEDING_CORRECTIONS, nonzero[:, :-2] + nonzero[:, 1:-1])
+        + np.take(REFERENCE_CORRECTIONS, np.minimum(reference_magnitudes, 2))
     )
     return np.asarray(np.clip(corrected, 0, TABLES - 1))
 
@@ -152,12 +152,12 @@ def code_value(coder: BitCoder, value: int, table: int) -> int:
 
 
 def _code_escape(coder: BitCoder, excess: int) -> int:
-    """Code `excess` >= 0: its high bits by Exp-Golomb, then the `_ESCAPE_LOW` lowest bits."""
-    high = code_exp_golomb(coder, excess >> _ESCAPE_LOW, _ESCAPE_TOP)
-    return high << _ESCAPE_LOW | code_bits(coder, excess, _ESCAPE_LOW)
+    """Code `excess` >= 0: its high bits by Exp-Golomb, then the `ESCAPE_LOW` lowest bits."""
+    high = code_exp_golomb(coder, excess >> ESCAPE_LOW, ESCAPE_TOP)
+    return high << ESCAPE_LOW | code_bits(coder, excess, ESCAPE_LOW)
 
 
-MAX_MAGNITUDE = UNARY_LIMIT + (((2 << _ESCAPE_TOP) - 1) << _ESCAPE_LOW)
+MAX_MAGNITUDE = UNARY_LIMIT + (((2 << ESCAPE_TOP) - 1) << ESCAPE_LOW)
 
 
 def value_bits() -> NDArray[np.float64]:
