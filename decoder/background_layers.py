@@ -1,4 +1,8 @@
-"""The background picture in two layers: the person, who moves, and the scene behind."""
+"""What is behind the face, decoded.
+
+A layered background has a picture of the person, who moves, and one of the scene.  Of one picture
+with a mask both are made here; one picture without is drawn as if all of it were the person.
+"""
 
 from dataclasses import dataclass
 
@@ -8,7 +12,15 @@ from numpy.typing import NDArray
 
 from decoder.appearance import decode_image
 from protocol.pictures.foreground_mask import Mask, parse_background
+from protocol.pictures.layered_background import (
+    FIELD_CODES_PER_PX,
+    decode_changes,
+    is_layered,
+    parse_layers,
+)
+from shared_model.layers.soft_mask import opacity
 
+Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
@@ -22,23 +34,30 @@ SATURATION = 4.0
 
 @dataclass(frozen=True, slots=True)
 class BackgroundLayers:
-    """The layers behind the head.
+    """The layers behind the face.
 
     moving: (h, w, 3) uint8 BGR, or (h, w, 4) with alpha: moves with the head.
     static: (h, w, 3) uint8 BGR: stands still behind it; None if `moving` is opaque.
+    fields_px: (k, rows, columns, 2) motion fields of `moving`, see `shared_model.layers`.
+    changes: (c, rows, columns, 3) BGR, what a unit of each further coefficient adds to both.
     """
 
     moving: Picture
     static: Picture | None = None
+    fields_px: Array | None = None
+    changes: Single | None = None
 
 
-def load_background(background: bytes) -> BackgroundLayers:
+def load_background(background: bytes, width: int, height: int) -> BackgroundLayers:
     """The layers of a model packet's background; black if it is empty.
 
+    width, height: of the source picture.
     Raises `ProtocolError` if the background is damaged or too large.
     """
     if not background:
         return BackgroundLayers(np.zeros((2, 2, 3), np.uint8))
+    if is_layered(background):
+        return _load_layers(background, width, height)
     mask, data = parse_background(background)
     picture = decode_image("background", data)
     if mask is None:
@@ -48,6 +67,18 @@ def load_background(background: bytes) -> BackgroundLayers:
     alpha = np.rint(255 * np.clip((feathered - low) / (high - low), 0, 1)).astype(np.uint8)
     static = pull_push_fill(picture, feathered <= low)
     return BackgroundLayers(np.dstack([picture, alpha]), static)
+
+
+def _load_layers(background: bytes, width: int, height: int) -> BackgroundLayers:
+    layers = parse_layers(background, width, height)
+    person = decode_image("person", layers.person)
+    alpha = np.rint(255 * opacity(layers.mask, person.shape[1], person.shape[0]))
+    return BackgroundLayers(
+        np.dstack([person, alpha.astype(np.uint8)]),
+        decode_image("scene", layers.scene),
+        layers.fields / FIELD_CODES_PER_PX,
+        decode_changes(layers.changes, width, height),
+    )
 
 
 def pull_push_fill(picture: Picture, known: NDArray[np.bool_]) -> Picture:

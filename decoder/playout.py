@@ -185,7 +185,9 @@ class Playout:
         ratio = update.model.call.focal_px / self.model.call.focal_px
         if self._last is not None:
             # Its mode coefficients belong to the model before.
-            face = replace(with_focal_change(self._last.face, ratio), modes=np.zeros(0))
+            face = replace(
+                with_focal_change(self._last.face, ratio), modes=np.zeros(0), layers=np.zeros(0)
+            )
             self._last = replace(self._last, face=face)
         self._versions.activate()
 

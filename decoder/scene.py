@@ -10,13 +10,8 @@ from numpy.typing import NDArray
 
 from decoder.appearance import AppearanceModel
 from decoder.background_layers import BackgroundLayers, load_background
-from decoder.background_warp import (
-    BackgroundMesh,
-    make_background_mesh,
-    mouth_shading,
-    projected_face_width_px,
-    warp,
-)
+from decoder.layer_motion import LayerMotion
+from decoder.mouth_shading import mouth_shading
 from decoder.playout import PlayoutFrame
 from decoder.rendering.render_geometry import NEAR_MM
 from decoder.rendering.renderer import Renderer
@@ -25,6 +20,12 @@ from protocol.frames.scalar_quantiser import AAU_STEP, EAU_STEP, RESIDUAL_STEP_M
 from protocol.model_packet import ModelPacket
 from shared_model.animate import Face, identity_from_controls
 from shared_model.geometry import Camera, camera_from_head
+from shared_model.layers.head_motion import (
+    BackgroundMesh,
+    make_background_mesh,
+    projected_face_width_px,
+    warp,
+)
 from shared_model.mesh import Head, generic_head
 from shared_model.parameters import Pose
 from shared_model.shape_residual import residual_basis
@@ -48,13 +49,17 @@ MIN_FACE_WIDTH_PX = 4.0
 
 @dataclass(frozen=True, slots=True)
 class FrameState:
-    """What the renderer draws of a frame, see `Renderer.submit`.  texture: None: unchanged."""
+    """What the renderer draws of a frame, see `Renderer.submit`.
+
+    texture, change: None: unchanged.
+    """
 
     texture: Picture | None
     pose: Pose
     vertices: Array
     grid_px: Array
     mouth_shading: float | None
+    change: Picture | None = None
 
 
 class Scene:
@@ -74,11 +79,11 @@ class Scene:
         rest = self._face.animate(values_from_codes(model.reference_eau, EAU_STEP))
         check_reference(self._camera, model.reference_pose, head, rest)
         self._appearance = AppearanceModel(model)
-        layers = load_background(model.background)
+        size = model.call.width, model.call.height
+        layers = load_background(model.background, *size)
         self._background: BackgroundMesh = make_background_mesh(
             self._camera, model.reference_pose, head, rest
         )
-        size = model.call.width, model.call.height
         self._renderer = Renderer(*size, head, edge_samples(*size))
         self._renderer.set_texture(self._appearance.synthesise(np.zeros(0)))
         self._set_background(layers)
@@ -91,11 +96,13 @@ class Scene:
         before, self.model = self.model, model
         try:
             if model.background != before.background:
-                self._set_background(load_background(model.background))
+                size = model.call.width, model.call.height
+                self._set_background(load_background(model.background, *size))
         finally:
             self._update_texture(model)
 
     def _set_background(self, layers: BackgroundLayers) -> None:
+        self._motion = LayerMotion(self._background, layers)
         self._renderer.set_background(layers.moving, self._background.grid_px, layers.static)
 
     def _update_texture(self, model: ModelPacket) -> None:
@@ -123,9 +130,11 @@ class Scene:
             vertices = self._face.animate(frame.face.eau)
         with timer.stage("warp"):
             pose = pushed_before_camera(frame.face.pose, vertices)
-            grid_px = warp(self._background, pose, vertices)
+            own_motion = self._motion.own_motion(frame.face.layers)
+            grid_px = warp(self._background, pose, vertices, own_motion)
             shading = mouth_shading(self._head, vertices) if self._shade_mouth else None
-        return FrameState(texture, pose, vertices, grid_px, shading)
+            change = self._motion.change(frame.face.layers)
+        return FrameState(texture, pose, vertices, grid_px, shading, change)
 
     def submit(self, state: FrameState, timer: StageTimer) -> None:
         """Start drawing a frame; `read_back` returns its picture."""
@@ -139,6 +148,7 @@ class Scene:
                 state.grid_px,
                 state.mouth_shading,
                 EDGE_EXPANSION_PX,
+                state.change,
             )
 
     def read_back(self, timer: StageTimer) -> Picture:

@@ -26,7 +26,7 @@ from shared_model.parameters import EAUS, LID_EAUS, THESIS_EAUS
 
 Array = NDArray[np.float64]
 
-GROUPS = ("pose", "expression", "lids", "gaze", "modes")
+GROUPS = ("pose", "expression", "lids", "gaze", "layers", "modes")
 # Headers and the rounding to whole bytes; packets that cannot be decoded.
 OVERHEAD, DAMAGED = "overhead", "damaged"
 _THESIS_VALUES = {"pose": 6, "expression": len(THESIS_EAUS)}
@@ -224,5 +224,8 @@ def group_by_parameter(transform: FrameTransform) -> NDArray[np.str_]:
     names = [eau.name.split("_")[0] for eau in EAUS]
     actuators = [{"lid": "lids", "gaze": "gaze"}.get(name, "expression") for name in names]
     return np.array(
-        ["pose"] * (GEOMETRY_SIZE - len(EAUS)) + actuators + ["modes"] * len(transform.modes)
+        ["pose"] * (GEOMETRY_SIZE - len(EAUS))
+        + actuators
+        + ["layers"] * transform.layers
+        + ["modes"] * len(transform.modes)
     )

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from decoder.background_warp import make_background_mesh, warp
 from decoder.rendering.renderer import Renderer
 from decoder.scene import EDGE_EXPANSION_PX, edge_samples
 from scripts.command import run
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, pose_from_euler
+from shared_model.layers.head_motion import make_background_mesh, warp
 from shared_model.parameters import AAUS, EAUS
 from shared_model.surround import head_with_surround
 

@@ -149,18 +149,22 @@ def pose_from_euler(
 def interpolate(first: FaceParameters, second: FaceParameters, fraction: float) -> FaceParameters:
     """The face `fraction` (0..1) of the way from `first` to `second`.
 
-    Rotation goes along the shortest arc, all other parameters linearly.  If the numbers of mode
-    coefficients differ, as at a model update, the modes are those of `second`.
+    Rotation goes along the shortest arc, all other parameters linearly.  If the numbers of
+    coefficients of modes or layers differ, as at a model update, they are those of `second`.
     """
     turn = vector_from_quaternion(multiply(second.pose.rotation, conjugate(first.pose.rotation)))
     rotation = multiply(quaternion_from_vector(fraction * turn), first.pose.rotation)
     translation_mm = _mix(first.pose.translation_mm, second.pose.translation_mm, fraction)
-    same_modes = first.modes.shape == second.modes.shape
     return FaceParameters(
         Pose(normalise(rotation), translation_mm),
         _mix(first.eau, second.eau, fraction),
-        _mix(first.modes, second.modes, fraction) if same_modes else second.modes,
+        _mix_if_same(first.modes, second.modes, fraction),
+        _mix_if_same(first.layers, second.layers, fraction),
     )
+
+
+def _mix_if_same(first: Array, second: Array, fraction: float) -> Array:
+    return _mix(first, second, fraction) if first.shape == second.shape else second
 
 
 def _mix(first: Array, second: Array, fraction: float) -> Array:

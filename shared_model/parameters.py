@@ -80,11 +80,14 @@ class FaceParameters:
     pose: of the head relative to the camera.
     eau: (len(EAUS),) float64, each within its `Eau` range.
     modes: (k,) float64, coefficients of the caller's appearance modes (eq. 2.17); may be empty.
+    layers: (l,) float64, coefficients of the layers around the face, see
+        `shared_model.layers.layer_motion`; may be empty.
     """
 
     pose: Pose
     eau: Array = field(default_factory=lambda: np.zeros(len(EAUS)))
     modes: Array = field(default_factory=lambda: np.zeros(0))
+    layers: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def clip_eau(eau: Array) -> Array:

@@ -30,6 +30,8 @@ class BackgroundPass:
         self._mesh: moderngl.VertexArray | None = None
         self._grid: moderngl.Buffer | None = None
         self._static_frame: moderngl.Framebuffer | None = None
+        self._change: moderngl.Texture | None = None
+        self._scene: moderngl.VertexArray | None = None
 
     def set(self, moving: Picture, grid_px: Array, static: Picture | None) -> None:
         """See `Renderer.set_background`."""
@@ -38,6 +40,7 @@ class BackgroundPass:
         coordinates = as_float32((grid_px.reshape(-1, 2) + 0.5) / self._size)
         program = load_program(context, "background")
         program["picture_px"] = self._size
+        program["picture"], program["change"], program["changes"] = 0, 1, False
         self._grid = context.buffer(as_float32(grid_px), dynamic=True)
         content = [
             (self._grid, "2f", "position_px"),
@@ -46,25 +49,53 @@ class BackgroundPass:
         triangles = grid_triangles(*grid_px.shape[:2])
         chosen = opaque_triangles(triangles, coordinates, moving)
         self._mesh = context.vertex_array(program, content, context.buffer(chosen))
-        self._static_frame = None
+        self._static_frame = self._scene = None
         if static is not None:
             self._static = upload_picture(context, self._static, "static background", static)
             whole = context.vertex_array(program, content, context.buffer(triangles))
             self._static_frame = self._drawn(self._static, whole)
+            self._scene = self._whole_picture(program)
         context.gc()
 
-    def draw(self, target: moderngl.Framebuffer, grid_px: Array | None) -> None:
-        """Draw the layers into `target`.  grid_px: see `Renderer.submit`."""
+    def draw(
+        self,
+        target: moderngl.Framebuffer,
+        grid_px: Array | None,
+        change: Picture | None = None,
+    ) -> None:
+        """Draw the layers into `target`.  grid_px, change: see `Renderer.submit`."""
         if self._mesh is None or self._grid is None or self._moving is None:
             return
         if grid_px is not None:
             self._grid.write(as_float32(grid_px))
+        self._mesh.program["changes"] = change is not None
+        if change is not None:
+            self._change = upload_picture(self._context, self._change, "change", change)
+            self._change.use(1)
         self._context.enable_only(moderngl.NOTHING)
         if self._static_frame is not None:
-            self._context.copy_framebuffer(target, self._static_frame)
+            self._draw_scene(target, change is not None)
             self._context.enable_only(moderngl.BLEND)
         self._moving.use()
         self._mesh.render()
+
+    def _draw_scene(self, target: moderngl.Framebuffer, changes: bool) -> None:
+        """Copy the scene as it was drawn once, or draw it again with its change."""
+        assert self._static_frame is not None
+        if not changes or self._scene is None or self._static is None:
+            self._context.copy_framebuffer(target, self._static_frame)
+            return
+        self._static.use()
+        self._scene.render(moderngl.TRIANGLE_STRIP)
+
+    def _whole_picture(self, program: moderngl.Program) -> moderngl.VertexArray:
+        """Two triangles over the whole picture."""
+        corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]], np.float32)
+        content = [
+            (self._context.buffer(as_float32(corners * self._size - 0.5)), "2f", "position_px"),
+            (self._context.buffer(as_float32(corners)), "2f", "texture_coordinate"),
+        ]
+        return self._context.vertex_array(program, content)
 
     def _drawn(self, texture: moderngl.Texture, mesh: moderngl.VertexArray) -> moderngl.Framebuffer:
         """A frame of the unwarped texture, to be copied into every frame."""

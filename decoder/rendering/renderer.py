@@ -106,7 +106,7 @@ class Renderer:
             the picture.
         static: (h, w, 3) uint8 BGR, behind `moving`; not warped.
         grid_px: (rows, columns, 2) float64, the unwarped mesh, pixels
-            (`background_warp.BackgroundMesh.grid_px`).
+            (`head_motion.BackgroundMesh.grid_px`).
         """
         with self._context:
             self._background.set(moving, grid_px, static)
@@ -119,9 +119,10 @@ class Renderer:
         grid_px: Array | None = None,
         mouth_shading: float | None = None,
         expansion_px: float = 0.0,
+        change: Picture | None = None,
     ) -> Picture:
         """The textured head over the background: (height, width, 3) uint8 BGR.  See `submit`."""
-        self.submit(camera, pose, vertices, grid_px, mouth_shading, expansion_px)
+        self.submit(camera, pose, vertices, grid_px, mouth_shading, expansion_px, change)
         return self.read_back()
 
     def submit(
@@ -132,6 +133,7 @@ class Renderer:
         grid_px: Array | None = None,
         mouth_shading: float | None = None,
         expansion_px: float = 0.0,
+        change: Picture | None = None,
     ) -> None:
         """Start drawing a picture; `read_back` waits for it and returns it.
 
@@ -139,13 +141,14 @@ class Renderer:
         grid_px: (rows, columns, 2) the warped mesh of the background, pixels; None: unchanged.
         mouth_shading: light inside the mouth, less on molars; None: the texture includes it.
         expansion_px: how far the colours of the face extend beyond its outline, pixels.
+        change: (h, w, 3) uint8 BGR, added to both layers of the background less 128; None: nothing.
         """
         self._check(camera, vertices)
         if self._atlas is None:
             raise ValueError("no texture has been set, expected set_texture before draw")
         with self._context as context:
             self._clear()
-            self._background.draw(self._target, grid_px)
+            self._background.draw(self._target, grid_px, change)
             self._write_pose(self._textured, camera, pose, vertices)
             self._textured.program["mouth_shading"] = (
                 1.0 if mouth_shading is None else mouth_shading

@@ -9,7 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import takewhile
 
 import numpy as np
@@ -21,7 +21,7 @@ from encoder.calls.session_stats import SessionStats
 from encoder.capture.face_crop import Crop, crop_face
 from encoder.capture.frame_times import FrameTimes
 from encoder.capture.video_source import Capture
-from encoder.coding.background import BackgroundImage, background_of
+from encoder.coding.background import Background, BackgroundImage
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget, build_model_packet, call_parameters
 from encoder.coding.progressive_model import LayeredModel, split_into_layers
@@ -31,6 +31,9 @@ from encoder.detection.landmark_indices import face_outline
 from encoder.fitting.quantised_identity import quantised_identity
 from encoder.fitting.render_and_compare import ImageFitter
 from encoder.fitting.sequence_fit import fit_sequence, smooth_landmarks
+from encoder.layers.layer_learning import layers_of_person
+from encoder.layers.layer_model import LayerModel
+from encoder.layers.layer_samples import COARSE_SIDE, FittedFrames, shrunk, typical_frame
 from encoder.learning.frame_sampler import UniformSubsampler
 from encoder.learning.person_model import TrainedModel, TrainingOptions, build_person_model
 from encoder.runtime.parallel import worker_pool
@@ -70,6 +73,7 @@ class _CallModel:
 
     detections: of each frame to be coded, the index of the detection whose face it has.
     initial: the face of each detection, by its landmarks.
+    background, layers: what is behind the face; None: one picture.
     """
 
     call: CallParameters
@@ -78,6 +82,8 @@ class _CallModel:
     image_fitter: ImageFitter
     detections: list[int]
     initial: list[FaceParameters]
+    background: Background
+    layers: LayerModel | None
 
 
 class TwoPassEncoder:
@@ -95,7 +101,6 @@ class TwoPassEncoder:
         self._detection_of: dict[int, int] = {}  # by source frame
         self._frames = 0
         self._sampler = UniformSubsampler()
-        self._background: BackgroundImage | None = None
         self._model: _CallModel | None = None
         self._faces: dict[int, FaceParameters] = {}  # by detection
 
@@ -115,8 +120,6 @@ class TwoPassEncoder:
         self._frames = index + 1
         if found is None:
             return
-        if self._background is None:
-            self._background = background_of(picture, face_outline(found.points))
         self._detection_of[index] = len(self._points)
         self._sampler.offer(len(self._points), lambda: picture)
         self._points.append(found.points)
@@ -134,6 +137,10 @@ class TwoPassEncoder:
         packing = (gop.frames_per_packet, gop.frame_step)
         focal_px = identity.camera.focal_px
         call = call_parameters(self._capture.format, "default", focal_px, start, *packing)
+        sampled = [number for number, _ in self._sampler.frames]
+        canonical = typical_frame([initial[number] for number in sampled])
+        sizes = budget.texture_size, budget.appearance_bytes, budget.max_modes
+        options = TrainingOptions(*sizes, reference=sampled[canonical])
         with self._stats.stage("train"):
             trained = build_person_model(
                 identity,
@@ -142,10 +149,31 @@ class TwoPassEncoder:
                 initial,
                 self._sampler.frames,
                 self._points,
-                TrainingOptions(budget.texture_size, budget.appearance_bytes, budget.max_modes),
+                options,
             )
-        detections, image_fitter = held[:: gop.frame_step], trained.person.image_fitter()
-        self._model = _CallModel(call, budget, trained, image_fitter, detections, initial)
+        background, layers = self._learn_layers(trained, call, canonical)
+        fitter, detections = trained.person.image_fitter(), held[:: gop.frame_step]
+        self._model = _CallModel(
+            call, budget, trained, fitter, detections, initial, background, layers
+        )
+
+    def _learn_layers(
+        self, trained: TrainedModel, call: CallParameters, canonical: int
+    ) -> tuple[Background, LayerModel | None]:
+        """What is behind the face.  canonical: number of the typical frame in the sample."""
+        numbers, pictures = zip(*self._sampler.frames, strict=True)
+        outlines = [face_outline(self._points[number]) for number in numbers]
+        face, reference = trained.person.face, trained.person.reference
+        with self._stats.stage("layers"):
+            layers = layers_of_person(
+                FittedFrames(
+                    face, call.camera, pictures, trained.faces, outlines, canonical, reference
+                )
+            )
+        if isinstance(layers, str):
+            self._stats.warn(layers)
+            return BackgroundImage(pictures[canonical]), None
+        return layers, layers
 
     def fit_frames(self, frames: Iterable[tuple[int, Picture]]) -> None:
         """Second pass over source frames (index, picture): fit the face in those to be coded.
@@ -156,9 +184,13 @@ class TwoPassEncoder:
         assert model is not None
         person, needed = model.trained.person, frozenset(model.detections)
 
-        def fit(detection: int, crop: Crop) -> FaceParameters:
+        def fit(detection: int, crop: Crop, picture: Picture) -> FaceParameters:
+            outline = face_outline(self._points[detection])
             face = person.fit_texels(crop, model.initial[detection])
-            return model.image_fitter.fit(crop, face, face_outline(self._points[detection]))
+            face = model.image_fitter.fit(crop, face, outline)
+            if model.layers is None:
+                return face
+            return replace(face, layers=model.layers.fitter.fit(picture, face, outline))
 
         in_flight = deque[tuple[int, Future[FaceParameters]]]()
         with worker_pool() as pool:
@@ -170,7 +202,9 @@ class TwoPassEncoder:
                     self._collect(*in_flight.popleft())
                 with self._stats.stage("crop"):
                     crop = crop_face(picture, self._points[detection], person.pixels_per_texel)
-                in_flight.append((detection, pool.submit(fit, detection, crop)))
+                in_flight.append(
+                    (detection, pool.submit(fit, detection, crop, shrunk(picture, COARSE_SIDE)))
+                )
             for each in in_flight:
                 self._collect(*each)
 
@@ -184,7 +218,7 @@ class TwoPassEncoder:
         progressive: the model is split into layers.
         """
         model = self._model
-        assert model is not None and self._background is not None
+        assert model is not None
         start, gop = model.call.start_frame, self._gop
         detections = list(takewhile(self._faces.__contains__, model.detections))
         stopped_at = start + (len(detections) - 1) * gop.frame_step + 1
@@ -192,15 +226,18 @@ class TwoPassEncoder:
         row = {detection: i for i, detection in enumerate(self._faces)}
         with self._stats.stage("transform"):
             faces = list(self._faces.values())
-            transform, values = transform_call(model.trained, faces, gop.frames_per_packet)
-            background = self._background.encode(model.budget.background_bytes)
+            distortion = None if model.layers is None else model.layers.distortion
+            transform, values = transform_call(
+                model.trained, faces, gop.frames_per_packet, distortion
+            )
+            background = model.background.encode(model.budget.background_bytes)
             packet = build_model_packet(model.trained.person, transform, model.call, background)
         coded = values[[row[detection] for detection in detections]]
         payloads = self._code(coded, transform.scale_codes, bitrate)
         lost = frozenset(set(range(start, frames)) - set(self._detection_of))
         if not progressive:
             return EncodedCall(packet, payloads, frames, lost)
-        layers = split_into_layers(packet, model.trained.person.appearance.mean, self._background)
+        layers = split_into_layers(packet, model.trained.person.appearance.mean, model.background)
         return EncodedCall(layers.base, payloads, frames, lost, layers)
 
     def _code(

@@ -1,6 +1,10 @@
-"""The background of a model packet: the picture behind the face, and the mask of the person."""
+"""The background of a model packet: what a decoder draws the face onto.
+
+It has layers (`encoder.layers`), or is one picture with the mask of the person in it.
+"""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +18,19 @@ Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
 
 
+class Background(Protocol):
+    """What a decoder draws the face onto."""
+
+    def encode(self, max_bytes: int) -> bytes:
+        """A model packet's background, as fine as `max_bytes` allow."""
+
+    def encode_rough(self, max_bytes: int) -> bytes:
+        """The same for a base layer, without what the coefficients of frames change."""
+
+
 @dataclass(frozen=True, slots=True)
 class BackgroundImage:
-    """The picture that a decoder draws the face onto.
+    """A background without layers.
 
     picture: (h, w, 3) uint8 BGR, a frame of the call.
     foreground: the mask of the person in it; None if that is not known.
@@ -30,6 +44,10 @@ class BackgroundImage:
         mask_bytes = len(serialise_background(self.foreground, b""))
         picture = encode_background_within(self.picture, max_bytes - mask_bytes)
         return serialise_background(self.foreground, picture)
+
+    def encode_rough(self, max_bytes: int) -> bytes:
+        """See `Background`."""
+        return self.encode(max_bytes)
 
 
 def background_of(frame: Frame, outline_px: Array) -> BackgroundImage:

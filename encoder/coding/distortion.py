@@ -34,6 +34,8 @@ _OTHER_EAU_ROWS = [6 + index for index in range(len(EAUS)) if index not in LIDS]
 # Frames of the training sample at which the distortion is measured.
 DISTORTION_FRAMES = 12
 RELATIVE_RIDGE = 1e-5
+# Weight of squared errors around the face, against those in the face; and the least distortion.
+LAYER_SHARE, LAYER_RIDGE = 0.3, 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,3 +115,19 @@ def _luma_jacobian(
         for index, step in enumerate(_DERIVATIVE_STEP)
     ]
     return np.asarray(np.stack(columns, 1), np.float32)
+
+
+def with_layers(distortion: Array, layers: Array) -> Array:
+    """The distortion matrix of y with layer coefficients, see `vector_from_face`.
+
+    distortion: (d, d) without them.  layers: (l, l) squared grey levels around the face per squared
+    unit of the coefficients, for each pixel of the face.
+    """
+    count = len(layers)
+    at = np.r_[:GEOMETRY_SIZE, GEOMETRY_SIZE + count : len(distortion) + count]
+    matrix = np.zeros((len(distortion) + count,) * 2)
+    matrix[np.ix_(at, at)] = distortion
+    own = slice(GEOMETRY_SIZE, GEOMETRY_SIZE + count)
+    matrix[own, own] = LAYER_SHARE * layers
+    matrix[own, own] += LAYER_RIDGE * np.eye(count)
+    return matrix

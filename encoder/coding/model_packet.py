@@ -46,7 +46,7 @@ class ModelBudget:
 # 8192 bytes: 7728 to 8156 on seven clips, .1 dB below budgets of 8.1 to 8.4 kB.
 BUDGETS = {
     "thesis": ModelBudget(384, 8000, 8000),
-    "default": ModelBudget(256, 7540, 1880, 24),
+    "default": ModelBudget(256, 7540, 3860, 24),
     "live": ModelBudget(256, 8000, 2000, 24),
 }
 
@@ -144,7 +144,7 @@ def reference_face(packet: ModelPacket) -> FaceParameters:
 def build_model_packet(
     person: PersonModel, transform: FrameTransform, call: CallParameters, background: bytes
 ) -> ModelPacket:
-    """The model packet of the default profile.  background: see `BackgroundImage.encode`."""
+    """The model packet of the default profile.  background: see `Background.encode`."""
     return replace(
         geometry_packet(person.fitted, person.reference, call),
         background=background,

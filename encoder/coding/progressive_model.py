@@ -5,7 +5,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from encoder.coding.background import BackgroundImage
+from encoder.coding.background import Background
 from encoder.picture_coding.image_budget import encode_picture_within
 from protocol.frames.transform_coding import parse_transform, serialise_transform
 from protocol.model_packet import ModelPacket
@@ -32,7 +32,7 @@ class LayeredModel:
 def split_into_layers(
     model: ModelPacket,
     mean: NDArray[Any],
-    background: BackgroundImage,
+    background: Background,
     base_bytes: int = BASE_LAYER_BYTES,
 ) -> LayeredModel:
     """Split a model packet of the default profile.
@@ -53,7 +53,9 @@ def split_into_layers(
     free_bytes = max(0, base_bytes - len(serialise(draft)) - 2)
     coarse_texture, _ = encode_picture_within(mean, int(TEXTURE_SHARE * free_bytes), kind=TEXTURE)
     texture = _smaller(model.texture, coarse_texture)
-    coarse_background = _smaller(model.background, background.encode(free_bytes - len(texture)))
+    coarse_background = _smaller(
+        model.background, background.encode_rough(free_bytes - len(texture))
+    )
     base = replace(draft, texture=texture, background=coarse_background)
     pictures = ((model.texture, texture), (model.background, coarse_background))
     # An empty item keeps the picture of the base layer.

@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.coding.distortion import distortion_of
+from encoder.coding.distortion import distortion_of, with_layers
 from encoder.learning.person_model import TrainedModel
 from protocol.frames.frame_transform import (
+    GEOMETRY_SIZE,
     MAX_BASIS_CODE,
     MAX_MEAN_CODE,
     MEAN_STEPS_PER_UNIT,
@@ -91,6 +92,7 @@ class WhitenedSpace:
             np.rint(basis).astype(np.int8),
             exponents,
             no_scales,
+            layers=len(self.mean_codes) - GEOMETRY_SIZE - len(modes),
         )
 
 
@@ -166,11 +168,19 @@ def scale_codes(mean_sizes: Array) -> NDArray[np.uint8]:
 
 
 def transform_call(
-    trained: TrainedModel, faces: Sequence[FaceParameters], frames_per_packet: int
+    trained: TrainedModel,
+    faces: Sequence[FaceParameters],
+    frames_per_packet: int,
+    layers: Array | None = None,
 ) -> tuple[FrameTransform, Array]:
-    """The transform of a call, and the component values (t, n) of all its faces."""
+    """The transform of a call, and the component values (t, n) of all its faces.
+
+    layers: the distortion of their layer coefficients, see `with_layers`; None: they have none.
+    """
     person = trained.person
     distortion = distortion_of(trained).distortion_matrix(person.texel_fitter.template.modes)
+    if layers is not None:
+        distortion = with_layers(distortion, layers)
     vectors = np.array([vector_from_face(face, person.reference.pose) for face in faces])
     modes = person.appearance.modes
     transform = design_transform(vectors, distortion, modes, frames_per_packet)

@@ -11,6 +11,7 @@ from encoder.runtime.image_ops import hull_mask
 from protocol.pictures.foreground_mask import MASK_SIDE, Mask
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
 Frame = NDArray[np.uint8]
 
 INPUT_PX = 256
@@ -18,6 +19,12 @@ INPUT_PX = 256
 MIN_FACE_OVERLAP = 0.9
 # Size of the morphological closing, cells of the mask.
 CLOSING_CELLS = 5
+# Cells of a matte along each side, for any shape of picture.
+MATTE_SIDE = 128
+# A matte of more than this belongs to a person; less is their soft edge.
+PERSON = 0.5
+# Size of the morphological closing and of the soft edge, cells of a matte.
+MATTE_CLOSING_CELLS, MATTE_EDGE_CELLS = 7, 5
 
 
 def segment_person(path: Path, frame: Frame, outline_px: Array) -> Mask | None:
@@ -39,14 +46,56 @@ def segment_person(path: Path, frame: Frame, outline_px: Array) -> Mask | None:
     return None if person.all() else person
 
 
-def person_probability(path: Path, frame: Frame) -> NDArray[np.float32]:
+class PersonSegmenter:
+    """Finds the person with a given face; not for use by two threads at a time.
+
+    path: of the network.  Raises `NetworkFilesMissing` if it cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._network = TfliteNetwork(path)
+
+    def matte(self, frame: Frame, outline_px: Array) -> Single | None:
+        """(MATTE_SIDE, MATTE_SIDE) share 0..1 of the person; None if the network finds none there.
+
+        frame: (h, w, 3) uint8 BGR.  outline_px: (n, 2) of the face, pixels.
+        Other people, who do not touch the person, are left out.
+        """
+        people = self._share(frame)
+        corners = (outline_px + 0.5) * MATTE_SIDE / np.array(frame.shape[1::-1]) - 0.5
+        face = hull_mask(corners, people.shape) > 0
+        if (people[face] > PERSON).sum() < MIN_FACE_OVERLAP * face.sum():
+            return None
+        kernel = np.ones((MATTE_CLOSING_CELLS, MATTE_CLOSING_CELLS), np.uint8)
+        solid = ((people > PERSON) | face).astype(np.uint8)
+        closed = cv2.morphologyEx(solid, cv2.MORPH_CLOSE, kernel)
+        _, components = cv2.connectedComponents(closed)
+        person = (components == np.bincount(components[face]).argmax()).astype(np.uint8)
+        edge = np.ones((MATTE_EDGE_CELLS, MATTE_EDGE_CELLS), np.uint8)
+        near = cv2.dilate(person, edge) > 0
+        # What the closing has filled is the person, too.
+        inside = cv2.erode(person, edge) > 0
+        return np.where(inside, 1, people * near).astype(np.float32)
+
+    def _share(self, frame: Frame) -> Single:
+        """(MATTE_SIDE, MATTE_SIDE) share 0..1 of people in the cells of a frame."""
+        size = (MATTE_SIDE, MATTE_SIDE)
+        cells = _probability(self._network, frame)
+        return np.asarray(cv2.resize(cells, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def person_probability(path: Path, frame: Frame) -> Single:
     """(INPUT_PX, INPUT_PX): how likely each cell of the whole frame shows a person, 0 to 1.
 
     path: of the network.  frame: (h, w, 3) uint8 BGR.
     Raises `NetworkFilesMissing` if the network cannot be read.
     """
+    return _probability(TfliteNetwork(path), frame)
+
+
+def _probability(network: TfliteNetwork, frame: Frame) -> Single:
     square = np.asarray(cv2.resize(frame, (INPUT_PX, INPUT_PX), interpolation=cv2.INTER_AREA))
-    probability = TfliteNetwork(path).run(square.astype(np.uint8), low=0.0)[INPUT_PX**2]
+    probability = network.run(square.astype(np.uint8), low=0.0)[INPUT_PX**2]
     return np.asarray(probability.reshape(INPUT_PX, INPUT_PX))
 
 

@@ -98,6 +98,7 @@ class TrainingOptions:
     image_space_fit: fit the faces of the sample in image space after the shape-free frame.
     weight_disoccluded: give hidden texels the weight that they have in a wide open face.
     weight_mouth: multiply the weight of mouth and lips, see `mouth_weights`.
+    reference: index of the frame whose face is the reference.
     """
 
     texture_size: int
@@ -106,6 +107,7 @@ class TrainingOptions:
     image_space_fit: bool = True
     weight_disoccluded: bool = False
     weight_mouth: bool = False
+    reference: int = 0
 
 
 def build_person_model(
@@ -124,7 +126,7 @@ def build_person_model(
     faces, landmarks: of all frames, (468, 3) pixels; indices of the sample refer to them.
     workers: see `parallel_map`.
     """
-    reference = faces[0]
+    reference = faces[options.reference]
     shape, scale = _texel_frame(face, camera, reference, options.texture_size)
     crops = [crop_face(frame, landmarks[index], scale) for index, frame in sample_frames]
     sampled = [faces[index] for index, _ in sample_frames]

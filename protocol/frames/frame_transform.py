@@ -1,6 +1,6 @@
 """The default profile's data of the model packet: appearance modes and the frame transform.
 
-The parameters of a frame (motion, EAUs, mode coefficients) are one vector
+The parameters of a frame (motion, EAUs, coefficients of layers and modes) are one vector
 y = mean + (q @ basis) * unit.  Its coefficients q, the combined components of thesis eq. 2.18-2.19,
 are what frame packets carry; one unit of each adds equal distortion to the picture.
 """
@@ -24,7 +24,9 @@ Array = NDArray[np.float64]
 
 GEOMETRY_SIZE = 6 + len(EAUS)
 MAX_MODES = 64
-MAX_COMPONENTS = GEOMETRY_SIZE + MAX_MODES
+# Layer coefficients, see `protocol.pictures.layered_background`.
+MAX_LAYER_COEFFICIENTS = 16
+MAX_COMPONENTS = GEOMETRY_SIZE + MAX_LAYER_COEFFICIENTS + MAX_MODES
 UNIT_CODES_PER_OCTAVE, UNIT_CODE_OF_ONE = 8, 128
 MEAN_STEPS_PER_UNIT = 4
 MAX_MEAN_CODE = (2 << AdaptiveIntegers.LONGEST) - 2
@@ -43,20 +45,21 @@ MAX_MOTION = (180.0, 180.0, 180.0, 1e4, 1e4, 3.0)
 
 @dataclass(frozen=True, slots=True)
 class FrameTransform:
-    """The transform from coefficients to parameters; d = 6 + EAUs + modes values, n components.
+    """The transform from n coefficients to d = 6 + EAUs + layers + modes parameters.
 
     modes: encoded appearance modes, see `picture_codec.ModeDecoder`; the texture of a frame is the
         mean texture plus each mode times its coefficient (eq. 2.17).  An empty mode, which has not
         been received yet, adds nothing.
     unit_codes: (d,) uint8, the unit of each parameter, eighths of an octave above 2 ** -16.
     mean_codes: (d,) int, the mean of y in quarters of its units: motion relative to the reference
-        pose (rotation deg, shift mm, log depth), EAUs, mode coefficients.
+        pose (rotation deg, shift mm, log depth), EAUs, coefficients of layers, then of modes.
     basis: (n, d) int8, in 1 / `MAX_BASIS_CODE` of the units, times 2 ** exponent by row.
     exponents: (n,) int8, -MAX_EXPONENT..MAX_EXPONENT.
     scale_codes: (n, PREDICTION_KINDS) uint8, multiples of `SCALE_CODE_STEP` in 0..MAX_SCALE_CODE,
         see `temporal_prediction.FramePredictor`.
     reserved_modes: so many of the last modes may be empty and are sent during the call; each has a
         component of its own, and these are the last components.
+    layers: number of layer coefficients.
     """
 
     modes: tuple[bytes, ...]
@@ -66,11 +69,14 @@ class FrameTransform:
     exponents: NDArray[np.int8]
     scale_codes: NDArray[np.uint8]
     reserved_modes: int = 0
+    layers: int = 0
 
     def __post_init__(self) -> None:
-        d, n = GEOMETRY_SIZE + len(self.modes), len(self.basis)
+        d, n = GEOMETRY_SIZE + self.layers + len(self.modes), len(self.basis)
         if len(self.modes) > MAX_MODES or not 1 <= n <= MAX_COMPONENTS:
             raise ValueError(f"{len(self.modes)} modes and {n} components, limit {MAX_MODES}")
+        if not 0 <= self.layers <= MAX_LAYER_COEFFICIENTS:
+            raise ValueError(f"{self.layers} layer coefficients, limit {MAX_LAYER_COEFFICIENTS}")
         if not 0 <= self.reserved_modes <= min(len(self.modes), n - 1):
             raise ValueError(
                 f"{self.reserved_modes} reserved modes of {len(self.modes)}, {n} components"
@@ -133,6 +139,7 @@ def with_reserved_modes(transform: FrameTransform, count: int) -> FrameTransform
             [transform.scale_codes, np.tile(np.array(RESERVED_SCALE_CODES, np.uint8), (count, 1))]
         ),
         reserved_modes=transform.reserved_modes + count,
+        layers=transform.layers,
     )
 
 
@@ -147,6 +154,7 @@ def without_reserved_modes(transform: FrameTransform, keep: int = 0) -> FrameTra
         basis=transform.basis[:n, :d],
         exponents=transform.exponents[:n],
         scale_codes=transform.scale_codes[:n],
+        layers=transform.layers,
     )
 
 
@@ -162,12 +170,15 @@ def face_from_coefficients(
     y = np.clip(y, -MAX_PARAMETER, MAX_PARAMETER)
     limit = np.array(MAX_MOTION)
     pose = pose_from_motion(np.clip(y[:6], -limit, limit), reference)
-    return FaceParameters(pose, clip_eau(y[6:GEOMETRY_SIZE]), y[GEOMETRY_SIZE:])
+    first_mode = GEOMETRY_SIZE + transform.layers
+    eau, layers, modes = np.split(y[6:], [GEOMETRY_SIZE - 6, first_mode - 6])
+    return FaceParameters(pose, clip_eau(eau), modes, layers)
 
 
 def vector_from_face(face: FaceParameters, reference: Pose) -> Array:
     """The parameters y (d,) of a face: the inverse of `face_from_coefficients`."""
-    return np.concatenate([motion_from_pose(face.pose, reference), face.eau, face.modes])
+    motion = motion_from_pose(face.pose, reference)
+    return np.concatenate([motion, face.eau, face.layers, face.modes])
 
 
 def units_from_codes(codes: NDArray[np.uint8]) -> Array:

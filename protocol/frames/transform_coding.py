@@ -1,7 +1,8 @@
 """The encoding of a frame transform: the profile data of the default profile's model packets.
 
-A MessagePack map: `m` the modes, `t` the arrays, range-coded after the number of components, and
-`s` the numbers of reserved modes that are sent and that there are.
+A MessagePack map: `m` the modes, `t` the arrays, range-coded after the number of components; then,
+if there are any, `l` the number of layer coefficients, and `s` the numbers of reserved modes that
+are sent and that there are.
 """
 
 from dataclasses import replace
@@ -19,6 +20,7 @@ from protocol.errors import ProtocolError
 from protocol.frames.frame_transform import (
     GEOMETRY_SIZE,
     MAX_COMPONENTS,
+    MAX_LAYER_COEFFICIENTS,
     MAX_MODES,
     SCALE_CODE_STEP,
     FrameTransform,
@@ -30,7 +32,9 @@ from protocol.limits import MAX_IMAGE_BYTES, MAX_MESSAGE_LENGTH
 from shared_model.parameters import EAUS
 
 _KEYS = ("m", "t")
-_RESERVED_KEY = "s"
+_LAYERS_KEY, _RESERVED_KEY = "l", "s"
+# Groups of columns of the basis: motion, EAUs, layer coefficients, mode coefficients.
+_GROUPS = 4
 
 
 def serialise_transform(transform: FrameTransform) -> bytes:
@@ -40,6 +44,8 @@ def serialise_transform(transform: FrameTransform) -> bytes:
     tables = bytes([len(base.basis)]) + coder.finish()
     sent = tuple(takewhile(bool, transform.modes[len(base.modes) :]))
     fields: dict[str, Any] = dict(zip(_KEYS, (base.modes + sent, tables), strict=True))
+    if base.layers:
+        fields[_LAYERS_KEY] = base.layers
     if transform.reserved_modes:
         fields[_RESERVED_KEY] = (len(sent), transform.reserved_modes)
     data: bytes = msgpack.packb(fields)
@@ -55,7 +61,7 @@ def parse_transform(data: bytes) -> FrameTransform:
             max_str_len=1,
             max_bin_len=MAX_IMAGE_BYTES,
             max_array_len=MAX_MODES,
-            max_map_len=len(_KEYS) + 1,
+            max_map_len=len(_KEYS) + 2,
             max_ext_len=0,
         )
         return _transform_from_fields(fields)
@@ -64,16 +70,17 @@ def parse_transform(data: bytes) -> FrameTransform:
 
 
 def _transform_from_fields(fields: Any) -> FrameTransform:
-    if unknown := set(fields) - {*_KEYS, _RESERVED_KEY}:
+    if unknown := set(fields) - {*_KEYS, _LAYERS_KEY, _RESERVED_KEY}:
         raise ValueError(f"unknown fields {sorted(map(str, unknown))}")
     modes, tables = (fields[key] for key in _KEYS)
+    layers = _layer_count(fields)
     if not isinstance(modes, tuple) or not all(isinstance(mode, bytes) for mode in modes):
         raise ValueError("modes are not byte strings")
     if not isinstance(tables, bytes) or not tables or not 1 <= tables[0] <= MAX_COMPONENTS:
         raise ValueError("no tables")
     sent, reserved = _reserved_counts(fields, modes)
     known = modes[: len(modes) - sent]
-    d, n = GEOMETRY_SIZE + len(known), tables[0]
+    d, n = GEOMETRY_SIZE + layers + len(known), tables[0]
     empty = FrameTransform(
         known,
         unit_codes=np.zeros(d, np.uint8),
@@ -81,6 +88,7 @@ def _transform_from_fields(fields: Any) -> FrameTransform:
         basis=np.zeros((n, d), np.int8),
         exponents=np.zeros(n, np.int8),
         scale_codes=np.zeros((n, PREDICTION_KINDS), np.uint8),
+        layers=layers,
     )
     coder = RangeDecoder(tables[1:])
     base = _code_tables(coder, empty)
@@ -98,16 +106,25 @@ def _reserved_counts(fields: Any, modes: tuple[bytes, ...]) -> tuple[int, int]:
     return sent, reserved
 
 
+def _layer_count(fields: Any) -> int:
+    if _LAYERS_KEY not in fields:
+        return 0
+    count: int = fields[_LAYERS_KEY]
+    check_int("layer coefficients", count, 1, MAX_LAYER_COEFFICIENTS)
+    return count
+
+
 def _code_tables(coder: BitCoder, transform: FrameTransform) -> FrameTransform:
     """Code all arrays; a decoder uses only their sizes.  Returns the transform coded."""
-    groups = np.repeat([0, 1, 2], [6, len(EAUS), len(transform.modes)])[None]
+    sizes = [6, len(EAUS), transform.layers, len(transform.modes)]
+    groups = np.repeat(range(_GROUPS), sizes)[None]
     unit_steps = np.diff(transform.unit_codes.astype(np.int64), prepend=0).astype(np.int64)
     # Second differences: from kind to kind, then from component to component.
     scales = transform.scale_codes.astype(np.int64) // SCALE_CODE_STEP
     scale_steps = np.diff(np.diff(scales, axis=1, prepend=0), axis=0, prepend=0).astype(np.int64)
     unit_steps = _code_table(coder, unit_steps[None], 1)[0]
     mean_codes = _code_table(coder, transform.mean_codes[None], 1)[0]
-    basis = _code_table(coder, transform.basis.astype(np.int64), 3, groups)
+    basis = _code_table(coder, transform.basis.astype(np.int64), _GROUPS, groups)
     exponents = _code_table(coder, transform.exponents.astype(np.int64)[None], 1)[0]
     kinds = np.arange(PREDICTION_KINDS)[None]
     scale_steps = _code_table(coder, scale_steps, PREDICTION_KINDS, kinds)
@@ -118,6 +135,7 @@ def _code_tables(coder: BitCoder, transform: FrameTransform) -> FrameTransform:
         basis=_as_int8(basis),
         exponents=_as_int8(exponents),
         scale_codes=_as_uint8(SCALE_CODE_STEP * scale_steps.cumsum(0).cumsum(1)),
+        layers=transform.layers,
     )
 
 

@@ -28,9 +28,7 @@ def serialise_background(mask: Mask | None, picture: bytes) -> bytes:
     """A model packet's background.  mask: (MASK_SIDE, MASK_SIDE), true on the person, or None."""
     if mask is None:
         return picture
-    coder = RangeEncoder()
-    _code(coder, mask)
-    data = coder.finish()
+    data = encode_mask(mask)
     return TAG + encode_varint(len(data)) + data + picture
 
 
@@ -48,11 +46,23 @@ def parse_background(data: bytes) -> tuple[Mask | None, bytes]:
     start = 1 + size
     if length > min(MAX_MASK_BYTES, len(data) - start):
         raise ProtocolError(f"background: mask of {length} bytes, limit {MAX_MASK_BYTES}")
-    coder = RangeDecoder(data[start : start + length])
+    return decode_mask(data[start : start + length]), data[start + length :]
+
+
+def encode_mask(mask: Mask) -> bytes:
+    """The bytes of a mask (MASK_SIDE, MASK_SIDE), true on the person."""
+    coder = RangeEncoder()
+    _code(coder, mask)
+    return coder.finish()
+
+
+def decode_mask(data: bytes) -> Mask:
+    """The mask (MASK_SIDE, MASK_SIDE) in `data`.  Raises `ProtocolError` if it is damaged."""
+    coder = RangeDecoder(data)
     mask = _code(coder, np.zeros((MASK_SIDE, MASK_SIDE), np.bool_))
     if coder.unread_bytes:
         raise ProtocolError(f"background: mask: {coder.unread_bytes} bytes too many")
-    return mask, data[start + length :]
+    return mask
 
 
 def _code(coder: BitCoder, mask: Mask) -> Mask:

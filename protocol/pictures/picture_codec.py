@@ -191,13 +191,15 @@ def decode_picture(name: str, data: bytes) -> Single:
 class ModeCodec:
     """The state in which the next appearance mode of a caller is coded or decoded.
 
-    size: side of the texture, texels.
+    size: side of the texture, texels; of pictures that are not square their height.
     weight_map: of the texture, encoded.
+    width: None: as the height.
     Raises `ProtocolError` if the weight map is damaged.
     """
 
-    def __init__(self, size: int, weight_map: bytes = b"") -> None:
-        self.format = PictureFormat(MODE, decode_weight_map("texture", weight_map, size, size))
+    def __init__(self, size: int, weight_map: bytes = b"", width: int | None = None) -> None:
+        weights = decode_weight_map("texture", weight_map, size, size if width is None else width)
+        self.format = PictureFormat(MODE, weights)
         self.sequence = PictureSequence(MODE)
 
     def copy(self) -> "ModeCodec":

@@ -8,6 +8,8 @@ from encoder.coding.background import BackgroundImage
 from protocol.errors import ProtocolError
 from protocol.pictures.foreground_mask import MASK_SIDE, serialise_background
 
+SIZE = 128, 96
+
 
 def room() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
     """A wall that grows brighter to the right, a dark person before its middle."""
@@ -23,14 +25,14 @@ def person_mask() -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
 
 
 def test_a_person_is_opaque_and_the_room_is_not() -> None:
-    still = load_background(BackgroundImage(room(), person_mask()).encode(4000))
+    still = load_background(BackgroundImage(room(), person_mask()).encode(4000), *SIZE)
     opacity = still.moving[..., 3]
     assert (opacity[34:, 52:76] == 255).all()
     assert (opacity[:20] == 0).all() and (opacity[:, :40] == 0).all()
 
 
 def test_the_room_is_continued_behind_the_person() -> None:
-    still = load_background(BackgroundImage(room(), person_mask()).encode(4000))
+    still = load_background(BackgroundImage(room(), person_mask()).encode(4000), *SIZE)
     assert still.static is not None
     wall = np.linspace(60, 200, 128)[None, :, None]
     # The coder's own errors are within a few levels.
@@ -50,11 +52,11 @@ def test_known_pixels_and_constant_pictures_are_unchanged() -> None:
 
 
 def test_without_a_mask_there_is_no_static_layer() -> None:
-    still = load_background(BackgroundImage(room()).encode(2000))
+    still = load_background(BackgroundImage(room()).encode(2000), *SIZE)
     assert still.moving.shape == (96, 128, 3) and still.static is None
-    assert load_background(b"").static is None
+    assert load_background(b"", *SIZE).static is None
 
 
 def test_a_mask_without_a_picture_is_refused() -> None:
     with pytest.raises(ProtocolError, match="background"):
-        load_background(serialise_background(person_mask(), b""))
+        load_background(serialise_background(person_mask(), b""), *SIZE)

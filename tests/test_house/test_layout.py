@@ -64,6 +64,7 @@ ENCODER_PACKAGES = (
     "fitting",
     "tracking",
     "learning",
+    "layers",
     "coding",
     "live_model",
     "sound",

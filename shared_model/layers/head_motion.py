@@ -1,4 +1,4 @@
-"""The warp of the background picture with the motion of the head: a mesh, as plain arrays.
+"""How the layer of the person moves with the head: the warp of a mesh, as plain arrays.
 
 Each mesh point is lifted to the depth plane of the head's origin in the reference frame, moved
 rigidly with the head, and projected again.  Near the outline of the head it follows completely
@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from decoder.mesh_folding import max_unfolded_step
 from shared_model.geometry import (
     Camera,
     camera_from_head,
@@ -25,6 +24,7 @@ from shared_model.geometry import (
     pixel_from_camera,
     pixel_from_head,
 )
+from shared_model.layers.mesh_folding import max_unfolded_step
 from shared_model.mesh import PARTS, Head
 from shared_model.normals import vertex_normals
 from shared_model.parameters import Pose
@@ -46,9 +46,6 @@ MIN_WEIGHT = 1e-3
 FACING_COSINE = 0.3
 # Greatest change of the motion over a unit of length; at 1 the mesh would fold.
 MAX_STRAIN = 0.55
-# Light inside the mouth when the lips are closed; at this distance of the lips it is 1.
-CLOSED_MOUTH_LIGHT = 0.35
-OPEN_MOUTH_MM = 12.0
 # Smallest area of a warped cell, relative to its own.
 MIN_AREA = 0.05
 
@@ -127,10 +124,14 @@ def projected_face_width_px(camera: Camera, pose: Pose, head: Head, vertices: Ar
     return float(np.ptp(pixel_from_head(camera, pose, vertices[drawn])[:, 0]))
 
 
-def warp(mesh: BackgroundMesh, pose: Pose, vertices: Array) -> Array:
+def warp(
+    mesh: BackgroundMesh, pose: Pose, vertices: Array, own_motion: Array | None = None
+) -> Array:
     """(rows, columns, 2) the warped mesh of a frame, pixels.
 
     vertices: (n, 3) float64, mm, head frame: the head in that frame, which has the pose `pose`.
+    own_motion: (rows, columns, 2) pixels, in addition to the motion with the head, see
+        `layer_motion`.
     """
     motion = _rigid_motion(mesh, pose)
     motion = _hold_edges(mesh, motion * _motion_falloff(mesh, motion)[..., None])
@@ -138,6 +139,8 @@ def warp(mesh: BackgroundMesh, pose: Pose, vertices: Array) -> Array:
     skin = mesh.skin
     skin_motion.reshape(-1, 2)[skin.points] = skin.rbf_weights @ _skin_motion(mesh, pose, vertices)
     skin_motion = _hold_edges(mesh, skin_motion)
+    if own_motion is not None:
+        skin_motion += own_motion
     grid_px = mesh.grid_px + motion
     min_area_px2 = MIN_AREA * float(np.prod(mesh.grid_px[1, 1] - mesh.grid_px[0, 0]))
     return grid_px + max_unfolded_step(grid_px, skin_motion, min_area_px2) * skin_motion
@@ -249,16 +252,6 @@ def _hold_edges(mesh: BackgroundMesh, motion: Array) -> Array:
     from_first = smoothstep((grid_px - first) / before)
     from_last = smoothstep((last - grid_px) / after)
     return np.maximum(motion, 0) * from_first + np.minimum(motion, 0) * from_last
-
-
-def mouth_shading(head: Head, vertices: Array) -> float:
-    """Light inside the mouth, relative to that of wide open lips.
-
-    vertices: (n, 3) float64, mm, head frame.
-    """
-    upper, lower = (vertices[head.landmarks[lip]] for lip in ("sto_upper", "sto_lower"))
-    opening = smoothstep(np.linalg.norm(upper - lower) / OPEN_MOUTH_MM)
-    return float(CLOSED_MOUTH_LIGHT + (1 - CLOSED_MOUTH_LIGHT) * opening)
 
 
 def smoothstep(x: ArrayLike) -> Array:

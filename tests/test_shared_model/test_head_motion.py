@@ -8,15 +8,15 @@ import pytest
 from heads import synthetic_head
 from numpy.typing import NDArray
 
-from decoder.background_warp import (
+from decoder.mouth_shading import mouth_shading
+from shared_model.animate import Face, Identity
+from shared_model.geometry import Camera, euler_deg, pixel_from_head, pose_from_euler
+from shared_model.layers.head_motion import (
     BackgroundMesh,
     make_background_mesh,
-    mouth_shading,
     smoothstep,
     warp,
 )
-from shared_model.animate import Face, Identity
-from shared_model.geometry import Camera, euler_deg, pixel_from_head, pose_from_euler
 from shared_model.mesh import Head
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS, Pose
 

@@ -1,0 +1,42 @@
+"""The layers behind the face in each frame: how the person moves, and how both layers change."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from decoder.background_layers import BackgroundLayers
+from shared_model.layers.head_motion import BackgroundMesh
+from shared_model.layers.layer_motion import fields_at_mesh, own_motion
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+# The grey level of a change that stands for no change.
+NO_CHANGE = 128
+
+
+class LayerMotion:
+    """What a frame's layer coefficients do to the layers of a background."""
+
+    def __init__(self, mesh: BackgroundMesh, layers: BackgroundLayers) -> None:
+        fields_px, changes = layers.fields_px, layers.changes
+        self._fields = None
+        if fields_px is not None and len(fields_px):
+            self._fields = fields_at_mesh(mesh, fields_px)
+        self._changes = changes if changes is not None and len(changes) else None
+        self._count = 0 if fields_px is None else len(fields_px)
+
+    def own_motion(self, coefficients: Array) -> Array | None:
+        """(rows, columns, 2) pixels, see `head_motion.warp`; None if there are no fields."""
+        return None if self._fields is None else own_motion(self._fields, coefficients)
+
+    def change(self, coefficients: Array) -> Picture | None:
+        """(h, w, 3) uint8 BGR, `NO_CHANGE` more than what to add to both; None: there is nothing.
+
+        coefficients: of a frame, missing ones are 0.
+        """
+        if self._changes is None:
+            return None
+        used = coefficients[self._count : self._count + len(self._changes)].astype(np.float32)
+        flat = used @ self._changes[: len(used)].reshape(len(used), self._changes[0].size)
+        flat += np.float32(NO_CHANGE + 0.5)
+        return np.asarray(np.clip(flat, 0, 255), np.uint8).reshape(self._changes.shape[1:])

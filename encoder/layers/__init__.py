@@ -1,0 +1,1 @@
+"""The layers around the face: the scene, and the person before it, learned from a sample."""

@@ -1,0 +1,92 @@
+"""Changes of the picture around the face that are no motion, such as those of the light.
+
+The principal components of what is left after motion, in luma, coded one after the other.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.layers.layer_fitter import LayerFitter
+from encoder.layers.layer_samples import LayerSamples, coarse_luma
+from encoder.picture_coding.picture_encoder import EncodedPicture, encode_mode
+from encoder.picture_coding.quantiser_search import finest_quantiser_within
+from protocol.pictures.layered_background import change_codec, change_shape
+from protocol.pictures.picture_codec import MAX_STEP_CODE, to_luma
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+MAX_CHANGES, MAX_CHANGE_BYTES = 4, 160
+# A change must explain this share of the squared residual, and so many squared grey levels.
+MIN_SHARE, MIN_GREY2 = 0.06, 0.4
+# The finest quantiser of a change, and by how much it is coarser for half the bytes.
+FINEST_STEP_CODE, STEPS_PER_HALVING = 12, 8
+# Residuals of so many grey levels count half.
+ROBUST_GREY = 20.0
+
+
+@dataclass(frozen=True, slots=True)
+class CodedChanges:
+    """Changes as a decoder has them.
+
+    data: of each.  luma: (c, rows, columns).
+    """
+
+    data: tuple[bytes, ...]
+    luma: Single
+
+
+def learn_changes(samples: LayerSamples, fitter: LayerFitter, coefficients: Array) -> CodedChanges:
+    """The changes that explain most of what is left in the frames of a sample.
+
+    coefficients: (n, k) of the motion fields in each frame.
+    """
+    shape = change_shape(*samples.size)
+    codec, coded = change_codec(*samples.size), list[EncodedPicture]()
+    left, weight = _residuals(samples, fitter, coefficients, shape)
+    rows = (left * weight).reshape(len(left), -1)
+    rows = rows - rows.mean(0)
+    total = float((rows**2).sum())
+    for _ in range(min(MAX_CHANGES, len(rows) - 1)):
+        _, sizes, axes = np.linalg.svd(rows, full_matrices=False)
+        grey2 = sizes[0] ** 2 / max(float(weight.sum()), 1e-6)
+        if sizes[0] ** 2 < MIN_SHARE * total or grey2 < MIN_GREY2:
+            break
+        # At the size of one standard deviation.
+        image = (axes[0] * sizes[0] / np.sqrt(len(rows))).reshape(shape)
+        planes = np.zeros((*shape, 3), np.float32)
+        planes[..., 0] = image / np.maximum(np.sqrt((weight**2).mean(0)), 0.2)
+        _, mode = finest_quantiser_within(
+            lambda step, planes=planes: encode_mode(codec.copy(), planes, step),  # type: ignore[misc]
+            lambda mode: mode.size_bytes,
+            MAX_CHANGE_BYTES,
+            range(FINEST_STEP_CODE, MAX_STEP_CODE + 1),
+            FINEST_STEP_CODE,
+            STEPS_PER_HALVING,
+        )
+        step = mode.header[-1]
+        row = (to_luma(mode.decoded) * np.sqrt((weight**2).mean(0))).ravel()
+        if float(row @ row) < 0.25 * float((image**2).sum()):
+            break
+        coded.append(encode_mode(codec, planes, step))
+        rows = rows - np.outer(rows @ row / float(row @ row), row)
+    luma = np.array([to_luma(mode.decoded) for mode in coded], np.float32).reshape(-1, *shape)
+    return CodedChanges(tuple(mode.serialise() for mode in coded), luma)
+
+
+def _residuals(
+    samples: LayerSamples, fitter: LayerFitter, coefficients: Array, shape: tuple[int, int]
+) -> tuple[Single, Single]:
+    """(n, rows, columns) what is left of each frame, and its weight: 0 in the face."""
+    left, weights = [], []
+    frames = zip(samples.pictures, samples.faces, samples.outlines_px, coefficients, strict=True)
+    for picture, face, outline, own in frames:
+        residual = coarse_luma(picture) - fitter.draw(face, own)
+        weight = (~fitter.face_region(outline)).astype(np.float32)
+        weight /= 1 + (residual / ROBUST_GREY) ** 2
+        left.append(cv2.resize(residual, shape[::-1], interpolation=cv2.INTER_AREA))
+        weights.append(cv2.resize(weight, shape[::-1], interpolation=cv2.INTER_AREA))
+    return np.array(left), np.array(weights)

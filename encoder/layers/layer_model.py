@@ -1,0 +1,171 @@
+"""The layers around a person's face: learned from a sample, encoded, and fitted to frames."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.layers.changes import learn_changes
+from encoder.layers.displacement import dense
+from encoder.layers.layer_fitter import LayerFitter
+from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, scaled_shape
+from encoder.layers.motion_fields import motion_fields
+from encoder.layers.person_picture import person_mask, person_picture
+from encoder.layers.scene import scene_picture
+from encoder.picture_coding.picture_encoder import EncodedPicture, encode_picture
+from encoder.picture_coding.quantiser_search import finest_quantiser_within
+from protocol.pictures.foreground_mask import Mask
+from protocol.pictures.layered_background import (
+    FIELD_CODES_PER_PX,
+    Codes,
+    LayeredBackground,
+    serialise_layers,
+)
+from protocol.pictures.picture_codec import MAX_STEP_CODE, to_luma
+from shared_model.animate import Face
+from shared_model.layers.layer_motion import fields_at_mesh
+from shared_model.layers.soft_mask import opacity
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+# By how much a coefficient may exceed those of the sample, in their range.
+LIMIT_MARGIN = 0.3
+STEPS_PER_HALVING = 8
+# Passes over the sample: coefficients, then the person's picture.
+PASSES = 2
+# Frames at which the distortion is measured.
+DISTORTION_FRAMES = 12
+
+
+@dataclass(frozen=True, slots=True)
+class LayerModel:
+    """Scene, person, motion fields and changes of a call.
+
+    scene, person: (h, w, 3) BGR.  mask: of the person.  fields: codes, see `LayeredBackground`.
+    changes: encoded.
+    fitter: of what is behind the face in other frames.
+    coefficients: (n, l) of the sample.
+    distortion: (l, l) squared grey levels around the face per squared unit, for each pixel of the
+        face.
+    """
+
+    scene: Single
+    person: Single
+    mask: Mask
+    fields: Codes
+    changes: tuple[bytes, ...]
+    fitter: LayerFitter
+    coefficients: Array
+    distortion: Array
+
+    def encode(self, max_bytes: int) -> bytes:
+        """The layered background, its pictures as fine as `max_bytes` for all of it allow."""
+        return self._encoded(self.fields, self.changes, max_bytes)
+
+    def encode_rough(self, max_bytes: int) -> bytes:
+        """The same without what frames change: for a base layer."""
+        return self._encoded(self.fields[:0], (), max_bytes)
+
+    def _encoded(self, fields: Codes, changes: tuple[bytes, ...], max_bytes: int) -> bytes:
+        draft = LayeredBackground(self.mask, b"", b"", fields, changes)
+        # The length of the person's picture takes up to two bytes more than that of an empty one.
+        free_bytes = max_bytes - len(serialise_layers(draft)) - 2
+
+        def pictures(step: int) -> tuple[EncodedPicture, EncodedPicture]:
+            return encode_picture(self.person, step), encode_picture(self.scene, step)
+
+        person, scene = finest_quantiser_within(
+            pictures,
+            lambda both: sum(each.size_bytes for each in both),
+            free_bytes,
+            range(MAX_STEP_CODE + 1),
+            MAX_STEP_CODE // 2,
+            STEPS_PER_HALVING,
+        )[1]
+        layers = replace(draft, person=person.serialise(), scene=scene.serialise())
+        return serialise_layers(layers)
+
+
+def learn_layers(face: Face, samples: LayerSamples) -> LayerModel:
+    """The layers of a person, from a sample of their frames."""
+    scene, fields = scene_picture(samples), motion_fields(samples)
+    at_mesh = fields_at_mesh(samples.mesh, fields / FIELD_CODES_PER_PX)
+    coefficients = np.zeros((len(samples.faces), len(fields)))
+    for _ in range(PASSES):
+        motions = [
+            motion + np.tensordot(c, at_mesh, 1)
+            for motion, c in zip(samples.motion, coefficients, strict=True)
+        ]
+        mask = person_mask(samples, motions)
+        person = person_picture(samples, motions, mask)
+        fitter = _fitter(face, samples, scene, person, mask, at_mesh)
+        coefficients = _fitted(fitter, samples)
+    changes = learn_changes(samples, fitter, coefficients)
+    fitter = _with_changes(fitter, changes.luma)
+    coefficients = _fitted(fitter, samples)
+    margin = LIMIT_MARGIN * np.ptp(coefficients, axis=0)
+    limits = np.stack([coefficients.min(0) - margin, coefficients.max(0) + margin], 1)
+    fitter = replace(fitter, limits=limits)
+    distortion = _distortion(fitter, samples, coefficients)
+    return LayerModel(scene, person, mask, fields, changes.data, fitter, coefficients, distortion)
+
+
+def _distortion(fitter: LayerFitter, samples: LayerSamples, coefficients: Array) -> Array:
+    """See `LayerModel.distortion`; the mean over some of the frames."""
+    total, face_pixels = np.zeros((coefficients.shape[1],) * 2), 0
+    chosen = range(0, len(coefficients), -(-len(coefficients) // DISTORTION_FRAMES))
+    for i in chosen:
+        region = fitter.face_region(samples.outlines_px[i])
+        rows = fitter.jacobian(samples.faces[i], coefficients[i])[:, ~region].astype(np.float64)
+        total += rows @ rows.T
+        face_pixels += int(region.sum())
+    return total / max(face_pixels, 1)
+
+
+def _fitter(
+    face: Face,
+    samples: LayerSamples,
+    scene: Single,
+    person: Single,
+    mask: Mask,
+    fields: Array,
+) -> LayerFitter:
+    shape = scaled_shape(samples.size, COARSE_SIDE)
+    alpha = opacity(mask, shape[1], shape[0]).astype(np.float32)
+    dense_fields = [dense(field, samples.size, shape) for field in fields]
+    return LayerFitter(
+        face,
+        samples.mesh,
+        samples.size,
+        _coarse_luma(person, shape) * alpha,
+        alpha,
+        _coarse_luma(scene, shape),
+        np.array(dense_fields, np.float32).reshape(-1, *shape, 2),
+        np.zeros((0, *shape), np.float32),
+        np.tile([-np.inf, np.inf], (len(fields), 1)),
+    )
+
+
+def _with_changes(fitter: LayerFitter, changes: Single) -> LayerFitter:
+    """The fitter with changes (c, rows, columns), luma."""
+    shape = fitter.scene.shape[0], fitter.scene.shape[1]
+    resized = [cv2.resize(each, shape[::-1], interpolation=cv2.INTER_LINEAR) for each in changes]
+    return replace(
+        fitter,
+        changes=np.array(resized, np.float32).reshape(-1, *shape),
+        limits=np.tile([-np.inf, np.inf], (len(fitter.fields) + len(changes), 1)),
+    )
+
+
+def _fitted(fitter: LayerFitter, samples: LayerSamples) -> Array:
+    each = zip(samples.pictures, samples.faces, samples.outlines_px, strict=True)
+    rows: Sequence[Array] = [fitter.fit(*frame) for frame in each]
+    return np.array(rows).reshape(len(samples.faces), -1)
+
+
+def _coarse_luma(picture: Single, shape: tuple[int, int]) -> Single:
+    small = cv2.resize(picture, shape[::-1], interpolation=cv2.INTER_AREA)
+    return to_luma(np.asarray(small, np.float32))

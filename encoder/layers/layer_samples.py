@@ -1,0 +1,143 @@
+"""The sample of frames that layers are learned from: small pictures, mattes and motion of the head.
+
+Everything is at two sizes: that of the coded pictures, and a coarse one at which motion is found.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.capture.colour import luma_f32
+from encoder.detection.segmentation import PersonSegmenter
+from encoder.runtime.image_ops import hull_mask
+from shared_model.animate import Face
+from shared_model.geometry import Camera
+from shared_model.layers.head_motion import BackgroundMesh, make_background_mesh, warp
+from shared_model.parameters import FaceParameters
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+Picture = NDArray[np.uint8]
+
+# The longer sides of the coded pictures and of the coarse ones, pixels.
+PICTURE_SIDE, COARSE_SIDE = 640, 144
+# The most frames of a sample.
+MAX_SAMPLES = 48
+
+
+@dataclass(frozen=True, slots=True)
+class FittedFrames:
+    """n frames of one person whose faces are known.
+
+    person, camera: of all frames.
+    pictures: (h, w, 3) uint8 BGR.  faces: of each.  outlines_px: (k, 2) of the face in each.
+    canonical: number of the frame whose pose is nearest to those of the others.
+    reference: the face of that frame, as a decoder has it.
+    """
+
+    person: Face
+    camera: Camera
+    pictures: Sequence[Picture]
+    faces: Sequence[FaceParameters]
+    outlines_px: Sequence[Array]
+    canonical: int
+    reference: FaceParameters
+
+
+@dataclass(frozen=True, slots=True)
+class LayerSamples:
+    """n frames of one person, the canonical one among them.
+
+    mesh: of the canonical face.  size: of the source, (width, height), pixels.
+    pictures: (n, h, w, 3) uint8 BGR.  mattes: (n, s, s) 0..1, of the person.
+    faces: of each frame.  outlines_px: (n, k, 2) of the face, source pixels.
+    motion: (n, rows, columns, 2) source pixels: how the mesh moves with the head.
+    canonical: number of the canonical frame.
+    """
+
+    mesh: BackgroundMesh
+    size: tuple[int, int]
+    pictures: Picture
+    mattes: Single
+    faces: tuple[FaceParameters, ...]
+    outlines_px: Array
+    motion: Array
+    canonical: int
+
+    def mattes_at(self, shape: tuple[int, int]) -> Single:
+        """(n, h, w) the mattes at another size."""
+        size = shape[::-1]
+        return np.array([cv2.resize(m, size, interpolation=cv2.INTER_LINEAR) for m in self.mattes])
+
+
+def scaled_shape(size: tuple[int, int], longer: int) -> tuple[int, int]:
+    """Rows and columns of pictures of `size` (width, height), shrunk to a longer side."""
+    ratio = min(1.0, longer / max(size))
+    return max(2, round(size[1] * ratio)), max(2, round(size[0] * ratio))
+
+
+def shrunk(picture: Picture, longer: int) -> Picture:
+    """A picture (h, w, 3), its longer side at most `longer`."""
+    rows, columns = scaled_shape((picture.shape[1], picture.shape[0]), longer)
+    if (rows, columns) == picture.shape[:2]:
+        return picture
+    small = cv2.resize(picture, (columns, rows), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.uint8)
+
+
+def coarse_luma(picture: Picture) -> Single:
+    """(h, w) the luma of a picture at the coarse size."""
+    return luma_f32(shrunk(picture, COARSE_SIDE))
+
+
+def typical_frame(faces: Sequence[FaceParameters]) -> int:
+    """The frame whose pose is nearest to the median of all."""
+    poses = np.array([[*f.pose.translation_mm, *f.pose.rotation[1:]] for f in faces])
+    away = np.abs(poses - np.median(poses, 0)) / np.maximum(poses.std(0), 1e-6)
+    return int(away.sum(1).argmin())
+
+
+def collect_samples(segmenter: PersonSegmenter, frames: FittedFrames) -> LayerSamples | None:
+    """The sample of some frames; None if the canonical one shows no person.
+
+    Frames in which the person is not found are left out.
+    """
+    person, reference, camera = frames.person, frames.reference, frames.camera
+    stride = -(-len(frames.pictures) // MAX_SAMPLES)
+    chosen = sorted({frames.canonical, *range(0, len(frames.pictures), stride)})
+    mattes = {i: segmenter.matte(frames.pictures[i], frames.outlines_px[i]) for i in chosen}
+    found = {i: matte for i, matte in mattes.items() if matte is not None}
+    if frames.canonical not in found:
+        return None
+    kept = list(found)
+    vertices = person.animate(reference.eau)
+    mesh = make_background_mesh(camera, reference.pose, person.head, vertices)
+    return LayerSamples(
+        mesh,
+        (camera.width, camera.height),
+        np.array([shrunk(frames.pictures[i], PICTURE_SIDE) for i in kept]),
+        np.array(list(found.values())),
+        tuple(frames.faces[i] for i in kept),
+        np.array([frames.outlines_px[i] for i in kept]),
+        np.array([motion_with_head(mesh, person, frames.faces[i]) for i in kept]),
+        kept.index(frames.canonical),
+    )
+
+
+def motion_with_head(mesh: BackgroundMesh, face: Face, parameters: FaceParameters) -> Array:
+    """(rows, columns, 2) source pixels: how the mesh moves with the head in a frame."""
+    return warp(mesh, parameters.pose, face.animate(parameters.eau)) - mesh.grid_px
+
+
+def face_region(
+    outline_px: Array, size: tuple[int, int], shape: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """(h, w) where a picture of `size` (width, height), shrunk to (h, w), shows the face.
+
+    outline_px: (k, 2) of the face, pixels of the picture of `size`.
+    """
+    ratio = np.array(shape[::-1]) / np.array(size)
+    return hull_mask((outline_px + 0.5) * ratio - 0.5, shape) > 0

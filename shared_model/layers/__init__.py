@@ -1,0 +1,1 @@
+"""How the layers of the picture move: the person and the scene behind."""
