@@ -26,7 +26,6 @@ GEOMETRY_SIZE = 6 + len(EAUS)
 MAX_MODES = 64
 # Layer coefficients, see `protocol.pictures.layered_background`.
 MAX_LAYER_COEFFICIENTS = 16
-MAX_COMPONENTS = GEOMETRY_SIZE + MAX_LAYER_COEFFICIENTS + MAX_MODES
 UNIT_CODES_PER_OCTAVE, UNIT_CODE_OF_ONE = 8, 128
 MEAN_STEPS_PER_UNIT = 4
 MAX_MEAN_CODE = (2 << AdaptiveIntegers.LONGEST) - 2
@@ -73,10 +72,10 @@ class FrameTransform:
 
     def __post_init__(self) -> None:
         d, n = GEOMETRY_SIZE + self.layers + len(self.modes), len(self.basis)
-        if len(self.modes) > MAX_MODES or not 1 <= n <= MAX_COMPONENTS:
-            raise ValueError(f"{len(self.modes)} modes and {n} components, limit {MAX_MODES}")
         if not 0 <= self.layers <= MAX_LAYER_COEFFICIENTS:
             raise ValueError(f"{self.layers} layer coefficients, limit {MAX_LAYER_COEFFICIENTS}")
+        if len(self.modes) > MAX_MODES or not 1 <= n <= max_components(self.layers):
+            raise ValueError(f"{len(self.modes)} modes and {n} components, limit {MAX_MODES}")
         if not 0 <= self.reserved_modes <= min(len(self.modes), n - 1):
             raise ValueError(
                 f"{self.reserved_modes} reserved modes of {len(self.modes)}, {n} components"
@@ -120,6 +119,11 @@ class FrameTransform:
             self.basis.astype(np.float64) / MAX_BASIS_CODE, self.exponents.astype(int)[:, None]
         )
         return np.asarray(rows * self.units)
+
+
+def max_components(layers: int) -> int:
+    """The most components of a transform with so many layer coefficients."""
+    return GEOMETRY_SIZE + layers + MAX_MODES
 
 
 def with_reserved_modes(transform: FrameTransform, count: int) -> FrameTransform:

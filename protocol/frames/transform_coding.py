@@ -19,11 +19,11 @@ from protocol.entropy.validation import check_int
 from protocol.errors import ProtocolError
 from protocol.frames.frame_transform import (
     GEOMETRY_SIZE,
-    MAX_COMPONENTS,
     MAX_LAYER_COEFFICIENTS,
     MAX_MODES,
     SCALE_CODE_STEP,
     FrameTransform,
+    max_components,
     with_reserved_modes,
     without_reserved_modes,
 )
@@ -76,7 +76,7 @@ def _transform_from_fields(fields: Any) -> FrameTransform:
     layers = _layer_count(fields)
     if not isinstance(modes, tuple) or not all(isinstance(mode, bytes) for mode in modes):
         raise ValueError("modes are not byte strings")
-    if not isinstance(tables, bytes) or not tables or not 1 <= tables[0] <= MAX_COMPONENTS:
+    if not isinstance(tables, bytes) or not tables or not 1 <= tables[0] <= max_components(layers):
         raise ValueError("no tables")
     sent, reserved = _reserved_counts(fields, modes)
     known = modes[: len(modes) - sent]

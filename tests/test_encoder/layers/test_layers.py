@@ -1,0 +1,208 @@
+"""Layers learned from a synthetic scene: a wall, and a person before it whose shoulders sway.
+
+The face is a grey ellipse that moves with the head; the shoulders move by themselves, a known way.
+"""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from heads import synthetic_head
+from numpy.typing import NDArray
+
+from decoder.background_layers import load_background
+from decoder.layer_motion import NO_CHANGE, LayerMotion
+from encoder.layers.displacement import dense, origins, pixel_grid, sample
+from encoder.layers.layer_model import LayerModel, learn_layers
+from encoder.layers.layer_samples import LayerSamples, motion_with_head, scaled_shape, typical_frame
+from encoder.layers.robust_mean import robust_mean
+from protocol.pictures.layered_background import parse_layers
+from shared_model.animate import Face, Identity
+from shared_model.geometry import Camera, pixel_from_head, pose_from_euler
+from shared_model.layers.head_motion import make_background_mesh, warp
+from shared_model.parameters import AAUS, FaceParameters
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+CAMERA = Camera(160, 120, 200.0)
+HEAD = synthetic_head(12, 16)
+FACE = Face(HEAD, Identity(np.zeros(len(AAUS)), np.zeros_like(HEAD.vertices)))
+REST = FaceParameters(pose_from_euler(0, 0, 0, np.array([0.0, 40.0, 900.0])))
+FRAMES = 9
+# How far the shoulders are to the right in each frame, pixels; and how bright the light is.
+SWAY_PX = np.array([0.0, 2, 4, 2, 0, -2, -4, -2, 0])
+LIGHT = np.array([0.0, 6, 12, 0, -6, -12, 0, 6, -6])
+ANGLES = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+
+
+def texture(seed: int, low: float, high: float) -> Array:
+    """(120, 160, 3) smooth noise with some contrast."""
+    rng = np.random.default_rng(seed)
+    noise = cv2.GaussianBlur(rng.normal(0, 1, (120, 160, 3)), (0, 0), 2.0)
+    return low + (high - low) * np.clip(0.5 + noise / 0.5, 0, 1)
+
+
+WALL, COAT = texture(1, 150, 220), texture(2, 20, 100)
+
+
+def shoulders(sway_px: float) -> Array:
+    """(120, 160) 0..1: where they are."""
+    v, u = np.mgrid[:120, :160]
+    return np.clip(60 - np.abs(u - 80 - sway_px), 0, 1) * np.clip(v - 80.0, 0, 1)
+
+
+def outline_of(face: FaceParameters) -> Array:
+    centre = pixel_from_head(CAMERA, face.pose, np.zeros((1, 3)))[0]
+    return centre + np.stack([14 * np.cos(ANGLES), 20 * np.sin(ANGLES)], -1)
+
+
+def picture_of(face: FaceParameters, sway_px: float, light: float = 0.0) -> tuple[Picture, Array]:
+    """A frame (120, 160, 3) and the matte (120, 160) of the person in it."""
+    alpha = shoulders(sway_px)[..., None]
+    coat = np.stack([np.roll(COAT[..., c], round(sway_px), 1) for c in range(3)], -1)
+    picture = alpha * coat + (1 - alpha) * WALL + light
+    matte = alpha[..., 0].copy()
+    for image, colour in ((picture, (120.0,) * 3), (matte, (1.0,))):
+        cv2.fillConvexPoly(image, np.rint(outline_of(face)).astype(np.int32), colour)
+    return np.asarray(np.clip(np.rint(picture), 0, 255), np.uint8), matte
+
+
+def samples(light: Array) -> LayerSamples:
+    mesh = make_background_mesh(CAMERA, REST.pose, HEAD, HEAD.vertices)
+    pictures, mattes = zip(
+        *(picture_of(REST, *each) for each in zip(SWAY_PX, light, strict=True)), strict=True
+    )
+    return LayerSamples(
+        mesh,
+        (CAMERA.width, CAMERA.height),
+        np.array(pictures),
+        np.array([cv2.resize(m, (128, 128), interpolation=cv2.INTER_AREA) for m in mattes]),
+        (REST,) * FRAMES,
+        np.array([outline_of(REST)] * FRAMES),
+        np.array([motion_with_head(mesh, FACE, REST)] * FRAMES),
+        canonical=0,
+    )
+
+
+@pytest.fixture(scope="module")
+def model() -> LayerModel:
+    return learn_layers(FACE, samples(0 * LIGHT))
+
+
+def around_the_face(error: Array) -> Array:
+    """Errors (h, w), those in the face left out."""
+    return np.asarray(error[picture_of(REST, 99)[1] < 0.5])
+
+
+def test_the_wall_is_found_where_it_is_ever_seen(model: LayerModel) -> None:
+    seen = sum(1 - picture_of(REST, sway)[1] for sway in SWAY_PX) > 2
+    scene = cv2.resize(model.scene, (160, 120), interpolation=cv2.INTER_LINEAR)
+    assert np.abs(scene - WALL).mean(-1)[seen].mean() < 3
+
+
+def test_the_sway_is_one_field_and_its_coefficients_follow_it(model: LayerModel) -> None:
+    assert len(model.fields) == 1
+    correlation = np.corrcoef(model.coefficients[:, 0], SWAY_PX)[0, 1]
+    assert abs(correlation) > 0.98
+
+
+@pytest.mark.parametrize("sway", [3.0, -3.0])
+def test_a_new_frame_is_fitted_and_drawn(model: LayerModel, sway: float) -> None:
+    frame, _ = picture_of(REST, sway)
+    coefficients = model.fitter.fit(frame, REST, outline_of(REST))
+    still = model.fitter.draw(REST, np.zeros(len(coefficients)))
+    moved = model.fitter.draw(REST, coefficients)
+    luma = cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
+    luma = cv2.resize(luma, moved.shape[::-1], interpolation=cv2.INTER_AREA).astype(float)
+    outside = ~model.fitter.face_region(outline_of(REST))
+    before, after = (((luma - drawn)[outside] ** 2).mean() for drawn in (still, moved))
+    assert after < 0.35 * before
+
+
+def test_a_hand_before_the_shoulder_moves_the_rest_little(model: LayerModel) -> None:
+    frame, _ = picture_of(REST, 0.0)
+    free = model.fitter.fit(frame, REST, outline_of(REST))
+    frame[60:, :36] = 130
+    coefficients = model.fitter.fit(frame, REST, outline_of(REST))
+    low, high = model.fitter.limits.T
+    assert (coefficients >= low).all() and (coefficients <= high).all()
+    moved_px = np.ptp(SWAY_PX) / np.ptp(model.coefficients[:, 0])
+    assert abs(coefficients[0] - free[0]) * moved_px < 1.5
+
+
+def test_a_change_of_the_light_is_learned_and_follows_it() -> None:
+    lit = learn_layers(FACE, replace(samples(LIGHT), mattes=samples(LIGHT).mattes))
+    count = len(lit.fields)
+    assert len(lit.changes) == 1
+    assert abs(np.corrcoef(lit.coefficients[:, count], LIGHT)[0, 1]) > 0.98
+
+
+def test_a_decoder_has_the_same_layers(model: LayerModel) -> None:
+    data = model.encode(3000)
+    assert 1500 < len(data) <= 3000
+    layers = parse_layers(data, CAMERA.width, CAMERA.height)
+    assert np.array_equal(layers.fields, model.fields)
+    loaded = load_background(data, CAMERA.width, CAMERA.height)
+    assert loaded.static is not None
+    assert np.abs(loaded.static - model.scene).mean() < 8
+    inside = loaded.moving[..., 3] == 255
+    assert np.abs(loaded.moving[..., :3] - model.person)[inside].mean() < 8
+    rough = load_background(model.encode_rough(900), CAMERA.width, CAMERA.height)
+    assert rough.fields_px is not None and len(rough.fields_px) == 0
+
+
+def test_a_decoder_moves_and_lights_the_layers_as_the_encoder_does() -> None:
+    lit = learn_layers(FACE, samples(LIGHT))
+    layers = load_background(lit.encode(4000), CAMERA.width, CAMERA.height)
+    motion = LayerMotion(lit.fitter.mesh, layers)
+    own = motion.own_motion(np.array([2.0]))
+    assert own is not None
+    grid = warp(lit.fitter.mesh, REST.pose, HEAD.vertices, own)
+    expected = (grid - lit.fitter.mesh.grid_px)[2:-2, 2:-2]
+    np.testing.assert_allclose(expected, own[2:-2, 2:-2], atol=1e-6)
+    coefficients = np.zeros(len(lit.fields) + len(lit.changes))
+    assert motion.change(coefficients) is not None
+    assert (np.asarray(motion.change(coefficients)) == NO_CHANGE).all()
+    coefficients[-1] = lit.coefficients[:, -1].max()
+    assert np.asarray(motion.change(coefficients)).mean() > NO_CHANGE + 3
+    assert (np.asarray(motion.change(np.zeros(0))) == NO_CHANGE).all()
+
+
+def test_a_person_who_never_moves_has_no_fields() -> None:
+    still = samples(0 * LIGHT)
+    still = replace(
+        still,
+        pictures=np.repeat(still.pictures[:1], FRAMES, 0),
+        mattes=np.repeat(still.mattes[:1], FRAMES, 0),
+    )
+    model = learn_layers(FACE, still)
+    assert len(model.fields) == 0 and model.changes == ()
+    assert model.fitter.fit(still.pictures[0], REST, outline_of(REST)).shape == (0,)
+
+
+def test_outliers_count_little_in_a_robust_mean() -> None:
+    pictures = np.full((9, 2, 2, 3), 100, np.uint8)
+    pictures[4] = 250
+    mean = robust_mean(pictures, np.ones((9, 2, 2), np.float32))
+    assert np.abs(mean - 100).max() < 2
+    weights = np.ones((9, 2, 2), np.float32)
+    weights[:4] = weights[5:] = 0
+    assert np.abs(robust_mean(pictures, weights) - 250).max() < 1e-3
+
+
+def test_the_typical_frame_has_the_pose_that_most_have() -> None:
+    away = FaceParameters(pose_from_euler(0, 30, 0, np.array([90.0, 40.0, 900.0])))
+    assert typical_frame([away, REST, REST]) in (1, 2)
+    assert typical_frame([away]) == 0
+
+
+def test_a_displacement_is_inverted() -> None:
+    rng = np.random.default_rng(5)
+    motion = 2 * rng.normal(0, 1, (4, 5, 2))
+    field = dense(motion, (80, 60), (60, 80))
+    at = origins(field)
+    np.testing.assert_allclose(at + sample(field, at), pixel_grid((60, 80)), atol=0.1)
+    assert scaled_shape((640, 480), 144) == (108, 144)
+    assert scaled_shape((50, 40), 144) == (40, 50)
