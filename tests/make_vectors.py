@@ -7,13 +7,12 @@ are fixed: write them again only if the format changes.
 import json
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
+from layered_vectors import layered_background, with_layers
 from numpy.typing import NDArray
+from vector_contents import VECTORS, expected, frames_of
 
-from decoder.playout import Playout
 from encoder.picture_coding.picture_encoder import encode_mode, encode_picture
 from protocol.call_file import MAGIC
 from protocol.call_parameters import CallParameters
@@ -28,7 +27,6 @@ from protocol.frames.frame_transform import (
 from protocol.frames.payload_coding import PayloadHeader, encode_payload, parse_payload
 from protocol.frames.scalar_quantiser import encode_thesis
 from protocol.frames.temporal_prediction import (
-    MAX_SCALE_CODE,
     FramePredictor,
     coding_order,
 )
@@ -42,11 +40,9 @@ from protocol.packets import (
     Packet,
     serialise,
 )
-from protocol.pictures.foreground_mask import MASK_SIDE, parse_background, serialise_background
+from protocol.pictures.foreground_mask import MASK_SIDE, serialise_background
 from protocol.pictures.picture_codec import (
     ModeCodec,
-    decode_picture,
-    parse_picture_header,
     to_planes,
 )
 from protocol.pictures.probability_model import TEXTURE
@@ -56,7 +52,6 @@ from shared_model.geometry import FRONTAL
 from shared_model.parameters import AAUS, EAUS, FaceParameters, Pose
 
 Single = NDArray[np.float32]
-VECTORS = Path(__file__).parent / "vectors"
 CALL = CallParameters(
     "default", 64, 48, 30000, 1001, 80.0, frames_per_packet=4, colour_matrix="bt709"
 )
@@ -182,6 +177,29 @@ def default_call() -> list[bytes]:
     ]
 
 
+def layered_call() -> list[bytes]:
+    """A background with layers, and frames in which they move and change."""
+    _, texture, modes = pictures()
+    frames = with_layers(transform(tuple(modes[:1]), 5))
+    model = ModelPacket(
+        call=CALL,
+        aau=(0,) * len(AAUS),
+        reference_rotation=tuple(REFERENCE.rotation),
+        reference_translation_mm=tuple(REFERENCE.translation_mm),
+        reference_eau=(0,) * len(EAUS),
+        background=layered_background(
+            CALL.width, CALL.height, (picture(24, 33, 1), picture(20, 30, 4))
+        ),
+        texture=texture,
+        profile_data=serialise_transform(frames),
+    )
+    return [
+        serialise(model),
+        *frame_packets(frames, 0, [(1, 0), (4, 0)]),
+        serialise(ControlPacket(2, ControlKind.END, 5)),
+    ]
+
+
 def thesis_call() -> list[bytes]:
     """Ten faces a second, with eyelids; a lost face; the pictures are those of the default call."""
     background, texture, _ = pictures()
@@ -206,76 +224,14 @@ def thesis_call() -> list[bytes]:
     return list(map(serialise, packets))
 
 
-def expected(packets: list[bytes]) -> dict[str, Any]:
-    """What a decoder finds in a call."""
-    playout, frames, models = Playout(), [], []
-    for packet in packets:
-        for frame in playout.receive(packet):
-            face = frame.face
-            frames.append(
-                {
-                    "frame": frame.index,
-                    "frozen": frame.frozen,
-                    "rotation": face.pose.rotation.tolist(),
-                    "translation_mm": face.pose.translation_mm.tolist(),
-                    "eau": face.eau.tolist(),
-                    "modes": face.modes.tolist(),
-                }
-            )
-        if playout.model is not None and playout.model not in models:
-            models.append(playout.model)
-    assert playout.ended
-    return {"frames": frames, "pictures": _pictures(models[0])}
-
-
-def _pictures(model: ModelPacket) -> dict[str, Any]:
-    mask, background = parse_background(model.background)
-    found: dict[str, Any] = {}
-    for name, data in (("background", background), ("texture", model.texture)):
-        header = parse_picture_header(name, data)
-        colours = decode_picture(name, data)
-        found[name] = {"size": [header.width, header.height], "bgr": _rounded(colours)}
-    assert mask is not None
-    found["mask"] = ["".join("#" if cell else "." for cell in row) for row in mask]
-    return found
-
-
-def _rounded(colours: Single) -> list[list[float]]:
-    """A row of pixels from the middle, B, G and R."""
-    return [[round(float(value), 3) for value in pixel] for pixel in colours[len(colours) // 2]]
-
-
-def frames_of(name: str, reserved: int) -> dict[str, Any]:
-    """The contents of the frame packets in a file of payloads, which stays as it is."""
-    start = np.array([40, 30, 28, 26, 24])
-    scale_codes = np.clip(start - np.arange(20)[:, None], 0, MAX_SCALE_CODE)
-    predictor, packets = FramePredictor(scale_codes, reserved), []
-    for index, line in enumerate((VECTORS / f"{name}.hex").read_text().split()):
-        parsed = parse_payload(predictor, index, 8, bytes.fromhex(line))
-        predictor.anchor = parsed.frames[-1]
-        header = parsed.header
-        packets.append(
-            {
-                "quality": header.quality,
-                "intra": header.intra,
-                "unused": header.unused_components,
-                "residuals": [
-                    [frame.index, residuals.tolist()] for frame, residuals in parsed.values
-                ],
-                "frames": [frame.tolist() for frame in parsed.frames],
-            }
-        )
-    return {
-        "scale_codes": scale_codes.tolist(),
-        "reserved": reserved,
-        "frames_per_packet": 8,
-        "packets": packets,
-    }
-
-
 def main() -> None:
     """Write call files in hexadecimal digits, and the contents of calls and of frame packets."""
-    for name, packets in (("call_default", default_call()), ("call_thesis", thesis_call())):
+    calls = {
+        "call_default": default_call(),
+        "call_layers": layered_call(),
+        "call_thesis": thesis_call(),
+    }
+    for name, packets in calls.items():
         data = MAGIC + serialise_records(packets)
         lines = [data.hex()[start : start + 96] for start in range(0, 2 * len(data), 96)]
         (VECTORS / f"{name}.hex").write_text("\n".join(lines) + "\n")

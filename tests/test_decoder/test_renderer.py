@@ -199,26 +199,6 @@ def test_the_static_layer_shows_where_the_moving_one_is_transparent(
         np.testing.assert_allclose(picture.astype(int), still, atol=1)
 
 
-def test_a_change_is_added_to_both_layers_and_to_the_next_frame_no_more(
-    renderer: Renderer, head: Head
-) -> None:
-    rng = np.random.default_rng(5)
-    still, behind = rng.integers(40, 200, (2, 240, 320, 3), dtype=np.uint8)
-    opacity = np.zeros((240, 320), np.uint8)
-    opacity[80:160, 100:200] = 255
-    u, v = np.linspace(-0.5, 319.5, 21), np.linspace(-0.5, 239.5, 16)
-    renderer.set_background(np.dstack([still, opacity]), np.stack(np.meshgrid(u, v), -1), behind)
-    renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
-    away = pose_from_euler(0, 0, 0, np.array([9000.0, 0, 700]))
-    expected = np.where(opacity[..., None], still, behind).astype(int)
-    change = np.full((6, 8, 3), 128, np.uint8)
-    change += np.array([20, 0, 246], np.uint8)
-    picture = renderer.draw(CAMERA, away, head.vertices, change=change)
-    np.testing.assert_allclose(picture.astype(int), expected + np.array([20, 0, -10]), atol=1)
-    picture = renderer.draw(CAMERA, away, head.vertices)
-    np.testing.assert_allclose(picture.astype(int), expected, atol=1)
-
-
 def test_opacity_blends_the_head_over_the_background() -> None:
     texture = np.full((1, 4, 2), 0.5)
     quad = quads_head(square(np.zeros(3), 30.0)[None], texture, opacity=0.25)

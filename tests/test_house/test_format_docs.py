@@ -12,7 +12,7 @@ from typing import Any
 import msgpack  # type: ignore[import-untyped]
 import numpy as np
 import pytest
-from make_vectors import VECTORS, expected, frames_of
+from vector_contents import VECTORS, expected, frames_of
 
 from protocol.call_file import CallReader
 from protocol.entropy.adaptive_models import AdaptiveBits, AdaptiveIntegers
@@ -201,10 +201,25 @@ def test_calls_decode_to_what_is_stored(name: str) -> None:
         assert_same_frame(one, other)
 
 
+def test_a_call_with_layers_decodes_to_what_is_stored() -> None:
+    packets = list(CallReader(BytesIO(vector("call_layers.hex"))))
+    stored = json.loads((VECTORS / "call_layers.json").read_text())
+    found, rows = expected(packets), "person_and_scene_and_changes"
+    assert (found["layers"]["mask"], found["layers"]["fields"]) == (
+        stored["layers"]["mask"],
+        stored["layers"]["fields"],
+    )
+    for one, other in zip(found["layers"][rows], stored["layers"][rows], strict=True):
+        np.testing.assert_allclose(one, other, atol=2e-3)
+    for one, other in zip(found["frames"], stored["frames"], strict=True):
+        assert_same_frame(one, other)
+        assert len(one["layers"]) == 4
+
+
 def assert_same_frame(one: dict[str, Any], other: dict[str, Any]) -> None:
     assert (one["frame"], one["frozen"]) == (other["frame"], other["frozen"])
-    for part in ("rotation", "translation_mm", "eau", "modes"):
-        np.testing.assert_allclose(one[part], other[part], rtol=1e-9, atol=1e-9)
+    for part in ("rotation", "translation_mm", "eau", "modes", "layers"):
+        np.testing.assert_allclose(one.get(part, []), other.get(part, []), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize(("name", "reserved"), [("frames_default", 0), ("frames_reserved", 6)])

@@ -29,7 +29,8 @@ def test_a_linear_field_is_linear_at_the_mesh(mesh: BackgroundMesh) -> None:
 
 
 def test_points_between_two_are_means_of_both() -> None:
-    np.testing.assert_allclose(interpolation_matrix(3, 2), [[1, 0], [0.5, 0.5], [0, 1]])
+    expected = np.array([[1, 0], [0.5, 0.5], [0, 1]])
+    np.testing.assert_allclose(interpolation_matrix(3, 2), expected)
 
 
 def test_missing_coefficients_are_0_and_further_ones_are_of_no_field() -> None:

@@ -41,7 +41,7 @@ def texture(seed: int, low: float, high: float) -> Array:
     """(120, 160, 3) smooth noise with some contrast."""
     rng = np.random.default_rng(seed)
     noise = cv2.GaussianBlur(rng.normal(0, 1, (120, 160, 3)), (0, 0), 2.0)
-    return low + (high - low) * np.clip(0.5 + noise / 0.5, 0, 1)
+    return np.asarray(low + (high - low) * np.clip(0.5 + noise / 0.5, 0, 1))
 
 
 WALL, COAT = texture(1, 150, 220), texture(2, 20, 100)
@@ -50,12 +50,12 @@ WALL, COAT = texture(1, 150, 220), texture(2, 20, 100)
 def shoulders(sway_px: float) -> Array:
     """(120, 160) 0..1: where they are."""
     v, u = np.mgrid[:120, :160]
-    return np.clip(60 - np.abs(u - 80 - sway_px), 0, 1) * np.clip(v - 80.0, 0, 1)
+    return np.asarray(np.clip(60 - np.abs(u - 80 - sway_px), 0, 1) * np.clip(v - 80.0, 0, 1))
 
 
 def outline_of(face: FaceParameters) -> Array:
     centre = pixel_from_head(CAMERA, face.pose, np.zeros((1, 3)))[0]
-    return centre + np.stack([14 * np.cos(ANGLES), 20 * np.sin(ANGLES)], -1)
+    return np.asarray(centre + np.stack([14 * np.cos(ANGLES), 20 * np.sin(ANGLES)], -1))
 
 
 def picture_of(face: FaceParameters, sway_px: float, light: float = 0.0) -> tuple[Picture, Array]:

@@ -13,7 +13,6 @@ from protocol.errors import ProtocolError
 from protocol.frames.frame_transform import (
     GEOMETRY_SIZE,
     MAX_BASIS_CODE,
-    MAX_LAYER_COEFFICIENTS,
     MAX_MEAN_CODE,
     MAX_MODES,
     RESERVED_SCALE_CODES,
@@ -72,44 +71,6 @@ def test_a_transform_survives_the_wire(count: int) -> None:
     assert same(parsed, components)
     assert np.array_equal(parsed.matrix, components.matrix)
     assert np.array_equal(parsed.scale_codes, components.scale_codes)
-
-
-def with_layers(count: int) -> FrameTransform:
-    """The sample with so many layer coefficients."""
-
-    def widened(codes: np.ndarray) -> np.ndarray:
-        return np.insert(codes, [GEOMETRY_SIZE] * count, 7, axis=-1)
-
-    plain = sample()
-    return replace(
-        plain,
-        unit_codes=widened(plain.unit_codes),
-        mean_codes=widened(plain.mean_codes),
-        basis=widened(plain.basis),
-        layers=count,
-    )
-
-
-@pytest.mark.parametrize("reserved", [0, 2])
-def test_layer_coefficients_survive_the_wire(reserved: int) -> None:
-    transform = with_reserved_modes(with_layers(3), reserved)
-    parsed = parse_transform(serialise_transform(transform))
-    assert same(parsed, transform) and parsed.layers == 3
-    face = face_from_coefficients(parsed, np.zeros(5 + reserved, np.int64), REFERENCE)
-    assert (face.layers.shape, face.modes.shape) == ((3,), (MODES + reserved,))
-    mean = vector_from_face(face, REFERENCE)
-    np.testing.assert_allclose(mean[GEOMETRY_SIZE : GEOMETRY_SIZE + 3], face.layers)
-    np.testing.assert_allclose(mean[GEOMETRY_SIZE:], parsed.mean[GEOMETRY_SIZE:], atol=1e-9)
-
-
-def test_without_layers_their_number_takes_no_bytes() -> None:
-    assert b"\xa1l" not in serialise_transform(sample())
-    with pytest.raises(ProtocolError, match="layer coefficients"):
-        parse_transform(msgpack.packb({"m": [], "t": b"\x01", "l": 0}))
-    with pytest.raises(ProtocolError, match="layer coefficients"):
-        parse_transform(msgpack.packb({"m": [], "t": b"\x01", "l": MAX_LAYER_COEFFICIENTS + 1}))
-    with pytest.raises(ValueError, match="layer coefficients"):
-        with_layers(MAX_LAYER_COEFFICIENTS + 1)
 
 
 @pytest.mark.parametrize("modes", [(), (b"third",), (b"third", b"fourth", b"fifth")])
