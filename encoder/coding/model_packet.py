@@ -42,11 +42,11 @@ class ModelBudget:
     max_modes: int = 0
 
 
-# The default profile's budget makes a recorded minute 16 kB, and the face with its shape at most
-# 8192 bytes: 7728 to 8156 on seven clips, .1 dB below budgets of 8.1 to 8.4 kB.
+# The default profile's budget makes a model of a recorded call at most 12,000 bytes, and the face
+# with its shape and tables at most 8192 of them.
 BUDGETS = {
     "thesis": ModelBudget(384, 8000, 8000),
-    "default": ModelBudget(256, 7540, 3860, 24),
+    "default": ModelBudget(256, 7380, 3700, 24),
     "live": ModelBudget(256, 8000, 2000, 24),
 }
 

@@ -202,13 +202,13 @@ def call_of_default_sizes(request: pytest.FixtureRequest, tmp_path: Path) -> Pat
     return path
 
 
-def test_a_face_takes_eight_kilobytes_and_all_of_a_model_ten(
+def test_a_face_takes_eight_kilobytes_and_all_of_a_model_twelve(
     networks: Path, call_of_default_sizes: Path
 ) -> None:
     parts = summarise(call_of_default_sizes).model_parts
     background = parts.pop("background")
     assert 7000 < sum(parts.values()) <= 8192
-    assert 1000 < background <= 2048
+    assert 2500 < background <= 3700
 
 
 def test_the_same_input_gives_the_same_bytes_on_any_number_of_threads(
