@@ -25,13 +25,14 @@ class FaceChange:
     """What leads from one face to another.
 
     turn: (3,) axis-angle vector, radians, camera frame; shift_mm: (3,) camera frame.
-    eau: (len(EAUS),); modes: (k,).
+    eau: (len(EAUS),); modes: (k,); layers: (l,).
     """
 
     turn: Array
     shift_mm: Array
     eau: Array
     modes: Array
+    layers: Array
 
     @property
     def sizes(self) -> Array:
@@ -42,24 +43,35 @@ class FaceChange:
 
 
 def change_between(first: FaceParameters, second: FaceParameters) -> FaceChange:
-    """What leads from `first` to `second`; no change of modes if their numbers differ."""
+    """What leads from `first` to `second`; none of modes or layers if their numbers differ."""
     turn = vector_from_quaternion(multiply(second.pose.rotation, conjugate(first.pose.rotation)))
-    same_modes = first.modes.shape == second.modes.shape
     return FaceChange(
         turn,
         second.pose.translation_mm - first.pose.translation_mm,
         second.eau - first.eau,
-        second.modes - first.modes if same_modes else np.zeros(second.modes.shape),
+        _difference(first.modes, second.modes),
+        _difference(first.layers, second.layers),
     )
 
 
+def _difference(first: Array, second: Array) -> Array:
+    return second - first if first.shape == second.shape else np.zeros(second.shape)
+
+
 def changed(face: FaceParameters, change: FaceChange, share: float) -> FaceParameters:
-    """`face` with `share` of a change; without that of the modes if their numbers differ."""
+    """`face` with `share` of a change; without that of modes or layers if their numbers differ."""
     rotation = multiply(quaternion_from_vector(share * change.turn), face.pose.rotation)
     pose = Pose(normalise(rotation), face.pose.translation_mm + share * change.shift_mm)
-    same_modes = face.modes.shape == change.modes.shape
-    modes = face.modes + share * change.modes if same_modes else face.modes
-    return FaceParameters(pose, clip_eau(face.eau + share * change.eau), modes)
+    return FaceParameters(
+        pose,
+        clip_eau(face.eau + share * change.eau),
+        _added(face.modes, share * change.modes),
+        _added(face.layers, share * change.layers),
+    )
+
+
+def _added(values: Array, change: Array) -> Array:
+    return values + change if values.shape == change.shape else values
 
 
 def bridge(before: TimedFace, after: TimedFace, index: int) -> tuple[FaceParameters, bool]:

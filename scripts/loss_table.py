@@ -95,6 +95,7 @@ def _is_same(one: PlayoutFrame, other: PlayoutFrame) -> bool:
     pairs = (
         (one.face.eau, other.face.eau),
         (one.face.modes, other.face.modes),
+        (one.face.layers, other.face.layers),
         (one.face.pose.rotation, other.face.pose.rotation),
         (one.face.pose.translation_mm, other.face.pose.translation_mm),
     )

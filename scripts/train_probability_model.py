@@ -25,7 +25,7 @@ from protocol.model_packet import ModelPacket
 from protocol.packets import parse_packet
 from protocol.pictures.coefficient_coding import STEP_OUTPUTS, UNARY_LIMIT
 from protocol.pictures.coefficient_context import CodingPass, CoefficientContext, tile_sums
-from protocol.pictures.foreground_mask import parse_background
+from protocol.pictures.layered_background import background_pictures
 from protocol.pictures.picture_codec import parse_picture_header, plane_shapes
 from protocol.pictures.plane_decoding import ArrayBandDecoder, decode_planes
 from protocol.pictures.probability_model import (
@@ -147,7 +147,8 @@ def read_call(path: Path) -> tuple[list[Samples], ...]:
             continue
         if packet.call.profile != "default":
             raise SystemExit(f"{path} is of the {packet.call.profile} profile, expected default")
-        for still in (parse_background(packet.background)[1], packet.texture):
+        size = packet.call.width, packet.call.height
+        for still in (*background_pictures(packet.background, *size), packet.texture):
             head = parse_picture_header("still", still)
             recorder = ContextRecorder(head.kind)
             shapes = plane_shapes(head.height, head.width)

@@ -18,7 +18,13 @@ from protocol.entropy.range_coder import BitCoder, RangeDecoder, RangeEncoder
 from protocol.entropy.varint import decode_varint, encode_varint
 from protocol.errors import ProtocolError
 from protocol.limits import MAX_IMAGE_BYTES
-from protocol.pictures.foreground_mask import MAX_MASK_BYTES, Mask, decode_mask, encode_mask
+from protocol.pictures.foreground_mask import (
+    MAX_MASK_BYTES,
+    Mask,
+    decode_mask,
+    encode_mask,
+    parse_background,
+)
 from protocol.pictures.picture_codec import ModeCodec
 
 Codes = NDArray[np.int64]
@@ -121,6 +127,14 @@ def parse_layers(data: bytes, width: int, height: int) -> LayeredBackground:
         raise ProtocolError(f"background: {count} changes, limit {MAX_CHANGES}")
     changes = tuple(reader.part("change", MAX_IMAGE_BYTES) for _ in range(count))
     return LayeredBackground(mask, person, reader.rest, fields, changes)
+
+
+def background_pictures(background: bytes, width: int, height: int) -> tuple[bytes, ...]:
+    """The encoded pictures in any background.  width, height: see `parse_layers`."""
+    if not is_layered(background):
+        return (parse_background(background)[1],)
+    layers = parse_layers(background, width, height)
+    return layers.person, layers.scene
 
 
 def encode_fields(fields: Codes) -> bytes:

@@ -17,6 +17,7 @@ from protocol.pictures.layered_background import (
     MAX_FIELDS,
     TAG,
     LayeredBackground,
+    background_pictures,
     change_codec,
     change_shape,
     decode_changes,
@@ -59,6 +60,8 @@ def test_all_parts_arrive() -> None:
     assert (found.person, found.scene, found.changes) == (sent.person, sent.scene, sent.changes)
     assert found.coefficients == 4
     assert serialise_layers(found) == data
+    assert background_pictures(data, *SIZE) == (sent.person, sent.scene)
+    assert background_pictures(b"S picture", *SIZE) == (b"S picture",)
 
 
 def test_there_need_be_neither_fields_nor_changes() -> None:
