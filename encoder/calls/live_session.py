@@ -25,7 +25,6 @@ from encoder.coding.model_packet import ModelBudget
 from encoder.coding.rate_control import OnlineRateController, RateTarget
 from encoder.detection.iris import WIDE_CROP_SCALE
 from encoder.live_model.learner import Learner
-from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -144,8 +143,7 @@ class LiveEncoder:
         version = self._model.version
         self._filler.fill_gap(index, self._packet_frames - 1)
         if self._filler.is_coded(index):
-            modes = np.zeros(len(version.transform.modes))
-            self._filler.add_rest(FaceParameters(version.packet.reference_pose, modes=modes))
+            self._filler.add_rest(version.rest())
             self._send_full_packet()
 
     def _skip(self, index: int) -> None:
@@ -189,7 +187,7 @@ class LiveEncoder:
         duration_s = len(filled.faces) * self._gop.frame_step / self._fps
         self._packets.send_frames(number, payload, duration_s)
         if self._model.on_packet_sent(self._position):
-            self._filler.reset_modes(len(self._model.version.transform.modes))
+            self._filler.reset_coefficients(self._model.version.rest())
 
     def _is_coded(self, index: int) -> bool:
         ahead = index - self._filler.next_index

@@ -3,8 +3,6 @@
 from dataclasses import dataclass, replace
 from math import ceil
 
-import numpy as np
-
 from encoder.learning.incremental_modes import FaceSample
 from encoder.live_model.model_version import ModelVersion
 from shared_model.geometry import interpolate
@@ -148,10 +146,10 @@ class PacketFiller:
         self._face = self._pending[-1].face
         return True
 
-    def reset_modes(self, count: int) -> None:
-        """Set the newest face's coefficients to 0: it is of a version with `count` other modes."""
+    def reset_coefficients(self, rest: FaceParameters) -> None:
+        """Set the newest face's coefficients to 0: it is of another version than `rest` is."""
         if self._face is not None:
-            self._face = replace(self._face, modes=np.zeros(count))
+            self._face = replace(self._face, modes=rest.modes, layers=rest.layers)
 
     def take(self) -> FilledPacket:
         """The frames that wait; the next packet begins after them."""

@@ -9,7 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import takewhile
 
 import numpy as np
@@ -190,7 +190,7 @@ class TwoPassEncoder:
             face = model.image_fitter.fit(crop, face, outline)
             if model.layers is None:
                 return face
-            return replace(face, layers=model.layers.fitter.fit(picture, face, outline))
+            return model.layers.frames.fitted(picture, face, outline)
 
         in_flight = deque[tuple[int, Future[FaceParameters]]]()
         with worker_pool() as pool:

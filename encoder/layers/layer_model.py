@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from encoder.layers.changes import learn_changes
 from encoder.layers.displacement import dense
+from encoder.layers.frame_layers import FrameLayers
 from encoder.layers.layer_fitter import LayerFitter
 from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, scaled_shape
 from encoder.layers.motion_fields import motion_fields
@@ -60,6 +61,11 @@ class LayerModel:
     fitter: LayerFitter
     coefficients: Array
     distortion: Array
+
+    @property
+    def frames(self) -> FrameLayers:
+        """What fits and codes frames."""
+        return FrameLayers(self.fitter, self.distortion)
 
     def encode(self, max_bytes: int) -> bytes:
         """The layered background, its pictures as fine as `max_bytes` for all of it allow."""

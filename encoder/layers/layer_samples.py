@@ -105,7 +105,7 @@ def collect_samples(segmenter: PersonSegmenter, frames: FittedFrames) -> LayerSa
 
     Frames in which the person is not found are left out.
     """
-    person, reference, camera = frames.person, frames.reference, frames.camera
+    camera = frames.camera
     stride = -(-len(frames.pictures) // MAX_SAMPLES)
     chosen = sorted({frames.canonical, *range(0, len(frames.pictures), stride)})
     mattes = {i: segmenter.matte(frames.pictures[i], frames.outlines_px[i]) for i in chosen}
@@ -113,8 +113,7 @@ def collect_samples(segmenter: PersonSegmenter, frames: FittedFrames) -> LayerSa
     if frames.canonical not in found:
         return None
     kept = list(found)
-    vertices = person.animate(reference.eau)
-    mesh = make_background_mesh(camera, reference.pose, person.head, vertices)
+    mesh = reference_mesh(frames)
     return LayerSamples(
         mesh,
         (camera.width, camera.height),
@@ -122,9 +121,16 @@ def collect_samples(segmenter: PersonSegmenter, frames: FittedFrames) -> LayerSa
         np.array(list(found.values())),
         tuple(frames.faces[i] for i in kept),
         np.array([frames.outlines_px[i] for i in kept]),
-        np.array([motion_with_head(mesh, person, frames.faces[i]) for i in kept]),
+        np.array([motion_with_head(mesh, frames.person, frames.faces[i]) for i in kept]),
         kept.index(frames.canonical),
     )
+
+
+def reference_mesh(frames: FittedFrames) -> BackgroundMesh:
+    """The mesh of the canonical frame, as a decoder makes it."""
+    person, reference = frames.person, frames.reference
+    vertices = person.animate(reference.eau)
+    return make_background_mesh(frames.camera, reference.pose, person.head, vertices)
 
 
 def motion_with_head(mesh: BackgroundMesh, face: Face, parameters: FaceParameters) -> Array:

@@ -61,11 +61,13 @@ class FaceSample:
     """A crop of a frame, and the landmarks (468, 3) in the frame, pixels.
 
     face: the fitted face; None if it is not fitted by the model that modes are learned for.
+    coarse: the whole frame, small, see `encoder.layers`; None if only the face is fitted.
     """
 
     crop: Crop
     landmarks: Array
     face: FaceParameters | None = None
+    coarse: NDArray[np.uint8] | None = None
 
 
 FitSample = Callable[[FaceSample], FaceParameters]

@@ -19,20 +19,26 @@ from encoder.coding.progressive_model import (
     UPDATE_BASE_LAYER_BYTES,
     split_into_layers,
 )
+from encoder.detection.landmark_indices import face_outline
 from encoder.fitting.eyelids import fit_with_eyelids
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.landmark_fit import LandmarkModel, landmark_model, personalise
 from encoder.fitting.quantised_identity import quantised_identity
 from encoder.fitting.sequence_fit import fit_sequence
+from encoder.layers.frame_layers import FrameLayers
+from encoder.layers.layer_learning import layers_of_person
+from encoder.layers.layer_samples import FittedFrames
 from encoder.learning.frame_sampler import UniformSubsampler
 from encoder.learning.person_model import TrainedModel, TrainingOptions, build_person_model
-from encoder.live_model.model_version import EYELID_DISTORTION, RESERVED_MODES, ModelVersion
+from encoder.live_model.model_version import RESERVED_MODES, ModelVersion, live_distortion
 from protocol.call_parameters import CallParameters
 from protocol.frames.frame_transform import vector_from_face, with_reserved_modes
 from protocol.frames.transform_coding import serialise_transform
 from protocol.pictures.picture_codec import ModeCodec, decode_picture
 from shared_model.animate import Face
+from shared_model.geometry import Camera
 from shared_model.mesh import Head
+from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -40,6 +46,11 @@ Picture = NDArray[np.uint8]
 # Share of the budget that the first version takes: its background, and a mean texture that is soon
 # replaced.
 BOOTSTRAP_SHARE = 0.3
+# Updates that bring the layers around the face, if they are not progressive: one soon, with those
+# who have hardly moved yet, and later ones that have seen more.
+LAYER_UPDATES = frozenset({1, 2, 4, 6, 8})
+# Bytes of these, against those of one picture.
+LAYER_BYTES = 1.85
 # Pixels that a frame is fitted by: twice as many gained nothing on two live clips.
 IMAGE_FIT_PIXELS = 3000
 
@@ -94,6 +105,7 @@ class ModelTrainer:
         self._background, self._budget = background, budget
         self._progressive, self._workers = progressive, workers
         self._identity: IdentityFit | None = None  # of the version before
+        self._frame_layers: FrameLayers | None = None  # of the background in use
         # Encoded while the first version is trained: each takes as long as many frames.
         executor = ThreadPoolExecutor(1)
         self._background_data: Future[bytes] | bytes = executor.submit(
@@ -140,19 +152,34 @@ class ModelTrainer:
         of no bytes for the background it has none.
         """
         trained = self._train_person(budget, pictures, points)
-        person = trained.person
-        distortion_model = distortion_of(trained)
-        luma_modes, pose = person.texel_fitter.template.modes, person.reference.pose
-        distortion = distortion_model.distortion_matrix(luma_modes, EYELID_DISTORTION)
+        call = self._call_parameters(trained.person.fitted.camera.focal_px)
+        background = self._encoded_background() if budget.background_bytes else b""
+        frames = _fitted_frames(trained, call.camera, pictures, points)
+        if number in LAYER_UPDATES and not self._progressive:
+            background = self._learn_layers(frames)
+        layers = None if self._frame_layers is None else self._frame_layers.of_person(frames)
+        faces = trained.faces if layers is None else layers.fitted_all(frames)
+        return self._version(number, trained, call, background, faces, layers)
+
+    def _version(
+        self,
+        number: int,
+        trained: TrainedModel,
+        call: CallParameters,
+        background: bytes,
+        faces: Sequence[FaceParameters],
+        layers: FrameLayers | None,
+    ) -> ModelVersion:
+        """A version of a trained person.  faces: of the sample, with their layer coefficients."""
+        person, distortion_model = trained.person, distortion_of(trained)
+        distortion = live_distortion(distortion_model, person.texel_fitter.template.modes, layers)
         transform = transform_from_prior(
-            np.array([vector_from_face(face, pose) for face in trained.faces]),
+            np.array([vector_from_face(face, person.reference.pose) for face in faces]),
             distortion,
             person.appearance.modes,
             frames_per_packet=self._gop.frames_per_packet,
             frame_step=self._gop.frame_step,
         )
-        call = self._call_parameters(person.fitted.camera.focal_px)
-        background = self._encoded_background() if budget.background_bytes else b""
         packet = replace(
             build_model_packet(person, transform, call, background),
             version=number,
@@ -163,8 +190,23 @@ class ModelTrainer:
         landmarks = self._landmark_model(person.fitted)
         fitter = person.image_fitter(IMAGE_FIT_PIXELS)
         return ModelVersion(
-            packet, person, landmarks, transform, distortion_model, distortion, fitter
+            packet,
+            person,
+            landmarks,
+            transform,
+            distortion_model,
+            distortion,
+            fitter,
+            frame_layers=layers,
         )
+
+    def _learn_layers(self, frames: FittedFrames) -> bytes:
+        """The background with layers; empty if the person cannot be told from the scene."""
+        learned = layers_of_person(frames)
+        if isinstance(learned, str):
+            return b""
+        self._frame_layers = learned.frames.with_wide_limits()
+        return learned.encode(int(LAYER_BYTES * self._budget.background_bytes))
 
     def _train_person(
         self, budget: ModelBudget, pictures: Sequence[Picture], points: Sequence[Array]
@@ -225,3 +267,11 @@ class ModelTrainer:
     def _call_parameters(self, focal_px: float) -> CallParameters:
         packing = self._gop.frames_per_packet, self._gop.frame_step
         return call_parameters(self._video, "default", focal_px, 0, *packing)
+
+
+def _fitted_frames(
+    trained: TrainedModel, camera: Camera, pictures: Sequence[Picture], points: Sequence[Array]
+) -> FittedFrames:
+    """The frames that a person was trained from, the first of which shows their reference."""
+    outlines, person = [face_outline(each) for each in points], trained.person
+    return FittedFrames(person.face, camera, pictures, trained.faces, outlines, 0, person.reference)

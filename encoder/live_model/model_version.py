@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture.face_crop import crop_face
-from encoder.coding.distortion import DistortionModel
+from encoder.coding.distortion import DistortionModel, with_layers
 from encoder.coding.model_packet import BUDGETS
 from encoder.coding.progressive_model import LayeredModel
 from encoder.coding.transform import project
@@ -15,6 +15,8 @@ from encoder.detection.landmark_indices import face_outline
 from encoder.fitting.eyelids import fit_with_eyelids, with_averaged_eyelids
 from encoder.fitting.landmark_fit import LandmarkModel, initial_parameters
 from encoder.fitting.render_and_compare import ImageFitter
+from encoder.layers.frame_layers import FrameLayers
+from encoder.layers.layer_samples import COARSE_SIDE, shrunk
 from encoder.learning.incremental_modes import FaceSample, LearnedMode
 from encoder.learning.person_model import PersonModel
 from protocol.frames.frame_transform import (
@@ -28,6 +30,7 @@ from protocol.model_packet import ModelPacket
 from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
 # Modes that may be learned between one model packet and the next.
@@ -51,6 +54,7 @@ class ModelVersion:
     distortion: (d, d) of the values in use, see `DistortionModel.distortion_matrix`.
     image_fitter: of what the decoder draws once all that has been sent has arrived.
     layers: what is sent of the model between frame packets; None: nothing.
+    frame_layers: of the picture around the face; None: it is one picture, which follows the head.
     first_packet: number in the call of the first frame packet that is coded with it.
     """
 
@@ -62,6 +66,7 @@ class ModelVersion:
     distortion: Array
     image_fitter: ImageFitter
     layers: LayeredModel | None = None
+    frame_layers: FrameLayers | None = None
     first_packet: int = 0
 
     @property
@@ -92,15 +97,20 @@ class ModelVersion:
 
     def sample(self, picture: Picture, points: Array) -> FaceSample:
         """A picture (h, w, 3) BGR and its landmarks (468, 3), pixels, ready to be fitted."""
-        return FaceSample(crop_face(picture, points, self.person.pixels_per_texel), points)
+        coarse = None if self.frame_layers is None else shrunk(picture, COARSE_SIDE)
+        crop = crop_face(picture, points, self.person.pixels_per_texel)
+        return FaceSample(crop, points, coarse=coarse)
 
     def fit(self, sample: FaceSample, initial: FaceParameters | None = None) -> FaceParameters:
         """The face in a sample, by texels, then by the pixels of the picture.
 
         initial: the face in the frame before; None: not known.
         """
-        face = self.fit_texels(sample, initial)
-        return self.image_fitter.fit(sample.crop, face, face_outline(sample.landmarks))
+        outline = face_outline(sample.landmarks)
+        face = self.image_fitter.fit(sample.crop, self.fit_texels(sample, initial), outline)
+        if self.frame_layers is None or sample.coarse is None:
+            return face
+        return self.frame_layers.fitted(sample.coarse, face, outline)
 
     def fit_texels(
         self, sample: FaceSample, initial: FaceParameters | None = None
@@ -123,9 +133,20 @@ class ModelVersion:
     def transform_faces(self, faces: Sequence[FaceParameters]) -> Array:
         """(t, n) components of faces; modes that were learned after a fit are 0 in it."""
         pose = self.packet.reference_pose
+        faces = [self._with_layers(face) for face in faces]
         values = [_zero_padded(vector_from_face(f, pose), len(self.distortion)) for f in faces]
         projected = project(self.transform, np.array(values), self.distortion)
         return np.pad(projected, ((0, 0), (0, self.free_slots)))
+
+    def rest(self) -> FaceParameters:
+        """The face of the reference frame, without any mode."""
+        modes = np.zeros(len(self.transform.modes))
+        return self._with_layers(FaceParameters(self.packet.reference_pose, modes=modes))
+
+    def _with_layers(self, face: FaceParameters) -> FaceParameters:
+        """A face with as many layer coefficients as this version has, 0 if they are not known."""
+        count = 0 if self.frame_layers is None else self.frame_layers.count
+        return face if len(face.layers) == count else replace(face, layers=np.zeros(count))
 
     def with_mode(self, mode: LearnedMode) -> "ModelVersion":
         """The same with one of the reserved modes learned."""
@@ -134,7 +155,7 @@ class ModelVersion:
         return replace(
             with_texels,
             transform=with_reserved_modes(self.transform, 1),
-            distortion=self.distortion_model.distortion_matrix(modes, EYELID_DISTORTION),
+            distortion=live_distortion(self.distortion_model, modes, self.frame_layers),
             image_fitter=self.image_fitter.with_mode(mode.luma),
         )
 
@@ -143,6 +164,12 @@ class ModelVersion:
         atlas = self.person.shape.atlas
         fitter = self.person.texel_fitter.with_mode(mode.luma[atlas.rows, atlas.columns])
         return replace(self, person=replace(self.person, texel_fitter=fitter))
+
+
+def live_distortion(model: DistortionModel, modes: Single, layers: FrameLayers | None) -> Array:
+    """(d, d) the distortion of y, see `ModelVersion`.  modes: (m, k) luma."""
+    distortion = model.distortion_matrix(modes, EYELID_DISTORTION)
+    return distortion if layers is None else with_layers(distortion, layers.distortion)
 
 
 def _zero_padded(values: Array, count: int) -> Array:

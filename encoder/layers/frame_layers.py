@@ -1,0 +1,54 @@
+"""What fits and codes the layer coefficients of frames, for as long as a background is in use."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.layers.layer_fitter import LayerFitter
+from encoder.layers.layer_samples import FittedFrames, reference_mesh
+from shared_model.parameters import FaceParameters
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+# Largest coefficients of later frames, in the range of those of the sample.
+LIMIT_FACTOR = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class FrameLayers:
+    """The layers of frames.
+
+    fitter: of the picture around the face.
+    distortion: (l, l) squared grey levels around the face per squared unit of the coefficients, for
+        each pixel of the face.
+    """
+
+    fitter: LayerFitter
+    distortion: Array
+
+    @property
+    def count(self) -> int:
+        """Number of layer coefficients of a frame."""
+        return len(self.distortion)
+
+    def fitted(self, picture: Picture, face: FaceParameters, outline_px: Array) -> FaceParameters:
+        """A face with the layer coefficients of its frame, see `LayerFitter.fit`."""
+        return replace(face, layers=self.fitter.fit(picture, face, outline_px))
+
+    def with_wide_limits(self) -> "FrameLayers":
+        """The same for frames that may differ far from those that the layers were learned from."""
+        low, high = self.fitter.limits.T
+        reach = LIMIT_FACTOR * (high - low)
+        return replace(self, fitter=replace(self.fitter, limits=np.stack([-reach, reach], 1)))
+
+    def fitted_all(self, frames: FittedFrames) -> list[FaceParameters]:
+        """The faces of some frames with their layer coefficients."""
+        each = zip(frames.pictures, frames.faces, frames.outlines_px, strict=True)
+        return [self.fitted(*frame) for frame in each]
+
+    def of_person(self, frames: FittedFrames) -> "FrameLayers":
+        """The same for a new model of the person; the canonical frame is the one it was before."""
+        fitter = replace(self.fitter, face=frames.person, mesh=reference_mesh(frames))
+        return replace(self, fitter=fitter)
