@@ -35,7 +35,7 @@ _OTHER_EAU_ROWS = [6 + index for index in range(len(EAUS)) if index not in LIDS]
 DISTORTION_FRAMES = 12
 RELATIVE_RIDGE = 1e-5
 # Weight of squared errors around the face, against those in the face; and the least distortion.
-LAYER_SHARE, LAYER_RIDGE = 0.3, 1e-3
+LAYER_SHARE, LAYER_RIDGE = 0.1, 1e-3
 
 
 @dataclass(frozen=True, slots=True)
