@@ -62,6 +62,7 @@ class Playout:
     clock: when source frames are shown.
     ended: the END packet has been received.
     is_frozen: the encoder has lost the face.
+    is_camera_off: the sender has switched the camera off.
     lost, late, unusable: numbers of frame packets that were missing when they were due, that came
         too late or twice, and that preceded the model packet.
     before_join: source frames shown that precede the first frame packet.
@@ -69,7 +70,7 @@ class Playout:
 
     def __init__(self) -> None:
         self.clock = FrameClock()
-        self.ended = self.joined_late = self.is_frozen = False
+        self.ended = self.joined_late = self.is_frozen = self.is_camera_off = False
         self.lost = self.late = self.unusable = self.before_join = 0
         self._next = 0
         self._newest = -1  # number of the newest frame packet
@@ -235,6 +236,9 @@ class Playout:
     def _receive_control(
         self, version: ModelVersion, packet: ControlPacket, following: int | None
     ) -> Iterator[PlayoutFrame]:
+        if packet.kind in (ControlKind.CAMERA_OFF, ControlKind.CAMERA_ON):
+            self.is_camera_off = packet.kind is ControlKind.CAMERA_OFF
+            return
         yield from self._freeze_until(version.model.call, packet.frame)
         if packet.kind is ControlKind.END:
             self.ended = True

@@ -44,6 +44,8 @@ class ControlKind(IntEnum):
     FACE_LOST = 1  # no face from source frame `frame` on
     FACE_FOUND = 2  # a face again from source frame `frame` on
     TIMES = 3  # a `TimesPacket`: when source frames from `frame` on are shown
+    CAMERA_OFF = 4  # the camera is off from source frame `frame` on; the faces go to rest
+    CAMERA_ON = 5  # it is on again from source frame `frame` on
 
 
 @dataclass(frozen=True, slots=True)

@@ -135,6 +135,11 @@ class CallPlayout:
         return self._receiving.playout.ended
 
     @property
+    def is_camera_off(self) -> bool:
+        """The sender has switched the camera off."""
+        return self._receiving.playout.is_camera_off
+
+    @property
     def joined_late(self) -> bool:
         """The call was under way before its first packet."""
         return self._all[0].joined_late

@@ -111,6 +111,7 @@ class LiveEncoder:
     def _encode(self, index: int, picture: Picture, next_frame: Picture | None) -> None:
         if self.started:
             self._repeat_over_gap(index)
+            self._packets.report_camera(bool(picture.size), index)
         if not picture.size:
             self._rest(index)
             return

@@ -40,7 +40,7 @@ class PacketSender:
     ) -> None:
         self._sink, self._stats, self._pacer, self._voice = sink, stats, pacer, voice
         self._times, self._timed_frames = times, 0
-        self._face_visible = True
+        self._face_visible = self._camera_on = True
 
     @property
     def pacer(self) -> LayerPacer | None:
@@ -99,6 +99,13 @@ class PacketSender:
             ControlPacket(0, ControlKind.FACE_FOUND if visible else ControlKind.FACE_LOST, frame)
         )
         return True
+
+    def report_camera(self, on: bool, frame: int) -> None:
+        """Send CAMERA_OFF or CAMERA_ON for source frame `frame`, if that is news."""
+        if on != self._camera_on:
+            self._camera_on = on
+            kind = ControlKind.CAMERA_ON if on else ControlKind.CAMERA_OFF
+            self._send(ControlPacket(0, kind, frame))
 
     def send_voice_alone(self, frame: int) -> None:
         """Send the voice that is due up to source frame `frame`, which shows no face."""

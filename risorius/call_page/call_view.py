@@ -57,7 +57,7 @@ class CallView:
             self._tell(f"{sender.width}x{sender.height}, {sender.fps:.4g} pictures a second")
         if self._paced:
             self._sleep_until(self._start_s + time_s)
-        self._page.show(frame.index, time_s, frame.picture, frame.frozen)
+        self._page.show(frame.index, time_s, frame.picture, frame.frozen, frame.lost)
 
     def __enter__(self) -> Self:
         return self

@@ -4,7 +4,7 @@ Text messages are JSON objects; `kind` says what they are about.  Binary message
 pieces of sound: a header of 24 bytes, little endian, then a JPEG file, or samples (int16, mono).
 
     0   uint8    which picture or sound, see `Stream`
-    1   uint8    of a picture, 1: it repeats an older face; of a sound, 0
+    1   uint8    of a picture, 1: it repeats an older face; 2: as nothing has come; of a sound, 0
     4   uint32   index of the source frame; of a sound, samples per second
     8   float64  its time in the source, of a sound that of its first sample, seconds
     16  float64  when it was drawn or taken, ms since 1970
@@ -41,7 +41,7 @@ class PictureMessage:
     """One picture.
 
     index, time_s: of the source frame.  made_ms: when it was drawn or taken, ms since 1970.
-    frozen: it repeats an older face.
+    frozen: it repeats an older face; lost: since nothing has come.
     """
 
     stream: Stream
@@ -50,6 +50,7 @@ class PictureMessage:
     made_ms: float
     jpeg: bytes
     frozen: bool = False
+    lost: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,9 +93,8 @@ def parse_message(data: bytes) -> PictureMessage | SoundMessage:
 
 def serialise_picture(message: PictureMessage) -> bytes:
     """The bytes of a message, as above."""
-    header = _HEADER.pack(
-        message.stream, message.frozen, message.index, message.time_s, message.made_ms
-    )
+    flag = 2 if message.frozen and message.lost else int(message.frozen)
+    header = _HEADER.pack(message.stream, flag, message.index, message.time_s, message.made_ms)
     return header + message.jpeg
 
 
@@ -102,8 +102,8 @@ def parse_picture(data: bytes) -> PictureMessage:
     """The message in `data`.  Raises `ProtocolError` if it is none."""
     if not _HEADER.size < len(data) <= _HEADER.size + MAX_JPEG_BYTES:
         raise ProtocolError(f"picture message of {len(data)} bytes")
-    stream, frozen, index, time_s, made_ms = _HEADER.unpack_from(data)
-    if stream not in PICTURES or frozen > 1:
-        raise ProtocolError(f"picture message of stream {stream}, flag {frozen}")
+    stream, flag, index, time_s, made_ms = _HEADER.unpack_from(data)
+    if stream not in PICTURES or flag > 2:
+        raise ProtocolError(f"picture message of stream {stream}, flag {flag}")
     jpeg = bytes(data[_HEADER.size :])
-    return PictureMessage(Stream(stream), index, time_s, made_ms, jpeg, bool(frozen))
+    return PictureMessage(Stream(stream), index, time_s, made_ms, jpeg, flag > 0, flag == 2)

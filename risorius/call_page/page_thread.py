@@ -46,13 +46,18 @@ class PageThread:
         while not self._joined.done() and not stop():
             time.sleep(NAP_S)
 
-    def show(self, index: int, time_s: float, picture: NDArray[np.uint8], frozen: bool) -> None:
+    def show(
+        self, index: int, time_s: float, picture: NDArray[np.uint8], frozen: bool, lost: bool
+    ) -> None:
         """Show a picture, (height, width, 3) uint8 BGR.
 
-        index, time_s: of its source frame.  frozen: it repeats an older face.
+        index, time_s: of its source frame.  frozen: it repeats an older face; lost: since nothing
+        has come.
         """
         jpeg = encoded_picture(picture)
-        message = PictureMessage(Stream.OTHER, index, time_s, 1000 * time.time(), jpeg, frozen)
+        message = PictureMessage(
+            Stream.OTHER, index, time_s, 1000 * time.time(), jpeg, frozen, lost
+        )
         self._loop.call_soon_threadsafe(self._server.show, message)
 
     def tell(self, kind: str, **content: Any) -> None:

@@ -23,13 +23,18 @@ class Words:
 
 
 def state_words(
-    name: str, is_listening: bool, has_picture: bool, sending: Sending | None, presence: Presence
+    name: str,
+    is_listening: bool,
+    has_picture: bool,
+    sending: Sending | None,
+    presence: Presence,
+    is_camera_off: bool = False,
 ) -> Words:
     """The state of a call.
 
     name: of the call.  is_listening: this end waits for the other to call.
     has_picture: the other person has been seen since they came.
-    sending: None: nothing is known yet.
+    sending: None: nothing is known yet.  is_camera_off: the other end's.
     """
     reach = None if sending is None else sending.reach
     if presence is Presence.LEFT and reach != Reachability.HAS_PEER:
@@ -39,7 +44,7 @@ def state_words(
         over = "" if has_picture else "Link lost, trying …"
         return Words("link lost, trying", over, is_trouble=True)
     if has_picture:
-        return Words("")
+        return Words("camera off" if is_camera_off else "")
     if reach == Reachability.HAS_PEER or presence in (Presence.HERE, Presence.SILENT):
         if is_listening:
             return Words("is calling", f"{name} is calling …")

@@ -49,7 +49,7 @@ class Devices:
         self._speech: LiveSpeech | None = None
         self.voice: VoicePacker | None = None
         if options.voice != "off":
-            self._speech = LiveSpeech(options.voice, self._start_s)
+            self._speech = LiveSpeech(options.voice, lambda: self.begun_s)
             self.voice = VoicePacker(self._speech)
         self._file_microphone: FileMicrophone | None = None
         self._host_microphone: Any = None
@@ -99,7 +99,9 @@ class Devices:
     def __exit__(self, *exception: object) -> None:
         self.close()
 
-    def _start_s(self) -> float | None:
+    @property
+    def begun_s(self) -> float | None:
+        """When source frame 0 was taken; None: not yet."""
         return None if self._capture is None else self._capture.start_s
 
     def _open_microphone(self) -> None:

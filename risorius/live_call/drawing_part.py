@@ -10,7 +10,7 @@ from decoder.reenactment import read_model
 from decoder.sound.sound_track import SoundTrack, open_sound_track
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
-from protocol.link.interface import PacketSource, ignore_message
+from protocol.link.interface import Arrival, PacketSource, ignore_message
 from risorius.call_page.page_thread import encoded_picture
 from risorius.live_call.messages import (
     DrawAs,
@@ -22,10 +22,11 @@ from risorius.live_call.messages import (
     Record,
     Trouble,
 )
+from risorius.live_call.packets.recorder import CallRecorder
+from risorius.live_call.packets.stamped_source import StampedSource
+from risorius.live_call.packets.traffic_meter import MeteredSource, TrafficMeter
 from risorius.live_call.part_connection import PartConnection
-from risorius.live_call.recorder import CallRecorder
 from risorius.live_call.thinning import Thinning
-from risorius.live_call.traffic_meter import MeteredSource, TrafficMeter
 from shared_model.errors import LINK_FAILED, UserError
 
 # No packet for so long: the link is lost, or the other end is.
@@ -55,6 +56,7 @@ class _Drawing:
         self._part, self._options = part, options
         self._meter, self.recorder = TrafficMeter(), CallRecorder()
         self._presence = Presence.AWAITED
+        self._thinning = Thinning(options.fps, time.monotonic)
         self._pictures: CallPictures | None = None
         self._face: Path | None = None
         self._losses = deque[tuple[int, int]](maxlen=LOSS_S)  # lost and all, each second
@@ -89,11 +91,11 @@ class _Drawing:
             last_s = self._meter.last_s
             silent = last_s is not None and time.monotonic() - last_s > SILENT_S
             self._presence = Presence.SILENT if silent else Presence.HERE
-        covered_s = 0.0
+        covered_s, is_camera_off = 0.0, False
         if pictures is not None and (model := pictures.playout.model) is not None:
-            covered_s = packet_s(model.call)
+            covered_s, is_camera_off = packet_s(model.call), pictures.playout.is_camera_off
             self._losses.append((pictures.playout.lost, traffic.packets))
-        return Receiving(traffic, self._presence, self._lost_share, covered_s)
+        return Receiving(traffic, self._presence, self._lost_share, covered_s, is_camera_off)
 
     @property
     def _lost_share(self) -> float:
@@ -107,7 +109,7 @@ class _Drawing:
         place = self._options.place
         if place is None:
             assert self._options.stream is not None
-            return CallReader(os.fdopen(self._options.stream, "rb"))
+            return StampedSource(CallReader(os.fdopen(self._options.stream, "rb")))
         options = CallOptions(
             connect=(place.connect,), call=place.name, connect_timeout_s=place.timeout_s
         )
@@ -126,15 +128,15 @@ class _Drawing:
         self.recorder.forget()
         self._losses.clear()
         source = MeteredSource(opened, self._meter, self._note)
+        self._thinning = Thinning(self._options.fps, time.monotonic)
         options, sound = CallOptions(), None
         stop = self._part.is_over.is_set
         try:
-            thinning = Thinning(self._options.fps, time.monotonic)
 
             def wants(index: int) -> bool:
                 assert self._pictures is not None
                 call = self._pictures.sender
-                return thinning.wants(index, call.fps, packet_s(call))
+                return self._thinning.wants(index, call.fps, packet_s(call))
 
             with CallPictures(options, stop, source=source, wants=wants) as pictures:
                 self._pictures = pictures
@@ -153,9 +155,10 @@ class _Drawing:
         finally:
             self._pictures = None
 
-    def _note(self, packet: bytes) -> None:
+    def _note(self, arrival: Arrival) -> None:
         self._presence = Presence.HERE
-        self.recorder.add(packet)
+        self._thinning.arrival_s = arrival.time_s
+        self.recorder.add(arrival.data)
 
     def _draw_as(self, face: Path | None) -> None:
         self._face = face
@@ -165,7 +168,9 @@ class _Drawing:
     def _show(self, frame: DrawnFrame) -> None:
         jpeg = encoded_picture(frame.picture)
         made_ms = 1000 * time.time()
-        self._part.send(Drawn(frame.index, float(frame.time_s), made_ms, frame.frozen, jpeg))
+        self._part.send(
+            Drawn(frame.index, float(frame.time_s), made_ms, frame.frozen, frame.lost, jpeg)
+        )
 
     def _speak(self, sound: SoundTrack, pictures: CallPictures, first: int, index: int) -> None:
         """Send the sound that is known up to a picture.  first: the first picture."""

@@ -182,12 +182,17 @@ class _LiveCall:
         sending, receiving = self._sending, self._receiving
         presence = Presence.AWAITED if receiving is None else receiving.presence
         name, is_listening = self._options.name, self._options.listen is not None
-        words = state_words(name, is_listening, self._has_picture, sending, presence)
+        is_camera_off = receiving is not None and receiving.is_camera_off
+        words = state_words(name, is_listening, self._has_picture, sending, presence, is_camera_off)
         self._page.tell(
             "state", name=name, text=words.text, over=words.over, trouble=words.is_trouble
         )
+        begun_s = None if sending is None else sending.begun_s
         self._page.tell(
-            "costs", text=cost_words(sending, receiving), delay_ms=delay_ms(sending, receiving)
+            "costs",
+            text=cost_words(sending, receiving),
+            delay_ms=delay_ms(sending, receiving),
+            begun_ms=None if begun_s is None else 1000 * (begun_s - self._epoch_s),
         )
 
     # What the parts say.
@@ -286,5 +291,5 @@ class _LiveCall:
 
 def _picture(stream: Stream, drawn: Drawn) -> PictureMessage:
     return PictureMessage(
-        stream, drawn.index, drawn.time_s, drawn.made_ms, drawn.jpeg, drawn.frozen
+        stream, drawn.index, drawn.time_s, drawn.made_ms, drawn.jpeg, drawn.frozen, drawn.lost
     )

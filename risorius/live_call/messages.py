@@ -111,13 +111,14 @@ class Drawn:
     """A picture that has been drawn, a JPEG file.
 
     index, time_s: of its source frame, in the call.  made_ms: when it was drawn, ms since 1970.
-    frozen: it repeats an older face.
+    frozen: it repeats an older face; lost: since nothing has come.
     """
 
     index: int
     time_s: float
     made_ms: float
     frozen: bool
+    lost: bool
     jpeg: bytes
 
 
@@ -150,6 +151,7 @@ class Sending:
     loss, round_trip_s: see `LinkQuality`.
     face: what has been sent of the face, in words.
     pictures_per_second: of the camera, that were coded.
+    begun_s: when source frame 0 was taken; None: not yet.
     """
 
     traffic: Traffic
@@ -158,6 +160,7 @@ class Sending:
     round_trip_s: float | None
     face: str
     pictures_per_second: float
+    begun_s: float | None = None
 
 
 class Presence(StrEnum):
@@ -175,12 +178,14 @@ class Receiving:
 
     lost: share of the packets that did not come in time, of late.  packet_s: time that a packet
     covers.
+    is_camera_off: the other person has switched the camera off.
     """
 
     traffic: Traffic
     presence: Presence
     lost: float
     packet_s: float
+    is_camera_off: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,10 +13,10 @@ from encoder.runtime.parallel import short_switch_interval
 from protocol.link.interface import PacketSink, ignore_message
 from risorius.live_call.devices import Devices
 from risorius.live_call.messages import Record, Sending, SendingOptions, Trouble
+from risorius.live_call.packets.recorder import CallRecorder
+from risorius.live_call.packets.sent_face import SentFace
+from risorius.live_call.packets.traffic_meter import MeteredSink, TrafficMeter
 from risorius.live_call.part_connection import PartConnection
-from risorius.live_call.recorder import CallRecorder
-from risorius.live_call.sent_face import SentFace
-from risorius.live_call.traffic_meter import MeteredSink, TrafficMeter
 from shared_model.errors import UserError
 
 
@@ -31,7 +31,7 @@ def run(part: PartConnection, options: SendingOptions) -> None:
         stack.callback(recorder.close)
         devices = stack.enter_context(Devices(options))
         part.in_background(lambda: _obey(part, devices, recorder))
-        sent = _Sent(options, recorder, stack)
+        sent = _Sent(options, devices, recorder, stack)
         part.every_second(sent.figures)
         capture = devices.capture()
         if capture is None:
@@ -62,7 +62,9 @@ def _obey(part: PartConnection, devices: Devices, recorder: CallRecorder) -> Non
 class _Sent:
     """What goes over the link.  Raises `UserError` if that cannot be made."""
 
-    def __init__(self, options: SendingOptions, recorder: CallRecorder, stack: ExitStack) -> None:
+    def __init__(
+        self, options: SendingOptions, devices: Devices, recorder: CallRecorder, stack: ExitStack
+    ) -> None:
         monitor = None
         if options.monitor is not None:
             monitor = stack.enter_context(os.fdopen(options.monitor, "wb", buffering=0))
@@ -75,7 +77,7 @@ class _Sent:
             low_delay=options.low_delay,
             live=True,
         )
-        self.stats = SessionStats()
+        self.stats, self._devices = SessionStats(), devices
         self._face, self._meter, self._recorder = SentFace(), TrafficMeter(), recorder
         opened = open_packet_sink(self.options, stack, ignore_message)
         self.sink: PacketSink = MeteredSink(opened, self._meter, self._note)
@@ -97,6 +99,7 @@ class _Sent:
             round_trip_s=quality.round_trip_s,
             face=self._face.words,
             pictures_per_second=rate,
+            begun_s=self._devices.begun_s,
         )
 
     def _note(self, packet: bytes) -> None:

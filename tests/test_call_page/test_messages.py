@@ -22,7 +22,7 @@ MESSAGE = PictureMessage(Stream.SELF, 70000, 2333.5, 1.8e12, b"\xff\xd8jpeg", fr
 SOUND = SoundMessage(Stream.MICROPHONE, 48000, 12.25, 1.8e12, b"\1\2\3\4")
 
 
-@pytest.mark.parametrize("message", [MESSAGE, SOUND])
+@pytest.mark.parametrize("message", [MESSAGE, replace(MESSAGE, lost=True), SOUND])
 def test_pictures_and_sound_come_back_as_they_were(message: PictureMessage | SoundMessage) -> None:
     assert parse_message(serialise_message(message)) == message
 
@@ -47,6 +47,6 @@ def test_the_header_is_as_described() -> None:
 def test_what_is_no_message_is_refused() -> None:
     data = serialise_picture(MESSAGE)
     too_long = serialise_picture(replace(MESSAGE, jpeg=bytes(MAX_JPEG_BYTES + 1)))
-    for damaged in (b"", data[:24], b"\x09" + data[1:], data[:1] + b"\x02" + data[2:], too_long):
+    for damaged in (b"", data[:24], b"\x09" + data[1:], data[:1] + b"\x03" + data[2:], too_long):
         with pytest.raises(ProtocolError):
             parse_picture(damaged)

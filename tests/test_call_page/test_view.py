@@ -11,10 +11,10 @@ from urllib.parse import urlsplit
 import cv2
 import numpy as np
 import pytest
-from browser import Browser, find_browser
 from conftest import PROGRAM, ROOT, Start
 from processes import finish
 
+from loopback.browser import Browser, find_browser
 from protocol.call_file import MAGIC, CallReader
 from protocol.call_records import RecordWriter
 

@@ -142,6 +142,16 @@ def test_lost_face_is_frozen_without_packets_for_longer_than_the_sequence_number
     assert sum(frame.frozen for frame in played) == 98
 
 
+def test_a_camera_that_is_off_changes_no_face() -> None:
+    playout = Playout()
+    packets = [sample(0), sample(1), control(ControlKind.CAMERA_OFF, 40), sample(2), sample(3)]
+    played = play([model((10, 1)), *packets], playout)
+    assert jaw(played) == pytest.approx([0, 1, 2, 3]) and playout.is_camera_off
+    assert not any(frame.frozen for frame in played)
+    assert play([control(ControlKind.CAMERA_ON, 90)], playout) == []
+    assert not playout.is_camera_off
+
+
 def test_call_that_ends_without_a_face_holds_the_last_one() -> None:
     packets = [sample(0), control(ControlKind.FACE_LOST, 1), control(ControlKind.END, 30)]
     played = play([model((10, 1)), *packets])

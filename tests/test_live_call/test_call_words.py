@@ -41,6 +41,11 @@ def test_the_state_is_said_in_words(
     assert bool(words.over) == (not has_picture)
 
 
+def test_a_camera_that_is_off_is_said_to_be() -> None:
+    words = state_words("anna", True, True, LINKED, Presence.HERE, is_camera_off=True)
+    assert words.text == "camera off" and not words.over
+
+
 def test_the_cost_counts_what_a_second_takes_with_the_headers_of_ip() -> None:
     words = cost_words(SENDING, RECEIVING)
     assert "up 800 bit/s" in words and "down 1\u202f000 bit/s" in words

@@ -16,11 +16,12 @@ from urllib.parse import urlsplit
 import cv2
 import numpy as np
 import pytest
-from browser import Browser, find_browser
 from conftest import MakeOnce, Start
 from processes import finish, wait_until
 from shots import draw, talking
 from sounds import voiced_sound, write_wave
+
+from loopback.browser import Browser, find_browser
 
 aiohttp = pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 pytest.importorskip("pycodec2", reason="needs pycodec2: pip install '.[voice]'")
@@ -165,8 +166,9 @@ def switch_off(browser: Browser, watcher: Watcher, second: "subprocess.Popen[str
     for name in ("mute", "camera-off"):
         browser.click(f"#{name}")
         browser.wait(f"el('{name}').getAttribute('aria-pressed') == 'true'")
+    until(lambda: watcher.said("state", "text", "camera off"), second)
     seen = len(watcher.pictures)
-    until(lambda: len(watcher.pictures) > seen + 30, second)
+    until(lambda: len(watcher.pictures) > seen + 10, second)
 
 
 def record_and_reload(browser: Browser, watcher: Watcher, second: Any, folder: Path) -> None:

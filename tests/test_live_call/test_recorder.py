@@ -7,7 +7,7 @@ from layer_streams import BASE, frames
 
 from protocol.call_file import CallReader
 from protocol.packets import serialise
-from risorius.live_call.recorder import CallRecorder
+from risorius.live_call.packets.recorder import CallRecorder
 
 MODEL = serialise(replace(BASE, version=0, version_count=1))
 PACKETS = frames(6, model=replace(BASE, version=0, version_count=1))

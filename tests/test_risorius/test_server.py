@@ -14,11 +14,11 @@ from urllib.parse import urlsplit
 import cv2
 import numpy as np
 import pytest
-from browser import Browser, find_browser
 from call_files import call_file
 from conftest import PROGRAM, ROOT, Start
 from numpy.typing import NDArray
 
+from loopback.browser import Browser, find_browser
 from risorius.animation.animation_script import AnimationState
 from risorius.view.server import RequestQueue
 from risorius.view.view_state import page_description, state_from_query

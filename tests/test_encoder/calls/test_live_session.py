@@ -146,6 +146,10 @@ def test_frames_that_a_camera_left_out_are_filled_and_a_camera_that_is_off_goes_
     shown = played(path)
     assert [frame.index for frame in shown] == list(range(end))
     assert not any(frame.frozen for frame in shown)
+    news = [
+        each for each in map(parse_packet, raw_packets(path)) if isinstance(each, ControlPacket)
+    ]
+    assert ControlPacket(0, ControlKind.CAMERA_OFF, off) in news
     jaw = [frame.face.eau[EAU_INDEX["jaw_drop"]] for frame in shown]
     assert max(jaw[:off]) > 0.2 and abs(jaw[-1]) < 0.05
     # Two frames between two others lie between them, too.

@@ -74,13 +74,13 @@ class MeteredSink:
 class MeteredSource:
     """A `PacketSource` that counts what comes out of another one.
 
-    on_packet: called with each packet.
+    on_arrival: called with each packet.
     """
 
     def __init__(
-        self, source: PacketSource, meter: TrafficMeter, on_packet: Callable[[bytes], None]
+        self, source: PacketSource, meter: TrafficMeter, on_arrival: Callable[[Arrival], None]
     ) -> None:
-        self._source, self._meter, self._on_packet = source, meter, on_packet
+        self._source, self._meter, self._on_arrival = source, meter, on_arrival
 
     @property
     def complete(self) -> bool:
@@ -97,7 +97,7 @@ class MeteredSource:
         arrival = self._source.receive(timeout_s)
         if arrival is not None:
             self._meter.add(len(arrival.data))
-            self._on_packet(arrival.data)
+            self._on_arrival(arrival)
         return arrival
 
     def __iter__(self) -> Iterator[bytes]:

@@ -1,0 +1,1 @@
+"""What happens to the packets of a call on their way: counted, stamped, recorded."""

@@ -1,0 +1,1 @@
+"""Measures how late a live call is seen and heard."""
