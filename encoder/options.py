@@ -22,7 +22,8 @@ class EncodeOptions:
     profile: "thesis" or "default".
     bitrate: bits per second that frame packets take (default profile).
     startup_bitrate: bits per second of all packets together while the model is sent in layers
-        (default profile), above `bitrate`; None: the model is sent whole, at once.
+        (default profile), above `bitrate`; None: what a thin link carries, else the model is sent
+        whole, at once.
     fps: code about this many frames a second (default profile), see `gop_for_fps`; None: all.
     low_delay: packets of half as many frames (default profile).
     live: one pass, as if the source were a camera (default profile).

@@ -23,7 +23,8 @@ from encoder.calls.two_pass_session import TwoPassEncoder, send_call
 from encoder.capture.video_source import Capture, open_source
 from encoder.coding.gop import GopStructure, gop_for_fps
 from encoder.coding.model_packet import budget_for
-from encoder.coding.pacer import LayerPacer
+from encoder.coding.pacer import MIN_FRAGMENT_BYTES, LayerPacer
+from encoder.coding.thin_link import LAYER_BYTES, THIN_BPS, startup_rate
 from encoder.live_model.learner import LocalLearner
 from encoder.live_model.learning_process import LearningProcess
 from encoder.live_model.warm_up import warm_up
@@ -111,8 +112,9 @@ def encode_live(
     voice: VoicePacker | None = None,
 ) -> None:
     """Fit, code and send every frame as it comes."""
-    packets = PacketSender(sink, stats, _pacer(options), capture.times, voice)
     gop = _gop(options, capture)
+    pacer = _pacer(options, sink, gop, capture)
+    packets = PacketSender(sink, stats, pacer, capture.times, voice)
     # A source that waits for its reader can wait for the training, too.
     realtime = options.pace or capture.is_live
     with closing(LearningProcess(stats.warn) if realtime else LocalLearner()) as learner:
@@ -145,7 +147,8 @@ def encode_two_pass(
     voice: VoicePacker | None = None,
 ) -> None:
     """Go through the whole source twice, then code and send the call."""
-    packets = PacketSender(sink, stats, _pacer(options), capture.times, voice)
+    pacer = _pacer(options, sink, _gop(options, capture), capture)
+    packets = PacketSender(sink, stats, pacer, capture.times, voice)
     encoder = first_and_second_pass(options, capture, stats, callbacks)
     call = encoder.encode(options.bitrate, progressive=packets.pacer is not None)
     if options.pace:
@@ -253,10 +256,18 @@ def _gop(options: EncodeOptions, capture: Capture) -> GopStructure:
     return gop.with_low_delay() if options.low_delay else gop
 
 
-def _pacer(options: EncodeOptions) -> LayerPacer | None:
-    if options.startup_bitrate is None:
+def _pacer(
+    options: EncodeOptions, sink: PacketSink, gop: GopStructure, capture: Capture
+) -> LayerPacer | None:
+    """Sends the model in layers where the link is thin, or the user says so; None: whole."""
+    packets_per_s = float(gop.coded_fps(capture.fps)) / gop.frames_per_packet
+    link_bps, limit_bps = sink.quality.rate_bps, options.startup_bitrate
+    rate_bps = startup_rate(link_bps, limit_bps, options.bitrate, packets_per_s)
+    if rate_bps is None:
         return None
-    return LayerPacer(options.startup_bitrate, options.bitrate)
+    is_thin = link_bps is not None and link_bps < THIN_BPS
+    fragment_bytes = LAYER_BYTES if is_thin else MIN_FRAGMENT_BYTES
+    return LayerPacer(rate_bps, options.bitrate, fragment_bytes)
 
 
 def _open_voice(options: EncodeOptions, stats: SessionStats) -> VoicePacker | None:

@@ -126,7 +126,7 @@ class PacketSender:
         if self._pacer is not None and self._pacer.pending_items:
             self._stats.warn(
                 f"the call ended with {self._pacer.pending_items} pictures of its model not sent:"
-                " it was too short for --startup-bitrate"
+                f" it was too short for {self._pacer.bitrate:.0f} bit/s"
             )
 
     def _send_model_part(self, packet: ModelPacket | LayerPacket) -> int:

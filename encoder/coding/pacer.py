@@ -18,17 +18,29 @@ class LayerPacer:
 
     A base layer is sent at once and leaves a debt; unused credit expires.
     bitrate: bits per second of all packets.  frames_bitrate: of the frame packets.
+    min_fragment_bytes: of a layer packet, unless it is the end of an item.
     Raises `ValueError` if `bitrate` is not larger.
     """
 
-    def __init__(self, bitrate: float, frames_bitrate: float = 0.0) -> None:
+    def __init__(
+        self,
+        bitrate: float,
+        frames_bitrate: float = 0.0,
+        min_fragment_bytes: int = MIN_FRAGMENT_BYTES,
+    ) -> None:
         if not bitrate > frames_bitrate:
             raise ValueError(
                 f"startup bitrate is {bitrate:g}, expected more than the frames' {frames_bitrate:g}"
             )
         self._bitrate, self._credit = bitrate, 0.0
+        self._min_fragment_bytes = min_fragment_bytes
         self._model_version, self._next_number, self._item_count, self._added_modes = 0, 0, 0, 0
         self._pending: list[bytes] = []
+
+    @property
+    def bitrate(self) -> float:
+        """Bits per second of all packets."""
+        return self._bitrate
 
     @property
     def pending_items(self) -> int:
@@ -68,13 +80,13 @@ class LayerPacer:
     def packets_due(self, seconds: float) -> list[LayerPacket]:
         """The layer packets to send now.  seconds: since the last call."""
         earned = self._bitrate * seconds
-        max_credit = max(earned, 8 * (MIN_FRAGMENT_BYTES + LAYER_OVERHEAD_BYTES))
+        max_credit = max(earned, 8 * (self._min_fragment_bytes + LAYER_OVERHEAD_BYTES))
         self._credit = min(self._credit + earned, max_credit)
         packets = list[LayerPacket]()
         while self._pending:
             free_bytes = int(self._credit / 8) - LAYER_OVERHEAD_BYTES
             fragment = self._pending[0][: min(max(free_bytes, 0), MAX_LAYER_BYTES)]
-            if len(fragment) < min(MIN_FRAGMENT_BYTES, len(self._pending[0])):
+            if len(fragment) < min(self._min_fragment_bytes, len(self._pending[0])):
                 break
             packets.append(LayerPacket(self._model_version, self._next_number, fragment))
             self._next_number += 1

@@ -19,7 +19,7 @@ from shared_model.errors import LINK_FAILED, UserError
 # How long the end of a call is repeated to decoders that say nothing new.
 LINGER_S = 4.0
 # How long a decoder that is present is waited for until it has measured the link.
-MEASURE_S = 2.0
+MEASURE_S = 4.0
 # How long the other encoder of a call is given to be gone.
 BUSY_PATIENCE_S = 4.0
 
@@ -90,8 +90,13 @@ class LinkSink(LinkEnd):
                 raise UserError(f"no decoder came within {timeout_s:g} s{why}", LINK_FAILED)
             sleep(POLL_S / 5)
         measured_s = monotonic() + MEASURE_S
-        while self.quality.rate_bps is None and monotonic() < measured_s:
+        while not self._is_measured and monotonic() < measured_s:
             sleep(POLL_S / 5)
+
+    @property
+    def _is_measured(self) -> bool:
+        with self._service.lock:
+            return self._delivery.is_measured
 
     def send(self, packet: bytes) -> None:
         """Send one packet.  Raises `UserError` if the sink is closed."""

@@ -16,6 +16,8 @@ FILLED_S = 0.15
 # A piece counts as lost if one that was sent so much later has arrived.
 REORDERING_S = 0.06
 MIN_TIMEOUT_S, MAX_TIMEOUT_S = 0.25, 8.0
+# One measurement of a rate above this is enough.
+SURE_BPS = 64_000.0
 # How long the highest rate that was measured holds.
 RATE_MEMORY_S = 10.0
 
@@ -33,15 +35,22 @@ class PieceWindow:
     """The window of one decoder.
 
     round_trip_s, rate_bps: None before they are measured.
+    padded_trips: how often a padded message has measured the rate.
     """
 
     def __init__(self) -> None:
         self.round_trip_s: float | None = None
         self.rate_bps: float | None = None
+        self.padded_trips = 0
         self.delivered = 0
         self._size = START_WINDOW
         self._newest_s = float("-inf")  # when the newest piece that arrived was sent
         self._rate_s = float("-inf")
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether the rate is known: a low one might have been an accident."""
+        return self.padded_trips > 1 or (self.rate_bps or 0.0) > SURE_BPS
 
     @property
     def size(self) -> int:
@@ -56,8 +65,8 @@ class PieceWindow:
     def on_padded_round_trip(self, seconds: float, padding_bytes: int) -> None:
         """The same with so many bytes more one way: what the link carries, at least."""
         longer_s = max(seconds - (self.round_trip_s or 0.0), 0.004)
-        if self.rate_bps is None:
-            self.rate_bps = 8 * padding_bytes / longer_s
+        self.padded_trips += 1
+        self.rate_bps = max(self.rate_bps or 0.0, 8 * padding_bytes / longer_s)
 
     def on_piece(self, sent: Sent, size: int, now_s: float) -> None:
         """A piece of `size` bytes has been acknowledged."""

@@ -85,6 +85,11 @@ class DeliverySender:
         return LinkQuality(loss, max(trips, default=None), min(rates, default=None))
 
     @property
+    def is_measured(self) -> bool:
+        """Whether the rates of the links to all decoders are known."""
+        return all(peer.window.is_measured for peer in self._peers.values())
+
+    @property
     def delivered(self) -> bool:
         """Whether every decoder that is present has all items."""
         return not self.waiting_pieces(1)
@@ -163,8 +168,11 @@ class DeliverySender:
             self._asked_s, self._asks = now_s, self._asks + 1
             yield self.hello(now_s)
         for peer in peers:
-            unknown = peer.window.rate_bps is None and peer.window.round_trip_s is not None
-            if unknown and peer.probes < MAX_PROBES and now_s - peer.probed_s > LATER_ASK_S:
+            window = peer.window
+            if window.is_measured or window.round_trip_s is None or peer.probes == MAX_PROBES:
+                continue
+            pause_s = ASK_S if window.padded_trips == peer.probes else LATER_ASK_S
+            if now_s - peer.probed_s > pause_s:
                 peer.probed_s, peer.probes = now_s, peer.probes + 1
                 yield self._hello(now_s, peer.session, asks=True, padding=PADDING_BYTES)
 

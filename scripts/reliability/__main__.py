@@ -1,0 +1,248 @@
+"""Measures calls over a bad wire: python -m scripts.reliability FOLDER CLIP... [--only TEXT]
+
+CLIP: videos.  Encodes each once, sends the call over each link of `rows.ROWS` from one network
+namespace to another, and prints a table (Linux, root).  The ends are those of `encode` and `decode`
+without encoding and drawing: what arrives, when it does, is played out and drawn afterwards.  Every
+row that is measured stays in FOLDER; what is there is not measured again.
+
+first s: from the start of the encoder's end until the first picture can be drawn.  dB: PSNR of the
+face less that of the same call without a wire.  lost: pictures that stand for lost ones.  came:
+share of the frame packets; median, p95: their way from one end to the other, ms; those that never
+came count as the slowest.  back s: from the end of a cut, or the start of an end that had been
+killed, to the first new frame packet.  step: the largest movement of a point of the face from one
+picture to the next, as a multiple of that in the call without a wire.  bit/s: of IP, both ways, in
+the seconds after the model.
+"""
+
+import argparse
+import json
+import shutil
+import signal
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from loopback.bad_wire import BadWire, end
+from loopback.network_namespace import obstacle
+from loopback.report import Cell, table, write_json
+from loopback.simulated_link import sent_packets
+from protocol.link.interface import Arrival
+from scripts.command import run
+from scripts.loss_table import FacePsnr
+from scripts.reliability.figures import (
+    arrivals_of,
+    back_after_s,
+    delivery,
+    largest_step_px,
+    played,
+    read_log,
+)
+from scripts.reliability.rows import DECODER, ENCODER, ROWS, Row
+from shared_model.errors import UserError
+
+ADDRESSES, PORT = ("10.77.0.1", "10.77.0.2"), 7447
+ENDS = (sys.executable, "-m", "scripts.reliability.ends")
+ENCODE = (sys.executable, "-c", "from risorius.cli import main; exit(main())", "encode")
+# Bits a second at which a model in layers is recorded.
+LAYERS_BPS = 5500
+COLUMNS = (
+    *("link", "first s", "dB", "lost", "came %", "median", "p95", "back s", "step", "bit/s"),
+)
+POLL_S, LIMIT_S = 0.05, 150.0
+# The seconds of a call until its model is there, and its last ones, do not count for its rate.
+MODEL_S, END_S = 4, 2
+
+
+def main(argv: Sequence[str]) -> None:
+    """Measure what is not measured yet, and print the table."""
+    parser = argparse.ArgumentParser(
+        prog="reliability",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("folder", type=Path, metavar="FOLDER")
+    parser.add_argument("clips", nargs="+", type=Path, metavar="CLIP")
+    parser.add_argument("--only", default="", metavar="TEXT", help="rows whose name has it")
+    options = parser.parse_args(argv)
+    if reason := obstacle():
+        raise UserError(f"no wire can be made here: {reason}")
+    options.folder.mkdir(parents=True, exist_ok=True)
+    rows = [row for row in ROWS if options.only in row.name]
+    for clip in options.clips:
+        faces: list[FacePsnr] = []
+        found = [_figures(row, clip, options.folder, faces) for row in rows]
+        for each in faces:
+            each.close()
+        header = (
+            "link",
+            "first s",
+            "dB",
+            "lost",
+            "came %",
+            "median",
+            "p95",
+            "back s",
+            "step",
+            "bit/s",
+        )
+        print(f"\n{clip.name}\n")
+        print(table(header, [_cells(row, each) for row, each in zip(rows, found, strict=True)]))
+
+
+def _cells(row: Row, calls: Sequence[dict[str, Any]]) -> list[Cell]:
+    def worst(name: str, digits: int = 0) -> Cell:
+        values = [call[name] for call in calls if call[name] is not None]
+        return f"{max(values):.{digits}f}" if values else None
+
+    def mean(name: str, digits: int = 0) -> Cell:
+        values = [call[name] for call in calls if call[name] is not None]
+        return f"{statistics.mean(values):.{digits}f}" if values else None
+
+    return [
+        row.name,
+        worst("first_s", 1),
+        mean("change_db", 2),
+        mean("lost", 1),
+        mean("came", 1),
+        mean("median_ms"),
+        worst("p95_ms"),
+        worst("back_s", 1),
+        worst("step", 2),
+        mean("rate_bps"),
+    ]
+
+
+def _figures(row: Row, clip: Path, folder: Path, faces: list[FacePsnr]) -> list[dict[str, Any]]:
+    """Of each call of a row."""
+    call = _call_of(clip, folder, row.layers)
+    found = list[dict[str, Any]]()
+    for seed in range(1, row.seeds + 1):
+        name = "".join(c if c.isalnum() else "_" for c in f"{clip.stem} {row.name} {seed}")
+        report = folder / f"{name}.json"
+        if not report.exists():
+            logs = folder / name
+            shutil.rmtree(logs, ignore_errors=True)
+            logs.mkdir()
+            print(f"{clip.name}: {row.name}, {seed}", file=sys.stderr, flush=True)
+            traffic = _run(row, call, logs, seed)
+            write_json(report, _measure(row, call, clip, logs, traffic, faces))
+        found.append(json.loads(report.read_text("utf-8")))
+    return found
+
+
+def _call_of(clip: Path, folder: Path, layers: bool) -> Path:
+    """The clip as a call file."""
+    call = folder / f"{clip.stem}{'-layers' if layers else ''}.rzo"
+    if not call.exists():
+        startup = ["--startup-bitrate", str(LAYERS_BPS)] if layers else []
+        command = [*ENCODE, str(clip), "-o", str(call), "--voice", "off", "-q", *startup]
+        subprocess.run(command, check=True)
+    return call
+
+
+def _run(row: Row, call: Path, logs: Path, seed: int) -> dict[str, Any]:
+    """Make the call; when what happened, and the bytes of each second of both ends."""
+    place = row.endpoint.format(f"{ADDRESSES[DECODER]}:{PORT}")
+    starts = [0, 0]
+
+    with BadWire(ADDRESSES, row.faults, seed) as wire:
+        processes: dict[int, subprocess.Popen[bytes]] = {}
+
+        def start(host: int) -> None:
+            starts[host] += 1
+            log = logs / f"{host}-{starts[host]}.log"
+            arguments = ["send", call, log, place, row.repeats] if host else ["receive", log, place]
+            with log.with_suffix(".txt").open("wb") as output:
+                processes[host] = wire.hosts[host].run([*ENDS, *map(str, arguments)], output)
+
+        start(DECODER)
+        start(ENCODER)
+        wait_for(lambda: any(line["what"] == "met" for line in read_log(logs / "1-1.log")))
+        wire.restart_clock()
+        for each in wire.hosts:
+            each.traffic.bytes_by_second.clear()
+        began_s = time.monotonic()
+        events = list(row.events)
+        while (
+            events or any(p.poll() is None for p in processes.values())
+        ) and wire.now_s < LIMIT_S:
+            time.sleep(POLL_S)
+            while events and wire.now_s >= events[0].at_s:
+                event = events.pop(0)
+                if event.kills:
+                    end(processes[event.host], signal.SIGKILL)
+                else:
+                    start(event.host)
+        return {
+            "began_s": began_s,
+            "exit_codes": [processes[host].poll() for host in (DECODER, ENCODER)],
+            "bytes_by_second": [dict(host.traffic.bytes_by_second) for host in wire.hosts],
+        }
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Wait until a condition holds, or for `LIMIT_S`."""
+    end_s = time.monotonic() + LIMIT_S
+    while not condition() and time.monotonic() < end_s:
+        time.sleep(POLL_S)
+
+
+def _measure(
+    row: Row, call: Path, clip: Path, logs: Path, traffic: dict[str, Any], faces: list[FacePsnr]
+) -> dict[str, Any]:
+    sender = read_log(logs / f"{ENCODER}-1.log")
+    receiver = [line for path in sorted(logs.glob("0-*.log")) for line in read_log(path)]
+    started_s = max(line["t"] for line in (sender[0], receiver[0]))
+    met = next((line for line in sender if line["what"] == "met"), None)
+    arrivals = arrivals_of(receiver)
+    shown, first_s = played(arrivals)
+    sent = sent_packets(call)
+    clean, _ = played([Arrival(each.data, each.sent_s, 0, each.number) for each in sent])
+    figures: dict[str, Any] = {
+        "row": asdict(row),
+        "exit_codes": traffic["exit_codes"],
+        "link_rate_bps": met and met["rate_bps"],
+        "first_s": _finite(first_s - started_s),
+        "lost": sum(each.frame.lost for each in shown),
+        "rate_bps": _rate_bps(traffic["bytes_by_second"]),
+        **dict.fromkeys(("change_db", "came", "median_ms", "p95_ms", "back_s", "step")),
+    }
+    if row.repeats == 1:
+        figures["step"] = largest_step_px(shown) / largest_step_px(clean)
+    if not row.events:
+        way = delivery(sender, receiver)
+        figures |= {"came": 100 * way.came, "median_ms": _finite(way.median_ms)}
+        figures["p95_ms"] = _finite(way.p95_ms)
+        if row.repeats == 1:
+            figures["change_db"] = _change_db(shown, clean, clip, faces)
+    since = [cut[1] for cut in row.faults.cuts] + [x.at_s for x in row.events if not x.kills]
+    if since:
+        figures["back_s"] = _finite(back_after_s(receiver, traffic["began_s"] + since[0]))
+    return figures
+
+
+def _change_db(shown: Any, clean: Any, clip: Path, faces: list[FacePsnr]) -> float:
+    if not faces:
+        faces.append(FacePsnr(str(clip), len(clean)))
+    return faces[0].mean_db(shown) - faces[0].mean_db(clean)
+
+
+def _rate_bps(by_second: Sequence[dict[int, int]]) -> float | None:
+    last = min((max(each, default=0) for each in by_second), default=0)
+    seconds = range(MODEL_S, last - END_S)
+    if not seconds:
+        return None
+    return 8 * sum(each.get(s, 0) for each in by_second for s in seconds) / len(seconds)
+
+
+def _finite(value: float) -> float | None:
+    return value if value < float("inf") else None
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,125 @@
+"""Figures of a measured call, from the logs of its ends."""
+
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from decoder.playout import PlayoutFrame
+from decoder.reception.call_playout import CallPlayout
+from decoder.scene import face_from_model, head_of
+from loopback.simulated_link import SentPacket
+from protocol.errors import ProtocolError
+from protocol.link.interface import Arrival
+from protocol.packets import PacketKind, packet_kind
+from scripts.loss_table import Played
+from shared_model.geometry import pixel_from_head
+
+Line = dict[str, Any]
+
+
+def read_log(path: Path) -> list[Line]:
+    """The lines of an end's log; one that was killed may have left half a line."""
+    lines = path.read_text("utf-8").splitlines() if path.exists() else []
+    return [json.loads(line) for line in lines if line.endswith("}")]
+
+
+@dataclass(frozen=True, slots=True)
+class Delivery:
+    """What became of the frame packets.
+
+    came: share that arrived.  median_ms, p95_ms: one-way time; one that never came takes for ever.
+    """
+
+    sent: int
+    came: float
+    median_ms: float
+    p95_ms: float
+
+
+def delivery(sender: Sequence[Line], receiver: Sequence[Line]) -> Delivery:
+    """Of one start of each end."""
+    sent = {line["number"]: line["t"] for line in sender if line["what"] == "sent"}
+    came = {line["number"]: line["t"] for line in receiver if _is_frame(line)}
+    times = [came[n] - sent[n] if n in came else float("inf") for n in sent]
+    share = sum(n in came for n in sent) / len(sent)
+    median, p95 = (_percentile(times, q) for q in (0.5, 0.95))
+    return Delivery(len(sent), share, 1000 * median, 1000 * p95)
+
+
+def _percentile(values: Sequence[float], share: float) -> float:
+    return sorted(values)[min(int(share * len(values)), len(values) - 1)]
+
+
+def arrivals_of(receiver: Sequence[Line]) -> list[Arrival]:
+    """What the decoder's end of the link gave out."""
+    return [
+        Arrival(bytes.fromhex(line["data"]), line["t"], line["session"], line["number"])
+        for line in receiver
+        if line["what"] == "came"
+    ]
+
+
+def back_after_s(receiver: Sequence[Line], since_s: float) -> float:
+    """How long after a time the first frame packet came that is newer than all before."""
+    newest = max((_order(x) for x in receiver if _is_frame(x) and x["t"] <= since_s), default=None)
+    later = [x for x in receiver if _is_frame(x) and x["t"] > since_s]
+    fresh = [x["t"] - since_s for x in later if newest is None or _order(x) > newest]
+    return min(fresh, default=float("inf"))
+
+
+def _order(line: Line) -> tuple[int, int]:
+    return line["session"], line["number"]
+
+
+def _is_frame(line: Line) -> bool:
+    is_packet = line["what"] == "came"
+    return is_packet and packet_kind(bytes.fromhex(line["data"])) is PacketKind.FRAME
+
+
+def played(arrivals: Sequence[Arrival]) -> tuple[list[Played], float]:
+    """What a decoder shows of arrivals, and when the first picture can be drawn."""
+    playout, shown, first_s = CallPlayout(), list[Played](), float("inf")
+    for arrival in arrivals:
+        while (due_s := playout.release_s) is not None and due_s < arrival.time_s:
+            shown += _shown(playout, playout.poll(due_s))
+        shown += _shown(playout, playout.receive(arrival))
+        if shown:
+            first_s = min(first_s, arrival.time_s)
+    while (due_s := playout.release_s) is not None:
+        shown += _shown(playout, playout.poll(due_s))
+    return shown, first_s
+
+
+def _shown(playout: CallPlayout, frames: Iterator[PlayoutFrame]) -> list[Played]:
+    shown = list[Played]()
+    with suppress(ProtocolError):
+        for frame in frames:
+            assert playout.model is not None
+            shown.append(Played(frame, playout.model))
+    return shown
+
+
+def largest_step_px(shown: Sequence[Played]) -> float:
+    """The farthest that a point of the face moves from one picture to the next."""
+    if not shown:
+        return 0.0
+    model = shown[0].model
+    face, camera = face_from_model(model, head_of(model)), model.call.camera
+    points = face.at_vertices(np.arange(0, len(face.neutral), 7))
+    places = [
+        pixel_from_head(camera, each.frame.face.pose, points.animate(each.frame.face.eau))
+        for each in shown
+    ]
+    steps = [np.linalg.norm(b - a, axis=1).max() for a, b in pairwise(places)]
+    return float(max(steps, default=0.0))
+
+
+def clean_arrivals(sent: Sequence[SentPacket]) -> list[Arrival]:
+    """The packets as a link without faults gives them out."""
+    return [Arrival(each.data, each.sent_s, 0, each.number) for each in sent]
