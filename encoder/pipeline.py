@@ -261,7 +261,9 @@ def _pacer(
 ) -> LayerPacer | None:
     """Sends the model in layers where the link is thin, or the user says so; None: whole."""
     packets_per_s = float(gop.coded_fps(capture.fps)) / gop.frames_per_packet
-    link_bps, limit_bps = sink.quality.rate_bps, options.startup_bitrate
+    # A lossless call waits for the link, whatever that carries.
+    link_bps = None if options.lossless else sink.quality.rate_bps
+    limit_bps = options.startup_bitrate
     rate_bps = startup_rate(link_bps, limit_bps, options.bitrate, packets_per_s)
     if rate_bps is None:
         return None

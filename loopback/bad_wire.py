@@ -73,16 +73,16 @@ class Lane:
         self._losing = False
         self._free_s = 0.0  # when the packets before have been sent
 
-    def carry(self, size: int, now_s: float) -> tuple[float, ...]:
+    def carry(self, size: int, now_s: float, since_s: float = 0.0) -> tuple[float, ...]:
         """When a packet of `size` bytes sent at `now_s` arrives: never, once or twice.
 
-        now_s: seconds since the wire began to carry, never less than before.
+        now_s: seconds, never less than before.  since_s: the time from which cuts are counted.
         """
         faults = self._faults
         # All chances are drawn for each packet: its fate does not hang on that of others.
         lost, twice = self._is_lost(), self._random.random() < faults.duplicates
         late = [self._random.uniform(-faults.jitter_ms, faults.jitter_ms) for _ in range(2)]
-        if lost or any(start <= now_s < end for start, end in faults.cuts):
+        if lost or any(start <= now_s - since_s < end for start, end in faults.cuts):
             return ()
         sent_s = now_s
         if faults.rate_bps:
@@ -183,7 +183,7 @@ class BadWire:
 
     @property
     def now_s(self) -> float:
-        """Seconds since it began to carry."""
+        """Seconds since it began to carry, or since `restart_clock`."""
         return time.monotonic() - self._began_s
 
     def restart_clock(self) -> None:
@@ -205,7 +205,7 @@ class BadWire:
 
     def _carry(self) -> None:
         while not self._ending.is_set():
-            due_s = self._flying[0][0] - self.now_s if self._flying else _TICK_S
+            due_s = self._flying[0][0] - time.monotonic() if self._flying else _TICK_S
             ready, _, _ = select.select(list(self._lanes), [], [], min(max(due_s, 0.0), _TICK_S))
             for tun in ready:
                 _drain(tun, lambda packet, tun=tun: self._take(tun, packet))  # type: ignore[misc]
@@ -215,9 +215,10 @@ class BadWire:
         if packet[0] >> 4 != _IP_VERSION:
             # The kernel's search for IPv6 neighbours.
             return
-        now_s, traffic = self.now_s, self._by_tun[tun].traffic
-        traffic.count(len(packet), now_s)
-        arrivals = self._lanes[tun].carry(len(packet), now_s)
+        # Packets on their way do not know of a restarted clock.
+        time_s, began_s, traffic = time.monotonic(), self._began_s, self._by_tun[tun].traffic
+        traffic.count(len(packet), time_s - began_s)
+        arrivals = self._lanes[tun].carry(len(packet), time_s, began_s)
         traffic.lost += not arrivals
         for target in self._targets(tun, packet):
             for arrival_s in arrivals:
@@ -232,7 +233,7 @@ class BadWire:
         return [host.tun for host in others if to_all or host.address == address]
 
     def _deliver(self) -> None:
-        while self._flying and self._flying[0][0] <= self.now_s:
+        while self._flying and self._flying[0][0] <= time.monotonic():
             _, _, tun, packet = heapq.heappop(self._flying)
             try:
                 os.write(tun, packet)

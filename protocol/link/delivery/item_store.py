@@ -24,6 +24,14 @@ class Item:
         return max(1, piece_count(len(self.packet)))
 
 
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """The pieces of an item.  first: see `messages.Piece.number`."""
+
+    first: int
+    pieces: tuple[PieceKey, ...]
+
+
 NOT_NEEDED = Item(0, b"")
 
 
@@ -59,14 +67,13 @@ class ItemStore:
         data = item.packet[index * PIECE_BYTES :][:PIECE_BYTES]
         return Piece(channel, number, item.number, len(item.packet), index, data)
 
-    def add(self, packet: bytes, frames: int) -> None:
-        """Add a packet.  frames: number of the next frame packet."""
+    def add(self, packet: bytes, frames: int) -> Placed:
+        """Add a packet; where it is.  frames: number of the next frame packet."""
         kind = packet_kind(packet)
         self._models.on_sent(packet)
         if self._keeps_all or kind is PacketKind.CONTROL:
-            self._append(Channel.ORDERED, Item(frames, packet))
-        else:
-            self._append(Channel.UNORDERED, Item(_first_frame(packet, frames), packet))
+            return self._append(Channel.ORDERED, Item(frames, packet))
+        return self._append(Channel.UNORDERED, Item(_first_frame(packet, frames), packet))
 
     def on_frame(self, packet: bytes) -> None:
         """A frame packet is sent: what it makes superfluous is dropped."""
@@ -75,9 +82,11 @@ class ItemStore:
         if self._models.packets != before:
             self._adopt(self._models.packets)
 
-    def _append(self, channel: Channel, item: Item) -> None:
-        self._items[channel][self._end[channel]] = item
+    def _append(self, channel: Channel, item: Item) -> Placed:
+        number = self._end[channel]
+        self._items[channel][number] = item
         self._end[channel] += 1
+        return Placed(item.number, tuple((channel, number, i) for i in range(item.pieces)))
 
     def _adopt(self, packets: tuple[bytes, ...]) -> None:
         """Keep these model and layer packets only; a model may have got pictures."""

@@ -16,8 +16,8 @@ FILLED_S = 0.15
 # A piece counts as lost if one that was sent so much later has arrived.
 REORDERING_S = 0.06
 MIN_TIMEOUT_S, MAX_TIMEOUT_S = 0.25, 8.0
-# One measurement of a rate above this is enough.
-SURE_BPS = 64_000.0
+# One measurement of a rate above this is enough, else so many.
+SURE_BPS, SURE_TRIPS = 64_000.0, 3
 # How long the highest rate that was measured holds.
 RATE_MEMORY_S = 10.0
 
@@ -50,7 +50,7 @@ class PieceWindow:
     @property
     def is_measured(self) -> bool:
         """Whether the rate is known: a low one might have been an accident."""
-        return self.padded_trips > 1 or (self.rate_bps or 0.0) > SURE_BPS
+        return self.padded_trips >= SURE_TRIPS or (self.rate_bps or 0.0) > SURE_BPS
 
     @property
     def size(self) -> int:

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from itertools import islice
 
-from protocol.link.delivery.item_store import ItemStore
+from protocol.link.delivery.item_store import ItemStore, Placed
 from protocol.link.delivery.piece_schedule import Peer, PieceSchedule
 from protocol.link.interface import LinkQuality
 from protocol.link.messages import (
@@ -34,6 +34,8 @@ LOSSY, TWICE_S = 0.1, 0.03
 PEER_GONE_S, PEER_SILENT_S = 8.0, 4.0
 # How often the other end is asked who has never answered, first and later; who has become silent.
 ASK_S, LATER_ASK_S, FIRST_ASKS = 0.25, 1.0, 20
+# How long the frame packets of an update wait until the decoders have it.
+UPDATE_PATIENCE_S = 3.0
 # How often one decoder is answered.
 ANSWER_S = 0.15
 # Bytes that a HELLO is padded with to measure the link, and how often that is tried.
@@ -58,6 +60,10 @@ class DeliverySender:
         self._session, self._lossless, self._on_peer = session, lossless, on_peer
         self._items = ItemStore(keeps_all=lossless)
         self._frames = 0
+        self._frames_due: deque[tuple[int, bytes]] = deque()
+        self._has_model = False
+        self._update: Placed | None = None  # a model that no frame packet has been sent of
+        self._held_s: float | None = None  # since when frame packets wait for it
         self._history: deque[tuple[int, bytes]] = deque(maxlen=HISTORY)
         self._repeated_s: dict[int, float] = {}
         self._later: deque[tuple[float, bytes]] = deque()
@@ -107,14 +113,15 @@ class DeliverySender:
         """Take the next packet of the call.  Raises `ProtocolError` if it is invalid."""
         self._has_ended = self._has_ended or is_end(packet)
         if packet_kind(packet) is not PacketKind.FRAME:
-            self._items.add(packet, self._frames)
+            first = self._items.add(packet, self._frames)
+            if packet_kind(packet) is PacketKind.MODEL and not self._lossless:
+                self._update = first if self._has_model else None
+                self._has_model, self._held_s = True, None
             return
         if self._lossless:
             self._items.add(packet, self._frames)
         else:
-            self._items.on_frame(packet)
-            self._history.append((self._frames, packet))
-            self._out.append(packet)
+            self._frames_due.append((self._frames, packet))
         self._frames += 1
 
     def receive(self, data: bytes, now_s: float) -> None:
@@ -143,20 +150,37 @@ class DeliverySender:
         """What is to be sent now."""
         for peer in [p for p in self._peers.values() if now_s - p.heard_s > PEER_GONE_S]:
             del self._peers[peer_id(peer.session)]
-        out, self._out = self._out, []
-        while self._later and self._later[0][0] <= now_s:
-            out.append(self._later.popleft()[1])
-        out += self._questions(now_s)
         present = [
             peer
             for peer in self._peers.values()
             if peer.has_reported and now_s - peer.heard_s < PEER_SILENT_S
         ]
+        out, self._out = self._out, []
+        out += self._released_frames(present, now_s)
+        while self._later and self._later[0][0] <= now_s:
+            out.append(self._later.popleft()[1])
+        out += self._questions(now_s)
         return out + [serialise_message(piece) for piece in self._pieces.due(present, now_s)]
 
     def bye(self) -> bytes:
         """What is sent at last."""
         return serialise_message(Bye(Role.ENCODER, peer_id(self._session)))
+
+    def _released_frames(self, present: list[Peer], now_s: float) -> Iterator[bytes]:
+        """The frame packets to send; those of an update once it is there, within a limit."""
+        while self._frames_due:
+            number, packet = self._frames_due[0]
+            update = self._update
+            if update is not None and number >= update.first:
+                lacking = any(peer.lacks(key) for peer in present for key in update.pieces)
+                self._held_s = now_s if self._held_s is None else self._held_s
+                if lacking and now_s - self._held_s < UPDATE_PATIENCE_S:
+                    return
+                self._update = None
+            self._frames_due.popleft()
+            self._items.on_frame(packet)
+            self._history.append((number, packet))
+            yield packet
 
     def _questions(self, now_s: float) -> Iterator[bytes]:
         peers = self._peers.values()
@@ -189,7 +213,7 @@ class DeliverySender:
                 asks=asks,
                 nonce=self._nonce,
                 answers=answers,
-                frames=self._frames,
+                frames=self._frames_due[0][0] if self._frames_due else self._frames,
                 ordered=self._items.span(Channel.ORDERED),
                 unordered=self._items.span(Channel.UNORDERED),
                 padding=padding,

@@ -222,3 +222,28 @@ def test_a_decoder_that_says_good_bye_is_gone_at_once_and_a_silent_one_later() -
     assert farewell is not None
     other.sender.receive(farewell, other.now_s)
     assert not other.sender.peers
+
+
+@pytest.mark.parametrize("faults", [{}, {"loss": 0.25}, {"rate_bps": 9600, "delay_s": 0.3}])
+def test_no_frame_packet_of_an_update_comes_before_the_update(faults: dict[str, float]) -> None:
+    link = FakeLink(**faults)  # type: ignore[arg-type]
+    link.call(8)
+    link.run(8)
+    update = replace(MODEL, sequence=10, version=1, version_count=2, texture=bytes(1500))
+    link.sender.send(serialise(update))
+    link.call(6, first=8)
+    link.end()
+    order = [a.number for a in link.got if packet_kind(a.data) is PacketKind.FRAME]
+    place = [a.data for a in link.got].index(serialise(update))
+    before = [a.number or 0 for a in link.got[:place] if packet_kind(a.data) is PacketKind.FRAME]
+    assert max(before) < 10 and sorted(n or 0 for n in order) == list(range(14))
+
+
+def test_frame_packets_do_not_wait_for_ever_for_an_update() -> None:
+    link = FakeLink()
+    link.call(3)
+    link.sender.send(serialise(replace(MODEL, sequence=3, version=1, version_count=2)))
+    link.cuts = ((link.now_s - 1, link.now_s + 3.5),)
+    link.call(12, first=3)
+    link.end()
+    assert max(a.number or 0 for a in link.of_kind(PacketKind.FRAME)) == 14
