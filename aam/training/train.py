@@ -41,6 +41,7 @@ class TrainingOptions:
     discard: number of first combined modes that are left out (2.4.4).
     shape_weight: factor on W_s; 1: the ratio of the variances (2.4.2).
     normalisation: see `normalised_luma`.  mirror: train on mirror images as well.
+    cascade: train the cascade of matrices too, which takes most of the time.
     seed: of what is drawn at random.
     """
 
@@ -51,6 +52,7 @@ class TrainingOptions:
     shape_weight: float = 1.0
     normalisation: str = "retinex"
     mirror: bool = True
+    cascade: bool = True
     seed: int = 1
 
     def __post_init__(self) -> None:
@@ -103,11 +105,11 @@ def train_levels(
             ratios = np.array([len(face.luma) / len(coarse.luma) for face, coarse in sides])
             states = finer_states(levels[-1], model, warp, prepared, states, ratios, repeats)
         matrices = []
-        for stage in range(STAGES[warp.size]):
+        stages = STAGES[warp.size] if options.cascade else 0
+        for stage in range(stages):
             matrix, states = train_stage(model, warp, prepared, truth, states)
             matrices.append(matrix)
-            share = 0.8 * (stage + 1) / STAGES[warp.size]
-            progress((done + share * WORK[warp.size]) / total)
+            progress((done + 0.8 * (stage + 1) / stages * WORK[warp.size]) / total)
         levels.append(_with_matrices(model, warp, prepared, truth, matrices))
         before = prepared
         done += WORK[warp.size]
@@ -135,8 +137,8 @@ def combined_model(
         raise ValueError(f"discard is {options.discard}, expected less than all {len(both.modes)}")
     both = without_first(both, options.discard)
     empty = np.zeros((0, 0), np.float32)
-    cascade = np.zeros((0, 0, 0), np.float32)
-    model = AppearanceModel(shape, texture, weight, both, (0.0, 0.0), cascade, empty, empty)
+    none = np.zeros((0, len(warp.pose_names) + len(both.modes), len(warp.rows)), np.float32)
+    model = AppearanceModel(shape, texture, weight, both, (0.0, 0.0), none, empty, empty)
     truth = model.parameters_of(shapes, textures)
     left = textures - model.texture_of(truth)
     explained = 1 - (left**2).mean(1)
@@ -154,7 +156,7 @@ def _with_matrices(
     some = [faces[index] for index in chosen]
     return replace(
         model,
-        cascade=np.array(cascade),
+        cascade=np.array(cascade) if cascade else model.cascade,
         additive=additive_matrix(model, warp, some, truth[chosen]),
         project_out=project_out_matrix(model, warp, some),
     )

@@ -1,0 +1,126 @@
+"""What is compared: the AAM of the 3D head and the 2D AAM, trained on the same pictures."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.model import AppearanceModel
+from aam.search.find_face import find_in_window
+from aam.search.search import SearchOptions
+from aam.training.faces import TrainingFace, at_resolution, mirrored_face
+from aam.training.train import SIZES, Progress, TrainingOptions, train_levels
+from aam.validation.planar_warp import (
+    PLANAR_LANDMARKS,
+    PlanarWarp,
+    mean_shape,
+    mirrored_planar,
+    planar_face,
+)
+from aam.validation.samples import ANATOMICAL, Sample
+from aam.warps import HeadWarp, Warp, head_warp, pose_from_eyes
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contender:
+    """A trained AAM.
+
+    planar: (68, 2) the mean shape of the 2D AAM; None: the AAM of the 3D head.
+    """
+
+    levels: tuple[AppearanceModel, ...]
+    warps: tuple[Warp, ...]
+    options: TrainingOptions
+    planar: Array | None
+
+    def points(self, landmarks: Array, indices: Sequence[int]) -> Array:
+        """(n, 2) landmarks of the network among the own ones (m, 2)."""
+        if self.planar is not None:
+            own: Sequence[int] = PLANAR_LANDMARKS
+        else:
+            warp = self.warps[-1]
+            assert isinstance(warp, HeadWarp)
+            own = warp.landmark_index.tolist()
+        at = {landmark: number for number, landmark in enumerate(own)}
+        return np.asarray(landmarks[[at[index] for index in indices]])
+
+    def prepared(self, samples: Sequence[Sample], level: int) -> list[TrainingFace]:
+        """Samples with the shape and pose of this AAM at a level's resolution."""
+        if self.planar is None:
+            faces = [sample.face for sample in samples]
+        else:
+            chosen = list(PLANAR_LANDMARKS)
+            faces = [
+                planar_face(sample.face, sample.landmarks[chosen], self.planar)
+                for sample in samples
+            ]
+        return at_resolution(faces, self.warps[level].size, self.options.normalisation)
+
+
+def train_head(
+    samples: Sequence[Sample], options: TrainingOptions, progress: Progress = lambda share: None
+) -> Contender:
+    """The AAM of the 3D head."""
+    faces = [sample.face for sample in samples]
+    if options.mirror:
+        faces += [mirrored_face(face) for face in faces]
+    warps = tuple(head_warp(size, options.frame) for size in SIZES[options.size])
+    random = np.random.default_rng(options.seed)
+    return Contender(train_levels(faces, warps, options, random, progress), warps, options, None)
+
+
+def train_planar(
+    samples: Sequence[Sample], options: TrainingOptions, progress: Progress = lambda share: None
+) -> Contender:
+    """The 2D AAM, of the same resolution."""
+    pairs = [
+        (sample.face, sample.face.window, sample.landmarks[list(PLANAR_LANDMARKS)])
+        for sample in samples
+    ]
+    if options.mirror:
+        pairs += [(face, *mirrored_planar(window, points)) for face, window, points in pairs]
+    mean = mean_shape([points for _, _, points in pairs])
+    faces = [planar_face(replace(face, window=window), at, mean) for face, window, at in pairs]
+    warps = tuple(PlanarWarp(size, mean) for size in SIZES[options.size])
+    random = np.random.default_rng(options.seed)
+    return Contender(train_levels(faces, warps, options, random, progress), warps, options, mean)
+
+
+def start_pose(contender: Contender, sample: Sample, shift: Array, scale: float) -> Array:
+    """The pose of a search's start: the mean shape at the eyes of the face, moved and scaled.
+
+    shift: (2,) in terms of the distance between the eyes.
+    """
+    eyes = sample.eyes
+    moved = eyes + shift * float(np.linalg.norm(eyes[1] - eyes[0]))
+    middle = moved.mean(0)
+    level = contender.levels[0]
+    return pose_from_eyes(contender.warps[0], level.shape.mean, middle + scale * (moved - middle))
+
+
+def found_points(
+    contender: Contender, sample: Sample, pose: Array, options: SearchOptions
+) -> Array:
+    """(68, 2) the landmarks `PLANAR_LANDMARKS` that a search finds, pixels of the window."""
+    fit = find_in_window(
+        contender.levels,
+        contender.warps,
+        contender.options.normalisation,
+        sample.face.window,
+        pose,
+        options,
+    )
+    return contender.points(fit.landmarks, PLANAR_LANDMARKS)
+
+
+def errors(sample: Sample, points: Array) -> tuple[float, float]:
+    """Eq. 3.1 over the anatomical landmarks, in square pixels of a face whose outer corners of the
+    eyes are 100 px apart; mean distance of all 68 in terms of the distance of these corners.
+    """
+    truth = sample.landmarks[list(PLANAR_LANDMARKS)]
+    distance = np.linalg.norm(points - truth, axis=1) / sample.eye_distance
+    chosen = [PLANAR_LANDMARKS.index(index) for index in ANATOMICAL]
+    return float(((100 * distance[chosen]) ** 2).mean()), float(distance.mean())

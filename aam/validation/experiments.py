@@ -1,0 +1,173 @@
+"""All experiments in a row; each returns its part of the tables."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from aam.search.search import METHODS, SearchOptions
+from aam.training.train import TrainingOptions
+from aam.validation import tables
+from aam.validation.action_units import recognise
+from aam.validation.contenders import Contender, train_head, train_planar
+from aam.validation.model_experiments import mode_counts, specificity
+from aam.validation.plots import prediction_plot
+from aam.validation.prediction_experiments import parameter_curves, pose_curves
+from aam.validation.samples import Sample
+from aam.validation.search_experiments import Generalisation, best_possible, generalisation
+
+Tell = Callable[[str], None]
+
+SEED = 1
+# Faces of the training set whose displacements are predicted.
+DISPLACED_FACES = 80
+# Faces on which expressions are drawn, of known and of new people.
+EXPRESSED_FACES = 40
+# What is changed one by one (2.4.2 to 2.4.5), from the full frame, retinex, W_s as it is.
+VARIANTS = {
+    "full frame, retinex": {},
+    "inside-face frame": {"frame": "inside"},
+    "no light normalisation": {"normalisation": "none"},
+    "W_s / 3": {"shape_weight": 1 / 3},
+    "W_s x 3": {"shape_weight": 3.0},
+    "97 % of the variance": {"retained": 0.97},
+    "first two modes discarded": {"discard": 2},
+    "no mirror images": {"mirror": False},
+}
+
+
+def run_experiments(
+    train: Sequence[Sample], test: Sequence[Sample], size: int, tell: Tell
+) -> dict[str, str]:
+    """Files by name: tables.md and the plots.
+
+    train, test: share no person.  size: texels a side of the finest level.
+    Raises `ValueError` if they share one.
+    """
+    if {each.face.person for each in train} & {each.face.person for each in test}:
+        raise ValueError("test has people of train")
+    options = TrainingOptions(size=size)
+    tell("training the AAM of the head and the 2D AAM")
+    pair = {"head": train_head(train, options), "2D": train_planar(train, options)}
+    found = {}
+    parts = []
+    for experiment in (model_part, search_part):
+        tell(experiment.__name__)
+        parts.append(experiment(pair, train, test))
+    tell("prediction")
+    text, plots = prediction_part(pair, train, test)
+    found.update(plots)
+    parts.append(text)
+    tell("variants")
+    parts.append(variant_part(train, test, options, tell))
+    tell("action units")
+    parts.append(unit_part(train, test, size))
+    return {"tables.md": "\n".join(parts), **found}
+
+
+def model_part(pair: dict[str, Contender], train: Sequence[Sample], test: Sequence[Sample]) -> str:
+    """Compactness and specificity (3.1.1, 3.1.3); what the modes can reach on the test set."""
+    modes = {name: mode_counts(each, train) for name, each in pair.items()}
+    special = {name: specificity(each, train, SEED) for name, each in pair.items()}
+    reach = {name: best_possible(each, test) for name, each in pair.items()}
+    rows: list[list[object]] = [
+        ["shape, texture, combined modes", "9, 81, 33", _joined(modes["head"]), "31, 106, 53"],
+        ["specificity, px^2", "6.28", f"{special['head']:.1f}", "8.66"],
+        ["best possible error of the test set, px^2", "-", f"{reach['head'].error:.1f}", "-"],
+    ]
+    own = [_joined(modes["2D"]), f"{special['2D']:.1f}", f"{reach['2D'].error:.1f}"]
+    rows = [[*row, each] for row, each in zip(rows, own, strict=True)]
+    head = ["", "thesis, head", "here, head", "thesis, 2D", "here, 2D"]
+    return "## Compactness and specificity\n\n" + tables.table(head, rows)
+
+
+def search_part(pair: dict[str, Contender], train: Sequence[Sample], test: Sequence[Sample]) -> str:
+    """Generalisation (Table 3.1)."""
+    results: dict[tuple[str, str, str], Generalisation] = {}
+    lines = []
+    for start, displaced in (("exact", False), ("displaced", True)):
+        for method in METHODS:
+            for name, contender in pair.items():
+                options = SearchOptions(method)
+                each = generalisation(contender, test, options, displaced, SEED)
+                results[name, method, start] = each
+            better = results["head", method, start].better_than(results["2D", method, start])
+            lines.append(f"- {start} start, {method}: {100 * better:.1f} %")
+    text = f"## Generalisation: {len(test)} pictures of new people\n\n"
+    text += "Thesis: exact 49.6 (head) and 89.6 (2D), displaced 66.7 and 145.6.\n\n"
+    text += tables.search_table(results)
+    return text + "\nThe head is better (thesis: 83.0 and 85.4 %) in\n\n" + "\n".join(lines) + "\n"
+
+
+def prediction_part(
+    pair: dict[str, Contender], train: Sequence[Sample], test: Sequence[Sample]
+) -> tuple[str, dict[str, str]]:
+    """Displaced pose and parameters (Tables 2.5, 2.6; Fig. 2.20 to 2.22)."""
+    step = max(len(train) // DISPLACED_FACES, 1)
+    known, new = train[::step], test[:DISPLACED_FACES]
+    level = len(pair["head"].levels) - 1
+    pose = {
+        name: {
+            "training set": pose_curves(each, known, level),
+            "new people": pose_curves(each, new, level),
+        }
+        for name, each in pair.items()
+    }
+    parameters = {name: parameter_curves(each, known, level) for name, each in pair.items()}
+    wide = pose_curves(pair["head"], known, level, wide=True)
+    coarse = pose_curves(pair["head"], known, 0, wide=True)
+    text = "\n".join(
+        [
+            "## Prediction of displaced pose\n",
+            tables.pose_table(pose),
+            "Linear range of rotations, finest level:\n",
+            tables.range_table(wide),
+            "Coarsest level:\n",
+            tables.range_table(coarse),
+            "## Prediction of displaced c\n",
+            tables.parameter_table(parameters),
+        ]
+    )
+    plots = {
+        "pose.svg": prediction_plot(pose["head"]),
+        "rotations.svg": prediction_plot({"finest level": wide, "coarsest level": coarse}),
+        "c.svg": prediction_plot(parameters, columns=4),
+    }
+    return text, plots
+
+
+def variant_part(
+    train: Sequence[Sample], test: Sequence[Sample], options: TrainingOptions, tell: Tell
+) -> str:
+    """Frames, light, W_s and the rest, by additive search."""
+    rows = []
+    for name, changes in VARIANTS.items():
+        tell(f"variant: {name}")
+        changed = replace(options, cascade=False, **changes)  # type: ignore[arg-type]
+        contender = train_head(train, changed)
+        cells = [name]
+        for displaced in (False, True):
+            each = generalisation(contender, test, SearchOptions("additive"), displaced, SEED)
+            cells += [f"{each.error:.1f}", f"{100 * each.right:.1f}"]
+        rows.append(cells)
+    head = [
+        "head, additive search",
+        "exact: px^2",
+        "below 5 %, %",
+        "displaced: px^2",
+        "below 5 %, %",
+    ]
+    return "## Variants\n\n" + tables.table(head, rows)
+
+
+def unit_part(train: Sequence[Sample], test: Sequence[Sample], size: int) -> str:
+    """Action units of known and of new people (Tables 3.3, 3.4), in the inside-face frame."""
+    options = TrainingOptions(size=size, frame="inside", retained=0.97)
+    contender = train_head(train, options)
+    step = max(len(train) // EXPRESSED_FACES, 1)
+    dependent = recognise(contender, train[::step][:EXPRESSED_FACES])
+    step = max(len(test) // EXPRESSED_FACES, 1)
+    independent = recognise(contender, test[::step][:EXPRESSED_FACES])
+    return "## Action units\n\n" + tables.unit_table(dependent, independent)
+
+
+def _joined(values: Sequence[int]) -> str:
+    return ", ".join(map(str, values))

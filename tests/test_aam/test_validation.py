@@ -1,0 +1,177 @@
+"""Validation: the 2D AAM, drawn expressions, measures, tables; small models of synthetic faces."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from aam_faces import synthetic_faces
+from numpy.typing import NDArray
+
+from aam.search.search import SearchOptions
+from aam.training.train import TrainingOptions
+from aam.validation import tables
+from aam.validation.action_units import Recognition, UnitResult, recognise
+from aam.validation.contenders import Contender, errors, train_head, train_planar
+from aam.validation.experiments import model_part, prediction_part, run_experiments, search_part
+from aam.validation.expressed_faces import UNITS, with_units
+from aam.validation.planar_warp import (
+    MIRRORED,
+    PLANAR_LANDMARKS,
+    PlanarWarp,
+    mean_shape,
+    mirrored_planar,
+    planar_face,
+    similarity,
+)
+from aam.validation.prediction_experiments import PredictionCurve
+from aam.validation.samples import Sample, split_people
+from aam.validation.search_experiments import Generalisation, generalisation
+from aam.warps import head_warp
+
+Array = NDArray[np.float64]
+OPTIONS = TrainingOptions(size=64, normalisation="none", mirror=False, cascade=False)
+
+
+def samples(people: int, first: int = 0) -> list[Sample]:
+    """Synthetic faces with the landmarks of the head."""
+    warp, found = head_warp(64, "full"), []
+    for face in synthetic_faces(first + people, 1)[first:]:
+        landmarks = np.full((468, 2), np.nan)
+        landmarks[warp.landmark_index] = warp.landmarks(face.shape, face.pose)
+        found.append(Sample(face, landmarks))
+    return found
+
+
+TRAIN, TEST = samples(10), samples(4, 10)
+
+
+@pytest.fixture(scope="module")
+def pair() -> dict[str, Contender]:
+    return {"head": train_head(TRAIN, OPTIONS), "2D": train_planar(TRAIN, OPTIONS)}
+
+
+def planar_landmarks(sample: Sample) -> Array:
+    return sample.landmarks[list(PLANAR_LANDMARKS)]
+
+
+def test_the_similarity_of_points_that_were_moved_by_one_is_that_one() -> None:
+    points = planar_landmarks(TRAIN[0])
+    turned = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
+    found = similarity(points, 1.7 * points @ turned.T + [5, -3])
+    np.testing.assert_allclose(found, [0.3, 5, -3, np.log(1.7)], atol=1e-9)
+
+
+def test_planar_shape_and_pose_give_back_the_landmarks() -> None:
+    mean = mean_shape([planar_landmarks(each) for each in TRAIN])
+    warp = PlanarWarp(32, mean)
+    for sample in TRAIN:
+        face = planar_face(sample.face, planar_landmarks(sample), mean)
+        found = warp.landmarks(face.shape, face.pose)
+        np.testing.assert_allclose(found, planar_landmarks(sample), atol=1e-9)
+
+
+def test_planar_texels_lie_where_the_triangles_put_them() -> None:
+    mean = mean_shape([planar_landmarks(each) for each in TRAIN])
+    warp = PlanarWarp(32, mean)
+    places = warp.positions(mean.ravel(), warp.upright(0.0, np.zeros(3)))
+    # Of the mean shape they form a regular grid.
+    same_row = warp.rows == warp.rows[len(warp.rows) // 2]
+    assert np.ptp(places[1, same_row]) < 1e-3
+    steps = np.diff(places[0, same_row]) / np.diff(warp.columns[same_row])
+    np.testing.assert_allclose(steps, steps[0], rtol=1e-3)
+    assert len(warp.rows) == pytest.approx(len(head_warp(32, "full").rows), rel=0.1)
+
+
+def test_planar_steps_lead_from_pose_to_pose() -> None:
+    warp = PlanarWarp(32, mean_shape([planar_landmarks(each) for each in TRAIN]))
+    pose, target = np.array([0.2, 10, 20, 0.5]), np.array([-0.1, 14, 17, 0.3])
+    found = warp.displaced(pose, warp.step_between(pose, target))
+    np.testing.assert_allclose(found, target, atol=1e-12)
+
+
+def test_mirrored_landmarks_are_those_of_the_other_side() -> None:
+    sample = TRAIN[0]
+    assert sorted(MIRRORED) == list(range(68))
+    window, points = mirrored_planar(sample.face.window, planar_landmarks(sample))
+    assert points[36, 0] < points[45, 0]
+    again = mirrored_planar(window, points)[1]
+    np.testing.assert_allclose(again, planar_landmarks(sample), atol=1e-9)
+
+
+def test_units_move_the_landmarks_that_they_are_named_for() -> None:
+    rest = with_units(TRAIN[0], (), 1.0).landmarks
+    smile = with_units(TRAIN[0], ("AU12",), 1.0).landmarks
+    open_mouth = with_units(TRAIN[0], ("AU26",), 1.0)
+    brows = with_units(TRAIN[0], ("AU1",), 1.0).landmarks
+    assert (smile[[61, 291], 1] < rest[[61, 291], 1] - 0.5).all()
+    assert open_mouth.landmarks[14, 1] > rest[14, 1] + 1
+    assert (brows[[107, 336], 1] < rest[[107, 336], 1] - 0.3).all()
+    inside = open_mouth.landmarks[[13, 14]].mean(0).round().astype(int)
+    assert open_mouth.face.window.picture[inside[1], inside[0]].max() < 90
+
+
+def test_people_are_in_one_part_alone() -> None:
+    parts = split_people([*TRAIN, *TRAIN], 3)
+    people = [{sample.face.person for sample in part} for part in parts]
+    assert sum(map(len, people)) == len(set().union(*people)) == 10
+
+
+def test_errors_are_relative_to_the_eyes() -> None:
+    sample = TRAIN[0]
+    moved = planar_landmarks(sample) + np.array([0.1 * sample.eye_distance, 0])
+    assert errors(sample, moved) == pytest.approx((100.0, 0.1))
+
+
+def test_the_linear_range_ends_where_a_displacement_is_not_half_predicted() -> None:
+    actual = np.array([-20.0, -10, -5, 5, 10, 20])
+    predicted = np.array([-5.0, -9, -5, 5, 20, 19])[:, None]
+    curve = PredictionCurve("rx", "deg", actual, predicted)
+    assert curve.linear_range == (-10.0, 5.0)
+    assert curve.error == pytest.approx((15 + 1 + 0 + 0 + 10 + 1) / 6)
+
+
+def test_additive_search_finds_new_faces_and_tables_tell(pair: dict[str, Contender]) -> None:
+    options = SearchOptions("additive")
+    for contender in pair.values():
+        found = generalisation(contender, TEST, options, False, 1)
+        still = generalisation(contender, TEST, replace(options, iterations=0), False, 1)
+        assert found.nme.mean() < still.nme.mean()
+    text = search_part(pair, TRAIN, TEST)
+    assert text.count("| head |") == text.count("| 2D |") == 6
+    assert "displaced start, project-out" in text
+
+
+def test_prediction_and_modes_of_both_are_told(pair: dict[str, Contender]) -> None:
+    text, plots = prediction_part(pair, TRAIN, TEST)
+    assert all(f"| head | {name} |" in text for name in ("rx", "ry", "rz", "tx", "ty", "scale"))
+    assert all(plot.startswith("<svg") and "polyline" in plot for plot in plots.values())
+    counts = model_part(pair, TRAIN, TEST)
+    assert "9, 81, 33" in counts and "specificity" in counts
+
+
+def test_recognition_counts_every_picture(pair: dict[str, Contender]) -> None:
+    found = recognise(pair["head"], TEST[:2])
+    assert found.units["AU26"].shown == found.units["AU1"].shown == 2 * 2 * 3
+    assert found.units["Neutral"].shown == 2
+    assert all(each.correct + each.missed == each.shown for each in found.units.values())
+    assert set(found.correlation) == set(UNITS)
+
+
+def test_rates_are_those_of_the_counts() -> None:
+    units = {"Neutral": UnitResult(2, 1, 1, 0, 8), "AU1": UnitResult(8, 6, 2, 1, 4)}
+    found = Recognition(units, {"AU1": 0.5})
+    assert found.rate == pytest.approx(0.7)
+    assert found.false_alarms == pytest.approx(0.25)
+
+
+def test_people_of_the_training_set_are_no_test() -> None:
+    with pytest.raises(ValueError, match="people of train"):
+        run_experiments(TRAIN, TRAIN[:1], 64, lambda text: None)
+
+
+def test_better_is_counted_picture_by_picture() -> None:
+    one = Generalisation(np.array([1.0, 2, 3, 4]), np.array([0.01, 0.02, 0.06, 0.04]))
+    other = Generalisation(np.array([2.0, 3, 4, 1]), np.zeros(4))
+    assert one.better_than(other) == 0.75
+    assert one.right == 0.75
+    assert tables.table(["a"], [[1]]) == "| a |\n| --- |\n| 1 |\n"
