@@ -18,6 +18,8 @@ Picture = NDArray[np.uint8]
 
 # Bound of the parameters that a level takes over from the one before it, standard deviations.
 HANDED_LIMIT = 2.0
+# Starts about the eyes that a detector found: shift downwards in terms of their distance, scale.
+STARTS = ((0.0, 1.0), (0.12, 1.0), (-0.12, 1.0), (0.0, 0.88), (0.0, 1.13))
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,19 +48,33 @@ def find_face(
     picture: (h, w, 3) or (h, w) uint8 BGR.  pose: (6,) of weak perspective, pixels of the picture.
     """
     window = face_window(picture, pose, window_px(model.sizes[-1]))
-    warps = [model.warp(number) for number in range(len(model.levels))]
-    found = find_in_window(
-        model.levels,
-        warps,
-        model.normalisation,
-        window,
-        window.pose_to_window(pose),
-        options or SearchOptions(),
-    )
-    at = window.pose_to_source(found.pose)
-    return FaceFit(
-        at, found.shape, warps[-1].landmarks(found.shape, at), found.error, found.results
-    )
+    return _to_source(window, model, _find(model, window, [window.pose_to_window(pose)], options))
+
+
+def find_from_eyes(
+    model: MultiResolutionModel,
+    picture: Picture,
+    eyes_px: Array,
+    options: SearchOptions | None = None,
+) -> FaceFit:
+    """The same from the places of the eyes, as a detector finds them: several starts about them.
+
+    eyes_px: (2, 2) middle of the right and of the left eye, pixels.
+    """
+    warp, mean = model.warp(0), model.levels[0].shape.mean
+    window = face_window(picture, pose_from_eyes(warp, mean, eyes_px), window_px(model.sizes[-1]))
+    starts = starts_at_eyes(warp, mean, window.to_window(eyes_px))
+    return _to_source(window, model, _find(model, window, starts, options))
+
+
+def starts_at_eyes(warp: Warp, shape: Array, eyes_px: Array) -> list[Array]:
+    """Poses (p,) of a shape (n,) at and about eyes (2, 2), see `STARTS`."""
+    across = eyes_px[1] - eyes_px[0]
+    down, middle = np.array([-across[1], across[0]]), eyes_px.mean(0)
+    return [
+        pose_from_eyes(warp, shape, middle + shift * down + scale * (eyes_px - middle))
+        for shift, scale in STARTS
+    ]
 
 
 def find_in_window(
@@ -66,30 +82,47 @@ def find_in_window(
     warps: Sequence[Warp],
     normalisation: str,
     window: FaceWindow,
-    pose: Array,
+    poses: Sequence[Array],
     options: SearchOptions,
 ) -> FaceFit:
-    """The same within a window; poses and landmarks in its pixels."""
+    """The same within a window; poses and landmarks in its pixels.
+
+    poses: each (p,), where searches start.  The one that leaves the least at the coarsest level
+    goes on.
+    """
     whole = FaceWindow(window.picture, np.zeros(2), 1.0)
-    c, results = np.zeros(len(levels[0].deviations)), list[SearchResult]()
-    shape = levels[0].shape_of(c)
+    results = list[SearchResult]()
+    pose, shape = poses[0], levels[0].shape.mean
     for number, (level, warp) in enumerate(zip(levels, warps, strict=True)):
         view = shrunk(whole, window_px(warp.size))
-        luma, at = normalised_luma(view, normalisation), view.pose_to_window(pose)
-        if number:
-            bound = HANDED_LIMIT * level.deviations
+        luma = normalised_luma(view, normalisation)
+        if number == 0:
+            c = np.zeros(len(level.deviations))
+            starts = [(view.pose_to_window(each), c) for each in poses]
+        else:
+            at, bound = view.pose_to_window(pose), HANDED_LIMIT * level.deviations
             texture = texture_at(warp, luma, shape, at)
-            c = np.clip(level.parameters_of(shape, texture), -bound, bound)
-        result = search(level, warp, luma, at, c, options)
-        results.append(result)
-        pose, shape = view.pose_to_source(result.pose), level.shape_of(result.c)
+            starts = [(at, np.clip(level.parameters_of(shape, texture), -bound, bound))]
+        found = [search(level, warp, luma, *start, options) for start in starts]
+        results.append(min(found, key=lambda each: each.error))
+        pose = view.pose_to_source(results[-1].pose)
+        shape = level.shape_of(results[-1].c)
     landmarks = warps[-1].landmarks(shape, pose)
     return FaceFit(pose, shape, landmarks, results[-1].error, tuple(results))
 
 
-def pose_at_eyes(model: MultiResolutionModel, eyes_px: Array) -> Array:
-    """(6,) the frontal pose of the mean face whose eyes are at given places.
+def _find(
+    model: MultiResolutionModel,
+    window: FaceWindow,
+    poses: Sequence[Array],
+    options: SearchOptions | None,
+) -> FaceFit:
+    warps = [model.warp(number) for number in range(len(model.levels))]
+    chosen = options or SearchOptions()
+    return find_in_window(model.levels, warps, model.normalisation, window, poses, chosen)
 
-    eyes_px: (2, 2) middle between the corners of the right and of the left eye, pixels.
-    """
-    return pose_from_eyes(model.warp(0), model.levels[0].shape.mean, eyes_px)
+
+def _to_source(window: FaceWindow, model: MultiResolutionModel, found: FaceFit) -> FaceFit:
+    pose = window.pose_to_source(found.pose)
+    landmarks = model.warp(len(model.levels) - 1).landmarks(found.shape, pose)
+    return FaceFit(pose, found.shape, landmarks, found.error, found.results)

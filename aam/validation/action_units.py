@@ -108,7 +108,7 @@ def _strengths(contender: Contender, sample: Sample) -> Array:
         contender.warps,
         contender.options.normalisation,
         sample.face.window,
-        start_pose(contender, sample, np.zeros(2), 1.0),
+        [start_pose(contender, sample, np.zeros(2), 1.0)],
         SearchOptions(),
     )
     _, eau = actuators(fit.shape)
@@ -123,7 +123,8 @@ def _strengths(contender: Contender, sample: Sample) -> Array:
 
 def _correlation(one: Array, other: Array) -> float:
     one, other = one - one.mean(), other - other.mean()
-    return float(one @ other / max(np.linalg.norm(one) * np.linalg.norm(other), 1e-12))
+    scale = float(np.linalg.norm(one)) * float(np.linalg.norm(other))
+    return float(one @ other) / max(scale, 1e-12)
 
 
 def _threshold(strength: Array, shown: NDArray[np.bool_]) -> float:

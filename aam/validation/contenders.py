@@ -110,7 +110,7 @@ def found_points(
         contender.warps,
         contender.options.normalisation,
         sample.face.window,
-        pose,
+        [pose],
         options,
     )
     return contender.points(fit.landmarks, PLANAR_LANDMARKS)

@@ -8,6 +8,7 @@ from aam.training.train import TrainingOptions
 from aam.validation import tables
 from aam.validation.action_units import recognise
 from aam.validation.contenders import Contender, train_head, train_planar
+from aam.validation.first_frames import first_frames
 from aam.validation.model_experiments import mode_counts, specificity
 from aam.validation.plots import prediction_plot
 from aam.validation.prediction_experiments import parameter_curves, pose_curves
@@ -58,6 +59,8 @@ def run_experiments(
     parts.append(text)
     tell("variants")
     parts.append(variant_part(train, test, options, tell))
+    tell("first frames")
+    parts.append(first_frame_part(pair, test))
     tell("action units")
     parts.append(unit_part(train, test, size))
     return {"tables.md": "\n".join(parts), **found}
@@ -156,6 +159,17 @@ def variant_part(
         "below 5 %, %",
     ]
     return "## Variants\n\n" + tables.table(head, rows)
+
+
+def first_frame_part(pair: dict[str, Contender], test: Sequence[Sample]) -> str:
+    """First frames without a landmark network: Viola-Jones and a search."""
+    rows = []
+    for name, contender in pair.items():
+        each = first_frames(contender, test)
+        mean = f"{100 * each.nme.mean():.2f}"
+        rows.append([name, each.pictures, each.found, f"{100 * each.right:.1f}", mean])
+    head = ["AAM", "pictures", "face found", "below 5 %, % of all", "mean distance, %"]
+    return "## First frames by Viola-Jones and the AAM\n\n" + tables.table(head, rows)
 
 
 def unit_part(train: Sequence[Sample], test: Sequence[Sample], size: int) -> str:

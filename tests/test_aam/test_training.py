@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from aam_faces import synthetic_faces, write_annotations
@@ -9,13 +10,13 @@ from aam_faces import synthetic_faces, write_annotations
 from aam.model import MultiResolutionModel, texture_at
 from aam.model_file import read_model, write_model
 from aam.pca import principal_components
-from aam.search.find_face import find_in_window, pose_at_eyes
+from aam.search.find_face import find_face, find_from_eyes, find_in_window
 from aam.search.search import METHODS, SearchOptions
 from aam.training.faces import at_resolution, mirrored_face, read_faces, rescaled
 from aam.training.report import person_residuals, write_report
 from aam.training.ridge import fit_ridge
 from aam.training.train import TrainingOptions, combined_model, train
-from aam.warps import head_warp
+from aam.warps import head_warp, pose_from_eyes
 from risorius.cli import main
 from shared_model.errors import UserError
 
@@ -109,13 +110,28 @@ def test_strangers_are_found_from_their_eyes(model: MultiResolutionModel, method
     for face in STRANGERS:
         true = warps[-1].landmarks(face.shape, face.pose)
         eyes = true[list(warps[-1].eye_corners)].reshape(2, 2, 2).mean(1)
-        start = pose_at_eyes(model, eyes)
-        fit = find_in_window(model.levels, warps, "none", face.window, start, SearchOptions(method))
+        start = pose_from_eyes(warps[0], model.levels[0].shape.mean, eyes)
+        fit = find_in_window(
+            model.levels, warps, "none", face.window, [start], SearchOptions(method)
+        )
         distance = np.linalg.norm(eyes[1] - eyes[0])
         mean = warps[-1].landmarks(model.levels[0].shape.mean, start)
         before.append(np.linalg.norm(mean - true, axis=1).mean() / distance)
         after.append(np.linalg.norm(fit.landmarks - true, axis=1).mean() / distance)
     assert np.mean(after) < 0.8 * np.mean(before)
+
+
+def test_a_face_in_a_larger_picture_is_found_in_its_pixels(model: MultiResolutionModel) -> None:
+    face, warp = STRANGERS[0], model.warp(1)
+    picture = cv2.copyMakeBorder(face.window.picture, 30, 10, 50, 20, cv2.BORDER_REPLICATE)
+    true = warp.landmarks(face.shape, face.pose) + np.array([50, 30])
+    eyes = true[list(warp.eye_corners)].reshape(2, 2, 2).mean(1)
+    fit = find_from_eyes(model, np.asarray(picture, np.uint8), eyes)
+    distance = np.linalg.norm(eyes[1] - eyes[0])
+    assert np.linalg.norm(fit.landmarks - true, axis=1).mean() / distance < 0.08
+    np.testing.assert_allclose(warp.landmarks(fit.shape, fit.pose), fit.landmarks)
+    again = find_face(model, np.asarray(picture, np.uint8), fit.pose)
+    assert np.linalg.norm(again.landmarks - true, axis=1).mean() / distance < 0.08
 
 
 def test_a_model_is_the_same_bytes_each_time_and_reads_back(

@@ -14,6 +14,7 @@ from aam.validation.action_units import Recognition, UnitResult, recognise
 from aam.validation.contenders import Contender, errors, train_head, train_planar
 from aam.validation.experiments import model_part, prediction_part, run_experiments, search_part
 from aam.validation.expressed_faces import UNITS, with_units
+from aam.validation.first_frames import first_frames
 from aam.validation.planar_warp import (
     MIRRORED,
     PLANAR_LANDMARKS,
@@ -155,6 +156,13 @@ def test_recognition_counts_every_picture(pair: dict[str, Contender]) -> None:
     assert found.units["Neutral"].shown == 2
     assert all(each.correct + each.missed == each.shown for each in found.units.values())
     assert set(found.correlation) == set(UNITS)
+
+
+def test_first_frames_without_a_face_are_not_right(pair: dict[str, Contender]) -> None:
+    window = replace(TEST[0].face.window, picture=np.full((96, 96, 3), 90, np.uint8))
+    empty = Sample(replace(TEST[0].face, window=window), TEST[0].landmarks)
+    found = first_frames(pair["head"], [empty])
+    assert (found.pictures, found.found, found.right) == (1, 0, 0.0)
 
 
 def test_rates_are_those_of_the_counts() -> None:
