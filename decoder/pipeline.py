@@ -12,12 +12,13 @@ from decoder.reception.call_playout import CallPlayout
 from decoder.reception.received_frames import DecodeStats
 from decoder.sinks.frame_sink import FrameSink, ThreadedSink, check_sink, keeps_times, open_sink
 from decoder.sinks.video_file import TIMED
-from decoder.sound.sound_track import SoundTrack, open_sound_track
+from decoder.sound.sound_track import Samples, SoundTrack, open_sound_track
 from protocol.call_parameters import CallParameters
 from protocol.link.interface import MessageCallback, ignore_message
 
 Progress = Callable[[int, int | None], None]
 ShowCallback = Callable[[DrawnFrame, CallParameters], None]
+PlayCallback = Callable[[float, int, Samples], None]
 
 # Damaged packets that are reported one by one.
 MAX_DAMAGES_TOLD = 5
@@ -76,36 +77,33 @@ def decode(
     stop: Callable[[], bool],
     on_message: MessageCallback = ignore_message,
     show: ShowCallback | None = None,
+    play: PlayCallback | None = None,
 ) -> DecodeReport:
     """Decode one call to its end, or until `stop`; pictures decoded by then are written.
 
     progress: called with the number of pictures so far and of the whole call, if that is known.
     on_message: called with a line when the link waits for an encoder.
     show: called with each picture and the sender's parameters, as soon as it is drawn.
+    play: called with the voice as far as it is known up to the newest picture: time of its first
+        sample in the call, seconds; samples per second; samples, (n,) int16.
     Raises `UserError` if the call cannot be read, drawn or written; with exit code 4 if its encoder
     leaves before it has sent a face.
     """
     if isinstance(options.output, Path):
         check_sink(options.output)
     total = count_frames(options.call_file) if isinstance(options.call_file, Path) else None
-    sink: FrameSink | None = None
-    sound: SoundTrack | None = None
     with ExitStack() as stack:
         pictures = stack.enter_context(CallPictures(options, stop, on_message))
+        output = _Output(options.output, play, pictures, stack)
         for frame in pictures:
-            if sink is None and options.output is not None:
-                sound = open_sound_track(pictures.playout.speech, pictures.sender, frame.index)
-                opened = _open_sink(options.output, pictures, sound)
-                sink = stack.enter_context(ThreadedSink(opened))
-            if sink is not None:
-                _write(sink, sound, pictures, frame)
+            output.add(frame)
             if show is not None:
                 show(frame, pictures.sender)
             if not (frame.frozen and frame.lost):
                 progress(len(pictures.stats.shown_ns), total)
-        _write_sound(sink, sound, pictures, None)
+        output.finish()
         if not pictures.playout.ended and (stop() or options.call_file is None):
-            pictures.stats.warnings += _unfinished(options, sink, stop())
+            pictures.stats.warnings += _unfinished(options, output.sink, stop())
         if excess := pictures.trailing_bytes:
             warning = f"{excess} bytes after the end of the call are left out"
             pictures.stats.warnings.append(warning)
@@ -132,24 +130,57 @@ def _open_sink(
     return open_sink(output, *size, fps, shown.colour_matrix, is_variable, rate_hz)
 
 
-def _write(
-    sink: FrameSink, sound: SoundTrack | None, pictures: CallPictures, frame: DrawnFrame
-) -> None:
-    """Write a picture, and the sound that is known up to it."""
-    with pictures.timer.stage("write"):
-        sink.write(frame.picture, frame.time_s)
-    _write_sound(sink, sound, pictures, pictures.playout.speech.known_until)
+class _Output:
+    """Where pictures and voice go, from the first picture on.
 
+    path: see `DecodeOptions`.  play: see `decode`.  stack: closes the sink.
+    sink: None before the first picture, or without a path.
+    """
 
-def _write_sound(
-    sink: FrameSink | None,
-    sound: SoundTrack | None,
-    pictures: CallPictures,
-    known_until: int | None,
-) -> None:
-    """Write the sound of the pictures so far.  known_until: see `SoundTrack.take`."""
-    if sink is not None and sound is not None:
-        sink.write_sound(sound.take(len(pictures.stats.shown_ns), known_until))
+    def __init__(
+        self,
+        path: Path | BinaryIO | None,
+        play: PlayCallback | None,
+        pictures: CallPictures,
+        stack: ExitStack,
+    ) -> None:
+        self._path, self._play, self._pictures, self._stack = path, play, pictures, stack
+        self._start_s: float | None = None
+        self._sound: SoundTrack | None = None
+        self.sink: FrameSink | None = None
+
+    def add(self, frame: DrawnFrame) -> None:
+        """Write a picture, and give the voice that is known up to it."""
+        if self._start_s is None:
+            self._open(frame)
+        if self.sink is not None:
+            with self._pictures.timer.stage("write"):
+                self.sink.write(frame.picture, frame.time_s)
+        self._give(self._pictures.playout.speech.known_until)
+
+    def finish(self) -> None:
+        """Give the rest of the voice, as long as there are pictures."""
+        self._give(None)
+
+    def _open(self, first: DrawnFrame) -> None:
+        sender = self._pictures.sender
+        self._start_s = first.index / sender.fps
+        if self._path is not None or self._play is not None:
+            self._sound = open_sound_track(self._pictures.playout.speech, sender, first.index)
+        if self._path is not None:
+            opened = _open_sink(self._path, self._pictures, self._sound)
+            self.sink = self._stack.enter_context(ThreadedSink(opened))
+
+    def _give(self, known_until: int | None) -> None:
+        """Give the voice of the pictures so far.  known_until: see `SoundTrack.take`."""
+        if self._sound is None or self._start_s is None:
+            return
+        time_s = self._start_s + self._sound.written / self._sound.rate_hz
+        samples = self._sound.take(len(self._pictures.stats.shown_ns), known_until)
+        if self.sink is not None:
+            self.sink.write_sound(samples)
+        if self._play is not None and len(samples):
+            self._play(time_s, self._sound.rate_hz, samples)
 
 
 def _unfinished(options: DecodeOptions, sink: FrameSink | None, stopped: bool) -> list[str]:

@@ -10,6 +10,9 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import BinaryIO, Self, cast
 
+import numpy as np
+from numpy.typing import NDArray
+
 from decoder.call_pictures import DrawnFrame
 from protocol.call_parameters import CallParameters
 from risorius.call_page.page_thread import PageThread
@@ -58,6 +61,10 @@ class CallView:
         if self._paced:
             self._sleep_until(self._start_s + time_s)
         self._page.show(frame.index, time_s, frame.picture, frame.frozen, frame.lost)
+
+    def play(self, time_s: float, rate_hz: int, samples: NDArray[np.int16]) -> None:
+        """Play the voice, see `decoder.pipeline.decode`."""
+        self._page.play(time_s, rate_hz, samples)
 
     def __enter__(self) -> Self:
         return self

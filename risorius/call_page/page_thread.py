@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from risorius.call_page.messages import PictureMessage, Stream
+from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 from risorius.call_page.page_server import PageServer
 
 JPEG_QUALITY = 90
@@ -59,6 +59,11 @@ class PageThread:
             Stream.OTHER, index, time_s, 1000 * time.time(), jpeg, frozen, lost
         )
         self._loop.call_soon_threadsafe(self._server.show, message)
+
+    def play(self, time_s: float, rate_hz: int, samples: NDArray[np.int16]) -> None:
+        """Play a voice, (n,) int16 at `rate_hz`; time_s: of its first sample in the source."""
+        message = SoundMessage(Stream.VOICE, rate_hz, time_s, 0.0, samples.tobytes())
+        self._loop.call_soon_threadsafe(self._server.play, message)
 
     def tell(self, kind: str, **content: Any) -> None:
         """Tell the page a state, see `PageServer.tell`."""

@@ -33,8 +33,9 @@ from risorius.command_line.standard_streams import input_of, output_of
 from shared_model.errors import LINK_FAILED, UserError
 
 if TYPE_CHECKING:
-    from decoder.pipeline import DecodeReport, ShowCallback
+    from decoder.pipeline import DecodeReport
     from loopback.quality.video_quality import Quality
+    from risorius.call_page.call_view import CallView
     from risorius.command_line.parser import Commands
 
 Progress = Callable[[int, int | None], None]
@@ -136,10 +137,19 @@ def _decode(
     )
     idle = IdleTimeout(arguments.timeout, stop)
     with ExitStack() as stack:
-        show = _view(arguments, link.call, idle, stack) if arguments.view else None
+        view = _view(arguments, link.call, idle, stack) if arguments.view else None
+        # Who looks at what is sent would hear an echo.
+        is_heard = view is not None and arguments.call_file != STANDARD
         progress = stack.enter_context(ProgressLine("decode", sys.stderr, arguments.quiet))
         try:
-            report = decode(options, idle.watch(stop.watch(progress)), idle, progress.say, show)
+            report = decode(
+                options,
+                idle.watch(stop.watch(progress)),
+                idle,
+                progress.say,
+                view.show if view is not None else None,
+                view.play if view is not None and is_heard else None,
+            )
         except UserError as error:
             raise _reason(error, stop, idle) from error
     if idle.expired and not report.complete:
@@ -150,7 +160,7 @@ def _decode(
 
 def _view(
     arguments: argparse.Namespace, call: str, stop: Callable[[], bool], stack: ExitStack
-) -> "ShowCallback":
+) -> "CallView":
     """What shows each picture on a page until `stack` is closed."""
     from risorius.call_page.call_view import CallView
 
@@ -162,7 +172,7 @@ def _view(
         say(f"decode: the call is shown at {address}")
 
     view = CallView(announce, name, arguments.port, is_recorded, path is not None, stop)
-    return stack.enter_context(view).show
+    return stack.enter_context(view)
 
 
 class IdleTimeout:

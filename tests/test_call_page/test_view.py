@@ -13,10 +13,14 @@ import numpy as np
 import pytest
 from conftest import PROGRAM, ROOT, Start
 from processes import finish
+from sounds import voiced_sound
 
+from decoder.sinks.frame_sink import open_sink
+from encoder.capture.video_source import open_source
 from loopback.browser import Browser, find_browser
 from protocol.call_file import MAGIC, CallReader
 from protocol.call_records import RecordWriter
+from risorius.cli import main
 
 pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 
@@ -26,7 +30,8 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     program = find_browser()
     if program is None:
         pytest.skip("needs Chromium: apt-get install chromium")
-    with Browser(program, tmp_path_factory.mktemp("browser"), 800, 640) as opened:
+    flags = "--autoplay-policy=no-user-gesture-required"
+    with Browser(program, tmp_path_factory.mktemp("browser"), 800, 640, flags) as opened:
         yield opened
 
 
@@ -117,6 +122,26 @@ def test_another_page_in_the_same_browser_can_neither_watch_nor_steer(
     port = urlsplit(address).port
     browser.call("Page.navigate", url=f"http://127.0.0.1:{port}/")
     browser.wait("document.body && document.body.innerText.includes('no such page')")
+
+
+def test_the_voice_of_a_call_is_played_with_its_pictures(
+    carphone: Path, tmp_path: Path, start: Start, browser: Browser
+) -> None:
+    pytest.importorskip("pycodec2")
+    pytest.importorskip("webrtcvad")
+    talking, call = tmp_path / "talking.mkv", tmp_path / "call.rzo"
+    with open_source(str(carphone)) as capture:
+        size, fps = (capture.width, capture.height), capture.fps
+        frames = [frame for _, frame in zip(range(40), capture, strict=False)]
+    with open_sink(talking, *size, fps, "bt601", False, 8000) as sink:
+        for _, frame in frames:
+            sink.write(frame)
+        sink.write_sound(voiced_sound(round(8000 * len(frames) / fps)))
+    assert main(["encode", str(talking), "-o", str(call), "--profile", "thesis", "-q"]) == 0
+    viewer = start("decode", call, "--view", "-q")
+    browser.call("Page.navigate", url=address_of(viewer))
+    browser.wait("typeof voice != 'undefined' && voice.heard && voice.heard.loud > 0.01")
+    assert finish(viewer) == (0, "")
 
 
 def test_what_an_encoder_sends_is_shown_to_the_sender(

@@ -8,6 +8,7 @@ import pytest
 from conftest import MakeOnce, Start
 from numpy.typing import NDArray
 from processes import finish
+from sounds import voiced_sound
 
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import open_source
@@ -18,13 +19,6 @@ from risorius.cli import main
 
 RATE_HZ = 8000
 FRAMES = 30
-
-
-def voiced_sound(count: int) -> NDArray[np.int16]:
-    """A buzz of 120 Hz whose loudness follows syllables, (count,) int16."""
-    time_s = np.arange(count) / RATE_HZ
-    buzz = sum(np.sin(2 * np.pi * 120 * k * time_s) / k for k in range(1, 25))
-    return np.asarray(5000 * buzz * (0.6 + 0.4 * np.sin(2 * np.pi * 4 * time_s)), np.int16)
 
 
 def sound_samples(path: Path) -> NDArray[np.float64]:
