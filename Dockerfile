@@ -20,6 +20,6 @@ COPY risorius ./risorius
 RUN pip install --no-cache-dir --no-deps --no-build-isolation . && risorius compile
 
 # A new volume belongs to whom its folder belongs to here.
-RUN useradd --create-home risorius && install -d -o risorius /out /home/risorius/.cache
+RUN useradd --create-home risorius && install -d -o risorius /out /keys /home/risorius/.cache
 USER risorius
 ENTRYPOINT ["risorius"]

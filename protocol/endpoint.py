@@ -5,6 +5,8 @@ Without a scheme an end listens for, or tries, all of `DEFAULT_SCHEMES` on one p
 
 import re
 import socket
+import struct
+import sys
 from dataclasses import dataclass, replace
 from ipaddress import ip_address
 
@@ -17,6 +19,8 @@ DEFAULT_SCHEMES = ("udp", "tcp")
 ANY_HOST = "0.0.0.0"
 # A host that no packet is sent to: its route tells the address that others see.
 _FAR_HOST = ("192.0.2.1", 9)
+# From linux/sockios.h.
+_SIOCGIFADDR = 0x8915
 
 _ENDPOINT = re.compile(
     rf"((?P<scheme>{'|'.join(SCHEMES)})/)?(?P<host>\[[0-9A-Fa-f:.]+\]|[^\s:/?#@\[\]]*)"
@@ -106,7 +110,9 @@ def parse_remote_endpoint(text: str) -> Endpoint:
 
 
 def address_for_others() -> str | None:
-    """The address of this host on its default route; None without one.  Sends nothing."""
+    """The address of this host on its default route, else that of any network interface but
+    loopback; None without one.  Sends nothing.
+    """
     for family, host in ((socket.AF_INET, _FAR_HOST), (socket.AF_INET6, ("2001:db8::1", 9))):
         with socket.socket(family, socket.SOCK_DGRAM) as probe:
             try:
@@ -114,4 +120,23 @@ def address_for_others() -> str | None:
             except OSError:
                 continue
             return str(probe.getsockname()[0])
-    return None
+    return next(filter(None, map(_interface_address, _interfaces())), None)
+
+
+def _interfaces() -> list[str]:
+    """Names of this host's network interfaces, on Linux."""
+    return [name for _, name in socket.if_nameindex()] if sys.platform == "linux" else []
+
+
+def _interface_address(name: str) -> str | None:
+    """The IPv4 address of a network interface; None: it has none, or is loopback."""
+    import fcntl
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        request = struct.pack("256s", name.encode()[:15])
+        try:
+            reply = fcntl.ioctl(probe, _SIOCGIFADDR, request)
+        except OSError:
+            return None
+    address = ip_address(reply[20:24])
+    return None if address.is_loopback else str(address)

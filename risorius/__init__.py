@@ -90,19 +90,23 @@ def open_call(
     connect: Sequence[str] = (),
     call: str = "call",
     face: str | Path | None = None,
+    invite: str | None = None,
+    insecure: bool = False,
 ) -> "Call":
     """Open a call to iterate its pictures: (time in seconds, (height, width, 3) uint8 BGR) each.
 
     source: call file, or an open stream of one; None: over the network.
     listen, connect: Zenoh endpoints such as tcp/0.0.0.0:7447; call: the call's name there.
     face: call file whose person is drawn instead.
+    invite: the line that the other end, or `risorius invite`, has printed: its key, and where and
+        under which name the call is.  insecure: go without beyond this host.
     Use it as a context manager, or close it.  Raises `UserError` if the call cannot be read or
     drawn.
     """
     from risorius.call import open_call
 
     target = None if face is None else Path(face)
-    return open_call(source, tuple(listen), tuple(connect), call, target)
+    return open_call(source, tuple(listen), tuple(connect), call, target, invite, insecure)
 
 
 def info(path: str | Path) -> "CallSummary":

@@ -1,6 +1,7 @@
 """The pictures of a call, as a program takes them."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, Self
 
@@ -8,6 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.call_pictures import CallOptions, CallPictures
+from protocol.endpoint import parse_endpoint
+from protocol.errors import ProtocolError
+from protocol.security.invitation import parse_invitation
+from protocol.security.link_security import LinkSecurity
+from shared_model.errors import UserError
 
 Picture = NDArray[np.uint8]
 
@@ -57,7 +63,26 @@ def open_call(
     connect: tuple[str, ...],
     call: str,
     face: Path | None,
+    invite: str | None,
+    insecure: bool,
 ) -> Call:
     """See `risorius.open_call`."""
     path = Path(source) if isinstance(source, str) else source
-    return Call(CallOptions(path, listen, connect, call, face=face))
+    options = CallOptions(path, listen, connect, call, face=face)
+    return Call(_protected(options, invite, insecure))
+
+
+def _protected(options: CallOptions, invite: str | None, insecure: bool) -> CallOptions:
+    """The options with name, key and, if none is given, place of the invitation."""
+    if invite is not None:
+        try:
+            invitation = parse_invitation(invite)
+        except ProtocolError as error:
+            raise UserError(str(error)) from error
+        if not options.listen and not options.connect:
+            options = replace(options, connect=(invitation.address,))
+        return replace(options, call=invitation.call, security=LinkSecurity(invitation.key))
+    places = map(parse_endpoint, options.listen + options.connect)
+    if not insecure and not all(place.is_loopback for place in places):
+        raise UserError("no invitation to this call: give invite, or insecure=True")
+    return options

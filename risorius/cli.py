@@ -22,7 +22,7 @@ from risorius.commands.demo import add_demo
 from risorius.commands.drawing import add_animate, add_view
 from risorius.commands.encode import add_encode
 from risorius.commands.info import add_info
-from risorius.commands.keys import add_keys
+from risorius.commands.keys import add_invite, add_keys
 from risorius.commands.relay import add_relay
 from risorius.commands.track import add_track
 from risorius.commands.train import add_train
@@ -36,6 +36,7 @@ COMMANDS = (
     add_decode,
     add_calls,
     add_relay,
+    add_invite,
     add_keys,
     add_bench,
     add_replay,
@@ -60,8 +61,8 @@ examples:
   risorius encode me.mp4 -o call.rzo            record a call
   risorius info call.rzo                        see what it weighs
   risorius decode call.rzo -o out.mkv           make it a video again
-  risorius decode --listen tcp/0.0.0.0:7447 -o out.mkv     on one host, then
-  risorius encode 0 --connect tcp/HOST:7447                on the other: a call with camera 0
+  risorius decode --listen :7447 -o out.mkv     on one host: it prints an invitation; then
+  risorius encode 0 --invite risorius://...     on the other: a call with camera 0
   risorius track me.mp4 -o me.csv               pose and expression, frame by frame
   risorius view --call call.rzo                 move every muscle of the face by hand
   risorius bench me.mp4 --out out/bench         bits against PSNR, two processes on this host

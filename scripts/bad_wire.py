@@ -1,8 +1,8 @@
 """Runs a command on each of some hosts that one bad wire joins, all on this machine (Linux, root).
 
     python -m scripts.bad_wire --loss 5 --delay 50 --cut 20:23 --kill 2:15 --again 2:16 \\
-        'risorius decode --listen udp/10.77.0.1:7447 -o out.mkv' \\
-        'risorius encode me.mp4 --connect udp/10.77.0.1:7447'
+        'risorius decode --listen udp/10.77.0.1:7447 --insecure -o out.mkv' \\
+        'risorius encode me.mp4 --connect udp/10.77.0.1:7447 --insecure'
 
 Host 1 has the address 10.77.0.1, host 2 10.77.0.2 and so on.  Each starts STAGGER seconds after
 the one before; times are seconds since the last one started.  Prints one line of JSON: for each

@@ -22,6 +22,8 @@ CarrierFactory = Callable[[LinkService], Carrier]
 
 # How often a farewell is repeated, and how soon.
 FAREWELLS, FAREWELL_S = 3, 0.02
+# How long the other end may answer who is there and say nothing that this end takes.
+UNREAD_S = 5.0
 
 
 class LinkEnd:
@@ -37,6 +39,7 @@ class LinkEnd:
     ) -> None:
         self._options, self._service, self._say = options, service, say
         self._begun_s, self._closed, self._told = monotonic(), False, False
+        self._unread_s: float | None = None
         if not options.listen:
             say(f"connecting to {' or '.join(options.connect)} for {waiting_for}")
         self._carrier = make_carrier(service)
@@ -86,7 +89,11 @@ class LinkEnd:
             return f"somebody is there, but for call {presence.call!r}"
         if presence.role is not role:
             return f"another {presence.role.name.lower()} of the call is there"
-        return None
+        # What it says may have been lost until now.
+        self._unread_s = self._unread_s or monotonic()
+        if monotonic() - self._unread_s < UNREAD_S:
+            return None
+        return "the other end is there, but has another invitation, or only one end has one"
 
     def _leave(self, farewell: bytes | None = None) -> None:
         if self._closed:

@@ -25,8 +25,9 @@ TICK_S, CHECK_S = 0.02, 0.2
 PATIENCE_S, ACTIVE_PATIENCE_S = 4.5, 1.5
 # When a candidate greets: at once, again, and with a question for whoever is there.
 GREETINGS_S, QUESTION_S = (0.0, 0.03, 0.6, 1.2), (0.3, 1.0)
-# How often the same question goes over a link that has become silent, and after what silence.
-ASK_S = 1.0
+# How often the same question goes over a link that has become silent, and after which share of the
+# patience: not between two reports of a decoder that has everything.
+ASK_S, QUESTION_SHARE = 1.0, 0.67
 # How long the end of the thread is waited for.
 STOP_S = 1.0
 
@@ -238,7 +239,7 @@ class LinkService:
                     self._carrier.ask(connection)
                 else:
                     self._put_to(connection, self.delivery.hello(now_s))
-        silent = now_s - self._heard_s > patience_s / 2
+        silent = now_s - self._heard_s > QUESTION_SHARE * patience_s
         if connector.link is not None and silent and now_s - self._asked_s > ASK_S:
             self._asked_s = now_s
             self._carrier.ask(connector.link)

@@ -10,9 +10,9 @@ connect to a router.
 import _thread
 import json
 import re
-import secrets
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from queue import Empty, SimpleQueue
 from time import monotonic
 from typing import Any
@@ -29,6 +29,7 @@ from protocol.link.interface import (
     PacketProtection,
     ignore_message,
 )
+from protocol.link.link_protection import link_protection
 from protocol.link.link_service import (
     LISTENING,
     Failed,
@@ -39,9 +40,8 @@ from protocol.link.link_service import (
 )
 from protocol.link.link_sink import LinkSink
 from protocol.link.link_source import LEAVE_GRACE_S, LinkSource
-from protocol.link.messages import SESSION_BYTES, Role
+from protocol.link.messages import Role
 from protocol.link.peers import POLL_S
-from protocol.link.plain_protection import PlainProtection
 from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence
 from protocol.security.link_security import LinkSecurity
 from protocol.security.tls_settings import tls_settings
@@ -63,7 +63,7 @@ MAX_MESSAGE_BYTES = 64 * 1024
 
 
 class ZenohSink(LinkSink):
-    """See `LinkSink`.  protection: None: only against change."""
+    """See `LinkSink`.  protection: None: as the options say."""
 
     def __init__(
         self,
@@ -71,14 +71,12 @@ class ZenohSink(LinkSink):
         say: MessageCallback = ignore_message,
         protection: PacketProtection | None = None,
     ) -> None:
-        guard = protection or PlainProtection(secrets.token_bytes(SESSION_BYTES), is_encoder=True)
-        super().__init__(
-            options, guard, lambda service: _Carrier(options, Role.ENCODER, service), say
-        )
+        guard = protection or link_protection(options, True, say)
+        super().__init__(options, guard, partial(_Carrier, options, Role.ENCODER), say)
 
 
 class ZenohSource(LinkSource):
-    """See `LinkSource`.  protection: None: only against change."""
+    """See `LinkSource`.  protection: None: what the options say."""
 
     def __init__(
         self,
@@ -87,14 +85,9 @@ class ZenohSource(LinkSource):
         protection: PacketProtection | None = None,
         leave_grace_s: float = LEAVE_GRACE_S,
     ) -> None:
-        guard = protection or PlainProtection(secrets.token_bytes(SESSION_BYTES), is_encoder=False)
-        super().__init__(
-            options,
-            guard,
-            lambda service: _Carrier(options, Role.DECODER, service),
-            say,
-            leave_grace_s,
-        )
+        guard = protection or link_protection(options, False, say)
+        make_carrier = partial(_Carrier, options, Role.DECODER)
+        super().__init__(options, guard, make_carrier, say, leave_grace_s)
 
 
 class _Carrier:
@@ -298,6 +291,8 @@ def _config(settings: dict[str, Any], security: LinkSecurity) -> zenoh.Config:
         # Sequence numbers of one byte instead of up to five.
         "transport/link/tx/sequence_number_resolution": "8bit",
         "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
+        # Every five seconds where nothing else is sent: less often than reports.
+        "transport/link/tx/keep_alive": 2,
     }
     if security.key_file is not None:
         common["transport/link/tls"] = tls_settings(security.key_file)

@@ -10,10 +10,11 @@ from typing import Any, Self
 import zenoh
 from zenoh.handlers import Callback
 
-from protocol.endpoint import parse_endpoint, parse_remote_endpoint
+from protocol.endpoint import Endpoint, parse_endpoint, parse_remote_endpoint
 from protocol.limits import MAX_MODEL_PACKET_BYTES
 from protocol.link.messages import Role as End
 from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence
+from protocol.link.zenoh_link import PRESENCE_MARK
 from protocol.relay.access import access_control
 from protocol.security.authority import Peer
 from protocol.security.link_security import KeyFile
@@ -34,8 +35,6 @@ _PRIORITIES = (
     "data_low",
     "background",
 )
-# Marks an answer to who is there among what carries a call.
-PRESENCE_MARK = b"p"
 # How long a relay may take to answer.
 QUERY_TIMEOUT_S = 5.0
 # After what silence a peer is gone.
@@ -99,7 +98,7 @@ class Relay:
 def relay_settings(options: RelayOptions) -> Mapping[str, Any]:
     """Zenoh's settings for a relay, by name."""
     listen = [place for text in options.listen for place in parse_endpoint(text).locators]
-    connect = [place for text in options.connect for place in parse_remote_endpoint(text).locators]
+    connect = [_join(parse_remote_endpoint(text)).locators[0] for text in options.connect]
     settings: dict[str, Any] = {
         "mode": "router",
         "scouting/multicast/enabled": False,
@@ -128,6 +127,11 @@ def relay_settings(options: RelayOptions) -> Mapping[str, Any]:
     if options.peers is not None:
         settings["access_control"] = access_control(options.peers)
     return settings
+
+
+def _join(place: Endpoint) -> Endpoint:
+    """Where to join another relay: reliably unless it is asked for otherwise."""
+    return next((each for each in place.choices if each.is_reliable), place)
 
 
 def _reason(error: zenoh.ZError) -> str:

@@ -186,7 +186,8 @@ class SFrameProtection:
             peer.window.take(counter)
             return plaintext, False
         self._unreadable += 1
-        return None, is_near or self._unreadable > MAX_UNREADABLE
+        is_open = self._session_in_hello(data) is not None
+        return None, is_near or is_open or self._unreadable > MAX_UNREADABLE
 
     def _note_stranger(self) -> None:
         with self._lock:

@@ -1,124 +1,228 @@
-"""Where the other end of a call is: options, calls on the local network, and what is said."""
+"""Where the other end of a call is, and with what keys: options, invitations, and what is said.
+
+Whoever listens beyond this host draws a key and prints an invitation; whoever connects beyond this
+host has been given one.  `--insecure` and loopback go without, and say so.
+"""
 
 import argparse
-from collections.abc import Iterator
-from contextlib import contextmanager
+import secrets
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from ipaddress import IPv4Address, ip_address
+from pathlib import Path
 
-from protocol.endpoint import DEFAULT_SCHEMES, Endpoint, parse_endpoint
+from protocol.endpoint import (
+    DEFAULT_SCHEMES,
+    Endpoint,
+    address_for_others,
+    parse_endpoint,
+    parse_remote_endpoint,
+)
+from protocol.errors import ProtocolError
+from protocol.limits import CALL_NAME
+from protocol.security.invitation import Invitation, parse_invitation, random_key
+from protocol.security.link_security import KeyFile, LinkSecurity
+from risorius.command_line.local_network import find_call
 from risorius.command_line.progress import say
-from shared_model.errors import LINK_FAILED, UserError
+from shared_model.errors import UserError
 
 DEFAULT_CALL = "call"
-# How long a call is looked for on the local network if nothing else is said.
-SEARCH_S = 10.0
+LINK_OPTIONS = ("connect", "listen", "invite", "invite_file", "call")
+# Names that are drawn: two syllables, easily said over a telephone.
+_CONSONANTS, _VOWELS = "bdfgjklmnprstv", "aeiou"
+
+Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
 class CallLink:
-    """Endpoints as the user named them, and the call's name."""
+    """Endpoints as the user named them, the call's name, and what protects it."""
 
     listen: tuple[str, ...]
     connect: tuple[str, ...]
     call: str
+    security: LinkSecurity
 
 
-NO_LINK = CallLink((), (), DEFAULT_CALL)
+NO_LINK = CallLink((), (), DEFAULT_CALL, LinkSecurity())
 
 
 def add_link(parser: argparse.ArgumentParser, where: argparse._MutuallyExclusiveGroup) -> None:
     """The options of `read_link`; endpoints go into the group `where`."""
     for option, what in (
-        ("--connect", "where the other end or a relay listens: HOST, HOST:7447, tcp/HOST:7447"),
-        ("--listen", "where this end listens: :7447 on all addresses, HOST:7447, tcp/HOST:7447"),
+        ("--connect", "where the other end or a relay listens: HOST, HOST:7447, tls/HOST:7447"),
+        ("--listen", "where this end listens: :7447 on all addresses, HOST:7447, udp/HOST:7447"),
     ):
         where.add_argument(option, action="append", metavar="ENDPOINT", help=what)
-    parser.add_argument(
-        "--call",
-        metavar="NAME",
-        help="name on the link, of a-z, A-Z, 0-9 and _ . -; without --connect and --listen the call"
-        f" of that name is looked for on the local network (default: {DEFAULT_CALL})",
+    link = parser.add_argument_group("over a network")
+    invitation = link.add_mutually_exclusive_group()
+    invitation.add_argument(
+        "--invite", metavar="LINE", help="the invitation that the other end has printed"
     )
-    parser.add_argument(
+    invitation.add_argument(
+        "--invite-file",
+        type=Path,
+        metavar="FILE",
+        help="file with the invitation, which then does not stand in the list of processes; with"
+        " --listen a file that does not exist yet is written",
+    )
+    invitation.add_argument(
         "--insecure",
         action="store_true",
-        help="without encryption: as every call over a network at present, with this option or not",
+        help="without encryption beyond this host: whoever is on the way can watch and forge",
+    )
+    link.add_argument(
+        "--keys",
+        type=Path,
+        metavar="FILE",
+        help="key file for tls/ and quic/ endpoints, as the owner of a relay hands it out",
+    )
+    link.add_argument(
+        "--call",
+        metavar="NAME",
+        help="name on the link, of a-z, A-Z, 0-9 and _ . - (default: that of the invitation, else"
+        f" {DEFAULT_CALL}); alone, with --insecure: look for it on the local network",
     )
 
 
 def check_place(arguments: argparse.Namespace, file: str, is_file: bool) -> None:
-    """Raise `UserError` if the arguments do not say where the call is.
+    """Raise `UserError` unless the arguments name either a call file or a link.
 
     file: how the command line names a call file.  is_file: whether there is one.
     """
-    if not is_file and not (arguments.connect or arguments.listen or arguments.call):
+    link = next((name for name in LINK_OPTIONS if getattr(arguments, name)), None)
+    if is_file and link is not None:
+        option = f"--{link.replace('_', '-')}"
+        raise UserError(f"{option} does not go with {file}; leave out {option}")
+    if not is_file and link is None:
         raise UserError(
-            f"where is the call? give {file}, --connect, --listen or --call; see --help"
+            f"where is the call? give {file}, --connect, --listen or --invite; see --help"
         )
 
 
 def read_link(arguments: argparse.Namespace, is_encoder: bool, wait_s: float) -> CallLink:
-    """Endpoints and name of the call that the arguments ask for.
+    """Endpoints, name and keys of the call that the arguments ask for.
 
-    A call of which only the name is known is looked for on the local network, for `wait_s`, or for
-    `SEARCH_S` if that is 0.  Raises `UserError` with exit code 4 if it is not there.
+    Prints the invitation, if there is a new one, or that the call is not encrypted.  A call of
+    which only the name is known is looked for on the local network, for `wait_s`; 0: for a time
+    that is usual.  Raises `UserError` if something is missing, or does not go together.
     """
-    listen, connect = tuple(arguments.listen or ()), tuple(arguments.connect or ())
-    call = arguments.call or DEFAULT_CALL
+    tell = _ignore if arguments.quiet else say
+    check_call_name(arguments.call)
+    invitation = _given_invitation(arguments)
+    listen = tuple(map(parse_endpoint, arguments.listen or ()))
+    if listen and invitation is None and _needs_key(arguments, listen):
+        invitation = _new_invitation(arguments, listen, tell)
+    name = arguments.call or (DEFAULT_CALL if invitation is None else invitation.call)
+    if invitation is not None and name != invitation.call:
+        raise UserError(f"the invitation is to call {invitation.call!r}; leave out --call")
+    connect = tuple(arguments.connect or ())
     if not listen and not connect:
-        if not arguments.quiet:
-            say(f"looking for call {call!r} on the local network")
-        connect = (find_call(call, is_encoder, wait_s or SEARCH_S),)
-    return CallLink(listen, connect, call)
+        connect = (_place(invitation, name, is_encoder, wait_s, tell),)
+    if invitation is None:
+        _check_open(arguments, connect)
+        tell(f"this call is not encrypted: {_why_open(arguments)}")
+    key = None if invitation is None else invitation.key
+    security = LinkSecurity(key, _key_file(arguments.keys))
+    return CallLink(tuple(arguments.listen or ()), connect, name, security)
 
 
-def find_call(call: str, is_encoder: bool, wait_s: float) -> str:
-    """Address of the end that waits on the local network for this end of a call.
-
-    Raises `UserError` with exit code 4 if there is none within `wait_s`.
-    """
-    from protocol.discovery import find_calls
-
-    others = set[str]()
-    for found in find_calls(wait_s):
-        if found.call == call and found.is_encoder != is_encoder:
-            return found.address
-        others.add(f"{'an encoder' if found.is_encoder else 'a decoder'} of call {found.call!r}")
-    who = f"; there is {', '.join(sorted(others))}" if others else ""
-    end = "a decoder" if is_encoder else "an encoder"
-    raise UserError(
-        f"{end} of call {call!r} does not listen on the local network{who}", LINK_FAILED
-    )
+def check_call_name(name: str | None) -> None:
+    """Raise `UserError` if a name is given that no call can have."""
+    if name is not None and not CALL_NAME.fullmatch(name):
+        raise UserError(f"call name {name!r}: use a-z, A-Z, 0-9 and _ . -, and no . in front")
 
 
-@contextmanager
-def announced(link: CallLink, is_encoder: bool) -> Iterator[None]:
-    """Answer within the `with` block who looks for calls on the local network.
-
-    An end that does not listen beyond this host, or not over UDP or TCP, does not answer.
-    """
-    place = next(filter(_is_open, map(parse_endpoint, link.listen)), None)
-    if place is None:
-        yield
-        return
-    from protocol.discovery import CallAnnouncer, FoundCall
-
-    found = FoundCall(link.call, "", place.port, is_encoder, needs_invitation=False)
-    with CallAnnouncer(found, _interface(place)):
-        yield
+def random_call_name() -> str:
+    """A name that no other call around is likely to have; no secret."""
+    letters = (_CONSONANTS, _VOWELS, _CONSONANTS, _VOWELS)
+    return "".join(map(secrets.choice, letters))
 
 
-def _is_open(place: Endpoint) -> bool:
-    """Whether who is on the local network can connect to it by its address alone."""
-    is_default = place.scheme is None or place.scheme in DEFAULT_SCHEMES
-    return is_default and not place.is_loopback and bool(place.port)
+def _ignore(line: str) -> None:
+    """With --quiet nothing is said."""
 
 
-def _interface(place: Endpoint) -> str | None:
-    """The address of the one network interface that is listened on; None: all, or not known."""
-    try:
-        is_one = isinstance(ip_address(place.host), IPv4Address) and not place.is_any
-    except ValueError:
+def _needs_key(arguments: argparse.Namespace, places: Sequence[Endpoint]) -> bool:
+    return not arguments.insecure and not all(place.is_loopback for place in places)
+
+
+def _why_open(arguments: argparse.Namespace) -> str:
+    return "--insecure" if arguments.insecure else "it stays on this host"
+
+
+def _check_open(arguments: argparse.Namespace, connect: tuple[str, ...]) -> None:
+    """Raise `UserError` if a call that leaves this host has no key."""
+    places = tuple(map(parse_remote_endpoint, connect))
+    if _needs_key(arguments, places):
+        raise UserError(
+            f"no invitation for {places[0].address}: give --invite with the line that the other"
+            " end has printed, or --insecure to go without encryption"
+        )
+
+
+def _place(
+    invitation: Invitation | None, name: str, is_encoder: bool, wait_s: float, tell: Say
+) -> str:
+    """Where to connect to if nothing says it: as the invitation says, or as who listens says."""
+    if invitation is not None:
+        return invitation.address
+    tell(f"looking for call {name!r} on the local network")
+    found = find_call(name, is_encoder, wait_s)
+    if found.needs_invitation:
+        raise UserError(
+            f"call {name!r} at {found.address} needs an invitation: give --invite with the line"
+            " that the other end has printed"
+        )
+    return found.address
+
+
+def _given_invitation(arguments: argparse.Namespace) -> Invitation | None:
+    """The invitation on the command line, or in a file; None if there is none yet."""
+    text, path = arguments.invite, arguments.invite_file
+    if path is not None:
+        try:
+            text = path.read_text(encoding="utf-8", errors="replace")
+        except FileNotFoundError as error:
+            if arguments.listen:
+                return None
+            raise UserError(f"{path}: no such file") from error
+        except OSError as error:
+            raise UserError(f"cannot read {path}: {error.strerror}") from error
+    if text is None:
         return None
-    return place.host if is_one else None
+    try:
+        return parse_invitation(text)
+    except ProtocolError as error:
+        raise UserError(f"{path or '--invite'}: {error}") from error
+
+
+def _new_invitation(
+    arguments: argparse.Namespace, listen: Sequence[Endpoint], tell: Say
+) -> Invitation:
+    """The invitation of an end that listens, which is told, and written if that was asked for."""
+    from protocol.security.private_file import write_private
+
+    place = next(place for place in listen if not place.is_loopback)
+    if not place.port:
+        raise UserError("name a port to listen on: the invitation has to tell it")
+    host = address_for_others() if place.is_any else place.host
+    if host is None:
+        raise UserError("this host has no address on a network: name one with --listen HOST:PORT")
+    invitation = Invitation(host, place.port, arguments.call or random_call_name(), random_key())
+    own = place.scheme is not None and place.scheme not in DEFAULT_SCHEMES
+    extra = f" (and --connect {place.scheme}/{invitation.address})" if own else ""
+    if arguments.invite_file is not None:
+        write_private(arguments.invite_file, f"{invitation}\n".encode())
+        tell(f"the invitation is in {arguments.invite_file}: send it to the other end{extra}")
+    else:
+        # Also with --quiet: without it nobody could join.
+        say(f"send this invitation to the other end{extra}: {invitation}")
+    return invitation
+
+
+def _key_file(path: Path | None) -> KeyFile | None:
+    if path is None:
+        return None
+    from protocol.security.key_file import read_key_file
+
+    return read_key_file(path)

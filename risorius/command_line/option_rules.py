@@ -7,8 +7,9 @@ from encoder.option_rules import DEFAULT_OPTIONS, THESIS_OPTIONS, Options, chose
 from shared_model.errors import UserError
 
 # Options with an effect over a link only, and options without one in a sweep, and their defaults.
-ENCODE_LINK_OPTIONS: Options = {"call": None, "insecure": False, "lossless": False, "wait": 30.0}
-DECODE_LINK_OPTIONS: Options = {"call": None, "insecure": False, "timeout": 0.0}
+_LINK_OPTIONS: Options = {"insecure": False, "keys": None}
+ENCODE_LINK_OPTIONS: Options = {**_LINK_OPTIONS, "lossless": False, "wait": 30.0}
+DECODE_LINK_OPTIONS: Options = {**_LINK_OPTIONS, "timeout": 0.0}
 OPTIONS_NOT_FOR_SWEEP: Options = {
     **THESIS_OPTIONS,
     **DEFAULT_OPTIONS,

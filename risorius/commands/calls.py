@@ -1,6 +1,7 @@
 """`risorius calls`: which calls there are."""
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from risorius.command_line.argument_types import seconds
@@ -18,23 +19,28 @@ def add_calls(added: "Commands") -> None:
     parser = add_command(
         added,
         "calls",
-        "list the calls on the local network",
-        "Whoever listens there for the other end of a call answers: name, address, and who waits.",
-        "  risorius calls\n  risorius calls --wait 5\n",
+        "list the calls on the local network, or at a relay",
+        "On the local network whoever listens answers, with the address.  A relay tells the calls\n"
+        "whose ends are connected to it; one with certificates tells its owner alone.",
+        "  risorius calls\n"
+        "  risorius calls --connect relay.example:7447\n"
+        "  risorius calls --connect tls/relay.example:7447 --keys relay-keys/relay.keys\n",
     )
+    parser.add_argument("--connect", metavar="ENDPOINT", help="where a relay listens")
+    parser.add_argument("--keys", type=Path, metavar="FILE", help="key file for the relay")
     parser.add_argument(
         "--wait",
         type=seconds,
         default=WAIT_S,
         metavar="S",
-        help="wait so long for answers (default: %(default)g)",
+        help="on the local network, wait so long for answers (default: %(default)g)",
     )
     parser.set_defaults(run=run_calls)
 
 
 def run_calls(arguments: argparse.Namespace) -> int:
     """`risorius calls`: one line for each call; without any exit code 4."""
-    lines = _on_local_network(arguments.wait)
+    lines = _at_relay(arguments) if arguments.connect else _on_local_network(arguments.wait)
     for line in lines:
         print(line)
     if not lines:
@@ -49,4 +55,16 @@ def _on_local_network(wait_s: float) -> list[str]:
         f"{found.call:20} {found.address:21} {'an encoder' if found.is_encoder else 'a decoder'}"
         f" waits{', invitation needed' if found.needs_invitation else ''}"
         for found in sorted(find_calls(wait_s))
+    ]
+
+
+def _at_relay(arguments: argparse.Namespace) -> list[str]:
+    from protocol.relay.zenoh_relay import calls_at_relay
+    from protocol.security.key_file import read_key_file
+
+    keys = read_key_file(arguments.keys) if arguments.keys else None
+    return [
+        f"{call.name:20} {call.encoders} encoder{'s' if call.encoders != 1 else ''},"
+        f" {call.decoders} decoder{'s' if call.decoders != 1 else ''}"
+        for call in calls_at_relay(arguments.connect, keys)
     ]

@@ -14,10 +14,10 @@ from risorius.command_line.call_link import (
     NO_LINK,
     CallLink,
     add_link,
-    announced,
     check_place,
     read_link,
 )
+from risorius.command_line.local_network import announced
 from risorius.command_line.option_rules import DECODE_LINK_OPTIONS, reject
 from risorius.command_line.options import (
     add_comparison,
@@ -56,7 +56,8 @@ def add_decode(added: "Commands") -> None:
         "  risorius decode call.rzo -o out.mkv --source me.mp4\n"
         "  risorius decode call.rzo --face anna.rzo -o anna.mkv\n"
         "  risorius decode call.rzo -o - | mpv -\n"
-        "  risorius decode --listen :7447 --call anna --view\n",
+        "  risorius decode --listen :7447 --call anna --view       # prints an invitation\n"
+        "  risorius decode --invite risorius://192.0.2.7:7447/anna#K7Q2-8MDX-... --view\n",
     )
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
@@ -84,7 +85,7 @@ def add_decode(added: "Commands") -> None:
 
 def run_decode(arguments: argparse.Namespace) -> int:
     """`risorius decode`."""
-    check_place(arguments, "CALL", arguments.call_file is not None)
+    check_place(arguments, "a call file", arguments.call_file is not None)
     read = [arguments.call_file, arguments.source, arguments.face]
     check_outputs(read, [arguments.output, arguments.report])
     if arguments.call_file is not None:
@@ -101,7 +102,8 @@ def run_decode(arguments: argparse.Namespace) -> int:
         link = NO_LINK
         if arguments.call_file is None:
             link = read_link(arguments, is_encoder=False, wait_s=arguments.timeout)
-            stack.enter_context(announced(link, is_encoder=False))
+            needs_key = link.security.key is not None
+            stack.enter_context(announced(link.call, link.listen, False, needs_key))
         stop = stack.enter_context(StopOnSignal())
         report = _decode(arguments, link, output, stop)
         if not arguments.quiet:
@@ -131,6 +133,7 @@ def _decode(
         listen=link.listen,
         connect=link.connect,
         call=link.call,
+        security=link.security,
         connect_timeout_s=arguments.timeout,
         output=output_of(output),
         face=arguments.face,

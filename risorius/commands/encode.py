@@ -11,10 +11,10 @@ from risorius.command_line.call_link import (
     NO_LINK,
     CallLink,
     add_link,
-    announced,
     check_place,
     read_link,
 )
+from risorius.command_line.local_network import announced
 from risorius.command_line.option_rules import ENCODE_LINK_OPTIONS, profile_of, reject
 from risorius.command_line.options import (
     SOURCE_HELP,
@@ -47,7 +47,8 @@ def add_encode(added: "Commands") -> None:
         "The call goes into a file (-o) or over Zenoh (--connect or --listen): the same bytes.",
         "  risorius encode me.mp4 -o call.rzo\n"
         "  risorius encode me.mp4 --live -o - | risorius decode - -o - | mpv -\n"
-        "  risorius encode 0 --connect 192.0.2.7:7447 --call anna\n"
+        "  risorius encode 0 --invite risorius://192.0.2.7:7447/anna#K7Q2-8MDX-...\n"
+        "  risorius encode me.mp4 --connect 192.0.2.7:7447 --call anna --insecure\n"
         "  risorius encode 0 --listen :7447 --call anna       # then, on the same network,\n"
         "  risorius decode --call anna --view\n",
     )
@@ -85,7 +86,8 @@ def run_encode(arguments: argparse.Namespace) -> int:
         link = NO_LINK
         if arguments.output is None:
             link = read_link(arguments, is_encoder=True, wait_s=arguments.wait)
-            stack.enter_context(announced(link, is_encoder=True))
+            needs_key = link.security.key is not None
+            stack.enter_context(announced(link.call, link.listen, True, needs_key))
         options = _encode_options(arguments, profile, link)
         if arguments.view:
             from risorius.call_page.call_view import SentView
@@ -128,6 +130,7 @@ def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink)
         connect=link.connect,
         listen=link.listen,
         call=link.call,
+        security=link.security,
         lossless=arguments.lossless,
         profile=profile,
         bitrate=arguments.bitrate,

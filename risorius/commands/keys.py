@@ -1,4 +1,4 @@
-"""`risorius keys`: who may use a relay."""
+"""`risorius keys`: who may use a relay; `risorius invite`: an invitation to a call at a relay."""
 
 import argparse
 from datetime import UTC, datetime
@@ -48,6 +48,29 @@ def add_keys(added: "Commands") -> None:
     _add_folder(revoke)
     revoke.add_argument("name", metavar="NAME", help="the peer")
     revoke.set_defaults(run=_revoke)
+
+
+def add_invite(added: "Commands") -> None:
+    """`risorius invite`."""
+    parser = add_command(
+        added,
+        "invite",
+        "draw a key for a call at a relay and print the invitation",
+        "Both ends of the call get the line; the relay does not, and can neither watch nor forge.\n"
+        "Who listens without a relay prints an invitation by itself.",
+        "  risorius invite relay.example:7447 --call anna\n"
+        "  risorius invite tls/relay.example:7447 --call anna -o anna.invite\n",
+    )
+    parser.add_argument("relay", metavar="HOST:PORT", help="where the relay listens")
+    parser.add_argument("--call", metavar="NAME", help="name of the call (default: one is drawn)")
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help="write the line into a file that only you can read, instead of printing it",
+    )
+    parser.set_defaults(run=_draw)
 
 
 def _add_peer(actions: "Commands") -> None:
@@ -111,4 +134,21 @@ def _revoke(arguments: argparse.Namespace) -> int:
 
     revoke_peer(arguments.folder, arguments.name)
     print(f"{arguments.name} is revoked; a relay that runs with {arguments.folder} refuses it")
+    return 0
+
+
+def _draw(arguments: argparse.Namespace) -> int:
+    from protocol.endpoint import parse_remote_endpoint
+    from protocol.security.invitation import Invitation, random_key
+    from protocol.security.private_file import write_private
+    from risorius.command_line.call_link import check_call_name, random_call_name
+
+    endpoint = parse_remote_endpoint(arguments.relay)
+    check_call_name(arguments.call)
+    name = arguments.call or random_call_name()
+    invitation = Invitation(endpoint.host, endpoint.port, name, random_key())
+    if arguments.output is None:
+        print(invitation)
+    else:
+        write_private(arguments.output, f"{invitation}\n".encode())
     return 0

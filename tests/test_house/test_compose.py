@@ -22,6 +22,7 @@ from risorius.cli import build_parser
 COMPOSE = ROOT / "docker-compose.yml"
 DOCKERFILE = ROOT / "Dockerfile"
 LIMIT_S = 90.0
+PARTS = ("encoder", "router", "decoder")
 DEFAULT = re.compile(r"\$\{\w+:-([^}]*)\}")
 
 
@@ -40,17 +41,25 @@ def test_the_file_obeys_the_compose_specification() -> None:
     assert result.returncode == 0, result.stdout
 
 
-def test_there_are_an_encoder_a_router_and_a_decoder(services: dict[str, Any]) -> None:
-    assert set(services) == {"encoder", "router", "decoder"}
+@pytest.mark.parametrize("prefix", ["", "secure-"])
+def test_there_are_an_encoder_a_router_and_a_decoder(prefix: str, services: dict[str, Any]) -> None:
+    assert set(services) == {f"{p}{part}" for p in ("", "secure-") for part in PARTS} | {"keys"}
     for name in ("encoder", "decoder"):
-        assert services[name]["depends_on"]["router"]["condition"] == "service_healthy"
-    assert "./clips:/clips:ro" in services["encoder"]["volumes"]
-    assert services["decoder"]["volumes"] == ["decoded:/out"]
+        depends = services[prefix + name]["depends_on"]
+        assert depends[f"{prefix}router"]["condition"] == "service_healthy"
+    assert "./clips:/clips:ro" in services[f"{prefix}encoder"]["volumes"]
+    assert "decoded:/out" in services[f"{prefix}decoder"]["volumes"]
+    secure = {name for name, service in services.items() if service.get("profiles") == ["secure"]}
+    assert secure == {"keys", *(f"secure-{part}" for part in PARTS)}
 
 
 def test_every_service_runs_a_command_of_ours(services: dict[str, Any]) -> None:
-    for service in services.values():
-        assert callable(build_parser().parse_args(service["command"]).run)
+    lines = [service["command"] for name, service in services.items() if name != "keys"]
+    script = services["keys"]["command"][0].splitlines()[1:]
+    lines += [shlex.split(line)[1:] for line in script if line.startswith("risorius ")]
+    assert len(lines) == 6 + len(script)
+    for line in lines:
+        assert callable(build_parser().parse_args(line).run)
 
 
 def test_the_image_copies_files_that_exist_and_runs_the_program() -> None:
@@ -70,16 +79,20 @@ def test_the_image_has_the_system_libraries_of_the_makefile() -> None:
     assert set(match[1].split()) <= set(DOCKERFILE.read_text().split())
 
 
+@pytest.mark.parametrize("prefix", ["", "secure-"], ids=["open", "secure"])
 def test_the_services_commands_make_a_call(
-    services: dict[str, Any], carphone: Path, start: Start, tmp_path: Path
+    prefix: str, services: dict[str, Any], carphone: Path, start: Start, tmp_path: Path
 ) -> None:
     clip, port = tmp_path / "clip.mkv", free_port()
-    copy_frames(carphone, clip, 30)
+    copy_frames(carphone, clip, 10)
     places = {
         "0.0.0.0:7447": f"127.0.0.1:{port}",
-        "router:7447": f"127.0.0.1:{port}",
+        f"{prefix}router:7447": f"127.0.0.1:{port}",
+        f"{prefix}router": "127.0.0.1",
         "/clips/clip.mp4": str(clip),
         "/out/": f"{tmp_path}/",
+        "/keys/": f"{tmp_path}/",
+        "risorius ": f"{shlex.join(PROGRAM)} ",
     }
 
     def here(argument: str) -> str:
@@ -88,23 +101,31 @@ def test_the_services_commands_make_a_call(
         return argument
 
     def run(name: str) -> "subprocess.Popen[str]":
-        return start(*map(here, services[name]["command"]))
+        return start(*map(here, services[prefix + name]["command"]))
 
+    if prefix:
+        make_keys([*services["keys"]["entrypoint"], here(services["keys"]["command"][0])])
     router = run("router")
-    health = services["router"]["healthcheck"]["test"]
+    health = services[f"{prefix}router"]["healthcheck"]["test"]
     wait_until_healthy([word.replace("7447", str(port)) for word in health])
     decoder, encoder = run("decoder"), run("encoder")
     for process in (encoder, decoder):
         _, stderr = process.communicate(timeout=LIMIT_S)
         assert process.returncode == 0, stderr
+        assert ("not encrypted" in stderr) == (not prefix)
     router.send_signal(signal.SIGTERM)
     assert router.wait(LIMIT_S) == 0
-
     with open_source(str(clip)) as source, open_source(str(tmp_path / "decoded.mkv")) as copy:
         assert (copy.width, copy.height, copy.fps) == (source.width, source.height, source.fps)
         assert sum(1 for _ in copy) == sum(1 for _ in source)
     report = json.loads((tmp_path / "decoder.json").read_text())
     assert report["complete"] and report["lost_packets"] == 0
+
+
+def make_keys(script: list[str]) -> None:
+    """The second time the script finds what the first has made."""
+    for _ in range(2):
+        subprocess.run(script, check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
 
 
 def wait_until_healthy(test: list[str]) -> None:

@@ -96,11 +96,13 @@ def test_ports_end_where_they_end_and_a_name_is_not_all_addresses() -> None:
     assert not parse_endpoint("host.example:1").is_any
 
 
+@pytest.mark.parametrize("interfaces", [[], ["lo"], ["nosuch0"]])
 def test_a_host_without_a_network_has_no_address_for_others(
-    monkeypatch: pytest.MonkeyPatch,
+    interfaces: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def unreachable(*arguments: object) -> None:
         raise OSError("Network is unreachable")
 
     monkeypatch.setattr(socket.socket, "connect", unreachable)
+    monkeypatch.setattr(socket, "if_nameindex", lambda: list(enumerate(interfaces)))
     assert address_for_others() is None

@@ -17,6 +17,7 @@ COMMANDS = (
     "decode",
     "calls",
     "relay",
+    "invite",
     "keys",
     "bench",
     "replay",

@@ -3,6 +3,7 @@
 import doctest
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,12 @@ import pytest
 from conftest import ROOT
 
 import risorius
+from loopback.process_pair import free_port
+from protocol.call_file import CallReader
+from protocol.link.interface import LinkOptions
+from protocol.link.zenoh_link import ZenohSink
+from protocol.security.invitation import Invitation
+from protocol.security.link_security import LinkSecurity
 from shared_model.errors import UserError
 
 
@@ -65,3 +72,31 @@ def test_what_is_missing_is_the_users_error(tmp_path: Path) -> None:
     for fails in (risorius.info, risorius.open_call, risorius.track):
         with pytest.raises(UserError, match="none: no such file"):
             fails(none)
+
+
+def test_a_call_over_a_network_is_opened_with_its_invitation(call: Path) -> None:
+    invitation = Invitation("127.0.0.1", free_port(), "anna", bytes(range(16)))
+    security = LinkSecurity(invitation.key)
+    options = LinkOptions("anna", (invitation.address,), lossless=True, security=security)
+
+    def send() -> None:
+        with ZenohSink(options) as sink, CallReader(call) as packets:
+            sink.wait_for_peer(60)
+            for packet in packets:
+                sink.send(packet)
+
+    with ThreadPoolExecutor(1) as background:
+        sending = background.submit(send)
+        with risorius.open_call(invite=str(invitation)) as opened:
+            assert len(list(opened)) == 30 and opened.complete
+        sending.result()
+
+
+@pytest.mark.parametrize(
+    "place", [{"listen": [":7447"]}, {"connect": ["192.0.2.7:7447", "127.0.0.1:1"]}]
+)
+def test_no_call_beyond_this_host_is_open_by_mistake(place: dict[str, list[str]]) -> None:
+    with pytest.raises(UserError, match="no invitation to this call"):
+        risorius.open_call(**place)  # type: ignore[arg-type]
+    with pytest.raises(UserError, match="no invitation: expected"):
+        risorius.open_call(**place, invite="anna")  # type: ignore[arg-type]

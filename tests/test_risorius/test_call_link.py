@@ -1,0 +1,144 @@
+"""Options of a link: who gets an invitation, who needs one, and what is said."""
+
+import argparse
+import stat
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from protocol.security.invitation import Invitation, parse_invitation
+from risorius.cli import main
+from risorius.command_line.call_link import CallLink, add_link, check_place, read_link
+from shared_model.errors import UserError
+
+# Of hosts that are in no network (RFC 5737).
+OTHER, OWN = "192.0.2.7:7447", "192.0.2.8:7447"
+INVITATION = Invitation("192.0.2.7", 7447, "anna", bytes(range(16)))
+
+Capture = pytest.CaptureFixture[str]
+
+
+def link_of(*arguments: str) -> CallLink:
+    """What a decoder makes of its arguments."""
+    parser = argparse.ArgumentParser()
+    add_link(parser, parser.add_mutually_exclusive_group())
+    parser.add_argument("--quiet", action="store_true")
+    parsed = parser.parse_args(arguments)
+    check_place(parsed, "a call file", False)
+    return read_link(parsed, is_encoder=False, wait_s=0.1)
+
+
+def refusal(*arguments: str) -> str:
+    with pytest.raises(UserError) as caught:
+        link_of(*arguments)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("quiet", [[], ["--quiet"]])
+def test_who_listens_beyond_this_host_prints_one_line_to_send(
+    quiet: Sequence[str], capsys: Capture
+) -> None:
+    link = link_of("--listen", OWN, "--call", "anna", *quiet)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("send this invitation to the other end: ")
+    invitation = parse_invitation(line.rpartition(" ")[2])
+    assert (invitation.address, invitation.call) == (OWN, "anna")
+    assert link.security.key == invitation.key and link.call == "anna"
+    other = link_of("--invite", str(invitation), *quiet)
+    assert capsys.readouterr().err == ""
+    assert other == CallLink((), (OWN,), "anna", link.security)
+    assert repr(other).find(str(invitation.key)) < 0
+
+
+def test_each_start_draws_a_new_key(capsys: Capture) -> None:
+    links = [link_of("--listen", OWN) for _ in range(2)]
+    assert links[0].security.key != links[1].security.key
+    assert links[0].call != "call", "a call without a name gets one"
+
+
+def test_a_file_keeps_the_invitation_out_of_the_list_of_processes(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    path = tmp_path / "anna.invite"
+    first = link_of("--listen", OWN, "--call", "anna", "--invite-file", str(path))
+    assert str(path) in capsys.readouterr().err
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert link_of("--invite-file", str(path)).security == first.security
+    # Who listens again keeps the key, so that the other end need not be told again.
+    assert link_of("--listen", OWN, "--invite-file", str(path)).security == first.security
+    assert capsys.readouterr().err == ""
+
+
+def test_an_invitation_goes_with_a_place_of_its_own() -> None:
+    link = link_of("--connect", "tls/relay.example:7447", "--invite", str(INVITATION))
+    assert link.connect == ("tls/relay.example:7447",)
+    assert link.security.key == INVITATION.key and link.call == "anna"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (("--listen", "127.0.0.1:7447"), "it stays on this host"),
+        (("--connect", "localhost:7447"), "it stays on this host"),
+        (("--listen", "[::1]:7447"), "it stays on this host"),
+        (("--listen", OWN, "--insecure"), "--insecure"),
+        (("--connect", OTHER, "--insecure"), "--insecure"),
+    ],
+)
+def test_only_loopback_and_insecure_go_without_and_say_so_once(
+    arguments: Sequence[str], reason: str, capsys: Capture
+) -> None:
+    link = link_of(*arguments)
+    assert link.security.key is None and link.call == "call"
+    assert capsys.readouterr().err == f"this call is not encrypted: {reason}\n"
+    assert link_of(*arguments, "--quiet") == link
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("--connect", OTHER), "no invitation for 192.0.2.7:7447"),
+        (("--connect", "127.0.0.1:1", "--connect", OTHER), "--insecure"),
+        (("--listen", "192.0.2.8:0"), "name a port"),
+        (("--invite", "risorius://192.0.2.7/anna"), "--invite: no invitation"),
+        (("--invite", f"{str(INVITATION)[:-1]}0"), "copied wrongly"),
+        (("--invite", str(INVITATION), "--call", "bert"), "to call 'anna'"),
+        (("--connect", "127.0.0.1:1", "--call", "a/b"), "call name"),
+        (("--connect", "127.0.0.1:1", "--keys", "/nowhere"), "cannot read /nowhere"),
+        (("--invite-file", "/nowhere"), "/nowhere: no such file"),
+        (("--invite-file", "/"), "cannot read /"),
+        ((), "see --help"),
+    ],
+)
+def test_what_is_missing_or_does_not_go_together_is_said(
+    arguments: Sequence[str], expected: str
+) -> None:
+    assert expected in refusal(*arguments)
+
+
+def test_a_line_of_an_invitation_is_not_repeated_in_an_error() -> None:
+    wrong = str(INVITATION).replace("anna", "an na")
+    assert str(INVITATION)[-20:] not in refusal("--invite", wrong)
+
+
+@pytest.mark.parametrize(
+    "options", ["--call anna", "--invite {}", "--insecure", "--invite-file x", "--keys x"]
+)
+def test_a_call_file_takes_no_option_of_a_link(options: str, capsys: Capture) -> None:
+    given = options.format(INVITATION).split()
+    assert main(["decode", "call.rzo", *given]) == 2
+    assert f"leave out {given[0]}" in capsys.readouterr().err
+
+
+def test_an_invitation_to_a_relay_is_drawn(tmp_path: Path, capsys: Capture) -> None:
+    assert main(["invite", "tls/relay.example:7447", "--call", "anna"]) == 0
+    invitation = parse_invitation(capsys.readouterr().out)
+    assert (invitation.address, invitation.call) == ("relay.example:7447", "anna")
+    path = tmp_path / "anna.invite"
+    assert main(["invite", "relay.example", "-o", str(path)]) == 0
+    assert capsys.readouterr().out == ""
+    assert parse_invitation(path.read_text()).address == "relay.example:7447"
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert main(["invite", "relay.example", "--call", "a/b"]) == 2
