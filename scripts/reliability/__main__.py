@@ -5,13 +5,14 @@ namespace to another, and prints a table (Linux, root).  The ends are those of `
 without encoding and drawing: what arrives, when it does, is played out and drawn afterwards.  Every
 row that is measured stays in FOLDER; what is there is not measured again.
 
-first s: from the start of the encoder's end until the first picture can be drawn.  dB: PSNR of the
-face less that of the same call without a wire.  lost: pictures that stand for lost ones.  came:
+up s: from the start of both ends until the encoder has the link measured and may begin.  first s:
+from there, where its first face would be found, until the first picture can be drawn.  dB: PSNR of
+the face less that of the same call without a wire.  lost: pictures that stand for lost ones.  came:
 share of the frame packets; median, p95: their way from one end to the other, ms; those that never
 came count as the slowest.  back s: from the end of a cut, or the start of an end that had been
 killed, to the first new frame packet.  step: the largest movement of a point of the face from one
-picture to the next, as a multiple of that in the call without a wire.  bit/s: of IP, both ways, in
-the seconds after the model.
+picture to the next, as a multiple of that in the call without a wire.  forward, back: bits a second
+of IP after the seconds of the model.
 """
 
 import argparse
@@ -37,10 +38,11 @@ from scripts.loss_table import FacePsnr
 from scripts.reliability.figures import (
     arrivals_of,
     back_after_s,
-    delivery,
     largest_step_px,
+    percentile,
     played,
     read_log,
+    ways_ms,
 )
 from scripts.reliability.rows import DECODER, ENCODER, ROWS, Row
 from shared_model.errors import UserError
@@ -51,7 +53,19 @@ ENCODE = (sys.executable, "-c", "from risorius.cli import main; exit(main())", "
 # Bits a second at which a model in layers is recorded.
 LAYERS_BPS = 5500
 COLUMNS = (
-    *("link", "first s", "dB", "lost", "came %", "median", "p95", "back s", "step", "bit/s"),
+    *(
+        "link",
+        "first s",
+        "dB",
+        "lost",
+        "came %",
+        "median",
+        "p95",
+        "back s",
+        "step",
+        "forward",
+        "back",
+    ),
 )
 POLL_S, LIMIT_S = 0.05, 150.0
 # The seconds of a call until its model is there, and its last ones, do not count for its rate.
@@ -103,17 +117,24 @@ def _cells(row: Row, calls: Sequence[dict[str, Any]]) -> list[Cell]:
         values = [call[name] for call in calls if call[name] is not None]
         return f"{statistics.mean(values):.{digits}f}" if values else None
 
+    ways = [way for call in calls for way in call["ways_ms"] or ()]
+
+    def way(share: float) -> Cell:
+        return f"{percentile(ways, share):.0f}" if ways else None
+
     return [
         row.name,
+        worst("up_s", 1),
         worst("first_s", 1),
         mean("change_db", 2),
         mean("lost", 1),
-        mean("came", 1),
-        mean("median_ms"),
-        worst("p95_ms"),
+        f"{100 - 100 * ways.count(None) / len(ways):.1f}" if ways else None,
+        way(0.5),
+        way(0.95),
         worst("back_s", 1),
         worst("step", 2),
-        mean("rate_bps"),
+        mean("forward_bps"),
+        mean("back_bps"),
     ]
 
 
@@ -129,8 +150,8 @@ def _figures(row: Row, clip: Path, folder: Path, faces: list[FacePsnr]) -> list[
             shutil.rmtree(logs, ignore_errors=True)
             logs.mkdir()
             print(f"{clip.name}: {row.name}, {seed}", file=sys.stderr, flush=True)
-            traffic = _run(row, call, logs, seed)
-            write_json(report, _measure(row, call, clip, logs, traffic, faces))
+            traffic = make_call(row, call, logs, seed)
+            write_json(report, measure(row, call, clip, logs, traffic, faces))
         found.append(json.loads(report.read_text("utf-8")))
     return found
 
@@ -145,8 +166,8 @@ def _call_of(clip: Path, folder: Path, layers: bool) -> Path:
     return call
 
 
-def _run(row: Row, call: Path, logs: Path, seed: int) -> dict[str, Any]:
-    """Make the call; when what happened, and the bytes of each second of both ends."""
+def make_call(row: Row, call: Path, logs: Path, seed: int) -> dict[str, Any]:
+    """Make one call; when what happened, and the bytes of each second of both ends."""
     place = row.endpoint.format(f"{ADDRESSES[DECODER]}:{PORT}")
     starts = [0, 0]
 
@@ -156,7 +177,7 @@ def _run(row: Row, call: Path, logs: Path, seed: int) -> dict[str, Any]:
         def start(host: int) -> None:
             starts[host] += 1
             log = logs / f"{host}-{starts[host]}.log"
-            arguments = ["send", call, log, place, row.repeats] if host else ["receive", log, place]
+            arguments = ["send", call, log, place, row.least_s] if host else ["receive", log, place]
             with log.with_suffix(".txt").open("wb") as output:
                 processes[host] = wire.hosts[host].run([*ENDS, *map(str, arguments)], output)
 
@@ -192,9 +213,10 @@ def wait_for(condition: Callable[[], bool]) -> None:
         time.sleep(POLL_S)
 
 
-def _measure(
+def measure(
     row: Row, call: Path, clip: Path, logs: Path, traffic: dict[str, Any], faces: list[FacePsnr]
 ) -> dict[str, Any]:
+    """The figures of a call that has been made.  faces: of the clip, made when it is needed."""
     sender = read_log(logs / f"{ENCODER}-1.log")
     receiver = [line for path in sorted(logs.glob("0-*.log")) for line in read_log(path)]
     started_s = max(line["t"] for line in (sender[0], receiver[0]))
@@ -207,18 +229,19 @@ def _measure(
         "row": asdict(row),
         "exit_codes": traffic["exit_codes"],
         "link_rate_bps": met and met["rate_bps"],
-        "first_s": _finite(first_s - started_s),
+        "up_s": _finite((met["t"] if met else float("inf")) - started_s),
+        "first_s": _finite(first_s - met["t"]) if met else None,
         "lost": sum(each.frame.lost for each in shown),
-        "rate_bps": _rate_bps(traffic["bytes_by_second"]),
-        **dict.fromkeys(("change_db", "came", "median_ms", "p95_ms", "back_s", "step")),
+        "back_bps": _rate_bps(traffic["bytes_by_second"][DECODER]),
+        "forward_bps": _rate_bps(traffic["bytes_by_second"][ENCODER]),
+        **dict.fromkeys(("change_db", "ways_ms", "back_s", "step")),
     }
-    if row.repeats == 1:
+    is_whole = sent[-1].sent_s >= row.least_s
+    if is_whole:
         figures["step"] = largest_step_px(shown) / largest_step_px(clean)
     if not row.events:
-        way = delivery(sender, receiver)
-        figures |= {"came": 100 * way.came, "median_ms": _finite(way.median_ms)}
-        figures["p95_ms"] = _finite(way.p95_ms)
-        if row.repeats == 1:
+        figures["ways_ms"] = ways_ms(sender, receiver)
+        if is_whole:
             figures["change_db"] = _change_db(shown, clean, clip, faces)
     since = [cut[1] for cut in row.faults.cuts] + [x.at_s for x in row.events if not x.kills]
     if since:
@@ -232,12 +255,9 @@ def _change_db(shown: Any, clean: Any, clip: Path, faces: list[FacePsnr]) -> flo
     return faces[0].mean_db(shown) - faces[0].mean_db(clean)
 
 
-def _rate_bps(by_second: Sequence[dict[int, int]]) -> float | None:
-    last = min((max(each, default=0) for each in by_second), default=0)
-    seconds = range(MODEL_S, last - END_S)
-    if not seconds:
-        return None
-    return 8 * sum(each.get(s, 0) for each in by_second for s in seconds) / len(seconds)
+def _rate_bps(by_second: dict[int, int]) -> float | None:
+    seconds = range(MODEL_S, max(by_second, default=0) - END_S)
+    return 8 * sum(by_second.get(s, 0) for s in seconds) / len(seconds) if seconds else None
 
 
 def _finite(value: float) -> float | None:

@@ -1,10 +1,11 @@
 """The two ends of a measured call, as processes: a call file in, what arrived out.
 
-    python -m scripts.reliability.ends send CALL LOG HOST:PORT REPEATS
-    python -m scripts.reliability.ends receive LOG HOST:PORT
+    python -m scripts.reliability.ends send CALL LOG ENDPOINT LEAST_S
+    python -m scripts.reliability.ends receive LOG ENDPOINT
 
-The sender sends the packets of a call file at the times of their source frames, REPEATS times one
-after the other.  Times in the logs are of `time.monotonic`, which both ends share.
+The sender sends the packets of a call file at the times of their source frames, and the frame
+packets again until LEAST_S seconds have passed.  Times in the logs are of `time.monotonic`, which
+both ends share.
 """
 
 import json
@@ -27,16 +28,16 @@ WAIT_S = 60.0
 def main(arguments: Sequence[str]) -> None:
     """Run one of the ends."""
     if arguments[0] == "send":
-        _, call, log, place, repeats = arguments
-        send(Path(call), Path(log), place, int(repeats))
+        _, call, log, place, least_s = arguments
+        send(Path(call), Path(log), place, float(least_s))
     else:
         _, log, place = arguments
         receive(Path(log), place)
 
 
-def send(call: Path, log: Path, place: str, repeats: int) -> None:
+def send(call: Path, log: Path, place: str, least_s: float) -> None:
     """Send a call, and log a line for each frame packet, with the link as it is then."""
-    packets = list(repeated(sent_packets(call), repeats))
+    packets = list(lengthened(sent_packets(call), least_s))
     with log.open("w", encoding="utf-8") as lines:
         _write(lines.write, t=time.monotonic(), what="started")
         options = LinkOptions(CALL, connect=(place,), connect_timeout_s=WAIT_S)
@@ -61,22 +62,21 @@ def send(call: Path, log: Path, place: str, repeats: int) -> None:
         _write(lines.write, t=time.monotonic(), what="ended", reach=sink.reachability)
 
 
-def repeated(packets: list[SentPacket], repeats: int) -> Iterator[SentPacket]:
-    """The packets of a call, its frame packets several times with numbers that go on.
+def lengthened(packets: list[SentPacket], least_s: float) -> Iterator[SentPacket]:
+    """The packets of a call that lasts so long at least, with frame packets again at its end.
 
-    What is shown of them means nothing after the first time.
+    Their numbers go on; what is shown of them means nothing.
     """
     frames = [each for each in packets if packet_kind(each.data) is PacketKind.FRAME]
     yield from (each for each in packets if not is_end(each.data))
-    last = packets[-1]
     pause_s = frames[-1].sent_s - frames[-2].sent_s
     number, now_s = len(frames), frames[-1].sent_s
-    for _ in range((repeats - 1) * len(frames)):
+    while now_s < least_s:
         again = frames[number % len(frames)]
         now_s += pause_s
         yield SentPacket(bytes([number % SEQUENCE_MODULUS]) + again.data[1:], now_s, number)
         number += 1
-    yield SentPacket(last.data, max(now_s, last.sent_s), number)
+    yield SentPacket(packets[-1].data, max(now_s, packets[-1].sent_s), number)
 
 
 def receive(log: Path, place: str) -> None:

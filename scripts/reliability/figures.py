@@ -3,7 +3,6 @@
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -29,31 +28,17 @@ def read_log(path: Path) -> list[Line]:
     return [json.loads(line) for line in lines if line.endswith("}")]
 
 
-@dataclass(frozen=True, slots=True)
-class Delivery:
-    """What became of the frame packets.
-
-    came: share that arrived.  median_ms, p95_ms: one-way time; one that never came takes for ever.
-    """
-
-    sent: int
-    came: float
-    median_ms: float
-    p95_ms: float
-
-
-def delivery(sender: Sequence[Line], receiver: Sequence[Line]) -> Delivery:
-    """Of one start of each end."""
+def ways_ms(sender: Sequence[Line], receiver: Sequence[Line]) -> list[float | None]:
+    """One-way time of each frame packet of one start of each end; None: it never came."""
     sent = {line["number"]: line["t"] for line in sender if line["what"] == "sent"}
     came = {line["number"]: line["t"] for line in receiver if _is_frame(line)}
-    times = [came[n] - sent[n] if n in came else float("inf") for n in sent]
-    share = sum(n in came for n in sent) / len(sent)
-    median, p95 = (_percentile(times, q) for q in (0.5, 0.95))
-    return Delivery(len(sent), share, 1000 * median, 1000 * p95)
+    return [1000 * (came[n] - sent[n]) if n in came else None for n in sent]
 
 
-def _percentile(values: Sequence[float], share: float) -> float:
-    return sorted(values)[min(int(share * len(values)), len(values) - 1)]
+def percentile(values: Sequence[float | None], share: float) -> float:
+    """Of times of which None is longer than all."""
+    finite = [float("inf") if value is None else value for value in values]
+    return sorted(finite)[min(int(share * len(finite)), len(finite) - 1)]
 
 
 def arrivals_of(receiver: Sequence[Line]) -> list[Arrival]:

@@ -22,7 +22,8 @@ class Row:
     """A call over one link.
 
     endpoint: of the decoder, with {} for its host and port.  layers: the model is sent in layers.
-    repeats: how often the frame packets are sent; seeds: how many calls there are.
+    least_s: how long the call lasts at least: its frame packets are sent again after the last one.
+    seeds: how many calls there are.
     """
 
     name: str
@@ -30,7 +31,7 @@ class Row:
     endpoint: str = "{}"
     events: tuple[Event, ...] = ()
     layers: bool = False
-    repeats: int = 1
+    least_s: float = 0.0
     seeds: int = 1
 
 
@@ -51,11 +52,21 @@ ROWS = (
     Row("2 % twice, 50 ms", Faults(duplicates=0.02, delay_ms=50)),
     Row("9.6 kbit/s, 300 ms", Faults(rate_bps=9600, delay_ms=300), layers=True),
     Row("4.8 kbit/s, 300 ms", Faults(rate_bps=4800, delay_ms=300), layers=True),
-    Row("cut 6 to 9 s, 50 ms", Faults(delay_ms=50, cuts=((6, 9),)), repeats=2),
-    Row("cut 6 to 66 s, 50 ms", Faults(delay_ms=50, cuts=((6, 66),)), repeats=9),
-    Row("encoder killed, again 1 s later", Faults(delay_ms=50), events=_killed(ENCODER)),
-    Row("decoder killed, again 1 s later", Faults(delay_ms=50), events=_killed(DECODER)),
-    Row("one minute, 50 ms", Faults(delay_ms=50), repeats=6),
+    Row("cut 6 to 9 s, 50 ms", Faults(delay_ms=50, cuts=((6, 9),)), least_s=11.5),
+    Row("cut 6 to 66 s, 50 ms", Faults(delay_ms=50, cuts=((6, 66),)), least_s=75),
+    Row(
+        "encoder killed, again 1 s later",
+        Faults(delay_ms=50),
+        events=_killed(ENCODER),
+        least_s=11.5,
+    ),
+    Row(
+        "decoder killed, again 1 s later",
+        Faults(delay_ms=50),
+        events=_killed(DECODER),
+        least_s=11.5,
+    ),
+    Row("0 %, 50 ms, one minute", Faults(delay_ms=50), least_s=60),
     *(
         Row(f"{name}, {loss} %, 50 ms", Faults(loss=loss / 100, delay_ms=50), endpoint)
         for name, endpoint in (("TCP", "tcp/{}"), ("QUIC, mixed", "udp/{}?rel=1;mixed_rel=1"))

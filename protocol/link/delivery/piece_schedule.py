@@ -10,7 +10,10 @@ from protocol.link.messages import PIECE_BYTES, Channel, Piece, Report, peer_id
 
 @dataclass(slots=True)
 class Peer:
-    """A decoder: what it has, by its last report."""
+    """A decoder: what it has, by its last report.
+
+    answered: the newest nonce without padding that it has answered, and when that came.
+    """
 
     session: bytes
     heard_s: float
@@ -19,6 +22,7 @@ class Peer:
     loss: float = 0.0
     window: PieceWindow = field(default_factory=PieceWindow)
     answered_s: float = float("-inf")
+    answered: tuple[int, float] = (0, 0.0)
     probes: int = 0
     probed_s: float = float("-inf")
     has_reported: bool = False

@@ -5,6 +5,7 @@ something does.  Losses do not shrink it: a lossy link is no slower for that.
 """
 
 from dataclasses import dataclass
+from statistics import median_high
 
 START_WINDOW, MIN_WINDOW, MAX_WINDOW = 4.0, 2.0, 96.0
 # Bytes of IP, UDP and Zenoh around a piece.
@@ -16,6 +17,8 @@ FILLED_S = 0.15
 # A piece counts as lost if one that was sent so much later has arrived.
 REORDERING_S = 0.06
 MIN_TIMEOUT_S, MAX_TIMEOUT_S = 0.25, 8.0
+# Less is no difference that could be measured.
+MIN_LATER_S = 0.004
 # One measurement of a rate above this is enough, else so many.
 SURE_BPS, SURE_TRIPS = 64_000.0, 3
 # How long the highest rate that was measured holds.
@@ -35,17 +38,21 @@ class PieceWindow:
     """The window of one decoder.
 
     round_trip_s, rate_bps: None before they are measured.
-    padded_trips: how often a padded message has measured the rate.
     """
 
     def __init__(self) -> None:
         self.round_trip_s: float | None = None
         self.rate_bps: float | None = None
-        self.padded_trips = 0
+        self._first_rates = list[float]()
         self.delivered = 0
         self._size = START_WINDOW
         self._newest_s = float("-inf")  # when the newest piece that arrived was sent
         self._rate_s = float("-inf")
+
+    @property
+    def padded_trips(self) -> int:
+        """How often a padded message has measured the rate."""
+        return len(self._first_rates)
 
     @property
     def is_measured(self) -> bool:
@@ -62,11 +69,11 @@ class PieceWindow:
         known = self.round_trip_s
         self.round_trip_s = seconds if known is None else min(seconds, 0.9 * known + 0.1 * seconds)
 
-    def on_padded_round_trip(self, seconds: float, padding_bytes: int) -> None:
-        """The same with so many bytes more one way: what the link carries, at least."""
-        longer_s = max(seconds - (self.round_trip_s or 0.0), 0.004)
-        self.padded_trips += 1
-        self.rate_bps = max(self.rate_bps or 0.0, 8 * padding_bytes / longer_s)
+    def on_padding(self, later_s: float, padding_bytes: int) -> None:
+        """A message with so many bytes more has been answered later than the one before it."""
+        self._first_rates.append(8 * padding_bytes / max(later_s, MIN_LATER_S))
+        if self._rate_s == float("-inf"):
+            self.rate_bps = median_high(self._first_rates)
 
     def on_piece(self, sent: Sent, size: int, now_s: float) -> None:
         """A piece of `size` bytes has been acknowledged."""

@@ -198,6 +198,8 @@ class DeliverySender:
             pause_s = ASK_S if window.padded_trips == peer.probes else LATER_ASK_S
             if now_s - peer.probed_s > pause_s:
                 peer.probed_s, peer.probes = now_s, peer.probes + 1
+                # One after the other, so that the link takes longer for the second alone.
+                yield self._hello(now_s, peer.session, asks=True)
                 yield self._hello(now_s, peer.session, asks=True, padding=PADDING_BYTES)
 
     def _hello(
@@ -254,10 +256,11 @@ class DeliverySender:
         sent_s, padding = self._nonces.get(answered, (None, 0))
         if sent_s is None:
             return
-        if padding:
-            peer.window.on_padded_round_trip(now_s - sent_s, padding)
-        else:
+        if not padding:
             peer.window.on_round_trip(now_s - sent_s)
+            peer.answered = answered, now_s
+        elif peer.answered[0] == _before(answered):
+            peer.window.on_padding(now_s - peer.answered[1], padding)
 
     def _on_report(self, report: Report, now_s: float) -> None:
         peer = self._peers.get(report.peer)
@@ -280,3 +283,8 @@ class DeliverySender:
                     self._later.append((now_s + TWICE_S, packet))
         oldest = self._frames - HISTORY
         self._repeated_s = {n: at for n, at in self._repeated_s.items() if n >= oldest}
+
+
+def _before(nonce: int) -> int:
+    """The nonce of the message before."""
+    return (nonce - 2) % (NONCES - 1) + 1

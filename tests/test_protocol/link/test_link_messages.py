@@ -1,5 +1,7 @@
 """Messages of a link: one encoding, and one error for all other bytes."""
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -25,6 +27,7 @@ from protocol.link.messages import (
 from protocol.link.plain_protection import PlainProtection
 from protocol.packets import ControlKind, ControlPacket, FramePacket, serialise
 
+FOLDER = Path(__file__).parents[2] / "vectors"
 OURS, THEIRS = bytes(range(8)), bytes(range(8, 16))
 MESSAGES: list[Message] = [
     Hello(Role.DECODER, OURS),
@@ -36,6 +39,30 @@ MESSAGES: list[Message] = [
     Piece(Channel.UNORDERED, 4, 0, 0, 0, b""),
     Bye(Role.ENCODER, 0x0001),
 ]
+
+
+VECTORS: dict[str, Message] = {
+    "link_hello": Hello(
+        Role.ENCODER, b"encoder1", b"decoder1", True, False, 7, 3, 300, Span(2, 3), Span(0, 5)
+    ),
+    "link_report": Report(
+        0x6465, 13, 300, 3, 4, (Holding(Channel.UNORDERED, 4, 0b101),), (295, 297)
+    ),
+    "link_piece": Piece(Channel.UNORDERED, 4, 310, 515, 1, b"abc"),
+}
+
+
+@pytest.mark.parametrize("name", VECTORS)
+def test_messages_are_those_of_the_format(name: str) -> None:
+    data = bytes.fromhex((FOLDER / f"{name}.hex").read_text())
+    assert parse_message(data) == VECTORS[name] and serialise_message(VECTORS[name]) == data
+
+
+def test_the_checksum_is_that_of_the_format() -> None:
+    data = bytes.fromhex((FOLDER / "link_bye.hex").read_text())
+    guard = PlainProtection(b"encoder1", is_encoder=True)
+    bye = serialise_message(Bye(Role.DECODER, 0x6465))
+    assert guard.unprotect(data) == bye and guard.protect(bye) == data
 
 
 @pytest.mark.parametrize("message", MESSAGES)
