@@ -1,5 +1,6 @@
 """The appearance model (thesis eq. 2.17): mean texture and modes, decoded from a model packet."""
 
+from copy import copy
 from itertools import takewhile
 from typing import Any
 
@@ -76,6 +77,16 @@ class AppearanceModel:
         finally:
             # The codec has advanced by the modes decoded before the damaged one.
             self._modes = np.concatenate(rows)
+
+    def updated(self, model: ModelPacket) -> "tuple[AppearanceModel, ProtocolError | None]":
+        """A copy after `update`, and what that raises."""
+        other = copy(self)
+        other._codec = self._codec.copy()
+        try:
+            other.update(model)
+        except ProtocolError as error:
+            return other, error
+        return other, None
 
     def _load_texture(self, model: ModelPacket) -> None:
         self._damaged = model.texture

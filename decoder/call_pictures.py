@@ -15,7 +15,8 @@ from decoder.playout import PlayoutFrame
 from decoder.reception.call_playout import CallPlayout
 from decoder.reception.received_frames import DecodeStats, received_frames
 from decoder.reenactment import read_model, reenact
-from decoder.scene import Scene, head_of
+from decoder.scene import Scene
+from decoder.scene_parts import PartsLoader
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
@@ -94,6 +95,8 @@ class CallPictures:
         self._wants = wants
         self._target = read_model(options.face) if options.face else None
         self._source = self._stack.enter_context(source or open_source(options, on_message))
+        self._loader = PartsLoader()
+        self._stack.callback(self._loader.close)
         self._scene: Scene | None = None
         self._submitted: PlayoutFrame | None = None
         self._face: FaceParameters | None = None  # of the frame before, as long as it looks so
@@ -122,6 +125,7 @@ class CallPictures:
 
     def __iter__(self) -> Iterator[DrawnFrame]:
         for frame in received_frames(self._source, self.playout, self.stats, self._stop):
+            self._prepare_models()
             if frame is None:
                 yield from self._finished()
                 continue
@@ -174,21 +178,30 @@ class CallPictures:
         time_s = self.playout.time_s(frame.index)
         return DrawnFrame(frame.index, picture, frame.frozen, frame.lost, time_s)
 
+    def _prepare_models(self) -> None:
+        """Begin to decode what has been received of models."""
+        if self._target is None:
+            for model in (self.playout.model, self.playout.next_model):
+                if model is not None:
+                    self._loader.request(model)
+
     def _change_scene(self, model: ModelPacket) -> Scene:
         before = self._scene
-        if before is not None and is_same_model(before.model, model):
-            try:
-                before.update(model)
-            except ProtocolError as error:
-                self.stats.note_damage(error, self.playout)
-            return before
-        if before is not None:
-            before.close()
         try:
-            scene = Scene(model, head_of(model))
+            parts = self._loader.get(model)
         except ProtocolError as error:
             drawn = self._options.face or call_name(self._options)
             raise UserError(f"cannot draw {drawn}: {error}") from error
+        is_more = before is not None and is_same_model(before.model, model)
+        noted = before.damages if before is not None and is_more else 0
+        for damage in parts.damages[noted:]:
+            self.stats.note_damage(damage, self.playout)
+        if before is not None and before.fits(parts):
+            before.change(parts)
+            return before
+        if before is not None:
+            before.close()
+        scene = Scene(parts)
         self._stack.callback(scene.close)
         return scene
 

@@ -37,6 +37,22 @@ class ModelVersions:
         self.current: ModelVersion | None = None
         self.update: ModelVersion | None = None
         self._layers = LayerBuffer()
+        self._completed: tuple[tuple[ModelPacket, ModelPacket], ModelPacket] | None = None
+
+    @property
+    def next_model(self) -> ModelPacket | None:
+        """The model of the update with the pictures that it takes over; the same object each time.
+
+        None: there is no update.
+        """
+        if self.current is None or self.update is None:
+            return None
+        made_of = self.current.model, self.update.model
+        known = self._completed
+        if known is None or any(a is not b for a, b in zip(known[0], made_of, strict=True)):
+            known = made_of, _with_pictures(self.update, made_of[0]).model
+            self._completed = known
+        return known[1]
 
     def receive_model(self, packet: ModelPacket, first: int) -> None:
         """Enter the first model packet or an update; either may be repeated for a late joiner.
@@ -75,8 +91,9 @@ class ModelVersions:
     def activate(self) -> None:
         """Decode frame packets by the update from now on."""
         assert self.current is not None and self.update is not None
-        self.current = _with_pictures(self.update, self.current.model)
-        self.update = None
+        completed = self.next_model
+        assert completed is not None
+        self.current, self.update = replace(self.update, model=completed), None
         self._layers.drop_before(self.current.model.version)
 
     def _with_layers(self, version: ModelVersion) -> ModelVersion:

@@ -85,6 +85,11 @@ class Playout:
         return self._versions.current.model if self._versions.current else None
 
     @property
+    def next_model(self) -> ModelPacket | None:
+        """The update that has been received for later frames, with all its pictures."""
+        return self._versions.next_model
+
+    @property
     def next_frame(self) -> int:
         """The source frame to show next; less than 0 before it is known."""
         return self._next

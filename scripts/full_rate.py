@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from decoder.playout import PlayoutFrame
 from decoder.scene import Scene
+from decoder.scene_parts import scene_parts
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import Capture, open_source
 from encoder.coding.model_packet import budget_for, build_thesis_model_packet, call_parameters
@@ -77,7 +78,7 @@ def tracked_renderings(
             model = build_thesis_model_packet(
                 head, fitted, face, frame, call, budget_for("thesis", None)
             )
-            scene = Scene(model, head)
+            scene = Scene(scene_parts(model))
             stack.callback(scene.close)
         last = face or last
         assert last is not None

@@ -17,7 +17,8 @@ import numpy as np
 
 from decoder.playout import PlayoutFrame
 from decoder.reception.call_playout import CallPlayout
-from decoder.scene import Scene, head_of
+from decoder.scene import Scene
+from decoder.scene_parts import scene_parts
 from encoder.capture.video_source import open_source
 from loopback.quality.psnr import psnr_db, squared_error
 from loopback.quality.video_quality import Mask, Picture, TrackedFaceMask
@@ -86,7 +87,7 @@ class FacePsnr:
     def _drawn_db(self, played: Played, original: Picture, mask: Mask) -> float:
         if self._scene is None or self._scene.model is not played.model:
             self.close()
-            self._scene = Scene(played.model, head_of(played.model))
+            self._scene = Scene(scene_parts(played.model))
         picture = self._scene.draw(played.frame, StageTimer())
         return psnr_db(squared_error(original, picture)[mask])
 

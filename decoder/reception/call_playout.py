@@ -130,6 +130,11 @@ class CallPlayout:
         return self._shown.playout.model or self._receiving.playout.model
 
     @property
+    def next_model(self) -> ModelPacket | None:
+        """The model of later frames, where it has been received already."""
+        return self._receiving.playout.next_model or self._receiving.playout.model
+
+    @property
     def ended(self) -> bool:
         """The END packet has been received."""
         return self._receiving.playout.ended

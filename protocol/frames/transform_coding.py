@@ -6,8 +6,9 @@ are sent and that there are.
 """
 
 from dataclasses import replace
+from functools import lru_cache
 from itertools import takewhile
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgpack  # type: ignore[import-untyped]
 import numpy as np
@@ -33,15 +34,16 @@ from shared_model.parameters import EAUS
 
 _KEYS = ("m", "t")
 _LAYERS_KEY, _RESERVED_KEY = "l", "s"
+# The tables of the model in use, of its update, and of those before.
+KEPT_TABLES = 8
 # Groups of columns of the basis: motion, EAUs, layer coefficients, mode coefficients.
 _GROUPS = 4
 
 
 def serialise_transform(transform: FrameTransform) -> bytes:
     """The model packet's profile data.  Empty reserved modes take no bytes."""
-    base, coder = without_reserved_modes(transform), RangeEncoder()
-    _code_tables(coder, base)
-    tables = bytes([len(base.basis)]) + coder.finish()
+    base = without_reserved_modes(transform)
+    tables = bytes([len(base.basis)]) + _coded_tables(_Tables.of(base), base.layers)
     sent = tuple(takewhile(bool, transform.modes[len(base.modes) :]))
     fields: dict[str, Any] = dict(zip(_KEYS, (base.modes + sent, tables), strict=True))
     if base.layers:
@@ -80,9 +82,18 @@ def _transform_from_fields(fields: Any) -> FrameTransform:
         raise ValueError("no tables")
     sent, reserved = _reserved_counts(fields, modes)
     known = modes[: len(modes) - sent]
-    d, n = GEOMETRY_SIZE + layers + len(known), tables[0]
+    base = replace(_parsed_tables(tables, layers, len(known)), modes=known)
+    extended = with_reserved_modes(base, reserved)
+    return replace(extended, modes=modes + extended.modes[len(modes) :])
+
+
+@lru_cache(maxsize=KEPT_TABLES)
+def _parsed_tables(tables: bytes, layers: int, modes: int) -> FrameTransform:
+    """The transform of `t`, with empty modes; it takes longer than a frame, and each layer of a
+    model asks for it again.  Raises `ValueError` if it is damaged."""
+    d, n = GEOMETRY_SIZE + layers + modes, tables[0]
     empty = FrameTransform(
-        known,
+        (b"",) * modes,
         unit_codes=np.zeros(d, np.uint8),
         mean_codes=np.zeros(d, np.int64),
         basis=np.zeros((n, d), np.int8),
@@ -91,11 +102,47 @@ def _transform_from_fields(fields: Any) -> FrameTransform:
         layers=layers,
     )
     coder = RangeDecoder(tables[1:])
-    base = _code_tables(coder, empty)
+    parsed = _code_tables(coder, empty)
     if coder.unread_bytes:
         raise ValueError(f"{coder.unread_bytes} bytes too many")
-    extended = with_reserved_modes(base, reserved)
-    return replace(extended, modes=modes + extended.modes[len(modes) :])
+    for array in _arrays_of(parsed):
+        array.setflags(write=False)
+    return parsed
+
+
+class _Tables(NamedTuple):
+    """The arrays of a transform, to be looked up: (bytes, type, shape) of each."""
+
+    arrays: tuple[tuple[bytes, str, tuple[int, ...]], ...]
+
+    @classmethod
+    def of(cls, transform: FrameTransform) -> "_Tables":
+        arrays = _arrays_of(transform)
+        return cls(tuple((each.tobytes(), each.dtype.str, each.shape) for each in arrays))
+
+
+def _arrays_of(transform: FrameTransform) -> tuple[NDArray[Any], ...]:
+    return (
+        transform.unit_codes,
+        transform.mean_codes,
+        transform.basis,
+        transform.exponents,
+        transform.scale_codes,
+    )
+
+
+@lru_cache(maxsize=KEPT_TABLES)
+def _coded_tables(tables: _Tables, layers: int) -> bytes:
+    """The bytes of tables; see `_parsed_tables`."""
+    arrays: list[NDArray[Any]] = [
+        np.frombuffer(data, kind).reshape(shape) for data, kind, shape in tables.arrays
+    ]
+    units, means, basis, exponents, scales = arrays
+    modes = (b"",) * (len(units) - GEOMETRY_SIZE - layers)
+    coder = RangeEncoder()
+    transform = FrameTransform(modes, units, means, basis, exponents, scales, layers=layers)
+    _code_tables(coder, transform)
+    return coder.finish()
 
 
 def _reserved_counts(fields: Any, modes: tuple[bytes, ...]) -> tuple[int, int]:

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from decoder.playout import PlayoutFrame
 from decoder.reenactment import read_model
 from decoder.rendering.renderer import Renderer
-from decoder.scene import Scene, face_from_model, head_of
+from decoder.scene import Scene
+from decoder.scene_parts import face_from_model, head_of, scene_parts
 from decoder.sinks.frame_sink import open_sink
 from protocol.errors import ProtocolError
 from protocol.model_packet import ModelPacket
@@ -159,7 +160,7 @@ class CallerActor:
     def __init__(self, model: ModelPacket) -> None:
         self.head, self._model = head_of(model), model
         self._face = face_from_model(model, self.head)
-        self._scene = Scene(model, self.head)
+        self._scene = Scene(scene_parts(model))
         self._timer = StageTimer()
 
     def geometry(self, state: AnimationState) -> FrameGeometry:

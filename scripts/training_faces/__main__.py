@@ -25,7 +25,8 @@ import risorius
 from decoder.appearance import AppearanceModel
 from decoder.playout import PlayoutFrame
 from decoder.reenactment import read_model
-from decoder.scene import Scene, head_of
+from decoder.scene import Scene
+from decoder.scene_parts import scene_parts
 from decoder.sinks.frame_sink import open_sink
 from protocol.model_packet import ModelPacket
 from scripts.command import run, warn
@@ -65,7 +66,7 @@ def draw(random: np.random.Generator, model: ModelPacket, output: Path) -> None:
     swing[:, :3] += 0.012 * turn[:, [1, 0, 1]] * random.uniform(0.2, 1, 3)
     noise, blur = random.uniform(0, 4), random.uniform(0, 1.2)
     call, timer = model.call, StageTimer()
-    scene = Scene(model, head_of(model))
+    scene = Scene(scene_parts(model))
     try:
         scene.set_aau_offset(random.uniform(-0.5, 0.5, len(AAUS)))
         with open_sink(output, call.width, call.height, FPS) as sink:

@@ -10,7 +10,7 @@ from heads import synthetic_head
 from numpy.typing import NDArray
 from videos import read_frames
 
-from decoder import call_pictures, scene
+from decoder import call_pictures, scene_parts
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
 from protocol.call_file import MAGIC, CallReader
 from protocol.call_parameters import CallParameters
@@ -93,9 +93,9 @@ class Waited(CallReader):
 @pytest.fixture(autouse=True)
 def small_head(monkeypatch: pytest.MonkeyPatch) -> Head:
     head = synthetic_head()
-    monkeypatch.setattr(scene, "generic_head", lambda: head)
+    monkeypatch.setattr(scene_parts, "generic_head", lambda: head)
     monkeypatch.setattr(
-        scene,
+        scene_parts,
         "face_from_model",
         lambda model, head: Face(head, Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices))),
     )

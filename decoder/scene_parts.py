@@ -1,0 +1,178 @@
+"""What a scene is drawn from, decoded from a model packet: all that needs no renderer.
+
+A well-formed model packet may describe a face that cannot be drawn: it is refused here.
+A model takes longer to decode than a frame.  `PartsLoader` does it beside the frames, as soon as
+the model has been received.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from decoder.appearance import AppearanceModel
+from decoder.background_layers import BackgroundLayers, load_background
+from decoder.layer_motion import LayerMotion
+from decoder.rendering.render_geometry import NEAR_MM
+from protocol.errors import ProtocolError
+from protocol.frames.scalar_quantiser import AAU_STEP, EAU_STEP, RESIDUAL_STEP_MM, values_from_codes
+from protocol.model_packet import ModelPacket
+from protocol.progressive_model import is_same_model
+from shared_model.animate import Face, identity_from_controls
+from shared_model.geometry import Camera, camera_from_head
+from shared_model.layers.head_motion import (
+    BackgroundMesh,
+    make_background_mesh,
+    projected_face_width_px,
+)
+from shared_model.mesh import Head, generic_head
+from shared_model.parameters import Pose
+from shared_model.shape_residual import residual_basis
+from shared_model.surround import head_with_surround
+
+Array = NDArray[np.float64]
+
+# A picture takes 3 bytes a pixel, its buffers 8, and several pictures are queued.
+MAX_PICTURE_PX = 4096 * 4096
+# Narrower faces in the background picture are refused.
+MIN_FACE_WIDTH_PX = 4.0
+# The models that are asked for again: the one in use and the update.
+KEPT_MODELS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class SceneParts:
+    """A model packet, with the layers applied so far, and what is drawn of it.
+
+    damages: what was wrong with further layers of the model; they are not drawn.
+    """
+
+    model: ModelPacket
+    head: Head
+    face: Face
+    appearance: AppearanceModel
+    mesh: BackgroundMesh
+    layers: BackgroundLayers
+    motion: LayerMotion
+    damages: tuple[ProtocolError, ...] = ()
+
+
+def scene_parts(model: ModelPacket, before: SceneParts | None = None) -> SceneParts:
+    """Decode a model.
+
+    before: parts of an earlier model; what has not changed since is taken over.
+    Raises `ProtocolError` if the model cannot be drawn.
+    """
+    if before is not None and is_same_model(before.model, model):
+        return _with_more_layers(before, model)
+    camera, head = model.call.camera, head_of(model)
+    check_size(camera)
+    face = face_from_model(model, head)
+    rest = face.animate(values_from_codes(model.reference_eau, EAU_STEP))
+    check_reference(camera, model.reference_pose, head, rest)
+    appearance = AppearanceModel(model)
+    if before is not None and _background(before.model) == _background(model):
+        layers = before.layers
+    else:
+        layers = load_background(model.background, camera.width, camera.height)
+    mesh = make_background_mesh(camera, model.reference_pose, head, rest)
+    return SceneParts(model, head, face, appearance, mesh, layers, LayerMotion(mesh, layers))
+
+
+def _with_more_layers(before: SceneParts, model: ModelPacket) -> SceneParts:
+    """The parts with further layers of the same model; those that are damaged are left out."""
+    appearance, damage = before.appearance.updated(model)
+    damages = before.damages if damage is None else (*before.damages, damage)
+    parts = replace(before, model=model, appearance=appearance, damages=damages)
+    if model.background == before.model.background:
+        return parts
+    try:
+        layers = load_background(model.background, model.call.width, model.call.height)
+    except ProtocolError as error:
+        return replace(parts, damages=(*damages, error))
+    return replace(parts, layers=layers, motion=LayerMotion(before.mesh, layers))
+
+
+def _background(model: ModelPacket) -> tuple[int, int, bytes]:
+    return model.call.width, model.call.height, model.background
+
+
+class PartsLoader:
+    """Decodes models in a thread of its own, each once, in the order in which they are asked for.
+
+    load: as `scene_parts`.
+    """
+
+    def __init__(
+        self, load: Callable[[ModelPacket, SceneParts | None], SceneParts] = scene_parts
+    ) -> None:
+        self._load, self._executor = load, ThreadPoolExecutor(1)
+        self._jobs: list[tuple[ModelPacket, Future[SceneParts]]] = []
+
+    def request(self, model: ModelPacket) -> "Future[SceneParts]":
+        """Begin to decode a model, unless that has been done."""
+        for known, job in reversed(self._jobs):
+            if known is model:
+                return job
+        job = self._executor.submit(self._decode, model)
+        self._jobs = [*self._jobs[1 - KEPT_MODELS :], (model, job)]
+        return job
+
+    def get(self, model: ModelPacket) -> SceneParts:
+        """The parts of a model; waits for them.  Raises `ProtocolError` as `scene_parts`."""
+        return self.request(model).result()
+
+    def close(self) -> None:
+        """End the thread."""
+        self._executor.shutdown(cancel_futures=True)
+
+    def _decode(self, model: ModelPacket) -> SceneParts:
+        before = [job.result() for _, job in self._jobs if job.done() and job.exception() is None]
+        alike = [parts for parts in before if is_same_model(parts.model, model)]
+        return self._load(model, [None, *before, *alike][-1])
+
+
+def head_of(model: ModelPacket) -> Head:
+    """The head mesh of the call's profile."""
+    return head_with_surround() if model.call.profile == "default" else generic_head()
+
+
+def face_from_model(model: ModelPacket, head: Head) -> Face:
+    """The caller's head.
+
+    A residual without points stands for zero.
+    Raises `ProtocolError` if the residual has another number of points than the head.
+    """
+    aau = values_from_codes(model.aau, AAU_STEP)
+    control_mm = values_from_codes(model.residual, RESIDUAL_STEP_MM).reshape(-1, 3)
+    expected = len(residual_basis(head))
+    if not len(control_mm):
+        control_mm = np.zeros((expected, 3))
+    if len(control_mm) != expected:
+        raise ProtocolError(
+            f"model packet's residual has {len(control_mm)} points, this program's head {expected}"
+        )
+    return Face(head, identity_from_controls(head, aau, control_mm))
+
+
+def check_size(camera: Camera) -> None:
+    """Raise `ProtocolError` if the call's pictures exceed `MAX_PICTURE_PX`."""
+    if camera.width * camera.height > MAX_PICTURE_PX:
+        raise ProtocolError(
+            f"pictures of {camera.width}x{camera.height}, limit {MAX_PICTURE_PX} pixels"
+        )
+
+
+def check_reference(camera: Camera, pose: Pose, head: Head, vertices: Array) -> None:
+    """Raise `ProtocolError` if the face is behind the camera or too small at the reference pose.
+
+    vertices: (n, 3) float64, mm, head frame: the head in the background picture.
+    """
+    nearest_mm = float(camera_from_head(pose, vertices)[:, 2].min())
+    if nearest_mm < NEAR_MM:
+        raise ProtocolError(f"reference pose puts the head {nearest_mm:.0f} mm before the camera")
+    width_px = projected_face_width_px(camera, pose, head, vertices)
+    if width_px < MIN_FACE_WIDTH_PX:
+        raise ProtocolError(f"reference pose makes the face {width_px:.1g} px wide")

@@ -1,0 +1,65 @@
+"""Models are decoded beside the frames: each once, with what is known of those before."""
+
+from dataclasses import replace
+from typing import Any, cast
+
+import pytest
+from layer_streams import FIRST, WHOLE, learned_layers
+
+from decoder.scene_parts import PartsLoader, SceneParts
+from protocol.errors import ProtocolError
+from protocol.model_packet import ModelPacket
+from protocol.progressive_model import LayerBuffer
+
+
+def parts_of(model: ModelPacket) -> SceneParts:
+    """Parts with nothing but the model."""
+    nothing = cast(Any, None)
+    return SceneParts(model, nothing, nothing, nothing, nothing, nothing, nothing)
+
+
+def with_a_mode(model: ModelPacket) -> ModelPacket:
+    layers = LayerBuffer()
+    for layer in learned_layers(b"mode"):
+        layers.add(replace(layer, model_version=model.version))
+    return layers.apply(model)
+
+
+def test_each_model_is_decoded_once_after_the_newest_that_is_the_same() -> None:
+    asked = list[tuple[ModelPacket, ModelPacket | None]]()
+
+    def load(model: ModelPacket, before: SceneParts | None) -> SceneParts:
+        asked.append((model, before.model if before else None))
+        return parts_of(model)
+
+    call = replace(WHOLE.call, width=2 * WHOLE.call.width)
+    longer, other = with_a_mode(WHOLE), replace(WHOLE, call=call)
+    loader = PartsLoader(load)
+    try:
+        for model in (WHOLE, other, longer, WHOLE, longer):
+            loader.request(model)
+        assert [loader.get(model).model for model in (WHOLE, longer, other)] == [
+            WHOLE,
+            longer,
+            other,
+        ]
+    finally:
+        loader.close()
+    assert asked == [(WHOLE, None), (other, WHOLE), (longer, WHOLE)]
+
+
+def test_a_model_that_cannot_be_drawn_is_told_to_who_asks_and_left_out() -> None:
+    def load(model: ModelPacket, before: SceneParts | None) -> SceneParts:
+        if model is FIRST:
+            raise ProtocolError("damaged")
+        assert before is None
+        return parts_of(model)
+
+    loader = PartsLoader(load)
+    try:
+        loader.request(FIRST)
+        assert loader.get(WHOLE).model is WHOLE
+        with pytest.raises(ProtocolError, match="damaged"):
+            loader.get(FIRST)
+    finally:
+        loader.close()
