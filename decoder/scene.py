@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.mouth_shading import mouth_shading
 from decoder.playout import PlayoutFrame
+from decoder.rendering.mouth_shading import mouth_shading
 from decoder.rendering.render_geometry import NEAR_MM
 from decoder.rendering.renderer import Renderer
 from decoder.scene_parts import SceneParts

@@ -267,17 +267,6 @@ def test_an_update_holds_from_the_packet_it_names() -> None:
     assert layers(packets, playout) == [0] * 5 + [1] * 3
 
 
-def test_the_model_of_an_update_is_known_before_its_first_frame() -> None:
-    playout = Playout()
-    play([model((10, 1)), sample(0)], playout)
-    assert playout.next_model is None
-    play([update(1, 3, 3), *map(sample, range(1, 3))], playout)
-    before, following = playout.model, playout.next_model
-    assert following is not None and following is playout.next_model and following is not before
-    play([sample(3)], playout)
-    assert playout.model is following and playout.next_model is None
-
-
 def test_an_update_takes_effect_even_if_its_first_packets_are_lost() -> None:
     playout = Playout()
     packets = [model((10, 1)), sample(0), update(1, 2, 2), sample(1), sample(4)]

@@ -6,6 +6,7 @@ from typing import Any, cast
 import pytest
 from layer_streams import FIRST, WHOLE, learned_layers
 
+from decoder.model_versions import ModelVersions
 from decoder.scene_parts import PartsLoader, SceneParts
 from protocol.errors import ProtocolError
 from protocol.model_packet import ModelPacket
@@ -63,3 +64,16 @@ def test_a_model_that_cannot_be_drawn_is_told_to_who_asks_and_left_out() -> None
             loader.get(FIRST)
     finally:
         loader.close()
+
+
+def test_the_model_of_an_update_is_known_before_its_first_frame() -> None:
+    versions = ModelVersions()
+    versions.receive_model(WHOLE, 0)
+    assert versions.next_model is None
+    versions.receive_model(replace(WHOLE, version=1, version_count=2, background=b""), 3)
+    following = versions.next_model
+    assert following is not None and following.version == 1
+    assert following.background == WHOLE.background and following is versions.next_model
+    versions.activate()
+    assert versions.current is not None and versions.current.model is following
+    assert versions.next_model is None

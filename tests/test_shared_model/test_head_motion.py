@@ -8,7 +8,7 @@ import pytest
 from heads import synthetic_head
 from numpy.typing import NDArray
 
-from decoder.mouth_shading import mouth_shading
+from decoder.rendering.mouth_shading import mouth_shading
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, euler_deg, pixel_from_head, pose_from_euler
 from shared_model.layers.head_motion import (
