@@ -67,12 +67,14 @@ def test_a_model_that_cannot_be_drawn_is_told_to_who_asks_and_left_out() -> None
 
 
 def test_the_model_of_an_update_is_known_before_its_first_frame() -> None:
-    versions = ModelVersions()
+    versions, number = ModelVersions(), WHOLE.version + 1
     versions.receive_model(WHOLE, 0)
     assert versions.next_model is None
-    versions.receive_model(replace(WHOLE, version=1, version_count=2, background=b""), 3)
+    versions.receive_model(
+        replace(WHOLE, version=number, version_count=number + 1, background=b""), 3
+    )
     following = versions.next_model
-    assert following is not None and following.version == 1
+    assert following is not None and following.version == number
     assert following.background == WHOLE.background and following is versions.next_model
     versions.activate()
     assert versions.current is not None and versions.current.model is following
