@@ -61,7 +61,7 @@ def cost_words(sending: Sending | None, receiving: Receiving | None) -> str:
         parts.append(f"up {_rates(sending.traffic)}")
     if receiving is not None and receiving.presence is Presence.HERE:
         parts.append(f"down {_rates(receiving.traffic)}")
-        parts.append(f"loss {100 * max(receiving.lost, _loss(sending)):.0f} %")
+        parts.append(f"loss {100 * max(receiving.lost, _loss(sending)):.0f}\u00a0%")
     if sending is not None:
         parts.append(sending.face)
     return " · ".join(parts)

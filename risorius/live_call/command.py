@@ -126,7 +126,9 @@ def run_call(arguments: argparse.Namespace) -> int:
 
 def _options(arguments: argparse.Namespace) -> "CallOptions":
     from decoder.reenactment import read_model
+    from protocol.endpoint import parse_endpoint
     from protocol.link.interface import LinkOptions
+    from risorius.live_call.invitation_card import command_line
     from risorius.live_call.live_call import CallOptions
 
     listen, connect = arguments.listen, arguments.address
@@ -152,6 +154,7 @@ def _options(arguments: argparse.Namespace) -> "CallOptions":
         bitrate=arguments.bitrate,
         low_delay=arguments.low_delay,
         face=arguments.face,
+        invitation=None if listen is None else command_line(parse_endpoint(listen), arguments.call),
         port=arguments.port,
         folder=arguments.folder,
     )

@@ -17,6 +17,7 @@ from risorius.call_page.call_view import open_browser
 from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 from risorius.call_page.page_server import PageServer
 from risorius.live_call.call_words import cost_words, delay_ms, state_words
+from risorius.live_call.invitation_card import card
 from risorius.live_call.messages import (
     BROWSER,
     CameraPicture,
@@ -54,6 +55,7 @@ class CallOptions:
     name: of the call.  timeout_s: how long to try to connect; 0: the default.
     camera, microphone, voice, bitrate, low_delay: see `SendingOptions`.
     face: call file whose person may be shown instead of the other one; None: there is none.
+    invitation: what the page shows to hand over while nobody has called; None: nothing.
     port: TCP port of the page; 0: any free one.
     folder: where recordings go.
     """
@@ -68,6 +70,7 @@ class CallOptions:
     bitrate: float
     low_delay: bool
     face: Path | None
+    invitation: str | None
     port: int
     folder: Path
 
@@ -122,6 +125,7 @@ class _LiveCall:
             await self._page.open(self._options.port)
             self._start(loop)
             self._setup()
+            self._invite()
             self._tell()
             announce(self._page.address)
             open_browser(self._page.address)
@@ -176,6 +180,11 @@ class _LiveCall:
             **{name.replace("-", "_"): on for name, on in self._switches.items()},
             recording=self._is_recording,
         )
+
+    def _invite(self) -> None:
+        """Tell pages what to hand over."""
+        if self._options.invitation is not None:
+            self._page.tell("invitation", **card(self._options.invitation))
 
     def _tell(self) -> None:
         """Tell pages how it goes."""

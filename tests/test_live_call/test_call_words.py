@@ -49,7 +49,7 @@ def test_a_camera_that_is_off_is_said_to_be() -> None:
 def test_the_cost_counts_what_a_second_takes_with_the_headers_of_ip() -> None:
     words = cost_words(SENDING, RECEIVING)
     assert "up 800 bit/s" in words and "down 1\u202f000 bit/s" in words
-    assert "loss 2 %" in words and words.endswith("looking for you")
+    assert "loss 2\u00a0%" in words and words.endswith("looking for you")
     assert int(words.split("(IP ")[1].split(")")[0].replace("\u202f", "")) > 800 + 3 * 8 * 28
 
 
