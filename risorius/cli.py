@@ -57,7 +57,7 @@ EXAMPLES = """\
 examples:
   risorius demo                                 a call from end to end, on a clip that is at hand
   risorius call --listen :7447                  wait for somebody to call, in a browser; then
-  risorius call HOST:7447                       on the other host
+  risorius call risorius://...                  on the other host, with the line it has printed
   risorius encode me.mp4 -o call.rzo            record a call
   risorius info call.rzo                        see what it weighs
   risorius decode call.rzo -o out.mkv           make it a video again

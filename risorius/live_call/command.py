@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from encoder.option_rules import CHOICES
-from risorius.command_line.argument_types import bitrate, port, seconds
+from risorius.command_line.argument_types import bitrate, port
 from risorius.command_line.parser import add_command
 from risorius.command_line.progress import say, warn
+from risorius.live_call.call_place import add_place, read_place
 from shared_model.errors import UserError
 
 if TYPE_CHECKING:
@@ -24,38 +25,17 @@ def add_call(added: "Commands") -> None:
         added,
         "call",
         "call somebody: picture and sound both ways, on a page of this host",
-        "One end listens, the other names its address; the page opens in the browser, which gives\n"
-        "camera and microphone.  Not encrypted.",
-        "  risorius call --listen :7447 --call anna\n"
-        "  risorius call HOST:7447 --call anna\n"
-        "  risorius call HOST:7447 --call anna --camera me.mp4\n",
+        "One end listens and prints an invitation, the other one is given it.  The page opens in\n"
+        "the browser, which gives camera and microphone.  Encrypted from end to end.",
+        "  risorius call --listen :7447\n"
+        "  risorius call risorius://192.0.2.7:7447/anna#K7Q2-8MDX-0V4R-T9NB-ZZ1C-5GHW-P3JE\n"
+        "  risorius call --listen :7447 --camera me.mp4\n",
     )
-    _add_place(parser)
+    add_place(parser)
     _add_devices(parser)
     _add_coding(parser)
     _add_page(parser)
     parser.set_defaults(run=run_call)
-
-
-def _add_place(parser: argparse.ArgumentParser) -> None:
-    where = parser.add_mutually_exclusive_group(required=True)
-    where.add_argument(
-        "address", nargs="?", metavar="HOST:PORT", help="where the other end listens"
-    )
-    where.add_argument("--listen", metavar="[HOST]:PORT", help="wait for the other end here")
-    parser.add_argument(
-        "--call",
-        default="call",
-        metavar="NAME",
-        help="name of the call at both ends, of a-z, A-Z, 0-9 and _ . - (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--timeout",
-        type=seconds,
-        default=0.0,
-        metavar="S",
-        help="give up after S seconds if nobody listens there; 0: after 10 (default: 0)",
-    )
 
 
 def _add_devices(parser: argparse.ArgumentParser) -> None:
@@ -126,27 +106,15 @@ def run_call(arguments: argparse.Namespace) -> int:
 
 def _options(arguments: argparse.Namespace) -> "CallOptions":
     from decoder.reenactment import read_model
-    from protocol.endpoint import parse_endpoint
-    from protocol.link.interface import LinkOptions
-    from risorius.live_call.invitation_card import command_line
     from risorius.live_call.live_call import CallOptions
 
-    listen, connect = arguments.listen, arguments.address
-    # Raises for what cannot be a name or an endpoint.
-    LinkOptions(
-        arguments.call,
-        () if listen is None else (listen,),
-        () if connect is None else (connect,),
-    )
     if arguments.face is not None:
         read_model(arguments.face)
     if not arguments.folder.is_dir():
         raise UserError(f"there is no folder {arguments.folder}")
     microphone = _microphone(arguments)
     return CallOptions(
-        listen=listen,
-        connect=connect,
-        name=arguments.call,
+        place=read_place(arguments),
         timeout_s=arguments.timeout,
         camera=arguments.camera,
         microphone=microphone,
@@ -154,7 +122,6 @@ def _options(arguments: argparse.Namespace) -> "CallOptions":
         bitrate=arguments.bitrate,
         low_delay=arguments.low_delay,
         face=arguments.face,
-        invitation=None if listen is None else command_line(parse_endpoint(listen), arguments.call),
         port=arguments.port,
         folder=arguments.folder,
     )

@@ -111,7 +111,10 @@ class _Drawing:
             assert self._options.stream is not None
             return StampedSource(CallReader(os.fdopen(self._options.stream, "rb")))
         options = CallOptions(
-            connect=(place.connect,), call=place.name, connect_timeout_s=place.timeout_s
+            connect=(place.connect,),
+            call=place.name,
+            connect_timeout_s=place.timeout_s,
+            security=place.security,
         )
         return open_source(options, ignore_message)
 

@@ -11,13 +11,21 @@ def card(line: str) -> dict[str, str]:
     return {"text": line, "svg": code.svg_inline(border=2, dark="#17181a", omitsize=True)}
 
 
-def command_line(listen: Endpoint, name: str) -> str | None:
+def own_host(listen: Endpoint) -> str | None:
+    """The address under which others reach this end; None: this host has none.
+
+    listen: where it listens.
+    """
+    return address_for_others() if listen.is_any else listen.host
+
+
+def command_line(listen: Endpoint, name: str, is_insecure: bool) -> str | None:
     """What the other end of an open call types; None: this host has no address for others.
 
-    listen: where this end listens.  name: of the call.
+    name: of the call.  is_insecure: it leaves this host without encryption.
     """
-    host = address_for_others() if listen.is_any else listen.host
+    host = own_host(listen)
     if host is None:
         return None
     address = f"[{host}]:{listen.port}" if ":" in host else f"{host}:{listen.port}"
-    return f"risorius call {address} --call {name}"
+    return f"risorius call {address} --call {name}{' --insecure' if is_insecure else ''}"

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from encoder.sound.speech_encoder import speech_rate_hz
-from protocol.endpoint import parse_endpoint
 from protocol.relay.zenoh_relay import Relay, RelayOptions
 from risorius.call_page.call_view import open_browser
 from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 from risorius.call_page.page_server import PageServer
+from risorius.live_call.call_place import CallPlace, own_address
 from risorius.live_call.call_words import cost_words, delay_ms, state_words
 from risorius.live_call.invitation_card import card
 from risorius.live_call.messages import (
@@ -51,18 +51,14 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 class CallOptions:
     """A call both ways.
 
-    listen: endpoint to wait for the other end at; None: `connect` to it.
-    name: of the call.  timeout_s: how long to try to connect; 0: the default.
+    place: where the other end is.  timeout_s: how long to try to connect; 0: the default.
     camera, microphone, voice, bitrate, low_delay: see `SendingOptions`.
     face: call file whose person may be shown instead of the other one; None: there is none.
-    invitation: what the page shows to hand over while nobody has called; None: nothing.
     port: TCP port of the page; 0: any free one.
     folder: where recordings go.
     """
 
-    listen: str | None
-    connect: str | None
-    name: str
+    place: CallPlace
     timeout_s: float
     camera: str
     microphone: str | None
@@ -70,7 +66,6 @@ class CallOptions:
     bitrate: float
     low_delay: bool
     face: Path | None
-    invitation: str | None
     port: int
     folder: Path
 
@@ -81,21 +76,12 @@ def run_call(options: CallOptions, announce: Callable[[str], None]) -> None:
     Raises `UserError` if it cannot be held.
     """
     with ExitStack() as stack:
-        where = options.connect
-        if options.listen is not None:
-            stack.enter_context(Relay(RelayOptions((options.listen,))))
-            where = own_address(options.listen)
+        where = options.place.connect
+        if options.place.listen is not None:
+            stack.enter_context(Relay(RelayOptions((options.place.listen,))))
+            where = own_address(options.place.listen)
         assert where is not None
         asyncio.run(_LiveCall(options, where).run(announce))
-
-
-def own_address(listen: str) -> str:
-    """The endpoint by which this host reaches an endpoint that it listens on."""
-    endpoint = parse_endpoint(listen)
-    if not endpoint.is_any:
-        return listen
-    scheme = "" if endpoint.scheme is None else f"{endpoint.scheme}/"
-    return f"{scheme}127.0.0.1:{endpoint.port}{endpoint.options}"
 
 
 class _LiveCall:
@@ -138,13 +124,13 @@ class _LiveCall:
 
     def _start(self, loop: asyncio.AbstractEventLoop) -> None:
         options = self._options
-        is_listening = options.listen is not None
+        is_listening = options.place.listen is not None
         ours, theirs = (
             (FROM_LISTENER, TO_LISTENER) if is_listening else (TO_LISTENER, FROM_LISTENER)
         )
         own_picture, monitor = os.pipe()
         sending = SendingOptions(
-            LinkPlace(options.name + ours, self._where, options.timeout_s),
+            self._direction(ours),
             options.camera,
             options.microphone,
             options.voice,
@@ -152,7 +138,7 @@ class _LiveCall:
             options.low_delay,
             monitor,
         )
-        other = DrawingOptions(LinkPlace(options.name + theirs, self._where, options.timeout_s))
+        other = DrawingOptions(self._direction(theirs))
         oneself = DrawingOptions(None, own_picture, SELF_FPS)
         package = "risorius.live_call"
         self._sender = PartProcess(
@@ -166,13 +152,17 @@ class _LiveCall:
         for descriptor in (own_picture, monitor):
             os.close(descriptor)
 
+    def _direction(self, suffix: str) -> LinkPlace:
+        place, timeout_s = self._options.place, self._options.timeout_s
+        return LinkPlace(place.name + suffix, self._where, timeout_s, place.security)
+
     def _setup(self) -> None:
         """Tell pages what they have and what they give."""
         options = self._options
         rate_hz = speech_rate_hz(options.voice) if options.voice != "off" else 0
         self._page.tell(
             "setup",
-            call=options.name,
+            call=options.place.name,
             camera=options.camera == BROWSER,
             microphone_hz=rate_hz if options.microphone == BROWSER else 0,
             has_voice=options.voice != "off" and options.microphone is not None,
@@ -183,14 +173,14 @@ class _LiveCall:
 
     def _invite(self) -> None:
         """Tell pages what to hand over."""
-        if self._options.invitation is not None:
-            self._page.tell("invitation", **card(self._options.invitation))
+        if self._options.place.invitation is not None:
+            self._page.tell("invitation", **card(self._options.place.invitation))
 
     def _tell(self) -> None:
         """Tell pages how it goes."""
         sending, receiving = self._sending, self._receiving
         presence = Presence.AWAITED if receiving is None else receiving.presence
-        name, is_listening = self._options.name, self._options.listen is not None
+        name, is_listening = self._options.place.name, self._options.place.listen is not None
         is_camera_off = receiving is not None and receiving.is_camera_off
         words = state_words(name, is_listening, self._has_picture, sending, presence, is_camera_off)
         self._page.tell(
@@ -290,7 +280,7 @@ class _LiveCall:
         if on:
             stamp = time.strftime("%Y%m%d-%H%M%S")
             mine, other = (
-                self._options.folder / f"{self._options.name}-{stamp}-{side}.rzo"
+                self._options.folder / f"{self._options.place.name}-{stamp}-{side}.rzo"
                 for side in ("mine", "other")
             )
             self._page.tell("trouble", text=f"recording into {mine.name} and {other.name}")

@@ -4,9 +4,11 @@
 unless they are said to be others.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
+
+from protocol.security.link_security import LinkSecurity
 
 # What stands for the camera or the microphone of the page.
 BROWSER = "browser"
@@ -17,12 +19,13 @@ class LinkPlace:
     """One direction of a call.
 
     name: of this direction on the link.  connect: the endpoint.
-    timeout_s: how long to try; 0: the default.
+    timeout_s: how long to try; 0: the default.  security: what protects it.
     """
 
     name: str
     connect: str
     timeout_s: float = 0.0
+    security: LinkSecurity = field(default_factory=LinkSecurity)
 
 
 @dataclass(frozen=True, slots=True)

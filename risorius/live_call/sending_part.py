@@ -73,6 +73,7 @@ class _Sent:
             monitor=monitor,
             connect=(options.place.connect,),
             call=options.place.name,
+            security=options.place.security,
             bitrate=options.bitrate,
             low_delay=options.low_delay,
             live=True,

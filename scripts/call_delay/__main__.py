@@ -156,10 +156,10 @@ def _end(stack: ExitStack, arguments: list[str]) -> str:
     )
     stack.callback(process.terminate)
     assert process.stderr is not None
-    line = process.stderr.readline()
-    if "page is at" not in line:
-        raise UserError(line)
-    return line.split()[-1]
+    for line in process.stderr:
+        if "page is at" in line:
+            return line.split()[-1]
+    raise UserError("an end of the call did not start")
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ segno = pytest.importorskip("segno", reason="needs segno: pip install '.[call]'"
     ("listen", "address"), [("192.0.2.7:7447", "192.0.2.7:7447"), ("udp/[::1]:9", "[::1]:9")]
 )
 def test_the_command_names_where_this_end_listens(listen: str, address: str) -> None:
-    line = command_line(parse_endpoint(listen), "anna")
+    line = command_line(parse_endpoint(listen), "anna", is_insecure=False)
     assert line == f"risorius call {address} --call anna"
 
 
@@ -28,5 +28,5 @@ def test_the_code_says_the_same_as_the_line() -> None:
 
 
 def test_an_end_that_listens_everywhere_names_an_address_or_nothing() -> None:
-    line = command_line(parse_endpoint(":7447"), "anna")
-    assert line is None or "0.0.0.0" not in line
+    line = command_line(parse_endpoint(":7447"), "anna", is_insecure=True)
+    assert line is None or ("0.0.0.0" not in line and line.endswith("--insecure"))

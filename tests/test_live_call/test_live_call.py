@@ -31,6 +31,7 @@ from decoder.pipeline import DecodeOptions, decode  # noqa: E402
 from decoder.sinks.frame_sink import open_sink  # noqa: E402
 from encoder.capture.video_source import open_source  # noqa: E402
 from loopback.process_pair import free_port  # noqa: E402
+from protocol.security.invitation import Invitation, random_key  # noqa: E402
 from protocol.summary import summarise  # noqa: E402
 from risorius.call_page.messages import (  # noqa: E402
     PictureMessage,
@@ -141,9 +142,11 @@ class Watcher:
 
 def page_of(process: "subprocess.Popen[str]") -> str:
     assert process.stderr is not None
-    line = process.stderr.readline()
-    assert "the page is at http://127.0.0.1:" in line, line + process.stderr.read()
-    return line.split()[-1]
+    lines = list[str]()
+    while not lines or "the page is at http://127.0.0.1:" not in lines[-1]:
+        lines.append(process.stderr.readline())
+        assert lines[-1], lines
+    return lines[-1].split()[-1]
 
 
 def until(condition: Callable[[], bool], process: "subprocess.Popen[str]") -> None:
@@ -194,13 +197,15 @@ def record_and_reload(browser: Browser, watcher: Watcher, second: Any, folder: P
 def test_two_people_see_and_hear_each_other_until_one_leaves_and_the_other_hangs_up(
     material: Material, browser: Browser, start: Start, tmp_path: Path
 ) -> None:
-    where = f"127.0.0.1:{free_port()}"
-    options = ("--call", "anna", "--folder", tmp_path)
-    first = start("call", "--listen", where, *options)
+    invitation = Invitation("127.0.0.1", free_port(), "anna", random_key())
+    line, folder = tmp_path / "invitation", ("--folder", tmp_path)
+    line.write_text(str(invitation))
+    first = start("call", "--listen", invitation.address, "--invite-file", line, *folder)
     browser.call("Page.navigate", url=page_of(first))
     browser.wait("typeof players != 'undefined'")
     browser.wait("el('state').textContent == 'waiting for a call'", LIMIT_S)
-    second = start("call", where, *options, "--camera", material.clip)
+    assert browser.value("el('invitation').textContent") == str(invitation)
+    second = start("call", str(invitation), *folder, "--camera", material.clip)
     with Watcher(page_of(second)) as watcher:
         see_and_hear(browser, watcher, second)
         switch_off(browser, watcher, second)

@@ -1,0 +1,115 @@
+"""Where the other end of a call is, as the command line says it, and with what key."""
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+from protocol.endpoint import parse_endpoint
+from protocol.security.invitation import SCHEME, Invitation
+from protocol.security.link_security import LinkSecurity
+from risorius.command_line.argument_types import seconds
+from risorius.command_line.call_link import CallLink, read_link
+from risorius.live_call.invitation_card import command_line, own_host
+
+
+@dataclass(frozen=True, slots=True)
+class CallPlace:
+    """listen: endpoint to wait for the other end at; None: `connect` to it.
+
+    name: of the call.  security: what protects it.
+    invitation: what the page shows to hand over while nobody has called; None: nothing.
+    """
+
+    listen: str | None
+    connect: str | None
+    name: str
+    security: LinkSecurity
+    invitation: str | None
+
+
+def add_place(parser: argparse.ArgumentParser) -> None:
+    """The options of `read_place`."""
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument(
+        "address",
+        nargs="?",
+        metavar="INVITATION",
+        help="the line that the other end has printed; or HOST:PORT, where it listens",
+    )
+    where.add_argument(
+        "--listen", metavar="[HOST]:PORT", help="wait for the other end here, and print the line"
+    )
+    keys = parser.add_mutually_exclusive_group()
+    keys.add_argument(
+        "--invite-file",
+        type=Path,
+        metavar="FILE",
+        help="file with the invitation; with --listen one that does not exist yet is written",
+    )
+    keys.add_argument(
+        "--insecure",
+        action="store_true",
+        help="without encryption beyond this host: whoever is on the way can watch and forge",
+    )
+    parser.add_argument(
+        "--call",
+        metavar="NAME",
+        help="name of the call, of a-z, A-Z, 0-9 and _ . - (default: that of the invitation)",
+    )
+    parser.add_argument(
+        "--timeout",
+        type=seconds,
+        default=0.0,
+        metavar="S",
+        help="give up after S seconds if nobody listens there; 0: after 10 (default: 0)",
+    )
+
+
+def read_place(arguments: argparse.Namespace) -> CallPlace:
+    """The place that the arguments ask for; prints an invitation, if there is a new one.
+
+    Raises `UserError` if something is missing, or does not go together.
+    """
+    address: str | None = arguments.address
+    is_invitation = address is not None and address.lower().startswith(f"{SCHEME}:")
+    link = read_link(
+        argparse.Namespace(
+            listen=None if arguments.listen is None else [arguments.listen],
+            connect=None if address is None or is_invitation else [address],
+            invite=address if is_invitation else None,
+            invite_file=arguments.invite_file,
+            insecure=arguments.insecure,
+            keys=None,
+            call=arguments.call,
+            quiet=False,
+        ),
+        is_encoder=True,
+        wait_s=0.0,
+    )
+    return CallPlace(
+        listen=next(iter(link.listen), None),
+        connect=next(iter(link.connect), None),
+        name=link.call,
+        security=link.security,
+        invitation=_to_hand_over(link, arguments.insecure),
+    )
+
+
+def own_address(listen: str) -> str:
+    """The endpoint by which this host reaches an endpoint that it listens on."""
+    endpoint = parse_endpoint(listen)
+    if not endpoint.is_any:
+        return listen
+    scheme = "" if endpoint.scheme is None else f"{endpoint.scheme}/"
+    return f"{scheme}127.0.0.1:{endpoint.port}{endpoint.options}"
+
+
+def _to_hand_over(link: CallLink, is_insecure: bool) -> str | None:
+    """The invitation, or without a key what the other end types."""
+    if not link.listen:
+        return None
+    place = parse_endpoint(link.listen[0])
+    if link.security.key is None:
+        return command_line(place, link.call, is_insecure)
+    host = own_host(place)
+    return None if host is None else str(Invitation(host, place.port, link.call, link.security.key))
