@@ -101,7 +101,8 @@ def own_address(listen: str) -> str:
     if not endpoint.is_any:
         return listen
     scheme = "" if endpoint.scheme is None else f"{endpoint.scheme}/"
-    return f"{scheme}127.0.0.1:{endpoint.port}{endpoint.options}"
+    host = "[::1]" if ":" in endpoint.host else "127.0.0.1"
+    return f"{scheme}{host}:{endpoint.port}{endpoint.options}"
 
 
 def _to_hand_over(link: CallLink, is_insecure: bool) -> str | None:

@@ -45,7 +45,7 @@ class Devices:
         self._mailbox = FrameMailbox(fps)
         self._fps = fps
         self._capture: LiveCapture | None = None
-        self._is_muted = False
+        self._is_muted = self._is_closed = False
         self._speech: LiveSpeech | None = None
         self.voice: VoicePacker | None = None
         if options.voice != "off":
@@ -59,11 +59,14 @@ class Devices:
             read_camera(options.camera, self._mailbox, self._source, True, start)
 
     def capture(self) -> LiveCapture | None:
-        """The camera, once it has given a picture; None: it was closed before."""
+        """The camera, once it has given a picture; None: it was closed before.
+
+        Raises `UserError` if the camera gives none.
+        """
         try:
             self._capture = LiveCapture(self._options.camera, self._mailbox, self._fps)
         except UserError:
-            if self._mailbox.is_closed:
+            if self._is_closed:
                 return None
             raise
         return self._capture
@@ -86,6 +89,7 @@ class Devices:
 
     def close(self) -> None:
         """Release the devices; closing twice has no further effect."""
+        self._is_closed = True
         self._mailbox.close()
         if self._file_microphone is not None:
             self._file_microphone.stop()
