@@ -14,6 +14,8 @@ from protocol.limits import DEFAULT_PORT, MAX_MESSAGE_LENGTH, MAX_PORT
 from shared_model.errors import UserError
 
 SCHEMES = ("tcp", "udp", "tls", "quic", "ws")
+# Both ends show a certificate.
+CERTIFIED_SCHEMES = ("tls", "quic")
 # Tried in this order.
 DEFAULT_SCHEMES = ("udp", "tcp")
 ANY_HOST = "0.0.0.0"

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from protocol.endpoint import (
+    CERTIFIED_SCHEMES,
     DEFAULT_SCHEMES,
     Endpoint,
     address_for_others,
@@ -121,6 +122,7 @@ def read_link(arguments: argparse.Namespace, is_encoder: bool, wait_s: float) ->
     if invitation is None:
         _check_open(arguments, connect)
         tell(f"this call is not encrypted: {_why_open(arguments)}")
+    _check_certificate(arguments, connect)
     key = None if invitation is None else invitation.key
     security = LinkSecurity(key, _key_file(arguments.keys))
     return CallLink(tuple(arguments.listen or ()), connect, name, security)
@@ -158,6 +160,15 @@ def _check_open(arguments: argparse.Namespace, connect: tuple[str, ...]) -> None
             f"no invitation for {places[0].address}: give --invite with the line that the other"
             " end has printed, or --insecure to go without encryption"
         )
+
+
+def _check_certificate(arguments: argparse.Namespace, connect: tuple[str, ...]) -> None:
+    """Raise `UserError` if an endpoint asks for a certificate and there is none."""
+    for text in (*(arguments.listen or ()), *connect):
+        if parse_endpoint(text).scheme in CERTIFIED_SCHEMES and arguments.keys is None:
+            raise UserError(
+                f"{text}: give --keys with the key file that the relay's owner has made"
+            )
 
 
 def _place(

@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from protocol.endpoint import parse_endpoint
+from protocol.endpoint import CERTIFIED_SCHEMES, parse_endpoint
 from risorius.command_line.argument_types import peers
 from risorius.command_line.parser import add_command
 from risorius.command_line.progress import say
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from risorius.command_line.parser import Commands
 
 NAP_S = 0.2
-SECURE_SCHEMES = ("tls", "quic")
 MAX_PEERS = 2000
 
 
@@ -100,5 +99,5 @@ def _relay(
 def _check_endpoints(endpoints: tuple[str, ...]) -> None:
     """Raise `UserError` if somebody without a certificate could connect."""
     for text in endpoints:
-        if parse_endpoint(text).scheme not in SECURE_SCHEMES:
+        if parse_endpoint(text).scheme not in CERTIFIED_SCHEMES:
             raise UserError(f"endpoint {text!r}: with --keys use tls/HOST:PORT or quic/HOST:PORT")

@@ -21,7 +21,7 @@ from risorius.cli import build_parser
 
 COMPOSE = ROOT / "docker-compose.yml"
 DOCKERFILE = ROOT / "Dockerfile"
-LIMIT_S = 90.0
+LIMIT_S = 180.0
 PARTS = ("encoder", "router", "decoder")
 DEFAULT = re.compile(r"\$\{\w+:-([^}]*)\}")
 

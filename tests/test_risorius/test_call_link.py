@@ -71,8 +71,8 @@ def test_a_file_keeps_the_invitation_out_of_the_list_of_processes(
 
 
 def test_an_invitation_goes_with_a_place_of_its_own() -> None:
-    link = link_of("--connect", "tls/relay.example:7447", "--invite", str(INVITATION))
-    assert link.connect == ("tls/relay.example:7447",)
+    link = link_of("--connect", "tcp/relay.example:7447", "--invite", str(INVITATION))
+    assert link.connect == ("tcp/relay.example:7447",)
     assert link.security.key == INVITATION.key and link.call == "anna"
 
 
@@ -106,6 +106,8 @@ def test_only_loopback_and_insecure_go_without_and_say_so_once(
         (("--invite", f"{str(INVITATION)[:-1]}0"), "copied wrongly"),
         (("--invite", str(INVITATION), "--call", "bert"), "to call 'anna'"),
         (("--connect", "127.0.0.1:1", "--call", "a/b"), "call name"),
+        (("--connect", "tls/127.0.0.1:1"), "tls/127.0.0.1:1: give --keys"),
+        (("--listen", "quic/127.0.0.1:1"), "give --keys"),
         (("--connect", "127.0.0.1:1", "--keys", "/nowhere"), "cannot read /nowhere"),
         (("--invite-file", "/nowhere"), "/nowhere: no such file"),
         (("--invite-file", "/"), "cannot read /"),

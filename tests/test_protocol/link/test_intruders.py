@@ -2,6 +2,7 @@
 
 import json
 import random
+import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -166,3 +167,19 @@ def test_a_flood_of_garbage_harms_no_call(stack: ExitStack, endpoint: str) -> No
     assert pass_on(source, sink, packets, flood) == packets
     assert time.monotonic() - begun_s < WAIT_S
     assert said.count(STRANGERS) == 1
+
+
+def test_a_flood_of_datagrams_at_its_port_harms_no_call(stack: ExitStack) -> None:
+    port = free_port()
+    place = f"udp/127.0.0.1:{port}"
+    source = stack.enter_context(ZenohSource(options(KEY, listen=(place,))))
+    sink = stack.enter_context(ZenohSink(options(KEY, connect=(place,))))
+    intruder = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+    chance = random.Random(1)
+    packets = packets_of("true")
+
+    def flood() -> None:
+        for _ in range(FLOOD // len(packets)):
+            intruder.sendto(chance.randbytes(chance.randrange(1, 60)), ("127.0.0.1", port))
+
+    assert pass_on(source, sink, packets, flood) == packets
