@@ -16,6 +16,7 @@ from encoder.capture.live_capture import NO_PICTURE, FrameMailbox, LiveCapture
 from encoder.capture.video_source import open_source
 from encoder.coding.gop import gop_for_fps
 from encoder.coding.model_packet import budget_for
+from encoder.detection.tflite import find_segmentation_network
 from encoder.live_model.learner import LocalLearner
 from encoder.live_model.model_schedule import TRAINING_SCHEDULE
 from encoder.live_model.model_version import RESERVED_MODES
@@ -25,6 +26,7 @@ from protocol.call_file import CallReader, CallWriter
 from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
 from protocol.packets import ControlKind, ControlPacket, FramePacket, parse_packet
+from protocol.pictures.layered_background import is_layered
 from shared_model.parameters import EAU_INDEX
 
 FRAMES, FPS = 74, 25
@@ -72,7 +74,10 @@ def test_an_update_is_announced_ahead_of_its_first_packet(call: Path) -> None:
         == len(none_yet.modes)
         < len(some.modes)
     )
-    assert not any(none_yet.modes) and first.background and not update.background
+    assert not any(none_yet.modes) and first.background
+    has_layers = find_segmentation_network() is not None
+    assert is_layered(update.background) if has_layers else not update.background
+    assert none_yet.layers == 0
     before = sum(isinstance(packet, FramePacket) for packet in packets[:place])
     assert update.sequence == before + LEAD_PACKETS
     learned = min(TRAINING_SCHEDULE) * FPS
