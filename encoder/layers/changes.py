@@ -24,6 +24,9 @@ MAX_CHANGES, MAX_CHANGE_BYTES = 4, 160
 MIN_SHARE, MIN_GREY2 = 0.06, 0.4
 # The finest quantiser of a change, and by how much it is coarser for half the bytes.
 FINEST_STEP_CODE, STEPS_PER_HALVING = 12, 8
+# The share of a pixel's changes from which on one counts there, and fully; the standard deviation of
+# the kernel that smooths it, pixels.
+RELIABLE_SHARE, RELIABILITY_SIGMA = (0.1, 0.35), 2.0
 # Residuals of so many grey levels count half.
 ROBUST_GREY = 20.0
 
@@ -57,6 +60,7 @@ def learn_changes(samples: LayerSamples, fitter: LayerFitter, coefficients: Arra
             break
         # At the size of one standard deviation.
         image = (axes[0] * sizes[0] / np.sqrt(len(rows))).reshape(shape)
+        image *= _reliability(image, rows)
         planes = np.zeros((*shape, 3), np.float32)
         planes[..., 0] = image / np.maximum(np.sqrt((weight**2).mean(0)), 0.2)
         _, mode = finest_quantiser_within(
@@ -75,6 +79,18 @@ def learn_changes(samples: LayerSamples, fitter: LayerFitter, coefficients: Arra
         rows = rows - np.outer(rows @ row / float(row @ row), row)
     luma = np.array([to_luma(mode.decoded) for mode in coded], np.float32).reshape(-1, *shape)
     return CodedChanges(tuple(mode.serialise() for mode in coded), luma)
+
+
+def _reliability(image: Array, rows: Array) -> Array:
+    """(rows, columns) 0..1: how much of what changes at each pixel is this change.
+
+    image: at the size of one standard deviation.  rows: (n, pixels) residuals.
+    Elsewhere it is noise, by which what stands still would flicker.
+    """
+    share = image**2 / np.maximum((rows**2).mean(0).reshape(image.shape), 1e-6)
+    low, high = RELIABLE_SHARE
+    smooth = cv2.GaussianBlur(share, (0, 0), RELIABILITY_SIGMA)
+    return np.asarray(np.clip((smooth - low) / (high - low), 0, 1))
 
 
 def _residuals(

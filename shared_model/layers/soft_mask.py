@@ -8,7 +8,7 @@ Array = NDArray[np.float64]
 # Standard deviation of the Gaussian kernel that softens the mask, in its cells, and where it ends.
 FEATHER_SIGMA, FEATHER_REACH = 1.2, 4
 # The range of the softened mask over which opacity rises from 0 to 1.
-OPACITY_RANGE = 0.35, 0.65
+OPACITY_RANGE = 0.42, 0.58
 
 
 def opacity(mask: NDArray[np.bool_], width: int, height: int) -> Array:
