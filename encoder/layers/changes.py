@@ -24,8 +24,8 @@ MAX_CHANGES, MAX_CHANGE_BYTES = 4, 160
 MIN_SHARE, MIN_GREY2 = 0.06, 0.4
 # The finest quantiser of a change, and by how much it is coarser for half the bytes.
 FINEST_STEP_CODE, STEPS_PER_HALVING = 12, 8
-# The share of a pixel's changes from which on one counts there, and fully; the standard deviation of
-# the kernel that smooths it, pixels.
+# The share of a pixel's changes from which on one counts there, and fully; and the standard
+# deviation of the kernel that smooths it, pixels.
 RELIABLE_SHARE, RELIABILITY_SIGMA = (0.1, 0.35), 2.0
 # Residuals of so many grey levels count half.
 ROBUST_GREY = 20.0
