@@ -18,6 +18,7 @@ from protocol.pictures.layered_background import (
     is_layered,
     parse_layers,
 )
+from shared_model.appearance import pull_push_fill
 from shared_model.layers.soft_mask import opacity
 
 Array = NDArray[np.float64]
@@ -28,8 +29,6 @@ Picture = NDArray[np.uint8]
 # from 0 to 1.  It starts low: hair outside the mask moves with the head.
 FEATHER_SIGMA = 1.5
 ALPHA_RANGE = 0.02, 0.3
-# A pixel of a pyramid level a quarter of which is known counts as known.
-SATURATION = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +64,8 @@ def load_background(background: bytes, width: int, height: int) -> BackgroundLay
     feathered = _feathered(mask, picture.shape[1], picture.shape[0])
     low, high = ALPHA_RANGE
     alpha = np.rint(255 * np.clip((feathered - low) / (high - low), 0, 1)).astype(np.uint8)
-    static = pull_push_fill(picture, feathered <= low)
-    return BackgroundLayers(np.dstack([picture, alpha]), static)
+    static = np.rint(pull_push_fill(picture.astype(np.float32), feathered <= low))
+    return BackgroundLayers(np.dstack([picture, alpha]), static.astype(np.uint8))
 
 
 def _load_layers(background: bytes, width: int, height: int) -> BackgroundLayers:
@@ -79,32 +78,6 @@ def _load_layers(background: bytes, width: int, height: int) -> BackgroundLayers
         layers.fields / FIELD_CODES_PER_PX,
         decode_changes(layers.changes, width, height),
     )
-
-
-def pull_push_fill(picture: Picture, known: NDArray[np.bool_]) -> Picture:
-    """The picture (h, w, 3), its unknown pixels filled smoothly from around.
-
-    known: (h, w).  Pull-push over a Gaussian pyramid (Gortler et al. 1996).
-    """
-    colours = _pull_push(picture.astype(np.float32), known.astype(np.float32))
-    return np.asarray(np.rint(colours), np.uint8)
-
-
-def _pull_push(colours: Single, weight: Single) -> Single:
-    """Colours (h, w, 3) filled where their weight (h, w), 0..1, is below 1."""
-    if max(weight.shape) <= 2:
-        return colours
-    known = cv2.pyrDown(weight)
-    means = cv2.pyrDown(colours * weight[..., None]) / np.maximum(known, 1e-6)[..., None]
-    coarse = _pull_push(np.asarray(means), np.minimum(SATURATION * known, 1))
-    height, width = weight.shape
-    filled = cv2.pyrUp(coarse, dstsize=_doubled(coarse))[:height, :width]
-    own = weight[..., None]
-    return np.asarray(own * colours + (1 - own) * filled, np.float32)
-
-
-def _doubled(image: Single) -> tuple[int, int]:
-    return 2 * image.shape[1], 2 * image.shape[0]
 
 
 def _feathered(mask: Mask, width: int, height: int) -> Single:

@@ -1,4 +1,7 @@
-"""The shape-free frame (thesis 2.4.2): the point of the head at each texel of the atlas."""
+"""The shape-free frame (thesis 2.4.2): the point of the head at each texel of the atlas.
+
+And what makes whole pictures of it: other sizes, unknown texels filled from their surroundings.
+"""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -10,6 +13,10 @@ from shared_model.mesh import Head
 from shared_model.triangle_coverage import covered_points
 
 Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+# Shares of the nearer and the farther pixel in an image of twice the resolution.
+NEAR, FAR = np.float32(0.75), np.float32(0.25)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +64,7 @@ def atlas_of(head: Head, size: int) -> Atlas:
     )
 
 
-def resized(image: NDArray[np.float32], size: int) -> NDArray[np.float32]:
+def resized(image: Single, size: int) -> Single:
     """A square image (s, s, channels) resized to `size` texels a side: bilinear, edges repeated."""
     if len(image) == size:
         return image
@@ -67,3 +74,47 @@ def resized(image: NDArray[np.float32], size: int) -> NDArray[np.float32]:
     rows = image[low] * (1 - fraction) + image[low + 1] * fraction
     across = fraction.transpose(1, 0, 2)
     return np.asarray(rows[:, low] * (1 - across) + rows[:, low + 1] * across, np.float32)
+
+
+def pull_push_fill(image: Single, known: NDArray[np.bool_]) -> Single:
+    """Fill the unknown pixels of an image (h, w, c) smoothly (pull-push, Gortler et al. 1996).
+
+    Each level of the pyramid is the mean of the known pixels in boxes of 2 x 2 of the finer one;
+    unknown pixels take the coarser level, interpolated bilinearly.  Zero if nothing is known.
+    known: (h, w).
+    """
+    if known.all() or min(known.shape) <= 2:
+        mean = image[known].mean(0) if known.any() else np.zeros(image.shape[2], np.float32)
+        return np.where(known[..., None], image, mean).astype(np.float32)
+    weight = known[..., None].astype(np.float32)
+    total, coverage = _box_sums(image * weight), _box_sums(weight)
+    means = np.asarray(total / np.maximum(coverage, 1), np.float32)
+    coarse = pull_push_fill(means, coverage[..., 0] > 0)
+    rows, columns = known.shape
+    smooth = _doubled(_doubled(coarse).swapaxes(0, 1)).swapaxes(0, 1)[:rows, :columns]
+    return np.where(known[..., None], image, smooth).astype(np.float32)
+
+
+def filled_atlas(atlas: Atlas, colours: Single) -> Single:
+    """The whole atlas (size, size, c) of texel colours (k, c), its unused texels filled."""
+    image = np.zeros((atlas.size, atlas.size, colours.shape[1]), np.float32)
+    known = np.zeros((atlas.size, atlas.size), bool)
+    image[atlas.rows, atlas.columns] = colours
+    known[atlas.rows, atlas.columns] = True
+    return pull_push_fill(image, known)
+
+
+def _box_sums(image: Single) -> Single:
+    """Sums of 2 x 2 pixels; an odd last row or column counts alone."""
+    even = np.pad(image, [*((0, side % 2) for side in image.shape[:2]), (0, 0)])
+    rows = even[0::2] + even[1::2]
+    return np.asarray(rows[:, 0::2] + rows[:, 1::2])
+
+
+def _doubled(image: Single) -> Single:
+    """Twice as many rows: bilinear, edges repeated."""
+    before = np.concatenate([image[:1], image[:-1]])
+    after = np.concatenate([image[1:], image[-1:]])
+    doubled = np.empty((2 * len(image), *image.shape[1:]), np.float32)
+    doubled[0::2], doubled[1::2] = NEAR * image + FAR * before, NEAR * image + FAR * after
+    return doubled

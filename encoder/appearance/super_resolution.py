@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from encoder.appearance.shape_free import ShapeFreeFrame, warp_jacobian
 from encoder.capture.face_crop import Crop
+from encoder.runtime.bilinear import bilinear_weights
 from protocol.runtime.jit import jit
 
 Array = NDArray[np.float64]
@@ -40,44 +41,45 @@ def back_projected(
     height, width = crop.picture.shape[:2]
     pixels, texels = inverse_warp(shape_free, positions, visible, (height, width))
     size = shape_free.atlas.size
-    corners, weights = _bilinear(texels.T, size)
     channels = crop.picture.shape[2] if crop.picture.ndim == 3 else 1
     target = crop.picture.reshape(height * width, channels).take(pixels, axis=0)
     target = target.astype(np.float32)
     texture = np.zeros((size * size, channels), np.float32)
     texture[shape_free.flat_index] = colours
-    _back_project(texture, corners, weights, target)
+    _back_project(texture, texels, size, target)
     return np.where(visible[:, None], texture.take(shape_free.flat_index, axis=0), colours)
 
 
 @jit
-def _back_project(texture: Single, corners: Indices, weights: Single, target: Single) -> None:
-    """Change a texture (n, channels) in place so that its drawing comes closer to `target`.
+def _back_project(texture: Single, texels: Single, size: int, target: Single) -> None:
+    """Change a texture (size * size, channels) in place so that its drawing approaches `target`.
 
-    target: (p, channels) the pixels.  corners, weights: (4, p), see `_bilinear`.
+    target: (p, channels) the pixels.  texels: (p, 2) column and row that each pixel shows.
     """
     count, channels = texture.shape
     total = np.zeros(count, np.float32)
-    for corner in range(4):
-        for pixel in range(len(target)):
-            total[corners[corner, pixel]] += weights[corner, pixel]
+    for pixel in range(len(target)):
+        first, a, b, c, d = bilinear_weights(texels[pixel, 0], texels[pixel, 1], size, size)
+        total[first] += a
+        total[first + 1] += b
+        total[first + size] += c
+        total[first + size + 1] += d
     scale = np.float32(RELAXATION) / np.maximum(total, np.float32(MIN_WEIGHT))
     for _ in range(ITERATIONS):
         correction = np.zeros_like(texture)
         for pixel in range(len(target)):
-            a, b, c, d = corners[:, pixel]
-            wa, wb, wc, wd = weights[:, pixel]
+            first, a, b, c, d = bilinear_weights(texels[pixel, 0], texels[pixel, 1], size, size)
             for channel in range(channels):
                 residual = target[pixel, channel] - (
-                    wa * texture[a, channel]
-                    + wb * texture[b, channel]
-                    + wc * texture[c, channel]
-                    + wd * texture[d, channel]
+                    a * texture[first, channel]
+                    + b * texture[first + 1, channel]
+                    + c * texture[first + size, channel]
+                    + d * texture[first + size + 1, channel]
                 )
-                correction[a, channel] += wa * residual
-                correction[b, channel] += wb * residual
-                correction[c, channel] += wc * residual
-                correction[d, channel] += wd * residual
+                correction[first, channel] += a * residual
+                correction[first + 1, channel] += b * residual
+                correction[first + size, channel] += c * residual
+                correction[first + size + 1, channel] += d * residual
         for texel in range(count):
             for channel in range(channels):
                 texture[texel, channel] += scale[texel] * correction[texel, channel]
@@ -125,18 +127,19 @@ def _splat(
         if not (visible[k] and u > 0 and v > 0 and u < width - 1 and v < height - 1):
             continue
         inside += 1
-        left, top = int(u), int(v)
-        x, y = u - left, v - top
+        first, a, b, c, d = bilinear_weights(u, v, width, height)
         column, row = float(columns[k]), float(rows[k])
         square = column * column + row * row
-        for dy in range(2):
-            for dx in range(2):
-                weight = abs(1 - dx - x) * abs(1 - dy - y)
-                pixel = (top + dy) * width + left + dx
-                sums[0, pixel] += weight
-                sums[1, pixel] += weight * column
-                sums[2, pixel] += weight * row
-                sums[3, pixel] += weight * square
+        for pixel, weight in (
+            (first, a),
+            (first + 1, b),
+            (first + width, c),
+            (first + width + 1, d),
+        ):
+            sums[0, pixel] += weight
+            sums[1, pixel] += weight * column
+            sums[2, pixel] += weight * row
+            sums[3, pixel] += weight * square
     return sums, inside
 
 
@@ -159,13 +162,3 @@ def _refine_inverse(
     converged = np.flatnonzero((np.abs(step) < MAX_SPREAD_TEXELS).all(0))
     refined = np.clip((nearest + step).take(converged, axis=1), 0, size - 1.001)
     return pixels[converged], refined.T.astype(np.float32)
-
-
-def _bilinear(texels: Single, size: int) -> tuple[Indices, Single]:
-    """Row-major indices (4, p) and weights (4, p) of the texels around positions (2, p)."""
-    low = np.floor(texels).astype(np.intp)
-    x, y = texels - low
-    corner = low[1] * size + low[0]
-    corners = np.stack([corner, corner + 1, corner + size, corner + size + 1])
-    weights = np.stack([(1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y])
-    return corners, weights.astype(np.float32)

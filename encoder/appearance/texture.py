@@ -4,11 +4,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.inpaint import pull_push_fill
 from encoder.appearance.texel_visibility import visible_texels
 from encoder.runtime.image_ops import sample_bicubic
 from shared_model import geometry
-from shared_model.appearance import Atlas
+from shared_model.appearance import Atlas, pull_push_fill
 from shared_model.geometry import Camera
 from shared_model.mesh import PARTS, Head, inside_mouth
 from shared_model.parameters import Pose

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.inpaint import pull_push_fill
 from encoder.appearance.shape_free import ShapeFreeFrame, warp_jacobian
 from encoder.appearance.texel_visibility import DEPTH_CELL_MM, visible_texels
 from encoder.capture.face_crop import Crop
 from encoder.runtime.image_ops import sample_bicubic
 from encoder.runtime.parallel import parallel_map
+from shared_model.appearance import pull_push_fill
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters
 

@@ -20,6 +20,7 @@ from encoder.capture.face_crop import Crop
 from encoder.fitting.analysis_by_synthesis import PICTURE_DAMPING, cauchy_weights, image_gradients
 from encoder.fitting.increments import FACE_PARAMETERS, RIGID, apply_picture_step
 from encoder.fitting.levenberg_marquardt import Equations, Evaluation, levenberg_marquardt
+from encoder.runtime.bilinear import bilinear_weights
 from encoder.runtime.image_ops import hull_mask
 from protocol.runtime.jit import jit
 from shared_model.animate import Face
@@ -179,7 +180,7 @@ def _sample_layers(texels: Single, layers: Single, size: int) -> Single:
     """(p, m) layers (size * size, m) at texels (2, p), column and row, bilinear."""
     samples = np.empty((texels.shape[1], layers.shape[1]), np.float32)
     for pixel in range(len(samples)):
-        first, a, b, c, d = _bilinear_weights(texels[0, pixel], texels[1, pixel], size)
+        first, a, b, c, d = bilinear_weights(texels[0, pixel], texels[1, pixel], size, size)
         for layer in range(layers.shape[1]):
             samples[pixel, layer] = (
                 a * layers[first, layer]
@@ -195,7 +196,7 @@ def _combine_layers(texels: Single, layers: Single, values: Single, size: int) -
     """(p,) `_sample_layers` @ `values` (m,), without the intermediate array."""
     luma = np.empty(texels.shape[1], np.float32)
     for pixel in range(len(luma)):
-        first, a, b, c, d = _bilinear_weights(texels[0, pixel], texels[1, pixel], size)
+        first, a, b, c, d = bilinear_weights(texels[0, pixel], texels[1, pixel], size, size)
         total = np.float32(0)
         for layer in range(layers.shape[1]):
             total += values[layer] * (
@@ -206,19 +207,6 @@ def _combine_layers(texels: Single, layers: Single, values: Single, size: int) -
             )
         luma[pixel] = total
     return luma
-
-
-@jit
-def _bilinear_weights(
-    u: np.float32, v: np.float32, size: int
-) -> tuple[int, np.float32, np.float32, np.float32, np.float32]:
-    """Row-major index of the texel above and to the left of a position, and the weights of that
-    texel, of those to its right, below, and below right."""
-    most, least, one = np.float32(size - 1.001), np.float32(0), np.float32(1)
-    u, v = np.float32(min(max(u, least), most)), np.float32(min(max(v, least), most))
-    column, row = int(u), int(v)
-    x, y = u - np.float32(column), v - np.float32(row)
-    return row * size + column, (one - x) * (one - y), x * (one - y), (one - x) * y, x * y
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.inpaint import pull_push_fill
 from encoder.layers.displacement import dense, pixel_grid, sample
 from encoder.layers.layer_samples import LayerSamples, face_region
 from encoder.layers.robust_mean import robust_mean
 from protocol.pictures.foreground_mask import MASK_SIDE, Mask
+from shared_model.appearance import pull_push_fill
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]

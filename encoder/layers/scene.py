@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.inpaint import pull_push_fill
 from encoder.layers.layer_samples import LayerSamples
 from encoder.layers.robust_mean import robust_mean
+from shared_model.appearance import pull_push_fill
 
 Single = NDArray[np.float32]
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.inpaint import filled_atlas
 from encoder.appearance.masks import root_weight_and_support
 from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.appearance.texture_samples import TextureSamples
@@ -19,7 +18,7 @@ from encoder.picture_coding.picture_encoder import EncodedPicture, encode_mode, 
 from protocol.pictures.picture_codec import MAX_STEP_CODE, ModeCodec, to_planes
 from protocol.pictures.probability_model import TEXTURE
 from protocol.pictures.weight_map import GRID_SIDE, encode_weight_map
-from shared_model.appearance import Atlas
+from shared_model.appearance import Atlas, filled_atlas
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]

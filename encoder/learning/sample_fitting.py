@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.inpaint import filled_atlas
 from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.appearance.super_resolution import back_projected
 from encoder.appearance.template import Template
@@ -21,7 +20,7 @@ from encoder.learning.pca import luma_modes, make_template
 from encoder.runtime.parallel import parallel_map
 from protocol.pictures.picture_codec import to_luma
 from shared_model.animate import Face
-from shared_model.appearance import atlas_of
+from shared_model.appearance import atlas_of, filled_atlas
 from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.appearance.rasteriser import rasterise
 from shared_model.geometry import matrix_from_quaternion
 from shared_model.normals import vertex_normals
 from shared_model.parameters import Pose
@@ -16,6 +17,8 @@ _MIN_COSINE = 0.34
 # Skin less than this in front of a point does not occlude it.
 _CLEARANCE_MM = 2.0
 _CELL_DEG = 5.0
+# Occlusion is looked up in a depth image of the head with pixels of this size, seen from so far.
+_PIXEL_MM, _FAR_MM = 0.5, 1e5
 
 
 class VertexVisibility:
@@ -28,7 +31,6 @@ class VertexVisibility:
     def __init__(self, vertices: Array, triangles: Indices, index: Indices) -> None:
         self._vertices, self._triangles, self._index = vertices, triangles, index
         self._normals = vertex_normals(vertices, triangles)[index]
-        self._adjacent = (triangles[None] == index[:, None, None]).any(axis=2)
         self._cells: dict[tuple[int, int], Mask] = {}
 
     def visible(self, pose: Pose) -> Mask:
@@ -49,23 +51,15 @@ class VertexVisibility:
             [np.sin(yaw) * np.cos(pitch), np.sin(pitch), np.cos(yaw) * np.cos(pitch)]
         )
         right = np.array([np.cos(yaw), 0.0, -np.sin(yaw)])
-        axes = np.column_stack([right, np.cross(direction, right), direction])
-        rotated = self._vertices @ axes
-        corners, points = rotated[self._triangles], rotated[self._index]
-        # Barycentric coordinates of every point in every triangle, projected along the direction.
-        a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-        area = _cross(b - a, c - a)
-        degenerate = np.abs(area) < 1e-9
-        area = np.where(degenerate, 1.0, area)
-        offset = points[:, None] - a[None]
-        v = _cross(offset, (c - a)[None]) / area
-        w = _cross((b - a)[None], offset) / area
-        depth = a[:, 2] + v * (b - a)[:, 2] + w * (c - a)[:, 2]
-        in_front = depth > points[:, None, 2] + _CLEARANCE_MM
-        hit = (v >= 0) & (w >= 0) & (v + w <= 1) & in_front & ~degenerate & ~self._adjacent
-        return np.asarray(~hit.any(axis=1))
-
-
-def _cross(p: Array, q: Array) -> Array:
-    """Cross product of the first two coordinates."""
-    return np.asarray(p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0])
+        down = -np.cross(direction, right)
+        columns_rows = self._vertices @ np.column_stack([right, down]) / _PIXEL_MM
+        columns_rows -= columns_rows.min(0)
+        depth = _FAR_MM - self._vertices @ direction
+        width, height = np.ceil(columns_rows.max(0)).astype(int) + 1
+        fragments = rasterise(
+            columns_rows, depth, self._triangles, np.ones((height, width), np.bool_)
+        )
+        nearest = np.full(height * width, np.inf)
+        nearest[fragments.pixels] = (fragments.weights * depth[fragments.corners]).sum(0)
+        column, row = np.rint(columns_rows[self._index]).astype(int).T
+        return np.asarray(depth[self._index] < nearest[row * width + column] + _CLEARANCE_MM)

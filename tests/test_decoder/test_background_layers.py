@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from decoder.background_layers import load_background, pull_push_fill
+from decoder.background_layers import load_background
 from encoder.coding.background import BackgroundImage
 from protocol.errors import ProtocolError
 from protocol.pictures.foreground_mask import MASK_SIDE, serialise_background
@@ -39,16 +39,6 @@ def test_the_room_is_continued_behind_the_person() -> None:
     assert np.abs(still.static[:20].astype(float) - wall).max() < 12
     assert np.abs(still.static.astype(float) - wall).max() < 50
     assert still.static.min() > 40
-
-
-def test_known_pixels_and_constant_pictures_are_unchanged() -> None:
-    rng = np.random.default_rng(2)
-    picture = rng.integers(0, 256, (37, 50, 3), dtype=np.uint8)
-    known = rng.random((37, 50)) < 0.4
-    assert np.array_equal(pull_push_fill(picture, known)[known], picture[known])
-    even = np.full((37, 50, 3), 90, np.uint8)
-    assert (pull_push_fill(even, known) == 90).all()
-    assert pull_push_fill(picture, np.zeros((37, 50), bool)).shape == picture.shape
 
 
 def test_without_a_mask_there_is_no_static_layer() -> None:

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from shots import Shots
 
-from encoder.appearance.inpaint import pull_push_fill
 from encoder.appearance.texel_visibility import visible_texels
 from encoder.appearance.texture import (
     atlas_size_for,
@@ -124,18 +123,6 @@ def test_hidden_parts_of_the_mouth_have_default_colours(shots: Shots, atlas: Atl
     part = shots.face.head.parts[atlas.corners[:, 0]]
     assert np.isnan(colours[part == PARTS.index("skin")]).all()
     assert np.isfinite(colours[part == PARTS.index("teeth_upper")]).all()
-
-
-def test_filling_is_smooth_and_keeps_known_pixels() -> None:
-    image = np.zeros((33, 47, 3), np.float32)
-    image[...] = np.linspace(0, 255, 47)[None, :, None]
-    known = np.zeros((33, 47), bool)
-    known[:, :8] = known[:, -8:] = True
-    filled = pull_push_fill(np.where(known[..., None], image, 999).astype(np.float32), known)
-    assert np.array_equal(filled[known], image[known])
-    assert filled.min() >= 0 and filled.max() <= 255.001
-    nothing = pull_push_fill(image, np.zeros((33, 47), bool))
-    assert np.isfinite(nothing).all()
 
 
 def test_a_larger_face_gets_a_larger_atlas(shots: Shots) -> None:
