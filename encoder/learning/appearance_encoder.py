@@ -231,12 +231,9 @@ class _AppearanceCoder:
 
     def _leading_image(self, residual: OrthogonalResidual) -> Single:
         """The leading direction of a residual as planes (size, size, 3)."""
-        image = np.zeros((self.atlas.size, self.atlas.size, 3), np.float32)
         direction, _ = residual.leading_direction()
-        image[self.atlas.rows, self.atlas.columns] = (
-            direction.reshape(-1, 3) / self.root * self.support
-        )
-        return image
+        # Unused texels take no bits if they continue those around: an edge would.
+        return filled_atlas(self.atlas, direction.reshape(-1, 3) / self.root * self.support)
 
     def _weighted(self, image: Single) -> Single:
         """(k, 3) planes of the texels of an image (size, size, 3) BGR, times `root`."""

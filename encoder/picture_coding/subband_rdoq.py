@@ -39,7 +39,7 @@ Integers = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 # Squared quantiser steps per bit.
-LAGRANGIAN = 0.12
+LAGRANGIAN = 0.15
 # A tile is coded if a coefficient in it exceeds this many quantiser steps.
 TILE_THRESHOLD = 0.85
 # Assumed cost of a sign while its magnitude is chosen, bits.
