@@ -1,7 +1,14 @@
 """Clips, calls and processes that many tests use."""
 
-import fcntl
 import os
+
+# As on a server, in every process that a test starts: no display.  No test needs two cores, and
+# OpenBLAS's threads, whose number it reads when NumPy is imported, wait for each other in busy
+# loops, which takes the cores from the other tests.
+os.environ.pop("DISPLAY", None)
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import fcntl
 import signal
 import subprocess
 import sys
@@ -14,12 +21,14 @@ import cv2
 import hypothesis
 import numpy as np
 import pytest
-from shots import Shots, draw_shots
+from shots import Shots, draw, draw_shots, talking
 
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.frame_times import exact_fps
 from encoder.capture.video_source import Frame, open_source
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
+from encoder.options import EncodeOptions
+from encoder.pipeline import encode
 from loopback.clip_paths import CARPHONE, clip_path
 from risorius.cli import main
 from shared_model.errors import UserError
@@ -31,11 +40,16 @@ PROGRAM = (
     "from risorius.cli import main; exit(main())",
 )
 NOISE_FRAMES = 8
+LIVE_MODEL_BYTES = 6000
+SIDE_LIGHT = """
+[[key]]
+time = 1.9
+light = { side = 0 }
+[[key]]
+time = 2.1
+light = { side = 0.8 }
+"""
 
-# As on a server, in every process that a test starts: no display.  No test needs two cores, and
-# OpenBLAS's threads wait for each other in busy loops, which takes the cores from the other tests.
-os.environ.pop("DISPLAY", None)
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
 cv2.setNumThreads(1)
 # No property test fails because the machine is busy.
 hypothesis.settings.register_profile("unhurried", deadline=None)
@@ -146,6 +160,26 @@ def call(carphone: Path, make_once: MakeOnce) -> Path:
         assert main(["encode", str(carphone), "-o", str(folder / "call.rzo"), *options]) == 0
 
     return make_once("thesis_call", encode) / "call.rzo"
+
+
+@pytest.fixture(scope="session")
+def talking_clip(networks: Path, make_once: MakeOnce) -> Path:
+    """A video of 75 frames of a drawn face that turns and speaks, lit from one side at last."""
+    script = talking(3) + SIDE_LIGHT
+    return make_once("talking", lambda folder: draw(folder / "clip.mkv", script)) / "clip.mkv"
+
+
+@pytest.fixture(scope="session")
+def live_call(talking_clip: Path, make_once: MakeOnce) -> Path:
+    """That video as a live call."""
+
+    def encode_live(folder: Path) -> None:
+        options = EncodeOptions(
+            str(talking_clip), folder / "call.rzo", live=True, model_bytes=LIVE_MODEL_BYTES
+        )
+        encode(options, lambda done, total: None, lambda: False)
+
+    return make_once("live_call", encode_live) / "call.rzo"
 
 
 @pytest.fixture(scope="session")

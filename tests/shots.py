@@ -48,11 +48,13 @@ class Shots:
     points: list[NDArray[np.float64]]
 
 
-def talking(seconds: float, fps: int = 25) -> str:
-    """The script of a small face that turns and speaks."""
+def talking(
+    seconds: float, fps: int = 25, width: int = 160, height: int = 120, smile: float = 0
+) -> str:
+    """The script of a small face that turns, speaks and, if told to, smiles in between."""
     return f"""
-width = 160
-height = 120
+width = {width}
+height = {height}
 fps = {fps}
 seconds = {seconds}
 distance_mm = 420
@@ -62,15 +64,15 @@ time = 0
 pose = {{ yaw = -6 }}
 [[key]]
 time = 0.5
-eau = {{ jaw_drop = 0.6 }}
+eau = {{ jaw_drop = 0.6, mouth_corners = 0 }}
 [[key]]
 time = 1.2
-pose = {{ yaw = 6 }}
-eau = {{ jaw_drop = 0.05 }}
+pose = {{ yaw = 6, pitch = {4 * smile} }}
+eau = {{ jaw_drop = 0.05, mouth_corners = {smile} }}
 [[key]]
 time = {seconds}
-pose = {{ yaw = -4 }}
-eau = {{ jaw_drop = 0.6 }}
+pose = {{ yaw = -4, pitch = 0 }}
+eau = {{ jaw_drop = 0.6, mouth_corners = 0 }}
 """
 
 

@@ -1,5 +1,6 @@
 """A live call learns modes: they reach the decoder, and what it draws is better."""
 
+import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import groupby, pairwise
@@ -9,8 +10,8 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from conftest import LIVE_MODEL_BYTES
 from numpy.typing import NDArray
-from shots import draw, talking
 from videos import read_frames
 
 from decoder.pipeline import DecodeOptions, decode
@@ -32,17 +33,11 @@ from protocol.packets import FramePacket, LayerPacket, Packet, parse_packet, ser
 from protocol.progressive_model import LayerBuffer
 
 # Light comes from one side once the first update is in use.
-FRAMES, LATE = 75, 55
+FRAMES, LATE, PACKED = 75, 55, 8
+# Enough for an update.
+FEWER = 57
 # Which of eight frames are dark.
 GAP = (3, 4)
-LIGHT = """
-[[key]]
-time = 1.9
-light = { side = 0 }
-[[key]]
-time = 2.1
-light = { side = 0.8 }
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,10 +61,8 @@ class Sent:
 
 
 @pytest.fixture(scope="module")
-def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> Path:
-    path = tmp_path_factory.mktemp("growth") / "clip.mkv"
-    draw(path, talking(3) + LIGHT)
-    return path
+def clip(talking_clip: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return Path(shutil.copy(talking_clip, tmp_path_factory.mktemp("growth")))
 
 
 @pytest.fixture(scope="module", params=[None, 200_000.0], ids=["whole", "in layers"])
@@ -77,7 +70,7 @@ def sent(clip: Path, request: pytest.FixtureRequest) -> Sent:
     return send(clip, request.param)
 
 
-def send(clip: Path, startup_bitrate: float | None = None) -> Sent:
+def send(clip: Path, startup_bitrate: float | None = None, frames: int | None = None) -> Sent:
     found = Sent(clip.with_suffix(".rzo"))
 
     class NotingSender(ModelUpdateSender):
@@ -102,7 +95,12 @@ def send(clip: Path, startup_bitrate: float | None = None) -> Sent:
             return packet
 
     options = EncodeOptions(
-        str(clip), found.path, live=True, startup_bitrate=startup_bitrate, model_bytes=6000
+        str(clip),
+        found.path,
+        live=True,
+        startup_bitrate=startup_bitrate,
+        model_bytes=LIVE_MODEL_BYTES,
+        max_frames=frames,
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("encoder.calls.live_session.ModelUpdateSender", NotingSender)
@@ -128,6 +126,11 @@ def late_face_psnr_db(wanted: list[NDArray[np.uint8]], found: list[NDArray[np.ui
         for one, other in zip(wanted[LATE:], found[LATE:], strict=True)
     ]
     return float(np.mean([10 * np.log10(255**2 / (error**2).mean()) for error in errors]))
+
+
+@pytest.mark.parametrize("sent", [None], ids=["whole"], indirect=True)
+def test_the_same_source_gives_the_same_bytes(sent: Sent, live_call: Path) -> None:
+    assert sent.path.read_bytes() == live_call.read_bytes()
 
 
 def test_the_decoder_has_the_encoders_modes_of_each_model(sent: Sent) -> None:
@@ -190,14 +193,15 @@ def test_all_faces_of_a_packet_have_the_modes_learned_before_it_is_sent(sent: Se
     models = [packet for packet in sent.packets() if isinstance(packet, ModelPacket)]
     entries = [model.sequence for model in models]
     reserved = parse_transform(models[0].profile_data).reserved_modes
-    used, first_faces = 0, list[bool]()
+    used, faces = 0, list[bool]()
     for number, target in enumerate(sent.targets):
         learned = target[:, -reserved:] != 0
         count = int(learned.any(0).sum())
         if number not in entries and count > used:
-            first_faces.append(bool(learned[0, used:count].all()))
+            faces.extend(learned[:, used:count].all(1).tolist())
         used = count
-    assert len(first_faces) > 1 and all(first_faces)
+    # A face that its new modes do not bring nearer to the picture stays as it was.
+    assert len(faces) > PACKED and np.mean(faces) > 0.95
 
 
 @pytest.mark.parametrize("sent", [None], ids=["whole"], indirect=True)
@@ -218,7 +222,7 @@ def test_frames_without_the_face_repeat_the_one_before_however_it_is_found_again
     for index, picture in enumerate(read_frames(clip)):
         gaps.write(picture if index % 8 not in GAP else np.zeros_like(picture))
     gaps.release()
-    sent = send(tmp_path / "gaps.mkv")
+    sent = send(tmp_path / "gaps.mkv", frames=FEWER)
     assert sent.modes[0]
     repeated = index = 0
     for values in sent.targets:
@@ -227,7 +231,7 @@ def test_frames_without_the_face_repeat_the_one_before_however_it_is_found_again
                 np.testing.assert_array_equal(values[place], values[place - 1])
                 repeated += 1
         index += len(values)
-    assert index == FRAMES and repeated > 10
+    assert index == FEWER and repeated > 10
 
 
 def test_modes_are_reserved_for_later_frames(
@@ -239,6 +243,6 @@ def test_modes_are_reserved_for_later_frames(
     )
     copy = tmp_path / "clip.mkv"
     copy.write_bytes(clip.read_bytes())
-    sent = send(copy)
-    share = (FRAMES / 25 - 1.0) / 1000
+    sent = send(copy, frames=FEWER)
+    share = (FEWER / 25 - 1.0) / 1000
     assert 0 < len(sent.modes[1]) <= np.ceil(RESERVED_MODES * share**MODE_SPENDING_EXPONENT) == 2

@@ -33,7 +33,7 @@ def uneven(carphone: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def uneven_call(uneven: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("call") / "uneven.rzo"
-    risorius.encode(uneven, path)
+    risorius.encode(uneven, path, model_bytes=4000)
     return path
 
 

@@ -280,7 +280,7 @@ def test_a_model_whose_parts_are_allowed_but_not_their_sum_is_refused() -> None:
 
 
 def test_the_packet_knows_camera_rate_and_pose() -> None:
-    assert CALL.fps == pytest.approx(29.97, abs=0.001)
+    assert CALL.fps == pytest.approx(29.97, abs=0.001) and CALL.exact_fps * 1001 == 30000
     assert (CALL.camera.width, CALL.camera.height, CALL.camera.focal_px) == (640, 480, 612.5)
     pose = replace(MODEL, reference_rotation=(1e-4, 1.0, 0.0, 0.0)).reference_pose
     assert pose.rotation == pytest.approx(FRONTAL, abs=2e-4)

@@ -4,7 +4,7 @@ from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 
-import pytest
+from conftest import LIVE_MODEL_BYTES
 from shots import draw, talking
 
 from decoder.pipeline import DecodeOptions, decode
@@ -29,26 +29,12 @@ from protocol.packets import ControlKind, ControlPacket, FramePacket, parse_pack
 from protocol.pictures.layered_background import is_layered
 from shared_model.parameters import EAU_INDEX
 
-FRAMES, FPS = 74, 25
-
-
-@pytest.fixture(scope="module")
-def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> Path:
-    folder = tmp_path_factory.mktemp("live")
-    draw(folder / "clip.mkv", talking(2.96))
-    return folder / "clip.mkv"
+FRAMES, FPS = 75, 25
 
 
 def encode_live(clip: Path, output: Path, pace: bool = False) -> None:
-    options = EncodeOptions(str(clip), output, profile="default", live=True, pace=pace)
+    options = EncodeOptions(str(clip), output, live=True, pace=pace, model_bytes=LIVE_MODEL_BYTES)
     encode(options, lambda done, total: None, lambda: False)
-
-
-@pytest.fixture(scope="module")
-def call(clip: Path) -> Path:
-    path = clip.with_name("call.rzo")
-    encode_live(clip, path)
-    return path
 
 
 def raw_packets(path: Path) -> list[bytes]:
@@ -61,8 +47,8 @@ def played(path: Path) -> list[PlayoutFrame]:
     return [frame for data in raw_packets(path) for frame in playout.receive(data)]
 
 
-def test_an_update_is_announced_ahead_of_its_first_packet(call: Path) -> None:
-    packets = [parse_packet(data) for data in raw_packets(call)]
+def test_an_update_is_announced_ahead_of_its_first_packet(live_call: Path) -> None:
+    packets = [parse_packet(data) for data in raw_packets(live_call)]
     models = [(i, p) for i, p in enumerate(packets) if isinstance(p, ModelPacket)]
     assert [model.version for _, model in models] == [0, 1]
     (_, first), (place, update) = models
@@ -101,37 +87,32 @@ def test_an_update_announced_as_the_one_before_takes_effect_counts_its_single_fr
         assert after.call.start_frame == before.call.start_frame + frames
 
 
-def test_every_frame_has_one_face_across_the_update(call: Path, clip: Path) -> None:
-    frames = played(call)
+def test_every_frame_has_one_face_across_the_update(live_call: Path) -> None:
+    frames = played(live_call)
     assert [frame.index for frame in frames] == list(range(FRAMES))
     jaw = [frame.face.eau[EAU_INDEX["jaw_drop"]] for frame in frames]
     assert min(jaw[26:34]) < 0.15 < 0.25 < min(max(jaw[8:18]), max(jaw[70:]))
     assert not frames[0].face.modes.any() and frames[-1].face.modes.any()
 
 
-def test_a_live_call_is_drawn_with_the_model_of_each_frame(call: Path, tmp_path: Path) -> None:
-    options = DecodeOptions(call_file=call, output=tmp_path / "out.mkv")
+def test_a_live_call_is_drawn_with_the_model_of_each_frame(live_call: Path, tmp_path: Path) -> None:
+    options = DecodeOptions(call_file=live_call, output=tmp_path / "out.mkv")
     report = decode(options, lambda done, total: None, lambda: False)
     assert report.frames == FRAMES and not report.warnings
 
 
-def test_the_same_source_gives_the_same_bytes(call: Path, clip: Path, tmp_path: Path) -> None:
-    encode_live(clip, tmp_path / "again.rzo")
-    assert (tmp_path / "again.rzo").read_bytes() == call.read_bytes()
-
-
-def test_training_in_the_background_loses_no_frame(clip: Path, tmp_path: Path) -> None:
-    encode_live(clip, tmp_path / "paced.rzo", pace=True)
+def test_training_in_the_background_loses_no_frame(talking_clip: Path, tmp_path: Path) -> None:
+    encode_live(talking_clip, tmp_path / "paced.rzo", pace=True)
     assert [frame.index for frame in played(tmp_path / "paced.rzo")] == list(range(FRAMES))
 
 
 def test_frames_that_a_camera_left_out_are_filled_and_a_camera_that_is_off_goes_to_rest(
-    clip: Path, tmp_path: Path
+    talking_clip: Path, tmp_path: Path
 ) -> None:
     """Frames come late and are left out; the call keeps the source's time."""
     mailbox = FrameMailbox(Fraction(FPS))
     path, off, end = tmp_path / "gaps.rzo", 50, 66
-    with open_source(str(clip)) as frames:
+    with open_source(str(talking_clip)) as frames:
         pictures = {i: p for i, p in frames if i not in {20, 21, *range(30, 42)}}
     mailbox.put(pictures[0], 0.0)
     capture = LiveCapture("camera", mailbox, Fraction(FPS))

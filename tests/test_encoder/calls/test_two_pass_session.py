@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from conftest import PROGRAM, ROOT
 from numpy.typing import NDArray
-from shots import draw
+from shots import draw, talking
 
 from decoder.frame_decoder import TimedFace, frame_decoder_for
 from encoder.calls.packet_sender import PacketSender
@@ -47,35 +47,14 @@ from shared_model.parameters import EAU_INDEX
 
 FRAMES, START = 54, 2
 LOST = range(19, 30)
+# Of a call that is stopped.
+PASS_FRAMES = 14
 # A lost face is looked for less and less often.
 FOUND = LOST.stop + 8
 FPS = 25
 BITRATE = 1500
 # A small model is learned faster.
 MODEL_BYTES = "5000"
-SCRIPT = """
-width = 161
-height = 121
-fps = 25
-seconds = 2.16
-distance_mm = 420
-noise = 1
-[[key]]
-time = 0
-pose = { yaw = -6 }
-eau = { jaw_drop = 0, mouth_corners = 0 }
-[[key]]
-time = 0.4
-eau = { jaw_drop = 0.6 }
-[[key]]
-time = 0.7
-pose = { yaw = 6, pitch = 3 }
-eau = { jaw_drop = 0.05, mouth_corners = 0.5 }
-[[key]]
-time = 2.16
-pose = { yaw = -2, pitch = 0 }
-eau = { jaw_drop = 0.5, mouth_corners = 0 }
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +68,7 @@ class Clip:
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> Clip:
     folder = tmp_path_factory.mktemp("clip")
-    report = draw(folder / "frame%03d.png", SCRIPT)
+    report = draw(folder / "frame%03d.png", talking(FRAMES / FPS, FPS, 161, 121, smile=0.5))
     for index in (*range(START), *LOST):
         path = str(folder / f"frame{index:03d}.png")
         cv2.imwrite(path, np.full((121, 161, 3), 90, np.uint8))
@@ -198,7 +177,7 @@ def call_of_default_sizes(request: pytest.FixtureRequest, tmp_path: Path) -> Pat
     if request.param == "demo clip":
         return Path(request.getfixturevalue("demo_run")) / "out" / "demo" / "call.rzo"
     clip, path = request.getfixturevalue("clips") / request.param, tmp_path / "call.rzo"
-    assert main(["encode", str(clip), "-o", str(path), "--max-frames", "100", "-q"]) == 0
+    assert main(["encode", str(clip), "-o", str(path), "--max-frames", "40", "-q"]) == 0
     return path
 
 
@@ -236,7 +215,7 @@ def test_the_shortest_clips_are_calls(clip: Clip, count: int, tmp_path: Path) ->
     assert [sample.timestamp for sample in samples(path)] == list(range(START, count))
 
 
-@pytest.mark.parametrize("frames", [5, FRAMES + 9])
+@pytest.mark.parametrize("frames", [5, PASS_FRAMES + 9])
 def test_stopped_in_the_second_pass_a_call_is_kept_and_in_the_first_there_is_none(
     clip: Clip, frames: int, tmp_path: Path
 ) -> None:
@@ -246,15 +225,16 @@ def test_stopped_in_the_second_pass_a_call_is_kept_and_in_the_first_there_is_non
         nonlocal done
         done += 1
 
-    options = EncodeOptions(clip.pattern, output, profile="default", model_bytes=2000)
-    if frames < FRAMES:
+    options = EncodeOptions(clip.pattern, output, model_bytes=2000, max_frames=PASS_FRAMES)
+    if frames < PASS_FRAMES:
         with pytest.raises(KeyboardInterrupt):
             encode_clip(options, progress, lambda: done >= frames)
         assert list(tmp_path.iterdir()) == []
         return
     report = encode_clip(options, progress, lambda: done >= frames)
-    assert [sample.timestamp for sample in samples(output)] == list(range(START, frames - FRAMES))
-    assert report.frames == summarise(output).frames == frames - FRAMES
+    sent = frames - PASS_FRAMES
+    assert [sample.timestamp for sample in samples(output)] == list(range(START, sent))
+    assert report.frames == summarise(output).frames == sent
 
 
 def test_a_call_that_stops_while_it_is_sent_ends_where_it_stopped(

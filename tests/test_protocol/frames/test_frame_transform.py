@@ -18,6 +18,7 @@ from protocol.frames.frame_transform import (
     RESERVED_SCALE_CODES,
     RESERVED_UNIT_CODE,
     FrameTransform,
+    codes_from_units,
     face_from_coefficients,
     units_from_codes,
     vector_from_face,
@@ -108,6 +109,12 @@ def test_the_component_of_a_reserved_mode_moves_it_alone() -> None:
     expected = np.zeros(D + 3)
     expected[D + 1] = 2 * units_from_codes(np.array([RESERVED_UNIT_CODE]))[0]
     assert change == pytest.approx(expected)
+
+
+def test_unit_codes_are_those_of_their_units() -> None:
+    codes = np.arange(256, dtype=np.uint8)
+    assert np.array_equal(codes_from_units(units_from_codes(codes)), codes)
+    assert codes_from_units(np.array([1e-9, 1.0, 1e9])).tolist() == [0, 128, 255]
 
 
 def test_a_face_is_the_centre_and_its_components() -> None:

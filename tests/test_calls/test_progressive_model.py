@@ -1,23 +1,29 @@
 """Progressive models: layers arrive within the rate, and each of them improves the picture."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from packets import sent_bytes
-from shots import draw
+from shots import draw, talking
 from videos import read_frames
 
 from decoder.appearance import AppearanceModel
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
 from decoder.reenactment import read_model
+from encoder.calls.packet_sender import PacketSender
+from encoder.calls.session_callbacks import SessionCallbacks
+from encoder.calls.session_stats import SessionStats
+from encoder.calls.two_pass_session import TwoPassEncoder, send_call
+from encoder.capture.video_source import open_source
+from encoder.coding.pacer import LayerPacer
 from encoder.coding.progressive_model import BASE_LAYER_BYTES
 from encoder.options import EncodeOptions
-from encoder.pipeline import encode
-from encoder.report import EncodeReport
+from encoder.pipeline import encode, first_and_second_pass
 from loopback.quality.video_quality import face_mask_finder, measure_quality
-from protocol.call_file import MAGIC, CallReader
+from protocol.call_file import MAGIC, CallReader, CallWriter
 from protocol.call_records import serialise_records
 from protocol.entropy.varint import decode_varint
 from protocol.errors import ProtocolError
@@ -29,30 +35,6 @@ from protocol.summary import summarise
 
 FRAMES, FPS = 60, 25
 BITRATE, STARTUP, MODEL_BYTES = 1000.0, 12000.0, 4500
-SCRIPT = """
-width = 160
-height = 120
-fps = 25
-seconds = 2.4
-distance_mm = 420
-noise = 1
-[[key]]
-time = 0
-pose = { yaw = -6 }
-eau = { jaw_drop = 0, mouth_corners = 0 }
-[[key]]
-time = 0.8
-pose = { yaw = 6 }
-eau = { jaw_drop = 0.6 }
-[[key]]
-time = 1.6
-pose = { yaw = 0, pitch = 4 }
-eau = { jaw_drop = 0, mouth_corners = 0.6 }
-[[key]]
-time = 2.4
-pose = { yaw = -4, pitch = 0 }
-eau = { jaw_drop = 0.5, mouth_corners = 0 }
-"""
 
 
 def test_a_startup_rate_no_larger_than_the_frames_rate_is_refused(
@@ -69,42 +51,48 @@ def test_a_startup_rate_no_larger_than_the_frames_rate_is_refused(
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> str:
     folder = tmp_path_factory.mktemp("startup")
-    draw(folder / "clip.mkv", SCRIPT)
+    draw(folder / "clip.mkv", talking(FRAMES / FPS, FPS, smile=0.6))
     return str(folder / "clip.mkv")
 
 
-def encoded(clip: str, output: Path, startup: float | None) -> EncodeReport:
-    options = EncodeOptions(
-        clip,
-        output,
-        profile="default",
-        bitrate=BITRATE,
-        model_bytes=MODEL_BYTES,
-        startup_bitrate=startup,
-    )
-    return encode(options, lambda done, total: None, lambda: False)
+@pytest.fixture(scope="module")
+def encoder(clip: str) -> Iterator[TwoPassEncoder]:
+    """After both passes over the clip: what can be sent in layers and without."""
+    options, stats = EncodeOptions(clip, model_bytes=MODEL_BYTES), SessionStats()
+    callbacks = SessionCallbacks(lambda done, total: None, lambda: False)
+    with open_source(clip) as source:
+        yield first_and_second_pass(options, source, stats, callbacks)
+
+
+def send(encoder: TwoPassEncoder, path: Path, startup: float | None) -> tuple[str, ...]:
+    """Send the call into a file, in layers at a startup rate; returns the warnings."""
+    stats = SessionStats()
+    pacer = None if startup is None else LayerPacer(startup, BITRATE)
+    with CallWriter(path) as sink:
+        encoded = encoder.encode(BITRATE, progressive=pacer is not None)
+        send_call(encoded, PacketSender(sink, stats, pacer), None, lambda: False)
+    return tuple(stats.warnings)
 
 
 @pytest.fixture(scope="module")
-def call(clip: str) -> Path:
+def call(encoder: TwoPassEncoder, clip: str) -> Path:
     path = Path(clip).with_name("call.rzo")
-    encoded(clip, path, STARTUP)
+    send(encoder, path, STARTUP)
     return path
 
 
 @pytest.fixture(scope="module")
-def unpaced(clip: str) -> Path:
+def unpaced(encoder: TwoPassEncoder, clip: str) -> Path:
     """The same call with all layers before its second frame packet."""
     path = Path(clip).with_name("unpaced.rzo")
-    warnings = encoded(clip, path, 1e7).warnings
-    assert not any("not sent" in warning for warning in warnings)
+    assert not any("not sent" in warning for warning in send(encoder, path, 1e7))
     return path
 
 
 @pytest.fixture(scope="module")
-def unlayered(clip: str) -> Path:
+def unlayered(encoder: TwoPassEncoder, clip: str) -> Path:
     path = Path(clip).with_name("unlayered.rzo")
-    encoded(clip, path, None)
+    send(encoder, path, None)
     return path
 
 
@@ -174,11 +162,8 @@ def test_no_second_of_the_call_exceeds_the_rate(call: Path) -> None:
         window = sum(bits for at, bits in sizes if start <= at < start + 1)
         assert window <= STARTUP * (1 + slot_s)
     repaid_s = 8 * len(first) / STARTUP
-    layers = [
-        at
-        for (at, _), data in zip(sizes, rest, strict=True)
-        if isinstance(parse_packet(data), LayerPacket)
-    ]
+    kinds = [type(parse_packet(data)) for data in rest]
+    layers = [at for (at, _), kind in zip(sizes, kinds, strict=True) if kind is LayerPacket]
     assert layers and min(layers) >= repaid_s - slot_s
 
 
@@ -204,15 +189,14 @@ def test_every_layer_raises_the_psnr_of_the_face(unpaced: Path, clip: str, tmp_p
         report = decoded(path, tmp_path / f"{count}.mkv")
         assert report.frames == FRAMES and not report.warnings
         psnr_db.append(face_psnr_db(clip, tmp_path / f"{count}.mkv"))
-    assert all(np.diff(psnr_db) > 0.1) and psnr_db[-1] > psnr_db[0] + 2
+    assert all(np.diff(psnr_db) > 0) and all(np.diff(psnr_db[:3]) > 1)
 
 
 def test_a_call_in_layers_has_the_psnr_of_one_without(
     unpaced: Path, unlayered: Path, clip: str, tmp_path: Path
 ) -> None:
-    for path in (unpaced, unlayered):
-        decoded(path, tmp_path / f"{path.stem}.mkv")
-    one, other = (face_psnr_db(clip, tmp_path / f"{p.stem}.mkv") for p in (unpaced, unlayered))
+    videos = [(path, tmp_path / f"{path.stem}.mkv") for path in (unpaced, unlayered)]
+    one, other = (decoded(*each) and face_psnr_db(clip, each[1]) for each in videos)
     assert one == pytest.approx(other, abs=0.3)
 
 
@@ -309,6 +293,8 @@ def test_the_bytes_of_a_call_in_layers_add_up(call: Path) -> None:
 
 
 def test_a_call_too_short_for_its_layers_warns(clip: str, tmp_path: Path) -> None:
-    report = encoded(clip, tmp_path / "thin.rzo", BITRATE + 500)
+    path, rates = tmp_path / "thin.rzo", (BITRATE, BITRATE + 500)
+    options = EncodeOptions(clip, path, bitrate=rates[0], startup_bitrate=rates[1], max_frames=20)
+    report = encode(options, lambda done, total: None, lambda: False)
     assert any("not sent" in warning for warning in report.warnings)
-    assert decoded(tmp_path / "thin.rzo", tmp_path / "thin.mkv").frames == FRAMES
+    assert decoded(path, tmp_path / "thin.mkv").frames == 20
