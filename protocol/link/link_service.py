@@ -16,7 +16,7 @@ from protocol.link.delivery.receiver import DeliveryReceiver
 from protocol.link.delivery.sender import DeliverySender
 from protocol.link.endpoints import Failure
 from protocol.link.interface import Arrival, PacketProtection
-from protocol.link.messages import Role, is_message
+from protocol.link.messages import Role, is_hello, is_message
 
 # How often timers are looked at, and whether the transport of a link is still there.
 TICK_S, CHECK_S = 0.02, 0.2
@@ -74,10 +74,11 @@ class Carrier(Protocol):
     def open(self, connection: int, endpoint: Endpoint) -> None:
         """Begin to open a connection; `Opened` or `Failed` follows."""
 
-    def put(self, connection: int, payload: bytes, is_frame: bool) -> None:
+    def put(self, connection: int, payload: bytes, is_frame: bool, is_hello: bool) -> None:
         """Send a payload; nothing happens if the connection is gone.
 
-        is_frame: it is a frame packet, and no message of the link.
+        is_frame: it is a frame packet, and no message of the link.  is_hello: it is a HELLO, which
+        may not reach an end of another call.
         """
 
     def ask(self, connection: int) -> None:
@@ -267,5 +268,5 @@ class LinkService:
 
     def _put_to(self, connection: int, payload: bytes) -> None:
         if self._carrier is not None:
-            is_frame = not is_message(payload)
-            self._carrier.put(connection, self._protection.protect(payload), is_frame)
+            guarded = self._protection.protect(payload)
+            self._carrier.put(connection, guarded, not is_message(payload), is_hello(payload))

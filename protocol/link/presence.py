@@ -17,6 +17,11 @@ def call_keys(call: str, is_encoder: bool) -> tuple[str, str]:
     return (down, up) if is_encoder else (up, down)
 
 
+def short_key(key: str) -> str:
+    """What stands for a key of a call where it is the only one, straight from end to end."""
+    return key.partition("/")[0]
+
+
 def serialise_presence(role: Role, call: str) -> bytes:
     """Who asks or answers; a relay has no call."""
     return bytes([role]) + call.encode()

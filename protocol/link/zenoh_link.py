@@ -1,6 +1,7 @@
 """A call over Zenoh: the only file that imports it.
 
-The encoder publishes on d/CALL, the decoders on u/CALL.  Who connects also subscribes to the
+The encoder publishes on d/CALL, the decoders on u/CALL; straight to the other end all but HELLO
+messages on d and u.  Who connects also subscribes to the
 other's key, and repairs its session by opening another one: nothing else has to be declared.
 On the key w an end asks who is there; the answers come on the key that it subscribes to, marked
 by an attachment.  Multicast discovery is off: one end listens and the other connects to it, or both
@@ -42,13 +43,14 @@ from protocol.link.link_sink import LinkSink
 from protocol.link.link_source import LEAVE_GRACE_S, LinkSource
 from protocol.link.messages import Role
 from protocol.link.peers import POLL_S
-from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence
+from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence, short_key
 from protocol.security.link_security import LinkSecurity
 from protocol.security.tls_settings import tls_settings
 from shared_model.errors import LINK_FAILED, UserError
 
 # Bytes that Zenoh adds to a frame packet from an end that listens or a relay, measured with 8-bit
-# sequence numbers; an end that connects also spells the key out, with one byte for its length.
+# sequence numbers; an end that connects also spells the key out, with one byte for its length: two
+# bytes to the other end, more to a relay.
 ZENOH_OVERHEAD_BYTES = {"udp": 6, "tcp": 8}
 # Bytes of the headers of IP (20) and UDP (8), or TCP with timestamps (32).
 IP_OVERHEAD_BYTES = {"udp": 28, "tcp": 52}
@@ -102,6 +104,7 @@ class _Carrier:
         is_encoder = role is Role.ENCODER
         self._sent_key, self._heard_key = call_keys(options.call, is_encoder)
         self._sessions: dict[int, zenoh.Session] = {}
+        self._direct: set[int] = set()  # connections to an end, and not to a relay
         self._opening: set[int] = set()  # connections that are wanted and not open
         self._busy = 0  # threads that open or close a session
         self._done: SimpleQueue[None] = SimpleQueue()
@@ -116,12 +119,13 @@ class _Carrier:
         self._opening.add(connection)
         self._in_background(lambda: self._open(connection, endpoint))
 
-    def put(self, connection: int, payload: bytes, is_frame: bool) -> None:
+    def put(self, connection: int, payload: bytes, is_frame: bool, is_hello: bool) -> None:
         """See `Carrier`."""
         if session := self._sessions.get(connection):
+            is_short = connection in self._direct and not is_hello
             with suppress(zenoh.ZError):
                 session.put(
-                    self._sent_key,
+                    short_key(self._sent_key) if is_short else self._sent_key,
                     payload,
                     congestion_control=CongestionControl.DROP,
                     # Express packets skip batching, which would join pieces to fragments of IP; the
@@ -143,6 +147,7 @@ class _Carrier:
     def close(self, connection: int) -> None:
         """See `Carrier`."""
         self._opening.discard(connection)
+        self._direct.discard(connection)
         session = self._sessions.pop(connection, None)
         if session is not None:
             self._in_background(session.close)
@@ -193,6 +198,8 @@ class _Carrier:
     def _take(self, connection: int, session: zenoh.Session) -> None:
         """Use a session that has been opened, unless it is not wanted any more."""
         self._subscribe(connection, session)
+        if session.info.peers_zid():
+            self._direct.add(connection)
         self._sessions[connection] = session
         if connection in self._opening:
             self._opening.discard(connection)
@@ -209,7 +216,9 @@ class _Carrier:
                 self._events.put(Presence(connection, *found))
 
         # With a thread of its own a callback would outlive an interrupted program.
-        session.declare_subscriber(self._heard_key, Callback(arrived, indirect=False))
+        keys = [self._heard_key] + [short_key(self._heard_key)] * (connection == LISTENING)
+        for key in keys:
+            session.declare_subscriber(key, Callback(arrived, indirect=False))
 
 
 def _answer_questions(session: zenoh.Session, role: Role, call: str) -> None:

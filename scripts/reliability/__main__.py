@@ -53,19 +53,8 @@ ENCODE = (sys.executable, "-c", "from risorius.cli import main; exit(main())", "
 # Bits a second at which a model in layers is recorded.
 LAYERS_BPS = 5500
 COLUMNS = (
-    *(
-        "link",
-        "first s",
-        "dB",
-        "lost",
-        "came %",
-        "median",
-        "p95",
-        "back s",
-        "step",
-        "forward",
-        "back",
-    ),
+    *("link", "up s", "first s", "dB", "lost", "came %", "median", "p95"),
+    *("back s", "step", "forward", "back"),
 )
 POLL_S, LIMIT_S = 0.05, 150.0
 # The seconds of a call until its model is there, and its last ones, do not count for its rate.
@@ -92,20 +81,8 @@ def main(argv: Sequence[str]) -> None:
         found = [_figures(row, clip, options.folder, faces) for row in rows]
         for each in faces:
             each.close()
-        header = (
-            "link",
-            "first s",
-            "dB",
-            "lost",
-            "came %",
-            "median",
-            "p95",
-            "back s",
-            "step",
-            "bit/s",
-        )
         print(f"\n{clip.name}\n")
-        print(table(header, [_cells(row, each) for row, each in zip(rows, found, strict=True)]))
+        print(table(COLUMNS, [_cells(row, each) for row, each in zip(rows, found, strict=True)]))
 
 
 def _cells(row: Row, calls: Sequence[dict[str, Any]]) -> list[Cell]:

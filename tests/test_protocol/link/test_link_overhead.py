@@ -41,7 +41,7 @@ def test_what_a_live_frame_costs_over_udp(stack: ExitStack, listens: bool) -> No
         source = stack.enter_context(ZenohSource(listening(inner, lossless=False)))
         relay = stack.enter_context(MeasuringRelay(port_of(outer), port_of(inner)))
         sink = stack.enter_context(ZenohSink(connecting(outer, lossless=False)))
-        sizes, key = relay.sizes_in, 1 + len("d/test")
+        sizes, key = relay.sizes_in, 1 + len("d")
     sink.wait_for_peer(WAIT_S)
     sink.send(MODEL_BYTES)
     assert received(source) == MODEL_BYTES
