@@ -14,6 +14,8 @@ WINDOW, LOSS_WINDOW = 48, 32
 # given up; one that has not been missed by a later packet only so often.
 ASK_AFTER_S, ASK_AGAIN_S, GIVE_UP_S = 0.03, 0.13, 2.5
 MAX_EARLY_ASKS = 8
+# How many packets are expected at a time, and how often before that is known.
+MAX_EXPECTED, USUAL_INTERVAL_S = 4, 0.32
 # On a link that loses more than this share each question goes out twice, so soon one after another.
 LOSSY, TWICE_S = 0.1, 0.03
 # How late a packet is when it is asked for without a later one.
@@ -46,6 +48,7 @@ class FrameNumbers:
 
     def __init__(self, next_number: int, now_s: float) -> None:
         self._begin = next_number
+        self._begin_s: float | None = None
         self.newest, self.newest_s = next_number - 1, float("-inf")
         self.is_certain = True
         self._come: set[int] = set()
@@ -87,6 +90,10 @@ class FrameNumbers:
         self._come.add(number)
         return number
 
+    def begin(self, now_s: float) -> None:
+        """Frame packets may come from now on."""
+        self._begin_s = now_s
+
     def pass_by(self, number: int, now_s: float) -> None:
         """A packet has come by another way, which delivers all of them in order."""
         self._missing.clear()
@@ -104,7 +111,8 @@ class FrameNumbers:
         for number, missing in sorted(self._missing.items()):
             if now_s - missing.since_s > GIVE_UP_S:
                 del self._missing[number]
-                self._firsts.append(False)
+                if not missing.is_early:
+                    self._firsts.append(False)
             elif missing.is_early and missing.asks >= MAX_EARLY_ASKS:
                 continue
             elif now_s >= missing.since_s + after_s and now_s >= self._ask_again_s(missing):
@@ -151,10 +159,16 @@ class FrameNumbers:
             self._missing[number].is_early = False
 
     def _expect(self, now_s: float, is_reliable: bool) -> None:
-        """Miss the next packet once it is late."""
-        interval_s, expected = self._interval_s, self.newest + 1
-        if is_reliable or interval_s is None or not self.is_certain or expected in self._missing:
+        """Miss the next packets once they are late, by the times of those that came unasked."""
+        if is_reliable or not self.is_certain or (not self._times and self._begin_s is None):
+            return
+        interval_s = self._interval_s or USUAL_INTERVAL_S
+        number, at_s = self._times[-1] if self._times else (self._begin - 1, self._begin_s or 0.0)
+        if now_s - max(at_s, self.newest_s) > GIVE_UP_S:
             return
         late_s = LATE_S + 2 * self._unevenness_s
-        if interval_s + late_s < now_s - self.newest_s < GIVE_UP_S:
-            self._missing[expected] = _Missing(now_s - ASK_AFTER_S, is_early=True)
+        for expected in range(self.newest + 1, self.newest + 1 + MAX_EXPECTED):
+            if now_s < at_s + interval_s * (expected - number) + late_s:
+                return
+            if expected not in self._missing:
+                self._missing[expected] = _Missing(now_s - ASK_AFTER_S, is_early=True)

@@ -100,11 +100,11 @@ class ItemAssembly:
         found, size = list[Holding](), 0
         for channel, lane in self._lanes.items():
             for number, part in sorted(lane.items.items()):
-                if bits := part.bits:
-                    size += 6 + bits.bit_length() // 8
-                    if len(found) == MAX_HOLDINGS or size > MAX_HOLDING_BYTES:
-                        return tuple(found)
-                    found.append(Holding(channel, number, bits))
+                bits = part.bits
+                size += 6 + bits.bit_length() // 8
+                if len(found) == MAX_HOLDINGS or size > MAX_HOLDING_BYTES:
+                    return tuple(found)
+                found.append(Holding(channel, number, bits))
         return tuple(found)
 
     def _hold(self, part: _Partial, piece: Piece) -> None:

@@ -250,6 +250,7 @@ class DeliveryReceiver:
             found.append(arrival)
             if kind is PacketKind.MODEL and not call.has_model:
                 call.has_model = True
+                call.frames.begin(now_s)
                 found += call.waiting
                 call.waiting.clear()
         return found

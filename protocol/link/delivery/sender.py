@@ -6,7 +6,6 @@ pieces until every decoder that is present has them.  Time is an argument, secon
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from itertools import islice
 
 from protocol.link.delivery.item_store import ItemStore, Placed
 from protocol.link.delivery.piece_schedule import Peer, PieceSchedule
@@ -95,19 +94,9 @@ class DeliverySender:
         """Whether the rates of the links to all decoders are known."""
         return all(peer.window.is_measured for peer in self._peers.values())
 
-    @property
-    def delivered(self) -> bool:
-        """Whether every decoder that is present has all items."""
-        return not self.waiting_pieces(1)
-
     def is_busy(self, now_s: float) -> bool:
         """Whether a decoder has said that it listens to another encoder."""
         return now_s - self._busy_s < BUSY_S
-
-    def waiting_pieces(self, limit: int) -> int:
-        """Number of pieces that some decoder lacks, counted up to `limit`."""
-        needed = self._pieces.needed(list(self._peers.values()))
-        return sum(1 for _ in islice(needed, limit))
 
     def send(self, packet: bytes) -> None:
         """Take the next packet of the call.  Raises `ProtocolError` if it is invalid."""

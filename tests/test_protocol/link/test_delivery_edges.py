@@ -1,0 +1,210 @@
+"""What the ends of a link do with what is not meant for them, comes twice, or is too much."""
+
+from dataclasses import replace
+
+import pytest
+from packets import MODEL
+
+from protocol.errors import ProtocolError
+from protocol.link.delivery.item_assembly import MAX_AHEAD, MAX_HELD_BYTES, ItemAssembly
+from protocol.link.delivery.item_store import ItemStore
+from protocol.link.delivery.receiver import DeliveryReceiver
+from protocol.link.delivery.sender import DeliverySender
+from protocol.link.messages import (
+    MAX_HOLDINGS,
+    PIECE_BYTES,
+    Bye,
+    Channel,
+    Hello,
+    Holding,
+    Piece,
+    Report,
+    Role,
+    Span,
+    parse_message,
+    peer_id,
+    serialise_message,
+)
+from protocol.packets import ControlKind, ControlPacket, FramePacket, LayerPacket, serialise
+
+ENCODER, DECODER = b"encoder1", b"decoder1"
+LAYER = serialise(LayerPacket(0, 0, bytes(2 * PIECE_BYTES)))
+END = serialise(ControlPacket(0, ControlKind.END, 9))
+
+
+def pieces(item: int, packet: bytes, channel: Channel = Channel.UNORDERED) -> list[Piece]:
+    count = max(1, -(-len(packet) // PIECE_BYTES))
+    return [
+        Piece(channel, item, 0, len(packet), i, packet[PIECE_BYTES * i :][:PIECE_BYTES])
+        for i in range(count)
+    ]
+
+
+def added(items: ItemAssembly, *all_pieces: Piece) -> list[bytes]:
+    return [packet for piece in all_pieces for _, packet in items.add(piece)]
+
+
+def hello(role: Role, session: bytes, **fields: object) -> bytes:
+    return serialise_message(Hello(role, session, **fields))  # type: ignore[arg-type]
+
+
+def receiver(frames: int = 0) -> DeliveryReceiver:
+    """One that has met its encoder at time 0."""
+    end = DeliveryReceiver(DECODER, lambda session: None)
+    end.receive(hello(Role.ENCODER, ENCODER, echo=DECODER, frames=frames), 0.0)
+    return end
+
+
+def sender() -> DeliverySender:
+    """One that has met its decoder at time 0."""
+    end = DeliverySender(ENCODER, False, lambda session: None)
+    end.receive(hello(Role.DECODER, DECODER, echo=ENCODER), 0.0)
+    return end
+
+
+def test_an_item_is_put_together_once_whatever_comes_twice() -> None:
+    items, both = ItemAssembly(), pieces(0, LAYER)
+    assert added(items, both[0], both[0], both[1], *both) == [LAYER]
+    assert items.below(Channel.UNORDERED) == 1 and items.holdings() == ()
+
+
+def test_an_item_that_has_changed_is_begun_anew() -> None:
+    items, longer = ItemAssembly(), LAYER + b"more"
+    assert added(items, pieces(0, LAYER)[0], *pieces(0, longer)) == [longer]
+
+
+def test_what_is_not_needed_any_more_is_dropped() -> None:
+    items = ItemAssembly()
+    assert added(items, pieces(0, LAYER)[0], *pieces(2, LAYER)) == [LAYER]
+    items.extend(Channel.UNORDERED, Span(2, 3))
+    assert items.below(Channel.UNORDERED) == 3
+    items.extend(Channel.UNORDERED, Span(1, 3))
+    items.extend(Channel.ORDERED, Span(5, 6))
+    assert items.below(Channel.UNORDERED) == 3 and items.below(Channel.ORDERED) == 0
+    assert added(items, *pieces(2, LAYER), *pieces(3, b"")) == []
+    assert items.below(Channel.UNORDERED) == 4
+
+
+def test_ordered_items_wait_for_those_before() -> None:
+    items = ItemAssembly()
+    one, two = (serialise(ControlPacket(0, ControlKind.FACE_LOST, n)) for n in (1, 2))
+    assert added(items, *pieces(1, two, Channel.ORDERED)) == []
+    assert added(items, *pieces(0, one, Channel.ORDERED)) == [one, two]
+
+
+def test_memory_and_reports_are_bounded() -> None:
+    items = ItemAssembly()
+    with pytest.raises(ProtocolError, match="beyond"):
+        items.add(pieces(MAX_AHEAD, LAYER)[0])
+    for number in range(MAX_HOLDINGS + 9):
+        items.add(pieces(number, LAYER)[0])
+    assert len(items.holdings()) == MAX_HOLDINGS
+    longer = serialise(LayerPacket(0, 0, bytes(3 * PIECE_BYTES)))
+    with pytest.raises(ProtocolError, match="more than"):
+        for number in range(MAX_HELD_BYTES // PIECE_BYTES):
+            added(items, *pieces(number, longer)[:2])
+
+
+def test_a_model_in_use_replaces_the_one_before_and_keeps_its_layers() -> None:
+    store = ItemStore(keeps_all=False)
+    later = replace(MODEL, sequence=2, version=1, version_count=2)
+    layer = serialise(LayerPacket(1, 0, b"piece"))
+    for packet in (serialise(replace(MODEL, sequence=0)), LAYER, serialise(later), layer):
+        store.add(packet, 0)
+    for number in range(3):
+        store.on_frame(serialise(FramePacket(number, bytes(9))))
+    assert store.span(Channel.UNORDERED) == Span(2, 4)
+    assert store.get(Channel.UNORDERED, 3).packet == layer
+    assert store.piece((Channel.UNORDERED, 0, 0)).total == 0
+
+
+def test_a_decoder_takes_nothing_from_others_and_nothing_before_it_knows_its_encoder() -> None:
+    end = DeliveryReceiver(DECODER, lambda session: None)
+    frame = serialise(FramePacket(0, bytes(9)))
+    assert end.receive(frame, 0.0) == [] and end.heard_s is None
+    assert end.receive(serialise_message(pieces(0, LAYER)[0]), 0.0) == []
+    assert end.receive(hello(Role.DECODER, b"somebody", echo=DECODER), 0.0) == []
+    assert end.bye() is None and not end.has_left and not end.is_active(0.0)
+    with pytest.raises(ProtocolError, match="neither"):
+        end.receive(LAYER, 0.0)
+
+
+def test_a_decoder_asks_again_on_a_new_link_and_knows_when_its_encoder_leaves() -> None:
+    end = receiver()
+    assert parse_message(end.hello(0.0)).__class__ is Hello
+    end.payloads(5.0)
+    assert end.payloads(5.1) == []
+    end.on_new_link()
+    assert end.payloads(5.2)
+    end.receive(serialise_message(Bye(Role.ENCODER, peer_id(ENCODER))), 6.0)
+    assert end.has_left and end.heard_s == 0.0
+
+
+def test_a_decoder_that_has_the_end_says_good_bye_until_it_is_heard() -> None:
+    end = receiver()
+    model = serialise(replace(MODEL, sequence=0))
+    for piece in (*pieces(0, model), *pieces(0, END, Channel.ORDERED)):
+        end.receive(serialise_message(piece), 1.0)
+    assert [arrival.data for arrival in end.due(1.0)] == [END]
+    farewell = end.bye()
+    assert end.payloads(1.0) == [farewell] and end.payloads(9.0) == []
+    end.receive(hello(Role.ENCODER, ENCODER, echo=DECODER, asks=True), 9.0)
+    assert end.payloads(9.0) == [farewell]
+
+
+def test_an_end_without_a_model_is_given_out_in_time() -> None:
+    end = receiver()
+    end.receive(serialise_message(pieces(0, END, Channel.ORDERED)[0]), 1.0)
+    assert end.due(1.0) == []
+    assert [arrival.data for arrival in end.due(20.0)] == [END]
+
+
+def test_an_encoder_knows_who_is_there() -> None:
+    end = sender()
+    assert end.peers == {DECODER} and not end.is_measured
+    end.receive(hello(Role.ENCODER, b"another1", echo=ENCODER), 0.0)
+    end.receive(serialise_message(Bye(Role.ENCODER, peer_id(DECODER))), 0.0)
+    end.receive(serialise_message(Report(0x1111)), 0.0)
+    assert end.peers == {DECODER}
+    end.forget_peers()
+    assert end.peers == frozenset() and end.heard_s == 0.0
+    end.receive(hello(Role.DECODER, DECODER, echo=ENCODER), 1.0)
+    end.receive(hello(Role.DECODER, b"decoder2", echo=ENCODER), 1.0)
+    for session in (DECODER, b"decoder2"):
+        end.receive(serialise_message(Bye(Role.DECODER, peer_id(session))), 2.0)
+    end.receive(hello(Role.DECODER, b"decoder2", echo=ENCODER), 2.1)
+    assert end.peers == frozenset() and end.heard_s == float("-inf")
+
+
+def test_an_encoder_asks_at_once_on_a_new_link_and_says_good_bye() -> None:
+    end = DeliverySender(ENCODER, False, lambda session: None)
+    assert end.payloads(0.0) and not end.payloads(0.1)
+    end.on_new_link()
+    assert end.payloads(0.1)
+    assert parse_message(end.bye()) == Bye(Role.ENCODER, peer_id(ENCODER))
+
+
+def test_an_encoder_takes_no_pieces_and_believes_no_report_of_what_it_has_not_sent() -> None:
+    end = sender()
+    end.receive(serialise_message(pieces(0, LAYER)[0]), 0.0)
+    unsent = (Holding(Channel.UNORDERED, 7, 1),)
+    end.receive(serialise_message(Report(peer_id(DECODER), holdings=unsent)), 0.1)
+    assert end.peers == {DECODER} and end.quality.rate_bps is None
+
+
+def test_a_link_is_not_measured_by_half_a_pair() -> None:
+    end, now_s = sender(), 0.0
+    for answers_all in (False, True):
+        asked = list[Hello]()
+        while not any(each.padding for each in asked):
+            now_s += 0.3
+            found = [parse_message(data) for data in end.payloads(now_s)]
+            asked = [each for each in found if isinstance(each, Hello)]
+            for each in asked:
+                if not each.padding and (answers_all or len(asked) == 1):
+                    answer = hello(Role.DECODER, DECODER, echo=ENCODER, answers=each.nonce)
+                    end.receive(answer, now_s + 0.1)
+        answer = hello(Role.DECODER, DECODER, echo=ENCODER, answers=asked[-1].nonce)
+        end.receive(answer, now_s + 0.2)
+        assert (end.quality.rate_bps is not None) is answers_all
+    assert end.quality.rate_bps == pytest.approx(32_000)

@@ -1,0 +1,58 @@
+"""Addresses of endpoints, and who says that it is there."""
+
+import pytest
+
+from protocol.endpoint import Endpoint
+from protocol.errors import ProtocolError
+from protocol.link.endpoints import Failure, resolve
+from protocol.link.messages import MAX_MESSAGE_BYTES, Hello, Role, parse_message, serialise_message
+from protocol.link.plain_protection import PlainProtection
+from protocol.link.presence import call_keys, parse_presence, serialise_presence, short_key
+
+
+def test_a_name_becomes_one_of_its_addresses_but_for_a_certificate() -> None:
+    assert resolve(Endpoint("udp", "localhost", 7447), 0) in (
+        Endpoint("udp", "127.0.0.1", 7447),
+        Endpoint("udp", "::1", 7447),
+    )
+    assert resolve(Endpoint("tls", "localhost", 7447), 0) == Endpoint("tls", "localhost", 7447)
+
+
+@pytest.mark.parametrize(
+    ("host", "failure"),
+    [("nobody.invalid", Failure.UNRESOLVED), ("255.255.255.255", Failure.UNREACHABLE)],
+)
+def test_why_there_is_no_address(host: str, failure: Failure) -> None:
+    assert resolve(Endpoint("udp", host, 7447), 0) is failure
+
+
+@pytest.mark.parametrize(("role", "call"), [(Role.ENCODER, "anna"), (Role.RELAY, "")])
+def test_who_is_there_is_read_as_it_was_said(role: Role, call: str) -> None:
+    assert parse_presence(serialise_presence(role, call)) == (role, call)
+
+
+@pytest.mark.parametrize("data", [b"", b"\x07anna", b"\x00", b"\x02anna", b"\x01a/b", bytes(300)])
+def test_what_says_nobody_is_left_out(data: bytes) -> None:
+    assert parse_presence(data) is None
+
+
+def test_what_one_end_sends_the_other_hears() -> None:
+    assert call_keys("anna", True) == tuple(reversed(call_keys("anna", False)))
+    assert [short_key(key) for key in call_keys("anna", True)] == ["d", "u"]
+
+
+def test_a_decoder_takes_over_the_session_of_its_encoder_alone() -> None:
+    encoder, decoder = PlainProtection(b"encoder1", True), PlainProtection(b"decoder1", False)
+    assert decoder.session == b"decoder1"
+    assert decoder.unprotect(encoder.protect(b"frame")) is None
+    decoder.on_peer(b"encoder1")
+    encoder.on_peer(b"decoder1")
+    assert decoder.unprotect(encoder.protect(b"frame")) == b"frame"
+    assert decoder.unprotect(b"x") is None
+
+
+def test_a_message_is_not_too_long_and_a_session_has_eight_bytes() -> None:
+    with pytest.raises(ProtocolError, match="too long"):
+        parse_message(serialise_message(Hello(Role.ENCODER, bytes(8))) + bytes(MAX_MESSAGE_BYTES))
+    with pytest.raises(ValueError, match="session has 3 bytes"):
+        Hello(Role.ENCODER, b"abc")
