@@ -31,7 +31,7 @@ from encoder.live_model.warm_up import warm_up
 from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
 from encoder.report import EncodeReport, report_of
-from encoder.runtime.parallel import short_switch_interval
+from encoder.runtime.parallel import one_blas_thread, short_switch_interval
 from encoder.sound.open_voice import chosen_voice, open_voice
 from encoder.sound.voice_packer import VoicePacker
 from encoder.tracking.trackers import TRACKED_EAUS, open_tracker
@@ -59,6 +59,7 @@ def encode(
     stats = SessionStats()
     callbacks = SessionCallbacks(progress, stop, on_message, on_preparing)
     with ExitStack() as stack:
+        stack.enter_context(one_blas_thread())
         stack.enter_context(short_switch_interval())
         capture = stack.enter_context(open_source(options.source))
         if capture.is_fps_assumed:

@@ -28,8 +28,7 @@ Follow the face without a call:
 >>> track.write_csv("me.csv")
 
 What a user can mend raises `UserError`.  Libraries are loaded by the function that needs them.
-The same source gives the same call on every machine if OPENBLAS_NUM_THREADS is 1 before numpy is
-loaded.
+While a source is encoded, linear algebra has one thread for each call of it.
 """
 
 from collections.abc import Callable, Sequence

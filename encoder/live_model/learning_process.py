@@ -49,6 +49,7 @@ class LearningProcess:
                 [sys.executable, "-c", program],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
+                env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
                 # Ctrl-C in a terminal is for the process that talks to the user.
                 start_new_session=True,
             )

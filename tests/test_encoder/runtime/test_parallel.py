@@ -7,10 +7,12 @@ import time
 from collections.abc import Iterator
 
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits  # type: ignore[import-untyped]
 
 from encoder.runtime.parallel import (
     SWITCH_INTERVAL_S,
     available_cores,
+    one_blas_thread,
     parallel_map,
     prefetch,
     worker_pool,
@@ -49,6 +51,17 @@ def test_a_worker_pool_shortens_the_switch_interval() -> None:
         assert pool.submit(sys.getswitchinterval).result() <= before
         assert sys.getswitchinterval() <= SWITCH_INTERVAL_S * 1.01
     assert sys.getswitchinterval() == before
+
+
+def test_linear_algebra_has_one_thread_within_the_block_alone() -> None:
+    def threads() -> set[int]:
+        return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+    with threadpool_limits(2, user_api="blas"):
+        before = threads()
+        with one_blas_thread():
+            assert threads() == {1}
+        assert threads() == before
 
 
 def test_one_worker_runs_in_the_calling_thread() -> None:
