@@ -25,6 +25,8 @@ EARLY_FRAMES = 0.8
 NAP_S = 0.1
 # A camera that gives nothing for so long is taken as off: the call, and the voice in it, go on.
 STALL_S = 0.5
+# By how much a frame of a file may come after its time and still keep it.
+MAX_LATE_S = 0.25
 # A picture taken from a camera file or device has at most so many pixels; larger ones are reduced.
 MAX_PICTURE_PX = 640 * 480
 
@@ -182,7 +184,10 @@ def read_camera(
 
 
 def _read_all(capture: Capture, mailbox: FrameMailbox, start_s: float) -> float:
-    """Put in the frames; returns when one more would be due."""
+    """Put in the frames; returns when one more would be due.
+
+    A file that is read more slowly than it plays falls behind the clock, and not the call with it.
+    """
     due_s = start_s
     for index, picture in capture:
         due_s = start_s if capture.is_live else start_s + capture.times.time_s(index)
@@ -190,8 +195,9 @@ def _read_all(capture: Capture, mailbox: FrameMailbox, start_s: float) -> float:
             time.sleep(early_s)
         if mailbox.is_closed:
             break
-        mailbox.put(reduced(picture), time.monotonic() if capture.is_live else due_s)
-    return due_s + float(1 / capture.fps)
+        now_s = time.monotonic()
+        mailbox.put(reduced(picture), now_s if capture.is_live else max(due_s, now_s - MAX_LATE_S))
+    return max(due_s + float(1 / capture.fps), time.monotonic() - MAX_LATE_S)
 
 
 def reduced(picture: Frame) -> Frame:

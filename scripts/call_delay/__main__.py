@@ -8,6 +8,7 @@ a line of JSON:
 
     pictures_per_s   shown by the page
     delay_ms         median and 95th percentile from the moment a frame was taken to its picture
+    drawn_ms         the same until the picture was drawn: the rest is the page's wait for its turn
     picture_ms       the delay by which the mouth on the page follows that of the source
     sound_ms         the same of the sound that the page plays
     sound_late_ms    the difference: more than 0, the sound is late
@@ -30,7 +31,7 @@ from numpy.typing import NDArray
 
 from loopback.browser import Browser, find_browser
 from loopback.process_pair import free_port
-from scripts.call_delay.clip import is_open, write_clip
+from scripts.call_delay.clip import FPS, is_open, write_clip
 from scripts.command import run
 from shared_model.errors import UserError
 
@@ -38,8 +39,8 @@ PROGRAM = (sys.executable, "-c", "from risorius.cli import main; exit(main())")
 # How long the two ends may take until they see each other, and how long the face then settles.
 START_S, SETTLE_S = 120.0, 12.0
 STEP_S, MAX_DELAY_S = 0.005, 3.0
-# Notes what the page shows and plays when: [ms since 1970, brightness of the mouth, frame] and
-# [ms since 1970, loudness].
+# Notes what the page shows and plays when: [ms since 1970, brightness of the mouth, frame,
+# when it was drawn] and [ms since 1970, loudness].
 NOTES = """
 window.seen = []; window.heard = [];
 const small = document.createElement("canvas"); small.width = small.height = 24;
@@ -55,7 +56,8 @@ player.tick = () => {
   const data = brush.getImageData(0, 0, 24, 24).data;
   let sum = 0;
   for (let i = 0; i < data.length; i += 4) sum += data[i] + data[i + 1] + data[i + 2];
-  seen.push([performance.timeOrigin + performance.now(), sum, player.index]);
+  const made = player.log[player.log.length - 1][2];
+  seen.push([performance.timeOrigin + performance.now(), sum, player.index, made]);
 };
 const tap = new AudioWorkletNode(voice.context, "ear", {numberOfOutputs: 0, channelCount: 1,
   channelCountMode: "explicit"});
@@ -111,16 +113,18 @@ def figures(
 ) -> dict[str, object]:
     """The figures from what a page has shown and played.
 
-    seen: (n, 3) ms since 1970, brightness of the mouth, source frame.  heard: (n, 2) ms since 1970,
-    loudness.  begun_ms: when the clip began.
+    seen: (n, 4) ms since 1970, brightness of the mouth, source frame, ms since 1970 when it was
+    drawn.  heard: (n, 2) ms since 1970, loudness.  begun_ms: when the clip began.
     """
-    delay_ms = seen[:, 0] - begun_ms - 40 * seen[:, 2]
+    taken_ms = begun_ms + 1000 / FPS * seen[:, 2]
+    delay_ms, drawn_ms = seen[:, 0] - taken_ms, seen[:, 3] - taken_ms
     picture_ms = 1000 * lag_s((seen[:, 0] - begun_ms) / 1000, -seen[:, 1])
     sound_ms = 1000 * lag_s((heard[:, 0] - begun_ms) / 1000, heard[:, 1])
     span_s = (seen[-1, 0] - seen[0, 0]) / 1000
     return {
         "pictures_per_s": round((len(seen) - 1) / span_s, 1),
         "delay_ms": [round(float(np.percentile(delay_ms, each))) for each in (50, 95)],
+        "drawn_ms": [round(float(np.percentile(drawn_ms, each))) for each in (50, 95)],
         "picture_ms": round(picture_ms),
         "sound_ms": round(sound_ms),
         "sound_late_ms": round(sound_ms - picture_ms),

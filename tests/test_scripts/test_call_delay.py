@@ -13,13 +13,14 @@ def test_the_delay_of_picture_and_sound_is_found() -> None:
     begun_ms, delay_s, late_s = 1.7e12, 0.43, 0.06
     index = np.arange(30, 900)
     shown_s = index / 25 + delay_s
-    seen = np.stack([begun_ms + 1000 * shown_s, 5000 - 900 * is_open(index / 25), index], axis=1)
+    shown_ms = begun_ms + 1000 * shown_s
+    seen = np.stack([shown_ms, 5000 - 900 * is_open(index / 25), index, shown_ms - 50], axis=1)
     played_s = np.arange(1.0, 36.0, 0.02)
     loud = is_open(played_s - delay_s - late_s)
     heard = np.stack([begun_ms + 1000 * played_s, loud], axis=1)
     found = figures(seen, heard, begun_ms)
     assert found["pictures_per_s"] == 25.0
-    assert found["delay_ms"] == [430, 430]
+    assert found["delay_ms"] == [430, 430] and found["drawn_ms"] == [380, 380]
     assert found["picture_ms"] == pytest.approx(430, abs=10)
     assert found["sound_late_ms"] == pytest.approx(60, abs=10)
 
