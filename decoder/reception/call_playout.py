@@ -28,8 +28,8 @@ from shared_model.errors import LINK_FAILED, UserError
 from shared_model.parameters import FaceParameters, with_focal_change
 
 # After so long a silence the last face is shown for the frames that do not come.  What comes within
-# that time, of a link that repeats what was lost, is shown late but whole.
-SILENCE_S = 5.0
+# that time, of a link that was away or of a slow encoder, is shown late but whole.
+SILENCE_S = 30.0
 
 
 class EncoderSession:
@@ -44,6 +44,7 @@ class EncoderSession:
         self.voice, self.buffer = VoiceSeparator(), JitterBuffer(self._deadline_s)
         self.offset: int | None = None
         self._newest = -1
+        self._heard_s = 0.0  # when the newest frame packet arrived
         self._early: deque[Arrival] = deque()  # packets that wait for the model
 
     def receive(self, arrival: Arrival) -> Iterator[PlayoutFrame]:
@@ -67,11 +68,15 @@ class EncoderSession:
             self.buffer.is_idle = self.playout.is_frozen
 
     def frame_due(self, now_s: float) -> int | None:
-        """The source frame whose packet is expected at `now_s`; None: not known."""
-        start_s, model = self.clock.start_s, self.playout.model
-        if start_s is None or model is None:
+        """The source frame that a silence since the newest packet has reached; None: not known.
+
+        An encoder slower than its source is not silent as long as packets come.
+        """
+        model = self.playout.model
+        silent_s = now_s - self._heard_s - SILENCE_S
+        if model is None or self._newest < 0 or silent_s <= 0:
             return None
-        return int((now_s - start_s) * model.call.fps)
+        return int((self.playout.time_s(self._newest) + silent_s) * model.call.fps)
 
     def _receive(self, packet: Packet | None, number: int | None) -> Iterator[PlayoutFrame]:
         """As `receive`, of what comes next; None: of a packet without a face."""
@@ -95,7 +100,8 @@ class EncoderSession:
         if number % SEQUENCE_MODULUS != packet.sequence:
             raise ProtocolError(f"frame packet {number} has sequence number {packet.sequence}")
         self.clock.note(self.playout.time_s(number), arrival_s, number < self._newest)
-        self._newest = max(self._newest, number)
+        if number > self._newest:
+            self._newest, self._heard_s = number, arrival_s
         if self.buffer.next is None:
             first = self.playout.next_number
             self.buffer.start(first if first <= number <= first + FIRST_WINDOW else number)
@@ -219,7 +225,7 @@ class CallPlayout:
     def poll(self, now_s: float) -> Iterator[PlayoutFrame]:
         """The frames to show at `now_s` although nothing has come.  Raises as `receive`."""
         yield from self._placed(self._receiving.poll(now_s))
-        due, playout = self._shown.frame_due(now_s - SILENCE_S), self._shown.playout
+        due, playout = self._shown.frame_due(now_s), self._shown.playout
         if due is not None and not playout.is_frozen and not self.ended:
             yield from self._hold_until((self._shown.offset or 0) + due)
 

@@ -170,6 +170,17 @@ def test_a_long_silence_is_filled_with_the_last_face_which_is_said_to_be_lost() 
     assert all(frame.lost and frame.frozen and frame.face is shown[-1].face for frame in held)
 
 
+def test_of_an_encoder_slower_than_its_source_every_frame_is_shown_once() -> None:
+    playout = CallPlayout()
+    played = list(playout.receive(Arrival(MODEL, 0.0, 0, 0)))
+    for k in range(COUNT):
+        now_s = 12 * k * PACKET_S
+        played += playout.receive(Arrival(PACKETS[k], now_s, 0, k))
+        played += playout.poll(now_s + 11 * PACKET_S)
+    assert [frame.index for frame in played] == list(range(len(clean())))
+    assert not any(frame.lost for frame in played)
+
+
 def test_a_restarted_encoder_goes_on_where_the_call_would_be() -> None:
     playout = CallPlayout()
     before = list(play(playout, on_time(range(4))))
