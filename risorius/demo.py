@@ -125,12 +125,16 @@ def _size_table(summary: CallSummary) -> str:
 
 def _quality_table(quality: Quality) -> str:
     around = quality.regions or RegionQuality()
-    still = "comes from one still picture"
+    person = "one picture, moved and lit by a few numbers a frame"
+    scene = "one picture, learned from the whole call"
+    if quality.regions is None:
+        # Without the segmentation network both are in one picture.
+        person = scene = "comes from one still picture"
     rows: list[list[Cell]] = [
         ["face", quality.face_psnr_db, around.face_ssimulacra2, "fitted and sent in every frame"],
         ["face, 5th percentile", quality.face_psnr_p5_db, None, "its worst frames"],
-        ["hair, neck, shoulders", around.person_psnr_db, None, still],
-        ["background", around.background_psnr_db, None, still],
+        ["hair, neck, shoulders", around.person_psnr_db, None, person],
+        ["background", around.background_psnr_db, None, scene],
         ["whole picture", quality.full_psnr_db, around.picture_ssimulacra2, "all of these"],
     ]
     return table(("quality of the", "PSNR dB", "SSIMULACRA2", "why"), rows)
