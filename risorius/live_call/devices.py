@@ -31,7 +31,7 @@ BROWSER_FPS, MAX_FPS = Fraction(25), Fraction(30)
 class Devices:
     """Camera and microphone, which any thread may switch; a context manager.
 
-    voice: what adds the voice to packets; None: the call has none.
+    fps: of the camera.  voice: what adds the voice to packets; None: the call has none.
     Raises `UserError` if a device cannot be opened, or the codec is not installed.
     """
 
@@ -42,8 +42,7 @@ class Devices:
         if options.camera != BROWSER:
             self._source = open_source(options.camera)
             fps = min(self._source.fps, MAX_FPS)
-        self._mailbox = FrameMailbox(fps)
-        self._fps = fps
+        self._mailbox, self.fps = FrameMailbox(fps), fps
         self._capture: LiveCapture | None = None
         self._is_muted = self._is_closed = False
         self._speech: LiveSpeech | None = None
@@ -64,7 +63,7 @@ class Devices:
         Raises `UserError` if the camera gives none.
         """
         try:
-            self._capture = LiveCapture(self._options.camera, self._mailbox, self._fps)
+            self._capture = LiveCapture(self._options.camera, self._mailbox, self.fps)
         except UserError:
             if self._is_closed:
                 return None

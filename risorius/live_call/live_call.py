@@ -192,6 +192,7 @@ class _LiveCall:
             text=cost_words(sending, receiving),
             delay_ms=delay_ms(sending, receiving),
             begun_ms=None if begun_s is None else 1000 * (begun_s - self._epoch_s),
+            fps=None if sending is None else sending.fps,
         )
 
     # What the parts say.

@@ -154,7 +154,7 @@ class Sending:
     loss, round_trip_s: see `LinkQuality`.
     face: what has been sent of the face, in words.
     pictures_per_second: of the camera, that were coded.
-    begun_s: when source frame 0 was taken; None: not yet.
+    begun_s: when source frame 0 was taken; None: not yet.  fps: of the camera.
     """
 
     traffic: Traffic
@@ -164,6 +164,7 @@ class Sending:
     face: str
     pictures_per_second: float
     begun_s: float | None = None
+    fps: float = 0.0
 
 
 class Presence(StrEnum):

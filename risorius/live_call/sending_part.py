@@ -101,6 +101,7 @@ class _Sent:
             face=self._face.words,
             pictures_per_second=rate,
             begun_s=self._devices.begun_s,
+            fps=float(self._devices.fps),
         )
 
     def _note(self, packet: bytes) -> None:

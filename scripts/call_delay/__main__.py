@@ -1,10 +1,12 @@
 """Measures how late a live call is seen and heard: camera to screen, microphone to loudspeaker.
 
     python -m scripts.call_delay --seconds 60 [--low-delay]
+    python -m scripts.call_delay --clips seen.mp4 other.mp4
 
 Two ends on this host's loopback; a headless Chromium shows one of them.  The source is a clip whose
-mouth opens at known times and sounds just then: a clock that a model of the face transmits.  Prints
-a line of JSON:
+mouth opens at known times and sounds just then: a clock that a model of the face transmits.  With
+--clips the ends have these two for cameras, and the page shows the first; nothing is known of their
+mouths.  Prints a line of JSON:
 
     pictures_per_s   shown by the page
     delay_ms         median and 95th percentile from the moment a frame was taken to its picture
@@ -31,13 +33,13 @@ from numpy.typing import NDArray
 
 from loopback.browser import Browser, find_browser
 from loopback.process_pair import free_port
-from scripts.call_delay.clip import FPS, is_open, write_clip
+from scripts.call_delay.clip import is_open, write_clip
 from scripts.command import run
 from shared_model.errors import UserError
 
 PROGRAM = (sys.executable, "-c", "from risorius.cli import main; exit(main())")
 # How long the two ends may take until they see each other, and how long the face then settles.
-START_S, SETTLE_S = 120.0, 12.0
+START_S, SETTLE_S = 180.0, 12.0
 STEP_S, MAX_DELAY_S = 0.005, 3.0
 # Notes what the page shows and plays when: [ms since 1970, brightness of the mouth, frame,
 # when it was drawn] and [ms since 1970, loudness].
@@ -59,16 +61,18 @@ player.tick = () => {
   const made = player.log[player.log.length - 1][2];
   seen.push([performance.timeOrigin + performance.now(), sum, player.index, made]);
 };
-const tap = new AudioWorkletNode(voice.context, "ear", {numberOfOutputs: 0, channelCount: 1,
-  channelCountMode: "explicit"});
-voice.node.connect(tap);
-tap.port.onmessage = ({data}) => {
-  const stamp = voice.context.getOutputTimestamp();
-  const at = stamp.performanceTime + 1000 * (data.context - stamp.contextTime);
-  let square = 0;
-  for (const value of data.samples) square += value * value;
-  heard.push([performance.timeOrigin + at, Math.sqrt(square / data.samples.length)]);
-};
+if (voice.node) {
+  const tap = new AudioWorkletNode(voice.context, "ear", {numberOfOutputs: 0, channelCount: 1,
+    channelCountMode: "explicit"});
+  voice.node.connect(tap);
+  tap.port.onmessage = ({data}) => {
+    const stamp = voice.context.getOutputTimestamp();
+    const at = stamp.performanceTime + 1000 * (data.context - stamp.contextTime);
+    let square = 0;
+    for (const value of data.samples) square += value * value;
+    heard.push([performance.timeOrigin + at, Math.sqrt(square / data.samples.length)]);
+  };
+}
 """
 
 
@@ -78,57 +82,65 @@ def main(argv: Sequence[str]) -> None:
         prog="call_delay", description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--seconds", type=float, default=60.0, help="to measure")
+    parser.add_argument("--clips", nargs=2, type=Path, metavar=("SEEN", "OTHER"))
     parser.add_argument("--low-delay", action="store_true", help="packets of four pictures")
     options = parser.parse_args(argv)
     program = find_browser()
     if program is None:
         raise UserError("Chromium is not installed")
     with TemporaryDirectory() as name:
-        print(json.dumps(measure(Path(name), program, options.seconds, options.low_delay)))
+        folder, more = Path(name), ["--low-delay"] if options.low_delay else []
+        cameras = options.clips or [write_clip(folder)] * 2
+        notes = measure(folder, program, cameras, more, options.seconds)
+        print(json.dumps(figures(*notes, knows_mouth=not options.clips)))
 
 
-def measure(folder: Path, program: str, seconds: float, low_delay: bool) -> dict[str, object]:
-    """The figures of a call of so many seconds."""
-    clip = write_clip(folder)
-    more = ["--low-delay"] if low_delay else []
+def measure(
+    folder: Path, program: str, cameras: Sequence[Path], more: Sequence[str], seconds: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """What the page notes in a call of so many seconds, see `figures`.
+
+    cameras: of the end that is seen, and of the one whose page is looked at.  more: options.
+    """
     with ExitStack() as stack:
         where = f"127.0.0.1:{free_port()}"
-        camera = ["--camera", str(clip), *more]
-        sender = _end(stack, ["--listen", where, *camera])
-        page = _end(stack, [where, *camera])
+        sender = _end(stack, ["--listen", where, "--camera", str(cameras[0]), *more])
+        page = _end(stack, [where, "--camera", str(cameras[1]), *more])
         flags = "--autoplay-policy=no-user-gesture-required"
         browser = stack.enter_context(Browser(program, folder / "browser", 900, 760, flags))
         browser.call("Page.navigate", url=page)
         browser.wait("typeof players != 'undefined' && players[OTHER].shown > 0", START_S)
-        browser.wait("Boolean(voice.node)", START_S)
         time.sleep(SETTLE_S)
         browser.value(NOTES)
         time.sleep(seconds)
+        begun_ms, fps = asyncio.run(_begun(sender))
         seen, heard = np.array(browser.value("seen")), np.array(browser.value("heard"))
-        return figures(seen, heard, asyncio.run(_begun_ms(sender)))
+        seen[:, 2] = begun_ms + 1000 / fps * seen[:, 2]
+        return seen, heard, begun_ms
 
 
 def figures(
-    seen: NDArray[np.float64], heard: NDArray[np.float64], begun_ms: float
+    seen: NDArray[np.float64], heard: NDArray[np.float64], begun_ms: float, knows_mouth: bool = True
 ) -> dict[str, object]:
     """The figures from what a page has shown and played.
 
-    seen: (n, 4) ms since 1970, brightness of the mouth, source frame, ms since 1970 when it was
-    drawn.  heard: (n, 2) ms since 1970, loudness.  begun_ms: when the clip began.
+    seen: (n, 4) ms since 1970, brightness of the mouth, and when it was taken and drawn.  heard:
+    (n, 2) ms since 1970, loudness.  begun_ms: when the clip began.
     """
-    taken_ms = begun_ms + 1000 / FPS * seen[:, 2]
-    delay_ms, drawn_ms = seen[:, 0] - taken_ms, seen[:, 3] - taken_ms
-    picture_ms = 1000 * lag_s((seen[:, 0] - begun_ms) / 1000, -seen[:, 1])
-    sound_ms = 1000 * lag_s((heard[:, 0] - begun_ms) / 1000, heard[:, 1])
+    delay_ms, drawn_ms = seen[:, 0] - seen[:, 2], seen[:, 3] - seen[:, 2]
     span_s = (seen[-1, 0] - seen[0, 0]) / 1000
-    return {
+    found: dict[str, object] = {
         "pictures_per_s": round((len(seen) - 1) / span_s, 1),
         "delay_ms": [round(float(np.percentile(delay_ms, each))) for each in (50, 95)],
         "drawn_ms": [round(float(np.percentile(drawn_ms, each))) for each in (50, 95)],
-        "picture_ms": round(picture_ms),
-        "sound_ms": round(sound_ms),
-        "sound_late_ms": round(sound_ms - picture_ms),
     }
+    if not knows_mouth:
+        return found
+    picture_ms = 1000 * lag_s((seen[:, 0] - begun_ms) / 1000, -seen[:, 1])
+    sound_ms = 1000 * lag_s((heard[:, 0] - begun_ms) / 1000, heard[:, 1])
+    late_ms = sound_ms - picture_ms
+    names = ("picture_ms", "sound_ms", "sound_late_ms")
+    return found | dict(zip(names, map(round, (picture_ms, sound_ms, late_ms)), strict=True))
 
 
 def lag_s(time_s: NDArray[np.float64], level: NDArray[np.float64]) -> float:
@@ -138,8 +150,8 @@ def lag_s(time_s: NDArray[np.float64], level: NDArray[np.float64]) -> float:
     return float(lags_s[int(np.argmax(scores))])
 
 
-async def _begun_ms(page: str) -> float:
-    """When the camera of an end has begun, ms since 1970, as its page is told."""
+async def _begun(page: str) -> tuple[float, float]:
+    """When the camera of an end has begun, ms since 1970, and its rate, as its page is told."""
     headers = {"Origin": page.rsplit("/", 2)[0]}
     async with (
         aiohttp.ClientSession() as client,
@@ -149,7 +161,7 @@ async def _begun_ms(page: str) -> float:
             if message.type is aiohttp.WSMsgType.TEXT:
                 told = json.loads(message.data)
                 if told["kind"] == "costs" and told["begun_ms"]:
-                    return float(told["begun_ms"])
+                    return float(told["begun_ms"]), float(told["fps"])
     raise UserError("the other end has not begun")
 
 

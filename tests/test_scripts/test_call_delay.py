@@ -14,7 +14,8 @@ def test_the_delay_of_picture_and_sound_is_found() -> None:
     index = np.arange(30, 900)
     shown_s = index / 25 + delay_s
     shown_ms = begun_ms + 1000 * shown_s
-    seen = np.stack([shown_ms, 5000 - 900 * is_open(index / 25), index, shown_ms - 50], axis=1)
+    mouth, taken_ms = 5000 - 900 * is_open(index / 25), begun_ms + 40 * index
+    seen = np.stack([shown_ms, mouth, taken_ms, shown_ms - 50], axis=1)
     played_s = np.arange(1.0, 36.0, 0.02)
     loud = is_open(played_s - delay_s - late_s)
     heard = np.stack([begun_ms + 1000 * played_s, loud], axis=1)
@@ -23,6 +24,13 @@ def test_the_delay_of_picture_and_sound_is_found() -> None:
     assert found["delay_ms"] == [430, 430] and found["drawn_ms"] == [380, 380]
     assert found["picture_ms"] == pytest.approx(430, abs=10)
     assert found["sound_late_ms"] == pytest.approx(60, abs=10)
+
+
+def test_of_another_clip_only_what_its_frames_tell_is_found() -> None:
+    taken_ms = 1.7e12 + 40.0 * np.arange(50)
+    seen = np.stack([taken_ms + 300, 0 * taken_ms, taken_ms, taken_ms + 250], axis=1)
+    found = figures(seen, np.zeros((0,)), 1.7e12, knows_mouth=False)
+    assert found == {"pictures_per_s": 25.0, "delay_ms": [300, 300], "drawn_ms": [250, 250]}
 
 
 def test_no_stretch_of_the_clip_is_like_another() -> None:
