@@ -37,7 +37,12 @@ from encoder.learning.incremental_modes import FaceSample, LearnedMode
 from encoder.learning.mode_scheduler import ModeScheduler
 from encoder.live_model.learner import Learner, ModesTask, TrainingTask
 from encoder.live_model.model_schedule import ModelSchedule
-from encoder.live_model.model_trainer import ModelTrainer, TrainingFrames
+from encoder.live_model.model_trainer import (
+    LAYER_UPDATES,
+    LAYER_UPDATES_REALTIME,
+    ModelTrainer,
+    TrainingFrames,
+)
 from encoder.live_model.model_version import ModelVersion
 from shared_model.surround import head_with_surround
 
@@ -141,6 +146,7 @@ class ModelLifecycle:
             self._updates.progressive,
             # More would take the cores from the frames.
             workers=1 if self._realtime else None,
+            layer_updates=LAYER_UPDATES_REALTIME if self._realtime else LAYER_UPDATES,
         )
         version = trainer.bootstrap(pictures, points, index)
         self._updates.send_first(version)

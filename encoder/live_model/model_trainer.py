@@ -49,6 +49,9 @@ BOOTSTRAP_SHARE = 0.3
 # Updates that bring the layers around the face, if they are not progressive: one soon, with those
 # who have hardly moved yet, and later ones that have seen more.
 LAYER_UPDATES = frozenset({1, 2, 4, 6, 8})
+# Where frames do not wait for the training: with layers the first update would take three times as
+# long, and the face cannot wait for it.
+LAYER_UPDATES_REALTIME = LAYER_UPDATES - {1}
 # Bytes of these, against those of one picture.
 LAYER_BYTES = 1.85
 # Pixels that a frame is fitted by: twice as many gained nothing on two live clips.
@@ -89,6 +92,7 @@ class ModelTrainer:
     budget: of a whole version.
     progressive: versions are sent in layers.
     workers: see `parallel_map`.
+    layer_updates: numbers of the updates that bring layers.
     """
 
     def __init__(
@@ -100,10 +104,12 @@ class ModelTrainer:
         budget: ModelBudget,
         progressive: bool,
         workers: int | None,
+        layer_updates: frozenset[int] = LAYER_UPDATES,
     ) -> None:
         self._head, self._video, self._gop = head, video, gop
         self._background, self._budget = background, budget
         self._progressive, self._workers = progressive, workers
+        self._layer_updates = layer_updates
         self._identity: IdentityFit | None = None  # of the version before
         self._frame_layers: FrameLayers | None = None  # of the background in use
         # Encoded while the first version is trained: each takes as long as many frames.
@@ -155,7 +161,7 @@ class ModelTrainer:
         call = self._call_parameters(trained.person.fitted.camera.focal_px)
         background = self._encoded_background() if budget.background_bytes else b""
         frames = _fitted_frames(trained, call.camera, pictures, points)
-        if number in LAYER_UPDATES and not self._progressive:
+        if number in self._layer_updates and not self._progressive:
             background = self._learn_layers(frames)
         layers = None if self._frame_layers is None else self._frame_layers.of_person(frames)
         faces = trained.faces if layers is None else layers.fitted_all(frames)
