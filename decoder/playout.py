@@ -19,7 +19,7 @@ from decoder.model_versions import ModelVersion, ModelVersions
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
 from protocol.frames.frame_times import FrameClock, TimesPacket
-from protocol.limits import SEQUENCE_MODULUS
+from protocol.limits import FIRST_WINDOW, LATE_WINDOW, SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
 from protocol.packets import (
     ControlKind,
@@ -32,10 +32,6 @@ from protocol.packets import (
 from shared_model.geometry import interpolate
 from shared_model.parameters import FaceParameters, with_focal_change
 
-# A packet up to so many sequence numbers behind the newest is late; any other is ahead of it.
-LATE_WINDOW = 16
-# A first frame packet with a higher number shows that the call was joined late.
-FIRST_WINDOW = 9
 # A packet may be at most so far ahead of the last frame (ten minutes).
 MAX_FROZEN_S = 600
 

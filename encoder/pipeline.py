@@ -36,11 +36,9 @@ from encoder.sound.open_voice import chosen_voice, open_voice
 from encoder.sound.voice_packer import VoicePacker
 from encoder.tracking.trackers import TRACKED_EAUS, open_tracker
 from protocol.link.interface import MessageCallback, PacketSink, ignore_message
-from shared_model.errors import UserError
+from shared_model.errors import NO_FACE, UserError
 from shared_model.mesh import generic_head
 from shared_model.surround import head_with_surround
-
-NO_FACE = 3
 
 
 def encode(

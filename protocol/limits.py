@@ -5,6 +5,10 @@ import re
 from protocol.entropy.varint import MAX_VARINT
 
 SEQUENCE_MODULUS = 64
+# A packet up to so many sequence numbers behind the newest is late; any other is ahead of it.
+LATE_WINDOW = 16
+# A first frame packet with a higher number shows that the call was joined late.
+FIRST_WINDOW = 9
 MAX_FRAME_INDEX = MAX_VARINT
 
 # Bytes of whole packets, or of one of their fields.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from encoder.capture.video_source import Capture, open_source
 from encoder.runtime.parallel import prefetch
 from encoder.tracking.trackers import TrackingOptions, open_tracker
-from shared_model.errors import UserError, cannot_write
+from shared_model.errors import NO_FACE, UserError, cannot_write
 from shared_model.geometry import euler_deg
 from shared_model.mesh import generic_head
 from shared_model.parameters import EAUS, FaceParameters
@@ -23,7 +23,6 @@ Progress = Callable[[int, int | None], None]
 
 POSE_COLUMNS = ("pitch_deg", "yaw_deg", "roll_deg", "x_mm", "y_mm", "z_mm")
 EAU_COLUMNS = tuple(eau.name for eau in EAUS)
-NO_FACE = 3
 DIGITS = 4
 
 

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-# Exit code of a link that cannot be made, or breaks.
-LINK_FAILED = 4
+# Exit codes: no face in the source; a link that cannot be made, or breaks.
+NO_FACE, LINK_FAILED = 3, 4
 
 
 class UserError(Exception):

@@ -12,14 +12,14 @@ from fractions import Fraction
 
 from decoder.concealment import SmoothReturn
 from decoder.model_versions import picture_of
-from decoder.playout import FIRST_WINDOW, Playout, PlayoutFrame
+from decoder.playout import Playout, PlayoutFrame
 from decoder.reception.arrival_clock import MAX_WAIT_S, ArrivalClock
 from decoder.reception.jitter_buffer import MAX_HELD, JitterBuffer, NumberedPacket
 from decoder.sound.call_speech import CallSpeech
 from decoder.sound.speech_frames import SpeechFrames
 from decoder.sound.voice_separator import VoiceSeparator
 from protocol.errors import ProtocolError
-from protocol.limits import SEQUENCE_MODULUS
+from protocol.limits import FIRST_WINDOW, SEQUENCE_MODULUS
 from protocol.link.interface import Arrival
 from protocol.model_packet import ModelPacket
 from protocol.packets import ControlPacket, FramePacket, Packet, parse_packet

@@ -21,6 +21,7 @@ from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
 from decoder.sinks.sound_stream import SoundStream
+from decoder.sinks.y4m_stream import LUMA_SPAN, LUMA_WEIGHTS
 from protocol.frames.frame_times import TICKS_PER_FRAME
 from shared_model.errors import UserError
 
@@ -40,9 +41,6 @@ TIMED = (".mkv", ".mp4", ".mov")
 OPTIONS = {"ffv1": {}, "mpeg4": {"qmin": "1", "qmax": "1"}}
 # Pixel format with colour differences of half the resolution.
 CHROMA_SUBSAMPLED = "yuv420p"
-# Weights of B', G', R' in Y' by BT.601 and BT.709, and the range of Y' in a file.
-LUMA_WEIGHTS = {None: (0.114, 0.587, 0.299), Colorspace.ITU709: (0.0722, 0.7152, 0.2126)}
-LUMA_RANGE = 219 / 255
 # Largest numerator of a frame rate in MPEG-4.
 MPEG4_MAX_TIMEBASE = 65535
 # Tag of the files of a call, by its colour matrix.
@@ -84,7 +82,8 @@ class VideoFile:
         self._path, self._shape = path, (height, width, 3)
         self._part = path.with_name(f"{path.stem}.part{path.suffix}")
         self._reformatter, self._colours = VideoReformatter(), _pixel_format(path, matrix)
-        self._luma = LUMA_RANGE * np.array([LUMA_WEIGHTS[self._colours.matrix]], np.float32)
+        weights = LUMA_WEIGHTS["bt709" if self._colours.matrix else "bt601"]
+        self._luma = LUMA_SPAN * np.array([weights], np.float32)
         self._next_pts, self._is_open, self._replaces = 0, True, True
         self._is_variable = is_variable
         with ExitStack() as undo, _as_user_error(path):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Samples = NDArray[np.int16]
 Picture = NDArray[np.uint8]
 
-# Weights of B, G, R in luma by the source's colour matrix.
+# Weights of B', G', R' in Y' by BT.601 and BT.709.
 LUMA_WEIGHTS = {"bt601": (0.114, 0.587, 0.299), "bt709": (0.0722, 0.7152, 0.2126)}
 # Y'CbCr of video in 8 bits: black and no colour, and the spans of luma and colour over 255.
 OFFSETS = (16, 128, 128)

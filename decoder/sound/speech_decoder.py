@@ -9,13 +9,12 @@ from av.audio.codeccontext import AudioCodecContext
 from numpy.typing import NDArray
 
 from protocol.errors import ProtocolError
-from protocol.voice.voice_block import SPEECH_FRAMES_PER_SECOND
+from protocol.voice.voice_block import CODEC2_MODES, CODEC2_RATE_HZ, SPEECH_FRAMES_PER_SECOND
 
 Samples = NDArray[np.int16]
 
-# Rates of the decoded sound.
-CODEC2_RATE_HZ, OPUS_RATE_HZ = 8000, 48000
-_CODEC2_MODES = {"700C": 700, "1200": 1200}
+# Opus decodes at its own rate, whatever that of the encoder is.
+OPUS_OUTPUT_RATE_HZ = 48000
 # The part of Opus' first byte that a packet without frames has in common with the one before it.
 _OPUS_CONFIGURATION = 0xFC
 
@@ -77,13 +76,13 @@ class Codec2Decoder:
         """See `SpeechDecoder`."""
         import pycodec2
 
-        self._codec = pycodec2.Codec2(_CODEC2_MODES[self._voice])
+        self._codec = pycodec2.Codec2(CODEC2_MODES[self._voice])
 
 
 class OpusDecoder:
     """Opus: a `SpeechDecoder`."""
 
-    rate_hz = OPUS_RATE_HZ
+    rate_hz = OPUS_OUTPUT_RATE_HZ
 
     def __init__(self) -> None:
         context = av.CodecContext.create("libopus", "r")

@@ -8,17 +8,16 @@ import numpy as np
 from av.audio.codeccontext import AudioCodecContext
 from numpy.typing import NDArray
 
-from protocol.voice.voice_block import SPEECH_FRAMES_PER_SECOND
+from protocol.voice.voice_block import CODEC2_MODES, CODEC2_RATE_HZ, SPEECH_FRAMES_PER_SECOND
 from shared_model.errors import UserError
 
 Samples = NDArray[np.int16]
 
-CODEC2_RATE_HZ, OPUS_RATE_HZ = 8000, 16000
+OPUS_RATE_HZ = 16000
 OPUS_BPS = 6000
 # By how many samples the decoded sound comes later than what was encoded.
 CODEC2_DELAY = {"700C": 240, "1200": 160}
 OPUS_DELAY = 104
-_CODEC2_MODES = {"700C": 700, "1200": 1200}
 
 
 class SpeechEncoder(Protocol):
@@ -78,7 +77,7 @@ class Codec2Encoder:
         """See `SpeechEncoder`: the decoder starts anew there, too."""
         import pycodec2
 
-        self._codec = pycodec2.Codec2(_CODEC2_MODES[self._voice])
+        self._codec = pycodec2.Codec2(CODEC2_MODES[self._voice])
 
 
 class OpusEncoder:

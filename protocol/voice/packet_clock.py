@@ -11,14 +11,9 @@ from math import ceil
 
 from protocol.call_parameters import CallParameters
 from protocol.frames.scalar_quantiser import THESIS_RATE_HZ
-from protocol.limits import SEQUENCE_MODULUS
+from protocol.limits import FIRST_WINDOW, LATE_WINDOW, SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
 from protocol.voice.voice_block import SPEECH_FRAMES_PER_SECOND
-
-# A packet up to so many numbers behind the newest is late; any other is ahead of it.
-LATE_WINDOW = 16
-# A first frame packet with a higher number shows that the call was joined late.
-FIRST_WINDOW = 9
 
 
 @dataclass(frozen=True, slots=True)

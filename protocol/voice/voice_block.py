@@ -11,6 +11,9 @@ from protocol.entropy.varint import decode_varint, encode_varint
 from protocol.errors import ProtocolError
 
 SPEECH_FRAMES_PER_SECOND = 25
+# Modes of Codec2 by the name of the voice, bits a second, and the rate of its samples.
+CODEC2_MODES = {"700C": 700, "1200": 1200}
+CODEC2_RATE_HZ = 8000
 MAX_SPEECH_FRAMES = 255
 # Most that a block may be displaced: ten minutes.
 MAX_OFFSET = 600 * SPEECH_FRAMES_PER_SECOND

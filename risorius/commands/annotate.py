@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 from risorius.command_line.parser import INTERRUPTED, add_command
 from risorius.command_line.progress import ProgressLine, say, warn
 from risorius.command_line.signals import StopOnSignal
-from shared_model.errors import UserError, cannot_write
+from shared_model.errors import NO_FACE, UserError, cannot_write
 
 if TYPE_CHECKING:
     from risorius.command_line.parser import Commands
 
-NO_FACE = 3
 DESCRIPTION = """\
 Writes pose, shape (AAUs and EAUs) and shape-free texture of each picture as NAME.json and NAME.npz,
 and contact sheets to look at, the worst fits first.  What is there already is not fitted again.

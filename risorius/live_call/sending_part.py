@@ -8,7 +8,7 @@ from encoder.calls.session_callbacks import SessionCallbacks
 from encoder.calls.session_stats import SessionStats
 from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
-from encoder.pipeline import NO_FACE, encode_live
+from encoder.pipeline import encode_live
 from encoder.runtime.parallel import short_switch_interval
 from protocol.link.interface import PacketSink, ignore_message
 from risorius.live_call.devices import Devices
@@ -17,7 +17,7 @@ from risorius.live_call.packets.recorder import CallRecorder
 from risorius.live_call.packets.sent_face import SentFace
 from risorius.live_call.packets.traffic_meter import MeteredSink, TrafficMeter
 from risorius.live_call.part_connection import PartConnection
-from shared_model.errors import UserError
+from shared_model.errors import NO_FACE, UserError
 
 
 def run(part: PartConnection, options: SendingOptions) -> None:

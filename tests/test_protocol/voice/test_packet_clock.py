@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from packets import MODEL
 
 from protocol.call_parameters import CallParameters
+from protocol.limits import FIRST_WINDOW, LATE_WINDOW
 from protocol.model_packet import ModelPacket
-from protocol.voice.packet_clock import FIRST_WINDOW, LATE_WINDOW, PacketClock
+from protocol.voice.packet_clock import PacketClock
 
 # 25 frames a second: a speech frame for each source frame.
 CALL = CallParameters("default", 640, 480, 25, 1, 612.5, frames_per_packet=4, voice="1200")
