@@ -71,13 +71,16 @@ def main(argv: Sequence[str]) -> None:
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("clips", nargs="+", type=Path, metavar="CLIP")
     parser.add_argument("--only", default="", metavar="TEXT", help="rows whose name has it")
+    parser.add_argument("--measured", action="store_true", help="print what is there, no more")
     options = parser.parse_args(argv)
     if reason := obstacle():
         raise UserError(f"no wire can be made here: {reason}")
     options.folder.mkdir(parents=True, exist_ok=True)
-    rows = [row for row in ROWS if options.only in row.name]
     for clip in options.clips:
+        rows = [row for row in ROWS if options.only in row.name]
         faces: list[FacePsnr] = []
+        if options.measured:
+            rows = [row for row in rows if _is_measured(row, clip, options.folder)]
         found = [_figures(row, clip, options.folder, faces) for row in rows]
         for each in faces:
             each.close()
@@ -120,10 +123,9 @@ def _figures(row: Row, clip: Path, folder: Path, faces: list[FacePsnr]) -> list[
     call = _call_of(clip, folder, row.layers)
     found = list[dict[str, Any]]()
     for seed in range(1, row.seeds + 1):
-        name = "".join(c if c.isalnum() else "_" for c in f"{clip.stem} {row.name} {seed}")
-        report = folder / f"{name}.json"
+        report = _report(row, clip, folder, seed)
         if not report.exists():
-            logs = folder / name
+            logs = report.with_suffix("")
             shutil.rmtree(logs, ignore_errors=True)
             logs.mkdir()
             print(f"{clip.name}: {row.name}, {seed}", file=sys.stderr, flush=True)
@@ -131,6 +133,16 @@ def _figures(row: Row, clip: Path, folder: Path, faces: list[FacePsnr]) -> list[
             write_json(report, measure(row, call, clip, logs, traffic, faces))
         found.append(json.loads(report.read_text("utf-8")))
     return found
+
+
+def _report(row: Row, clip: Path, folder: Path, seed: int) -> Path:
+    """Where the figures of a call are kept."""
+    name = "".join(c if c.isalnum() else "_" for c in f"{clip.stem} {row.name} {seed}")
+    return folder / f"{name}.json"
+
+
+def _is_measured(row: Row, clip: Path, folder: Path) -> bool:
+    return all(_report(row, clip, folder, seed + 1).exists() for seed in range(row.seeds))
 
 
 def _call_of(clip: Path, folder: Path, layers: bool) -> Path:

@@ -7,9 +7,14 @@ something does.  Losses do not shrink it: a lossy link is no slower for that.
 from dataclasses import dataclass
 from statistics import median_high
 
+from protocol.link.messages import PIECE_BYTES
+
 START_WINDOW, MIN_WINDOW, MAX_WINDOW = 4.0, 2.0, 96.0
 # Bytes of IP, UDP and Zenoh around a piece.
 PIECE_OVERHEAD_BYTES = 45
+WHOLE_PIECE_BYTES = PIECE_BYTES + PIECE_OVERHEAD_BYTES
+# The window once the rate has been measured, at most: what a fast link holds, a whole model.
+MAX_FIRST_WINDOW = 24.0
 # Before anything is known of the link.
 DEFAULT_ROUND_TRIP_S = 0.5
 # What a piece may take longer than the shortest round trip before the link counts as filled.
@@ -74,6 +79,8 @@ class PieceWindow:
         self._first_rates.append(8 * padding_bytes / max(later_s, MIN_LATER_S))
         if self._rate_s == float("-inf"):
             self.rate_bps = median_high(self._first_rates)
+            filling = self.rate_bps * (self.round_trip_s or 0.0) / (8 * WHOLE_PIECE_BYTES)
+            self._size = max(self._size, min(filling, MAX_FIRST_WINDOW))
 
     def on_piece(self, sent: Sent, size: int, now_s: float) -> None:
         """A piece of `size` bytes has been acknowledged."""

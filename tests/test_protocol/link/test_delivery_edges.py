@@ -8,6 +8,7 @@ from packets import MODEL
 from protocol.errors import ProtocolError
 from protocol.link.delivery.item_assembly import MAX_AHEAD, MAX_HELD_BYTES, ItemAssembly
 from protocol.link.delivery.item_store import ItemStore
+from protocol.link.delivery.piece_window import PieceWindow, Sent
 from protocol.link.delivery.receiver import DeliveryReceiver
 from protocol.link.delivery.sender import DeliverySender
 from protocol.link.messages import (
@@ -165,6 +166,7 @@ def test_an_encoder_knows_who_is_there() -> None:
     end.receive(hello(Role.ENCODER, b"another1", echo=ENCODER), 0.0)
     end.receive(serialise_message(Bye(Role.ENCODER, peer_id(DECODER))), 0.0)
     end.receive(serialise_message(Report(0x1111)), 0.0)
+    end.receive(serialise_message(Bye(Role.DECODER, 0x1111)), 0.0)
     assert end.peers == {DECODER}
     end.forget_peers()
     assert end.peers == frozenset() and end.heard_s == 0.0
@@ -208,3 +210,12 @@ def test_a_link_is_not_measured_by_half_a_pair() -> None:
         end.receive(answer, now_s + 0.2)
         assert (end.quality.rate_bps is not None) is answers_all
     assert end.quality.rate_bps == pytest.approx(32_000)
+
+
+def test_the_window_grows_on_an_empty_link_and_shrinks_on_a_full_one() -> None:
+    window = PieceWindow()
+    sizes = list[int]()
+    for took_s in (0.1, 0.15, 0.35, 0.9, 0.9):
+        window.on_piece(Sent(0.0, 0), PIECE_BYTES, took_s)
+        sizes.append(window.size)
+    assert sizes[0] < sizes[1] == sizes[2] > sizes[4]
