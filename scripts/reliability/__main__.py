@@ -70,14 +70,14 @@ def main(argv: Sequence[str]) -> None:
     )
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("clips", nargs="+", type=Path, metavar="CLIP")
-    parser.add_argument("--only", default="", metavar="TEXT", help="rows whose name has it")
+    parser.add_argument("--only", default="", metavar="TEXT", help="rows whose name begins so")
     parser.add_argument("--measured", action="store_true", help="print what is there, no more")
     options = parser.parse_args(argv)
     if reason := obstacle():
         raise UserError(f"no wire can be made here: {reason}")
     options.folder.mkdir(parents=True, exist_ok=True)
     for clip in options.clips:
-        rows = [row for row in ROWS if options.only in row.name]
+        rows = [row for row in ROWS if row.name.startswith(options.only)]
         faces: list[FacePsnr] = []
         if options.measured:
             rows = [row for row in rows if _is_measured(row, clip, options.folder)]

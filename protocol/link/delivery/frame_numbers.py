@@ -2,6 +2,8 @@
 
 from collections import deque
 from dataclasses import dataclass
+from itertools import combinations
+from statistics import median
 
 from protocol.limits import SEQUENCE_MODULUS
 from protocol.link.messages import MAX_MISSING
@@ -48,7 +50,7 @@ class FrameNumbers:
 
     def __init__(self, next_number: int, now_s: float) -> None:
         self._begin = next_number
-        self._begin_s: float | None = None
+        self._begin_s = float("-inf")
         self.newest, self.newest_s = next_number - 1, float("-inf")
         self.is_certain = True
         self._come: set[int] = set()
@@ -56,6 +58,8 @@ class FrameNumbers:
         self._firsts: deque[bool] = deque(maxlen=LOSS_WINDOW)
         self._times: deque[tuple[int, float]] = deque(maxlen=INTERVAL_WINDOW)
         self._round_s = ASK_AGAIN_S
+        self._interval_s: float | None = None  # from one packet to the next, of late
+        self._first_due_s = float("inf")  # when packet 0 would have been due
         self._unevenness_s = 0.0
 
     @property
@@ -93,6 +97,8 @@ class FrameNumbers:
     def begin(self, now_s: float) -> None:
         """Frame packets may come from now on."""
         self._begin_s = now_s
+        if not self._times:
+            self._first_due_s = now_s - USUAL_INTERVAL_S * (self._begin - 1)
 
     def pass_by(self, number: int, now_s: float) -> None:
         """A packet has come by another way, which delivers all of them in order."""
@@ -127,14 +133,6 @@ class FrameNumbers:
         is_first_of_two = missing.asks % 2 and self.loss > LOSSY
         return missing.asked_s + (TWICE_S if is_first_of_two else self._round_s)
 
-    @property
-    def _interval_s(self) -> float | None:
-        """Time from one packet to the next, of late."""
-        if len(self._times) < 2:
-            return None
-        (first, begin_s), (last, end_s) = self._times[0], self._times[-1]
-        return (end_s - begin_s) / (last - first)
-
     def _note(self, number: int, now_s: float) -> None:
         """Learn from a packet that has come."""
         missing = self._missing.pop(number, None)
@@ -142,12 +140,24 @@ class FrameNumbers:
         if missing is not None and missing.asks == 1:
             # How long a question and its answer take, a little more.
             self._round_s = min(max(1.3 * (now_s - missing.asked_s), ASK_AGAIN_S), GIVE_UP_S / 2)
-        if missing is None and number > self.newest:
-            interval_s = self._interval_s
-            if interval_s is not None:
-                expected_s = self._times[-1][1] + interval_s * (number - self._times[-1][0])
-                self._unevenness_s += 0.2 * (abs(now_s - expected_s) - self._unevenness_s)
-            self._times.append((number, now_s))
+        if number > self.newest:
+            self._learn_times(number, now_s, missing is None)
+
+    def _learn_times(self, number: int, now_s: float, is_unasked: bool) -> None:
+        """Learn when packets are due, by medians: a quarter of them may have come late."""
+        if is_unasked and self._interval_s is not None:
+            uneven_s = abs(now_s - self._due_s(number))
+            self._unevenness_s += 0.2 * (uneven_s - self._unevenness_s)
+        self._times.append((number, now_s))
+        pairs = list(combinations(self._times, 2))
+        if pairs:
+            self._interval_s = median((b[1] - a[1]) / (b[0] - a[0]) for a, b in pairs)
+        interval_s = self._interval_s or USUAL_INTERVAL_S
+        self._first_due_s = median(at_s - interval_s * n for n, at_s in self._times)
+
+    def _due_s(self, number: int) -> float:
+        """When a packet is due; infinity: not known."""
+        return self._first_due_s + (self._interval_s or USUAL_INTERVAL_S) * number
 
     def _miss(self, first: int, end: int, now_s: float) -> None:
         if end - first > MAX_ASKED_GAP:
@@ -159,16 +169,14 @@ class FrameNumbers:
             self._missing[number].is_early = False
 
     def _expect(self, now_s: float, is_reliable: bool) -> None:
-        """Miss the next packets once they are late, by the times of those that came unasked."""
-        if is_reliable or not self.is_certain or (not self._times and self._begin_s is None):
+        """Miss the next packets once they are late."""
+        if is_reliable or not self.is_certain:
             return
-        interval_s = self._interval_s or USUAL_INTERVAL_S
-        number, at_s = self._times[-1] if self._times else (self._begin - 1, self._begin_s or 0.0)
-        if now_s - max(at_s, self.newest_s) > GIVE_UP_S:
+        if now_s - max(self.newest_s, self._begin_s) > GIVE_UP_S:
             return
         late_s = LATE_S + 2 * self._unevenness_s
         for expected in range(self.newest + 1, self.newest + 1 + MAX_EXPECTED):
-            if now_s < at_s + interval_s * (expected - number) + late_s:
+            if now_s < self._due_s(expected) + late_s:
                 return
             if expected not in self._missing:
                 self._missing[expected] = _Missing(now_s - ASK_AFTER_S, is_early=True)

@@ -6,6 +6,7 @@ import pytest
 from packets import MODEL
 
 from protocol.errors import ProtocolError
+from protocol.link.delivery.frame_numbers import FrameNumbers
 from protocol.link.delivery.item_assembly import MAX_AHEAD, MAX_HELD_BYTES, ItemAssembly
 from protocol.link.delivery.item_store import ItemStore
 from protocol.link.delivery.piece_window import PieceWindow, Sent
@@ -219,3 +220,16 @@ def test_the_window_grows_on_an_empty_link_and_shrinks_on_a_full_one() -> None:
         window.on_piece(Sent(0.0, 0), PIECE_BYTES, took_s)
         sizes.append(window.size)
     assert sizes[0] < sizes[1] == sizes[2] > sizes[4]
+
+
+def test_packets_that_come_less_often_than_expected_are_soon_not_asked_for() -> None:
+    frames, now_s = FrameNumbers(0, 0.0), 0.0
+    frames.begin(now_s)
+    asked = list[int]()
+    for number, interval_s in enumerate([0.1] * 10 + [0.4] * 50):
+        asked.append(0)
+        for _ in range(round(interval_s / 0.02)):
+            now_s += 0.02
+            asked[-1] += len(frames.to_ask(now_s, is_reliable=False))
+        assert frames.take(number % 64, now_s) == number
+    assert sum(asked[10:20]) > 0 and sum(asked[20:]) == 0 and frames.loss == 0
