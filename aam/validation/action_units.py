@@ -18,7 +18,9 @@ from shared_model.parameters import EAU_INDEX
 Array = NDArray[np.float64]
 
 # Strengths at which a unit may count as shown.
-THRESHOLDS = np.linspace(0.05, 0.8, 31)
+THRESHOLDS = np.linspace(-0.4, 0.8, 49)
+# Of the linear classifier, for each picture.
+RIDGE = 0.6
 # A unit's strength: mean of these EAUs, with their signs.
 STRENGTHS = {
     "AU1": (("eyebrow_inner", 1.0),),
@@ -67,11 +69,12 @@ class Recognition:
         return sum(each.false for each in units) / sum(each.absent for each in units)
 
 
-def recognise(contender: Contender, samples: Sequence[Sample]) -> Recognition:
+def recognise(contender: Contender, samples: Sequence[Sample]) -> dict[str, Recognition]:
     """Every expression on every face, at each intensity, searched from the eyes.
 
-    A unit counts as found above a threshold that was chosen, unit by unit, on the other half of
-    the faces.
+    "thresholds": the EAUs themselves say how strong a unit is, as in the thesis.  "linear": ridge
+    regression on EAUs and combined parameters.  Both learn from the other half of the faces, and a
+    unit counts as found above a threshold that was chosen there, unit by unit.
     """
     shows = [
         (number, units, intensity)
@@ -82,11 +85,20 @@ def recognise(contender: Contender, samples: Sequence[Sample]) -> Recognition:
 
     def one(show: tuple[int, tuple[str, ...], float]) -> Array:
         number, units, intensity = show
-        return _strengths(contender, with_units(samples[number], units, intensity))
+        return _features(contender, with_units(samples[number], units, intensity))
 
-    found = np.array(parallel_map(one, shows, None))
+    features = np.array(parallel_map(one, shows, None))
     shown = np.array([[i * (name in units) for name in UNITS] for _, units, i in shows])
     half = np.array([number % 2 for number, _, _ in shows])
+    strengths = {
+        "thresholds": features[:, : len(UNITS)],
+        "linear": _regressed(features, shown, half),
+    }
+    return {name: _judged(each, shown, half) for name, each in strengths.items()}
+
+
+def _judged(found: Array, shown: Array, half: NDArray[np.int_]) -> Recognition:
+    """found, shown: (n, 6) strengths.  half: (n,) 0 or 1."""
     is_found = np.zeros(shown.shape, bool)
     for side in (0, 1):
         for column in range(len(UNITS)):
@@ -101,8 +113,23 @@ def recognise(contender: Contender, samples: Sequence[Sample]) -> Recognition:
     return Recognition(results, correlation)
 
 
-def _strengths(contender: Contender, sample: Sample) -> Array:
-    """(6,) strength of each unit in the shape that a search finds."""
+def _regressed(features: Array, shown: Array, half: NDArray[np.int_]) -> Array:
+    """(n, 6) strengths of one half by what the other half teaches."""
+    found = np.zeros(shown.shape)
+    for side in (0, 1):
+        learned, other = half != side, half == side
+        mean, level = features[learned].mean(0), shown[learned].mean(0)
+        rows = features[learned] - mean
+        system = rows.T @ rows + RIDGE * len(rows) * np.eye(rows.shape[1])
+        weights = np.linalg.solve(system, rows.T @ (shown[learned] - level))
+        found[other] = (features[other] - mean) @ weights + level
+    return found
+
+
+def _features(contender: Contender, sample: Sample) -> Array:
+    """(6 + 14 + M,) strength of each unit in the shape that a search finds, its EAUs, and its
+    combined parameters in standard deviations.
+    """
     fit = find_in_window(
         contender.levels,
         contender.warps,
@@ -113,12 +140,12 @@ def _strengths(contender: Contender, sample: Sample) -> Array:
     )
     _, eau = actuators(fit.shape)
     relative = eau / SHAPE_RANGE[-len(eau) :]
-    return np.array(
-        [
-            np.mean([sign * relative[EAU_INDEX[name]] for name, sign in parts])
-            for parts in STRENGTHS.values()
-        ]
-    )
+    units = [
+        np.mean([sign * relative[EAU_INDEX[name]] for name, sign in parts])
+        for parts in STRENGTHS.values()
+    ]
+    c = fit.results[-1].c / contender.levels[-1].deviations
+    return np.concatenate([units, 3 * relative, c])
 
 
 def _correlation(one: Array, other: Array) -> float:

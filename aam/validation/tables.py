@@ -75,7 +75,7 @@ def search_table(results: Mapping[tuple[str, str, str], Generalisation]) -> str:
 
 
 def unit_table(dependent: Recognition, independent: Recognition) -> str:
-    """Recognition of action units (Tables 3.3 and 3.4)."""
+    """Recognition of action units by one classifier (Tables 3.3 and 3.4)."""
     rows = []
     for name, known in dependent.units.items():
         new = independent.units[name]

@@ -151,11 +151,14 @@ def test_prediction_and_modes_of_both_are_told(pair: dict[str, Contender]) -> No
 
 
 def test_recognition_counts_every_picture(pair: dict[str, Contender]) -> None:
-    found = recognise(pair["head"], TEST[:2])
-    assert found.units["AU26"].shown == found.units["AU1"].shown == 2 * 2 * 3
-    assert found.units["Neutral"].shown == 2
-    assert all(each.correct + each.missed == each.shown for each in found.units.values())
-    assert set(found.correlation) == set(UNITS)
+    both = recognise(pair["head"], TEST[:2])
+    assert set(both) == {"thresholds", "linear"}
+    for found in both.values():
+        assert found.units["AU26"].shown == found.units["AU1"].shown == 2 * 2 * 3
+        assert found.units["Neutral"].shown == 2
+        assert all(each.correct + each.missed == each.shown for each in found.units.values())
+        assert set(found.correlation) == set(UNITS)
+    assert "| AU26 | 74.3 |" in tables.unit_table(both["linear"], both["thresholds"])
 
 
 def test_first_frames_without_a_face_are_not_right(pair: dict[str, Contender]) -> None:
