@@ -40,6 +40,7 @@ def write_model(path: Path, model: MultiResolutionModel) -> None:
             linear = getattr(level, part)
             for name in ("mean", "modes", "variances"):
                 arrays[f"{number}/{part}_{name}"] = getattr(linear, name)
+        arrays[f"{number}/shape_analysis"] = level.shape.analysis
         for name in _MATRICES:
             arrays[f"{number}/{name}"] = getattr(level, name)
     partial = path.with_name(f"{path.name}.part")
@@ -92,7 +93,8 @@ def _level(arrays: dict[str, Any], number: int, values: dict[str, Any]) -> Appea
         mean, modes, variances = (
             arrays[f"{number}/{part}_{name}"] for name in ("mean", "modes", "variances")
         )
-        return LinearModel(mean, modes, variances, float(values[f"{part}_total"]))
+        analysis = arrays[f"{number}/shape_analysis"] if part == "shape" else None
+        return LinearModel(mean, modes, variances, float(values[f"{part}_total"]), analysis)
 
     low, high = values["contrast"]
     return AppearanceModel(
@@ -110,6 +112,7 @@ def _check(level: AppearanceModel, pose_names: tuple[str, ...], texels: int) -> 
     shapes, textures, both = (len(getattr(level, part).variances) for part in _PARTS)
     expected: dict[str, tuple[NDArray[Any], tuple[int, ...]]] = {
         "shape modes": (level.shape.modes, (shapes, level.shape.mean.size)),
+        "shape analysis": (np.asarray(level.shape.analysis), (level.shape.mean.size, shapes)),
         "texture modes": (level.texture.modes, (textures, texels)),
         "combined modes": (level.combined.modes, (both, shapes + textures)),
         "cascade": (level.cascade, (len(level.cascade), poses + both, texels)),

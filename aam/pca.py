@@ -17,16 +17,19 @@ class LinearModel:
 
     mean: (n,).  modes: (m, n) orthonormal rows, the greatest variance first.
     variances: (m,) of the coefficients.  total: variance of the training set, all modes.
+    analysis: (n, m) gives the coefficients of x - mean; None: the modes, transposed.
     """
 
     mean: Array
     modes: Array
     variances: Array
     total: float
+    analysis: Array | None = None
 
     def coefficients(self, values: NDArray[np.floating]) -> Array:
         """(..., m) of values (..., n) (eq. 2.6)."""
-        return np.asarray((values - self.mean) @ self.modes.T)
+        analysis = self.modes.T if self.analysis is None else self.analysis
+        return np.asarray((values - self.mean) @ analysis)
 
     def values(self, coefficients: Array) -> Array:
         """(..., n) of coefficients (..., m) (eq. 2.7)."""
@@ -62,6 +65,20 @@ def principal_components(rows: Array, retained: float, centred: bool = True) -> 
     modes = modes[:count] / np.maximum(np.linalg.norm(modes[:count], axis=1, keepdims=True), 1e-300)
     largest = modes[np.arange(count), np.abs(modes).argmax(1)]
     return LinearModel(mean, modes * np.sign(largest)[:, None], values[:count], total)
+
+
+def components_under_metric(rows: Array, retained: float, metric: Array) -> LinearModel:
+    """Principal components where the square of a difference d (n,) is d' metric d.
+
+    rows: (N, n).  metric: (n, n) symmetric, positive semi-definite.
+    Modes are orthonormal under the metric: what it does not see has no share in the variance.
+    """
+    values, vectors = np.linalg.eigh(metric)
+    length = np.sqrt(np.maximum(values, LEAST_SHARE * values[-1]))
+    found = principal_components(rows @ (vectors * length), retained)
+    modes = found.modes @ (vectors / length).T
+    analysis = (vectors * length) @ found.modes.T
+    return LinearModel(rows.mean(0), modes, found.variances, found.total, analysis)
 
 
 def without_first(model: LinearModel, start: int) -> LinearModel:

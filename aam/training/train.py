@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aam.model import AppearanceModel, MultiResolutionModel, texture_at
-from aam.pca import principal_components, without_first
+from aam.pca import components_under_metric, principal_components, without_first
 from aam.texture_frame import FRAMES
 from aam.training.cascade import SearchStates, finer_states, first_states, train_stage
 from aam.training.faces import AnnotatedFace, TrainingFace, at_resolution, mirrored_face
@@ -30,6 +30,8 @@ WORK = {32: 1.0, 64: 1.5, 128: 2.5, 256: 3.0}
 # Faces over which derivatives are averaged, at most.
 DIFFERENTIATED_FACES = 60
 FEWEST_FACES = 4
+# How far to the sides a shape is looked at, and the step of its differences.
+SIDE_RAD, METRIC_STEP = 0.5, 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +129,8 @@ def combined_model(
     textures = np.array(
         parallel_map(lambda face: texture_at(warp, face.luma, face.shape, face.pose), faces, None)
     )
-    shape = principal_components(shapes, options.retained)
+    metric = visible_metric(warp, shapes.mean(0))
+    shape = components_under_metric(shapes, options.retained, metric)
     texture = principal_components(textures.astype(np.float64), options.retained)
     texture = replace(texture, modes=texture.modes.astype(np.float32))
     weight = options.shape_weight * float(np.sqrt(texture.total / max(shape.total, 1e-12)))
@@ -143,6 +146,28 @@ def combined_model(
     left = textures - model.texture_of(truth)
     explained = 1 - (left**2).mean(1)
     return replace(model, contrast=(float(explained.mean()), float(explained.std()))), truth
+
+
+def visible_metric(warp: Warp, shape: Array) -> Array:
+    """(n, n): the mean square by which a change of a shape (n,) moves its landmarks, seen from the
+    front and from the sides.
+
+    Actuators do not move a face equally far, and some of them nearly cancel each other.
+    """
+    poses, front = len(warp.pose_names), warp.upright(0.0, np.zeros(3))
+    turns = [
+        sign * SIDE_RAD * np.eye(poses)[index] for index in range(poses - 3) for sign in (-1, 1)
+    ]
+    views = [front, *(warp.displaced(front, turn) for turn in turns)]
+    total = np.zeros((len(shape), len(shape)))
+    for view in views:
+        moves = [
+            warp.landmarks(shape + step, view) - warp.landmarks(shape - step, view)
+            for step in METRIC_STEP * np.eye(len(shape))
+        ]
+        jacobian = np.array(moves).reshape(len(shape), -1) / (2 * METRIC_STEP)
+        total += jacobian @ jacobian.T / (jacobian.shape[1] / 2)
+    return total / len(views)
 
 
 def _with_matrices(
