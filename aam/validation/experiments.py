@@ -24,7 +24,7 @@ SEED = 1
 # Faces of the training set whose displacements are predicted.
 DISPLACED_FACES = 80
 # Faces on which expressions are drawn, of known and of new people.
-EXPRESSED_FACES = 40
+EXPRESSED_FACES = 20
 DRAWN_INTENSITIES = (0.4, 1.0)
 # What is changed one by one (2.4.2 to 2.4.5), from the full frame, retinex, W_s as it is.
 VARIANTS = {
