@@ -41,7 +41,8 @@ class DecodeReport:
     frames: pictures shown; fps: of the source; width, height: of the pictures.
     model_bytes, frame_bytes: payload bytes of the packets received.  voice, voice_bytes: its codec,
         one of `VOICES`, and its share of the frame packets, which `frame_bytes` does not count.
-    stage_ms: mean time per frame of each stage, ms.
+    stage_ms: mean time per frame of each stage, ms; stage_cpu_ms: CPU time of the thread that
+        waits for it.
     shown_ns: for each picture its source frame and `time.monotonic_ns` when it was complete.
     lost_packets, late_packets: frame packets not received in time; received too late or twice.
     frozen_frames: pictures that repeat an older face because the encoder had none.
@@ -58,6 +59,7 @@ class DecodeReport:
     model_bytes: int
     frame_bytes: int
     stage_ms: dict[str, float]
+    stage_cpu_ms: dict[str, float]
     shown_ns: tuple[tuple[int, int], ...]
     lost_packets: int
     late_packets: int
@@ -212,6 +214,7 @@ def _report(pictures: CallPictures) -> DecodeReport:
         model_bytes=stats.model_bytes,
         frame_bytes=stats.frame_bytes - playout.voice_bytes,
         stage_ms=pictures.timer.mean_ms(frames),
+        stage_cpu_ms=pictures.timer.mean_cpu_ms(frames),
         shown_ns=tuple(stats.shown_ns),
         lost_packets=playout.lost,
         late_packets=playout.late,

@@ -27,7 +27,8 @@ class EncodeReport:
     coded_fps: frames a second that were coded.
     model_bytes, frame_bytes: payload of the packets.  voice, voice_bytes: its codec, one of
         `VOICES`, and its share of the frame packets, which `frame_bytes` does not count.
-    stage_ms: mean time per frame of each stage, ms.
+    stage_ms: mean time per frame of each stage, ms; stage_cpu_ms: CPU time of the thread that
+        waits for it.
     capture_ns: `time.monotonic_ns` at which each source frame was read.
     reach: whom the last packet could reach.
     """
@@ -42,6 +43,7 @@ class EncodeReport:
     packets: int
     lost_frames: int
     stage_ms: dict[str, float]
+    stage_cpu_ms: dict[str, float]
     warnings: tuple[str, ...]
     capture_ns: tuple[int, ...]
     reach: Reachability
@@ -74,6 +76,7 @@ def report_of(
         packets=stats.packets,
         lost_frames=stats.lost_frames,
         stage_ms=stats.timer.mean_ms(captured),
+        stage_cpu_ms=stats.timer.mean_cpu_ms(captured),
         warnings=tuple(stats.warnings),
         capture_ns=tuple(stats.capture_ns),
         reach=reach,

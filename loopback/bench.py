@@ -51,7 +51,7 @@ CALL_FIGURES = (
     *("model_bytes", "frame_bytes", "frame_bps", "lost_packets", "lost_frames"),
     *("latency_ms.p50", "latency_ms.p99", "encoder_fps", "decoder_fps"),
 )
-STAGES = ("encoder_ms.", "decoder_ms.")
+STAGES = ("encoder_ms.", "decoder_ms.", "encoder_cpu_ms.", "decoder_cpu_ms.")
 # Figures that have a mean over clips.
 AVERAGED_FIGURES = (
     *("model_bytes", "frame_bps", "face_psnr_db", "face_psnr_p5_db", "full_psnr_db"),
@@ -184,8 +184,10 @@ def call_figures(result: CallResult, profile: str) -> dict[str, Any]:
         "lost_packets": shown["lost_packets"],
         "lost_frames": sent["lost_frames"],
         "latency_ms": latency_ms(sent["capture_ns"], shown["shown_ns"]),
-        "encoder_ms": _stages(sent),
-        "decoder_ms": _stages(shown),
+        "encoder_ms": _stages(sent["stage_ms"]),
+        "decoder_ms": _stages(shown["stage_ms"]),
+        "encoder_cpu_ms": _stages(sent["stage_cpu_ms"]),
+        "decoder_cpu_ms": _stages(shown["stage_cpu_ms"]),
         "encoder_fps": _busy_fps(sent),
         "decoder_fps": _busy_fps(shown),
         "warnings": [*sent["warnings"], *shown["warnings"]],
@@ -261,8 +263,8 @@ def make_folder(folder: Path) -> None:
         raise UserError(f"cannot make the folder {folder}: {error.strerror}") from error
 
 
-def _stages(report: Mapping[str, Any]) -> dict[str, float | None]:
-    return {stage: rounded(ms, 3) for stage, ms in report["stage_ms"].items()}
+def _stages(stage_ms: Mapping[str, float]) -> dict[str, float | None]:
+    return {stage: rounded(ms, 3) for stage, ms in stage_ms.items()}
 
 
 def _busy_fps(report: Mapping[str, Any]) -> float | None:

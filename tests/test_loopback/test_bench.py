@@ -72,25 +72,30 @@ def test_timings_add_up_to_the_whole_of_each_end() -> None:
         "source": "a.mp4",
         "encoder_ms": {"capture": 2.0, "track": 6.0},
         "decoder_ms": {"render": 4.0},
+        "encoder_cpu_ms": {"capture": 0.5, "track": 5.0},
+        "decoder_cpu_ms": {"render": 3.0},
         "encoder_fps": 125.0,
         "decoder_fps": 250.0,
     }
     cells = [line.split() for line in timings_tables([clip]).splitlines()[2:]]
     assert cells == [
-        ["encoder,", "capture", "2.00", "25.00", "-"],
-        ["encoder,", "track", "6.00", "75.00", "-"],
-        ["encoder,", "whole", "8.00", "100.00", "125.00"],
-        ["decoder,", "render", "4.00", "100.00", "-"],
-        ["decoder,", "whole", "4.00", "100.00", "250.00"],
+        ["encoder,", "capture", "2.00", "0.50", "25.00", "-"],
+        ["encoder,", "track", "6.00", "5.00", "75.00", "-"],
+        ["encoder,", "whole", "8.00", "5.50", "100.00", "125.00"],
+        ["decoder,", "render", "4.00", "3.00", "100.00", "-"],
+        ["decoder,", "whole", "4.00", "3.00", "100.00", "250.00"],
     ]
 
 
 def test_an_end_that_took_no_time_has_no_shares() -> None:
-    idle = {"encoder_ms": {"capture": 0.0}, "encoder_fps": None, "decoder_ms": {}}
-    text = timings_tables([{"source": name, **idle, "decoder_fps": None} for name in ("a", "b")])
+    idle = {
+        **{"encoder_ms": {"capture": 0.0}, "encoder_cpu_ms": {"capture": 0.0}},
+        **{"decoder_ms": {}, "decoder_cpu_ms": {}, "encoder_fps": None, "decoder_fps": None},
+    }
+    text = timings_tables([{"source": name, **idle} for name in ("a", "b")])
     first, second = text.split("\n\n")
     assert first.startswith("a ") and second.startswith("b ")
-    assert first.splitlines()[2].split() == ["encoder,", "capture", "0.00", "-", "-"]
+    assert first.splitlines()[2].split() == ["encoder,", "capture", "0.00", "0.00", "-", "-"]
 
 
 @pytest.mark.parametrize("source", ["0", "rtsp://192.0.2.1/a"])
@@ -135,6 +140,8 @@ def test_bench_reports_every_figure(
     assert clip["face_found"] == 1 and 0 < clip["nme_percent"] < 10
     assert {"capture", "track", "send"} <= set(clip["encoder_ms"])
     assert {"animate", "render"} <= set(clip["decoder_ms"])
+    for end in ("encoder", "decoder"):
+        assert set(clip[f"{end}_cpu_ms"]) == set(clip[f"{end}_ms"])
     figures = {name for name, value in flatten(clip) if isinstance(value, int | float)}
     assert all(map(is_figure, figures)) and figures.issuperset(CALL_FIGURES)
     assert report["mean"]["frame_bps"] == 800
