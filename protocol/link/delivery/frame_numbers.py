@@ -36,6 +36,7 @@ MIN_CERTAIN_S, MAX_CERTAIN_S, CERTAIN_INTERVALS = 1.5, 8.0, 16
 class _Missing:
     since_s: float
     asked_s: float = float("-inf")
+    first_asked_s: float = float("inf")
     asks: int = 0
     is_early: bool = False
 
@@ -58,6 +59,7 @@ class FrameNumbers:
         self._firsts: deque[bool] = deque(maxlen=LOSS_WINDOW)
         self._times: deque[tuple[int, float]] = deque(maxlen=INTERVAL_WINDOW)
         self._round_s = ASK_AGAIN_S
+        self._round_trip_s = 0.0
         self._interval_s: float | None = None  # from one packet to the next, of late
         self._first_due_s = float("inf")  # when packet 0 would have been due
         self._unevenness_s = 0.0
@@ -100,6 +102,11 @@ class FrameNumbers:
         if not self._times:
             self._first_due_s = now_s - USUAL_INTERVAL_S * (self._begin - 1)
 
+    def learn_round_trip(self, seconds: float) -> None:
+        """No question is answered sooner."""
+        self._round_trip_s = seconds
+        self._round_s = max(self._round_s, 1.3 * seconds)
+
     def pass_by(self, number: int, now_s: float) -> None:
         """A packet has come by another way, which delivers all of them in order."""
         self._missing.clear()
@@ -126,6 +133,7 @@ class FrameNumbers:
         asked = asked[-MAX_MISSING:]
         for number in asked:
             self._missing[number].asked_s = now_s
+            self._missing[number].first_asked_s = min(self._missing[number].first_asked_s, now_s)
             self._missing[number].asks += 1
         return tuple(asked)
 
@@ -136,10 +144,13 @@ class FrameNumbers:
     def _note(self, number: int, now_s: float) -> None:
         """Learn from a packet that has come."""
         missing = self._missing.pop(number, None)
-        self._firsts.append(missing is None or not missing.asks)
-        if missing is not None and missing.asks == 1:
+        answer_s = float("inf") if missing is None else now_s - missing.first_asked_s
+        is_answer = missing is not None and missing.asks > 0 and answer_s >= self._round_trip_s
+        self._firsts.append(not is_answer)
+        if is_answer and missing is not None and missing.asks == 1:
             # How long a question and its answer take, a little more.
-            self._round_s = min(max(1.3 * (now_s - missing.asked_s), ASK_AGAIN_S), GIVE_UP_S / 2)
+            least_s = max(ASK_AGAIN_S, 1.3 * self._round_trip_s)
+            self._round_s = min(max(1.3 * answer_s, least_s), GIVE_UP_S / 2)
         if number > self.newest:
             self._learn_times(number, now_s, missing is None)
 

@@ -90,6 +90,8 @@ class DeliveryReceiver:
         self._answered_s = float("-inf")
         self._reported_s, self._report_due_s = float("-inf"), float("inf")
         self._sessions = 0
+        self._sent_s: dict[int, float] = {}  # when a question was sent, by its nonce
+        self._round_trip_s = float("inf")
 
     @property
     def heard_s(self) -> float | None:
@@ -112,7 +114,9 @@ class DeliveryReceiver:
 
     def hello(self, now_s: float) -> bytes:
         """A HELLO that asks for an answer."""
-        return self._hello(asks=True)
+        question = self._hello(asks=True)
+        self._sent_s[self._nonce] = now_s
+        return question
 
     def bye(self) -> bytes | None:
         """What is sent at last; None if there is no encoder."""
@@ -181,7 +185,7 @@ class DeliveryReceiver:
             pause_s = silence_s / 2
         if now_s - self._asked_s >= pause_s:
             self._asked_s, self._asks = now_s, self._asks + 1
-            yield self._hello(asks=True)
+            yield self.hello(now_s)
 
     def _hello(self, asks: bool, answers: int = 0, is_busy: bool = False) -> bytes:
         self._nonce = self._nonce % (NONCES - 1) + 1
@@ -203,6 +207,9 @@ class DeliveryReceiver:
             if call is None or hello.session != call.session:
                 return []
         call.heard_s = now_s
+        if (sent_s := self._sent_s.pop(hello.answers, None)) is not None:
+            self._round_trip_s = min(self._round_trip_s, now_s - sent_s)
+            call.frames.learn_round_trip(self._round_trip_s)
         if call.is_over:
             self._out.append(self._bye())
             return []
@@ -224,6 +231,7 @@ class DeliveryReceiver:
         elif hello.echo != self._session:
             # Its answer to this shows that it is no recording of an earlier one.
             self._out.append(self._hello(asks=True, answers=hello.nonce))
+            self._sent_s[self._nonce] = now_s
         else:
             frames = FrameNumbers(hello.frames, now_s)
             self._call = _Call(hello.session, self._sessions, now_s, frames)
