@@ -233,3 +233,21 @@ def test_packets_that_come_less_often_than_expected_are_soon_not_asked_for() -> 
             asked[-1] += len(frames.to_ask(now_s, is_reliable=False))
         assert frames.take(number % 64, now_s) == number
     assert sum(asked[10:20]) > 0 and sum(asked[20:]) == 0 and frames.loss == 0
+
+
+def test_after_a_long_silence_a_decoder_asks_which_packet_has_come() -> None:
+    end, silence_s = receiver(), 60.0
+    for number, at_s in ((0, 0.1), (7, silence_s)):
+        assert end.receive(serialise(FramePacket(number, bytes(9))), at_s) == []
+    messages = [parse_message(data) for data in end.payloads(silence_s + 0.5)]
+    assert any(isinstance(each, Hello) and each.asks for each in messages)
+    # Until it is told it asks for no packet by its number.
+    assert not any(isinstance(each, Report) and each.missing for each in messages)
+
+
+def test_an_encoder_goes_on_for_the_decoders_that_stay() -> None:
+    end = sender()
+    end.receive(hello(Role.DECODER, b"another1", echo=ENCODER), 1.0)
+    assert end.peers == {DECODER, b"another1"}
+    end.receive(serialise_message(Bye(Role.DECODER, peer_id(DECODER))), 2.0)
+    assert end.peers == {b"another1"} and end.heard_s == 1.0
