@@ -4,7 +4,9 @@ A pose is (wx, wy, wz, x, y, log s): the rotation vector that turns the head bef
 the camera, `FRONTAL` exp(w), radians; the pixel of the head's origin; the logarithm of the scale,
 pixels per mm.  A step is (wx, wy, wz, x, y, log s) too, but in the head's own axes, so that the
 same step changes a texture alike wherever the face is: the rotation is applied in head axes, the
-shift is along and across the head's horizontal axis in the picture, in mm.
+shift is along and across the head's horizontal axis in the picture, in mm.  Steps turn and scale
+about the middle of the face: about the head's origin, between the ears, a turn would be a shift of
+the face before anything else.
 """
 
 import numpy as np
@@ -30,6 +32,8 @@ POSE_NAMES = ("rx", "ry", "rz", "tx", "ty", "scale")
 # The lens by which weak perspective is expressed as a perspective camera, in terms of the longer
 # side: so long that depth in the head changes the scale by less than 1 in 10,000.
 TELEPHOTO_RATIO = 1000.0
+# What stays in its place when a step turns or scales, head frame.
+PIVOT_MM = np.array([0.0, -18.0, 75.0])
 
 
 def rotation_matrix(pose: Array) -> Array:
@@ -47,22 +51,34 @@ def project(pose: Array, points_mm: Array) -> Array:
 def displaced(pose: Array, step: Array) -> Array:
     """The pose (6,) after a step (6,), see above."""
     turn = multiply(quaternion_from_vector(pose[:3]), quaternion_from_vector(step[:3]))
-    across = rotation_matrix(pose)[:2, 0]
-    across = across / max(float(np.linalg.norm(across)), 1e-6)
-    down = np.array([-across[1], across[0]])
+    turned = np.concatenate([vector_from_quaternion(turn), pose[3:]])
+    across, down = _face_axes(pose)
     shift = np.exp(pose[5]) * (step[3] * across + step[4] * down)
-    return np.concatenate([vector_from_quaternion(turn), pose[3:5] + shift, [pose[5] + step[5]]])
+    place = _pivot(pose) + shift
+    scale = pose[5] + step[5]
+    turned[3:] = [0.0, 0.0, scale]
+    return np.concatenate([turned[:3], place - _pivot(turned), [scale]])
 
 
 def step_between(pose: Array, target: Array) -> Array:
     """The step (6,) that takes one pose to another: `displaced(pose, step)` is the target."""
     turn = multiply(conjugate(quaternion_from_vector(pose[:3])), quaternion_from_vector(target[:3]))
-    across = rotation_matrix(pose)[:2, 0]
-    across = across / max(float(np.linalg.norm(across)), 1e-6)
-    down = np.array([-across[1], across[0]])
-    shift = (target[3:5] - pose[3:5]) / np.exp(pose[5])
+    across, down = _face_axes(pose)
+    shift = (_pivot(target) - _pivot(pose)) / np.exp(pose[5])
     moved = [shift @ across, shift @ down, target[5] - pose[5]]
     return np.concatenate([vector_from_quaternion(turn), moved])
+
+
+def _pivot(pose: Array) -> Array:
+    """(2,) pixel of the middle of the face."""
+    return np.asarray(project(pose, PIVOT_MM[None])[0])
+
+
+def _face_axes(pose: Array) -> tuple[Array, Array]:
+    """(2,) each: along the head's horizontal axis in the picture, and across it, downwards."""
+    across = rotation_matrix(pose)[:2, 0]
+    across = across / max(float(np.linalg.norm(across)), 1e-6)
+    return across, np.array([-across[1], across[0]])
 
 
 def mirrored(pose: Array, width: int) -> Array:

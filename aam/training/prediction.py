@@ -15,8 +15,7 @@ Single = NDArray[np.float32]
 
 # Displacements of c (Table 2.4), standard deviations.
 C_SIGMAS = (-1.5, -0.5, 0.5, 1.5)
-# Added to the balanced normal matrix.  A turn about x or y changes a texture almost as a shift
-# along the other axis does (their derivatives correlate by 0.97): the pose needs more.
+# Added to the balanced normal matrix, of c and of the pose.
 RIDGE, POSE_RIDGE = 1e-3, 0.03
 
 
