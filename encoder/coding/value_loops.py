@@ -52,6 +52,8 @@ def value_decisions(values: Integers, tables: Integers, references: Integers) ->
     tables, references: (frames, n), see `ValueContext.table`.
     """
     decisions = np.zeros((2, _LONGEST * values.size), np.int64)
+    # One layout, so that the loop is compiled once.
+    values, tables, references = map(np.ascontiguousarray, (values, tables, references))
     count = _list_values(values, tables, references, new_context(), decisions)
     bits, zeros = decisions[:, :count]
     return bits, zeros

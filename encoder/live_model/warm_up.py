@@ -15,6 +15,7 @@ from encoder.capture.video_source import VideoFormat, open_source
 from encoder.coding.background import BackgroundImage
 from encoder.coding.gop import GopStructure, gop_for_fps
 from encoder.coding.model_packet import BUDGETS
+from encoder.coding.rdo_quantiser import code_packet
 from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.fitting.identity import TYPICAL_FOCAL_RATIO
 from encoder.fitting.landmark_fit import landmark_model
@@ -22,6 +23,7 @@ from encoder.learning.incremental_modes import ModeLearner
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.picture_coding.image_budget import encode_background_within
 from encoder.tracking.outlier_rejection import robust_residuals
+from protocol.frames.temporal_prediction import FramePredictor
 from protocol.pictures.picture_codec import decode_picture
 from shared_model.geometry import Camera, camera_from_head, pixel_from_camera, pose_from_euler
 from shared_model.mesh import Head
@@ -32,6 +34,8 @@ Array = NDArray[np.float64]
 # Distance of the face, and the size of its model.
 DISTANCE_MM = 600.0
 BYTES, MODES, FRAMES = 1500, 2, 4
+# Of the frame packet, 0 (finest) to 31.
+QUALITY = 10
 # Height and width of the picture that loops are compiled with.
 COMPILE_SIZE = (240, 320)
 # Grey levels of the noise.
@@ -39,7 +43,7 @@ GREY = (100, 156)
 
 
 def warm_up(head: Head, video: VideoFormat, gop: GopStructure, rng: np.random.Generator) -> None:
-    """Train a model, fit a frame and learn a mode, on pictures of noise of the source's size."""
+    """Train a model, fit and code a frame, learn a mode: on noise of the source's size."""
     width, height = video.width, video.height
     points = frontal_landmarks(
         head, Camera(width, height, TYPICAL_FOCAL_RATIO * max(width, height))
@@ -52,7 +56,10 @@ def warm_up(head: Head, video: VideoFormat, gop: GopStructure, rng: np.random.Ge
     trainer = ModelTrainer(head, video, gop, background, budget, progressive=False, workers=1)
     version = trainer.train(budget, pictures, [points] * FRAMES, 0)
     samples = [version.sample(picture, points) for picture in pictures]
-    version.fit(samples[0])
+    transform = version.padded_transform
+    predictor = FramePredictor(transform.scale_codes, transform.reserved_modes)
+    values = version.transform_faces([version.fit(samples[0])])
+    code_packet(predictor, 0, gop.frames_per_packet, values, QUALITY, intra=True)
     ModeLearner(version.person).update(samples, version.fit_texels, BYTES, 1)
 
 
