@@ -90,6 +90,10 @@ def run_decode(arguments: argparse.Namespace) -> int:
     check_outputs(read, [arguments.output, arguments.report])
     if arguments.call_file is not None:
         reject(arguments, DECODE_LINK_OPTIONS, "a call file")
+    if arguments.output is not None and arguments.output != STANDARD:
+        from decoder.sinks.frame_sink import check_sink
+
+        check_sink(arguments.output)
     if arguments.source and arguments.output == STANDARD:
         raise UserError("--source does not go with -o -; leave out -o, or name a file")
     from loopback.report import write_json

@@ -44,7 +44,7 @@ def talking(carphone: Path, make_once: MakeOnce) -> Path:
                     sink.write(frame)
                 sink.write_sound(voiced_sound(round(FRAMES / fps * RATE_HZ)))
 
-    return make_once("talking", write) / "talking.mkv"
+    return make_once("carphone_with_voice", write) / "talking.mkv"
 
 
 @pytest.mark.parametrize("voice", ["700C", "1200", "opus"])

@@ -182,7 +182,7 @@ def test_the_last_bytes_go_into_a_coarser_last_mode(shape: ShapeFreeFrame) -> No
     samples, _ = synthetic_samples(shape, noise=6.0)
     whole = coded(shape, samples, 20_000, most=2)
     first, second = whole.modes
-    limit = len(whole.texture) + len(first) + len(second) // 2 + 2 * MODE_OVERHEAD_BYTES
+    limit = len(whole.texture) + len(first) + 2 * len(second) // 3 + 2 * MODE_OVERHEAD_BYTES
     found = coded(shape, samples, limit)
     assert len(found.texture) + sum(map(len, found.modes)) <= limit
     steps = [mode[0] for mode in found.modes]
