@@ -85,17 +85,7 @@ def add_decode(added: "Commands") -> None:
 
 def run_decode(arguments: argparse.Namespace) -> int:
     """`risorius decode`."""
-    check_place(arguments, "a call file", arguments.call_file is not None)
-    read = [arguments.call_file, arguments.source, arguments.face]
-    check_outputs(read, [arguments.output, arguments.report])
-    if arguments.call_file is not None:
-        reject(arguments, DECODE_LINK_OPTIONS, "a call file")
-    if arguments.output is not None and arguments.output != STANDARD:
-        from decoder.sinks.frame_sink import check_sink
-
-        check_sink(arguments.output)
-    if arguments.source and arguments.output == STANDARD:
-        raise UserError("--source does not go with -o -; leave out -o, or name a file")
+    _check_arguments(arguments)
     from loopback.report import write_json
 
     with ExitStack() as stack:
@@ -125,6 +115,21 @@ def run_decode(arguments: argparse.Namespace) -> int:
     if stop():
         return INTERRUPTED
     return 0 if arguments.call_file or report.complete else LINK_FAILED
+
+
+def _check_arguments(arguments: argparse.Namespace) -> None:
+    """Raise `UserError` for what is wrong before anything is read or waited for."""
+    check_place(arguments, "a call file", arguments.call_file is not None)
+    read = [arguments.call_file, arguments.source, arguments.face]
+    check_outputs(read, [arguments.output, arguments.report])
+    if arguments.call_file is not None:
+        reject(arguments, DECODE_LINK_OPTIONS, "a call file")
+    if arguments.output is not None and arguments.output != STANDARD:
+        from decoder.sinks.frame_sink import check_sink
+
+        check_sink(arguments.output)
+    if arguments.source and arguments.output == STANDARD:
+        raise UserError("--source does not go with -o -; leave out -o, or name a file")
 
 
 def _decode(
