@@ -3,7 +3,6 @@
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from encoder.detection.landmark_indices import FACE_OVAL
 from encoder.runtime.image_ops import hull_mask
@@ -46,12 +45,3 @@ def texture_frame(size: int, frame: str) -> Atlas:
         atlas.corners[chosen],
         atlas.weights[chosen],
     )
-
-
-def to_picture(
-    rows: NDArray[np.int32], columns: NDArray[np.int32], size: int, values: NDArray[np.floating]
-) -> NDArray[np.float32]:
-    """(size, size) the values of texels (k,) on their places, nan elsewhere."""
-    picture = np.full((size, size), np.nan, np.float32)
-    picture[rows, columns] = values
-    return picture

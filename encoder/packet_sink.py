@@ -2,7 +2,7 @@
 
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import BinaryIO, Self
+from typing import BinaryIO
 
 from encoder.options import EncodeOptions
 from protocol.call_file import CallStreamWriter, CallWriter
@@ -53,7 +53,7 @@ def _open_packet_sink(
     return sink
 
 
-class MonitoredSink:
+class MonitoredSink(PacketSink):
     """A `PacketSink` that sends each packet to another one and writes it to an open stream.
 
     A stream that cannot be written any more gets nothing further: the call goes on.
@@ -88,9 +88,3 @@ class MonitoredSink:
     def close(self) -> None:
         """Close the other sink; the stream stays open."""
         self._sink.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()

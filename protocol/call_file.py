@@ -8,18 +8,18 @@ from collections.abc import Callable, Iterator
 from os import fstat
 from pathlib import Path
 from time import monotonic
-from typing import BinaryIO, Self
+from typing import BinaryIO
 
 from protocol.call_records import DamagedRecord, RecordReader, RecordWriter
 from protocol.errors import ProtocolError
-from protocol.link.interface import Arrival, LinkQuality, Reachability
+from protocol.link.interface import Arrival, LinkQuality, PacketSink, PacketSource, Reachability
 from protocol.packets import is_end
 from shared_model.errors import UserError, cannot_read, cannot_write
 
 MAGIC = b"RZO2"
 
 
-class CallWriter:
+class CallWriter(PacketSink):
     """Writes a call file: a `PacketSink`.
 
     The file is written under a temporary name next to `path` and renamed on closing, so `path`
@@ -83,14 +83,8 @@ class CallWriter:
         elif not self._write_failed:
             self._part.replace(self._path)
 
-    def __enter__(self) -> Self:
-        return self
 
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-
-
-class CallStreamWriter:
+class CallStreamWriter(PacketSink):
     """Writes a call to an open stream, such as standard output: a `PacketSink`.
 
     The stream stays open.  Raises `OSError` if it cannot be written.
@@ -117,18 +111,12 @@ class CallStreamWriter:
     def close(self) -> None:
         """Do nothing: each packet has been flushed."""
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-
     def _write(self, data: bytes) -> None:
         self._stream.write(data)
         self._stream.flush()
 
 
-class CallReader:
+class CallReader(PacketSource):
     """Reads a call file, or the same bytes from an open stream: a `PacketSource`.
 
     A stream stays open when the reader is closed.
@@ -210,17 +198,7 @@ class CallReader:
             self._records = RecordReader(self._file, len(MAGIC))
         return self._records
 
-    def __iter__(self) -> Iterator[bytes]:
-        while (arrival := self.receive()) is not None:
-            yield arrival.data
-
     def close(self) -> None:
         """Close the file."""
         if self._is_own:
             self._file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()

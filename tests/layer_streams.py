@@ -2,20 +2,18 @@
 
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from packets import CALL, MODEL
 
 from encoder.coding.rdo_quantiser import code_packet
+from protocol.call_file import CallWriter
 from protocol.frames.frame_transform import GEOMETRY_SIZE, FrameTransform, with_reserved_modes
 from protocol.frames.temporal_prediction import PREDICTION_KINDS, FramePredictor
 from protocol.frames.transform_coding import parse_transform, serialise_transform
 from protocol.model_packet import ModelPacket
-from protocol.packets import (
-    FramePacket,
-    LayerPacket,
-    serialise,
-)
+from protocol.packets import ControlKind, ControlPacket, FramePacket, LayerPacket, serialise
 from protocol.progressive_model import stream_item
 
 ITEMS = (b"whole texture", b"whole background", b"first mode" * 20, b"second", b"third")
@@ -93,3 +91,12 @@ def frames(count: int, first: int = 0, model: ModelPacket = FIRST) -> list[bytes
         predictor.anchor = packet.frames[-1]
         packets.append(serialise(FramePacket((first + number) % 64, packet.payload)))
     return packets
+
+
+def write_call(path: Path, count: int) -> None:
+    """A call file of `count` frame packets of `frames`, with its model and its end."""
+    with CallWriter(path) as writer:
+        for data in (serialise(BASE), *frames(count, model=BASE)):
+            writer.send(data)
+        end = 1 + PACKED * (count - 1)
+        writer.send(serialise(ControlPacket(0, ControlKind.END, end)))

@@ -22,11 +22,6 @@ class SpeechFrames:
         """No frame before this number comes any more, unless its packet is late."""
         return self._blocks[-1][1] if self._blocks else 0
 
-    @property
-    def received_until(self) -> int:
-        """The frame after the newest one received."""
-        return self._blocks[-1][2] if self._blocks else 0
-
     def add(self, number: int, first: int, frames: tuple[bytes | None, ...]) -> None:
         """Enter the frames of packet `number` of the call, the first one being frame `first`."""
         block = number, first, first + len(frames)

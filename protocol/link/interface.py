@@ -140,9 +140,11 @@ class PacketSink(Protocol):
 
     def __enter__(self) -> Self:
         """Return the sink, which is closed on leaving the block."""
+        return self
 
     def __exit__(self, *exception: object) -> None:
         """Close."""
+        self.close()
 
 
 class PacketSource(Protocol):
@@ -165,12 +167,16 @@ class PacketSource(Protocol):
 
     def __iter__(self) -> Iterator[bytes]:
         """The bytes of all packets until `ended`."""
+        while (arrival := self.receive()) is not None:
+            yield arrival.data
 
     def close(self) -> None:
         """Close the file or the network connection."""
 
     def __enter__(self) -> Self:
         """Return the source, which is closed on leaving the block."""
+        return self
 
     def __exit__(self, *exception: object) -> None:
         """Close."""
+        self.close()

@@ -1,6 +1,5 @@
 """The decoder's end of a call over a network."""
 
-from collections.abc import Iterator
 from contextlib import suppress
 from queue import Empty, SimpleQueue
 from time import monotonic
@@ -11,6 +10,7 @@ from protocol.link.interface import (
     LinkOptions,
     MessageCallback,
     PacketProtection,
+    PacketSource,
 )
 from protocol.link.link_end import CarrierFactory, LinkEnd, link_service
 from protocol.link.messages import Role
@@ -25,7 +25,7 @@ SILENT_S, LOST_S = 5.0, 120.0
 ARRIVAL_OVERHEAD_BYTES, MAX_QUEUED_BYTES = 128, 16 * 1024 * 1024
 
 
-class LinkSource(LinkEnd):
+class LinkSource(LinkEnd, PacketSource):
     """The decoder's end of a call: a `PacketSource`.
 
     Returns the model before any frame, whenever it joins.  Ends with the END packet; without one
@@ -74,10 +74,6 @@ class LinkSource(LinkEnd):
             if deadline_s is not None and monotonic() >= deadline_s:
                 break
         return None
-
-    def __iter__(self) -> Iterator[bytes]:
-        while (arrival := self.receive()) is not None:
-            yield arrival.data
 
     def close(self) -> None:
         """See `PacketSource`; the encoder is told."""

@@ -3,11 +3,9 @@
 from pathlib import Path
 
 import pytest
-from layer_streams import BASE, frames
+from layer_streams import BASE, write_call
 
 from loopback.simulated_link import SimulatedLink, arrivals, sent_packets
-from protocol.call_file import CallWriter
-from protocol.packets import ControlKind, ControlPacket, serialise
 
 COUNT = 60
 
@@ -15,10 +13,7 @@ COUNT = 60
 @pytest.fixture(scope="module")
 def call(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("calls") / "call.rzo"
-    with CallWriter(path) as writer:
-        for data in (serialise(BASE), *frames(COUNT, model=BASE)):
-            writer.send(data)
-        writer.send(serialise(ControlPacket(0, ControlKind.END, 1 + 8 * (COUNT - 1))))
+    write_call(path, COUNT)
     return path
 
 

@@ -3,13 +3,12 @@
 from pathlib import Path
 
 import pytest
-from layer_streams import BASE, frames
+from layer_streams import write_call
 
 from loopback.bad_wire import Faults
 from loopback.network_namespace import obstacle
 from loopback.simulated_link import sent_packets
-from protocol.call_file import CallWriter
-from protocol.packets import ControlKind, ControlPacket, is_end, serialise
+from protocol.packets import is_end
 from scripts.reliability.__main__ import make_call, measure
 from scripts.reliability.ends import lengthened
 from scripts.reliability.figures import back_after_s, percentile, ways_ms
@@ -21,10 +20,7 @@ COUNT = 8
 @pytest.fixture(scope="module")
 def call(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("calls") / "call.rzo"
-    with CallWriter(path) as writer:
-        for data in (serialise(BASE), *frames(COUNT, model=BASE)):
-            writer.send(data)
-        writer.send(serialise(ControlPacket(0, ControlKind.END, 1 + 8 * (COUNT - 1))))
+    write_call(path, COUNT)
     return path
 
 

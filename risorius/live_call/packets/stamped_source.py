@@ -1,16 +1,14 @@
 """Packets of a pipe with the time at which each has come, however late it is taken."""
 
 import time
-from collections.abc import Iterator
 from queue import Empty, SimpleQueue
 from threading import Thread
-from typing import Self
 
 from protocol.errors import ProtocolError
 from protocol.link.interface import Arrival, PacketSource
 
 
-class StampedSource:
+class StampedSource(PacketSource):
     """A `PacketSource` that reads another one in a thread of its own, until that ends."""
 
     def __init__(self, source: PacketSource) -> None:
@@ -40,19 +38,9 @@ class StampedSource:
         self._ended = arrival is None
         return arrival
 
-    def __iter__(self) -> Iterator[bytes]:
-        while (arrival := self.receive()) is not None:
-            yield arrival.data
-
     def close(self) -> None:
         """Close the other source."""
         self._source.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
     def _read(self) -> None:
         # A process that was killed has not written its last packet to the end.

@@ -1,9 +1,8 @@
 """Counts the packets of one direction of a call, and lets somebody else have a copy of each."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from threading import Lock
-from typing import Self
 
 from protocol.link.interface import Arrival, LinkQuality, PacketSink, PacketSource, Reachability
 from risorius.live_call.messages import Traffic
@@ -33,7 +32,7 @@ class TrafficMeter:
         return traffic
 
 
-class MeteredSink:
+class MeteredSink(PacketSink):
     """A `PacketSink` that counts what it sends to another one.
 
     on_packet: called with each packet.
@@ -64,14 +63,8 @@ class MeteredSink:
         """Close the other sink."""
         self._sink.close()
 
-    def __enter__(self) -> Self:
-        return self
 
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-
-
-class MeteredSource:
+class MeteredSource(PacketSource):
     """A `PacketSource` that counts what comes out of another one.
 
     on_arrival: called with each packet.
@@ -100,16 +93,6 @@ class MeteredSource:
             self._on_arrival(arrival)
         return arrival
 
-    def __iter__(self) -> Iterator[bytes]:
-        while (arrival := self.receive()) is not None:
-            yield arrival.data
-
     def close(self) -> None:
         """Close the other source."""
         self._source.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
