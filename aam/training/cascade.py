@@ -61,10 +61,12 @@ def first_states(
             sigma = FAR_SHIFT if number % 2 else NEAR_SHIFT
             angle = random.uniform(0, 2 * np.pi)
             way = np.array([np.cos(angle), np.sin(angle)])
-            pose = pose_from_eyes(warp, mean, middles)
-            pose[: count - 3] += random.normal(0, TURN_SIGMA_RAD, count - 3)
-            pose[-3:-1] += random.normal(0, sigma) * distance * way
-            pose[-1] += random.normal(0, SCALE_SIGMA)
+            step = np.zeros(count)
+            step[: count - 3] = random.normal(0, TURN_SIGMA_RAD, count - 3)
+            shift_px = random.normal(0, sigma) * distance * way
+            step[-1] = random.normal(0, SCALE_SIGMA)
+            pose = warp.displaced(pose_from_eyes(warp, mean, middles), step)
+            pose[-3:-1] += shift_px
             poses.append(pose)
     index = np.repeat(np.arange(len(faces)), repeats)
     return SearchStates(index, np.array(poses), np.zeros((len(index), len(model.deviations))))

@@ -12,6 +12,7 @@ from aam.model_file import read_model, write_model
 from aam.pca import principal_components
 from aam.search.find_face import find_face, find_from_eyes, find_in_window
 from aam.search.search import METHODS, SearchOptions
+from aam.training.cascade import NEAR_SHIFT, TURN_SIGMA_RAD, first_states
 from aam.training.faces import at_resolution, mirrored_face, read_faces, rescaled
 from aam.training.report import person_residuals, write_report
 from aam.training.ridge import fit_ridge
@@ -85,6 +86,23 @@ def test_rescaled_poses_show_the_same_place_in_a_smaller_picture() -> None:
     np.testing.assert_allclose(
         small, (warp.positions(face.shape, face.pose) + 0.5) / 2 - 0.5, atol=1e-4
     )
+
+
+def test_a_turned_start_is_not_shifted_by_its_turn() -> None:
+    warp, prepared = head_warp(32, "full"), at_resolution(FACES[:2], 32, "none")
+    model, _ = combined_model(at_resolution(FACES, 32, "none"), warp, OPTIONS)
+    repeats = 200
+    states = first_states(model, warp, prepared, repeats, np.random.default_rng(4))
+    for number, face in enumerate(prepared):
+        corners = warp.landmarks(face.shape, face.pose)[list(warp.eye_corners)]
+        eyes = corners.reshape(2, 2, 2).mean(1)
+        at_eyes = pose_from_eyes(warp, model.shape_of(states.c[0]), eyes)
+        near = states.pose[states.face == number][::2]
+        steps = np.array([warp.step_between(at_eyes, pose) for pose in near])
+        assert steps[:, :3].std() == pytest.approx(TURN_SIGMA_RAD, rel=0.15)
+        shift_px = np.linalg.norm(steps[:, 3:5], axis=1) * np.exp(at_eyes[5])
+        shares = shift_px / np.linalg.norm(eyes[1] - eyes[0])
+        assert np.sqrt((shares**2).mean()) == pytest.approx(NEAR_SHIFT, rel=0.2)
 
 
 @pytest.mark.parametrize("columns", [20, 200])
