@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from decoder.rendering.texture_colour import LocalColours
 from protocol.errors import ProtocolError
 from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
@@ -73,6 +74,8 @@ class AppearanceModel:
                 self._damaged = data
                 image = self._codec.decode(f"mode {number}", data)
                 self._damaged = None
+                if self._colours is not None:
+                    image = self._colours.complete(image)
                 rows.append(self._to_atlas(image).reshape(1, -1))
         finally:
             # The codec has advanced by the modes decoded before the damaged one.
@@ -95,6 +98,7 @@ class AppearanceModel:
         codec = ModeCodec(len(mean), _weight_map(model.texture))
         self._texture, self._codec = model.texture, codec
         self._mean = np.asarray(self._to_atlas(mean) + 0.5, np.uint8)
+        self._colours = LocalColours(self._mean) if self._has_surround else None
         self._damaged = None
         self._modes = np.zeros((0, mean.size), np.float32)
 
@@ -112,6 +116,8 @@ class AppearanceModel:
         if not coefficients.size:
             return self._mean
         flat = coefficients[: len(self._modes)].astype(np.float32) @ self._modes
+        if self._colours is not None:
+            return self._colours.texture(flat)
         flat += self._mean.ravel()
         # Adding 0.5 and truncating is faster than rounding.
         flat += np.float32(0.5)
