@@ -97,6 +97,9 @@ class CallPictures:
         self._source = self._stack.enter_context(source or open_source(options, on_message))
         self._loader = PartsLoader()
         self._stack.callback(self._loader.close)
+        if source is not None or options.call_file is None:
+            # Meanwhile the encoder is looked for.
+            self._loader.warm_up()
         self._scene: Scene | None = None
         self._submitted: PlayoutFrame | None = None
         self._face: FaceParameters | None = None  # of the frame before, as long as it looks so

@@ -7,6 +7,7 @@ the model has been received.
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +20,8 @@ from decoder.rendering.render_geometry import NEAR_MM
 from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import AAU_STEP, EAU_STEP, RESIDUAL_STEP_MM, values_from_codes
 from protocol.model_packet import ModelPacket
+from protocol.pictures.picture_codec import decode_picture, serialise_picture_header
+from protocol.pictures.probability_model import TEXTURE
 from protocol.progressive_model import is_same_model
 from shared_model.animate import Face, identity_from_controls
 from shared_model.geometry import Camera, camera_from_head
@@ -40,6 +43,8 @@ MAX_PICTURE_PX = 4096 * 4096
 MIN_FACE_WIDTH_PX = 4.0
 # The models that are asked for again: the one in use and the update.
 KEPT_MODELS = 4
+# Side of the picture that the decoder is warmed up with.
+WARM_UP_PX = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +116,10 @@ class PartsLoader:
         self._load, self._executor = load, ThreadPoolExecutor(1)
         self._jobs: list[tuple[ModelPacket, Future[SceneParts]]] = []
 
+    def warm_up(self) -> None:
+        """Do what takes long the first time, before a model is there."""
+        self._executor.submit(_warm_up)
+
     def request(self, model: ModelPacket) -> "Future[SceneParts]":
         """Begin to decode a model, unless that has been done."""
         for known, job in reversed(self._jobs):
@@ -132,6 +141,14 @@ class PartsLoader:
         before = [job.result() for _, job in self._jobs if job.done() and job.exception() is None]
         alike = [parts for parts in before if is_same_model(parts.model, model)]
         return self._load(model, [None, *before, *alike][-1])
+
+
+def _warm_up() -> None:
+    """Read the head, and decode a picture of zeros: that loads the compiled loops."""
+    residual_basis(head_with_surround())
+    header = serialise_picture_header(TEXTURE, WARM_UP_PX, WARM_UP_PX, b"")
+    with suppress(ProtocolError):
+        decode_picture("warm-up", header + bytes([0]))
 
 
 def head_of(model: ModelPacket) -> Head:

@@ -41,9 +41,8 @@ class BackgroundImage:
 
     def encode(self, max_bytes: int) -> bytes:
         """Mask and picture, the picture as fine as `max_bytes` for both allow."""
-        mask_bytes = len(serialise_background(self.foreground, b""))
-        picture = encode_background_within(self.picture, max_bytes - mask_bytes)
-        return serialise_background(self.foreground, picture)
+        mask = serialise_background(self.foreground, b"")
+        return mask + encode_background_within(self.picture, max_bytes - len(mask))
 
     def encode_rough(self, max_bytes: int) -> bytes:
         """See `Background`."""

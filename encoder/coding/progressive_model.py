@@ -37,7 +37,8 @@ def split_into_layers(
 ) -> LayeredModel:
     """Split a model packet of the default profile.
 
-    mean: (n, n, 3) BGR 0..255, the decoded texture.  background: of the packet.
+    mean: (n, n, 3) BGR 0..255, the decoded texture.  background: of the packet, which need not have
+        it yet.
     base_bytes: of the base layer, unless geometry and tables alone are larger.
     """
     transform = parse_transform(model.profile_data)
@@ -65,4 +66,4 @@ def split_into_layers(
 
 
 def _smaller(picture: bytes, coarse: bytes) -> bytes:
-    return picture if len(picture) <= len(coarse) else coarse
+    return picture if 0 < len(picture) <= len(coarse) else coarse

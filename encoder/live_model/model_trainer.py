@@ -112,16 +112,17 @@ class ModelTrainer:
         self._layer_updates = layer_updates
         self._identity: IdentityFit | None = None  # of the version before
         self._frame_layers: FrameLayers | None = None  # of the background in use
-        # Encoded while the first version is trained: each takes as long as many frames.
-        executor = ThreadPoolExecutor(1)
-        self._background_data: Future[bytes] | bytes = executor.submit(
-            background.encode, budget.background_bytes
-        )
-        executor.shutdown(wait=False)
+        self._background_data: Future[bytes] | bytes | None = None
+        if not progressive:
+            # Encoded while the first version is trained: each takes as long as many frames.
+            executor = ThreadPoolExecutor(1)
+            self._background_data = executor.submit(background.encode, budget.background_bytes)
+            executor.shutdown(wait=False)
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process needs to go on."""
-        return self.__dict__ | {"_background_data": self._encoded_background()}
+        known = None if self._background_data is None else self._encoded_background()
+        return self.__dict__ | {"_background_data": known}
 
     def bootstrap(
         self, pictures: Sequence[Picture], points: Sequence[Array], start_frame: int
@@ -133,6 +134,9 @@ class ModelTrainer:
         """
         appearance_bytes = int(BOOTSTRAP_SHARE * self._budget.appearance_bytes)
         budget = replace(self._budget, appearance_bytes=appearance_bytes, max_modes=0)
+        if self._progressive:
+            # A call over a thin link waits for this: it takes the background that fits alone.
+            budget = replace(budget, background_bytes=0)
         version = self.train(budget, pictures, points, 0).placed_at(0, start_frame)
         return self._base_layer_only(version) if self._progressive else version
 
@@ -265,7 +269,10 @@ class ModelTrainer:
 
     def _encoded_background(self) -> bytes:
         data = self._background_data
-        return data if isinstance(data, bytes) else data.result()
+        if data is None:
+            data = self._background.encode(self._budget.background_bytes)
+        self._background_data = data if isinstance(data, bytes) else data.result()
+        return self._background_data
 
     def _landmark_model(self, identity: IdentityFit) -> LandmarkModel:
         return personalise(landmark_model(self._head), identity.identity.aau, identity.control_mm)

@@ -3,6 +3,7 @@
 import socket
 from dataclasses import replace
 from enum import StrEnum
+from ipaddress import ip_address
 
 from protocol.endpoint import DEFAULT_SCHEMES, Endpoint
 
@@ -35,3 +36,17 @@ def resolve(endpoint: Endpoint, turn: int) -> Endpoint | Failure:
     if endpoint.scheme in DEFAULT_SCHEMES:
         return replace(endpoint, host=str(address[0]))
     return endpoint
+
+
+def source_address(endpoint: Endpoint) -> str | None:
+    """The own address on the way to an endpoint; None: no way leads there, or it has a name.
+
+    Nothing is sent.
+    """
+    try:
+        family = socket.AF_INET6 if ip_address(endpoint.host).version == 6 else socket.AF_INET
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.connect((endpoint.host, endpoint.port))
+            return str(probe.getsockname()[0])
+    except (OSError, ValueError):
+        return None

@@ -22,7 +22,7 @@ from protocol.link.messages import Role, is_hello, is_message
 TICK_S, CHECK_S = 0.02, 0.2
 # After what silence an encoder's or an idle decoder's link is searched anew, and that of a decoder
 # to which frames are coming.
-PATIENCE_S, ACTIVE_PATIENCE_S = 4.5, 1.5
+PATIENCE_S, ACTIVE_PATIENCE_S = 5.0, 1.5
 # When a candidate greets: at once, again, and with a question for whoever is there.
 GREETINGS_S, QUESTION_S = (0.0, 0.03, 0.6, 1.2), (0.3, 1.0)
 # How often the same question goes over a link that has become silent, and after which share of the

@@ -23,7 +23,7 @@ from zenoh import CongestionControl
 from zenoh.handlers import Callback
 
 from protocol.endpoint import Endpoint
-from protocol.link.endpoints import Failure, resolve
+from protocol.link.endpoints import Failure, resolve, source_address
 from protocol.link.interface import (
     LinkOptions,
     MessageCallback,
@@ -44,8 +44,13 @@ from protocol.link.link_source import LEAVE_GRACE_S, LinkSource
 from protocol.link.messages import Role
 from protocol.link.peers import POLL_S
 from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence, short_key
+from protocol.link.zenoh_settings import (
+    OPEN_S,
+    client_settings,
+    listener_settings,
+    security_settings,
+)
 from protocol.security.link_security import LinkSecurity
-from protocol.security.tls_settings import tls_settings
 from shared_model.errors import LINK_FAILED, UserError
 
 # Bytes that Zenoh adds to a frame packet from an end that listens or a relay, measured with 8-bit
@@ -55,13 +60,10 @@ ZENOH_OVERHEAD_BYTES = {"udp": 6, "tcp": 8}
 # Bytes of the headers of IP (20) and UDP (8), or TCP with timestamps (32).
 IP_OVERHEAD_BYTES = {"udp": 28, "tcp": 52}
 PRESENCE_MARK = b"p"
-# How long a connection may take to open, by whether it repeats lost messages.
-OPEN_S, RELIABLE_OPEN_S = 4.0, 10.0
 # Failures within this time are refusals.
 REFUSAL_S = 0.8 * OPEN_S
 # Time that an end waits for sessions that are being opened or closed when it leaves.
 OPENING_S, CLOSING_S = 0.5, 1.0
-MAX_MESSAGE_BYTES = 64 * 1024
 
 
 class ZenohSink(LinkSink):
@@ -105,6 +107,8 @@ class _Carrier:
         self._sent_key, self._heard_key = call_keys(options.call, is_encoder)
         self._sessions: dict[int, zenoh.Session] = {}
         self._direct: set[int] = set()  # connections to an end, and not to a relay
+        # Where connections lead to, and this host's address on the way when they were opened.
+        self._ways: dict[int, tuple[Endpoint, str | None]] = {}
         self._opening: set[int] = set()  # connections that are wanted and not open
         self._busy = 0  # threads that open or close a session
         self._done: SimpleQueue[None] = SimpleQueue()
@@ -142,12 +146,15 @@ class _Carrier:
     def is_linked(self, connection: int) -> bool:
         """See `Carrier`."""
         session = self._sessions.get(connection)
-        return session is not None and not session.is_closed() and bool(session.info.transports())
+        if session is None or session.is_closed() or self._has_moved(connection):
+            return False
+        return bool(session.info.transports())
 
     def close(self, connection: int) -> None:
         """See `Carrier`."""
         self._opening.discard(connection)
         self._direct.discard(connection)
+        self._ways.pop(connection, None)
         session = self._sessions.pop(connection, None)
         if session is not None:
             self._in_background(session.close)
@@ -188,12 +195,20 @@ class _Carrier:
         if isinstance(resolved, Failure):
             self._events.put(Failed(connection, resolved))
             return
+        self._ways[connection] = resolved, source_address(resolved)
         try:
-            self._take(connection, zenoh.open(_client_config(resolved, self._security)))
+            self._take(connection, zenoh.open(_config(client_settings(resolved), self._security)))
         except zenoh.ZError:
+            self._ways.pop(connection, None)
             took_s = monotonic() - begun_s
             failure = Failure.REFUSED if took_s < REFUSAL_S else Failure.SILENT
             self._events.put(Failed(connection, failure))
+
+    def _has_moved(self, connection: int) -> bool:
+        """Whether this host has got another address: nothing comes to the one before."""
+        endpoint, before = self._ways.get(connection, (None, None))
+        now = None if endpoint is None or before is None else source_address(endpoint)
+        return now is not None and now != before
 
     def _take(self, connection: int, session: zenoh.Session) -> None:
         """Use a session that has been opened, unless it is not wanted any more."""
@@ -241,7 +256,7 @@ def _listen(options: LinkOptions) -> zenoh.Session:
 
     def run() -> None:
         try:
-            results.append(zenoh.open(_listener_config(options)))
+            results.append(zenoh.open(_config(listener_settings(options), options.security)))
         except zenoh.ZError as error:
             results.append(error)
         done.put(None)
@@ -264,48 +279,9 @@ def _listen(options: LinkOptions) -> zenoh.Session:
     return result
 
 
-def _listener_config(options: LinkOptions) -> zenoh.Config:
-    return _config(
-        {
-            "mode": "peer",
-            "listen/endpoints": options.listen_locators,
-            "listen/timeout_ms": 0,
-            "listen/exit_on_failure": True,
-            "connect/endpoints": [each[0].locators[0] for each in options.connect_endpoints],
-        },
-        options.security,
-    )
-
-
-def _client_config(endpoint: Endpoint, security: LinkSecurity) -> zenoh.Config:
-    open_s = RELIABLE_OPEN_S if endpoint.is_reliable else OPEN_S
-    return _config(
-        {
-            "mode": "client",
-            "connect/endpoints": endpoint.locators,
-            # A second try of the same session might be refused for ever.
-            "connect/timeout_ms": 0,
-            "connect/exit_on_failure": True,
-            "transport/unicast/open_timeout": round(1000 * open_s),
-        },
-        security,
-    )
-
-
 def _config(settings: dict[str, Any], security: LinkSecurity) -> zenoh.Config:
     config = zenoh.Config()
-    common: dict[str, Any] = {
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        # Sequence numbers of one byte instead of up to five.
-        "transport/link/tx/sequence_number_resolution": "8bit",
-        "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
-        # Every five seconds where nothing else is sent: less often than reports.
-        "transport/link/tx/keep_alive": 2,
-    }
-    if security.key_file is not None:
-        common["transport/link/tls"] = tls_settings(security.key_file)
-    for name, value in {**common, **settings}.items():
+    for name, value in (settings | security_settings(security)).items():
         config.insert_json5(name, json.dumps(value))
     return config
 

@@ -1,46 +1,48 @@
 """The two ends of a measured call, as processes: a call file in, what arrived out.
 
-    python -m scripts.reliability.ends send CALL LOG ENDPOINT LEAST_S
-    python -m scripts.reliability.ends receive LOG ENDPOINT
+    python -m scripts.reliability.ends send connect ENDPOINT insecure|sframe LOG CALL
+    python -m scripts.reliability.ends receive listen|connect ENDPOINT insecure|sframe LOG
 
-The sender sends the packets of a call file at the times of their source frames, and the frame
-packets again until LEAST_S seconds have passed.  Times in the logs are of `time.monotonic`, which
-both ends share.
+The sender sends the packets of a call file at the times of their source frames.  Times in the logs
+are of `time.monotonic`, which both ends share.
 """
 
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from loopback.simulated_link import SentPacket, sent_packets
-from protocol.limits import SEQUENCE_MODULUS
+from loopback.simulated_link import sent_packets
 from protocol.link.interface import LinkOptions
 from protocol.link.zenoh_link import ZenohSink, ZenohSource
-from protocol.packets import PacketKind, is_end, packet_kind
+from protocol.packets import PacketKind, packet_kind
+from protocol.security.link_security import LinkSecurity
 
 CALL = "call"
+# No secret: both ends are in one measurement.
+KEY = bytes(range(16))
 # How long an end waits for the other.
 WAIT_S = 60.0
 
 
 def main(arguments: Sequence[str]) -> None:
     """Run one of the ends."""
-    if arguments[0] == "send":
-        _, call, log, place, least_s = arguments
-        send(Path(call), Path(log), place, float(least_s))
+    role, how, place, protection, log, *call = arguments
+    security = LinkSecurity(KEY if protection == "sframe" else None)
+    where = {how: (place,)}
+    options = LinkOptions(CALL, **where, connect_timeout_s=WAIT_S, security=security)  # type: ignore[arg-type]
+    if role == "send":
+        send(options, Path(log), Path(call[0]))
     else:
-        _, log, place = arguments
-        receive(Path(log), place)
+        receive(options, Path(log))
 
 
-def send(call: Path, log: Path, place: str, least_s: float) -> None:
+def send(options: LinkOptions, log: Path, call: Path) -> None:
     """Send a call, and log a line for each frame packet, with the link as it is then."""
-    packets = list(lengthened(sent_packets(call), least_s))
+    packets = sent_packets(call)
     with log.open("w", encoding="utf-8") as lines:
         _write(lines.write, t=time.monotonic(), what="started")
-        options = LinkOptions(CALL, connect=(place,), connect_timeout_s=WAIT_S)
         with ZenohSink(options, print) as sink:
             sink.wait_for_peer(WAIT_S)
             begun = time.monotonic()
@@ -52,6 +54,8 @@ def send(call: Path, log: Path, place: str, least_s: float) -> None:
                 rate_bps=quality.rate_bps,
                 round_trip_s=quality.round_trip_s,
             )
+            # Another process may be waiting for this line.
+            lines.flush()
             for each in packets:
                 time.sleep(max(0.0, begun + each.sent_s - time.monotonic()))
                 sink.send(each.data)
@@ -62,28 +66,11 @@ def send(call: Path, log: Path, place: str, least_s: float) -> None:
         _write(lines.write, t=time.monotonic(), what="ended", reach=sink.reachability)
 
 
-def lengthened(packets: list[SentPacket], least_s: float) -> Iterator[SentPacket]:
-    """The packets of a call that lasts so long at least, with frame packets again at its end.
-
-    Their numbers go on; what is shown of them means nothing.
-    """
-    frames = [each for each in packets if packet_kind(each.data) is PacketKind.FRAME]
-    yield from (each for each in packets if not is_end(each.data))
-    pause_s = frames[-1].sent_s - frames[-2].sent_s
-    number, now_s = len(frames), frames[-1].sent_s
-    while now_s < least_s:
-        again = frames[number % len(frames)]
-        now_s += pause_s
-        yield SentPacket(bytes([number % SEQUENCE_MODULUS]) + again.data[1:], now_s, number)
-        number += 1
-    yield SentPacket(packets[-1].data, max(now_s, packets[-1].sent_s), number)
-
-
-def receive(log: Path, place: str) -> None:
+def receive(options: LinkOptions, log: Path) -> None:
     """Receive a call, and log a line for each packet."""
     with log.open("w", encoding="utf-8") as lines:
         _write(lines.write, t=time.monotonic(), what="started")
-        with ZenohSource(LinkOptions(CALL, listen=(place,)), print) as source:
+        with ZenohSource(options, print) as source:
             while (arrival := source.receive()) is not None:
                 _write(
                     lines.write,

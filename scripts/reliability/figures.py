@@ -12,6 +12,7 @@ import numpy as np
 from decoder.playout import PlayoutFrame
 from decoder.reception.call_playout import CallPlayout
 from decoder.scene_parts import face_from_model, head_of
+from loopback.simulated_link import SentPacket
 from protocol.errors import ProtocolError
 from protocol.link.interface import Arrival
 from protocol.packets import PacketKind, packet_kind
@@ -102,3 +103,8 @@ def largest_step_px(shown: Sequence[Played]) -> float:
     ]
     steps = [np.linalg.norm(b - a, axis=1).max() for a, b in pairwise(places)]
     return float(max(steps, default=0.0))
+
+
+def clean_arrivals(sent: Sequence[SentPacket]) -> list[Arrival]:
+    """The packets as a link without faults gives them out."""
+    return [Arrival(each.data, each.sent_s, 0, each.number) for each in sent]

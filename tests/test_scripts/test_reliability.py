@@ -2,15 +2,16 @@
 
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from layer_streams import write_call
 
+from encoder.capture.video_source import open_source
 from loopback.bad_wire import Faults
 from loopback.network_namespace import obstacle
-from loopback.simulated_link import sent_packets
-from protocol.packets import is_end
 from scripts.reliability.__main__ import make_call, measure
-from scripts.reliability.ends import lengthened
+from scripts.reliability.clips import CODEC, long_enough
 from scripts.reliability.figures import back_after_s, percentile, ways_ms
 from scripts.reliability.rows import Row
 
@@ -24,14 +25,19 @@ def call(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_lengthened_call_goes_on_with_its_numbers(call: Path) -> None:
-    sent = sent_packets(call)
-    assert list(lengthened(sent, 0.0)) == sent
-    longer = list(lengthened(sent, 10.0))
-    numbers = [each.number or 0 for each in longer[1:-1]]
-    assert numbers == list(range(len(numbers))) and longer[-2].sent_s >= 10.0
-    assert [each.data[0] % 64 for each in longer[1:-1]] == [n % 64 for n in numbers]
-    assert is_end(longer[-1].data)
+def test_a_clip_that_is_too_short_goes_forwards_and_backwards(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    pictures = list(rng.integers(0, 256, (4, 48, 64, 3), np.uint8))
+    codec = cv2.VideoWriter.fourcc(*CODEC)
+    writer = cv2.VideoWriter(str(tmp_path / "clip.mkv"), codec, 25, (64, 48))
+    for picture in pictures:
+        writer.write(picture)
+    writer.release()
+    assert long_enough(tmp_path / "clip.mkv", 4 / 25, tmp_path) == tmp_path / "clip.mkv"
+    with open_source(str(long_enough(tmp_path / "clip.mkv", 0.4, tmp_path))) as capture:
+        found = [picture for _, picture in capture]
+    order = [0, 1, 2, 3, 2, 1, 0, 1, 2, 3]
+    assert np.array_equal(found, [pictures[number] for number in order])
 
 
 def test_times_and_returns_are_read_from_the_logs() -> None:
@@ -50,8 +56,8 @@ def test_times_and_returns_are_read_from_the_logs() -> None:
 
 @pytest.mark.skipif(obstacle() is not None, reason=f"no wire: {obstacle()}")
 def test_a_short_call_is_measured(call: Path, tmp_path: Path) -> None:
-    row = Row("lossy", Faults(loss=0.05, delay_ms=20), least_s=2.5)
-    figures = measure(row, call, Path("none.mkv"), tmp_path, make_call(row, call, tmp_path, 1), [])
+    row = Row("lossy", Faults(loss=0.05, delay_ms=20), sframe=True)
+    figures = measure(row, call, None, tmp_path, make_call(row, call, tmp_path, 1), {})
     assert figures["exit_codes"] == [0, 0]
-    assert None not in figures["ways_ms"] and len(figures["ways_ms"]) >= COUNT
+    assert None not in figures["ways_ms"] and len(figures["ways_ms"]) == COUNT
     assert min(figures["ways_ms"]) >= 20

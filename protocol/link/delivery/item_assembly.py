@@ -81,7 +81,11 @@ class ItemAssembly:
             if part is not None:
                 self._drop(part)
             part = lane.items[piece.item] = _Partial(piece.total, piece.number)
-        if part.packet is not None or piece.index in part.pieces:
+        if part.packet is not None:
+            # A model that has got pictures since is the same one.
+            part.total = max(part.total, piece.total)
+            return []
+        if piece.index in part.pieces:
             return []
         self._hold(part, piece)
         if len(part.pieces) < piece_count(part.total):

@@ -60,6 +60,12 @@ class ItemStore:
         """An item below the end of its span."""
         return self._items[channel].get(number, NOT_NEEDED)
 
+    def has(self, key: PieceKey) -> bool:
+        """Whether there is such a piece, still; what is ordered stays."""
+        channel, number, index = key
+        is_needed = channel is Channel.ORDERED or number >= self.span(channel).first
+        return is_needed and index < self.get(channel, number).pieces
+
     def piece(self, key: PieceKey) -> Piece:
         """One piece of an item."""
         channel, number, index = key

@@ -5,13 +5,17 @@ from dataclasses import dataclass, field, replace
 
 from protocol.link.delivery.item_store import ItemStore, PieceKey
 from protocol.link.delivery.piece_window import PieceWindow, Sent
-from protocol.link.messages import PIECE_BYTES, Channel, Piece, Report, peer_id
+from protocol.link.messages import PIECE_BYTES, Channel, Holding, Piece, Report, peer_id
+
+# A decoder that has not reported a piece for so long after it had has begun its item anew.
+FORGOTTEN_S = 1.0
 
 
 @dataclass(slots=True)
 class Peer:
-    """A decoder: what it has, by its last report.
+    """A decoder: what it has, by its reports.
 
+    grown_s: when more pieces of an item had come than before.
     answered: the newest nonce without padding that it has answered, and when that came.
     """
 
@@ -19,6 +23,7 @@ class Peer:
     heard_s: float
     below: dict[Channel, int] = field(default_factory=lambda: dict.fromkeys(Channel, 0))
     pieces: dict[tuple[Channel, int], int] = field(default_factory=dict)
+    grown_s: dict[tuple[Channel, int], float] = field(default_factory=dict)
     loss: float = 0.0
     window: PieceWindow = field(default_factory=PieceWindow)
     answered_s: float = float("-inf")
@@ -34,6 +39,21 @@ class Peer:
             return False
         return not self.pieces.get((channel, item), 0) >> index & 1
 
+    def hold(self, held: Holding, now_s: float) -> None:
+        """Take over which pieces of an item it has, from one of its reports."""
+        item = held.channel, held.item
+        known = self.pieces.get(item, 0)
+        if known & ~held.pieces and now_s - self.grown_s[item] > FORGOTTEN_S:
+            known = 0
+        if known | held.pieces != self.pieces.get(item, 0):
+            self.grown_s[item] = now_s
+        self.pieces[item] = known | held.pieces
+
+    def forget_below(self) -> None:
+        """Items that it has need not be kept in mind piece by piece."""
+        for item in [each for each in self.pieces if each[1] < self.below[each[0]]]:
+            del self.pieces[item], self.grown_s[item]
+
 
 class PieceSchedule:
     """The pieces of some items on their way to any number of decoders."""
@@ -46,12 +66,19 @@ class PieceSchedule:
         """The pieces that some of these decoders lack, in the order of their items."""
         for channel in Channel if peers else ():
             span = self._items.span(channel)
-            begin = max(span.first, min(peer.below[channel] for peer in peers))
+            begin = min(peer.below[channel] for peer in peers)
+            if channel is Channel.UNORDERED:
+                begin = max(span.first, begin)
             for number in range(begin, span.end):
                 for index in range(self._items.get(channel, number).pieces):
                     key = channel, number, index
                     if any(peer.lacks(key) for peer in peers):
                         yield key
+
+    def is_behind(self, peer: Peer) -> bool:
+        """Whether a decoder waits for items that nobody needs any more, and does not know it."""
+        channel = Channel.UNORDERED
+        return peer.below[channel] < self._items.span(channel).first
 
     def acknowledge(self, peer: Peer, report: Report, peers: Sequence[Peer], now_s: float) -> bool:
         """Take over what a decoder, one of `peers`, has; whether that is more than before."""
@@ -61,11 +88,8 @@ class PieceSchedule:
             peer.below[channel] = min(max(peer.below[channel], below), ends[channel])
         for held in report.holdings:
             if held.item < ends[held.channel]:
-                item = held.channel, held.item
-                peer.pieces[item] = peer.pieces.get(item, 0) | held.pieces
-        peer.pieces = {
-            item: bits for item, bits in peer.pieces.items() if item[1] >= peer.below[item[0]]
-        }
+                peer.hold(held, now_s)
+        peer.forget_below()
         has_more = False
         for key, sent in list(self._sent.items()):
             if before.lacks(key) and not peer.lacks(key):
@@ -80,6 +104,7 @@ class PieceSchedule:
         """Pieces that were lost, then new ones as far as the windows allow."""
         flying = {peer_id(peer.session): 0 for peer in peers}
         lost = list[PieceKey]()
+        self._sent = {key: sent for key, sent in self._sent.items() if self._items.has(key)}
         for key, sent in self._sent.items():
             lacking = [peer for peer in peers if peer.lacks(key)]
             waiting_bytes = PIECE_BYTES * len(self._sent)

@@ -29,8 +29,8 @@ from protocol.link.messages import (
 from protocol.packets import PacketKind, is_end, packet_kind
 
 # How often a report goes out when nothing is new, and at most.  Zenoh sends a message of its own
-# after 2.5 s without one.
-REPORT_S, MIN_REPORT_S = 2.3, 0.02
+# after 5 s without one.
+REPORT_S, MIN_REPORT_S = 3.0, 0.02
 # How often an encoder is asked that has never answered, first and later.
 ASK_S, LATER_ASK_S, FIRST_ASKS = 0.25, 1.0, 20
 # After what silence an encoder is asked that sends frames, and one that does not.

@@ -175,6 +175,7 @@ class DeliverySender:
         peers = self._peers.values()
         new = [peer for peer in peers if not peer.has_reported]
         silent = [peer for peer in peers if now_s - peer.heard_s > PEER_SILENT_S]
+        silent += [peer for peer in peers if peer.has_reported and self._pieces.is_behind(peer)]
         early = new or (not peers and self._asks < FIRST_ASKS)
         pause_s = ASK_S if early else LATER_ASK_S
         if (new or silent or not peers) and now_s - self._asked_s >= pause_s:

@@ -10,13 +10,16 @@ from packets import MODEL
 from protocol.link.delivery.receiver import DeliveryReceiver
 from protocol.link.delivery.sender import DeliverySender
 from protocol.link.interface import Arrival
+from protocol.model_packet import ModelPacket
 from protocol.packets import (
     ControlKind,
     ControlPacket,
     FramePacket,
+    LayerPacket,
     PacketKind,
     is_end,
     packet_kind,
+    parse_packet,
     serialise,
 )
 
@@ -27,6 +30,12 @@ END = serialise(ControlPacket(0, ControlKind.END, 100))
 
 def ignore_peer(session: bytes) -> None:
     """The other end's session does not matter."""
+
+
+def model_version(data: bytes) -> int:
+    packet = parse_packet(data)
+    assert isinstance(packet, ModelPacket)
+    return packet.version
 
 
 def frame(number: int) -> bytes:
@@ -247,3 +256,42 @@ def test_frame_packets_do_not_wait_for_ever_for_an_update() -> None:
     link.call(12, first=3)
     link.end()
     assert max(a.number or 0 for a in link.of_kind(PacketKind.FRAME)) == 14
+
+
+@pytest.mark.parametrize("loss", [0.0, 0.25])
+@pytest.mark.parametrize("held", range(1, 6))
+def test_a_model_that_gets_pictures_while_a_decoder_has_part_of_it_arrives(
+    held: int, loss: float
+) -> None:
+    link = FakeLink()
+    link.call(3)
+    link.run(3)
+    update = replace(MODEL, sequence=4, version=1, version_count=2, texture=bytes(2000))
+    link.sender.send(serialise(replace(update, background=b"")))
+    link.sender.send(serialise(LayerPacket(1, 0, bytes(400))))
+    # The decoder gets some of its pieces, and then nothing until its frame packets are sent.
+    for payload in link.sender.payloads(link.now_s)[:held]:
+        link.got += link.receiver.receive(payload, link.now_s)
+    link.loss, link.cuts = loss, ((link.now_s, link.now_s + 6),)
+    link.call(20, first=3)
+    link.call(40, first=23)
+    link.call(40, first=63)
+    models = [arrival.data for arrival in link.of_kind(PacketKind.MODEL)]
+    assert [model_version(data) for data in models] == [0, 1]
+    link.end()
+    assert link.ended
+
+
+def test_control_packets_arrive_in_order_however_many_come_at_once() -> None:
+    link = FakeLink(rate_bps=9600, delay_s=0.3, loss=0.1)
+    link.call(3)
+    link.sender.send(
+        serialise(replace(MODEL, sequence=10, version=1, version_count=2, texture=bytes(9000)))
+    )
+    kinds = (ControlKind.FACE_LOST, ControlKind.FACE_FOUND)
+    controls = [serialise(ControlPacket(0, kinds[n % 2], n)) for n in range(20)]
+    for packet in controls:
+        link.sender.send(packet)
+        link.run(0.1)
+    link.end()
+    assert [arrival.data for arrival in link.of_kind(PacketKind.CONTROL)] == [*controls, END]

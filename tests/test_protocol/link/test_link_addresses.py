@@ -4,10 +4,16 @@ import pytest
 
 from protocol.endpoint import Endpoint
 from protocol.errors import ProtocolError
-from protocol.link.endpoints import Failure, resolve
+from protocol.link.endpoints import Failure, resolve, source_address
 from protocol.link.messages import MAX_MESSAGE_BYTES, Hello, Role, parse_message, serialise_message
 from protocol.link.plain_protection import PlainProtection
 from protocol.link.presence import call_keys, parse_presence, serialise_presence, short_key
+
+
+def test_the_own_address_is_the_one_on_the_way_there() -> None:
+    assert source_address(Endpoint("udp", "127.0.0.1", 7447)) == "127.0.0.1"
+    assert source_address(Endpoint("udp", "::1", 7447)) in ("::1", None)
+    assert source_address(Endpoint("tls", "localhost", 7447)) is None
 
 
 def test_a_name_becomes_one_of_its_addresses_but_for_a_certificate() -> None:
