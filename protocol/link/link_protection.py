@@ -1,12 +1,17 @@
-"""What guards the payloads of a link, by its options."""
+"""What guards the payloads of a link: keys, or a checksum of two bytes.
+
+The checksum also tells one session from another.
+"""
 
 import secrets
+from binascii import crc_hqx
 
 from protocol.link.interface import LinkOptions, MessageCallback, PacketProtection
 from protocol.link.messages import SESSION_BYTES, is_hello
-from protocol.link.plain_protection import PlainProtection
 
 STRANGERS = "packets that are not of this call, or were changed on the way, are ignored"
+CHECKSUM_BYTES = 2
+_INITIAL = 0xFFFF
 # In a HELLO: after byte 0, the kind, the flags and two nonces.
 _SESSION_START = 5
 
@@ -32,3 +37,40 @@ def session_in_hello(data: bytes) -> bytes | None:
     """The session that a HELLO names; None if the payload is none."""
     session = data[_SESSION_START : _SESSION_START + SESSION_BYTES]
     return bytes(session) if is_hello(data) and len(session) == SESSION_BYTES else None
+
+
+class PlainProtection:
+    """A `PacketProtection` without keys: CRC-16 (polynomial 0x1021, initial value 0xFFFF).
+
+    The checksum covers the data, and before them the session of the encoder; that of a HELLO, which
+    tells the session, the data alone.  It detects every change within two bytes.
+    session: of this end.  is_encoder: whether it is the encoder's.
+    """
+
+    def __init__(self, session: bytes, is_encoder: bool) -> None:
+        self._session = session
+        self._encoder: bytes | None = session if is_encoder else None
+        self._is_encoder = is_encoder
+
+    @property
+    def session(self) -> bytes:
+        """See `PacketProtection`."""
+        return self._session
+
+    def protect(self, data: bytes) -> bytes:
+        """`data` and its checksum."""
+        return data + self._checksum(data)
+
+    def unprotect(self, data: bytes) -> bytes | None:
+        """The data without the checksum; None if that is wrong."""
+        body, checksum = data[:-CHECKSUM_BYTES], data[-CHECKSUM_BYTES:]
+        return bytes(body) if body and self._checksum(body) == checksum else None
+
+    def on_peer(self, session: bytes) -> None:
+        """See `PacketProtection`; a decoder takes the session of its encoder over."""
+        if not self._is_encoder:
+            self._encoder = session
+
+    def _checksum(self, data: bytes) -> bytes:
+        known = b"" if is_hello(data) else self._encoder or b""
+        return crc_hqx(data, crc_hqx(known, _INITIAL)).to_bytes(CHECKSUM_BYTES, "big")

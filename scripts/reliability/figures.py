@@ -69,13 +69,15 @@ def _is_frame(line: Line) -> bool:
 
 def played(arrivals: Sequence[Arrival]) -> tuple[list[Played], float]:
     """What a decoder shows of arrivals, and when the first picture can be drawn."""
-    playout, shown, first_s = CallPlayout(), list[Played](), float("inf")
+    playout, shown, first_s, now_s = CallPlayout(), list[Played](), float("inf"), float("-inf")
     for arrival in arrivals:
+        # Frame packets that came before the model have waited for it.
+        now_s = max(now_s, arrival.time_s)
         while (due_s := playout.release_s) is not None and due_s < arrival.time_s:
             shown += _shown(playout, playout.poll(due_s))
         shown += _shown(playout, playout.receive(arrival))
         if shown:
-            first_s = min(first_s, arrival.time_s)
+            first_s = min(first_s, now_s)
     while (due_s := playout.release_s) is not None:
         shown += _shown(playout, playout.poll(due_s))
     return shown, first_s

@@ -5,8 +5,8 @@ import pytest
 from protocol.endpoint import Endpoint
 from protocol.errors import ProtocolError
 from protocol.link.endpoints import Failure, resolve, source_address
+from protocol.link.link_protection import PlainProtection
 from protocol.link.messages import MAX_MESSAGE_BYTES, Hello, Role, parse_message, serialise_message
-from protocol.link.plain_protection import PlainProtection
 from protocol.link.presence import call_keys, parse_presence, serialise_presence, short_key
 
 

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocol.errors import ProtocolError
+from protocol.link.link_protection import PlainProtection
 from protocol.link.messages import (
     PIECE_BYTES,
     Bye,
@@ -24,7 +25,6 @@ from protocol.link.messages import (
     piece_count,
     serialise_message,
 )
-from protocol.link.plain_protection import PlainProtection
 from protocol.packets import ControlKind, ControlPacket, FramePacket, serialise
 
 FOLDER = Path(__file__).parents[2] / "vectors"

@@ -19,7 +19,7 @@ from links import (
     received,
 )
 
-from protocol.link.plain_protection import CHECKSUM_BYTES
+from protocol.link.link_protection import CHECKSUM_BYTES
 from protocol.link.zenoh_link import ZENOH_OVERHEAD_BYTES, ZenohSink, ZenohSource
 
 
