@@ -183,6 +183,27 @@ def live_call(talking_clip: Path, make_once: MakeOnce) -> Path:
 
 
 @pytest.fixture(scope="session")
+def recorded_call(talking_clip: Path, make_once: MakeOnce) -> Path:
+    """Its first second as a recorded call of the default profile, with a small model."""
+
+    def encode_recorded(folder: Path) -> None:
+        options = EncodeOptions(
+            str(talking_clip), folder / "call.rzo", model_bytes=3000, max_frames=25
+        )
+        encode(options, lambda done, total: None, lambda: False)
+
+    return make_once("recorded_call", encode_recorded) / "call.rzo"
+
+
+@pytest.fixture(scope="session")
+def slow_clip(networks: Path, make_once: MakeOnce) -> Path:
+    """A drawn face of five pictures a second, for two seconds: few frames to encode."""
+    return (
+        make_once("slow", lambda folder: draw(folder / "clip.mkv", talking(2, fps=5))) / "clip.mkv"
+    )
+
+
+@pytest.fixture(scope="session")
 def demo_run(carphone: Path, make_once: MakeOnce) -> Path:
     """A folder with `out/demo`, which `risorius demo` writes, and `printed.txt`, its output.
 

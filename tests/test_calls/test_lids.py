@@ -44,6 +44,13 @@ def film(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> str:
     return str(folder / "frame%03d.png")
 
 
+@pytest.fixture(scope="module")
+def call_with_lids(film: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("lids") / "lids.rzo"
+    called(film, path, lids=True)
+    return path
+
+
 def called(film: str, path: Path, lids: bool) -> list[PlayoutFrame]:
     return played(
         EncodeOptions(film, path, profile="thesis", tracking=TrackingOptions(eyelids=lids)), path
@@ -52,6 +59,10 @@ def called(film: str, path: Path, lids: bool) -> list[PlayoutFrame]:
 
 def played(options: EncodeOptions, path: Path) -> list[PlayoutFrame]:
     encode(options, lambda done, total: None, lambda: False)
+    return frames_of(path)
+
+
+def frames_of(path: Path) -> list[PlayoutFrame]:
     playout = Playout()
     with CallReader(path) as reader:
         return [frame for data in reader for frame in playout.receive(data)]
@@ -61,8 +72,10 @@ def closed(frame: PlayoutFrame) -> float:
     return float(np.mean([frame.face.eau[EAU_INDEX[name]] for name in LID_EAUS]))
 
 
-def test_a_blink_arrives_with_the_lids_and_only_with_them(film: str, tmp_path: Path) -> None:
-    frames = called(film, tmp_path / "lids.rzo", lids=True)
+def test_a_blink_arrives_with_the_lids_and_only_with_them(
+    film: str, call_with_lids: Path, tmp_path: Path
+) -> None:
+    frames = frames_of(call_with_lids)
     # The networks see less of a drawn blink than of a real one.
     assert closed(frames[BLINK]) > closed(frames[2]) + 0.15
     assert closed(frames[-2]) < closed(frames[2]) + 0.1
@@ -70,14 +83,12 @@ def test_a_blink_arrives_with_the_lids_and_only_with_them(film: str, tmp_path: P
     assert len({closed(frame) for frame in without}) == 1
 
 
-def test_a_call_with_lids_says_so_and_is_accounted_for(film: str, tmp_path: Path) -> None:
-    path = tmp_path / "call.rzo"
-    called(film, path, lids=True)
-    with CallReader(path) as reader:
+def test_a_call_with_lids_says_so_and_is_accounted_for(call_with_lids: Path) -> None:
+    with CallReader(call_with_lids) as reader:
         first = next(iter(reader))
     model = parse_packet(first)
     assert isinstance(model, ModelPacket) and model.call.has_eyelids and first[1] == EYELIDS_FORMAT
-    summary = summarise(path)
+    summary = summarise(call_with_lids)
     assert summary.profile == "thesis" and summary.frame_bps == 960
     packets = summary.frame_packets
     assert summary.groups == pytest.approx(
