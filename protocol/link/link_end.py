@@ -67,6 +67,7 @@ class LinkEnd:
         connector, timeout_s = self._service.connector, self._options.connect_timeout_s
         where = " or ".join(self._options.connect)
         while connector is not None and connector.link is None and not connector.opened:
+            self._service.raise_failure()
             if connector.failure is Failure.UNRESOLVED and len(self._options.connect) == 1:
                 raise UserError(f"cannot reach {where}: {Failure.UNRESOLVED}", LINK_FAILED)
             if monotonic() - self._begun_s >= timeout_s:

@@ -104,7 +104,7 @@ class LinkService:
 
     connector: None: the end listens.
     on_arrival: called with each packet received, in the thread of the service.
-    presences: who has answered, by connection or place.
+    presence: who has answered last; None: nobody has.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class LinkService:
         self.delivery, self._protection, self.connector = delivery, protection, connector
         self.events: SimpleQueue[Event | None] = SimpleQueue()
         self.presence: Presence | None = None
-        self.refused_payloads = 0
+        self._failure: Exception | None = None
         self._on_arrival, self._clock = on_arrival, clock
         self._carrier: Carrier | None = None
         self._checked_s = self._asked_s = float("-inf")
@@ -156,6 +156,11 @@ class LinkService:
         with self.lock:
             self._put([payload])
 
+    def raise_failure(self) -> None:
+        """Raise what has ended the thread, if that was an error."""
+        if self._failure is not None:
+            raise self._failure
+
     def _run(self) -> None:
         try:
             while not self._stopping:
@@ -168,6 +173,9 @@ class LinkService:
                         self._handle(event)
                     if not self._stopping:
                         self._tick(self._clock())
+        except Exception as error:
+            # For whoever uses this end: here nobody would see it.
+            self._failure = error
         finally:
             self._stopped.put(None)
 
@@ -190,12 +198,10 @@ class LinkService:
     def _receive(self, event: Received) -> None:
         data = self._protection.unprotect(event.data)
         if data is None:
-            self.refused_payloads += 1
             return
         try:
             arrivals = self.delivery.receive(data, event.time_s)
         except ProtocolError:
-            self.refused_payloads += 1
             return
         self._heard(event.connection, event.time_s)
         for arrival in arrivals or ():

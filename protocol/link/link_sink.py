@@ -76,6 +76,7 @@ class LinkSink(LinkEnd):
         """
         busy_since_s: float | None = None
         while not self.peers:
+            self._service.raise_failure()
             now_s = monotonic()
             self._tell_of_others(Role.DECODER)
             if not self._delivery.is_busy(now_s):
@@ -102,6 +103,7 @@ class LinkSink(LinkEnd):
         """Send one packet.  Raises `UserError` if the sink is closed."""
         if self._closed:
             raise UserError("the link has failed: it is closed", LINK_FAILED)
+        self._service.raise_failure()
         with self._service.lock:
             self._delivery.send(packet)
             self._update_peers()

@@ -70,6 +70,7 @@ class LinkSource(LinkEnd, PacketSource):
             wait_s = POLL_S if deadline_s is None else min(POLL_S, deadline_s - monotonic())
             with suppress(Empty):
                 return self._taken(self._queue.get(timeout=max(0.0, wait_s)))
+            self._service.raise_failure()
             self._ended = self._is_over(monotonic())
             if deadline_s is not None and monotonic() >= deadline_s:
                 break

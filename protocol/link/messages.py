@@ -23,6 +23,8 @@ MAX_PADDING_BYTES = 512
 # What one report says at most.
 MAX_HOLDINGS, MAX_MISSING = 32, 32
 MAX_MESSAGE_BYTES = 4096
+# Of a frame packet or an item.  Reports count beyond what has come, and say 2 items + a channel.
+MAX_NUMBER = 2**31 - 1
 NONCES = 256
 
 _HEAD = PacketKind.CONTROL * SEQUENCE_MODULUS
@@ -61,7 +63,7 @@ class Span:
     end: int = 0
 
     def __post_init__(self) -> None:
-        check_int("end of a span", self.end, 0, MAX_VARINT)
+        check_int("end of a span", self.end, 0, MAX_NUMBER)
         check_int("first of a span", self.first, 0, self.end)
 
 
@@ -94,7 +96,7 @@ class Hello:
                 raise ValueError(f"{name} has {len(getattr(self, name))} bytes, expected 8")
         check_int("nonce", self.nonce, 0, NONCES - 1)
         check_int("answered nonce", self.answers, 0, NONCES - 1)
-        check_int("frames", self.frames, 0, MAX_VARINT)
+        check_int("frames", self.frames, 0, MAX_NUMBER)
         check_int("padding", self.padding, 0, MAX_PADDING_BYTES)
 
 
@@ -107,7 +109,7 @@ class Holding:
     pieces: int
 
     def __post_init__(self) -> None:
-        check_int("item", self.item, 0, MAX_VARINT)
+        check_int("item", self.item, 0, MAX_NUMBER)
         if not 0 < self.pieces < 1 << MAX_PIECES:
             raise ValueError("pieces of a holding: expected at least one, and a possible one")
 
@@ -159,8 +161,8 @@ class Piece:
     data: bytes
 
     def __post_init__(self) -> None:
-        check_int("item", self.item, 0, MAX_VARINT)
-        check_int("number", self.number, 0, MAX_VARINT)
+        check_int("item", self.item, 0, MAX_NUMBER)
+        check_int("number", self.number, 0, MAX_NUMBER)
         check_int("total", self.total, 0, MAX_MODEL_PACKET_BYTES)
         check_int("index", self.index, 0, max(0, piece_count(self.total) - 1))
         expected = len(range(self.index * PIECE_BYTES, self.total)[:PIECE_BYTES])

@@ -6,7 +6,7 @@ from itertools import combinations
 from statistics import median
 
 from protocol.limits import SEQUENCE_MODULUS
-from protocol.link.messages import MAX_MISSING
+from protocol.link.messages import MAX_MISSING, MAX_NUMBER
 
 # A packet may be so far ahead of the newest; any other is behind it.
 MAX_AHEAD = 40
@@ -87,6 +87,8 @@ class FrameNumbers:
         ahead = (byte - self.newest) % SEQUENCE_MODULUS
         number = self.newest + (ahead if ahead <= MAX_AHEAD else ahead - SEQUENCE_MODULUS)
         if number < self._begin or number in self._come or number <= self.newest - WINDOW:
+            return None
+        if number > MAX_NUMBER:
             return None
         self._note(number, now_s)
         if number > self.newest:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 from packets import MODEL
 
+from protocol.entropy.varint import encode_varint
 from protocol.errors import ProtocolError
 from protocol.link.delivery.frame_numbers import FrameNumbers
 from protocol.link.delivery.item_assembly import MAX_AHEAD, MAX_HELD_BYTES, ItemAssembly
@@ -14,6 +15,7 @@ from protocol.link.delivery.receiver import DeliveryReceiver
 from protocol.link.delivery.sender import DeliverySender
 from protocol.link.messages import (
     MAX_HOLDINGS,
+    MAX_NUMBER,
     PIECE_BYTES,
     Bye,
     Channel,
@@ -129,6 +131,42 @@ def test_a_decoder_takes_nothing_from_others_and_nothing_before_it_knows_its_enc
     assert end.bye() is None and not end.has_left and not end.is_active(0.0)
     with pytest.raises(ProtocolError, match="neither"):
         end.receive(LAYER, 0.0)
+
+
+def test_a_decoder_reports_whatever_numbers_its_encoder_has_named() -> None:
+    last = Span(MAX_NUMBER - 1, MAX_NUMBER)
+    end = DeliveryReceiver(DECODER, lambda session: None)
+    end.receive(
+        hello(Role.ENCODER, ENCODER, echo=DECODER, frames=MAX_NUMBER, ordered=last, unordered=last),
+        0.0,
+    )
+    for step in range(3):
+        number = (MAX_NUMBER + 30 * step) % 64
+        end.receive(serialise(FramePacket(number, bytes(9))), 0.3 * step)
+    control = serialise(ControlPacket(0, ControlKind.FACE_LOST, 9))
+    for item in (MAX_NUMBER - 1, MAX_NUMBER):
+        end.receive(serialise_message(Piece(Channel.ORDERED, item, 0, len(control), 0, control)), 1)
+    frame = serialise(FramePacket(63, bytes(9)))
+    passed = Piece(Channel.UNORDERED, MAX_NUMBER, MAX_NUMBER, len(frame), 0, frame)
+    end.receive(serialise_message(passed), 1.0)
+    reports = [parse_message(data) for data in end.payloads(1.5)]
+    (report,) = [each for each in reports if isinstance(each, Report)]
+    assert report.ordered == report.frames == MAX_NUMBER + 1
+
+
+@pytest.mark.parametrize("field", ["frames", "ordered", "item", "number"])
+def test_higher_numbers_are_refused(field: str) -> None:
+    beyond = encode_varint(MAX_NUMBER + 1)
+    greeting = serialise_message(Hello(Role.ENCODER, ENCODER, DECODER))
+    piece = serialise_message(Piece(Channel.ORDERED, 0, 0, 1, 0, b"x"))
+    data = {
+        "frames": greeting[:-5] + beyond + bytes(4),
+        "ordered": greeting[:-4] + beyond + bytes(3),
+        "item": piece[:2] + beyond + piece[3:],
+        "number": piece[:3] + beyond + piece[4:],
+    }[field]
+    with pytest.raises(ProtocolError, match="2147483648"):
+        parse_message(data)
 
 
 def test_a_decoder_asks_again_on_a_new_link_and_knows_when_its_encoder_leaves() -> None:
