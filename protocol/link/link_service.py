@@ -5,7 +5,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
-from threading import RLock
+from threading import Lock, RLock
 from time import monotonic
 from typing import Protocol
 
@@ -30,6 +30,8 @@ GREETINGS_S, QUESTION_S = (0.0, 0.03, 0.6, 1.2), (0.3, 1.0)
 ASK_S, QUESTION_SHARE = 1.0, 0.67
 # How long the end of the thread is waited for.
 STOP_S = 1.0
+# Memory of an event besides its payload, and the most that waits to be handled: more is dropped.
+EVENT_OVERHEAD_BYTES, MAX_WAITING_BYTES = 256, 4 * 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +119,8 @@ class LinkService:
     ) -> None:
         self.lock = RLock()
         self.delivery, self._protection, self.connector = delivery, protection, connector
-        self.events: SimpleQueue[Event | None] = SimpleQueue()
+        self._events: SimpleQueue[Event | None] = SimpleQueue()
+        self._waiting_bytes, self._counting = 0, Lock()
         self.presence: Presence | None = None
         self._failure: Exception | None = None
         self._on_arrival, self._clock = on_arrival, clock
@@ -141,10 +144,22 @@ class LinkService:
     def stop(self) -> None:
         """End the thread; the connections stay open."""
         self._stopping = True
-        self.events.put(None)
+        self._events.put(None)
         if self._carrier is not None:
             with suppress(Empty):
                 self._stopped.get(timeout=STOP_S)
+
+    def post(self, event: Event) -> None:
+        """Take an event, from any thread.
+
+        What strangers may send without limit is dropped while `MAX_WAITING_BYTES` wait.
+        """
+        with self._counting:
+            waiting_bytes = self._waiting_bytes + _cost(event)
+            if isinstance(event, Received | Presence) and waiting_bytes > MAX_WAITING_BYTES:
+                return
+            self._waiting_bytes = waiting_bytes
+        self._events.put(event)
 
     def flush(self) -> None:
         """Send what is due."""
@@ -165,9 +180,12 @@ class LinkService:
         try:
             while not self._stopping:
                 try:
-                    event = self.events.get(timeout=TICK_S)
+                    event = self._events.get(timeout=TICK_S)
                 except Empty:
                     event = None
+                if event is not None:
+                    with self._counting:
+                        self._waiting_bytes -= _cost(event)
                 with self.lock:
                     if event is not None:
                         self._handle(event)
@@ -276,3 +294,8 @@ class LinkService:
         if self._carrier is not None:
             guarded = self._protection.protect(payload)
             self._carrier.put(connection, guarded, not is_message(payload), is_hello(payload))
+
+
+def _cost(event: Event) -> int:
+    """Memory that an event takes, bytes."""
+    return EVENT_OVERHEAD_BYTES + (len(event.data) if isinstance(event, Received) else 0)

@@ -101,7 +101,7 @@ class _Carrier:
     """
 
     def __init__(self, options: LinkOptions, role: Role, service: LinkService) -> None:
-        self._call, self._role, self._events = options.call, role, service.events
+        self._call, self._role, self._post = options.call, role, service.post
         self._security = options.security
         is_encoder = role is Role.ENCODER
         self._sent_key, self._heard_key = call_keys(options.call, is_encoder)
@@ -193,7 +193,7 @@ class _Carrier:
         begun_s = monotonic()
         resolved = resolve(endpoint, connection)
         if isinstance(resolved, Failure):
-            self._events.put(Failed(connection, resolved))
+            self._post(Failed(connection, resolved))
             return
         self._ways[connection] = resolved, source_address(resolved)
         try:
@@ -202,7 +202,7 @@ class _Carrier:
             self._ways.pop(connection, None)
             took_s = monotonic() - begun_s
             failure = Failure.REFUSED if took_s < REFUSAL_S else Failure.SILENT
-            self._events.put(Failed(connection, failure))
+            self._post(Failed(connection, failure))
 
     def _has_moved(self, connection: int) -> bool:
         """Whether this host has got another address: nothing comes to the one before."""
@@ -218,7 +218,7 @@ class _Carrier:
         self._sessions[connection] = session
         if connection in self._opening:
             self._opening.discard(connection)
-            self._events.put(Opened(connection))
+            self._post(Opened(connection))
         elif self._sessions.pop(connection, None) is not None:
             session.close()  # type: ignore[no-untyped-call]
 
@@ -226,9 +226,9 @@ class _Carrier:
         def arrived(sample: zenoh.Sample) -> None:
             data = sample.payload.to_bytes()
             if sample.attachment is None:
-                self._events.put(Received(connection, data, monotonic()))
+                self._post(Received(connection, data, monotonic()))
             elif (found := parse_presence(data)) is not None:
-                self._events.put(Presence(connection, *found))
+                self._post(Presence(connection, *found))
 
         # With a thread of its own a callback would outlive an interrupted program.
         keys = [self._heard_key] + [short_key(self._heard_key)] * (connection == LISTENING)

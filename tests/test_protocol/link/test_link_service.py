@@ -1,12 +1,14 @@
 """The thread of an end of a link, over connections that are not Zenoh's."""
 
 import secrets
+from queue import SimpleQueue
 
 import pytest
 from links import MODEL_BYTES, WAIT_S, listening
 
 from protocol.endpoint import Endpoint
-from protocol.link.link_service import Carrier, LinkService
+from protocol.link.delivery.receiver import DeliveryReceiver
+from protocol.link.link_service import LISTENING, MAX_WAITING_BYTES, Carrier, LinkService, Received
 from protocol.link.link_sink import LinkSink
 from protocol.link.link_source import LinkSource
 from protocol.link.plain_protection import PlainProtection
@@ -14,8 +16,8 @@ from protocol.link.plain_protection import PlainProtection
 OPTIONS = listening("tcp/127.0.0.1:1")
 
 
-class BrokenCarrier(Carrier):
-    """Its first look at the transport fails."""
+class IdleCarrier(Carrier):
+    """Nobody is connected."""
 
     def __init__(self, service: LinkService) -> None:
         pass
@@ -27,7 +29,26 @@ class BrokenCarrier(Carrier):
     def close_all(self) -> None: ...
 
     def is_linked(self, connection: int) -> bool:
+        return False
+
+
+class BrokenCarrier(IdleCarrier):
+    """Its first look at the transport fails."""
+
+    def is_linked(self, connection: int) -> bool:
         raise RuntimeError("the transport is broken")
+
+
+class CountingGuard(PlainProtection):
+    """Tells how long the payloads are that it is shown, and believes none."""
+
+    def __init__(self) -> None:
+        super().__init__(bytes(8), is_encoder=False)
+        self.sizes: SimpleQueue[int] = SimpleQueue()
+
+    def unprotect(self, data: bytes) -> bytes | None:
+        self.sizes.put(len(data))
+        return None
 
 
 def guard(is_encoder: bool) -> PlainProtection:
@@ -48,3 +69,21 @@ def test_an_error_in_the_thread_of_a_link_reaches_who_sends() -> None:
             sink.wait_for_peer(WAIT_S)
         with pytest.raises(RuntimeError, match="transport is broken"):
             sink.send(MODEL_BYTES)
+
+
+def test_a_flood_of_payloads_takes_bounded_memory_and_later_ones_are_heard() -> None:
+    counting, size = CountingGuard(), 64 * 1024
+    delivery = DeliveryReceiver(bytes(8), lambda session: None)
+    service = LinkService(delivery, counting, None)
+    for _ in range(2 * MAX_WAITING_BYTES // size):
+        service.post(Received(LISTENING, bytes(size), 0.0))
+    service.start(IdleCarrier(service))
+    try:
+        sizes = [counting.sizes.get(timeout=WAIT_S)]
+        service.post(Received(LISTENING, b"later", 0.0))
+        while sizes[-1] == size:
+            sizes.append(counting.sizes.get(timeout=WAIT_S))
+    finally:
+        service.stop()
+    assert sizes.pop() == len(b"later")
+    assert 0 < sum(sizes) <= MAX_WAITING_BYTES
