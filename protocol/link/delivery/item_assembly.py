@@ -14,7 +14,7 @@ from protocol.link.messages import (
 )
 from protocol.packets import packet_kind
 
-# Items beyond the first that is missing, and bytes of pieces of items that are not complete.
+# Items beyond the first that is missing, and bytes of pieces and packets that wait for others.
 MAX_AHEAD, MAX_HELD_BYTES = 4096, 2 * 1024 * 1024
 # Bytes of all bitmaps in one report.
 MAX_HOLDING_BYTES = 600
@@ -22,16 +22,20 @@ MAX_HOLDING_BYTES = 600
 
 @dataclass(slots=True)
 class _Partial:
-    """The pieces of an item; `packet` once it is complete."""
+    """The pieces of an item.
+
+    packet: of an item that is complete and waits for those before it.
+    """
 
     total: int
     number: int
     pieces: dict[int, bytes] = field(default_factory=dict)
-    packet: bytes | None = None
+    is_complete: bool = False
+    packet: bytes = b""
 
     @property
     def bits(self) -> int:
-        if self.packet is not None:
+        if self.is_complete:
             return (1 << max(1, piece_count(self.total))) - 1
         return sum(1 << index for index in self.pieces)
 
@@ -77,27 +81,33 @@ class ItemAssembly:
         if piece.item >= lane.below + MAX_AHEAD:
             raise ProtocolError(f"item {piece.item} is beyond {lane.below + MAX_AHEAD}")
         part = lane.items.get(piece.item)
-        if part is None or (part.total != piece.total and part.packet is None):
+        if part is None or (part.total != piece.total and not part.is_complete):
             if part is not None:
                 self._drop(part)
             part = lane.items[piece.item] = _Partial(piece.total, piece.number)
-        if part.packet is not None:
+        if part.is_complete:
             # A model that has got pictures since is the same one.
             part.total = max(part.total, piece.total)
             return []
         if piece.index in part.pieces:
             return []
+        # What all others wait for is taken in any case.
+        if piece.item > lane.below and self._held_bytes + PIECE_BYTES > MAX_HELD_BYTES:
+            raise ProtocolError(f"pieces of more than {MAX_HELD_BYTES} bytes")
         self._hold(part, piece)
         if len(part.pieces) < piece_count(part.total):
             return []
-        part.packet = b"".join(part.pieces[index] for index in sorted(part.pieces))
-        if part.packet:
-            packet_kind(part.packet)
+        packet = b"".join(part.pieces[index] for index in sorted(part.pieces))
+        if packet:
+            packet_kind(packet)
         self._drop(part)
-        found = self._advance(lane)
+        part.is_complete = True
         if piece.channel is Channel.UNORDERED:
-            found = [(part.number, part.packet)]
-        return [(number, packet) for number, packet in found if packet]
+            self._advance(lane)
+            return [(part.number, packet)] if packet else []
+        part.packet = packet
+        self._held_bytes += len(packet)
+        return self._advance(lane)
 
     def holdings(self) -> tuple[Holding, ...]:
         """What has come of the items that are not below `below`."""
@@ -112,21 +122,22 @@ class ItemAssembly:
         return tuple(found)
 
     def _hold(self, part: _Partial, piece: Piece) -> None:
-        if self._held_bytes + PIECE_BYTES > MAX_HELD_BYTES:
-            raise ProtocolError(f"pieces of more than {MAX_HELD_BYTES} bytes")
         if part.total:
             part.pieces[piece.index] = piece.data
             self._held_bytes += PIECE_BYTES
 
     def _drop(self, part: _Partial) -> None:
-        self._held_bytes -= PIECE_BYTES * len(part.pieces)
+        self._held_bytes -= PIECE_BYTES * len(part.pieces) + len(part.packet)
         part.pieces.clear()
+        part.packet = b""
 
     def _advance(self, lane: _Lane) -> list[tuple[int, bytes]]:
         """The packets of the items that are there without a gap."""
         found = list[tuple[int, bytes]]()
-        while (part := lane.items.get(lane.below)) is not None and part.packet is not None:
+        while (part := lane.items.get(lane.below)) is not None and part.is_complete:
             del lane.items[lane.below]
             lane.below += 1
-            found.append((part.number, part.packet))
+            if part.packet:
+                found.append((part.number, part.packet))
+            self._drop(part)
         return found

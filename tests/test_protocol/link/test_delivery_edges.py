@@ -109,6 +109,22 @@ def test_memory_and_reports_are_bounded() -> None:
             added(items, *pieces(number, longer)[:2])
 
 
+def test_items_that_wait_for_one_before_them_take_bounded_memory_and_come_with_it() -> None:
+    items, held = ItemAssembly(), list[bytes]()
+    with pytest.raises(ProtocolError, match="more than"):
+        while len(held) <= MAX_HELD_BYTES // len(LAYER):
+            added(items, *pieces(len(held) + 1, LAYER, Channel.ORDERED))
+            held.append(LAYER)
+    assert added(items, *pieces(0, LAYER, Channel.ORDERED)) == [LAYER, *held]
+    assert added(items, *pieces(len(held) + 1, LAYER, Channel.ORDERED)) == [LAYER]
+
+
+def test_items_that_have_been_given_out_take_no_memory() -> None:
+    items = ItemAssembly()
+    for number in range(1, 2 + MAX_HELD_BYTES // len(LAYER)):
+        assert added(items, *pieces(number, LAYER)) == [LAYER]
+
+
 def test_a_model_in_use_replaces_the_one_before_and_keeps_its_layers() -> None:
     store = ItemStore(keeps_all=False)
     later = replace(MODEL, sequence=2, version=1, version_count=2)
