@@ -39,6 +39,9 @@ MAX_TRANSLATION_MM = 1e6
 MAX_MODEL_VERSIONS = 64
 MAX_LAYER_PACKETS = 4096
 
+# Of the number that each start of an end of a link draws.
+SESSION_BYTES = 8
+
 # Names of calls, and ports.
 CALL_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")
 MAX_PORT = 65535

@@ -1,4 +1,4 @@
-"""Integers of variable length, one to five bytes."""
+"""Integers of variable length, one to five bytes, and fields that begin with them."""
 
 MAX_VARINT = 2**32 - 1
 
@@ -26,3 +26,30 @@ def decode_varint(data: bytes) -> tuple[int, int]:
                 raise ValueError(f"bad number {data[: index + 1].hex()}")
             return value, index + 1
     raise ValueError(f"bad number {data[:5].hex()}")
+
+
+class FieldReader:
+    """Takes fields off the front of bytes; raises `ValueError` where they end too early.
+
+    rest: the bytes that have not been taken.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        self.rest = bytes(data)
+
+    def take(self, count: int) -> bytes:
+        """The next `count` bytes."""
+        if len(self.rest) < count:
+            raise ValueError(f"{count - len(self.rest)} bytes missing")
+        taken, self.rest = self.rest[:count], self.rest[count:]
+        return taken
+
+    def byte(self) -> int:
+        """The next byte."""
+        return self.take(1)[0]
+
+    def varint(self) -> int:
+        """The next integer."""
+        value, length = decode_varint(self.rest)
+        self.rest = self.rest[length:]
+        return value

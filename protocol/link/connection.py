@@ -1,15 +1,19 @@
-"""Which connections an end that connects tries, keeps and gives up; without input and output.
+"""The connections of an end: what happens to them, and which of them it tries, keeps and gives up.
+
+There is no input and output here, and time is an argument.
 
 While nothing is heard a new candidate is opened every now and then.  The first that hears anything
 becomes the link and the others are closed; the link before is held until then.  On a lossy link
-this repairs what the transport sends only once.  Time is an argument.
+this repairs what the transport sends only once.
 """
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from protocol.endpoint import Endpoint
 from protocol.link.endpoints import Failure
+from protocol.link.messages import Role
 
 # How often a candidate is opened, in the first seconds of silence and later.
 EARLY_PAUSE_S, LATE_PAUSE_S, EARLY_S = 0.4, 1.0, 10.0
@@ -17,6 +21,8 @@ EARLY_PAUSE_S, LATE_PAUSE_S, EARLY_S = 0.4, 1.0, 10.0
 FALLBACK_S = 4.0
 # A candidate that is open and hears nothing for so long is closed.
 DEAF_S, RELIABLE_DEAF_S = 2.0, 8.0
+# The connection of an end that listens.
+LISTENING = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +41,68 @@ class Close:
 
 
 Action = Open | Close
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """A connection is open."""
+
+    connection: int
+
+
+@dataclass(frozen=True, slots=True)
+class Failed:
+    """A connection could not be opened."""
+
+    connection: int
+    failure: Failure
+
+
+@dataclass(frozen=True, slots=True)
+class Received:
+    """A payload has come."""
+
+    connection: int
+    data: bytes
+    time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Presence:
+    """Somebody has answered who is there; call: what that end is for, "" for a relay."""
+
+    connection: int
+    role: Role
+    call: str
+
+
+Event = Opened | Failed | Received | Presence
+
+
+class Carrier(Protocol):
+    """Connections that carry payloads; what happens to them comes as events."""
+
+    def open(self, connection: int, endpoint: Endpoint) -> None:
+        """Begin to open a connection; `Opened` or `Failed` follows."""
+
+    def put(self, connection: int, payload: bytes, is_frame: bool, is_hello: bool) -> None:
+        """Send a payload; nothing happens if the connection is gone.
+
+        is_frame: it is a frame packet, and no message of the link.  is_hello: it is a HELLO, which
+        may not reach an end of another call.
+        """
+
+    def ask(self, connection: int) -> None:
+        """Ask who is there; `Presence` follows for each answer."""
+
+    def is_linked(self, connection: int) -> bool:
+        """Whether another host is connected."""
+
+    def close(self, connection: int) -> None:
+        """Close a connection, in the background."""
+
+    def close_all(self) -> None:
+        """Close all connections and wait for it, in bounds."""
 
 
 @dataclass(slots=True)

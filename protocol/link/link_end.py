@@ -4,7 +4,7 @@ from collections.abc import Callable
 from time import monotonic, sleep
 from typing import Self
 
-from protocol.link.connection import Connector
+from protocol.link.connection import Carrier, Connector
 from protocol.link.endpoints import Failure
 from protocol.link.interface import (
     Arrival,
@@ -12,7 +12,7 @@ from protocol.link.interface import (
     MessageCallback,
     PacketProtection,
 )
-from protocol.link.link_service import Carrier, Delivery, LinkService
+from protocol.link.link_service import Delivery, LinkService
 from protocol.link.messages import Role
 from protocol.link.peers import POLL_S
 from shared_model.errors import LINK_FAILED, UserError

@@ -3,20 +3,26 @@
 import _thread
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from threading import Lock, RLock
 from time import monotonic
-from typing import Protocol
 
-from protocol.endpoint import Endpoint
 from protocol.errors import ProtocolError
-from protocol.link.connection import Close, Connector, Open
+from protocol.link.connection import (
+    LISTENING,
+    Carrier,
+    Close,
+    Connector,
+    Event,
+    Open,
+    Opened,
+    Presence,
+    Received,
+)
 from protocol.link.delivery.receiver import DeliveryReceiver
 from protocol.link.delivery.sender import DeliverySender
-from protocol.link.endpoints import Failure
 from protocol.link.interface import Arrival, PacketProtection
-from protocol.link.messages import Role, is_hello, is_message
+from protocol.link.messages import is_hello, is_message
 
 # How often timers are looked at, and whether the transport of a link is still there.
 TICK_S, CHECK_S = 0.02, 0.2
@@ -33,72 +39,7 @@ STOP_S = 1.0
 # Memory of an event besides its payload, and the most that waits to be handled: more is dropped.
 EVENT_OVERHEAD_BYTES, MAX_WAITING_BYTES = 256, 4 * 1024 * 1024
 
-
-@dataclass(frozen=True, slots=True)
-class Opened:
-    """A connection is open."""
-
-    connection: int
-
-
-@dataclass(frozen=True, slots=True)
-class Failed:
-    """A connection could not be opened."""
-
-    connection: int
-    failure: Failure
-
-
-@dataclass(frozen=True, slots=True)
-class Received:
-    """A payload has come."""
-
-    connection: int
-    data: bytes
-    time_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class Presence:
-    """Somebody has answered who is there; call: what that end is for, "" for a relay."""
-
-    connection: int
-    role: Role
-    call: str
-
-
-Event = Opened | Failed | Received | Presence
-
-
-class Carrier(Protocol):
-    """Connections that carry payloads; what happens to them comes as events."""
-
-    def open(self, connection: int, endpoint: Endpoint) -> None:
-        """Begin to open a connection; `Opened` or `Failed` follows."""
-
-    def put(self, connection: int, payload: bytes, is_frame: bool, is_hello: bool) -> None:
-        """Send a payload; nothing happens if the connection is gone.
-
-        is_frame: it is a frame packet, and no message of the link.  is_hello: it is a HELLO, which
-        may not reach an end of another call.
-        """
-
-    def ask(self, connection: int) -> None:
-        """Ask who is there; `Presence` follows for each answer."""
-
-    def is_linked(self, connection: int) -> bool:
-        """Whether another host is connected."""
-
-    def close(self, connection: int) -> None:
-        """Close a connection, in the background."""
-
-    def close_all(self) -> None:
-        """Close all connections and wait for it, in bounds."""
-
-
 Delivery = DeliverySender | DeliveryReceiver
-# The connection of an end that listens.
-LISTENING = -1
 
 
 class LinkService:
@@ -179,13 +120,7 @@ class LinkService:
     def _run(self) -> None:
         try:
             while not self._stopping:
-                try:
-                    event = self._events.get(timeout=TICK_S)
-                except Empty:
-                    event = None
-                if event is not None:
-                    with self._counting:
-                        self._waiting_bytes -= _cost(event)
+                event = self._next_event()
                 with self.lock:
                     if event is not None:
                         self._handle(event)
@@ -196,6 +131,14 @@ class LinkService:
             self._failure = error
         finally:
             self._stopped.put(None)
+
+    def _next_event(self) -> Event | None:
+        with suppress(Empty):
+            event = self._events.get(timeout=TICK_S)
+            with self._counting:
+                self._waiting_bytes -= _cost(event)
+            return event
+        return None
 
     def _handle(self, event: Event) -> None:
         now_s = self._clock()
@@ -296,6 +239,6 @@ class LinkService:
             self._carrier.put(connection, guarded, not is_message(payload), is_hello(payload))
 
 
-def _cost(event: Event) -> int:
+def _cost(event: Event | None) -> int:
     """Memory that an event takes, bytes."""
     return EVENT_OVERHEAD_BYTES + (len(event.data) if isinstance(event, Received) else 0)

@@ -9,12 +9,16 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from protocol.entropy.validation import check_bytes, check_int
-from protocol.entropy.varint import MAX_VARINT, decode_varint, encode_varint
+from protocol.entropy.varint import MAX_VARINT, FieldReader, encode_varint
 from protocol.errors import ProtocolError
-from protocol.limits import MAX_MESSAGE_LENGTH, MAX_MODEL_PACKET_BYTES, SEQUENCE_MODULUS
+from protocol.limits import (
+    MAX_MESSAGE_LENGTH,
+    MAX_MODEL_PACKET_BYTES,
+    SEQUENCE_MODULUS,
+    SESSION_BYTES,
+)
 from protocol.packets import PacketKind
 
-SESSION_BYTES = 8
 NO_SESSION = bytes(SESSION_BYTES)
 # Bytes of a packet that one piece carries, and the most pieces of a packet.
 PIECE_BYTES = 512
@@ -28,6 +32,8 @@ MAX_NUMBER = 2**31 - 1
 NONCES = 256
 
 _HEAD = PacketKind.CONTROL * SEQUENCE_MODULUS
+# In a HELLO: after byte 0, the kind, the flags and two nonces.
+_SESSION_START = 5
 
 
 class Channel(IntEnum):
@@ -205,6 +211,12 @@ def is_hello(data: bytes) -> bool:
     return is_message(data) and data[1] == MessageKind.HELLO
 
 
+def session_in_hello(data: bytes) -> bytes | None:
+    """The session that a HELLO names; None if it does not begin like one."""
+    session = data[_SESSION_START : _SESSION_START + SESSION_BYTES]
+    return bytes(session) if is_hello(data) and len(session) == SESSION_BYTES else None
+
+
 def serialise_message(message: Message) -> bytes:
     """The bytes of a message."""
     if isinstance(message, Hello):
@@ -227,7 +239,7 @@ def parse_message(data: bytes) -> Message:
     if len(data) > MAX_MESSAGE_BYTES:
         raise ProtocolError(f"message of {len(data)} bytes is too long")
     try:
-        message = _parse(MessageKind(data[1]), _Reader(data[2:]))
+        message = _parse(MessageKind(data[1]), FieldReader(data[2:]))
     except ValueError as error:
         raise ProtocolError(f"message of the link: {error}"[:MAX_MESSAGE_LENGTH]) from error
     if serialise_message(message) != data:
@@ -235,32 +247,7 @@ def parse_message(data: bytes) -> Message:
     return message
 
 
-class _Reader:
-    """Takes fields off the front of bytes; raises `ValueError` where they end too early."""
-
-    def __init__(self, data: bytes) -> None:
-        self.rest = bytes(data)
-
-    def take(self, count: int) -> bytes:
-        if len(self.rest) < count:
-            raise ValueError(f"{count - len(self.rest)} bytes missing")
-        taken, self.rest = self.rest[:count], self.rest[count:]
-        return taken
-
-    def byte(self) -> int:
-        return self.take(1)[0]
-
-    def varint(self) -> int:
-        value, length = decode_varint(self.rest)
-        self.rest = self.rest[length:]
-        return value
-
-    def span(self) -> Span:
-        first = self.varint()
-        return Span(first, first + self.varint())
-
-
-def _parse(kind: MessageKind, reader: _Reader) -> Message:
+def _parse(kind: MessageKind, reader: FieldReader) -> Message:
     if kind is MessageKind.HELLO:
         return _parse_hello(reader)
     if kind is MessageKind.REPORT:
@@ -279,7 +266,7 @@ def _hello_body(hello: Hello) -> bytes:
     return head + b"".join(map(encode_varint, numbers)) + bytes(hello.padding)
 
 
-def _parse_hello(reader: _Reader) -> Hello:
+def _parse_hello(reader: FieldReader) -> Hello:
     flags, nonce, answers = reader.take(3)
     session, echo = reader.take(SESSION_BYTES), reader.take(SESSION_BYTES)
     return Hello(
@@ -291,8 +278,8 @@ def _parse_hello(reader: _Reader) -> Hello:
         nonce=nonce,
         answers=answers,
         frames=reader.varint(),
-        ordered=reader.span(),
-        unordered=reader.span(),
+        ordered=_parse_span(reader),
+        unordered=_parse_span(reader),
         padding=len(reader.rest),
     )
 
@@ -312,7 +299,12 @@ def _holding(holding: Holding) -> bytes:
     return encode_varint(2 * holding.item + holding.channel) + encode_varint(len(bits)) + bits
 
 
-def _parse_report(reader: _Reader) -> Report:
+def _parse_span(reader: FieldReader) -> Span:
+    first = reader.varint()
+    return Span(first, first + reader.varint())
+
+
+def _parse_report(reader: FieldReader) -> Report:
     peer, loss = int.from_bytes(reader.take(2), "big"), reader.byte()
     frames, ordered, unordered, missing_count = (reader.varint() for _ in range(4))
     check_int("number of missing packets", missing_count, 0, MAX_MISSING)

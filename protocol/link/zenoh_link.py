@@ -23,6 +23,7 @@ from zenoh import CongestionControl
 from zenoh.handlers import Callback
 
 from protocol.endpoint import Endpoint
+from protocol.link.connection import LISTENING, Failed, Opened, Presence, Received
 from protocol.link.endpoints import Failure, resolve, source_address
 from protocol.link.interface import (
     LinkOptions,
@@ -31,14 +32,7 @@ from protocol.link.interface import (
     ignore_message,
 )
 from protocol.link.link_protection import link_protection
-from protocol.link.link_service import (
-    LISTENING,
-    Failed,
-    LinkService,
-    Opened,
-    Presence,
-    Received,
-)
+from protocol.link.link_service import LinkService
 from protocol.link.link_sink import LinkSink
 from protocol.link.link_source import LEAVE_GRACE_S, LinkSource
 from protocol.link.messages import Role

@@ -17,6 +17,7 @@ from enum import StrEnum
 from threading import Lock
 
 from protocol.errors import ProtocolError
+from protocol.limits import SESSION_BYTES
 from protocol.security.sframe import (
     COUNTER_LIMIT,
     Key,
@@ -30,7 +31,6 @@ from protocol.security.sframe import (
     unprotect,
 )
 
-SESSION_BYTES = 8
 HELLO_KEY_ID = 0
 # The counter within a HELLO.
 POSITION_BYTES = 4

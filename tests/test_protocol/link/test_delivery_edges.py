@@ -1,27 +1,24 @@
-"""What the ends of a link do with what is not meant for them, comes twice, or is too much."""
+"""What the ends of a link do with what is not meant for them, or comes twice."""
 
 from dataclasses import replace
 
 import pytest
+from deliveries import DECODER, ENCODER, LAYER, added, hello, pieces
 from packets import MODEL
 
-from protocol.entropy.varint import encode_varint
 from protocol.errors import ProtocolError
 from protocol.link.delivery.frame_numbers import FrameNumbers
-from protocol.link.delivery.item_assembly import MAX_AHEAD, MAX_HELD_BYTES, ItemAssembly
+from protocol.link.delivery.item_assembly import ItemAssembly
 from protocol.link.delivery.item_store import ItemStore
 from protocol.link.delivery.piece_window import PieceWindow, Sent
 from protocol.link.delivery.receiver import DeliveryReceiver
 from protocol.link.delivery.sender import DeliverySender
 from protocol.link.messages import (
-    MAX_HOLDINGS,
-    MAX_NUMBER,
     PIECE_BYTES,
     Bye,
     Channel,
     Hello,
     Holding,
-    Piece,
     Report,
     Role,
     Span,
@@ -31,25 +28,7 @@ from protocol.link.messages import (
 )
 from protocol.packets import ControlKind, ControlPacket, FramePacket, LayerPacket, serialise
 
-ENCODER, DECODER = b"encoder1", b"decoder1"
-LAYER = serialise(LayerPacket(0, 0, bytes(2 * PIECE_BYTES)))
 END = serialise(ControlPacket(0, ControlKind.END, 9))
-
-
-def pieces(item: int, packet: bytes, channel: Channel = Channel.UNORDERED) -> list[Piece]:
-    count = max(1, -(-len(packet) // PIECE_BYTES))
-    return [
-        Piece(channel, item, 0, len(packet), i, packet[PIECE_BYTES * i :][:PIECE_BYTES])
-        for i in range(count)
-    ]
-
-
-def added(items: ItemAssembly, *all_pieces: Piece) -> list[bytes]:
-    return [packet for piece in all_pieces for _, packet in items.add(piece)]
-
-
-def hello(role: Role, session: bytes, **fields: object) -> bytes:
-    return serialise_message(Hello(role, session, **fields))  # type: ignore[arg-type]
 
 
 def receiver(frames: int = 0) -> DeliveryReceiver:
@@ -96,35 +75,6 @@ def test_ordered_items_wait_for_those_before() -> None:
     assert added(items, *pieces(0, one, Channel.ORDERED)) == [one, two]
 
 
-def test_memory_and_reports_are_bounded() -> None:
-    items = ItemAssembly()
-    with pytest.raises(ProtocolError, match="beyond"):
-        items.add(pieces(MAX_AHEAD, LAYER)[0])
-    for number in range(MAX_HOLDINGS + 9):
-        items.add(pieces(number, LAYER)[0])
-    assert len(items.holdings()) == MAX_HOLDINGS
-    longer = serialise(LayerPacket(0, 0, bytes(3 * PIECE_BYTES)))
-    with pytest.raises(ProtocolError, match="more than"):
-        for number in range(MAX_HELD_BYTES // PIECE_BYTES):
-            added(items, *pieces(number, longer)[:2])
-
-
-def test_items_that_wait_for_one_before_them_take_bounded_memory_and_come_with_it() -> None:
-    items, held = ItemAssembly(), list[bytes]()
-    with pytest.raises(ProtocolError, match="more than"):
-        while len(held) <= MAX_HELD_BYTES // len(LAYER):
-            added(items, *pieces(len(held) + 1, LAYER, Channel.ORDERED))
-            held.append(LAYER)
-    assert added(items, *pieces(0, LAYER, Channel.ORDERED)) == [LAYER, *held]
-    assert added(items, *pieces(len(held) + 1, LAYER, Channel.ORDERED)) == [LAYER]
-
-
-def test_items_that_have_been_given_out_take_no_memory() -> None:
-    items = ItemAssembly()
-    for number in range(1, 2 + MAX_HELD_BYTES // len(LAYER)):
-        assert added(items, *pieces(number, LAYER)) == [LAYER]
-
-
 def test_a_model_in_use_replaces_the_one_before_and_keeps_its_layers() -> None:
     store = ItemStore(keeps_all=False)
     later = replace(MODEL, sequence=2, version=1, version_count=2)
@@ -147,42 +97,6 @@ def test_a_decoder_takes_nothing_from_others_and_nothing_before_it_knows_its_enc
     assert end.bye() is None and not end.has_left and not end.is_active(0.0)
     with pytest.raises(ProtocolError, match="neither"):
         end.receive(LAYER, 0.0)
-
-
-def test_a_decoder_reports_whatever_numbers_its_encoder_has_named() -> None:
-    last = Span(MAX_NUMBER - 1, MAX_NUMBER)
-    end = DeliveryReceiver(DECODER, lambda session: None)
-    end.receive(
-        hello(Role.ENCODER, ENCODER, echo=DECODER, frames=MAX_NUMBER, ordered=last, unordered=last),
-        0.0,
-    )
-    for step in range(3):
-        number = (MAX_NUMBER + 30 * step) % 64
-        end.receive(serialise(FramePacket(number, bytes(9))), 0.3 * step)
-    control = serialise(ControlPacket(0, ControlKind.FACE_LOST, 9))
-    for item in (MAX_NUMBER - 1, MAX_NUMBER):
-        end.receive(serialise_message(Piece(Channel.ORDERED, item, 0, len(control), 0, control)), 1)
-    frame = serialise(FramePacket(63, bytes(9)))
-    passed = Piece(Channel.UNORDERED, MAX_NUMBER, MAX_NUMBER, len(frame), 0, frame)
-    end.receive(serialise_message(passed), 1.0)
-    reports = [parse_message(data) for data in end.payloads(1.5)]
-    (report,) = [each for each in reports if isinstance(each, Report)]
-    assert report.ordered == report.frames == MAX_NUMBER + 1
-
-
-@pytest.mark.parametrize("field", ["frames", "ordered", "item", "number"])
-def test_higher_numbers_are_refused(field: str) -> None:
-    beyond = encode_varint(MAX_NUMBER + 1)
-    greeting = serialise_message(Hello(Role.ENCODER, ENCODER, DECODER))
-    piece = serialise_message(Piece(Channel.ORDERED, 0, 0, 1, 0, b"x"))
-    data = {
-        "frames": greeting[:-5] + beyond + bytes(4),
-        "ordered": greeting[:-4] + beyond + bytes(3),
-        "item": piece[:2] + beyond + piece[3:],
-        "number": piece[:3] + beyond + piece[4:],
-    }[field]
-    with pytest.raises(ProtocolError, match="2147483648"):
-        parse_message(data)
 
 
 def test_a_decoder_asks_again_on_a_new_link_and_knows_when_its_encoder_leaves() -> None:

@@ -24,6 +24,7 @@ from protocol.link.messages import (
     parse_message,
     piece_count,
     serialise_message,
+    session_in_hello,
 )
 from protocol.packets import ControlKind, ControlPacket, FramePacket, serialise
 
@@ -70,6 +71,13 @@ def test_a_message_has_one_encoding(message: Message) -> None:
     data = serialise_message(message)
     assert is_message(data) and parse_message(data) == message
     assert is_hello(data) == isinstance(message, Hello)
+
+
+@pytest.mark.parametrize("message", MESSAGES)
+def test_a_hello_tells_its_session_and_nothing_else_does(message: Message) -> None:
+    data = serialise_message(message)
+    session = message.session if isinstance(message, Hello) else None
+    assert session_in_hello(data) == session and session_in_hello(data[:10]) is None
 
 
 @pytest.mark.parametrize("message", MESSAGES)

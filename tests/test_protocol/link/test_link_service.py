@@ -7,11 +7,12 @@ import pytest
 from links import MODEL_BYTES, WAIT_S, listening
 
 from protocol.endpoint import Endpoint
+from protocol.link.connection import LISTENING, Carrier, Received
 from protocol.link.delivery.receiver import DeliveryReceiver
-from protocol.link.link_service import LISTENING, MAX_WAITING_BYTES, Carrier, LinkService, Received
+from protocol.link.link_protection import PlainProtection
+from protocol.link.link_service import MAX_WAITING_BYTES, LinkService
 from protocol.link.link_sink import LinkSink
 from protocol.link.link_source import LinkSource
-from protocol.link.plain_protection import PlainProtection
 
 OPTIONS = listening("tcp/127.0.0.1:1")
 

@@ -6,23 +6,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from protocol.link.messages import (
+    NO_SESSION,
+    Hello,
+    Role,
+    is_hello,
+    parse_message,
+    serialise_message,
+    session_in_hello,
+)
 from protocol.security.packet_protection import (
     MAX_PEERS,
     MAX_UNREADABLE,
-    SESSION_BYTES,
     Sender,
     SFrameProtection,
 )
 
 KEY, OTHER_KEY = bytes(16), bytes(range(16))
-HELLO = b"hello"
 FRAME = b"a frame packet"
-
-
-def session_in_hello(message: bytes) -> bytes | None:
-    """Of a HELLO of these tests: the word, the own session, the one that is echoed."""
-    is_hello = message.startswith(HELLO) and len(message) >= len(HELLO) + SESSION_BYTES
-    return message[len(HELLO) : len(HELLO) + SESSION_BYTES] if is_hello else None
 
 
 @dataclass
@@ -39,15 +40,20 @@ class End:
             self.key, self.call, self.sender, session_in_hello, lambda: self.strangers.append("!")
         )
 
-    def hello(self, echo: bytes = b"") -> bytes:
-        return self.protection.protect(HELLO + self.protection.session + echo)
+    def hello(self, echo: bytes = NO_SESSION) -> bytes:
+        role = Role.ENCODER if self.sender is Sender.ENCODER else Role.DECODER
+        return self.protection.protect(
+            serialise_message(Hello(role, self.protection.session, echo))
+        )
 
     def hear(self, packet: bytes) -> bytes | None:
         """What a packet says; the session of a HELLO that echoes ours counts from then on."""
         message = self.protection.unprotect(packet)
-        session = None if message is None else session_in_hello(message)
-        if message is not None and session and message.endswith(self.protection.session):
-            self.protection.on_peer(session)
+        if message is not None and is_hello(message):
+            hello = parse_message(message)
+            assert isinstance(hello, Hello)
+            if hello.echo == self.protection.session:
+                self.protection.on_peer(hello.session)
         return message
 
 
