@@ -18,8 +18,9 @@ ASK_AFTER_S, ASK_AGAIN_S, GIVE_UP_S = 0.03, 0.13, 2.5
 MAX_EARLY_ASKS = 8
 # How many packets are expected at a time, and how often before that is known.
 MAX_EXPECTED, USUAL_INTERVAL_S = 4, 0.32
-# On a link that loses more than this share each question goes out twice, so soon one after another.
-LOSSY, TWICE_S = 0.1, 0.03
+# On a link that loses more than this share, or before so many packets have told, each question goes
+# out twice, so soon one after another.
+LOSSY, TELLING, TWICE_S = 0.1, 8, 0.03
 # How late a packet is when it is asked for without a later one.
 LATE_S = 0.06
 # Without loss a packet that is missing is in a queue, or was dropped there.
@@ -140,7 +141,8 @@ class FrameNumbers:
         return tuple(asked)
 
     def _ask_again_s(self, missing: _Missing) -> float:
-        is_first_of_two = missing.asks % 2 and self.loss > LOSSY
+        is_lossy = self.loss > LOSSY or len(self._firsts) < TELLING
+        is_first_of_two = missing.asks % 2 and is_lossy
         return missing.asked_s + (TWICE_S if is_first_of_two else self._round_s)
 
     def _note(self, number: int, now_s: float) -> None:

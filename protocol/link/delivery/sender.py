@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 
 from protocol.link.delivery.item_store import ItemStore, Placed
 from protocol.link.delivery.piece_schedule import Peer, PieceSchedule
+from protocol.link.delivery.piece_window import SURE_BPS
 from protocol.link.interface import LinkQuality
 from protocol.link.messages import (
     NO_SESSION,
@@ -27,8 +28,12 @@ from protocol.packets import PacketKind, is_end, packet_kind
 # Frame packets that can be sent again, and how soon after the last time.
 HISTORY = 24
 REPEAT_S = 0.09
-# To a decoder that misses more than this share a repetition goes twice, so soon after another.
-LOSSY, TWICE_S = 0.1, 0.03
+# To a decoder that misses more than this share a repetition goes three times, so soon one after
+# another.
+LOSSY, COPIES, AGAIN_S = 0.1, 3, 0.03
+# The first frame packets of a call go twice, unless the link is thin: nothing is known of its
+# losses, nor does a decoder know when they are due.
+EARLY_FRAMES = 4
 # A decoder that has been silent for so long is gone; one that has been for less gets no pieces.
 PEER_GONE_S, PEER_SILENT_S = 8.0, 4.0
 # How often the other end is asked who has never answered, first and later; who has become silent.
@@ -65,7 +70,7 @@ class DeliverySender:
         self._held_s: float | None = None  # since when frame packets wait for it
         self._history: deque[tuple[int, bytes]] = deque(maxlen=HISTORY)
         self._repeated_s: dict[int, float] = {}
-        self._later: deque[tuple[float, bytes]] = deque()
+        self._later: list[tuple[float, bytes]] = []
         self._peers: dict[int, Peer] = {}
         self._gone: dict[int, bytes] = {}  # sessions of decoders that have said good-bye
         self._pieces = PieceSchedule(self._items)
@@ -146,8 +151,8 @@ class DeliverySender:
         ]
         out, self._out = self._out, []
         out += self._released_frames(present, now_s)
-        while self._later and self._later[0][0] <= now_s:
-            out.append(self._later.popleft()[1])
+        out += [packet for due_s, packet in self._later if due_s <= now_s]
+        self._later = [each for each in self._later if each[0] > now_s]
         out += self._questions(now_s)
         return out + [serialise_message(piece) for piece in self._pieces.due(present, now_s)]
 
@@ -169,6 +174,8 @@ class DeliverySender:
             self._frames_due.popleft()
             self._items.on_frame(packet)
             self._history.append((number, packet))
+            if number < EARLY_FRAMES and (self.quality.rate_bps or 0.0) > SURE_BPS:
+                self._later.append((now_s + AGAIN_S, packet))
             yield packet
 
     def _questions(self, now_s: float) -> Iterator[bytes]:
@@ -269,8 +276,8 @@ class DeliverySender:
             if number in report.missing and not recently:
                 self._repeated_s[number] = now_s
                 self._out.append(packet)
-                if peer.loss > LOSSY:
-                    self._later.append((now_s + TWICE_S, packet))
+                copies = COPIES if peer.loss > LOSSY else 1
+                self._later += [(now_s + AGAIN_S * copy, packet) for copy in range(1, copies)]
         oldest = self._frames - HISTORY
         self._repeated_s = {n: at for n, at in self._repeated_s.items() if n >= oldest}
 
