@@ -39,7 +39,7 @@ def demo(folder: Path, say: Callable[[str], None], stop: Callable[[], bool]) -> 
     source = str(clip_path(CARPHONE, Path()))
     make_folder(folder)
     call, decoded = folder / "call.rzo", folder / "decoded.mkv"
-    say("demo: encode: twice through the clip, which takes some seconds for each of its own")
+    say("demo: encode: two passes over a clip of four seconds, which takes up to half a minute")
     report = encode(EncodeOptions(source, call, profile=available_profile()), _ignore, stop)
     for warning in report.warnings:
         say(f"risorius: warning: {warning}")

@@ -157,8 +157,8 @@ def _check_open(arguments: argparse.Namespace, connect: tuple[str, ...]) -> None
     places = tuple(map(parse_remote_endpoint, connect))
     if _needs_key(arguments, places):
         raise UserError(
-            f"no invitation for {places[0].address}: give --invite with the line that the other"
-            " end has printed, or --insecure to go without encryption"
+            f"no invitation for {places[0].address}: give the line that the other end has printed"
+            " (encode and decode --invite LINE, call LINE), or --insecure to go without encryption"
         )
 
 

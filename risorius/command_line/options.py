@@ -39,7 +39,7 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
         type=model_bytes,
         metavar="N",
         help="about as large the model packet shall be, 2000 to 100000 (default: 16000 thesis,"
-        " 10000 default)",
+        " 12000 default)",
     )
     _add_thesis_coding(parser)
     parser.add_argument(

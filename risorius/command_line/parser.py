@@ -37,4 +37,6 @@ def add_command(added: "Commands", name: str, summary: str, details: str, exampl
         description=f"{summary[0].upper()}{summary[1:]}.\n\n{details}",
         epilog=f"examples:\n{examples}\n{EXIT_CODES}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
+        # `call --invite LINE` would be taken for --invite-file.
+        allow_abbrev=False,
     )

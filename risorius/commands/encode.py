@@ -49,8 +49,8 @@ def add_encode(added: "Commands") -> None:
         "  risorius encode me.mp4 --live -o - | risorius decode - -o - | mpv -\n"
         "  risorius encode 0 --invite risorius://192.0.2.7:7447/anna#K7Q2-8MDX-...\n"
         "  risorius encode me.mp4 --connect 192.0.2.7:7447 --call anna --insecure\n"
-        "  risorius encode 0 --listen :7447 --call anna       # then, on the same network,\n"
-        "  risorius decode --call anna --view\n",
+        "  risorius encode 0 --listen :7447 --call anna --insecure   # then, on the same network,\n"
+        "  risorius decode --call anna --view --insecure\n",
     )
     parser.add_argument("source", metavar="SOURCE", help=SOURCE_HELP)
     where = parser.add_mutually_exclusive_group()
