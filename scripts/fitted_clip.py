@@ -54,7 +54,7 @@ class FittedClip:
 
 def fit_clip(source: str) -> FittedClip:
     """The parameters of a clip, fitted in the shape-free frame by a model of the whole clip."""
-    head, sampler = head_with_surround(), UniformSubsampler()
+    head, sampler = head_with_surround(), UniformSubsampler[Picture]()
     landmarks: list[Array] = []
     with open_source(source) as capture:
         size, fps = (capture.width, capture.height), capture.fps

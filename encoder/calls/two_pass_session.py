@@ -100,7 +100,7 @@ class TwoPassEncoder:
         self._points: list[Array] = []  # landmarks of each detection
         self._detection_of: dict[int, int] = {}  # by source frame
         self._frames = 0
-        self._sampler = UniformSubsampler()
+        self._sampler = UniformSubsampler[Picture]()
         self._model: _CallModel | None = None
         self._faces: dict[int, FaceParameters] = {}  # by detection
 

@@ -65,7 +65,7 @@ class TrainingFrames:
     """
 
     def __init__(self, least: int) -> None:
-        self._sampler, self._points = UniformSubsampler(least), dict[int, Array]()
+        self._sampler = UniformSubsampler[tuple[Picture, Array]](least)
         self._count = 0
 
     @property
@@ -75,14 +75,13 @@ class TrainingFrames:
 
     def offer(self, picture: Picture, points: Array) -> None:
         """Take or leave a frame with its landmarks (468, 3), pixels."""
-        self._sampler.offer(self._count, picture.copy)
-        self._points[self._count] = points
+        self._sampler.offer(self._count, lambda: (picture.copy(), points))
         self._count += 1
 
     def sample(self) -> tuple[list[Picture], list[Array]]:
         """The frames to train from, and the landmarks of each."""
-        self._points = {number: self._points[number] for number, _ in self._sampler.frames}
-        return [picture for _, picture in self._sampler.frames], list(self._points.values())
+        kept = [each for _, each in self._sampler.frames]
+        return [picture for picture, _ in kept], [points for _, points in kept]
 
 
 class ModelTrainer:

@@ -268,7 +268,7 @@ def test_a_frame_without_a_face_holds_the_one_before() -> None:
 
 @pytest.mark.parametrize("count", [1, 10, TRAINING_FRAMES, 2 * TRAINING_FRAMES, 5000])
 def test_a_sample_is_spread_over_a_source_of_any_length(count: int) -> None:
-    sampler, made = UniformSubsampler(), []
+    sampler, made = UniformSubsampler[NDArray[np.uint8]](), []
     picture: NDArray[np.uint8] = np.zeros((1, 1, 3), np.uint8)
 
     def window() -> NDArray[np.uint8]:

@@ -1,5 +1,6 @@
 """A version of a live call's model never changes: with one more mode it is another."""
 
+import weakref
 from dataclasses import replace
 
 import cv2
@@ -12,7 +13,7 @@ from encoder.coding.background import BackgroundImage
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import BUDGETS
 from encoder.learning.incremental_modes import FaceSample, LearnedMode
-from encoder.live_model.model_trainer import ModelTrainer
+from encoder.live_model.model_trainer import ModelTrainer, TrainingFrames
 from encoder.live_model.model_version import RESERVED_MODES, ModelVersion
 from encoder.live_model.warm_up import frontal_landmarks
 from shared_model.geometry import Camera
@@ -100,3 +101,16 @@ def test_a_version_is_placed_in_the_call_by_its_packet(
     placed = version.placed_at(70, START_FRAME)
     assert placed.first_packet == 70 and placed.packet.call.start_frame == START_FRAME
     assert version.first_packet == 0 and version.packet.call.start_frame == 0
+
+
+def test_of_frames_that_are_not_trained_from_nothing_is_kept() -> None:
+    frames, offered = TrainingFrames(4), list[weakref.ref[NDArray[np.float64]]]()
+    picture = np.zeros((2, 2, 3), np.uint8)
+    for number in range(100):
+        points = np.full((468, 3), float(number))
+        offered.append(weakref.ref(points))
+        frames.offer(picture, points)
+    del points
+    kept = [number for number, each in enumerate(offered) if each() is not None]
+    assert [int(each[0, 0]) for each in frames.sample()[1]] == kept
+    assert 4 <= len(kept) < 8
