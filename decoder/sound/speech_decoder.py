@@ -1,5 +1,6 @@
 """Codecs of speech, receiving side: bytes in, frames of 40 ms out, also in place of lost ones."""
 
+from contextlib import suppress
 from importlib.util import find_spec
 from typing import Protocol
 
@@ -103,10 +104,17 @@ class OpusDecoder:
         return samples
 
     def conceal(self) -> Samples:
-        """See `SpeechDecoder`: what libopus makes of a packet without frames."""
-        if self._configuration is None:
-            return np.zeros(self.rate_hz // SPEECH_FRAMES_PER_SECOND, np.int16)
-        return self._decoded(bytes([self._configuration]))
+        """See `SpeechDecoder`: what libopus makes of a packet without frames.
+
+        Where the frames of the call's packets are shorter than 40 ms that is one of those; silence
+        follows on it.
+        """
+        samples = np.zeros(self.rate_hz // SPEECH_FRAMES_PER_SECOND, np.int16)
+        if self._configuration is not None:
+            with suppress(av.FFmpegError):
+                made = self._decoded(bytes([self._configuration]))[: len(samples)]
+                samples[: len(made)] = made
+        return samples
 
     def restart(self) -> None:
         """See `SpeechDecoder`: Opus goes on."""
