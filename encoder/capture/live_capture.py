@@ -15,7 +15,6 @@ import numpy as np
 
 from encoder.capture.frame_times import FrameTimes
 from encoder.capture.video_source import Capture, Frame, open_source
-from shared_model.errors import UserError
 
 # Stands for a frame while the camera is off.
 NO_PICTURE: Frame = np.zeros((0, 0, 3), np.uint8)
@@ -161,6 +160,7 @@ def read_camera(
 ) -> Thread:
     """Start a thread that puts the frames of an open source into a mailbox, each at its time.
 
+    An error of the source is raised by who takes frames out of the mailbox.
     repeat: begin a file again at its end.  on_start: called with the time of each beginning.
     """
 
@@ -175,7 +175,8 @@ def read_camera(
                     on_start(start_s)
                     start_s = _read_all(again, mailbox, start_s)
             mailbox.close()
-        except UserError as error:
+        except BaseException as error:
+            # Whatever it is, who waits for a frame would wait for ever.
             mailbox.close(error)
 
     thread = Thread(target=work, daemon=True)

@@ -4,6 +4,7 @@ from fractions import Fraction
 from pathlib import Path
 from threading import Thread
 
+import cv2
 import numpy as np
 import pytest
 
@@ -114,6 +115,20 @@ def test_a_file_is_a_camera_that_begins_again_at_its_end(tmp_path: Path) -> None
         mailbox.close()
         thread.join()
     assert seen == [10, 200] * 3
+
+
+def test_an_error_of_a_camera_is_raised_by_who_takes_its_frames(tmp_path: Path) -> None:
+    path = tmp_path / "0.png"
+    cv2.imwrite(str(path), picture(1))
+    mailbox = FrameMailbox(FPS)
+
+    def unplugged(start_s: float) -> None:
+        raise RuntimeError("unplugged")
+
+    with open_source(str(path.with_name("%d.png"))) as opened:
+        read_camera(str(path), mailbox, opened, repeat=False, on_start=unplugged).join()
+    with pytest.raises(RuntimeError, match="unplugged"):
+        mailbox.take()
 
 
 def test_large_pictures_are_reduced_and_small_ones_stay() -> None:
