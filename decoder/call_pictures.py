@@ -44,7 +44,7 @@ class CallOptions:
     call_file: a recorded call, or an open stream of one; None: over the network.
     listen, connect: endpoints (HOST:PORT, tcp/HOST:PORT); call: name of the call.
     security: what protects the call over the network.
-    connect_timeout_s: time limit for connecting; 0: the default.
+    connect_timeout_s: time limit for connecting.
     face: call file whose person is drawn instead; None: the call's own.
     """
 
@@ -52,7 +52,7 @@ class CallOptions:
     listen: tuple[str, ...] = ()
     connect: tuple[str, ...] = ()
     call: str = "call"
-    connect_timeout_s: float = 0.0
+    connect_timeout_s: float = CONNECT_TIMEOUT_S
     face: Path | None = None
     security: LinkSecurity = field(default_factory=LinkSecurity)
 
@@ -223,9 +223,12 @@ def open_source(options: CallOptions, on_message: MessageCallback) -> PacketSour
         return CallReader(options.call_file)
     from protocol.link.zenoh_link import ZenohSource
 
-    timeout_s = options.connect_timeout_s or CONNECT_TIMEOUT_S
     link = LinkOptions(
-        options.call, options.listen, options.connect, timeout_s, security=options.security
+        options.call,
+        options.listen,
+        options.connect,
+        options.connect_timeout_s,
+        security=options.security,
     )
     return ZenohSource(link, on_message)
 

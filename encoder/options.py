@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from encoder.tracking.trackers import TrackingOptions
+from protocol.link.interface import CONNECT_TIMEOUT_S
 from protocol.security.link_security import LinkSecurity
 
 
@@ -28,8 +29,9 @@ class EncodeOptions:
     low_delay: packets of half as many frames (default profile).
     live: one pass, as if the source were a camera (default profile).
     pace: send at the source's own rate, as a camera would, instead of as fast as possible.
+    connect_timeout_s: time limit for connecting.
     wait_for_peer_s: wait this long for a decoder before the first frame, beginning with the link;
-        0: wait only until the link is made.
+        0: wait only until the link is made, for `connect_timeout_s`.
     look_for_face_s: warn if there is no face after this many seconds of video.
     model_bytes: approximate size of the model packet; None: the profile's usual one.
     voice: codec of the voice, one of `VOICES`; None: 1200 where the source has sound and the codec
@@ -53,6 +55,7 @@ class EncodeOptions:
     tracking: TrackingOptions = field(default_factory=TrackingOptions)
     pace: bool = False
     max_frames: int | None = None
+    connect_timeout_s: float = CONNECT_TIMEOUT_S
     wait_for_peer_s: float = 0.0
     look_for_face_s: float = 10.0
     model_bytes: int | None = None

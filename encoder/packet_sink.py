@@ -7,7 +7,6 @@ from typing import BinaryIO
 from encoder.options import EncodeOptions
 from protocol.call_file import CallStreamWriter, CallWriter
 from protocol.link.interface import (
-    CONNECT_TIMEOUT_S,
     LinkOptions,
     LinkQuality,
     MessageCallback,
@@ -38,12 +37,11 @@ def _open_packet_sink(
     # Only now: a host that writes call files needs no network library.
     from protocol.link.zenoh_link import ZenohSink
 
-    timeout_s = options.wait_for_peer_s or CONNECT_TIMEOUT_S
     link = LinkOptions(
         options.call,
         options.listen,
         options.connect,
-        timeout_s,
+        options.wait_for_peer_s or options.connect_timeout_s,
         options.lossless,
         security=options.security,
     )

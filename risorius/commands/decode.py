@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from protocol.link.interface import CONNECT_TIMEOUT_S
 from risorius.command_line.call_link import (
     NO_LINK,
     CallLink,
@@ -143,7 +144,7 @@ def _decode(
         connect=link.connect,
         call=link.call,
         security=link.security,
-        connect_timeout_s=arguments.timeout,
+        connect_timeout_s=arguments.timeout or CONNECT_TIMEOUT_S,
         output=output_of(output),
         face=arguments.face,
     )

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from encoder.option_rules import CHOICES
+from protocol.link.interface import CONNECT_TIMEOUT_S
 from risorius.command_line.argument_types import bitrate, port
 from risorius.command_line.parser import add_command
 from risorius.command_line.progress import say, warn
@@ -115,7 +116,7 @@ def _options(arguments: argparse.Namespace) -> "CallOptions":
     microphone = _microphone(arguments)
     return CallOptions(
         place=read_place(arguments),
-        timeout_s=arguments.timeout,
+        timeout_s=arguments.timeout or CONNECT_TIMEOUT_S,
         camera=arguments.camera,
         microphone=microphone,
         voice=_voice(arguments, microphone),

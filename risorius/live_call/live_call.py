@@ -51,7 +51,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 class CallOptions:
     """A call both ways.
 
-    place: where the other end is.  timeout_s: how long to try to connect; 0: the default.
+    place: where the other end is.  timeout_s: how long to try to connect.
     camera, microphone, voice, bitrate, low_delay: see `SendingOptions`.
     face: call file whose person may be shown instead of the other one; None: there is none.
     port: TCP port of the page; 0: any free one.

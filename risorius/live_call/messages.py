@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
+from protocol.link.interface import CONNECT_TIMEOUT_S
 from protocol.security.link_security import LinkSecurity
 
 # What stands for the camera or the microphone of the page.
@@ -19,12 +20,12 @@ class LinkPlace:
     """One direction of a call.
 
     name: of this direction on the link.  connect: the endpoint.
-    timeout_s: how long to try; 0: the default.  security: what protects it.
+    timeout_s: how long to try.  security: what protects it.
     """
 
     name: str
     connect: str
-    timeout_s: float = 0.0
+    timeout_s: float = CONNECT_TIMEOUT_S
     security: LinkSecurity = field(default_factory=LinkSecurity)
 
 
