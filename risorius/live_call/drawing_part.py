@@ -4,6 +4,7 @@ import os
 import time
 from collections import deque
 from pathlib import Path
+from threading import Lock
 
 from decoder.call_pictures import CallOptions, CallPictures, DrawnFrame, open_source
 from decoder.reenactment import read_model
@@ -19,7 +20,7 @@ from risorius.live_call.messages import (
     Heard,
     Presence,
     Receiving,
-    Record,
+    ToDrawer,
     Trouble,
 )
 from risorius.live_call.packets.recorder import CallRecorder
@@ -60,6 +61,7 @@ class _Drawing:
         self._pictures: CallPictures | None = None
         self._face: Path | None = None
         self._losses = deque[tuple[int, int]](maxlen=LOSS_S)  # lost and all, each second
+        self._lock = Lock()  # of the losses
 
     def run(self) -> None:
         """Draw until the part is over."""
@@ -75,17 +77,14 @@ class _Drawing:
 
     def obey(self) -> None:
         """Do what comes from the page until it is gone."""
-        for message in self._part.messages():
-            try:
-                if isinstance(message, DrawAs):
-                    self._draw_as(message.face)
-                elif isinstance(message, Record):
-                    self.recorder.record(message.path)
-            except UserError as error:
-                self._part.send(Trouble(str(error)))
+        self._part.obey(self._do)
 
     def figures(self) -> Receiving:
-        """How it goes, since the last time."""
+        """How it goes, since the last time; for any thread."""
+        with self._lock:
+            return self._figures()
+
+    def _figures(self) -> Receiving:
         traffic, pictures = self._meter.take(), self._pictures
         if self._presence in (Presence.HERE, Presence.SILENT):
             last_s = self._meter.last_s
@@ -96,6 +95,12 @@ class _Drawing:
             covered_s, is_camera_off = packet_s(model.call), pictures.playout.is_camera_off
             self._losses.append((pictures.playout.lost, traffic.packets))
         return Receiving(traffic, self._presence, self._lost_share, covered_s, is_camera_off)
+
+    def _do(self, message: ToDrawer) -> None:
+        if isinstance(message, DrawAs):
+            self._draw_as(message.face)
+        else:
+            self.recorder.record(message.path)
 
     @property
     def _lost_share(self) -> float:
@@ -129,7 +134,8 @@ class _Drawing:
     def _draw(self, opened: PacketSource) -> None:
         """Draw one call."""
         self.recorder.forget()
-        self._losses.clear()
+        with self._lock:
+            self._losses.clear()
         source = MeteredSource(opened, self._meter, self._note)
         self._thinning = Thinning(self._options.fps, time.monotonic)
         options, sound = CallOptions(), None
@@ -165,8 +171,8 @@ class _Drawing:
 
     def _draw_as(self, face: Path | None) -> None:
         self._face = face
-        if self._pictures is not None:
-            self._pictures.draw_as(None if face is None else read_model(face))
+        if (pictures := self._pictures) is not None:
+            pictures.draw_as(None if face is None else read_model(face))
 
     def _show(self, frame: DrawnFrame) -> None:
         jpeg = encoded_picture(frame.picture)

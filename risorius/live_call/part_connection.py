@@ -30,12 +30,19 @@ class PartConnection:
         with self._lock, suppress(OSError):
             self._connection.send(message)
 
-    def messages(self) -> Iterator[Any]:
-        """What comes, until the other end is gone."""
-        with suppress(EOFError, OSError):
-            while True:
-                yield self._connection.recv()
-        self.is_over.set()
+    def obey(self, do: Callable[[Any], None]) -> None:
+        """Call `do` with what comes, until the other end is gone; then the part is over.
+
+        A mistake of the user in it is sent back.  Any other error ends the part.
+        """
+        try:
+            for message in self._messages():
+                try:
+                    do(message)
+                except UserError as error:
+                    self.send(Trouble(str(error)))
+        finally:
+            self.is_over.set()
 
     def in_background(self, work: Callable[[], None]) -> None:
         """Run something in a thread that does not keep the process alive."""
@@ -49,6 +56,13 @@ class PartConnection:
                 self.send(tell())
 
         self.in_background(work)
+
+    def _messages(self) -> Iterator[Any]:
+        while True:
+            try:
+                yield self._connection.recv()
+            except (EOFError, OSError):
+                return
 
 
 def serve(descriptor: int, run: Callable[[PartConnection, Any], None]) -> None:

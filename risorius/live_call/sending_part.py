@@ -12,7 +12,7 @@ from encoder.pipeline import encode_live
 from encoder.runtime.parallel import short_switch_interval
 from protocol.link.interface import PacketSink, ignore_message
 from risorius.live_call.devices import Devices
-from risorius.live_call.messages import Record, Sending, SendingOptions, Trouble
+from risorius.live_call.messages import Record, Sending, SendingOptions, ToSender
 from risorius.live_call.packets.recorder import CallRecorder
 from risorius.live_call.packets.sent_face import SentFace
 from risorius.live_call.packets.traffic_meter import MeteredSink, TrafficMeter
@@ -48,15 +48,17 @@ def run(part: PartConnection, options: SendingOptions) -> None:
 
 def _obey(part: PartConnection, devices: Devices, recorder: CallRecorder) -> None:
     """Do what comes from the page until it is gone; then there is no camera any more."""
-    for message in part.messages():
+
+    def do(message: ToSender) -> None:
         if isinstance(message, Record):
-            try:
-                recorder.record(message.path)
-            except UserError as error:
-                part.send(Trouble(str(error)))
+            recorder.record(message.path)
         else:
             devices.receive(message)
-    devices.close()
+
+    try:
+        part.obey(do)
+    finally:
+        devices.close()
 
 
 class _Sent:
@@ -73,6 +75,7 @@ class _Sent:
             monitor=monitor,
             connect=(options.place.connect,),
             call=options.place.name,
+            connect_timeout_s=options.place.timeout_s,
             security=options.place.security,
             bitrate=options.bitrate,
             low_delay=options.low_delay,

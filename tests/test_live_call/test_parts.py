@@ -1,0 +1,69 @@
+"""The parts of a call: what ends them, and what they say of it."""
+
+from fractions import Fraction
+from multiprocessing import Pipe
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from decoder.sinks.frame_sink import open_sink
+from loopback.process_pair import free_port
+from risorius.live_call import sending_part
+from risorius.live_call.messages import LinkPlace, Record, SendingOptions, Trouble
+from risorius.live_call.part_connection import PartConnection
+from shared_model.errors import UserError
+
+
+def test_a_mistake_of_the_user_is_told_and_what_comes_next_is_done() -> None:
+    ours, theirs = Pipe()
+    part, done = PartConnection(theirs), list[Path | None]()
+
+    def do(message: Record) -> None:
+        done.append(message.path)
+        if message.path is not None:
+            raise UserError(f"cannot write {message.path}")
+
+    for path in (Path("x.rzo"), None):
+        ours.send(Record(path))
+    ours.close()
+    part.obey(do)
+    assert done == [Path("x.rzo"), None] and part.is_over.is_set()
+
+
+def test_a_mistake_is_told_to_the_page() -> None:
+    ours, theirs = Pipe()
+    part = PartConnection(theirs)
+
+    def do(message: Record) -> None:
+        part.is_over.set()
+        raise UserError("no space left")
+
+    ours.send(Record(None))
+    part.in_background(lambda: part.obey(do))
+    assert ours.recv() == Trouble("no space left")
+    ours.close()
+
+
+def test_any_other_error_ends_the_part() -> None:
+    ours, theirs = Pipe()
+    part = PartConnection(theirs)
+
+    def do(message: Record) -> None:
+        raise AttributeError
+
+    ours.send(Record(None))
+    with pytest.raises(AttributeError):
+        part.obey(do)
+    assert part.is_over.is_set()
+
+
+def test_who_sends_waits_as_long_as_the_user_says(tmp_path: Path) -> None:
+    clip = tmp_path / "clip.mkv"
+    with open_sink(clip, 16, 16, Fraction(25)) as sink:
+        sink.write(np.zeros((16, 16, 3), np.uint8))
+    place = LinkPlace("anna-a", f"127.0.0.1:{free_port()}", timeout_s=0.2)
+    options = SendingOptions(place, str(clip), None, "off", 800.0, False, None)
+    ours, theirs = Pipe()
+    with ours, pytest.raises(UserError, match=r"cannot reach .* within 0\.2 s"):
+        sending_part.run(PartConnection(theirs), options)
