@@ -36,7 +36,7 @@ SoundCallback = Callable[[SoundMessage], None]
 class PageServer:
     """Serves one call's page on this host while it is open; used in one event loop.
 
-    on_command: called with each command of a page.
+    on_command: called with each command of a page; its `kind` is a string.
     on_camera, on_sound: called with each picture of a page's camera and each piece of sound of its
         microphone; of several pages one gives these at a time.  None: there are none.
     """
@@ -155,12 +155,12 @@ class PageServer:
 
     async def _receive(self, socket: web.WebSocketResponse, message: WSMessage) -> None:
         """Take a page's message; one that is damaged is left out."""
-        with suppress(ProtocolError, ValueError):
+        with suppress(ProtocolError, ValueError, RecursionError):
             if message.type is WSMsgType.BINARY:
                 await self._take(socket, parse_message(message.data))
             elif message.type is WSMsgType.TEXT and self._on_command is not None:
                 command = json.loads(message.data)
-                if isinstance(command, dict):
+                if isinstance(command, dict) and isinstance(command.get("kind"), str):
                     self._on_command(command)
 
     async def _take(

@@ -257,7 +257,7 @@ class _LiveCall:
             self._sender.send(MicrophoneSound(taken_s, sound.rate_hz, sound.samples))
 
     def _command(self, command: dict[str, Any]) -> None:
-        kind, on = command.get("kind"), command.get("on") is True
+        kind, on = command["kind"], command.get("on") is True
         if kind == "hang-up":
             self._over.set()
             return

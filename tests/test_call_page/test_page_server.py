@@ -66,7 +66,8 @@ def test_a_page_sends_commands_and_its_camera_and_nonsense_does_no_harm() -> Non
     async def test(page: PageServer, client: Any) -> None:
         socket = await websocket(page, client)
         await socket.send_str("{")
-        await socket.send_str("[1]")
+        for nonsense in ("[1]", "{}", '{"kind": []}', 100_000 * "["):
+            await socket.send_str(nonsense)
         await socket.send_bytes(b"\x03")
         await socket.send_bytes(serialise_picture(picture(1, Stream.OTHER)))
         await socket.send_bytes(serialise_picture(picture(2, Stream.CAMERA)))
