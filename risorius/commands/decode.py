@@ -109,7 +109,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
                 quality = _quality(arguments, output, report.frames, frames)
                 figures["quality"] = quality.figures()
                 if not arguments.quiet:
-                    print(_quality_summary(quality))
+                    print(quality_summary(quality))
         finally:
             if arguments.report:
                 write_json(arguments.report, figures)
@@ -287,7 +287,10 @@ def _decode_summary(report: "DecodeReport") -> str:
     )
 
 
-def _quality_summary(quality: "Quality") -> str:
+def quality_summary(quality: "Quality") -> str:
+    """The PSNR, in one line."""
+    if quality.full_psnr_db is None:
+        return "PSNR: no picture measured"
     face = (
         "no face measured"
         if quality.face_psnr_db is None

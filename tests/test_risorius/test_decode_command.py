@@ -14,9 +14,10 @@ from videos import copy_frames
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.frame_times import exact_fps
 from encoder.capture.video_source import open_source
+from loopback.quality.video_quality import Quality
 from protocol.summary import summarise
 from risorius.cli import main
-from risorius.commands.decode import IdleTimeout
+from risorius.commands.decode import IdleTimeout, quality_summary
 
 Capture = pytest.CaptureFixture[str]
 
@@ -27,6 +28,13 @@ class Clock:
 
     def __call__(self) -> float:
         return self.now
+
+
+def test_the_psnr_of_no_pictures_is_none() -> None:
+    nothing = Quality(0, 0, None, None, None, None)
+    assert quality_summary(nothing) == "PSNR: no picture measured"
+    no_face = Quality(9, 0, None, None, 31.0, 30.0)
+    assert quality_summary(no_face) == "PSNR: no face measured, picture 31.00 dB"
 
 
 @pytest.mark.parametrize("endpoint", ["ftp/127.0.0.1:1", "tcp/a b:1"])
