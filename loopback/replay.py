@@ -195,7 +195,7 @@ def _read_clip(entry: Any, defaults: Mapping[str, Any], path: Path) -> Clip:
     if unknown := set(entry) - {"name", "path", "sha256", "settings", "min", "max"}:
         raise UserError(f"{place}: unknown keys: {' '.join(sorted(unknown))}")
     sha256 = entry.get("sha256")
-    if sha256 is None and "%" not in name:
+    if sha256 is None and "%" not in entry["path"]:
         raise UserError(f"{place} has no sha256; sha256sum prints it")
     return Clip(
         name=name,

@@ -53,7 +53,6 @@ def test_a_suite_says_what_to_replay_and_what_to_hold(tmp_path: Path) -> None:
             [[clip]]
             name = "images"
             path = "/clips/frame_%04d.png"
-            sha256 = "cd"
             """,
         )
     )
@@ -74,6 +73,7 @@ def test_a_suite_says_what_to_replay_and_what_to_hold(tmp_path: Path) -> None:
         ("[[clip]]\n", "has no path"),
         ("[[clip]]\npath = 3", "has no path"),
         ("[[clip]]\npath = 'a.mp4'", "no sha256"),
+        ("[[clip]]\nname = '90 %'\npath = 'a.mp4'", "no sha256"),
         ("[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\nmost = {}", "unknown keys: most"),
         ("speed = 2\n[[clip]]\npath = 'a.mp4'\nsha256 = 'a'", "unknown keys: speed"),
         ("[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\nmin = 3", "min is not a table"),
