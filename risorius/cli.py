@@ -68,7 +68,15 @@ examples:
   risorius bench me.mp4 --out out/bench         bits against PSNR, two processes on this host
 """
 # Libraries that only one end needs, and the extra that brings them.
-EXTRA_OF = {"aiohttp": "call", "filterpy": "encoder", "moderngl": "decoder", "segno": "call"}
+EXTRA_OF = {
+    "ai_edge_litert": "encoder",
+    "aiohttp": "call",
+    "filterpy": "encoder",
+    "moderngl": "decoder",
+    "numba": "encoder",
+    "segno": "call",
+    "threadpoolctl": "encoder",
+}
 
 
 class ShowVersion(argparse.Action):

@@ -152,12 +152,21 @@ def test_a_full_disk_is_one_line(call: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("library", "extra"), [("moderngl", "decoder")], ids=lambda value: str(value)
+    ("library", "extra", "command"),
+    [
+        ("ai_edge_litert", "encoder", ["encode", "none.mp4", "-o", "none.rzo"]),
+        ("aiohttp", "call", ["call", "--listen", "127.0.0.1:0", "--voice", "off"]),
+        ("moderngl", "decoder", ["decode", "CALL"]),
+        ("numba", "encoder", ["encode", "none.mp4", "-o", "none.rzo"]),
+        ("threadpoolctl", "encoder", ["encode", "none.mp4", "-o", "none.rzo"]),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_a_missing_extra_is_named(library: str, extra: str, call: Path) -> None:
+def test_a_missing_extra_is_named(library: str, extra: str, command: list[str], call: Path) -> None:
+    arguments = [str(call) if word == "CALL" else word for word in command]
     code = (
         f"import sys; sys.modules['{library}'] = None; from risorius.cli import main;"
-        f"sys.exit(main(['decode', {str(call)!r}]))"
+        f"sys.exit(main({arguments!r}))"
     )
     result = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
