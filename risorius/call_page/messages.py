@@ -13,6 +13,7 @@ pieces of sound: a header of 24 bytes, little endian, then a JPEG file, or sampl
 import struct
 from dataclasses import dataclass
 from enum import IntEnum
+from math import isfinite
 
 from protocol.errors import ProtocolError
 
@@ -84,7 +85,7 @@ def parse_message(data: bytes) -> PictureMessage | SoundMessage:
     size = len(data) - _HEADER.size
     if not 0 <= size <= MAX_SOUND_BYTES or size % 2:
         raise ProtocolError(f"sound message of {len(data)} bytes")
-    stream, zero, rate_hz, time_s, made_ms = _HEADER.unpack_from(data)
+    stream, zero, rate_hz, time_s, made_ms = _unpacked_header(data)
     if zero or not 1 <= rate_hz <= MAX_RATE_HZ:
         raise ProtocolError(f"sound message of {rate_hz} Hz, flag {zero}")
     samples = bytes(data[_HEADER.size :])
@@ -102,8 +103,15 @@ def parse_picture(data: bytes) -> PictureMessage:
     """The message in `data`.  Raises `ProtocolError` if it is none."""
     if not _HEADER.size < len(data) <= _HEADER.size + MAX_JPEG_BYTES:
         raise ProtocolError(f"picture message of {len(data)} bytes")
-    stream, flag, index, time_s, made_ms = _HEADER.unpack_from(data)
+    stream, flag, index, time_s, made_ms = _unpacked_header(data)
     if stream not in PICTURES or flag > 2:
         raise ProtocolError(f"picture message of stream {stream}, flag {flag}")
     jpeg = bytes(data[_HEADER.size :])
     return PictureMessage(Stream(stream), index, time_s, made_ms, jpeg, flag > 0, flag == 2)
+
+
+def _unpacked_header(data: bytes) -> tuple[int, int, int, float, float]:
+    stream, flag, number, time_s, made_ms = _HEADER.unpack_from(data)
+    if not isfinite(time_s) or not isfinite(made_ms):
+        raise ProtocolError(f"message with the times {time_s} s, {made_ms} ms")
+    return stream, flag, number, time_s, made_ms

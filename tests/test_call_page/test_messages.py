@@ -50,3 +50,11 @@ def test_what_is_no_message_is_refused() -> None:
     for damaged in (b"", data[:24], b"\x09" + data[1:], data[:1] + b"\x03" + data[2:], too_long):
         with pytest.raises(ProtocolError):
             parse_picture(damaged)
+
+
+@pytest.mark.parametrize("message", [MESSAGE, SOUND])
+@pytest.mark.parametrize("time", [float("nan"), float("inf"), -float("inf")])
+def test_times_are_numbers(message: PictureMessage | SoundMessage, time: float) -> None:
+    for damaged in (replace(message, time_s=time), replace(message, made_ms=time)):
+        with pytest.raises(ProtocolError):
+            parse_message(serialise_message(damaged))
