@@ -37,6 +37,7 @@ from risorius.live_call.messages import (
     Switch,
     Trouble,
 )
+from risorius.live_call.page_clock import PageClock
 from risorius.live_call.part_process import PartProcess
 from shared_model.errors import LINK_FAILED, UserError
 
@@ -90,8 +91,7 @@ class _LiveCall:
     def __init__(self, options: CallOptions, where: str) -> None:
         self._options, self._where = options, where
         self._page = PageServer(self._command, self._take_picture, self._take_sound)
-        # From ms since 1970 to the clock of the camera.
-        self._epoch_s = time.monotonic() - time.time()
+        self._clock = PageClock()
         self._over = asyncio.Event()
         self._failure: UserError | None = None
         self._sending: Sending | None = None
@@ -191,7 +191,7 @@ class _LiveCall:
             "costs",
             text=cost_words(sending, receiving),
             delay_ms=delay_ms(sending, receiving),
-            begun_ms=None if begun_s is None else 1000 * (begun_s - self._epoch_s),
+            begun_ms=None if begun_s is None else self._clock.page_ms(begun_s),
             fps=None if sending is None else sending.fps,
         )
 
@@ -248,12 +248,12 @@ class _LiveCall:
 
     def _take_picture(self, picture: PictureMessage) -> None:
         if self._options.camera == BROWSER:
-            taken_s = picture.made_ms / 1000 + self._epoch_s
+            taken_s = self._clock.taken_s(picture.made_ms)
             self._sender.send(CameraPicture(taken_s, picture.jpeg))
 
     def _take_sound(self, sound: SoundMessage) -> None:
         if self._options.microphone == BROWSER:
-            taken_s = sound.made_ms / 1000 + self._epoch_s
+            taken_s = self._clock.taken_s(sound.made_ms)
             self._sender.send(MicrophoneSound(taken_s, sound.rate_hz, sound.samples))
 
     def _command(self, command: dict[str, Any]) -> None:
