@@ -55,7 +55,7 @@ def run(part: PartConnection, options: DrawingOptions) -> None:
 class _Drawing:
     def __init__(self, part: PartConnection, options: DrawingOptions) -> None:
         self._part, self._options = part, options
-        self._meter, self.recorder = TrafficMeter(), CallRecorder()
+        self._meter, self.recorder = TrafficMeter(), CallRecorder(part.send)
         self._presence = Presence.AWAITED
         self._thinning = Thinning(options.fps, time.monotonic)
         self._pictures: CallPictures | None = None

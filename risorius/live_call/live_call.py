@@ -32,6 +32,7 @@ from risorius.live_call.messages import (
     Presence,
     Receiving,
     Record,
+    Recording,
     Sending,
     SendingOptions,
     Switch,
@@ -97,10 +98,9 @@ class _LiveCall:
         self._sending: Sending | None = None
         self._receiving: Receiving | None = None
         self._parts: list[PartProcess] = []
-        self._ended = 0
-        self._has_picture = self._is_recording = False
+        self._has_picture = False
+        self._recorded: dict[str, Path | None] = {}  # the call file of each side
         self._switches = {"mute": False, "camera-off": False, "face": False}
-        self._files = 0
 
     async def run(self, announce: Callable[[str], None]) -> None:
         """Hold the call until it is over."""
@@ -168,7 +168,7 @@ class _LiveCall:
             has_voice=options.voice != "off" and options.microphone is not None,
             has_face=options.face is not None,
             **{name.replace("-", "_"): on for name, on in self._switches.items()},
-            recording=self._is_recording,
+            recording=any(self._recorded.values()),
         )
 
     def _invite(self) -> None:
@@ -201,6 +201,8 @@ class _LiveCall:
         if isinstance(message, Sending):
             self._sending = message
             self._tell()
+        elif isinstance(message, Recording):
+            self._note_recording("mine", message)
         else:
             self._receive(message)
 
@@ -220,6 +222,8 @@ class _LiveCall:
             if message.presence is Presence.LEFT:
                 self._has_picture = False
             self._tell()
+        elif isinstance(message, Recording):
+            self._note_recording("other", message)
         else:
             self._receive(message)
 
@@ -228,6 +232,15 @@ class _LiveCall:
             self._page.show(_picture(Stream.SELF, message))
         elif message is not None:
             self._receive(message)
+
+    def _note_recording(self, side: str, recording: Recording) -> None:
+        self._recorded[side] = recording.path
+        names = [path.name for path in self._recorded.values() if path is not None]
+        if recording.reason:
+            self._page.tell("trouble", text=recording.reason)
+        elif names:
+            self._page.tell("news", text=f"recording into {' and '.join(names)}")
+        self._setup()
 
     def _receive(self, message: FromPart | None) -> None:
         if message is None:
@@ -274,19 +287,10 @@ class _LiveCall:
         self._setup()
 
     def _record(self, on: bool) -> None:
-        """Begin or end a recording of both sides."""
-        self._is_recording = on
-        mine: Path | None = None
-        other: Path | None = None
-        if on:
-            stamp = time.strftime("%Y%m%d-%H%M%S")
-            mine, other = (
-                self._options.folder / f"{self._options.place.name}-{stamp}-{side}.rzo"
-                for side in ("mine", "other")
-            )
-            self._page.tell("trouble", text=f"recording into {mine.name} and {other.name}")
-        self._sender.send(Record(mine))
-        self._other.send(Record(other))
+        """Let the parts begin or end a recording of both sides."""
+        start = f"{self._options.place.name}-{time.strftime('%Y%m%d-%H%M%S')}"
+        for part, side in ((self._sender, "mine"), (self._other, "other")):
+            part.send(Record(self._options.folder / f"{start}-{side}.rzo" if on else None))
 
 
 def _picture(stream: Stream, drawn: Drawn) -> PictureMessage:

@@ -194,6 +194,17 @@ class Receiving:
 
 
 @dataclass(frozen=True, slots=True)
+class Recording:
+    """What this direction is recorded into from now on.
+
+    path: the call file; None: it is not recorded.  reason: why it is not any more; "": as asked.
+    """
+
+    path: Path | None
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Trouble:
     """A line for the user.  exit_code: None: the call goes on; else it cannot."""
 
@@ -203,4 +214,4 @@ class Trouble:
 
 ToSender = CameraPicture | MicrophoneSound | Switch | Record
 ToDrawer = DrawAs | Record
-FromPart = Drawn | Heard | Sending | Receiving | Trouble
+FromPart = Drawn | Heard | Sending | Receiving | Recording | Trouble

@@ -27,7 +27,7 @@ def run(part: PartConnection, options: SendingOptions) -> None:
     """
     with ExitStack() as stack:
         stack.enter_context(short_switch_interval())
-        recorder = CallRecorder()
+        recorder = CallRecorder(part.send)
         stack.callback(recorder.close)
         devices = stack.enter_context(Devices(options))
         part.in_background(lambda: _obey(part, devices, recorder))
