@@ -8,6 +8,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 from encoder.sound.speech_encoder import speech_rate_hz
@@ -109,20 +110,23 @@ class _LiveCall:
             loop.add_signal_handler(number, self._over.set)
         async with self._page:
             await self._page.open(self._options.port)
-            self._start(loop)
-            self._setup()
-            self._invite()
-            self._tell()
-            announce(self._page.address)
-            open_browser(self._page.address)
-            await self._over.wait()
-            for part in self._parts:
-                part.close()
-            await asyncio.gather(*(asyncio.to_thread(part.wait) for part in self._parts))
+            try:
+                self._start()
+                self._setup()
+                self._invite()
+                self._tell()
+                announce(self._page.address)
+                # In a thread that is not waited for: some browsers return when they are closed.
+                Thread(target=open_browser, args=(self._page.address,), daemon=True).start()
+                await self._over.wait()
+            finally:
+                for part in self._parts:
+                    part.close()
+                await asyncio.gather(*(asyncio.to_thread(part.wait) for part in self._parts))
         if self._failure is not None:
             raise self._failure
 
-    def _start(self, loop: asyncio.AbstractEventLoop) -> None:
+    def _start(self) -> None:
         options = self._options
         is_listening = options.place.listen is not None
         ours, theirs = (
@@ -140,17 +144,26 @@ class _LiveCall:
         )
         other = DrawingOptions(self._direction(theirs))
         oneself = DrawingOptions(None, own_picture, SELF_FPS)
-        package = "risorius.live_call"
-        self._sender = PartProcess(
-            f"{package}.sending_part", sending, (monitor,), self._receive_sending, loop
-        )
-        self._other = PartProcess(f"{package}.drawing_part", other, (), self._receive_other, loop)
-        self._oneself = PartProcess(
-            f"{package}.drawing_part", oneself, (own_picture,), self._receive_self, loop
-        )
-        self._parts = [self._sender, self._other, self._oneself]
-        for descriptor in (own_picture, monitor):
-            os.close(descriptor)
+        try:
+            self._sender = self._part("sending_part", sending, (monitor,), self._receive_sending)
+            self._other = self._part("drawing_part", other, (), self._receive_other)
+            self._part("drawing_part", oneself, (own_picture,), self._receive_self)
+        finally:
+            for descriptor in (own_picture, monitor):
+                os.close(descriptor)
+
+    def _part(
+        self,
+        module: str,
+        options: SendingOptions | DrawingOptions,
+        descriptors: tuple[int, ...],
+        receive: Callable[[FromPart | None], None],
+    ) -> PartProcess:
+        """Start a part; it is ended with the call."""
+        loop = asyncio.get_running_loop()
+        part = PartProcess(f"risorius.live_call.{module}", options, descriptors, receive, loop)
+        self._parts.append(part)
+        return part
 
     def _direction(self, suffix: str) -> LinkPlace:
         place, timeout_s = self._options.place, self._options.timeout_s
