@@ -1,6 +1,6 @@
 """The pages and programs that watch a call, each with a queue of its own.
 
-A slow one loses pictures; it delays neither the call nor another one.
+A slow one loses pictures and older states; it delays neither the call nor another one.
 """
 
 import asyncio
@@ -17,19 +17,25 @@ Message = PictureMessage | SoundMessage | str
 
 
 class Watcher:
-    """What one page has not received yet; of pictures and sound the newest, of texts all."""
+    """What one page has not received yet: some pictures and sounds, of each kind of text one."""
 
     def __init__(self) -> None:
-        self._waiting: deque[Message] = deque()
+        self._waiting: deque[tuple[Stream | str, Message]] = deque()  # with the stream or kind
         self._arrived = asyncio.Event()
 
-    def put(self, message: Message) -> None:
-        """Add a message; if there are too many of its stream, the oldest goes."""
-        if not isinstance(message, str):
-            same = [m for m in self._waiting if _stream(m) == message.stream]
-            if len(same) >= MAX_WAITING:
-                self._waiting.remove(same[0])
-        self._waiting.append(message)
+    def put(self, message: PictureMessage | SoundMessage) -> None:
+        """Add a picture or sound; if there are too many of its stream, the oldest goes."""
+        self._put(message.stream, message, MAX_WAITING)
+
+    def put_text(self, kind: str, text: str) -> None:
+        """Add a text instead of the one of its kind that waits."""
+        self._put(kind, text, 1)
+
+    def _put(self, key: Stream | str, message: Message, limit: int) -> None:
+        same = [waiting for waiting in self._waiting if waiting[0] == key]
+        if len(same) >= limit:
+            self._waiting.remove(same[0])
+        self._waiting.append((key, message))
         self._arrived.set()
 
     async def take(self) -> Message:
@@ -37,7 +43,7 @@ class Watcher:
         while not self._waiting:
             self._arrived.clear()
             await self._arrived.wait()
-        return self._waiting.popleft()
+        return self._waiting.popleft()[1]
 
 
 class Audience:
@@ -70,7 +76,7 @@ class Audience:
         """Send a text to all; who joins later gets the newest of its kind."""
         self._texts[kind] = text
         for watcher in self._watchers:
-            watcher.put(text)
+            watcher.put_text(kind, text)
 
     async def joined(self) -> None:
         """Wait for the first watcher."""
@@ -80,8 +86,8 @@ class Audience:
     def watching(self) -> Iterator[Watcher]:
         """A watcher for the time of the `with` block."""
         watcher = Watcher()
-        for text in self._texts.values():
-            watcher.put(text)
+        for kind, text in self._texts.items():
+            watcher.put_text(kind, text)
         for picture in self._pictures.values():
             watcher.put(picture)
         self._watchers.append(watcher)
@@ -90,7 +96,3 @@ class Audience:
             yield watcher
         finally:
             self._watchers.remove(watcher)
-
-
-def _stream(message: Message) -> Stream | None:
-    return None if isinstance(message, str) else message.stream

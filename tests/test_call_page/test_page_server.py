@@ -134,19 +134,20 @@ def test_a_port_in_use_is_told() -> None:
     run(test)
 
 
-def test_who_is_slow_loses_the_oldest_pictures_of_a_stream_and_no_text() -> None:
+def test_who_is_slow_loses_the_oldest_pictures_of_a_stream_and_older_states() -> None:
     async def test() -> list[object]:
         watcher = Watcher()
         watcher.put(picture(0, Stream.SELF))
         for index in range(MAX_WAITING + 5):
             watcher.put(picture(index))
-            watcher.put(f"text {index}")
-        return [await watcher.take() for _ in range(2 * MAX_WAITING + 6)]
+            watcher.put_text("costs", f"{index} bit/s")
+            watcher.put_text("state", "" if index else "calling")
+        return [await watcher.take() for _ in range(MAX_WAITING + 3)]
 
     taken = asyncio.run(test())
     shown = [m.index for m in taken if isinstance(m, PictureMessage) and m.stream is Stream.OTHER]
     assert shown == list(range(5, MAX_WAITING + 5)) and taken[0] == picture(0, Stream.SELF)
-    assert sum(isinstance(message, str) for message in taken) == MAX_WAITING + 5
+    assert [each for each in taken if isinstance(each, str)] == [f"{MAX_WAITING + 4} bit/s", ""]
 
 
 def test_who_has_left_is_no_longer_counted() -> None:
