@@ -30,6 +30,8 @@ from shared_model.parameters import FaceParameters, with_focal_change
 # After so long a silence the last face is shown for the frames that do not come.  What comes within
 # that time, of a link that was away or of a slow encoder, is shown late but whole.
 SILENCE_S = 30.0
+# Speech is heard with its pictures; what nobody has taken by then is kept for so long.
+KEPT_SPEECH_S = 60
 
 
 class EncoderSession:
@@ -115,12 +117,13 @@ class CallPlayout:
     """Turns the arrivals of a call into the faces of its source frames, in order.
 
     max_wait_s: how long a missing packet is waited for, at most.
+    kept_speech_s: how long speech that has not been taken is kept after its pictures.
     speech: the speech received.
     Attributes are those of `Playout`, of the whole call.
     """
 
-    def __init__(self, max_wait_s: float = MAX_WAIT_S) -> None:
-        self._max_wait_s = max_wait_s
+    def __init__(self, max_wait_s: float = MAX_WAIT_S, kept_speech_s: int = KEPT_SPEECH_S) -> None:
+        self._max_wait_s, self._kept_speech_s = max_wait_s, kept_speech_s
         self._return = SmoothReturn()
         self._receiving = self._shown = EncoderSession(max_wait_s)
         self._receiving.offset = 0
@@ -221,6 +224,9 @@ class CallPlayout:
         if arrival.session > self._session:
             self._begin(arrival.session)
         yield from self._placed(self._receiving.receive(arrival))
+        if (model := self.model) is not None:
+            shown = int(self._next * SPEECH_FRAMES_PER_SECOND / model.call.exact_fps)
+            self.speech.drop_before(shown - self._kept_speech_s * SPEECH_FRAMES_PER_SECOND)
 
     def poll(self, now_s: float) -> Iterator[PlayoutFrame]:
         """The frames to show at `now_s` although nothing has come.  Raises as `receive`."""

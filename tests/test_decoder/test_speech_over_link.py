@@ -121,3 +121,11 @@ def test_a_restarted_encoder_with_another_codec_is_silent() -> None:
     again += [Arrival(data, 3.0 + k * PACKET_S, 1, k) for k, data in enumerate(packets)]
     assert play(playout, iter(again)) > 0
     assert playout.speech.get(3 * SPEECH_FRAMES_PER_SECOND + 1) is None
+
+
+def test_speech_that_nobody_takes_is_forgotten() -> None:
+    playout = CallPlayout(kept_speech_s=1)
+    assert play(playout, iter(arrivals(sent(), SimulatedLink(), 0))) == FRAMES
+    count = SPEECH_FRAMES_PER_SECOND * FRAMES // round(BASE.call.fps)
+    kept = [k for k in range(count) if playout.speech.get(k) is not None]
+    assert kept == list(range(count - SPEECH_FRAMES_PER_SECOND, count))
