@@ -9,7 +9,8 @@ from layer_streams import BASE, PACKED, frames
 
 from decoder.playout import Playout, PlayoutFrame
 from decoder.reception.arrival_clock import MAX_WAIT_S, MIN_WAIT_S, ArrivalClock
-from decoder.reception.call_playout import SILENCE_S, CallPlayout
+from decoder.reception.call_playout import CallPlayout
+from decoder.reception.encoder_session import SILENCE_S
 from loopback.simulated_link import SentPacket, SimulatedLink, arrivals
 from protocol.link.interface import Arrival
 from protocol.packets import ControlKind, ControlPacket, serialise
