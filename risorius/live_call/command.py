@@ -14,7 +14,7 @@ from shared_model.errors import UserError
 
 if TYPE_CHECKING:
     from risorius.command_line.parser import Commands
-    from risorius.live_call.live_call import CallOptions
+    from risorius.live_call.call_options import CallOptions
 
 BROWSER, NO_MICROPHONE = "browser", "off"
 USUAL_VOICE = "1200"
@@ -107,7 +107,7 @@ def run_call(arguments: argparse.Namespace) -> int:
 
 def _options(arguments: argparse.Namespace) -> "CallOptions":
     from decoder.reenactment import read_model
-    from risorius.live_call.live_call import CallOptions
+    from risorius.live_call.call_options import CallOptions
 
     if arguments.face is not None:
         read_model(arguments.face)

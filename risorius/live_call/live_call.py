@@ -6,7 +6,6 @@ import signal
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -15,8 +14,10 @@ from encoder.sound.speech_encoder import speech_rate_hz
 from protocol.relay.zenoh_relay import Relay, RelayOptions
 from risorius.call_page.call_view import open_browser
 from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
+from risorius.call_page.page_clock import PageClock
 from risorius.call_page.page_server import PageServer
-from risorius.live_call.call_place import CallPlace, own_address
+from risorius.live_call.call_options import CallOptions
+from risorius.live_call.call_place import own_address
 from risorius.live_call.call_words import cost_words, delay_ms, state_words
 from risorius.live_call.invitation_card import card
 from risorius.live_call.messages import (
@@ -39,7 +40,6 @@ from risorius.live_call.messages import (
     Switch,
     Trouble,
 )
-from risorius.live_call.page_clock import PageClock
 from risorius.live_call.part_process import PartProcess
 from shared_model.errors import LINK_FAILED, UserError
 
@@ -48,29 +48,6 @@ FROM_LISTENER, TO_LISTENER = "-a", "-b"
 # Pictures of oneself that are drawn each second, about: they only tell how one is seen.
 SELF_FPS = 8.0
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
-
-@dataclass(frozen=True, slots=True)
-class CallOptions:
-    """A call both ways.
-
-    place: where the other end is.  timeout_s: how long to try to connect.
-    camera, microphone, voice, bitrate, low_delay: see `SendingOptions`.
-    face: call file whose person may be shown instead of the other one; None: there is none.
-    port: TCP port of the page; 0: any free one.
-    folder: where recordings go.
-    """
-
-    place: CallPlace
-    timeout_s: float
-    camera: str
-    microphone: str | None
-    voice: str
-    bitrate: float
-    low_delay: bool
-    face: Path | None
-    port: int
-    folder: Path
 
 
 def run_call(options: CallOptions, announce: Callable[[str], None]) -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from risorius.live_call.page_clock import MAX_AWAY_S, PageClock
+from risorius.call_page.page_clock import MAX_AWAY_S, PageClock
 
 START_S, SINCE_1970_S = 100.0, 1.8e9
 

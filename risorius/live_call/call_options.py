@@ -1,0 +1,29 @@
+"""What a call both ways is asked for."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from risorius.live_call.call_place import CallPlace
+
+
+@dataclass(frozen=True, slots=True)
+class CallOptions:
+    """A call both ways.
+
+    place: where the other end is.  timeout_s: how long to try to connect.
+    camera, microphone, voice, bitrate, low_delay: see `SendingOptions`.
+    face: call file whose person may be shown instead of the other one; None: there is none.
+    port: TCP port of the page; 0: any free one.
+    folder: where recordings go.
+    """
+
+    place: CallPlace
+    timeout_s: float
+    camera: str
+    microphone: str | None
+    voice: str
+    bitrate: float
+    low_delay: bool
+    face: Path | None
+    port: int
+    folder: Path
