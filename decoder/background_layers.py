@@ -39,12 +39,14 @@ class BackgroundLayers:
     static: (h, w, 3) uint8 BGR: stands still behind it; None if `moving` is opaque.
     fields_px: (k, rows, columns, 2) motion fields of `moving`, see `shared_model.layers`.
     changes: (c, rows, columns, 3) BGR, what a unit of each further coefficient adds to both.
+    scene_moves: whether the last coefficients move `static`, see `shared_model.layers`.
     """
 
     moving: Picture
     static: Picture | None = None
     fields_px: Array | None = None
     changes: Single | None = None
+    scene_moves: bool = False
 
 
 def load_background(background: bytes, width: int, height: int) -> BackgroundLayers:
@@ -77,6 +79,7 @@ def _load_layers(background: bytes, width: int, height: int) -> BackgroundLayers
         decode_image("scene", layers.scene),
         layers.fields / FIELD_CODES_PER_PX,
         decode_changes(layers.changes, width, height),
+        layers.scene_moves,
     )
 
 

@@ -4,8 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.background_layers import BackgroundLayers
+from protocol.pictures.layered_background import SCENE_COEFFICIENTS
 from shared_model.layers.head_motion import BackgroundMesh
 from shared_model.layers.layer_motion import fields_at_mesh, own_motion
+from shared_model.layers.scene_motion import moved_corners
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -22,12 +24,21 @@ class LayerMotion:
         self._fields = None
         if fields_px is not None and len(fields_px):
             self._fields = fields_at_mesh(mesh, fields_px)
+        self._size = (mesh.camera.width, mesh.camera.height) if layers.scene_moves else None
         self._changes = changes if changes is not None and len(changes) else None
         self._count = 0 if fields_px is None else len(fields_px)
 
     def own_motion(self, coefficients: Array) -> Array | None:
         """(rows, columns, 2) pixels, see `head_motion.warp`; None if there are no fields."""
         return None if self._fields is None else own_motion(self._fields, coefficients)
+
+    def scene_corners(self, coefficients: Array) -> Array | None:
+        """See `scene_motion.moved_corners`; None if the scene stands still."""
+        if self._size is None:
+            return None
+        first = self._count + (0 if self._changes is None else len(self._changes))
+        own = coefficients[first : first + SCENE_COEFFICIENTS]
+        return moved_corners(*self._size, own)
 
     def change(self, coefficients: Array) -> Picture | None:
         """(h, w, 3) uint8 BGR, `NO_CHANGE` more than what to add to both; None: there is nothing.

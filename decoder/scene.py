@@ -34,7 +34,7 @@ EDGE_EXPANSION_PX = 0.7
 class FrameState:
     """What the renderer draws of a frame, see `Renderer.submit`.
 
-    texture, change: None: unchanged.
+    texture: None: unchanged.  change, scene_corners: None: there is none.
     """
 
     texture: Picture | None
@@ -43,6 +43,7 @@ class FrameState:
     grid_px: Array
     mouth_shading: float | None
     change: Picture | None = None
+    scene_corners: Array | None = None
 
 
 class Scene:
@@ -113,7 +114,8 @@ class Scene:
             grid_px = warp(self._parts.mesh, pose, vertices, own_motion)
             shading = mouth_shading(self._parts.head, vertices) if self._shade_mouth else None
             change = self._parts.motion.change(frame.face.layers)
-        return FrameState(texture, pose, vertices, grid_px, shading, change)
+            corners = self._parts.motion.scene_corners(frame.face.layers)
+        return FrameState(texture, pose, vertices, grid_px, shading, change, corners)
 
     def submit(self, state: FrameState, timer: StageTimer) -> None:
         """Start drawing a frame; `read_back` returns its picture."""
@@ -128,6 +130,7 @@ class Scene:
                 state.mouth_shading,
                 EDGE_EXPANSION_PX,
                 state.change,
+                state.scene_corners,
             )
 
     def read_back(self, timer: StageTimer) -> Picture:

@@ -11,6 +11,7 @@ from decoder.rendering.gl_context import (
     upload_picture,
 )
 from decoder.rendering.render_geometry import grid_triangles, opaque_triangles
+from shared_model.layers.scene_motion import PICTURE_CORNERS
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -32,6 +33,7 @@ class BackgroundPass:
         self._static_frame: moderngl.Framebuffer | None = None
         self._change: moderngl.Texture | None = None
         self._scene: moderngl.VertexArray | None = None
+        self._scene_corners: moderngl.Buffer | None = None
 
     def set(self, moving: Picture, grid_px: Array, static: Picture | None) -> None:
         """See `Renderer.set_background`."""
@@ -62,8 +64,9 @@ class BackgroundPass:
         target: moderngl.Framebuffer,
         grid_px: Array | None,
         change: Picture | None = None,
+        scene_corners: Array | None = None,
     ) -> None:
-        """Draw the layers into `target`.  grid_px, change: see `Renderer.submit`."""
+        """Draw the layers into `target`.  For the others see `Renderer.submit`."""
         if self._mesh is None or self._grid is None or self._moving is None:
             return
         if grid_px is not None:
@@ -74,28 +77,34 @@ class BackgroundPass:
             self._change.use(1)
         self._context.enable_only(moderngl.NOTHING)
         if self._static_frame is not None:
-            self._draw_scene(target, change is not None)
+            self._draw_scene(target, change is not None, scene_corners)
             self._context.enable_only(moderngl.BLEND)
         self._moving.use()
         self._mesh.render()
 
-    def _draw_scene(self, target: moderngl.Framebuffer, changes: bool) -> None:
-        """Copy the scene as it was drawn once, or draw it again with its change."""
+    def _draw_scene(
+        self, target: moderngl.Framebuffer, changes: bool, corners: Array | None
+    ) -> None:
+        """Copy the scene as it was drawn once, or draw it again with its change or moved."""
         assert self._static_frame is not None
-        if not changes or self._scene is None or self._static is None:
+        if self._scene is None or self._static is None or self._scene_corners is None:
+            return
+        if not changes and corners is None:
             self._context.copy_framebuffer(target, self._static_frame)
             return
+        self._scene_corners.write(as_float32(PICTURE_CORNERS if corners is None else corners))
         self._static.use()
         self._scene.render(moderngl.TRIANGLE_STRIP)
 
     def _whole_picture(self, program: moderngl.Program) -> moderngl.VertexArray:
         """Two triangles over the whole picture."""
-        corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]], np.float32)
+        context, corners = self._context, PICTURE_CORNERS
+        self._scene_corners = context.buffer(as_float32(corners), dynamic=True)
         content = [
-            (self._context.buffer(as_float32(corners * self._size - 0.5)), "2f", "position_px"),
-            (self._context.buffer(as_float32(corners)), "2f", "texture_coordinate"),
+            (context.buffer(as_float32(np.array(corners) * self._size - 0.5)), "2f", "position_px"),
+            (self._scene_corners, "2f", "texture_coordinate"),
         ]
-        return self._context.vertex_array(program, content)
+        return context.vertex_array(program, content)
 
     def _drawn(self, texture: moderngl.Texture, mesh: moderngl.VertexArray) -> moderngl.Framebuffer:
         """A frame of the unwarped texture, to be copied into every frame."""

@@ -120,9 +120,11 @@ class Renderer:
         mouth_shading: float | None = None,
         expansion_px: float = 0.0,
         change: Picture | None = None,
+        scene_corners: Array | None = None,
     ) -> Picture:
         """The textured head over the background: (height, width, 3) uint8 BGR.  See `submit`."""
-        self.submit(camera, pose, vertices, grid_px, mouth_shading, expansion_px, change)
+        further = expansion_px, change, scene_corners
+        self.submit(camera, pose, vertices, grid_px, mouth_shading, *further)
         return self.read_back()
 
     def submit(
@@ -134,6 +136,7 @@ class Renderer:
         mouth_shading: float | None = None,
         expansion_px: float = 0.0,
         change: Picture | None = None,
+        scene_corners: Array | None = None,
     ) -> None:
         """Start drawing a picture; `read_back` waits for it and returns it.
 
@@ -142,13 +145,14 @@ class Renderer:
         mouth_shading: light inside the mouth, less on molars; None: the texture includes it.
         expansion_px: how far the colours of the face extend beyond its outline, pixels.
         change: (h, w, 3) uint8 BGR, added to both layers of the background less 128; None: nothing.
+        scene_corners: see `scene_motion.moved_corners`; None: the scene stands still.
         """
         self._check(camera, vertices)
         if self._atlas is None:
             raise ValueError("no texture has been set, expected set_texture before draw")
         with self._context as context:
             self._clear()
-            self._background.draw(self._target, grid_px, change)
+            self._background.draw(self._target, grid_px, change, scene_corners)
             self._write_pose(self._textured, camera, pose, vertices)
             self._textured.program["mouth_shading"] = (
                 1.0 if mouth_shading is None else mouth_shading

@@ -8,6 +8,14 @@ from numpy.typing import NDArray
 
 from encoder.layers.displacement import dense, origins, sample
 from encoder.layers.layer_samples import coarse_luma, face_region, motion_with_head
+from encoder.layers.scene_motion import (
+    fit_scene_motion,
+    gradient,
+    scene_basis,
+    scene_origins,
+    solved,
+)
+from protocol.pictures.layered_background import SCENE_COEFFICIENTS
 from shared_model.animate import Face
 from shared_model.layers.head_motion import BackgroundMesh
 from shared_model.parameters import FaceParameters
@@ -18,8 +26,6 @@ Picture = NDArray[np.uint8]
 
 # Gauss-Newton steps; residuals of so many grey levels count half.
 STEPS, ROBUST_GREY = 3, 12.0
-# Of the normal matrix' diagonal; and its least value, squared grey levels per pixel.
-RELATIVE_RIDGE, RIDGE_GREY2 = 1e-3, 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +35,8 @@ class LayerFitter:
     face, mesh: of the person, see `motion_with_head`.  size: of the source, (width, height).
     person: (h, w) luma, times alpha.  alpha: (h, w).  scene: (h, w) luma.
     fields: (k, h, w, 2) coarse pixels.  changes: (c, h, w) luma.
-    limits: (k + c, 2) the least and the largest coefficients.
+    limits: (k + c + s, 2) the least and the largest coefficients.
+    scene_moves: s is 4, and the last coefficients move the scene (`scene_motion`); else s is 0.
     """
 
     face: Face
@@ -41,20 +48,24 @@ class LayerFitter:
     fields: Single
     changes: Single
     limits: Array
+    scene_moves: bool = False
 
     def fit(self, picture: Picture, parameters: FaceParameters, outline_px: Array) -> Array:
-        """(k + c,) the coefficients of a frame (h, w, 3) uint8 BGR.
+        """(k + c + s,) the coefficients of a frame (h, w, 3) uint8 BGR.
 
         parameters: of the face.  outline_px: (n, 2) of the face, source pixels.
         """
         luma, at = coarse_luma(picture), self._origins(parameters)
         weight = (~self.face_region(outline_px)).astype(np.float32)
         coefficients = np.zeros(len(self.limits))
+        if self.scene_moves:
+            behind = weight * (1 - sample(self.alpha, at))
+            coefficients[-SCENE_COEFFICIENTS:] = fit_scene_motion(self.scene, luma, behind)
         for _ in range(STEPS if len(coefficients) else 0):
             drawn, jacobian = self._linearised(at, coefficients)
             residual = luma - drawn
             distrust = np.asarray(cv2.blur(residual, (3, 3)), np.float32) / ROBUST_GREY
-            step = _solved(jacobian, residual, weight / (1 + distrust**2))
+            step = solved(jacobian, residual, weight / (1 + distrust**2))
             coefficients = coefficients + step
             coefficients = np.clip(coefficients, *self.limits.T)
         return coefficients
@@ -64,8 +75,20 @@ class LayerFitter:
         return self._linearised(self._origins(parameters), coefficients)[0]
 
     def jacobian(self, parameters: FaceParameters, coefficients: Array) -> Single:
-        """(k + c, h, w) grey levels of the coarse picture per unit of each coefficient."""
+        """(k + c + s, h, w) grey levels of the coarse picture per unit of each coefficient."""
         return self._linearised(self._origins(parameters), coefficients)[1]
+
+    def sensitivity(
+        self, parameters: FaceParameters, coefficients: Array
+    ) -> tuple[Single, Single, Single]:
+        """Where the person comes from, the coarse picture, and what moving the person changes.
+
+        Returns (h, w, 2) coarse pixels, before the fields; (h, w) luma; and (h, w, 2) grey levels
+        per coarse pixel of the position at which the person is sampled.
+        """
+        at = self._origins(parameters)
+        drawn, _, slope = self._drawn(at, coefficients)
+        return at, drawn, slope
 
     def face_region(self, outline_px: Array) -> NDArray[np.bool_]:
         """(h, w) where the coarse picture shows the face.  outline_px: see `fit`."""
@@ -77,33 +100,40 @@ class LayerFitter:
         return origins(dense(motion, self.size, shape))
 
     def _linearised(self, at: Single, coefficients: Array) -> tuple[Single, Single]:
-        """The picture and its derivatives (k + c, h, w); the person comes from `at` (h, w, 2)."""
-        count = len(self.fields)
+        """The picture and its derivatives (k + c + s, h, w).  at: see `_drawn`."""
+        drawn, jacobian, _ = self._drawn(at, coefficients)
+        return drawn, jacobian
+
+    def _drawn(self, at: Single, coefficients: Array) -> tuple[Single, Single, Single]:
+        """As `_linearised`, and the derivative (h, w, 2) by the position of the person.
+
+        The person comes from `at` (h, w, 2).
+        """
+        count, changed = len(self.fields), len(self.fields) + len(self.changes)
+        scene, scene_changes, moving = self._moved_scene(coefficients[changed:])
         moves = np.array([sample(field, at) for field in self.fields], np.float32)
         moves = moves.reshape(-1, *at.shape)
-        own = coefficients[:count].astype(np.float32)
-        at = at - np.tensordot(own, moves, 1)
+        at = at - np.tensordot(coefficients[:count].astype(np.float32), moves, 1)
         person, alpha = sample(self.person, at), sample(self.alpha, at)
-        added = coefficients[count:].astype(np.float32)
-        behind = np.array([sample(change, at) for change in self.changes], np.float32)
-        changes = (1 - alpha) * self.changes + alpha * behind.reshape(-1, *alpha.shape)
-        drawn = (1 - alpha) * self.scene + person + np.tensordot(added, changes, 1)
-        gradient = sample(_gradient(self.person), at)
-        gradient -= self.scene[..., None] * sample(_gradient(self.alpha), at)
-        jacobian = np.concatenate([-(moves * gradient).sum(-1), changes])
-        return np.asarray(drawn, np.float32), np.asarray(jacobian, np.float32)
+        added = coefficients[count:changed].astype(np.float32)
+        own_changes = np.array([sample(change, at) for change in self.changes], np.float32)
+        changes = (1 - alpha) * scene_changes + alpha * own_changes.reshape(-1, *alpha.shape)
+        drawn = (1 - alpha) * scene + person + np.tensordot(added, changes, 1)
+        slope = sample(gradient(self.person), at)
+        slope -= scene[..., None] * sample(gradient(self.alpha), at)
+        jacobian = np.concatenate([-(moves * slope).sum(-1), changes, (1 - alpha) * moving])
+        return np.asarray(drawn, np.float32), np.asarray(jacobian, np.float32), slope
 
+    def _moved_scene(self, own: Array) -> tuple[Single, Single, Single]:
+        """(h, w) the scene, (c, h, w) its changes, and (s, h, w) derivatives by its motion.
 
-def _gradient(image: Single) -> Single:
-    """(h, w, 2) central differences."""
-    across = cv2.Sobel(image, cv2.CV_32F, 1, 0, ksize=3) / 8
-    down = cv2.Sobel(image, cv2.CV_32F, 0, 1, ksize=3) / 8
-    return np.stack([across, down], -1).astype(np.float32)
-
-
-def _solved(jacobian: Single, residual: Single, weight: Single) -> Array:
-    rows = jacobian.reshape(len(jacobian), -1).astype(np.float64)
-    weighted = rows * weight.ravel()
-    normal = weighted @ rows.T
-    ridge = RELATIVE_RIDGE * np.diag(normal) + RIDGE_GREY2 * rows.shape[1]
-    return np.asarray(np.linalg.solve(normal + np.diag(ridge), weighted @ residual.ravel()))
+        own: (s,) coefficients of the scene's motion.
+        """
+        shape = self.scene.shape[0], self.scene.shape[1]
+        if not len(own):
+            return self.scene, self.changes, np.zeros((0, *shape), np.float32)
+        basis = scene_basis(shape)
+        at = scene_origins(basis, own)
+        changes = np.array([sample(change, at) for change in self.changes], np.float32)
+        derivatives = -(basis * sample(gradient(self.scene), at)).sum(-1)
+        return sample(self.scene, at), changes.reshape(-1, *shape), derivatives

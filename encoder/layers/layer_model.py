@@ -9,17 +9,19 @@ from numpy.typing import NDArray
 
 from encoder.layers.changes import learn_changes
 from encoder.layers.displacement import dense
+from encoder.layers.field_refinement import refined_fields
 from encoder.layers.frame_layers import FrameLayers
 from encoder.layers.layer_fitter import LayerFitter
 from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, scaled_shape
-from encoder.layers.motion_fields import motion_fields
+from encoder.layers.motion_fields import field_codes, motion_fields
 from encoder.layers.person_picture import person_mask, person_picture
-from encoder.layers.scene import scene_picture
+from encoder.layers.scene import scene_motion, scene_picture
 from encoder.picture_coding.picture_encoder import EncodedPicture, encode_picture
 from encoder.picture_coding.quantiser_search import finest_quantiser_within
 from protocol.pictures.foreground_mask import Mask
 from protocol.pictures.layered_background import (
     FIELD_CODES_PER_PX,
+    SCENE_COEFFICIENTS,
     Codes,
     LayeredBackground,
     serialise_layers,
@@ -35,8 +37,8 @@ Single = NDArray[np.float32]
 # By how much a coefficient may exceed those of the sample, in their range.
 LIMIT_MARGIN = 0.3
 STEPS_PER_HALVING = 8
-# Passes over the sample: coefficients, then the person's picture.
-PASSES = 2
+# Passes over the sample: the person's picture, coefficients, then so many steps of the fields.
+PASSES, FIELD_STEPS = 2, 2
 # Frames at which the distortion is measured.
 DISTORTION_FRAMES = 12
 
@@ -69,14 +71,16 @@ class LayerModel:
 
     def encode(self, max_bytes: int) -> bytes:
         """The layered background, its pictures as fine as `max_bytes` for all of it allow."""
-        return self._encoded(self.fields, self.changes, max_bytes)
+        return self._encoded(self.fields, self.changes, self.fitter.scene_moves, max_bytes)
 
     def encode_rough(self, max_bytes: int) -> bytes:
         """The same without what frames change: for a base layer."""
-        return self._encoded(self.fields[:0], (), max_bytes)
+        return self._encoded(self.fields[:0], (), False, max_bytes)
 
-    def _encoded(self, fields: Codes, changes: tuple[bytes, ...], max_bytes: int) -> bytes:
-        draft = LayeredBackground(self.mask, b"", b"", fields, changes)
+    def _encoded(
+        self, fields: Codes, changes: tuple[bytes, ...], moves: bool, max_bytes: int
+    ) -> bytes:
+        draft = LayeredBackground(self.mask, b"", b"", fields, changes, moves)
         # The length of the person's picture takes up to two bytes more than that of an empty one.
         free_bytes = max_bytes - len(serialise_layers(draft)) - 2
 
@@ -98,17 +102,21 @@ class LayerModel:
 def learn_layers(face: Face, samples: LayerSamples) -> LayerModel:
     """The layers of a person, from a sample of their frames."""
     scene, fields = scene_picture(samples), motion_fields(samples)
-    at_mesh = fields_at_mesh(samples.mesh, fields / FIELD_CODES_PER_PX)
+    of_scene = scene_motion(samples, scene)
+    if of_scene is not None:
+        scene = scene_picture(samples, of_scene)
+    moves = of_scene is not None
     coefficients = np.zeros((len(samples.faces), len(fields)))
     for _ in range(PASSES):
-        motions = [
-            motion + np.tensordot(c, at_mesh, 1)
-            for motion, c in zip(samples.motion, coefficients, strict=True)
-        ]
-        mask = person_mask(samples, motions)
-        person = person_picture(samples, motions, mask)
-        fitter = _fitter(face, samples, scene, person, mask, at_mesh)
+        fitter, mask, person = _with_person(face, samples, (scene, moves), fields, coefficients)
         coefficients = _fitted(fitter, samples)
+        for _ in range(FIELD_STEPS if len(fields) else 0):
+            refined = refined_fields(fields / FIELD_CODES_PER_PX, samples, fitter, coefficients)
+            fields = field_codes(refined)
+            fitter = _with_fields(fitter, fields, samples)
+            coefficients = _fitted(fitter, samples)
+    fitter, mask, person = _with_person(face, samples, (scene, moves), fields, coefficients)
+    coefficients = _fitted(fitter, samples)
     changes = learn_changes(samples, fitter, coefficients)
     fitter = _with_changes(fitter, changes.luma)
     coefficients = _fitted(fitter, samples)
@@ -131,28 +139,56 @@ def _distortion(fitter: LayerFitter, samples: LayerSamples, coefficients: Array)
     return total / max(face_pixels, 1)
 
 
-def _fitter(
+def _with_person(
     face: Face,
     samples: LayerSamples,
-    scene: Single,
-    person: Single,
-    mask: Mask,
-    fields: Array,
-) -> LayerFitter:
+    scene: tuple[Single, bool],
+    fields: Codes,
+    coefficients: Array,
+) -> tuple[LayerFitter, Mask, Single]:
+    """What fits the person's picture from frames with these coefficients; mask and picture.
+
+    scene: its picture, and whether it moves.
+    """
+    at_mesh = fields_at_mesh(samples.mesh, fields / FIELD_CODES_PER_PX)
+    motions = [
+        motion + np.tensordot(own[: len(fields)], at_mesh, 1)
+        for motion, own in zip(samples.motion, coefficients, strict=True)
+    ]
+    mask = person_mask(samples, motions)
+    person = person_picture(samples, motions, mask)
     shape = scaled_shape(samples.size, COARSE_SIDE)
     alpha = opacity(mask, shape[1], shape[0]).astype(np.float32)
-    dense_fields = [dense(field, samples.size, shape) for field in fields]
-    return LayerFitter(
+    fitter = LayerFitter(
         face,
         samples.mesh,
         samples.size,
         _coarse_luma(person, shape) * alpha,
         alpha,
-        _coarse_luma(scene, shape),
-        np.array(dense_fields, np.float32).reshape(-1, *shape, 2),
+        _coarse_luma(scene[0], shape),
+        np.zeros((0, *shape, 2), np.float32),
         np.zeros((0, *shape), np.float32),
-        np.tile([-np.inf, np.inf], (len(fields), 1)),
+        np.zeros((0, 2)),
+        scene[1],
     )
+    return _with_fields(fitter, fields, samples), mask, person
+
+
+def _with_fields(fitter: LayerFitter, fields: Codes, samples: LayerSamples) -> LayerFitter:
+    """The fitter with other motion fields, without changes."""
+    shape = fitter.scene.shape[0], fitter.scene.shape[1]
+    at_mesh = fields_at_mesh(samples.mesh, fields / FIELD_CODES_PER_PX)
+    dense_fields = [dense(field, samples.size, shape) for field in at_mesh]
+    return replace(
+        fitter,
+        fields=np.array(dense_fields, np.float32).reshape(-1, *shape, 2),
+        limits=_no_limits(len(fields), fitter),
+    )
+
+
+def _no_limits(count: int, fitter: LayerFitter) -> Array:
+    """Limits of `count` coefficients and those of the scene's motion."""
+    return np.tile([-np.inf, np.inf], (count + SCENE_COEFFICIENTS * fitter.scene_moves, 1))
 
 
 def _with_changes(fitter: LayerFitter, changes: Single) -> LayerFitter:
@@ -162,7 +198,7 @@ def _with_changes(fitter: LayerFitter, changes: Single) -> LayerFitter:
     return replace(
         fitter,
         changes=np.array(resized, np.float32).reshape(-1, *shape),
-        limits=np.tile([-np.inf, np.inf], (len(fitter.fields) + len(changes), 1)),
+        limits=_no_limits(len(fitter.fields) + len(changes), fitter),
     )
 
 

@@ -46,7 +46,12 @@ def motion_fields(samples: LayerSamples) -> Codes:
     ratio = min(1.0, COARSE_SIDE / max(samples.size))
     large = (power > MIN_SHARE * power.sum()) & (rms_px * ratio > MIN_MOTION_PX)
     chosen = axes[:MAX_FIELDS][large[:MAX_FIELDS]].reshape(-1, *motions.shape[1:]) / root
-    return np.array([_codes(field) for field in chosen], np.int64).reshape(-1, *motions.shape[1:])
+    return field_codes(chosen)
+
+
+def field_codes(fields: Array) -> Codes:
+    """The codes of fields (k, rows, columns, 2), each at a scale of its own."""
+    return np.array([_codes(field) for field in fields], np.int64).reshape(fields.shape)
 
 
 def _codes(field: Array) -> Codes:

@@ -1,23 +1,94 @@
-"""The picture of the scene: what stands behind the person, from all frames of a sample."""
+"""The picture of the scene: what stands behind the person, from all frames of a sample.
 
+Where the camera moves, the frames are moved back first: their motion is found by fitting a picture
+of the scene to them.
+"""
+
+from collections.abc import Iterable
+from typing import Any
+
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.layers.layer_samples import LayerSamples
+from encoder.capture.colour import luma_f32
+from encoder.layers.displacement import sample
+from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, shrunk
 from encoder.layers.robust_mean import robust_mean
+from encoder.layers.scene_motion import fit_scene_motion, scene_basis, scene_origins
+from protocol.pictures.picture_codec import to_luma
 from shared_model.appearance import pull_push_fill
+from shared_model.layers.scene_motion import displacement_basis
 
+Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
 # The matte up to which a pixel shows the scene; its weight falls to 0 there.
 CLEAR_MATTE = 0.25
 # A pixel is known if the frames that show it weigh as much as so many.
 MIN_FRAMES = 0.75
+# The scene moves if that leaves at most this share of the squared residual behind the person, of
+# which a pixel counts at most so many squared grey levels.
+MAX_LEFT, MAX_GREY2 = 0.6, 400.0
 
 
-def scene_picture(samples: LayerSamples) -> Single:
-    """(h, w, 3) BGR the scene; what the person always hides is filled in smoothly."""
-    mattes = samples.mattes_at(samples.pictures.shape[1:3])
-    weights = np.maximum(1 - mattes / CLEAR_MATTE, 0)
-    mean = robust_mean(samples.pictures, weights)
+def scene_picture(samples: LayerSamples, motion: Array | None = None) -> Single:
+    """(h, w, 3) BGR the scene; what the person always hides is filled in smoothly.
+
+    motion: (n, 4) of the scene in each frame, see `scene_motion`; None: it stands still.
+    """
+    shape = samples.pictures.shape[1:3]
+    weights = np.maximum(1 - samples.mattes_at(shape) / CLEAR_MATTE, 0)
+    pictures = samples.pictures
+    if motion is not None:
+        pictures = np.array(list(map(_moved_back, pictures, motion)))
+        weights = np.array(list(map(_moved_back, weights, motion)))
+    mean = robust_mean(pictures, weights)
     return pull_push_fill(mean, weights.sum(0) > MIN_FRAMES)
+
+
+def scene_motion(samples: LayerSamples, still: Single) -> Array | None:
+    """(n, 4) how the scene moves in each frame; None if it stands still.
+
+    still: the picture of the scene as if it did.
+    """
+    lumas = [luma_f32(shrunk(picture, COARSE_SIDE)) for picture in samples.pictures]
+    shape = lumas[0].shape[0], lumas[0].shape[1]
+    clear = (samples.mattes_at(shape) < CLEAR_MATTE).astype(np.float32)
+    at_rest = _coarse(still, shape)
+    # The mean of moving pictures is blurred.
+    first = clear[samples.canonical]
+    scene = first * lumas[samples.canonical] + (1 - first) * at_rest
+    motion = _fitted(scene, lumas, clear)
+    motion = _fitted(_coarse(scene_picture(samples, motion), shape), lumas, clear)
+    motion -= motion[samples.canonical]
+    scene, basis = _coarse(scene_picture(samples, motion), shape), scene_basis(shape)
+    moved = [sample(scene, scene_origins(basis, own)) for own in motion]
+    left, before = (
+        sum(
+            float((np.minimum((luma - each) ** 2, MAX_GREY2) * weight).sum())
+            for luma, each, weight in zip(lumas, drawn, clear, strict=True)
+        )
+        for drawn in (moved, [at_rest] * len(lumas))
+    )
+    return motion if left < MAX_LEFT * before else None
+
+
+def _fitted(scene: Single, lumas: Iterable[Single], weights: Iterable[Single]) -> Array:
+    each = zip(lumas, weights, strict=True)
+    return np.array([fit_scene_motion(scene, luma, weight) for luma, weight in each])
+
+
+def _coarse(picture: Single, shape: tuple[int, int]) -> Single:
+    small = cv2.resize(picture, shape[::-1], interpolation=cv2.INTER_AREA)
+    return to_luma(np.asarray(small, np.float32))
+
+
+def _moved_back(image: NDArray[Any], motion: Array) -> NDArray[Any]:
+    """An image of a frame as the scene has it; 0 beyond the frame."""
+    height, width = image.shape[:2]
+    corners = np.array([[0.0, 0.0], [width - 1, 0], [0, height - 1]])
+    away = np.tensordot(motion, displacement_basis(width, height, corners), 1)
+    ends = (corners - away).astype(np.float32), corners.astype(np.float32)
+    matrix = cv2.getAffineTransform(ends[1], ends[0])
+    return np.asarray(cv2.warpAffine(image, matrix, (width, height), flags=cv2.INTER_LINEAR))

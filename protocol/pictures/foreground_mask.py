@@ -16,8 +16,8 @@ from protocol.errors import ProtocolError
 Mask = NDArray[np.bool_]
 
 TAG = b"C"
-# Cells along each side, for any shape of picture.
-MASK_SIDE = 96
+# Cells along each side, for any shape of picture; of a fine mask, which only layers may have.
+MASK_SIDE, FINE_MASK_SIDE = 96, 192
 MAX_MASK_BYTES = 2048
 # Rows above and columns to the left of a cell: its context, the first one the highest bit.
 _CONTEXT_OFFSETS = ((0, 1), (1, 1), (1, 0), (1, -1), (0, 2), (2, 0))
@@ -50,16 +50,16 @@ def parse_background(data: bytes) -> tuple[Mask | None, bytes]:
 
 
 def encode_mask(mask: Mask) -> bytes:
-    """The bytes of a mask (MASK_SIDE, MASK_SIDE), true on the person."""
+    """The bytes of a mask (n, n), true on the person."""
     coder = RangeEncoder()
     _code(coder, mask)
     return coder.finish()
 
 
-def decode_mask(data: bytes) -> Mask:
-    """The mask (MASK_SIDE, MASK_SIDE) in `data`.  Raises `ProtocolError` if it is damaged."""
+def decode_mask(data: bytes, side: int = MASK_SIDE) -> Mask:
+    """The mask (side, side) in `data`.  Raises `ProtocolError` if it is damaged."""
     coder = RangeDecoder(data)
-    mask = _code(coder, np.zeros((MASK_SIDE, MASK_SIDE), np.bool_))
+    mask = _code(coder, np.zeros((side, side), np.bool_))
     if coder.unread_bytes:
         raise ProtocolError(f"background: mask: {coder.unread_bytes} bytes too many")
     return mask
@@ -67,7 +67,7 @@ def decode_mask(data: bytes) -> Mask:
 
 def _code(coder: BitCoder, mask: Mask) -> Mask:
     bits = AdaptiveBits(1 << len(_CONTEXT_OFFSETS))
-    known = [[0] * (MASK_SIDE + 2 * _PAD) for _ in range(MASK_SIDE + _PAD)]
+    known = [[0] * (len(mask) + 2 * _PAD) for _ in range(len(mask) + _PAD)]
     for i, row in enumerate(mask.tolist(), _PAD):
         for j, foreground in enumerate(row, _PAD):
             context = 0

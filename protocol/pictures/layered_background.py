@@ -1,11 +1,13 @@
 """The layered background of a model packet: the scene, the person before it, and how both change.
 
-A layered background is the tag `L`, then its parts: the foreground mask, the picture of the person,
-the motion fields, the number of changes (one byte) and the changes, then the picture of the scene.
-All but the last follow after their length (varint).  A background without layers is one picture.
+A layered background is the tag `L`, or `M` and a byte of flags, then its parts: the mask, the
+picture of the person, the motion fields, the number of changes (one byte) and the changes, then the
+picture of the scene.  Mask, picture, fields and each change follow after their length (varint).  A
+background without layers is one picture.
 
 The person moves with the head and, on top of it, along motion fields; both pictures change by
-`changes`.  A frame has a layer coefficient for each field, then for each change.
+`changes`; the scene may move as a whole.  A frame has a layer coefficient for each field, then for
+each change, then for the motion of the scene.
 """
 
 from dataclasses import dataclass
@@ -19,6 +21,8 @@ from protocol.entropy.varint import decode_varint, encode_varint
 from protocol.errors import ProtocolError
 from protocol.limits import MAX_IMAGE_BYTES
 from protocol.pictures.foreground_mask import (
+    FINE_MASK_SIDE,
+    MASK_SIDE,
     MAX_MASK_BYTES,
     Mask,
     decode_mask,
@@ -30,7 +34,11 @@ from protocol.pictures.picture_codec import ModeCodec
 Codes = NDArray[np.int64]
 Single = NDArray[np.float32]
 
-TAG = b"L"
+TAG, FLAGGED_TAG = b"L", b"M"
+# Of the motion of the scene, see `shared_model.layers.scene_motion`.
+SCENE_COEFFICIENTS = 4
+# Flags: the scene moves; the mask is a fine one.
+_SCENE_MOVES, _FINE_MASK = 1, 2
 MAX_FIELDS, MAX_CHANGES = 8, 8
 MAX_FIELD_BYTES = 8192
 MAX_FIELD_CODE = 127
@@ -48,11 +56,12 @@ _CONTEXTS = 3
 class LayeredBackground:
     """The parts of a layered background.
 
-    mask: (MASK_SIDE, MASK_SIDE) of the person in their picture.
+    mask: (n, n) of the person in their picture; n is MASK_SIDE or FINE_MASK_SIDE.
     person, scene: encoded pictures.
     fields: (k, rows, columns, 2) codes -MAX_FIELD_CODE..MAX_FIELD_CODE: displacement in x and y at
         points evenly over the picture, corner to corner, see `field_shape`.
     changes: encoded modes of `change_shape`, added to both pictures.
+    scene_moves: frames have coefficients of `shared_model.layers.scene_motion`.
     """
 
     mask: Mask
@@ -60,11 +69,13 @@ class LayeredBackground:
     scene: bytes
     fields: Codes
     changes: tuple[bytes, ...] = ()
+    scene_moves: bool = False
 
     @property
     def coefficients(self) -> int:
         """Number of layer coefficients of a frame."""
-        return len(self.fields) + len(self.changes)
+        of_scene = SCENE_COEFFICIENTS if self.scene_moves else 0
+        return len(self.fields) + len(self.changes) + of_scene
 
 
 def field_shape(width: int, height: int) -> tuple[int, int]:
@@ -98,7 +109,7 @@ def decode_changes(changes: tuple[bytes, ...], width: int, height: int) -> Singl
 
 def is_layered(background: bytes) -> bool:
     """Whether a model packet's background has layers."""
-    return background[:1] == TAG
+    return background[:1] in (TAG, FLAGGED_TAG)
 
 
 def serialise_layers(layers: LayeredBackground) -> bytes:
@@ -107,7 +118,9 @@ def serialise_layers(layers: LayeredBackground) -> bytes:
     parts = (encode_mask(layers.mask), layers.person, fields)
     lengths = [encode_varint(len(part)) + part for part in parts]
     changes = [encode_varint(len(change)) + change for change in layers.changes]
-    return b"".join((TAG, *lengths, bytes([len(changes)]), *changes, layers.scene))
+    flags = _SCENE_MOVES * layers.scene_moves + _FINE_MASK * (len(layers.mask) == FINE_MASK_SIDE)
+    tag = FLAGGED_TAG + bytes([flags]) if flags else TAG
+    return b"".join((tag, *lengths, bytes([len(changes)]), *changes, layers.scene))
 
 
 def parse_layers(data: bytes, width: int, height: int) -> LayeredBackground:
@@ -116,7 +129,11 @@ def parse_layers(data: bytes, width: int, height: int) -> LayeredBackground:
     Raises `ProtocolError` if the bytes are damaged; the pictures are not looked at.
     """
     reader = _Reader(data)
-    mask = decode_mask(reader.part("mask", MAX_MASK_BYTES))
+    flags = reader.byte("flags") if data[:1] == FLAGGED_TAG else 0
+    if flags > (_SCENE_MOVES | _FINE_MASK) or (not flags and data[:1] == FLAGGED_TAG):
+        raise ProtocolError(f"background: flags are {flags}, expected 1 to 3")
+    side = FINE_MASK_SIDE if flags & _FINE_MASK else MASK_SIDE
+    mask = decode_mask(reader.part("mask", MAX_MASK_BYTES), side)
     person = reader.part("person", MAX_IMAGE_BYTES)
     coded = reader.part("motion fields", MAX_FIELD_BYTES)
     if not coded or coded[0] > MAX_FIELDS:
@@ -126,7 +143,8 @@ def parse_layers(data: bytes, width: int, height: int) -> LayeredBackground:
     if count > MAX_CHANGES:
         raise ProtocolError(f"background: {count} changes, limit {MAX_CHANGES}")
     changes = tuple(reader.part("change", MAX_IMAGE_BYTES) for _ in range(count))
-    return LayeredBackground(mask, person, reader.rest, fields, changes)
+    scene_moves = bool(flags & _SCENE_MOVES)
+    return LayeredBackground(mask, person, reader.rest, fields, changes, scene_moves)
 
 
 def background_pictures(background: bytes, width: int, height: int) -> tuple[bytes, ...]:

@@ -5,6 +5,7 @@ from heads import synthetic_head
 
 from decoder.rendering.renderer import Renderer
 from shared_model.geometry import Camera, pose_from_euler
+from shared_model.layers.scene_motion import moved_corners
 
 CAMERA = Camera(320, 240, 380.0)
 
@@ -28,3 +29,26 @@ def test_a_change_is_added_to_both_layers_and_to_the_next_frame_no_more() -> Non
         np.testing.assert_allclose(picture.astype(int), expected + np.array([20, 0, -10]), atol=1)
         picture = renderer.draw(CAMERA, away, head.vertices)
         np.testing.assert_allclose(picture.astype(int), expected, atol=1)
+
+
+def test_the_scene_moves_behind_the_person_and_stands_still_again() -> None:
+    rng, head = np.random.default_rng(6), synthetic_head(8, 10)
+    still, behind = rng.integers(40, 200, (2, 240, 320, 3), dtype=np.uint8)
+    opacity = np.zeros((240, 320), np.uint8)
+    opacity[80:160, 100:200] = 255
+    u, v = np.linspace(-0.5, 319.5, 21), np.linspace(-0.5, 239.5, 16)
+    away = pose_from_euler(0, 0, 0, np.array([9000.0, 0, 700]))
+    # 5 pixels to the right, 3 up.
+    corners = moved_corners(320, 240, np.array([5, -3]) / 3.2)
+    moved = np.roll(behind, (-3, 5), (0, 1))
+    with Renderer(CAMERA.width, CAMERA.height, head) as renderer:
+        renderer.set_background(
+            np.dstack([still, opacity]), np.stack(np.meshgrid(u, v), -1), behind
+        )
+        renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
+        for scene_corners, expected in ((corners, moved), (None, behind)):
+            picture = renderer.draw(CAMERA, away, head.vertices, scene_corners=scene_corners)
+            whole = np.where(opacity[..., None], still, expected).astype(int)
+            np.testing.assert_allclose(
+                picture[10:-10, 10:-10].astype(int), whole[10:-10, 10:-10], atol=1
+            )

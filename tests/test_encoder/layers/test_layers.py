@@ -17,6 +17,7 @@ from encoder.layers.displacement import dense, origins, pixel_grid, sample
 from encoder.layers.layer_model import LayerModel, learn_layers
 from encoder.layers.layer_samples import LayerSamples, motion_with_head, scaled_shape, typical_frame
 from encoder.layers.robust_mean import robust_mean
+from encoder.layers.scene import scene_motion, scene_picture
 from protocol.pictures.layered_background import parse_layers
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, pixel_from_head, pose_from_euler
@@ -130,6 +131,27 @@ def test_a_hand_before_the_shoulder_moves_the_rest_little(model: LayerModel) -> 
     assert (coefficients >= low).all() and (coefficients <= high).all()
     moved_px = np.ptp(SWAY_PX) / np.ptp(model.coefficients[:, 0])
     assert abs(coefficients[0] - free[0]) * moved_px < 1.5
+
+
+def test_a_camera_that_moves_takes_the_wall_along(model: LayerModel) -> None:
+    assert not model.fitter.scene_moves
+    shift_px = np.stack([-SWAY_PX, 0.5 * np.abs(SWAY_PX)], -1)
+    pictures = []
+    for sway, (right, down) in zip(SWAY_PX, shift_px, strict=True):
+        alpha = picture_of(REST, sway)[1][..., None]
+        matrix = np.array([[1, 0, right], [0, 1, down]])
+        moved = cv2.warpAffine(WALL, matrix, (160, 120), borderMode=cv2.BORDER_REFLECT)
+        pictures.append(alpha * picture_of(REST, sway)[0] + (1 - alpha) * moved)
+    still = samples(0 * LIGHT)
+    moving = replace(still, pictures=np.asarray(pictures, np.uint8))
+    motion = scene_motion(moving, scene_picture(moving))
+    assert motion is not None
+    # A unit is a hundredth of the longer side.
+    away_px = motion[:, :2] * 1.6 - shift_px
+    assert np.abs(away_px).max() < 0.5
+    scene = scene_picture(moving, motion)
+    assert np.abs(scene - WALL)[10:60, 10:-10].mean() < 6
+    assert scene_motion(still, scene_picture(still)) is None
 
 
 def test_a_change_of_the_light_is_learned_and_follows_it() -> None:

@@ -9,7 +9,7 @@ from encoder.picture_coding.picture_encoder import encode_mode
 from protocol.entropy.varint import encode_varint
 from protocol.errors import ProtocolError
 from protocol.limits import MAX_IMAGE_BYTES
-from protocol.pictures.foreground_mask import MASK_SIDE, MAX_MASK_BYTES, encode_mask
+from protocol.pictures.foreground_mask import FINE_MASK_SIDE, MASK_SIDE, MAX_MASK_BYTES, encode_mask
 from protocol.pictures.layered_background import (
     MAX_CHANGES,
     MAX_FIELD_BYTES,
@@ -62,6 +62,27 @@ def test_all_parts_arrive() -> None:
     assert serialise_layers(found) == data
     assert background_pictures(data, *SIZE) == (sent.person, sent.scene)
     assert background_pictures(b"S picture", *SIZE) == (b"S picture",)
+
+
+@pytest.mark.parametrize("side", [MASK_SIDE, FINE_MASK_SIDE])
+@pytest.mark.parametrize("moves", [False, True])
+def test_a_scene_that_moves_and_a_fine_mask_arrive(side: int, moves: bool) -> None:
+    mask = np.repeat(np.repeat(background().mask, side // MASK_SIDE, 0), side // MASK_SIDE, 1)
+    sent = replace(background(), mask=mask, scene_moves=moves)
+    data = serialise_layers(sent)
+    found = parse_layers(data, *SIZE)
+    assert is_layered(data) and serialise_layers(found) == data
+    assert np.array_equal(found.mask, mask)
+    assert (found.scene_moves, found.coefficients) == (moves, 8 if moves else 4)
+
+
+@pytest.mark.parametrize("flags", [0, 4, 255])
+def test_unknown_flags_are_refused(flags: int) -> None:
+    data = serialise_layers(replace(background(), scene_moves=True))
+    with pytest.raises(ProtocolError, match="flags"):
+        parse_layers(data[:1] + bytes([flags]) + data[2:], *SIZE)
+    with pytest.raises(ProtocolError, match="flags"):
+        parse_layers(data[:1], *SIZE)
 
 
 def test_there_need_be_neither_fields_nor_changes() -> None:

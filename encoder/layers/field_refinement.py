@@ -1,0 +1,105 @@
+"""Motion fields refined against the frames themselves: least squared error around the face.
+
+One Gauss-Newton step for all displacements of all fields together, for given coefficients.
+"""
+
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.layers.layer_fitter import LayerFitter
+from encoder.layers.layer_samples import LayerSamples, coarse_luma
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+# Residuals of so many grey levels count half.
+ROBUST_GREY = 12.0
+# Weight of the squared difference between neighbouring points, and of the squared step, against
+# the mean of the normal matrix' diagonal.
+SMOOTHNESS, DAMPING = 0.05, 0.02
+# Less than so many squared grey levels per pixel tell nothing.
+MIN_SLOPE2 = 0.01
+
+
+def refined_fields(
+    fields_px: Array, samples: LayerSamples, fitter: LayerFitter, coefficients: Array
+) -> Array:
+    """(k, rows, columns, 2) source pixels per unit: the fields after one step.
+
+    fields_px: the fields of `fitter`.  coefficients: (n, k or more) of the frames.
+    """
+    count, rows, columns = fields_px.shape[:3]
+    points = rows * columns
+    scale = np.sqrt((coefficients[:, :count] ** 2).mean(0)) + 1e-9
+    normal = np.zeros((count, 2, points, count, 2, points))
+    right = np.zeros((count, 2, points))
+    for i, own in enumerate(coefficients):
+        unit = own[:count] / scale
+        squares, products = _normal_equations(i, samples, fitter, own, (rows, columns))
+        normal += np.einsum("k,l,xypq->kxplyq", unit, unit, squares, optimize=True)
+        right += unit[:, None, None] * products
+    size = count * 2 * points
+    matrix = normal.reshape(size, size)
+    mean = float(np.trace(matrix)) / size
+    roughness = np.kron(np.eye(count * 2), mean * SMOOTHNESS * _roughness(rows, columns))
+    fields = (fields_px * scale[:, None, None, None]).transpose(0, 3, 1, 2).reshape(size)
+    matrix = matrix + roughness + mean * DAMPING * np.eye(size)
+    step = np.linalg.solve(matrix, right.reshape(size) - roughness @ fields)
+    moved = (fields + step).reshape(count, 2, rows, columns).transpose(0, 2, 3, 1)
+    return np.asarray(moved / scale[:, None, None, None])
+
+
+def _normal_equations(
+    number: int, samples: LayerSamples, fitter: LayerFitter, own: Array, grid: tuple[int, int]
+) -> tuple[Array, Array]:
+    """Of a frame whose coefficient is 1: (2, 2, points, points) and (2, points)."""
+    at, drawn, gradient = fitter.sensitivity(samples.faces[number], own)
+    residual = coarse_luma(samples.pictures[number]) - drawn
+    outside = ~fitter.face_region(samples.outlines_px[number])
+    weight = outside / (1 + (residual / ROBUST_GREY) ** 2)
+    # Grey levels per source pixel of displacement.
+    slope = -gradient * (np.array(drawn.shape[::-1]) / np.array(samples.size))
+    used = np.flatnonzero((weight * (slope**2).sum(-1)).ravel() > MIN_SLOPE2)
+    corners = list(_corner_shares(at.reshape(-1, 2)[used], drawn.shape, grid))
+    slopes, weights = slope.reshape(-1, 2)[used], weight.ravel()[used]
+    weighted = slopes * weights[:, None]
+    points = grid[0] * grid[1]
+    squares, products = np.zeros((2, 2, points * points)), np.zeros((2, points))
+    for axis, (a, share_a) in product((0, 1), corners):
+        left = weighted[:, axis] * share_a
+        products[axis] += np.bincount(a, left * residual.ravel()[used], points)
+        for other, (b, share_b) in product((0, 1)[axis:], corners):
+            values = left * slopes[:, other] * share_b
+            squares[axis, other] += np.bincount(a * points + b, values, points * points)
+    squares[1, 0] = squares[0, 1]
+    return squares.reshape(2, 2, points, points), products
+
+
+def _corner_shares(
+    at: Single, shape: tuple[int, ...], grid: tuple[int, int]
+) -> Iterator[tuple[NDArray[np.intp], Array]]:
+    """The four points around positions (m, 2), coarse pixels, and their linear weights."""
+    last = np.array(grid[::-1]) - 1
+    position = np.clip((at + 0.5) / np.array(shape[1::-1]) * last, 0, last - 1e-6)
+    low = position.astype(np.intp)
+    part = position - low
+    for down, right in product((0, 1), (0, 1)):
+        share = np.abs(1 - right - part[:, 0]) * np.abs(1 - down - part[:, 1])
+        yield (low[:, 1] + down) * grid[1] + low[:, 0] + right, share
+
+
+def _roughness(rows: int, columns: int) -> Array:
+    """(points, points) of the sum of squared differences between neighbours."""
+    number = np.arange(rows * columns).reshape(rows, columns)
+    pairs = [(number[:, :-1], number[:, 1:]), (number[:-1], number[1:])]
+    matrix = np.zeros((rows * columns,) * 2)
+    for first, second in pairs:
+        a, b = first.ravel(), second.ravel()
+        np.add.at(matrix, (a, a), 1)
+        np.add.at(matrix, (b, b), 1)
+        np.add.at(matrix, (a, b), -1)
+        np.add.at(matrix, (b, a), -1)
+    return matrix

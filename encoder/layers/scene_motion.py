@@ -1,0 +1,64 @@
+"""The motion of the scene where the camera moves: fitted to coarse pictures, coarse to fine."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.layers.displacement import pixel_grid, sample
+from shared_model.layers.scene_motion import displacement_basis
+
+Array = NDArray[np.float64]
+Single = NDArray[np.float32]
+
+# Standard deviations of the kernels by which pictures are blurred, coarse pixels, and Gauss-Newton
+# steps at each.
+BLUR_SIGMAS, STEPS = (4.0, 1.5), 3
+# Residuals of so many grey levels count half.
+ROBUST_GREY = 12.0
+# Of the normal matrix' diagonal; and its least value, squared grey levels per pixel.
+RELATIVE_RIDGE, RIDGE_GREY2 = 1e-3, 1e-3
+
+
+def scene_basis(shape: tuple[int, int]) -> Single:
+    """(4, h, w, 2) pixels of a picture of `shape`, see `displacement_basis`."""
+    grid = pixel_grid(shape).astype(np.float64)
+    return displacement_basis(shape[1], shape[0], grid).astype(np.float32)
+
+
+def scene_origins(basis: Single, motion: Array) -> Single:
+    """(h, w, 2) where each pixel of a frame comes from in the picture of the scene."""
+    grid = pixel_grid((basis.shape[1], basis.shape[2]))
+    return grid - np.tensordot(motion.astype(np.float32), basis, 1)
+
+
+def fit_scene_motion(scene: Single, luma: Single, weight: Single) -> Array:
+    """(4,) how the scene (h, w) moves in a frame.  luma, weight: (h, w) of the frame."""
+    motion, basis = np.zeros(4), scene_basis((scene.shape[0], scene.shape[1]))
+    for sigma in BLUR_SIGMAS:
+        picture, target = (
+            np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.float32)
+            for image in (scene, luma)
+        )
+        slope = gradient(picture)
+        for _ in range(STEPS):
+            at = scene_origins(basis, motion)
+            residual = np.asarray(target - sample(picture, at), np.float32)
+            trust = weight / (1 + (residual / ROBUST_GREY) ** 2)
+            motion = motion + solved(-(basis * sample(slope, at)).sum(-1), residual, trust)
+    return motion
+
+
+def gradient(image: Single) -> Single:
+    """(h, w, 2) central differences."""
+    across = cv2.Sobel(image, cv2.CV_32F, 1, 0, ksize=3) / 8
+    down = cv2.Sobel(image, cv2.CV_32F, 0, 1, ksize=3) / 8
+    return np.stack([across, down], -1).astype(np.float32)
+
+
+def solved(jacobian: Single, residual: Single, weight: Single) -> Array:
+    """(k,) the Gauss-Newton step.  jacobian: (k, h, w).  residual, weight: (h, w)."""
+    rows = jacobian.reshape(len(jacobian), -1).astype(np.float64)
+    weighted = rows * weight.ravel()
+    normal = weighted @ rows.T
+    ridge = RELATIVE_RIDGE * np.diag(normal) + RIDGE_GREY2 * rows.shape[1]
+    return np.asarray(np.linalg.solve(normal + np.diag(ridge), weighted @ residual.ravel()))
