@@ -226,7 +226,7 @@ def second_pass(
     callbacks: SessionCallbacks,
 ) -> None:
     """Fit the face in every frame that is coded."""
-    count = len(stats.capture_ns)
+    count = stats.captured
 
     def second_half(done: int) -> None:
         callbacks.progress((count + done) // 2, count)
@@ -242,7 +242,7 @@ def _run_pass(frame_pass: FramePass, source: FrameSource, progress: Progress, na
     with closing(source.with_lookahead()) as frames:
         run_pass(frame_pass, frames, source.expected_frames, progress)
     if not frame_pass.started:
-        count = len(source.stats.capture_ns)
+        count = source.stats.captured
         raise UserError(
             f"{name}: no face found in {count} frame{'' if count == 1 else 's'};"
             " is one in the picture, upright and at least 20 pixels wide?",

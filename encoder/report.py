@@ -61,9 +61,9 @@ def report_of(
     if reach in UNREACHED_MESSAGES:
         stats.warn(UNREACHED_MESSAGES[reach])
     if stats.lost_frames:
-        stats.warn(f"no face in {stats.lost_frames} of {len(stats.capture_ns)} frames")
-    _warn_of_unused_bits(options, stats, len(stats.capture_ns) / float(capture.fps))
-    captured = len(stats.capture_ns)
+        stats.warn(f"no face in {stats.lost_frames} of {stats.captured} frames")
+    _warn_of_unused_bits(options, stats, stats.captured / float(capture.fps))
+    captured = stats.captured
     coded_fps = gop_for_fps(capture.fps, options.fps).coded_fps(capture.fps)
     return EncodeReport(
         frames=captured if stats.frames is None else stats.frames,

@@ -65,8 +65,7 @@ class FrameSource:
             if self.pace:
                 due = start + self.capture.times.time_s(item[0])
                 time.sleep(max(0.0, due - time.monotonic()))
-            self.stats.capture_ns.append(time.monotonic_ns())
-            self.stats.next_index = item[0] + 1
+            self.stats.note_captured(item[0])
             yield item
 
     def second_pass(

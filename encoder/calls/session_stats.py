@@ -1,5 +1,6 @@
 """Counts, stage times and warnings of one call on the sending side."""
 
+import time
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
@@ -15,7 +16,8 @@ class SessionStats:
     voice, voice_bytes: its codec, one of `VOICES`, and its share of the frame packets.
     packets: number of packets of any kind.
     lost_frames: number of source frames without a face.
-    capture_ns: `time.monotonic_ns` at which each source frame was read.
+    captured: number of source frames read.
+    capture_ns: `time.monotonic_ns` at which each was; empty unless `keeps_times`.
     next_index: index of the source frame after the newest; a camera may have left some out.
     timer: time of each stage.
     """
@@ -28,9 +30,17 @@ class SessionStats:
     packets: int = 0
     lost_frames: int = 0
     warnings: list[str] = field(default_factory=list)
+    captured: int = 0
+    keeps_times: bool = True
     capture_ns: list[int] = field(default_factory=list)
     next_index: int = 0
     timer: StageTimer = field(default_factory=StageTimer)
+
+    def note_captured(self, index: int) -> None:
+        """Count a source frame that has been read."""
+        self.captured, self.next_index = self.captured + 1, index + 1
+        if self.keeps_times:
+            self.capture_ns.append(time.monotonic_ns())
 
     def stage(self, name: str) -> AbstractContextManager[None]:
         """Add the time that the `with` block takes to stage `name`."""

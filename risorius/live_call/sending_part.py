@@ -81,7 +81,7 @@ class _Sent:
             low_delay=options.low_delay,
             live=True,
         )
-        self.stats, self._devices = SessionStats(), devices
+        self.stats, self._devices = SessionStats(keeps_times=False), devices
         self._face, self._meter, self._recorder = SentFace(), TrafficMeter(), recorder
         opened = open_packet_sink(self.options, stack, ignore_message)
         self.sink: PacketSink = MeteredSink(opened, self._meter, self._note)
@@ -93,7 +93,7 @@ class _Sent:
 
     def figures(self) -> Sending:
         """How it goes, since the last time."""
-        now_s, coded, quality = time.monotonic(), len(self.stats.capture_ns), self.sink.quality
+        now_s, coded, quality = time.monotonic(), self.stats.captured, self.sink.quality
         rate = (coded - self._coded) / (now_s - self._told_s)
         self._coded, self._told_s = coded, now_s
         return Sending(

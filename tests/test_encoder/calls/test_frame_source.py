@@ -25,9 +25,7 @@ def shades(
 ) -> list[tuple[int, int, int | None]]:
     """Index and shade of each frame, and the shade of the one that comes with it."""
     stats = SessionStats()
-    source = FrameSource(
-        capture, stats, lambda: len(stats.capture_ns) >= stop_after, max_frames, pace
-    )
+    source = FrameSource(capture, stats, lambda: stats.captured >= stop_after, max_frames, pace)
     return [
         (index, int(picture[0, 0, 0]), None if following is None else int(following[0, 0, 0]))
         for index, picture, following in source.with_lookahead()
