@@ -101,6 +101,7 @@ class CallPictures:
             # Meanwhile the encoder is looked for.
             self._loader.warm_up()
         self._scene: Scene | None = None
+        self._stack.callback(self._close_scene)
         self._submitted: PlayoutFrame | None = None
         self._face: FaceParameters | None = None  # of the frame before, as long as it looks so
         self._picture: Picture | None = None  # of the newest frame that is complete
@@ -204,9 +205,11 @@ class CallPictures:
             return before
         if before is not None:
             before.close()
-        scene = Scene(parts)
-        self._stack.callback(scene.close)
-        return scene
+        return Scene(parts)
+
+    def _close_scene(self) -> None:
+        if self._scene is not None:
+            self._scene.close()
 
 
 def in_grey(picture: Picture) -> Picture:

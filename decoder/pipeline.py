@@ -20,9 +20,6 @@ Progress = Callable[[int, int | None], None]
 ShowCallback = Callable[[DrawnFrame, CallParameters], None]
 PlayCallback = Callable[[float, int, Samples], None]
 
-# Damaged packets that are reported one by one.
-MAX_DAMAGES_TOLD = 5
-
 
 @dataclass(frozen=True, slots=True)
 class DecodeOptions(CallOptions):
@@ -96,13 +93,14 @@ def decode(
     total = count_frames(options.call_file) if isinstance(options.call_file, Path) else None
     with ExitStack() as stack:
         pictures = stack.enter_context(CallPictures(options, stop, on_message))
+        pictures.stats.keeps_times = True
         output = _Output(options.output, play, pictures, stack)
         for frame in pictures:
             output.add(frame)
             if show is not None:
                 show(frame, pictures.sender)
             if not (frame.frozen and frame.lost):
-                progress(len(pictures.stats.shown_ns), total)
+                progress(pictures.stats.pictures, total)
         output.finish()
         if not pictures.playout.ended and (stop() or options.call_file is None):
             pictures.stats.warnings += _unfinished(options, output.sink, stop())
@@ -178,7 +176,7 @@ class _Output:
         if self._sound is None or self._start_s is None:
             return
         time_s = self._start_s + self._sound.written / self._sound.rate_hz
-        samples = self._sound.take(len(self._pictures.stats.shown_ns), known_until)
+        samples = self._sound.take(self._pictures.stats.pictures, known_until)
         if self.sink is not None:
             self.sink.write_sound(samples)
         if self._play is not None and len(samples):
@@ -199,12 +197,12 @@ def _unfinished(options: DecodeOptions, sink: FrameSink | None, stopped: bool) -
 
 def _report(pictures: CallPictures) -> DecodeReport:
     stats, playout = pictures.stats, pictures.playout
-    frames, warnings = len(stats.shown_ns), stats.warnings
+    frames, warnings = stats.pictures, stats.warnings
     if not playout.ended and not warnings:
         warnings.append("the call has no end: decoded up to its last packet")
-    warnings += [f"damaged packet: {damage}" for damage in stats.damages[:MAX_DAMAGES_TOLD]]
-    if more := stats.damages[MAX_DAMAGES_TOLD:]:
-        warnings.append(f"damaged packets: {len(more)} more")
+    warnings += [f"damaged packet: {damage}" for damage in stats.damages]
+    if more := stats.damaged - len(stats.damages):
+        warnings.append(f"damaged packets: {more} more")
     warnings += _loss_warnings(playout, stats)
     return DecodeReport(
         frames=frames,
@@ -237,5 +235,5 @@ def _loss_warnings(playout: CallPlayout, stats: DecodeStats) -> Iterator[str]:
     if playout.restarts:
         yield f"the encoder has started again: {playout.restarts} times"
     if stats.lost_frames:
-        share = f"{stats.lost_frames} of {len(stats.shown_ns)} pictures"
+        share = f"{stats.lost_frames} of {stats.pictures} pictures"
         yield f"{playout.lost} frame packets did not come in time: {share} stand for lost ones"

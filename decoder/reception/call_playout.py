@@ -6,12 +6,12 @@ place where it would be had nothing happened.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from decoder.concealment import SmoothReturn
 from decoder.model_versions import picture_of
-from decoder.playout import Playout, PlayoutFrame
+from decoder.playout import PlayoutFrame
 from decoder.reception.arrival_clock import MAX_WAIT_S
 from decoder.reception.encoder_session import EncoderSession
 from decoder.sound.call_speech import CallSpeech
@@ -24,6 +24,20 @@ from shared_model.parameters import FaceParameters, with_focal_change
 
 # Speech is heard with its pictures; what nobody has taken by then is kept for so long.
 KEPT_SPEECH_S = 60
+
+
+@dataclass(slots=True)
+class _PastSessions:
+    """What was counted of sessions that are over."""
+
+    lost: int = 0
+    late: int = 0
+    voice_bytes: int = 0
+
+    def add(self, session: EncoderSession) -> None:
+        self.lost += session.playout.lost
+        self.late += session.playout.late
+        self.voice_bytes += session.voice.voice_bytes
 
 
 class CallPlayout:
@@ -40,10 +54,12 @@ class CallPlayout:
         self._return = SmoothReturn()
         self._receiving = self._shown = EncoderSession(max_wait_s)
         self._receiving.offset = 0
-        self._session = 0
+        self._session = self._restarts = 0
         self._next = 0  # index in the call of the frame to show next
         self._focal_px = 0.0  # of the face shown last
-        self._past: list[EncoderSession] = []
+        # The first session, the one that is shown and the one that is heard; of the others counts.
+        self._sessions = [self._receiving]
+        self._past = _PastSessions()
         self.speech = CallSpeech(self._receiving.voice.speech)
 
     @property
@@ -69,7 +85,7 @@ class CallPlayout:
     @property
     def joined_late(self) -> bool:
         """The call was under way before its first packet."""
-        return self._all[0].joined_late
+        return self._sessions[0].playout.joined_late
 
     @property
     def is_constant_rate(self) -> bool:
@@ -90,35 +106,27 @@ class CallPlayout:
     @property
     def restarts(self) -> int:
         """How often the encoder has started again."""
-        return len(self._past)
+        return self._restarts
 
     @property
     def lost(self) -> int:
         """Frame packets that were missing when they were due."""
-        return sum(each.lost for each in self._all)
+        return self._past.lost + sum(each.playout.lost for each in self._sessions)
 
     @property
     def late(self) -> int:
         """Frame packets that came too late or twice."""
-        return sum(each.late for each in self._all)
+        return self._past.late + sum(each.playout.late for each in self._sessions)
 
     @property
     def voice_bytes(self) -> int:
         """So many bytes of the frame packets were voice."""
-        return sum(session.voice.voice_bytes for session in self._sessions)
+        return self._past.voice_bytes + sum(each.voice.voice_bytes for each in self._sessions)
 
     @property
     def before_join(self) -> int:
         """Source frames shown that precede the first frame packet."""
-        return self._all[0].before_join
-
-    @property
-    def _all(self) -> list[Playout]:
-        return [session.playout for session in self._sessions]
-
-    @property
-    def _sessions(self) -> list[EncoderSession]:
-        return [*self._past, self._receiving]
+        return self._sessions[0].playout.before_join
 
     @property
     def release_s(self) -> float | None:
@@ -150,8 +158,14 @@ class CallPlayout:
 
     def _begin(self, session: int) -> None:
         """Take packets from an encoder that has started again."""
-        self._past.append(self._receiving)
         self._receiving, self._session = EncoderSession(self._max_wait_s), session
+        self._restarts += 1
+        first, *others = self._sessions
+        for each in others:
+            if each is not self._shown:
+                self._past.add(each)
+        kept = [each for each in others if each is self._shown]
+        self._sessions = [first, *kept, self._receiving]
 
     def _placed(self, frames: Iterator[PlayoutFrame]) -> Iterator[PlayoutFrame]:
         """Frames of the encoder that is heard, with their place in the call."""

@@ -14,6 +14,8 @@ from protocol.packets import PacketKind, packet_kind
 
 # Interval at which a decoder that waits for packets calls `stop`.
 POLL_S = 0.1
+# Damaged packets that are reported one by one.
+MAX_DAMAGES_TOLD = 5
 
 
 @dataclass(slots=True)
@@ -21,27 +23,39 @@ class DecodeStats:
     """Counts, times and warnings of one call on the receiving side.
 
     frame_bytes: payload of frame packets, with the voice in them.
+    pictures: number of pictures shown.
     frozen_frames: pictures that repeat an older face because the encoder had none.
     lost_frames: pictures in place of those whose packets are lost.
+    damaged: number of packets that are damaged; damages: what was wrong with the first of them.
+    shown_ns: for each picture its source frame and `time.monotonic_ns` when it was complete; empty
+        unless `keeps_times`.
     """
 
     model_bytes: int = 0
     frame_bytes: int = 0
+    pictures: int = 0
     frozen_frames: int = 0
     lost_frames: int = 0
+    damaged: int = 0
     damages: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    keeps_times: bool = False
     shown_ns: list[tuple[int, int]] = field(default_factory=list)
 
     def note_damage(self, error: ProtocolError, playout: CallPlayout) -> None:
         """Add a damaged packet with the first frame that it can affect."""
+        self.damaged += 1
+        if self.damaged > MAX_DAMAGES_TOLD:
+            return
         model, frame = playout.model, max(playout.next_frame, 0)
         where = f", at frame {frame} ({frame / model.call.fps:.2f} s)" if model else ""
         self.damages.append(f"{error}{where}")
 
     def note_shown(self, frame: PlayoutFrame) -> None:
         """Count a picture that is complete now."""
-        self.shown_ns.append((frame.index, time.monotonic_ns()))
+        self.pictures += 1
+        if self.keeps_times:
+            self.shown_ns.append((frame.index, time.monotonic_ns()))
         self.lost_frames += frame.lost
         self.frozen_frames += frame.frozen and not frame.lost
 

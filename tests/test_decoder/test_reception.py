@@ -1,17 +1,21 @@
 """A call over a lossy link: order, patience, repairs, silence, an encoder that starts again."""
 
+import gc
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from layer_streams import BASE, PACKED, frames
+from studio import REST
 
 from decoder.playout import Playout, PlayoutFrame
 from decoder.reception.arrival_clock import MAX_WAIT_S, MIN_WAIT_S, ArrivalClock
 from decoder.reception.call_playout import CallPlayout
-from decoder.reception.encoder_session import SILENCE_S
+from decoder.reception.encoder_session import SILENCE_S, EncoderSession
+from decoder.reception.received_frames import MAX_DAMAGES_TOLD, DecodeStats
 from loopback.simulated_link import SentPacket, SimulatedLink, arrivals
+from protocol.errors import ProtocolError
 from protocol.link.interface import Arrival
 from protocol.packets import ControlKind, ControlPacket, serialise
 from shared_model.errors import UserError
@@ -232,3 +236,30 @@ def test_an_encoder_that_starts_again_before_its_model_came_begins_the_call() ->
     assert list(playout.receive(Arrival(PACKETS[0], 0.0, 0, 0))) == []
     played = list(play(playout, on_time(range(2), session=1, start_s=3.0)))
     assert [frame.index for frame in played] == list(range(1 + PACKED))
+
+
+def test_of_encoders_that_have_started_again_counts_stay_and_little_else() -> None:
+    gc.collect()
+    before = sessions_alive()
+    playout = CallPlayout()
+    for session in range(9):
+        order = on_time([0, 1, 3, 4], session, 2.0 * session)
+        list(play(playout, order))
+        list(playout.poll(2.0 * session + 1.9))
+    gc.collect()
+    assert playout.restarts == 8 and playout.lost == 9
+    assert sessions_alive() - before <= 3
+
+
+def sessions_alive() -> int:
+    return sum(isinstance(each, EncoderSession) for each in gc.get_objects())
+
+
+def test_of_many_damaged_packets_and_of_pictures_numbers_are_kept() -> None:
+    stats, playout = DecodeStats(), CallPlayout()
+    for number in range(1000):
+        stats.note_damage(ProtocolError(f"packet {number}"), playout)
+        stats.note_shown(PlayoutFrame(number, REST, frozen=False))
+    assert stats.damaged == stats.pictures == 1000
+    assert stats.damages == [f"packet {number}" for number in range(MAX_DAMAGES_TOLD)]
+    assert not stats.shown_ns
