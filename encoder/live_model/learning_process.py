@@ -7,8 +7,6 @@ the process that started it.
 import os
 import signal
 import socket
-import subprocess
-import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -27,6 +25,7 @@ from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import ModelVersion
 from encoder.live_model.object_stream import ObjectStream
 from encoder.live_model.warm_up import warm_up
+from encoder.runtime.child_process import start_child
 from encoder.runtime.parallel import NICENESS, low_priority_executor
 from shared_model.surround import head_with_surround
 
@@ -39,20 +38,7 @@ class LearningProcess:
     """
 
     def __init__(self, on_failure: Callable[[str], None]) -> None:
-        ours, theirs = socket.socketpair()
-        program = (
-            f"import sys; sys.path[:] = {sys.path!r};"
-            f" from encoder.live_model.learning_process import serve; serve({theirs.fileno()})"
-        )
-        with theirs:
-            self._process = subprocess.Popen(
-                [sys.executable, "-c", program],
-                pass_fds=[theirs.fileno()],
-                stdin=subprocess.DEVNULL,
-                env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-                # Ctrl-C in a terminal is for the process that talks to the user.
-                start_new_session=True,
-            )
+        self._process, ours = start_child("encoder.live_model.learning_process")
         self._stream, self._on_failure = ObjectStream(ours), on_failure
         self._numbers, self._waiting = count(), dict[int, Future[Any]]()
         self._is_closing = False

@@ -1,10 +1,10 @@
 """A part of a call: a process of its own, and its end of the connection to the page's process."""
 
-import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from importlib import import_module
 from multiprocessing.connection import Connection
 from threading import Event, Lock
 from typing import Any
@@ -65,14 +65,13 @@ class PartConnection:
                 return
 
 
-def serve(descriptor: int, run: Callable[[PartConnection, Any], None]) -> None:
-    """Run a part: its options come first over the socket.
+def serve(descriptor: int, module: str) -> None:
+    """Run a part, `module`.run: its options come first over the socket.
 
     A mistake of the user ends it with a message.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # What the libraries would spread over all cores is small.
-    os.environ["OPENBLAS_NUM_THREADS"] = "1"
+    run: Callable[[PartConnection, Any], None] = import_module(module).run
     connection: Connection[Any, Any] = Connection(descriptor)
     part = PartConnection(connection)
     options = connection.recv()
@@ -80,6 +79,4 @@ def serve(descriptor: int, run: Callable[[PartConnection, Any], None]) -> None:
         run(part, options)
     except UserError as error:
         part.send(Trouble(str(error), error.exit_code))
-    except KeyboardInterrupt:
-        pass
     connection.close()

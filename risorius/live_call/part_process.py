@@ -4,7 +4,6 @@ import asyncio
 import os
 import socket
 import subprocess
-import sys
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
@@ -12,6 +11,7 @@ from multiprocessing.connection import Connection
 from threading import Condition, Thread
 from typing import Any
 
+from encoder.runtime.child_process import start_child
 from risorius.live_call.messages import (
     CameraPicture,
     DrawingOptions,
@@ -43,22 +43,10 @@ class PartProcess:
         receive: Callable[[FromPart | None], None],
         loop: asyncio.AbstractEventLoop,
     ) -> None:
-        ours, theirs = socket.socketpair()
-        program = (
-            f"import sys; sys.path[:] = {sys.path!r}; from {module} import run;"
-            " from risorius.live_call.part_connection import serve;"
-            f" serve({theirs.fileno()}, run)"
+        self._process, self._socket = start_child(
+            "risorius.live_call.part_connection", [module], descriptors
         )
-        with theirs:
-            self._process = subprocess.Popen(
-                [sys.executable, "-c", program],
-                pass_fds=[theirs.fileno(), *descriptors],
-                stdin=subprocess.DEVNULL,
-                # Ctrl-C in a terminal is for the process that talks to the user.
-                start_new_session=True,
-            )
-        self._socket = ours
-        self._connection: Connection[Any, Any] = Connection(os.dup(ours.fileno()))
+        self._connection: Connection[Any, Any] = Connection(os.dup(self._socket.fileno()))
         self._connection.send(options)
         self._receive_message, self._loop = receive, loop
         self._waiting = deque[ToSender | ToDrawer]()
