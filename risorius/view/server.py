@@ -6,7 +6,7 @@ all drawing is done on the thread that calls `view`, since a GL context belongs 
 
 import json
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from pathlib import Path
 from threading import Condition, Thread
-from typing import Any
+from typing import Any, cast
 from urllib.parse import urlsplit
 
 import cv2
@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from risorius.animation.animate import Actor, open_actor, side_light
 from risorius.animation.animation_script import AnimationState, Script, parse_script
+from risorius.call_page.access import HEADERS, HOST, Access, random_token
 from risorius.view.view_state import page_description, state_from_query
 from shared_model.errors import LINK_FAILED, UserError
 
-HOST = "127.0.0.1"
 JPEG_QUALITY = 92
 NAP_S = 0.2
 # The generic head's studio: a head fills the picture at the distance of a portrait.
@@ -103,7 +103,7 @@ def view(options: ViewOptions, announce: Callable[[str], None]) -> None:
         stack.callback(server.server_close)
         Thread(target=server.serve_forever, daemon=True).start()
         stack.callback(server.shutdown)
-        announce(f"http://{HOST}:{server.server_port}/")
+        announce(server.access.address)
         while True:
             serve(requests.take(), actor)
 
@@ -143,6 +143,7 @@ class _Server(ThreadingHTTPServer):
         self.page = (files("risorius.view") / "view.html").read_bytes()
         self.model = json.dumps(described).encode()
         super().__init__((HOST, port), _Handler)
+        self.access = Access(self.server_port, random_token())
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A page that is closed while its picture is drawn is no error."""
@@ -159,24 +160,22 @@ class _Handler(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """The page, the model's description, or a picture."""
         where = urlsplit(self.path)
-        if not self._is_local():
-            self._reply(HTTPStatus.FORBIDDEN, "text/plain", b"this page is for its own host\n")
-        elif where.path == "/":
+        token, _, name = where.path.removeprefix("/").partition("/")
+        headers = cast(Mapping[str, str], self.headers)
+        reason = self.server.access.refusal(headers, token, is_websocket=False)
+        if reason is not None:
+            self._reply(HTTPStatus.FORBIDDEN, "text/plain", f"{reason}\n".encode())
+        elif name == "":
             self._reply(HTTPStatus.OK, "text/html; charset=utf-8", self.server.page)
-        elif where.path == "/model.json":
+        elif name == "model.json":
             self._reply(HTTPStatus.OK, "application/json", self.server.model)
-        elif where.path == "/picture.jpg":
+        elif name == "picture.jpg":
             self._picture(where.query)
         else:
             self._reply(HTTPStatus.NOT_FOUND, "text/plain", b"no such page\n")
 
     def log_message(self, format: str, *arguments: Any) -> None:
         """Nothing: a line for each picture would bury the page's address."""
-
-    def _is_local(self) -> bool:
-        """Whether the request names this host: a foreign page would name its own."""
-        name = self.headers.get("Host", "").rpartition(":")[0]
-        return name in (HOST, "localhost")
 
     def _page(self) -> str:
         """Name of the client: the one that a page gives itself, else the connection."""
@@ -197,7 +196,8 @@ class _Handler(BaseHTTPRequestHandler):
         self.send_response(status)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(body)))
-        self.send_header("Cache-Control", "no-store")
+        for name, value in HEADERS.items():
+            self.send_header(name, value)
         self.end_headers()
         self.wfile.write(body)
 

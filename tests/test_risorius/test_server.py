@@ -34,13 +34,14 @@ class Server:
     """A running `risorius view`."""
 
     def __init__(self, url: str) -> None:
-        self.url, self.port = url, urlsplit(url).port
+        parts = urlsplit(url)
+        self.url, self.port, self._folder = url, parts.port, parts.path
 
     def get(self, path: str, **headers: str) -> tuple[int, bytes]:
-        """Status and body of one request."""
+        """Status and body of one request below the page's address."""
         connection = HTTPConnection("127.0.0.1", self.port, timeout=LIMIT_S)
         try:
-            connection.request("GET", path, headers=headers)
+            connection.request("GET", self._folder + path, headers=headers)
             answer = connection.getresponse()
             return answer.status, answer.read()
         finally:
@@ -48,7 +49,7 @@ class Server:
 
     def picture(self, query: str = "") -> Picture:
         """The picture of a query, (h, w, 3) uint8 BGR."""
-        status, body = self.get(f"/picture.jpg?{query}")
+        status, body = self.get(f"picture.jpg?{query}")
         assert status == 200, body
         picture = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_COLOR)
         assert picture is not None
@@ -88,7 +89,7 @@ def difference(a: Picture, b: Picture) -> float:
 
 
 def test_the_page_needs_nothing_from_elsewhere(server: Server) -> None:
-    status, body = server.get("/")
+    status, body = server.get("")
     assert status == 200 and b"<title>Risorius</title>" in body
     assert b"http://" not in body and b"https://" not in body
 
@@ -110,7 +111,7 @@ def test_the_head_turns_towards_the_side_that_is_asked_for(server: Server) -> No
 
 
 def test_the_description_has_all_that_the_sliders_show(server: Server) -> None:
-    model = json.loads(server.get("/model.json")[1])
+    model = json.loads(server.get("model.json")[1])
     assert [eau["name"] for eau in model["eaus"]] == [eau.name for eau in EAUS]
     assert [aau["name"] for aau in model["aaus"]] == list(AAUS)
     assert {e["name"] for e in model["emotions"]} == {e.name for e in EMOTIONS}
@@ -120,14 +121,17 @@ def test_the_description_has_all_that_the_sliders_show(server: Server) -> None:
 
 @pytest.mark.parametrize("query", ["grin=1", "jaw_drop=2", "jaw_drop=wide", "yaw=nan", "away=-950"])
 def test_what_cannot_be_drawn_is_told_and_the_server_goes_on(server: Server, query: str) -> None:
-    status, body = server.get(f"/picture.jpg?{query}")
+    status, body = server.get(f"picture.jpg?{query}")
     assert status == 400 and len(body.splitlines()) == 1
     assert server.picture().shape[2] == 3
 
 
 def test_other_paths_and_other_hosts_get_nothing(server: Server) -> None:
-    assert server.get("/view.py")[0] == 404
-    assert server.get("/picture.jpg", Host="elsewhere.example")[0] == 403
+    assert server.get("view.py")[0] == 404
+    assert server.get("picture.jpg", Host="elsewhere.example")[0] == 403
+    assert server.get("picture.jpg", Origin="http://elsewhere.example")[0] == 403
+    for wrong in ("", "wrong/"):
+        assert Server(f"http://127.0.0.1:{server.port}/{wrong}").get("picture.jpg")[0] == 403
 
 
 def test_a_query_adds_emotions_to_actuators() -> None:
@@ -181,7 +185,7 @@ def test_a_caller_is_shown_in_their_own_picture_and_may_be_reshaped(
     tmp_path: Path, start: Start
 ) -> None:
     server = started(start("view", "--call", call_file(tmp_path / "call.rzo")))
-    assert json.loads(server.get("/model.json")[1])["caller"] == "call.rzo"
+    assert json.loads(server.get("model.json")[1])["caller"] == "call.rzo"
     rest = server.picture()
     assert rest.shape == (120, 160, 3)
     # Their green face before their blue wall.
