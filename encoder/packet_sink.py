@@ -51,17 +51,11 @@ def _open_packet_sink(
     return sink
 
 
-class MonitoredSink(PacketSink):
-    """A `PacketSink` that sends each packet to another one and writes it to an open stream.
+class ForwardingSink(PacketSink):
+    """A `PacketSink` that sends to another one and is in its state."""
 
-    A stream that cannot be written any more gets nothing further: the call goes on.
-    """
-
-    def __init__(self, sink: PacketSink, monitor: BinaryIO) -> None:
+    def __init__(self, sink: PacketSink) -> None:
         self._sink = sink
-        self._copy: CallStreamWriter | None = None
-        with suppress(OSError):
-            self._copy = CallStreamWriter(monitor)
 
     @property
     def reachability(self) -> Reachability:
@@ -76,13 +70,30 @@ class MonitoredSink(PacketSink):
     def send(self, packet: bytes) -> None:
         """Send one packet."""
         self._sink.send(packet)
+
+    def close(self) -> None:
+        """Close the other sink."""
+        self._sink.close()
+
+
+class MonitoredSink(ForwardingSink):
+    """A `PacketSink` that sends each packet to another one and writes it to an open stream.
+
+    A stream that cannot be written any more gets nothing further: the call goes on.  It stays open.
+    """
+
+    def __init__(self, sink: PacketSink, monitor: BinaryIO) -> None:
+        super().__init__(sink)
+        self._copy: CallStreamWriter | None = None
+        with suppress(OSError):
+            self._copy = CallStreamWriter(monitor)
+
+    def send(self, packet: bytes) -> None:
+        """Send one packet."""
+        super().send(packet)
         if self._copy is None:
             return
         try:
             self._copy.send(packet)
         except OSError:
             self._copy = None
-
-    def close(self) -> None:
-        """Close the other sink; the stream stays open."""
-        self._sink.close()

@@ -14,6 +14,12 @@ MessageCallback = Callable[[str], None]
 
 # Default of `LinkOptions.connect_timeout_s`.
 CONNECT_TIMEOUT_S = 10.0
+# Bytes that Zenoh adds to a frame packet from an end that listens or a relay, measured with 8-bit
+# sequence numbers; an end that connects also spells the key out, with one byte for its length: two
+# bytes to the other end, more to a relay.
+ZENOH_OVERHEAD_BYTES = {"udp": 6, "tcp": 8}
+# Bytes of the headers of IP (20) and UDP (8), or TCP with timestamps (32).
+IP_OVERHEAD_BYTES = {"udp": 28, "tcp": 52}
 
 
 def ignore_message(line: str) -> None:

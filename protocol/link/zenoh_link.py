@@ -47,12 +47,6 @@ from protocol.link.zenoh_settings import (
 from protocol.security.link_security import LinkSecurity
 from shared_model.errors import LINK_FAILED, UserError
 
-# Bytes that Zenoh adds to a frame packet from an end that listens or a relay, measured with 8-bit
-# sequence numbers; an end that connects also spells the key out, with one byte for its length: two
-# bytes to the other end, more to a relay.
-ZENOH_OVERHEAD_BYTES = {"udp": 6, "tcp": 8}
-# Bytes of the headers of IP (20) and UDP (8), or TCP with timestamps (32).
-IP_OVERHEAD_BYTES = {"udp": 28, "tcp": 52}
 PRESENCE_MARK = b"p"
 # Failures within this time are refusals.
 REFUSAL_S = 0.8 * OPEN_S

@@ -116,6 +116,5 @@ class SentView:
 
 def open_browser(address: str) -> None:
     """Open a page in the user's browser, if this host has a screen."""
-    has_screen = sys.platform in ("darwin", "win32")
-    if has_screen or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+    if sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         webbrowser.open(address)

@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass
 
-from protocol.link.interface import Reachability
-from protocol.link.zenoh_link import IP_OVERHEAD_BYTES, ZENOH_OVERHEAD_BYTES
+from protocol.link.interface import IP_OVERHEAD_BYTES, ZENOH_OVERHEAD_BYTES, Reachability
 from risorius.live_call.messages import Presence, Receiving, Sending, Traffic
 
-# What a packet takes beside its payload on the way, with the headers of IP.
+# What a packet takes beside its payload on the way over UDP; over TCP it is more.
 OVERHEAD_BYTES = ZENOH_OVERHEAD_BYTES["udp"] + IP_OVERHEAD_BYTES["udp"]
 
 
@@ -86,7 +85,7 @@ def _rates(traffic: Traffic) -> str:
     seconds = max(traffic.seconds, 1e-3)
     payload = 8 * traffic.payload_bytes / seconds
     total = payload + 8 * OVERHEAD_BYTES * traffic.packets / seconds
-    return f"{_grouped(payload)} bit/s (IP {_grouped(total)})"
+    return f"{_grouped(payload)} bit/s (UDP {_grouped(total)})"
 
 
 def _grouped(value: float) -> str:

@@ -154,7 +154,6 @@ class Sending:
     reach: whom packets reach, a `protocol.link.interface.Reachability`.
     loss, round_trip_s: see `LinkQuality`.
     face: what has been sent of the face, in words.
-    pictures_per_second: of the camera, that were coded.
     begun_s: when source frame 0 was taken; None: not yet.  fps: of the camera.
     """
 
@@ -163,7 +162,6 @@ class Sending:
     loss: float
     round_trip_s: float | None
     face: str
-    pictures_per_second: float
     begun_s: float | None = None
     fps: float = 0.0
 

@@ -1,7 +1,6 @@
 """The process that sends this person: camera and microphone in, packets of the call out."""
 
 import os
-import time
 from contextlib import ExitStack
 
 from encoder.calls.session_callbacks import SessionCallbacks
@@ -85,7 +84,6 @@ class _Sent:
         self._face, self._meter, self._recorder = SentFace(), TrafficMeter(), recorder
         opened = open_packet_sink(self.options, stack, ignore_message)
         self.sink: PacketSink = MeteredSink(opened, self._meter, self._note)
-        self._coded, self._told_s = 0, time.monotonic()
 
     def prepare(self, what: str) -> None:
         """Note what the encoder prepares; "": it is ready."""
@@ -93,16 +91,13 @@ class _Sent:
 
     def figures(self) -> Sending:
         """How it goes, since the last time."""
-        now_s, coded, quality = time.monotonic(), self.stats.captured, self.sink.quality
-        rate = (coded - self._coded) / (now_s - self._told_s)
-        self._coded, self._told_s = coded, now_s
+        quality = self.sink.quality
         return Sending(
             traffic=self._meter.take(),
             reach=str(self.sink.reachability),
             loss=quality.loss,
             round_trip_s=quality.round_trip_s,
             face=self._face.words,
-            pictures_per_second=rate,
             begun_s=self._devices.begun_s,
             fps=float(self._devices.fps),
         )

@@ -8,7 +8,7 @@ from protocol.link.interface import Reachability
 from risorius.live_call.call_words import cost_words, delay_ms, state_words
 from risorius.live_call.messages import Presence, Receiving, Sending, Traffic
 
-SENDING = Sending(Traffic(100, 3, 1.0), Reachability.NO_PEER, 0.0, None, "looking for you", 25.0)
+SENDING = Sending(Traffic(100, 3, 1.0), Reachability.NO_PEER, 0.0, None, "looking for you")
 LINKED = replace(SENDING, reach=Reachability.HAS_PEER)
 BROKEN = replace(SENDING, reach=Reachability.NO_LINK)
 RECEIVING = Receiving(Traffic(250, 6, 2.0), Presence.HERE, 0.02, 0.32)
@@ -46,11 +46,11 @@ def test_a_camera_that_is_off_is_said_to_be() -> None:
     assert words.text == "camera off" and not words.over
 
 
-def test_the_cost_counts_what_a_second_takes_with_the_headers_of_ip() -> None:
+def test_the_cost_counts_what_a_second_takes_over_udp() -> None:
     words = cost_words(SENDING, RECEIVING)
     assert "up 800 bit/s" in words and "down 1\u202f000 bit/s" in words
     assert "loss 2\u00a0%" in words and words.endswith("looking for you")
-    assert int(words.split("(IP ")[1].split(")")[0].replace("\u202f", "")) > 800 + 3 * 8 * 28
+    assert int(words.split("(UDP ")[1].split(")")[0].replace("\u202f", "")) > 800 + 3 * 8 * 28
 
 
 def test_nothing_is_said_of_what_is_not_known() -> None:

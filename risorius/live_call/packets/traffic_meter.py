@@ -4,7 +4,8 @@ import time
 from collections.abc import Callable
 from threading import Lock
 
-from protocol.link.interface import Arrival, LinkQuality, PacketSink, PacketSource, Reachability
+from encoder.packet_sink import ForwardingSink
+from protocol.link.interface import Arrival, PacketSink, PacketSource
 from risorius.live_call.messages import Traffic
 
 
@@ -32,7 +33,7 @@ class TrafficMeter:
         return traffic
 
 
-class MeteredSink(PacketSink):
+class MeteredSink(ForwardingSink):
     """A `PacketSink` that counts what it sends to another one.
 
     on_packet: called with each packet.
@@ -41,27 +42,14 @@ class MeteredSink(PacketSink):
     def __init__(
         self, sink: PacketSink, meter: TrafficMeter, on_packet: Callable[[bytes], None]
     ) -> None:
-        self._sink, self._meter, self._on_packet = sink, meter, on_packet
-
-    @property
-    def reachability(self) -> Reachability:
-        """That of the other sink."""
-        return self._sink.reachability
-
-    @property
-    def quality(self) -> LinkQuality:
-        """That of the other sink."""
-        return self._sink.quality
+        super().__init__(sink)
+        self._meter, self._on_packet = meter, on_packet
 
     def send(self, packet: bytes) -> None:
         """Send one packet."""
         self._meter.add(len(packet))
-        self._sink.send(packet)
+        super().send(packet)
         self._on_packet(packet)
-
-    def close(self) -> None:
-        """Close the other sink."""
-        self._sink.close()
 
 
 class MeteredSource(PacketSource):

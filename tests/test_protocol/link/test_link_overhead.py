@@ -19,8 +19,9 @@ from links import (
     received,
 )
 
+from protocol.link.interface import ZENOH_OVERHEAD_BYTES
 from protocol.link.link_protection import CHECKSUM_BYTES
-from protocol.link.zenoh_link import ZENOH_OVERHEAD_BYTES, ZenohSink, ZenohSource
+from protocol.link.zenoh_link import ZenohSink, ZenohSource
 
 
 @pytest.fixture
