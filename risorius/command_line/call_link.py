@@ -44,11 +44,25 @@ class CallLink:
     security: LinkSecurity
 
 
+@dataclass(frozen=True, slots=True)
+class LinkRequest:
+    """What the user says of a link, see `add_link`.  quiet: nothing is printed of it."""
+
+    listen: tuple[str, ...] = ()
+    connect: tuple[str, ...] = ()
+    invite: str | None = None
+    invite_file: Path | None = None
+    insecure: bool = False
+    keys: Path | None = None
+    call: str | None = None
+    quiet: bool = False
+
+
 NO_LINK = CallLink((), (), DEFAULT_CALL, LinkSecurity())
 
 
 def add_link(parser: argparse.ArgumentParser, where: argparse._MutuallyExclusiveGroup) -> None:
-    """The options of `read_link`; endpoints go into the group `where`."""
+    """The options of `link_request`; endpoints go into the group `where`."""
     for option, what in (
         ("--connect", "where the other end or a relay listens: HOST, HOST:7447, tls/HOST:7447"),
         ("--listen", "where this end listens: :7447 on all addresses, HOST:7447, udp/HOST:7447"),
@@ -100,32 +114,46 @@ def check_place(arguments: argparse.Namespace, file: str, is_file: bool) -> None
         )
 
 
-def read_link(arguments: argparse.Namespace, is_encoder: bool, wait_s: float) -> CallLink:
-    """Endpoints, name and keys of the call that the arguments ask for.
+def link_request(arguments: argparse.Namespace) -> LinkRequest:
+    """What the arguments of `add_link` ask for."""
+    return LinkRequest(
+        listen=tuple(arguments.listen or ()),
+        connect=tuple(arguments.connect or ()),
+        invite=arguments.invite,
+        invite_file=arguments.invite_file,
+        insecure=arguments.insecure,
+        keys=arguments.keys,
+        call=arguments.call,
+        quiet=arguments.quiet,
+    )
+
+
+def read_link(request: LinkRequest, is_encoder: bool, wait_s: float) -> CallLink:
+    """Endpoints, name and keys of the call that is asked for.
 
     Prints the invitation, if there is a new one, or that the call is not encrypted.  A call of
     which only the name is known is looked for on the local network, for `wait_s`; 0: for a time
     that is usual.  Raises `UserError` if something is missing, or does not go together.
     """
-    tell = _ignore if arguments.quiet else say
-    check_call_name(arguments.call)
-    invitation = _given_invitation(arguments)
-    listen = tuple(map(parse_endpoint, arguments.listen or ()))
-    if listen and invitation is None and _needs_key(arguments, listen):
-        invitation = _new_invitation(arguments, listen, tell)
-    name = arguments.call or (DEFAULT_CALL if invitation is None else invitation.call)
+    tell = _ignore if request.quiet else say
+    check_call_name(request.call)
+    invitation = _given_invitation(request)
+    listen = tuple(map(parse_endpoint, request.listen))
+    if listen and invitation is None and _needs_key(request, listen):
+        invitation = _new_invitation(request, listen, tell)
+    name = request.call or (DEFAULT_CALL if invitation is None else invitation.call)
     if invitation is not None and name != invitation.call:
         raise UserError(f"the invitation is to call {invitation.call!r}; leave out --call")
-    connect = tuple(arguments.connect or ())
+    connect = request.connect
     if not listen and not connect:
         connect = (_place(invitation, name, is_encoder, wait_s, tell),)
     if invitation is None:
-        _check_open(arguments, connect)
-        tell(f"this call is not encrypted: {_why_open(arguments)}")
-    _check_certificate(arguments, connect)
+        _check_open(request, connect)
+        tell(f"this call is not encrypted: {_why_open(request)}")
+    _check_certificate(request, connect)
     key = None if invitation is None else invitation.key
-    security = LinkSecurity(key, _key_file(arguments.keys))
-    return CallLink(tuple(arguments.listen or ()), connect, name, security)
+    security = LinkSecurity(key, _key_file(request.keys))
+    return CallLink(request.listen, connect, name, security)
 
 
 def check_call_name(name: str | None) -> None:
@@ -144,28 +172,28 @@ def _ignore(line: str) -> None:
     """With --quiet nothing is said."""
 
 
-def _needs_key(arguments: argparse.Namespace, places: Sequence[Endpoint]) -> bool:
-    return not arguments.insecure and not all(place.is_loopback for place in places)
+def _needs_key(request: LinkRequest, places: Sequence[Endpoint]) -> bool:
+    return not request.insecure and not all(place.is_loopback for place in places)
 
 
-def _why_open(arguments: argparse.Namespace) -> str:
-    return "--insecure" if arguments.insecure else "it stays on this host"
+def _why_open(request: LinkRequest) -> str:
+    return "--insecure" if request.insecure else "it stays on this host"
 
 
-def _check_open(arguments: argparse.Namespace, connect: tuple[str, ...]) -> None:
+def _check_open(request: LinkRequest, connect: tuple[str, ...]) -> None:
     """Raise `UserError` if a call that leaves this host has no key."""
     places = tuple(map(parse_remote_endpoint, connect))
-    if _needs_key(arguments, places):
+    if _needs_key(request, places):
         raise UserError(
             f"no invitation for {places[0].address}: give the line that the other end has printed"
             " (encode and decode --invite LINE, call LINE), or --insecure to go without encryption"
         )
 
 
-def _check_certificate(arguments: argparse.Namespace, connect: tuple[str, ...]) -> None:
+def _check_certificate(request: LinkRequest, connect: tuple[str, ...]) -> None:
     """Raise `UserError` if an endpoint asks for a certificate and there is none."""
-    for text in (*(arguments.listen or ()), *connect):
-        if parse_endpoint(text).scheme in CERTIFIED_SCHEMES and arguments.keys is None:
+    for text in (*request.listen, *connect):
+        if parse_endpoint(text).scheme in CERTIFIED_SCHEMES and request.keys is None:
             raise UserError(
                 f"{text}: give --keys with the key file that the relay's owner has made"
             )
@@ -187,14 +215,14 @@ def _place(
     return found.address
 
 
-def _given_invitation(arguments: argparse.Namespace) -> Invitation | None:
+def _given_invitation(request: LinkRequest) -> Invitation | None:
     """The invitation on the command line, or in a file; None if there is none yet."""
-    text, path = arguments.invite, arguments.invite_file
+    text, path = request.invite, request.invite_file
     if path is not None:
         try:
             text = path.read_text(encoding="utf-8", errors="replace")
         except FileNotFoundError as error:
-            if arguments.listen:
+            if request.listen:
                 return None
             raise UserError(f"{path}: no such file") from error
         except OSError as error:
@@ -207,9 +235,7 @@ def _given_invitation(arguments: argparse.Namespace) -> Invitation | None:
         raise UserError(f"{path or '--invite'}: {error}") from error
 
 
-def _new_invitation(
-    arguments: argparse.Namespace, listen: Sequence[Endpoint], tell: Say
-) -> Invitation:
+def _new_invitation(request: LinkRequest, listen: Sequence[Endpoint], tell: Say) -> Invitation:
     """The invitation of an end that listens, which is told, and written if that was asked for."""
     from protocol.security.private_file import write_private
 
@@ -219,12 +245,12 @@ def _new_invitation(
     host = address_for_others() if place.is_any else place.host
     if host is None:
         raise UserError("this host has no address on a network: name one with --listen HOST:PORT")
-    invitation = Invitation(host, place.port, arguments.call or random_call_name(), random_key())
+    invitation = Invitation(host, place.port, request.call or random_call_name(), random_key())
     own = place.scheme is not None and place.scheme not in DEFAULT_SCHEMES
     extra = f" (and --connect {place.scheme}/{invitation.address})" if own else ""
-    if arguments.invite_file is not None:
-        write_private(arguments.invite_file, f"{invitation}\n".encode())
-        tell(f"the invitation is in {arguments.invite_file}: send it to the other end{extra}")
+    if request.invite_file is not None:
+        write_private(request.invite_file, f"{invitation}\n".encode())
+        tell(f"the invitation is in {request.invite_file}: send it to the other end{extra}")
     else:
         # Also with --quiet: without it nobody could join.
         say(f"send this invitation to the other end{extra}: {invitation}")

@@ -16,6 +16,7 @@ from risorius.command_line.call_link import (
     CallLink,
     add_link,
     check_place,
+    link_request,
     read_link,
 )
 from risorius.command_line.local_network import announced
@@ -96,7 +97,7 @@ def run_decode(arguments: argparse.Namespace) -> int:
             output = Path(stack.enter_context(TemporaryDirectory())) / "decoded.mkv"
         link = NO_LINK
         if arguments.call_file is None:
-            link = read_link(arguments, is_encoder=False, wait_s=arguments.timeout)
+            link = read_link(link_request(arguments), is_encoder=False, wait_s=arguments.timeout)
             needs_key = link.security.key is not None
             stack.enter_context(announced(link.call, link.listen, False, needs_key))
         stop = stack.enter_context(StopOnSignal())

@@ -12,6 +12,7 @@ from risorius.command_line.call_link import (
     CallLink,
     add_link,
     check_place,
+    link_request,
     read_link,
 )
 from risorius.command_line.local_network import announced
@@ -85,7 +86,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
     with ExitStack() as stack:
         link = NO_LINK
         if arguments.output is None:
-            link = read_link(arguments, is_encoder=True, wait_s=arguments.wait)
+            link = read_link(link_request(arguments), is_encoder=True, wait_s=arguments.wait)
             needs_key = link.security.key is not None
             stack.enter_context(announced(link.call, link.listen, True, needs_key))
         options = _encode_options(arguments, profile, link)

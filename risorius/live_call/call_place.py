@@ -8,7 +8,7 @@ from protocol.endpoint import parse_endpoint
 from protocol.security.invitation import SCHEME, Invitation
 from protocol.security.link_security import LinkSecurity
 from risorius.command_line.argument_types import seconds
-from risorius.command_line.call_link import CallLink, read_link
+from risorius.command_line.call_link import CallLink, LinkRequest, read_link
 from risorius.live_call.invitation_card import command_line, own_host
 
 
@@ -73,15 +73,13 @@ def read_place(arguments: argparse.Namespace) -> CallPlace:
     address: str | None = arguments.address
     is_invitation = address is not None and address.lower().startswith(f"{SCHEME}:")
     link = read_link(
-        argparse.Namespace(
-            listen=None if arguments.listen is None else [arguments.listen],
-            connect=None if address is None or is_invitation else [address],
+        LinkRequest(
+            listen=() if arguments.listen is None else (arguments.listen,),
+            connect=() if address is None or is_invitation else (address,),
             invite=address if is_invitation else None,
             invite_file=arguments.invite_file,
             insecure=arguments.insecure,
-            keys=None,
             call=arguments.call,
-            quiet=False,
         ),
         is_encoder=True,
         wait_s=0.0,

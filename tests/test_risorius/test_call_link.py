@@ -9,7 +9,13 @@ import pytest
 
 from protocol.security.invitation import Invitation, parse_invitation
 from risorius.cli import main
-from risorius.command_line.call_link import CallLink, add_link, check_place, read_link
+from risorius.command_line.call_link import (
+    CallLink,
+    add_link,
+    check_place,
+    link_request,
+    read_link,
+)
 from shared_model.errors import UserError
 
 # Of hosts that are in no network (RFC 5737).
@@ -26,7 +32,7 @@ def link_of(*arguments: str) -> CallLink:
     parser.add_argument("--quiet", action="store_true")
     parsed = parser.parse_args(arguments)
     check_place(parsed, "a call file", False)
-    return read_link(parsed, is_encoder=False, wait_s=0.1)
+    return read_link(link_request(parsed), is_encoder=False, wait_s=0.1)
 
 
 def refusal(*arguments: str) -> str:
