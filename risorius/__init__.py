@@ -87,7 +87,7 @@ def open_call(
     *,
     listen: Sequence[str] = (),
     connect: Sequence[str] = (),
-    call: str = "call",
+    call: str | None = None,
     face: str | Path | None = None,
     invite: str | None = None,
     insecure: bool = False,
@@ -95,12 +95,13 @@ def open_call(
     """Open a call to iterate its pictures: (time in seconds, (height, width, 3) uint8 BGR) each.
 
     source: call file, or an open stream of one; None: over the network.
-    listen, connect: Zenoh endpoints such as tcp/0.0.0.0:7447; call: the call's name there.
+    listen, connect: Zenoh endpoints such as tcp/0.0.0.0:7447; call: the call's name there; None:
+        that of the invitation, else "call".
     face: call file whose person is drawn instead.
     invite: the line that the other end, or `risorius invite`, has printed: its key, and where and
         under which name the call is.  insecure: go without beyond this host.
     Use it as a context manager, or close it.  Raises `UserError` if the call cannot be read or
-    drawn.
+    drawn, or if arguments contradict each other.
     """
     from risorius.call import open_call
 

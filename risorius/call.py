@@ -17,6 +17,9 @@ from shared_model.errors import UserError
 
 Picture = NDArray[np.uint8]
 
+# The name of a call that has no other one.
+DEFAULT_CALL = "call"
+
 
 class TimedPicture(NamedTuple):
     """A picture (height, width, 3) uint8 BGR, and its time in the source, seconds."""
@@ -61,24 +64,34 @@ def open_call(
     source: str | Path | BinaryIO | None,
     listen: tuple[str, ...],
     connect: tuple[str, ...],
-    call: str,
+    call: str | None,
     face: Path | None,
     invite: str | None,
     insecure: bool,
 ) -> Call:
     """See `risorius.open_call`."""
+    link = {"listen": listen, "connect": connect, "call": call, "invite": invite}
+    if source is not None and (named := [name for name, value in link.items() if value]):
+        raise UserError(f"{named[0]} does not go with a call file; leave out {named[0]}")
     path = Path(source) if isinstance(source, str) else source
-    options = CallOptions(path, listen, connect, call, face=face)
-    return Call(_protected(options, invite, insecure))
+    options = CallOptions(path, listen, connect, call or DEFAULT_CALL, face=face)
+    return Call(_protected(options, call, invite, insecure))
 
 
-def _protected(options: CallOptions, invite: str | None, insecure: bool) -> CallOptions:
-    """The options with name, key and, if none is given, place of the invitation."""
+def _protected(
+    options: CallOptions, call: str | None, invite: str | None, insecure: bool
+) -> CallOptions:
+    """The options with name, key and, if none is given, place of the invitation.
+
+    call: the name that was asked for.
+    """
     if invite is not None:
         try:
             invitation = parse_invitation(invite)
         except ProtocolError as error:
             raise UserError(str(error)) from error
+        if call not in (None, invitation.call):
+            raise UserError(f"the invitation is to call {invitation.call!r}; leave out call")
         if not options.listen and not options.connect:
             options = replace(options, connect=(invitation.address,))
         return replace(options, call=invitation.call, security=LinkSecurity(invitation.key))

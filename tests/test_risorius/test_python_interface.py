@@ -92,6 +92,14 @@ def test_a_call_over_a_network_is_opened_with_its_invitation(call: Path) -> None
         sending.result()
 
 
+def test_what_is_not_used_is_refused(call: Path) -> None:
+    invitation = Invitation("127.0.0.1", 7447, "anna", bytes(range(16)))
+    with pytest.raises(UserError, match="listen does not go with a call file"):
+        risorius.open_call(call, listen=[":7447"])
+    with pytest.raises(UserError, match="the invitation is to call 'anna'"):
+        risorius.open_call(invite=str(invitation), call="bert")
+
+
 @pytest.mark.parametrize(
     "place", [{"listen": [":7447"]}, {"connect": ["192.0.2.7:7447", "127.0.0.1:1"]}]
 )
