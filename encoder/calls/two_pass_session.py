@@ -165,13 +165,13 @@ class TwoPassEncoder:
         outlines = [face_outline(self._points[number]) for number in numbers]
         face, reference = trained.person.face, trained.person.reference
         with self._stats.stage("layers"):
-            layers = layers_of_person(
+            layers, reason = layers_of_person(
                 FittedFrames(
                     face, call.camera, pictures, trained.faces, outlines, canonical, reference
                 )
             )
-        if isinstance(layers, str):
-            self._stats.warn(layers)
+        if layers is None:
+            self._stats.warn(reason)
             return BackgroundImage(pictures[canonical]), None
         return layers, layers
 

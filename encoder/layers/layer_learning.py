@@ -12,10 +12,12 @@ NO_NETWORK = (
 NO_PERSON = "the person cannot be told from the scene: both are one picture"
 
 
-def layers_of_person(frames: FittedFrames) -> LayerModel | str:
-    """The layers of a sample of frames, or why there are none."""
+def layers_of_person(frames: FittedFrames) -> tuple[LayerModel | None, str]:
+    """The layers of a sample of frames; None and why, if there are none."""
     path = find_segmentation_network()
     if path is None:
-        return NO_NETWORK
+        return None, NO_NETWORK
     samples = collect_samples(PersonSegmenter(path), frames)
-    return NO_PERSON if samples is None else learn_layers(frames.person, samples)
+    if samples is None:
+        return None, NO_PERSON
+    return learn_layers(frames.person, samples), ""

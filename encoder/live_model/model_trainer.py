@@ -211,8 +211,8 @@ class ModelTrainer:
 
     def _learn_layers(self, frames: FittedFrames) -> bytes:
         """The background with layers; empty if the person cannot be told from the scene."""
-        learned = layers_of_person(frames)
-        if isinstance(learned, str):
+        learned, _ = layers_of_person(frames)
+        if learned is None:
             return b""
         self._frame_layers = learned.frames.with_wide_limits()
         return learned.encode(int(LAYER_BYTES * self._budget.background_bytes))
