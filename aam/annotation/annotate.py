@@ -224,4 +224,4 @@ def _sha256(path: Path) -> str:
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
-        raise cannot_read(path, error) from error
+        raise _NotAnnotated(str(cannot_read(path, error))) from error

@@ -7,6 +7,7 @@ training needs, the picture's window included, so that the picture itself may go
 import json
 import os
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -96,9 +97,17 @@ def read_annotation(json_path: Path) -> Annotation:
     """Read an annotation by the path of its JSON file.  Raises `UserError`."""
     values = read_header(json_path)
     arrays = _read_arrays(json_path.with_suffix(".npz"))
+    try:
+        return _annotation(json_path.stem, values, arrays)
+    except (KeyError, TypeError, ValueError) as error:
+        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise UserError(f"{json_path}: {reason}; annotate the picture again") from error
+
+
+def _annotation(name: str, values: dict[str, Any], arrays: dict[str, Any]) -> Annotation:
     window = FaceWindow(arrays["window"], arrays["window_corner"], float(arrays["window_ratio"]))
     return Annotation(
-        json_path.stem,
+        name,
         str(values["person"]),
         str(values["image"]),
         str(values["image_sha256"]),
@@ -147,7 +156,7 @@ def _read_arrays(path: Path) -> dict[str, Any]:
             return {name: data[name] for name in _ARRAYS}
     except OSError as error:
         raise cannot_read(path, error) from error
-    except (ValueError, EOFError, zipfile.BadZipFile) as error:
+    except (ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise UserError(f"{path} is damaged: {error}; annotate the picture again") from error
 
 

@@ -130,3 +130,35 @@ def test_annotate_without_any_result_ends_with_3(
     out = str(pictures.parent / "none")
     assert main(["annotate", alone, "-o", out, "--landmarks", given, "-q"]) == 3
     assert "none of 1 pictures was annotated" in capsys.readouterr().err
+
+
+def test_a_damaged_annotation_is_one_line(pictures: Path) -> None:
+    _, out = run_annotate(pictures)
+    path = out / "p1_a.json"
+    values = json.loads(path.read_text())
+    for damaged in ({"focal_px": None}, {"focal_px": "far"}, {"person": ...}):
+        broken = {name: damaged.get(name, value) for name, value in values.items()}
+        left = {name: value for name, value in broken.items() if value is not ...}
+        path.write_text(json.dumps(left))
+        with pytest.raises(UserError, match=r"p1_a\.json: .*annotate the picture again"):
+            read_annotation(path)
+    path.write_text(json.dumps(values))
+    arrays = path.with_suffix(".npz")
+    data = bytearray(arrays.read_bytes())
+    # In the compressed data of the first array, behind its header.
+    data[200:260] = bytes(60)
+    arrays.write_bytes(data)
+    with pytest.raises(UserError, match="damaged"):
+        read_annotation(path)
+
+
+@pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="needs /proc/self/mem")
+def test_a_picture_that_cannot_be_read_any_more_is_noted_and_the_others_go_on(
+    pictures: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_annotate(pictures)
+    (pictures / "p1_a.png").unlink()
+    (pictures / "p1_a.png").symlink_to("/proc/self/mem")
+    code, _ = run_annotate(pictures)
+    told = capsys.readouterr().err
+    assert code == 0 and "p1_a.png" in told and "0 annotated, 1 were so before" in told
