@@ -1,5 +1,6 @@
 """What a command may write to, checked before the work begins."""
 
+import os
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -29,6 +30,18 @@ def check_outputs(inputs: Iterable[str | Path | None], outputs: Iterable[Path | 
             raise UserError(f"{path} is {kind}; give the name of a file")
         if not path.parent.is_dir():
             raise UserError(f"cannot write {path}: there is no folder {path.parent}")
+
+
+def check_output_folder(folder: Path | None) -> None:
+    """Raise `UserError` where a folder could not be made; its parents may be missing, too."""
+    if folder is None:
+        return
+    places = (folder.absolute(), *folder.absolute().parents)
+    existing = next(path for path in places if path.exists())
+    if not existing.is_dir():
+        raise UserError(f"cannot write into {folder}: {existing} is no folder")
+    if not os.access(existing, os.W_OK):
+        raise UserError(f"cannot write into {folder}: {existing} may not be written")
 
 
 def check_call_file(path: Path | None) -> None:

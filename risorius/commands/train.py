@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from risorius.command_line.argument_types import share
-from risorius.command_line.output_checks import check_outputs
+from risorius.command_line.output_checks import check_output_folder, check_outputs
 from risorius.command_line.parser import add_command
 from risorius.command_line.progress import ProgressLine, say
 from risorius.command_line.signals import StopOnSignal
@@ -89,6 +89,7 @@ def _add_model_options(parser: argparse.ArgumentParser) -> None:
 def run_train(arguments: argparse.Namespace) -> int:
     """`risorius train`: nothing is written if it is stopped."""
     check_outputs(arguments.folders, [arguments.output])
+    check_output_folder(arguments.report)
     from aam.model_file import write_model
     from aam.training.faces import read_faces
     from aam.training.report import write_report

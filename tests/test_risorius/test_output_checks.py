@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from risorius.cli import main
-from risorius.command_line.output_checks import STANDARD, check_outputs
+from risorius.command_line.output_checks import STANDARD, check_output_folder, check_outputs
 from shared_model.errors import UserError
 
 Capture = pytest.CaptureFixture[str]
@@ -62,3 +62,19 @@ def test_a_call_is_not_written_under_a_videos_name(name: str, capsys: Capture) -
     assert main(["encode", "me.mp4", "-o", name]) == 2
     (complaint,) = capsys.readouterr().err.splitlines()
     assert "a call is no video" in complaint and ".rzo and decode that" in complaint
+
+
+def test_a_folder_may_be_made_but_is_no_file(tmp_path: Path) -> None:
+    check_output_folder(None)
+    check_output_folder(tmp_path / "new" / "report")
+    (tmp_path / "file").write_bytes(b"")
+    for folder in (tmp_path / "file", tmp_path / "file" / "report"):
+        with pytest.raises(UserError, match="is no folder"):
+            check_output_folder(folder)
+
+
+def test_a_report_is_checked_before_the_training(tmp_path: Path, capsys: Capture) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    model = ["-o", str(tmp_path / "model.npz"), "--report", str(tmp_path / "file")]
+    assert main(["train", str(tmp_path), *model]) == 2
+    assert "is no folder" in capsys.readouterr().err
