@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from encoder.layers.layer_fitter import LayerFitter
 from encoder.layers.layer_samples import LayerSamples, coarse_luma
 from encoder.picture_coding.picture_encoder import EncodedPicture, encode_mode
-from encoder.picture_coding.quantiser_search import finest_quantiser_within
+from encoder.picture_coding.quantiser_search import STEPS_PER_HALVING, finest_quantiser_within
 from protocol.pictures.layered_background import change_codec, change_shape
 from protocol.pictures.picture_codec import MAX_STEP_CODE, to_luma
 
@@ -22,8 +22,8 @@ Single = NDArray[np.float32]
 MAX_CHANGES, MAX_CHANGE_BYTES = 4, 160
 # A change must explain this share of the squared residual, and so many squared grey levels.
 MIN_SHARE, MIN_GREY2 = 0.06, 0.4
-# The finest quantiser of a change, and by how much it is coarser for half the bytes.
-FINEST_STEP_CODE, STEPS_PER_HALVING = 12, 8
+# The finest quantiser of a change.
+FINEST_STEP_CODE = 12
 # The share of a pixel's changes from which on one counts there, and fully; and the standard
 # deviation of the kernel that smooths it, pixels.
 RELIABLE_SHARE, RELIABILITY_SIGMA = (0.1, 0.35), 2.0
@@ -31,7 +31,7 @@ RELIABLE_SHARE, RELIABILITY_SIGMA = (0.1, 0.35), 2.0
 ROBUST_GREY = 20.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class CodedChanges:
     """Changes as a decoder has them.
 

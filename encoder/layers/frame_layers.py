@@ -16,7 +16,7 @@ Picture = NDArray[np.uint8]
 LIMIT_FACTOR = 2.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class FrameLayers:
     """The layers of frames.
 

@@ -1,6 +1,6 @@
 """Fits the layer coefficients of a frame: the least squared error around the face, Gauss-Newton."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -28,7 +28,7 @@ Picture = NDArray[np.uint8]
 STEPS, ROBUST_GREY = 3, 12.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class LayerFitter:
     """The coarse picture around the face as a function of the layer coefficients.
 
@@ -49,6 +49,12 @@ class LayerFitter:
     changes: Single
     limits: Array
     scene_moves: bool = False
+    # Of person, alpha and scene, as `gradient` has them.
+    _gradients: tuple[Single, Single, Single] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        gradients = gradient(self.person), gradient(self.alpha), gradient(self.scene)
+        object.__setattr__(self, "_gradients", gradients)
 
     def fit(self, picture: Picture, parameters: FaceParameters, outline_px: Array) -> Array:
         """(k + c + s,) the coefficients of a frame (h, w, 3) uint8 BGR.
@@ -111,7 +117,7 @@ class LayerFitter:
         """
         count, changed = len(self.fields), len(self.fields) + len(self.changes)
         scene, scene_changes, moving = self._moved_scene(coefficients[changed:])
-        moves = np.array([sample(field, at) for field in self.fields], np.float32)
+        moves = np.array([sample(each, at) for each in self.fields], np.float32)
         moves = moves.reshape(-1, *at.shape)
         at = at - np.tensordot(coefficients[:count].astype(np.float32), moves, 1)
         person, alpha = sample(self.person, at), sample(self.alpha, at)
@@ -119,8 +125,9 @@ class LayerFitter:
         own_changes = np.array([sample(change, at) for change in self.changes], np.float32)
         changes = (1 - alpha) * scene_changes + alpha * own_changes.reshape(-1, *alpha.shape)
         drawn = (1 - alpha) * scene + person + np.tensordot(added, changes, 1)
-        slope = sample(gradient(self.person), at)
-        slope -= scene[..., None] * sample(gradient(self.alpha), at)
+        of_person, of_alpha, _ = self._gradients
+        slope = sample(of_person, at)
+        slope -= scene[..., None] * sample(of_alpha, at)
         jacobian = np.concatenate([-(moves * slope).sum(-1), changes, (1 - alpha) * moving])
         return np.asarray(drawn, np.float32), np.asarray(jacobian, np.float32), slope
 
@@ -135,5 +142,5 @@ class LayerFitter:
         basis = scene_basis(shape)
         at = scene_origins(basis, own)
         changes = np.array([sample(change, at) for change in self.changes], np.float32)
-        derivatives = -(basis * sample(gradient(self.scene), at)).sum(-1)
+        derivatives = -(basis * sample(self._gradients[2], at)).sum(-1)
         return sample(self.scene, at), changes.reshape(-1, *shape), derivatives

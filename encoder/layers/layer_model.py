@@ -17,7 +17,7 @@ from encoder.layers.motion_fields import field_codes, motion_fields
 from encoder.layers.person_picture import person_mask, person_picture
 from encoder.layers.scene import scene_motion, scene_picture
 from encoder.picture_coding.picture_encoder import EncodedPicture, encode_picture
-from encoder.picture_coding.quantiser_search import finest_quantiser_within
+from encoder.picture_coding.quantiser_search import STEPS_PER_HALVING, finest_quantiser_within
 from protocol.pictures.foreground_mask import Mask
 from protocol.pictures.layered_background import (
     FIELD_CODES_PER_PX,
@@ -36,14 +36,13 @@ Single = NDArray[np.float32]
 
 # By how much a coefficient may exceed those of the sample, in their range.
 LIMIT_MARGIN = 0.3
-STEPS_PER_HALVING = 8
 # Passes over the sample: the person's picture, coefficients, then so many steps of the fields.
 PASSES, FIELD_STEPS = 2, 2
 # Frames at which the distortion is measured.
 DISTORTION_FRAMES = 12
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class LayerModel:
     """Scene, person, motion fields and changes of a call.
 

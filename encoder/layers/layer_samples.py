@@ -28,7 +28,7 @@ PICTURE_SIDE, COARSE_SIDE = 640, 144
 MAX_SAMPLES = 48
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class FittedFrames:
     """n frames of one person whose faces are known.
 
@@ -47,7 +47,7 @@ class FittedFrames:
     reference: FaceParameters
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class LayerSamples:
     """n frames of one person, the canonical one among them.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from encoder.layers.displacement import dense, pixel_grid, sample
 from encoder.layers.layer_samples import LayerSamples, face_region
-from encoder.layers.robust_mean import robust_mean
+from encoder.layers.robust_mean import MIN_FRAMES, robust_mean
 from protocol.pictures.foreground_mask import MASK_SIDE, Mask
 from shared_model.appearance import pull_push_fill
 
@@ -23,11 +23,10 @@ Single = NDArray[np.float32]
 PERSON_SHARE = 0.5
 # Matte below which a pixel of an aligned frame does not show the person.
 MIN_MATTE = 0.6
-# Cells around the mask in which the picture is not filled in: it is drawn softly there.
-EDGE_CELLS = 5
+# So many cells around the mask the picture is not filled in: it is drawn softly there.
+EDGE_CELLS = 2
 # The face is filled in up to this share of its width from its outline.
 FACE_MARGIN = 0.1
-MIN_FRAMES = 0.75
 
 
 def aligned(images: NDArray[Any], samples: LayerSamples, motions: Sequence[Array]) -> Single:
@@ -64,7 +63,7 @@ def person_picture(samples: LayerSamples, motions: Sequence[Array], mask: Mask) 
 
 def drawn_region(mask: Mask, shape: tuple[int, int]) -> NDArray[np.bool_]:
     """(h, w) where the decoder draws the person, if only softly."""
-    kernel = np.ones((EDGE_CELLS, EDGE_CELLS), np.uint8)
+    kernel = np.ones((2 * EDGE_CELLS + 1,) * 2, np.uint8)
     wide = cv2.dilate(mask.astype(np.uint8), kernel)
     return np.asarray(cv2.resize(wide, shape[::-1], interpolation=cv2.INTER_NEAREST) > 0)
 

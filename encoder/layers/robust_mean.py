@@ -7,6 +7,8 @@ Single = NDArray[np.float32]
 
 # Scale of the Cauchy weights, grey levels, and passes.
 SCALE_GREY, PASSES = 12.0, 3
+# A pixel is known if the frames that show it weigh as much as so many.
+MIN_FRAMES = 0.75
 
 
 def robust_mean(pictures: NDArray[np.generic], weights: Single) -> Single:

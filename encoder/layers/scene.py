@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from encoder.capture.colour import luma_f32
 from encoder.layers.displacement import sample
 from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, shrunk
-from encoder.layers.robust_mean import robust_mean
+from encoder.layers.robust_mean import MIN_FRAMES, robust_mean
 from encoder.layers.scene_motion import fit_scene_motion, scene_basis, scene_origins
 from protocol.pictures.picture_codec import to_luma
 from shared_model.appearance import pull_push_fill
@@ -25,8 +25,6 @@ Single = NDArray[np.float32]
 
 # The matte up to which a pixel shows the scene; its weight falls to 0 there.
 CLEAR_MATTE = 0.25
-# A pixel is known if the frames that show it weigh as much as so many.
-MIN_FRAMES = 0.75
 # The scene moves if that leaves at most this share of the squared residual behind the person, of
 # which a pixel counts at most so many squared grey levels.
 MAX_LEFT, MAX_GREY2 = 0.6, 400.0

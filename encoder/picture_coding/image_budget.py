@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.picture_coding.picture_encoder import encode_picture
-from encoder.picture_coding.quantiser_search import finest_quantiser_within
+from encoder.picture_coding.quantiser_search import STEPS_PER_HALVING, finest_quantiser_within
 from protocol.pictures.picture_codec import MAX_STEP_CODE
 from protocol.pictures.probability_model import BACKGROUND
 
@@ -16,8 +16,6 @@ Single = NDArray[np.float32]
 WEBP_QUALITIES = (1, 95)
 # Longer sides of the background, pixels; the default profile takes the first.
 BACKGROUND_SIDES_PX = (640, 448, 320, 224)
-# A quantiser coarser by so many steps takes about half the bytes.
-STEPS_PER_HALVING = 8
 
 
 def encode_webp_within(picture: Picture, max_bytes: int) -> bytes:

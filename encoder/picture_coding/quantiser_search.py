@@ -10,6 +10,8 @@ Encoding = TypeVar("Encoding")
 # Trials that are placed by a secant through the sizes known so far; after these the interval is
 # halved, which also ends the search where sizes are irregular.
 SECANT_STEPS = 4
+# A picture's quantiser that is coarser by so many steps takes about half the bytes.
+STEPS_PER_HALVING = 8
 
 
 def finest_quantiser_within(
