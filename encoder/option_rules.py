@@ -1,12 +1,13 @@
 """Values that an encoder's options may have, which go together, and the profile they ask for.
 
-An option is named as on the command line, with underscores: `startup_bitrate`.  Only the standard
-library is imported at the top: a command line that checks its options starts quickly.
+An option is named as on the command line, with underscores: `startup_bitrate`.  Nothing
+that needs NumPy is imported at the top: a command line that checks its options starts quickly.
 """
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
+from protocol.limits import VOICES
 from shared_model.errors import UserError
 
 Options = Mapping[str, object]
@@ -19,7 +20,7 @@ CHOICES: Mapping[str, tuple[str, ...]] = {
     "tracker": ("single", "full"),
     "normalise": ("none", "retinex"),
     "abs": ("gauss-newton", "mirrored", "matrix"),
-    "voice": ("off", "700C", "1200", "opus"),
+    "voice": VOICES,
 }
 # Options that have an effect in one profile only, and their defaults.
 THESIS_OPTIONS: Options = {

@@ -12,13 +12,12 @@ from protocol.limits import (
     MAX_FRAME_STEP,
     MAX_FRAMES_PER_PACKET,
     MAX_SIDE_PX,
+    VOICES,
 )
 from shared_model.geometry import Camera
 
 PROFILES = ("thesis", "default")
 COLOUR_MATRICES = ("bt601", "bt709")
-# Codecs of the voice, in the order of their numbers on the wire.
-VOICES = ("off", "700C", "1200", "opus")
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,6 +4,10 @@ import re
 
 from protocol.entropy.varint import MAX_VARINT
 
+# Codecs of the voice, in the order of their numbers on the wire.
+VOICES = ("off", "700C", "1200", "opus")
+# The one that an encoder takes unless it is told otherwise.
+USUAL_VOICE = VOICES[2]
 SEQUENCE_MODULUS = 64
 # A packet up to so many sequence numbers behind the newest is late; any other is ahead of it.
 LATE_WINDOW = 16

@@ -12,7 +12,7 @@ from typing import Any
 import msgpack  # type: ignore[import-untyped]
 import numpy as np
 
-from protocol.call_parameters import COLOUR_MATRICES, PROFILES, VOICES, CallParameters
+from protocol.call_parameters import COLOUR_MATRICES, PROFILES, CallParameters
 from protocol.entropy.validation import (
     as_float32s,
     check_bool,
@@ -28,6 +28,7 @@ from protocol.limits import (
     MAX_RESIDUAL_POINTS,
     MAX_TRANSLATION_MM,
     SEQUENCE_MODULUS,
+    VOICES,
 )
 from protocol.shape_residual_coding import parse_residual, serialise_residual
 from shared_model.geometry import normalise

@@ -8,12 +8,10 @@ from threading import Event, Thread
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.sound.live_speech import PIECE_S
 from encoder.sound.sound_file import read_sound
 
 Samples = NDArray[np.int16]
-
-# Length of a piece, as a sound card gives them.
-PIECE_S = 0.02
 
 
 class FileMicrophone:

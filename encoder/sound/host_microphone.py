@@ -7,11 +7,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.sound.live_speech import PIECE_S
 from shared_model.errors import UserError
 
 Samples = NDArray[np.int16]
-
-PIECE_S = 0.02
 
 
 class OpenMicrophone(Protocol):

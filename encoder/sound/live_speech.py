@@ -16,7 +16,9 @@ Samples = NDArray[np.int16]
 
 # Sound that is so much late is not waited for: silence stands in its place.
 MAX_LATE_FRAMES = 12
-# Pieces of sound that may wait for the call to begin.
+# Length of a piece of sound, as a sound card gives them.
+PIECE_S = 0.02
+# Pieces that may wait for the call to begin.
 MAX_PIECES = 100
 
 

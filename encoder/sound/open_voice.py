@@ -6,8 +6,7 @@ from encoder.sound.recorded_speech import RecordedSpeech
 from encoder.sound.sound_file import has_sound
 from encoder.sound.speech_encoder import voice_is_installed
 from encoder.sound.voice_packer import VoicePacker
-
-USUAL_VOICE = "1200"
+from protocol.limits import USUAL_VOICE
 
 
 def chosen_voice(source: str, asked: str | None) -> tuple[str, str | None]:

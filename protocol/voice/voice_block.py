@@ -6,9 +6,9 @@ frames take no bytes.  The format is specified in docs/format.md.
 
 from dataclasses import dataclass
 
-from protocol.call_parameters import VOICES
 from protocol.entropy.varint import decode_varint, encode_varint
 from protocol.errors import ProtocolError
+from protocol.limits import VOICES
 
 SPEECH_FRAMES_PER_SECOND = 25
 # Modes of Codec2 by the name of the voice, bits a second, and the rate of its samples.

@@ -5,19 +5,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from encoder.option_rules import CHOICES
+from protocol.limits import USUAL_VOICE
 from protocol.link.interface import CONNECT_TIMEOUT_S
 from risorius.command_line.argument_types import bitrate, port
 from risorius.command_line.parser import add_command
 from risorius.command_line.progress import say, warn
 from risorius.live_call.call_place import add_place, read_place
+from risorius.live_call.messages import BROWSER, CAMERA_SOUND
 from shared_model.errors import UserError
 
 if TYPE_CHECKING:
     from risorius.command_line.parser import Commands
     from risorius.live_call.call_options import CallOptions
 
-BROWSER, NO_MICROPHONE = "browser", "off"
-USUAL_VOICE = "1200"
+NO_MICROPHONE = "off"
 
 
 def add_call(added: "Commands") -> None:
@@ -130,7 +131,6 @@ def _options(arguments: argparse.Namespace) -> "CallOptions":
 
 def _microphone(arguments: argparse.Namespace) -> str | None:
     from encoder.sound.sound_file import has_sound
-    from risorius.live_call.messages import CAMERA_SOUND
 
     asked: str | None = arguments.microphone
     if asked is not None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from encoder.sound.sound_file import has_sound
-from protocol.call_parameters import VOICES
+from protocol.limits import VOICES
 from scripts.command import run
 from scripts.voice_table.chain import measure
 from shared_model.errors import UserError

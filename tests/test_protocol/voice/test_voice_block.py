@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.call_parameters import VOICES
 from protocol.errors import ProtocolError
+from protocol.limits import VOICES
 from protocol.voice.voice_block import (
     CODEC2_BITS,
     MAX_OFFSET,

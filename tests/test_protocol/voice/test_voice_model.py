@@ -6,8 +6,9 @@ import msgpack  # type: ignore[import-untyped]
 import pytest
 from packets import CALL, GOLDEN, MODEL
 
-from protocol.call_parameters import PROFILES, VOICES
+from protocol.call_parameters import PROFILES
 from protocol.errors import ProtocolError
+from protocol.limits import VOICES
 from protocol.model_packet import VOICE_FORMAT
 from protocol.packets import parse_packet, serialise
 
