@@ -18,14 +18,13 @@ class VoiceDecoder:
     """Decodes the frames of one voice in order, each once.
 
     next_frame: number of the frame to be decoded next.
-    concealed: number of frames that stood in for missing ones, unless silence was due anyway.
     damaged: number of frames that the codec refused.
     """
 
     def __init__(self, speech: CallSpeech, decoder: SpeechDecoder) -> None:
         self._speech, self._decoder = speech, decoder
         self._gain, self._follows_silence = 0.0, True
-        self.next_frame = self.concealed = self.damaged = 0
+        self.next_frame = self.damaged = 0
 
     @property
     def rate_hz(self) -> int:
@@ -50,7 +49,6 @@ class VoiceDecoder:
         if frame:
             return self._decoded(frame)
         self._follows_silence |= frame is not None
-        self.concealed += frame is None and self._gain > 0
         return self._faded()
 
     def _decoded(self, frame: bytes) -> Samples:

@@ -128,11 +128,6 @@ class PersonTexture:
         self._fitter.set_noise_level(self._residual_sigma_grey)
         self._fitter.train(self._first_crop, replace(start, modes=np.zeros(4)))
 
-    @property
-    def observed_texel_count(self) -> int:
-        """Number of texels that any frame has shown."""
-        return int(self._observed.sum())
-
     def observe(self, frame: Picture, initial: FaceParameters) -> Observation:
         """Prepare a frame for fits near `initial`, see `TexelFitter.observe`."""
         return self._fitter.observe(self._crop(frame, initial), initial)

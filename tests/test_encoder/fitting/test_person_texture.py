@@ -118,9 +118,11 @@ def test_texels_hidden_in_the_first_frame_are_filled_as_the_head_turns(studio: S
     texture = texture_of(studio)
     turned = replace(REST, pose=pose_from_euler(0, 32, 0, PLACE))
     picture = studio.draw(turned, 0.9)
-    before = texture.observed_texel_count
+    before = fitted(texture, picture, turned, [JAW], 3)
     for _ in range(UPDATE_INTERVAL):
         texture.update_template(picture, fitted(texture, picture, turned, [JAW], 3))
-    assert texture.observed_texel_count > before
     again = fitted(texture, picture, turned, [JAW], 3)
-    assert again.correlation > 0.85 and angle_error_deg(again.face, turned) < 1.5
+    assert (
+        again.correlation > max(0.85, before.correlation)
+        and angle_error_deg(again.face, turned) < 1.5
+    )
