@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 MAX_PICTURE_PX = 4096 * 4096
 # Narrower faces in the background picture are refused.
 MIN_FACE_WIDTH_PX = 4.0
-# The models that are asked for again: the one in use and the update.
+# The models that may be asked for again: those in use and to come, of the call and of another face.
 KEPT_MODELS = 4
 # Side of the picture that the decoder is warmed up with.
 WARM_UP_PX = 64

@@ -57,7 +57,7 @@ class SkinConstraints:
     vertices: (k,) int, vertices of the head.
     rigid_mm: (k, 3) float64, camera frame: these in the plane of the mesh.
     points: (p,) int, mesh points, row by row.
-    pull: (p, k) float64, weight of each vertex in the motion of each point; rows sum
+    rbf_weights: (p, k) float64, weight of each vertex in the motion of each point; rows sum
         to at most 1.
     """
 
@@ -76,7 +76,7 @@ class BackgroundMesh:
     grid_px: (rows, columns, 2) float64, pixels, the unwarped mesh, as large as the picture.
     rigid_mm: (rows, columns, 3) float64, camera frame, mm: the points at the depth of the head.
     distance_px: (rows, columns) float64, pixels, from the head and its hair; 0 inside.
-    turning: (rows, columns) float64 in [0, 1]: weight of the head's rotation.
+    rotation_weight: (rows, columns) float64 in [0, 1]: weight of the head's rotation.
     """
 
     camera: Camera

@@ -29,7 +29,7 @@ MAY_IMPORT = {
         "encoder.fitting",
         "encoder.runtime",
     },
-    "loopback": {"loopback", "shared_model", "protocol", "encoder", "decoder", "aam"},
+    "loopback": {"loopback", "shared_model", "protocol", "encoder", "decoder"},
     "risorius": set(OURS),
 }
 IMPORTERS = {
