@@ -15,7 +15,7 @@ from encoder.layers.layer_fitter import LayerFitter
 from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, scaled_shape
 from encoder.layers.motion_fields import field_codes, motion_fields
 from encoder.layers.person_picture import person_mask, person_picture
-from encoder.layers.scene import scene_motion, scene_picture
+from encoder.layers.scene import SceneLayer, find_scene
 from encoder.picture_coding.picture_encoder import EncodedPicture, encode_picture
 from encoder.picture_coding.quantiser_search import STEPS_PER_HALVING, finest_quantiser_within
 from protocol.pictures.foreground_mask import Mask
@@ -38,6 +38,8 @@ Single = NDArray[np.float32]
 LIMIT_MARGIN = 0.3
 # Passes over the sample: the person's picture, coefficients, then so many steps of the fields.
 PASSES, FIELD_STEPS = 2, 2
+# The longer side of the pictures in all passes but the last, pixels.
+DRAFT_SIDE = 2 * COARSE_SIDE
 # Frames at which the distortion is measured.
 DISTORTION_FRAMES = 12
 
@@ -100,21 +102,18 @@ class LayerModel:
 
 def learn_layers(face: Face, samples: LayerSamples) -> LayerModel:
     """The layers of a person, from a sample of their frames."""
-    scene, fields = scene_picture(samples), motion_fields(samples)
-    of_scene = scene_motion(samples, scene)
-    if of_scene is not None:
-        scene = scene_picture(samples, of_scene)
-    moves = of_scene is not None
+    full, samples = samples, samples.shrunk(DRAFT_SIDE)
+    scene, fields = find_scene(full), motion_fields(samples)
     coefficients = np.zeros((len(samples.faces), len(fields)))
     for _ in range(PASSES):
-        fitter, mask, person = _with_person(face, samples, (scene, moves), fields, coefficients)
+        fitter, _, _ = _with_person(face, samples, scene, fields, coefficients)
         coefficients = _fitted(fitter, samples)
         for _ in range(FIELD_STEPS if len(fields) else 0):
             refined = refined_fields(fields / FIELD_CODES_PER_PX, samples, fitter, coefficients)
             fields = field_codes(refined)
             fitter = _with_fields(fitter, fields, samples)
             coefficients = _fitted(fitter, samples)
-    fitter, mask, person = _with_person(face, samples, (scene, moves), fields, coefficients)
+    fitter, mask, person = _with_person(face, full, scene, fields, coefficients)
     coefficients = _fitted(fitter, samples)
     changes = learn_changes(samples, fitter, coefficients)
     fitter = _with_changes(fitter, changes.luma)
@@ -123,7 +122,9 @@ def learn_layers(face: Face, samples: LayerSamples) -> LayerModel:
     limits = np.stack([coefficients.min(0) - margin, coefficients.max(0) + margin], 1)
     fitter = replace(fitter, limits=limits)
     distortion = _distortion(fitter, samples, coefficients)
-    return LayerModel(scene, person, mask, fields, changes.data, fitter, coefficients, distortion)
+    return LayerModel(
+        scene.picture, person, mask, fields, changes.data, fitter, coefficients, distortion
+    )
 
 
 def _distortion(fitter: LayerFitter, samples: LayerSamples, coefficients: Array) -> Array:
@@ -141,20 +142,17 @@ def _distortion(fitter: LayerFitter, samples: LayerSamples, coefficients: Array)
 def _with_person(
     face: Face,
     samples: LayerSamples,
-    scene: tuple[Single, bool],
+    scene: SceneLayer,
     fields: Codes,
     coefficients: Array,
 ) -> tuple[LayerFitter, Mask, Single]:
-    """What fits the person's picture from frames with these coefficients; mask and picture.
-
-    scene: its picture, and whether it moves.
-    """
+    """What fits the person's picture from frames with these coefficients; mask and picture."""
     at_mesh = fields_at_mesh(samples.mesh, fields / FIELD_CODES_PER_PX)
     motions = [
         motion + np.tensordot(own[: len(fields)], at_mesh, 1)
         for motion, own in zip(samples.motion, coefficients, strict=True)
     ]
-    mask = person_mask(samples, motions)
+    mask = person_mask(samples, motions, scene)
     person = person_picture(samples, motions, mask)
     shape = scaled_shape(samples.size, COARSE_SIDE)
     alpha = opacity(mask, shape[1], shape[0]).astype(np.float32)
@@ -164,11 +162,11 @@ def _with_person(
         samples.size,
         _coarse_luma(person, shape) * alpha,
         alpha,
-        _coarse_luma(scene[0], shape),
+        _coarse_luma(scene.picture, shape),
         np.zeros((0, *shape, 2), np.float32),
         np.zeros((0, *shape), np.float32),
         np.zeros((0, 2)),
-        scene[1],
+        scene.motion is not None,
     )
     return _with_fields(fitter, fields, samples), mask, person
 

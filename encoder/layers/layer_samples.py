@@ -4,7 +4,8 @@ Everything is at two sizes: that of the coded pictures, and a coarse one at whic
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from encoder.capture.colour import luma_f32
 from encoder.detection.segmentation import PersonSegmenter
+from encoder.layers.displacement import dense, pixel_grid, sample
 from encoder.runtime.image_ops import hull_mask
 from shared_model.animate import Face
 from shared_model.geometry import Camera
@@ -72,6 +74,11 @@ class LayerSamples:
         size = shape[::-1]
         return np.array([cv2.resize(m, size, interpolation=cv2.INTER_LINEAR) for m in self.mattes])
 
+    def shrunk(self, longer: int) -> "LayerSamples":
+        """The same with pictures whose longer side is at most `longer`."""
+        pictures = np.array([shrunk(picture, longer) for picture in self.pictures])
+        return replace(self, pictures=pictures)
+
 
 def scaled_shape(size: tuple[int, int], longer: int) -> tuple[int, int]:
     """Rows and columns of pictures of `size` (width, height), shrunk to a longer side."""
@@ -123,6 +130,21 @@ def collect_samples(segmenter: PersonSegmenter, frames: FittedFrames) -> LayerSa
         np.array([frames.outlines_px[i] for i in kept]),
         np.array([motion_with_head(mesh, frames.person, frames.faces[i]) for i in kept]),
         kept.index(frames.canonical),
+    )
+
+
+def aligned(images: NDArray[Any], samples: LayerSamples, motions: Sequence[Array]) -> Single:
+    """Images (n, h, w) or (n, h, w, c) of the frames, moved to the canonical one.
+
+    motions: (rows, columns, 2) source pixels, of the mesh in each frame.
+    """
+    shape = images.shape[1:3]
+    grid = pixel_grid((shape[0], shape[1]))
+    return np.array(
+        [
+            sample(image, grid + dense(motion, samples.size, (shape[0], shape[1])))
+            for image, motion in zip(images, motions, strict=True)
+        ]
     )
 
 

@@ -1,60 +1,72 @@
 """The picture of the person and their mask, from all frames, moved to the canonical one.
 
-What the face covers is filled in smoothly: the decoder draws the face over it.
+The segmentation network tells the mask roughly.  Near its outline a cell belongs to the layer that
+explains the frames better.  What the face covers is filled in smoothly: the decoder draws the face
+over it.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from encoder.layers.displacement import dense, pixel_grid, sample
-from encoder.layers.layer_samples import LayerSamples, face_region
+from encoder.layers.layer_samples import LayerSamples, aligned, face_region
 from encoder.layers.robust_mean import MIN_FRAMES, robust_mean
-from protocol.pictures.foreground_mask import MASK_SIDE, Mask
+from encoder.layers.scene import SceneLayer
+from protocol.pictures.foreground_mask import FINE_MASK_SIDE, Mask
 from shared_model.appearance import pull_push_fill
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-# The share of the aligned frames' mattes from which on a cell of the mask is the person.
+# The share of the aligned frames' mattes from which on a cell is the person.
 PERSON_SHARE = 0.5
+# How far from its outline the mask is refined, cells.
+REACH_CELLS = 8
+# The mean difference of squared errors, squared grey levels, that outweighs the network where it is
+# sure; a pixel's squared error counts at most so much.
+TRUST_GREY2, MAX_GREY2 = 60.0, 900.0
+# Standard deviation of the kernel that smooths the errors, cells; smaller holes are filled.
+SIGMA_CELLS, MIN_HOLE_CELLS = 1.2, 12
 # Matte below which a pixel of an aligned frame does not show the person.
 MIN_MATTE = 0.6
+# The least weight of a pixel in the mask.
+MIN_WEIGHT = 0.3
 # So many cells around the mask the picture is not filled in: it is drawn softly there.
-EDGE_CELLS = 2
+EDGE_CELLS = 4
 # The face is filled in up to this share of its width from its outline.
 FACE_MARGIN = 0.1
 
 
-def aligned(images: NDArray[Any], samples: LayerSamples, motions: Sequence[Array]) -> Single:
-    """Images (n, h, w) or (n, h, w, c) of the frames, moved to the canonical one.
+def person_mask(samples: LayerSamples, motions: Sequence[Array], scene: SceneLayer) -> Mask:
+    """(FINE_MASK_SIDE, FINE_MASK_SIDE) where the person is in the canonical picture.
 
-    motions: (rows, columns, 2) source pixels, of the mesh in each frame.
+    motions: see `aligned`.
     """
-    shape = images.shape[1:3]
-    grid = pixel_grid((shape[0], shape[1]))
-    return np.array(
-        [
-            sample(image, grid + dense(motion, samples.size, (shape[0], shape[1])))
-            for image, motion in zip(images, motions, strict=True)
-        ]
-    )
-
-
-def person_mask(samples: LayerSamples, motions: Sequence[Array]) -> Mask:
-    """(MASK_SIDE, MASK_SIDE) where the person is in the canonical picture.  See `aligned`."""
-    mattes = aligned(samples.mattes_at((MASK_SIDE, MASK_SIDE)), samples, motions)
-    return np.asarray(np.median(mattes, 0) > PERSON_SHARE)
+    shape = FINE_MASK_SIDE, FINE_MASK_SIDE
+    share = np.median(aligned(samples.mattes_at(shape), samples, motions), 0)
+    likely = share > PERSON_SHARE
+    errors = _explained(samples, motions, scene)
+    smooth = cv2.GaussianBlur(errors, (0, 0), SIGMA_CELLS)
+    kernel = np.ones((2 * REACH_CELLS + 1,) * 2, np.uint8)
+    near = cv2.dilate(likely.astype(np.uint8), kernel) > cv2.erode(likely.astype(np.uint8), kernel)
+    score = smooth / TRUST_GREY2 + 2 * share - 1
+    return _whole(np.where(near, score > 0, likely))
 
 
 def person_picture(samples: LayerSamples, motions: Sequence[Array], mask: Mask) -> Single:
-    """(h, w, 3) BGR the person in the canonical picture, filled in around them and in the face."""
+    """(h, w, 3) BGR the person in the canonical picture, filled in around them and in the face.
+
+    motions: see `aligned`.
+    """
     shape = samples.pictures.shape[1:3]
     mattes = aligned(samples.mattes_at(shape), samples, motions)
     weights = np.clip((mattes - MIN_MATTE) / (1 - MIN_MATTE), 0, 1).astype(np.float32)
+    size = shape[::-1]
+    inside = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+    weights = np.maximum(weights, np.float32(MIN_WEIGHT) * inside)
     weights[samples.canonical] += 1e-3
     mean = robust_mean(aligned(samples.pictures, samples, motions), weights)
     known = (weights.sum(0) > MIN_FRAMES) & drawn_region(mask, shape)
@@ -75,3 +87,37 @@ def covered_region(samples: LayerSamples, shape: tuple[int, int]) -> NDArray[np.
     width = float(np.ptp(outline[:, 0])) * shape[1] / samples.size[0]
     reach = max(1, round(FACE_MARGIN * width))
     return np.asarray(cv2.erode(inside, np.ones((2 * reach + 1,) * 2, np.uint8)) > 0)
+
+
+def _explained(samples: LayerSamples, motions: Sequence[Array], scene: SceneLayer) -> Single:
+    """(n, n) mean squared error of the scene less that of the person, squared grey levels."""
+    shape = FINE_MASK_SIDE, FINE_MASK_SIDE
+    small = np.array([_resized(picture) for picture in samples.pictures])
+    frames = aligned(small, samples, motions)
+    person = robust_mean(frames, np.ones(frames.shape[:3], np.float32))
+    behind, total = _resized(scene.picture), np.zeros(shape, np.float32)
+    for number, (frame, motion) in enumerate(zip(frames, motions, strict=True)):
+        at = pixel_grid(shape) + dense(motion, samples.size, shape)
+        seen = sample(behind, scene.origins(number, at, samples.size))
+        squares = (((frame - each) ** 2).mean(-1) for each in (seen, person))
+        of_scene, of_person = (np.minimum(each, MAX_GREY2) for each in squares)
+        total += of_scene - of_person
+    return np.asarray(total / len(frames), np.float32)
+
+
+def _resized(picture: NDArray[np.generic]) -> Single:
+    """(n, n, 3) a picture (h, w, 3) at the size of the mask."""
+    size = FINE_MASK_SIDE, FINE_MASK_SIDE
+    small = cv2.resize(np.asarray(picture, np.float32), size, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.float32)
+
+
+def _whole(mask: Mask) -> Mask:
+    """The largest part of a mask, small holes filled."""
+    if not mask.any():
+        return mask
+    _, parts = cv2.connectedComponents(mask.astype(np.uint8))
+    person = parts == np.bincount(parts[mask]).argmax()
+    _, holes = cv2.connectedComponents((~person).astype(np.uint8))
+    small = np.flatnonzero(np.bincount(holes.ravel()) < MIN_HOLE_CELLS)
+    return np.asarray(person | np.isin(holes, small))

@@ -5,6 +5,7 @@ of the scene to them.
 """
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -28,6 +29,36 @@ CLEAR_MATTE = 0.25
 # The scene moves if that leaves at most this share of the squared residual behind the person, of
 # which a pixel counts at most so many squared grey levels.
 MAX_LEFT, MAX_GREY2 = 0.6, 400.0
+
+
+@dataclass(frozen=True, slots=True)
+class SceneLayer:
+    """The scene of a sample.
+
+    picture: (h, w, 3) BGR.
+    motion: (n, 4) in each frame, see `scene_motion`; None: it stands still.
+    """
+
+    picture: Single
+    motion: Array | None
+
+    def origins(self, number: int, at: Single, size: tuple[int, int]) -> Single:
+        """Where positions in frame `number` come from in the picture of the scene.
+
+        at: (h, w, 2) pixels of a picture (h, w).  size: of the source, (width, height).
+        """
+        if self.motion is None:
+            return at
+        ratio = np.array(at.shape[1::-1]) / np.array(size)
+        basis = displacement_basis(*size, (at + 0.5) / ratio - 0.5)
+        return np.asarray(at - np.tensordot(self.motion[number], basis, 1) * ratio, np.float32)
+
+
+def find_scene(samples: LayerSamples) -> SceneLayer:
+    """The scene of a sample, at rest or moving."""
+    still = scene_picture(samples)
+    motion = scene_motion(samples, still)
+    return SceneLayer(still if motion is None else scene_picture(samples, motion), motion)
 
 
 def scene_picture(samples: LayerSamples, motion: Array | None = None) -> Single:
