@@ -12,6 +12,8 @@ from shared_model.errors import UserError
 
 MessageCallback = Callable[[str], None]
 
+# Python handles Ctrl-C between two waits: the signal may be delivered to a thread of Zenoh.
+POLL_S = 0.1
 # Default of `LinkOptions.connect_timeout_s`.
 CONNECT_TIMEOUT_S = 10.0
 # Bytes that Zenoh adds to a frame packet from an end that listens or a relay, measured with 8-bit

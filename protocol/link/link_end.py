@@ -7,6 +7,7 @@ from typing import Self
 from protocol.link.connection import Carrier, Connector
 from protocol.link.endpoints import Failure
 from protocol.link.interface import (
+    POLL_S,
     Arrival,
     LinkOptions,
     MessageCallback,
@@ -14,7 +15,6 @@ from protocol.link.interface import (
 )
 from protocol.link.link_service import Delivery, LinkService
 from protocol.link.messages import Role
-from protocol.link.peers import POLL_S
 from shared_model.errors import LINK_FAILED, UserError
 
 # Makes the carrier of a service, and opens what the end listens on.

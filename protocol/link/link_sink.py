@@ -4,6 +4,7 @@ from time import monotonic, sleep
 
 from protocol.link.delivery.sender import PEER_GONE_S, DeliverySender
 from protocol.link.interface import (
+    POLL_S,
     LinkOptions,
     LinkQuality,
     MessageCallback,
@@ -12,7 +13,7 @@ from protocol.link.interface import (
 )
 from protocol.link.link_end import CarrierFactory, LinkEnd, link_service
 from protocol.link.messages import Role
-from protocol.link.peers import POLL_S, PeerMonitor
+from protocol.link.peers import PeerMonitor
 from protocol.packets import is_end
 from shared_model.errors import LINK_FAILED, UserError
 
@@ -137,8 +138,7 @@ class LinkSink(LinkEnd):
 
     def _update_peers(self) -> None:
         with self._service.lock:
-            present = {session.hex() for session in self._delivery.peers}
-            self._decoders.update(present)
+            self._decoders.update(len(self._delivery.peers))
 
     def _current_reachability(self) -> Reachability:
         if self._decoders.poll():

@@ -6,6 +6,7 @@ from time import monotonic
 
 from protocol.link.delivery.receiver import DeliveryReceiver
 from protocol.link.interface import (
+    POLL_S,
     Arrival,
     LinkOptions,
     MessageCallback,
@@ -14,7 +15,6 @@ from protocol.link.interface import (
 )
 from protocol.link.link_end import CarrierFactory, LinkEnd, link_service
 from protocol.link.messages import Role
-from protocol.link.peers import POLL_S
 from protocol.packets import is_end
 
 # Time that a call without END waits for more once its encoder has said that it leaves.

@@ -1,11 +1,6 @@
 """Presence of the decoders of a call, for its sender."""
 
-from collections.abc import Set
-
 from protocol.link.interface import MessageCallback
-
-# Python handles Ctrl-C between two waits: the signal may be delivered to a thread of Zenoh.
-POLL_S = 0.1
 
 
 class PeerMonitor:
@@ -16,20 +11,20 @@ class PeerMonitor:
 
     def __init__(self, say: MessageCallback) -> None:
         self._say = say
-        self._present: Set[str] = frozenset()
+        self._present = 0
         self._any_joined = self._announced_empty = False
 
     def __len__(self) -> int:
-        return len(self._present)
+        return self._present
 
-    def update(self, present: Set[str]) -> None:
-        """These are present now."""
-        self._present = frozenset(present)
-        self._any_joined = self._any_joined or bool(present)
+    def update(self, present: int) -> None:
+        """So many are present now."""
+        self._present = present
+        self._any_joined = self._any_joined or present > 0
 
     def poll(self) -> bool:
         """Whether a decoder is present; announces a change since the last call."""
-        listens = bool(self._present)
+        listens = self._present > 0
         if listens and self._announced_empty:
             self._say("somebody listens again")
         elif not listens and self._any_joined and not self._announced_empty:

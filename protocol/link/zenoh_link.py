@@ -26,6 +26,7 @@ from protocol.endpoint import Endpoint
 from protocol.link.connection import LISTENING, Failed, Opened, Presence, Received
 from protocol.link.endpoints import Failure, resolve, source_address
 from protocol.link.interface import (
+    POLL_S,
     LinkOptions,
     MessageCallback,
     PacketProtection,
@@ -36,7 +37,6 @@ from protocol.link.link_service import LinkService
 from protocol.link.link_sink import LinkSink
 from protocol.link.link_source import LEAVE_GRACE_S, LinkSource
 from protocol.link.messages import Role
-from protocol.link.peers import POLL_S
 from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence, short_key
 from protocol.link.zenoh_settings import (
     OPEN_S,

@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import asdict
@@ -19,6 +18,7 @@ from risorius.command_line.call_link import (
     link_request,
     read_link,
 )
+from risorius.command_line.idle_timeout import IdleTimeout
 from risorius.command_line.local_network import announced
 from risorius.command_line.option_rules import DECODE_LINK_OPTIONS, reject
 from risorius.command_line.options import (
@@ -187,37 +187,6 @@ def _view(
 
     view = CallView(announce, name, arguments.port, is_recorded, path is not None, stop)
     return stack.enter_context(view)
-
-
-class IdleTimeout:
-    """A question to stop: also yes once no picture has come for `timeout_s`; 0 waits for ever."""
-
-    def __init__(
-        self,
-        timeout_s: float,
-        stop: Callable[[], bool],
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self.timeout_s = timeout_s
-        self._stop, self._clock = stop, clock
-        self._last = clock()
-
-    @property
-    def expired(self) -> bool:
-        """Nothing has come for too long."""
-        return 0 < self.timeout_s < self._clock() - self._last
-
-    def __call__(self) -> bool:
-        return self._stop() or self.expired
-
-    def watch(self, progress: Progress) -> Progress:
-        """`progress`, with a note of the time whenever it is called."""
-
-        def noted(done: int, total: int | None) -> None:
-            self._last = self._clock()
-            progress(done, total)
-
-        return noted
 
 
 def _reason(error: UserError, stop: Callable[[], bool], idle: IdleTimeout) -> BaseException:

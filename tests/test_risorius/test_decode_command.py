@@ -17,7 +17,8 @@ from encoder.capture.video_source import open_source
 from loopback.quality.video_quality import Quality
 from protocol.summary import summarise
 from risorius.cli import main
-from risorius.commands.decode import IdleTimeout, quality_summary
+from risorius.command_line.idle_timeout import IdleTimeout
+from risorius.commands.decode import quality_summary
 
 Capture = pytest.CaptureFixture[str]
 
