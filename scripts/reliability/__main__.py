@@ -264,12 +264,12 @@ def measure(
         "forward_bps": _rate_bps(traffic["bytes_by_second"][ENCODER]),
         **dict.fromkeys(("change_db", "ways_ms", "back_s", "step")),
     }
-    if clip is not None:
+    if clip is not None and shown:
         figures["step"] = largest_step_px(shown) / largest_step_px(clean)
     is_one_start = all(event.action is Action.MOVE for event in row.events)
     if is_one_start:
         figures["ways_ms"] = ways_ms(sender, receiver)
-        if clip is not None and sent[-1].sent_s < PICTURES_S:
+        if clip is not None and shown and sent[-1].sent_s < PICTURES_S:
             figures["change_db"] = _change_db(shown, clean, clip, faces)
     since = [cut[1] for cut in row.faults.cuts]
     since += [event.at_s for event in row.events if event.action is not Action.KILL]

@@ -78,10 +78,15 @@ _CLEAN, _LOSSY = Faults(delay_ms=50), Faults(loss=0.1, delay_ms=50)
 _MOVED = (Event(EVENT_S, ENCODER, Action.MOVE),)
 ROWS = (
     Row("0 %, 50 ms", _CLEAN),
-    Row("5 %, 50 ms", Faults(loss=0.05, delay_ms=50), seeds=3),
-    Row("10 %, 50 ms", _LOSSY, seeds=3),
-    Row("25 %, 50 ms", Faults(loss=0.25, delay_ms=50), seeds=3),
-    Row("10 % in bursts of 3, 50 ms", Faults(loss=0.1, burst=3, delay_ms=50), seeds=3),
+    Row("5 %, 50 ms", Faults(loss=0.05, delay_ms=50), seeds=3, least_s=SHORT_S),
+    Row("10 %, 50 ms", _LOSSY, seeds=3, least_s=SHORT_S),
+    Row("25 %, 50 ms", Faults(loss=0.25, delay_ms=50), seeds=3, least_s=SHORT_S),
+    Row(
+        "10 % in bursts of 3, 50 ms",
+        Faults(loss=0.1, burst=3, delay_ms=50),
+        seeds=3,
+        least_s=SHORT_S,
+    ),
     Row("0 %, 300 ms", Faults(delay_ms=300)),
     Row("5 %, 300 ms", Faults(loss=0.05, delay_ms=300), seeds=3),
     Row("50 ms +- 50 ms", Faults(delay_ms=50, jitter_ms=50)),
@@ -97,8 +102,12 @@ ROWS = (
     Row("relay, 10 %, 50 ms", _LOSSY, relay=True),
     Row("relay killed", _CLEAN, events=_again(RELAY), least_s=SHORT_S, relay=True),
     Row("relay killed, 10 %, 50 ms", _LOSSY, events=_again(RELAY), least_s=SHORT_S, relay=True),
-    Row("SFrame, 5 %, 50 ms", Faults(loss=0.05, delay_ms=50), sframe=True, seeds=3),
-    Row("SFrame, 25 %, 50 ms", Faults(loss=0.25, delay_ms=50), sframe=True, seeds=3),
+    Row(
+        "SFrame, 5 %, 50 ms", Faults(loss=0.05, delay_ms=50), sframe=True, seeds=3, least_s=SHORT_S
+    ),
+    Row(
+        "SFrame, 25 %, 50 ms", Faults(loss=0.25, delay_ms=50), sframe=True, seeds=3, least_s=SHORT_S
+    ),
     Row("0 %, 50 ms, 75 s", _CLEAN, least_s=LONG_S),
     *_with_repairs("TCP", "tcp/{}"),
     *_with_repairs("QUIC, mixed", QUIC),

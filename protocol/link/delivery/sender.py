@@ -43,7 +43,7 @@ UPDATE_PATIENCE_S = 3.0
 # How often one decoder is answered.
 ANSWER_S = 0.15
 # Bytes that a HELLO is padded with to measure the link, and how often that is tried.
-PADDING_BYTES, MAX_PROBES = 400, 4
+PADDING_BYTES, MAX_PROBES = 400, 8
 # How long a decoder's word holds that it listens to another encoder.
 BUSY_S = 1.5
 
@@ -192,7 +192,9 @@ class DeliverySender:
             window = peer.window
             if window.is_measured or window.round_trip_s is None or peer.probes == MAX_PROBES:
                 continue
-            pause_s = ASK_S if window.padded_trips == peer.probes else LATER_ASK_S
+            pause_s = ASK_S
+            if window.padded_trips < peer.probes:
+                pause_s = min(max(2.5 * window.round_trip_s, ASK_S), LATER_ASK_S)
             if now_s - peer.probed_s > pause_s:
                 peer.probed_s, peer.probes = now_s, peer.probes + 1
                 # One after the other, so that the link takes longer for the second alone.
