@@ -1,0 +1,1 @@
+"""What damaged bytes do to a receiver; see `__main__`."""
