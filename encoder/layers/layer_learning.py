@@ -17,7 +17,7 @@ def layers_of_person(frames: FittedFrames) -> tuple[LayerModel | None, str]:
     path = find_segmentation_network()
     if path is None:
         return None, NO_NETWORK
-    samples = collect_samples(PersonSegmenter(path), frames)
+    samples = collect_samples(PersonSegmenter(path).matte, frames)
     if samples is None:
         return None, NO_PERSON
     return learn_layers(frames.person, samples), ""

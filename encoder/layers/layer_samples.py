@@ -3,7 +3,7 @@
 Everything is at two sizes: that of the coded pictures, and a coarse one at which motion is found.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture.colour import luma_f32
-from encoder.detection.segmentation import PersonSegmenter
 from encoder.layers.displacement import dense, pixel_grid, sample
 from encoder.runtime.image_ops import hull_mask
 from shared_model.animate import Face
@@ -23,6 +22,8 @@ from shared_model.parameters import FaceParameters
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]
+
+FindMatte = Callable[[Picture, Array], Single | None]
 
 # The longer sides of the coded pictures and of the coarse ones, pixels.
 PICTURE_SIDE, COARSE_SIDE = 640, 144
@@ -107,15 +108,15 @@ def typical_frame(faces: Sequence[FaceParameters]) -> int:
     return int(away.sum(1).argmin())
 
 
-def collect_samples(segmenter: PersonSegmenter, frames: FittedFrames) -> LayerSamples | None:
+def collect_samples(find_matte: FindMatte, frames: FittedFrames) -> LayerSamples | None:
     """The sample of some frames; None if the canonical one shows no person.
 
-    Frames in which the person is not found are left out.
+    find_matte: as `PersonSegmenter.matte`.  Frames in which the person is not found are left out.
     """
     camera = frames.camera
     stride = -(-len(frames.pictures) // MAX_SAMPLES)
     chosen = sorted({frames.canonical, *range(0, len(frames.pictures), stride)})
-    mattes = {i: segmenter.matte(frames.pictures[i], frames.outlines_px[i]) for i in chosen}
+    mattes = {i: find_matte(frames.pictures[i], frames.outlines_px[i]) for i in chosen}
     found = {i: matte for i, matte in mattes.items() if matte is not None}
     if frames.canonical not in found:
         return None

@@ -157,7 +157,7 @@ def test_a_camera_that_moves_takes_the_wall_along(model: LayerModel) -> None:
 
 
 def test_a_change_of_the_light_is_learned_and_follows_it() -> None:
-    lit = learn_layers(FACE, replace(samples(LIGHT), mattes=samples(LIGHT).mattes))
+    lit = learn_layers(FACE, samples(LIGHT))
     count = len(lit.fields)
     assert len(lit.changes) == 1
     assert abs(np.corrcoef(lit.coefficients[:, count], LIGHT)[0, 1]) > 0.98
