@@ -1,0 +1,1 @@
+"""Memory of a long call over a bad link, in simulated time; see `__main__`."""
