@@ -1,6 +1,7 @@
 """Fits the layer coefficients of a frame: the least squared error around the face, Gauss-Newton."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -26,6 +27,23 @@ Picture = NDArray[np.uint8]
 
 # Gauss-Newton steps; residuals of so many grey levels count half.
 STEPS, ROBUST_GREY = 3, 12.0
+
+
+class _Drawn(NamedTuple):
+    """A coarse picture and what it is made of.
+
+    picture: (h, w) luma.  at: (h, w, 2) where the person comes from.  alpha: (h, w) of the person.
+    moves: (k, h, w, 2) coarse pixels, of each field.  changes: (c, h, w) luma, of each change.
+    scene: (h, w) luma.  moving: (s, h, w) its derivatives by its motion.
+    """
+
+    picture: Single
+    at: Single
+    alpha: Single
+    moves: Single
+    changes: Single
+    scene: Single
+    moving: Single
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +96,7 @@ class LayerFitter:
 
     def draw(self, parameters: FaceParameters, coefficients: Array) -> Single:
         """(h, w) the coarse luma of a frame, without the face."""
-        return self._linearised(self._origins(parameters), coefficients)[0]
+        return self._drawn(self._origins(parameters), coefficients).picture
 
     def jacobian(self, parameters: FaceParameters, coefficients: Array) -> Single:
         """(k + c + s, h, w) grey levels of the coarse picture per unit of each coefficient."""
@@ -93,8 +111,8 @@ class LayerFitter:
         per coarse pixel of the position at which the person is sampled.
         """
         at = self._origins(parameters)
-        drawn, _, slope = self._drawn(at, coefficients)
-        return at, drawn, slope
+        drawn = self._drawn(at, coefficients)
+        return at, drawn.picture, self._slope(drawn)
 
     def face_region(self, outline_px: Array) -> NDArray[np.bool_]:
         """(h, w) where the coarse picture shows the face.  outline_px: see `fit`."""
@@ -107,14 +125,21 @@ class LayerFitter:
 
     def _linearised(self, at: Single, coefficients: Array) -> tuple[Single, Single]:
         """The picture and its derivatives (k + c + s, h, w).  at: see `_drawn`."""
-        drawn, jacobian, _ = self._drawn(at, coefficients)
-        return drawn, jacobian
+        drawn = self._drawn(at, coefficients)
+        by_fields = -(drawn.moves * self._slope(drawn)).sum(-1)
+        by_scene = (1 - drawn.alpha) * drawn.moving
+        jacobian = np.concatenate([by_fields, drawn.changes, by_scene])
+        return drawn.picture, np.asarray(jacobian, np.float32)
 
-    def _drawn(self, at: Single, coefficients: Array) -> tuple[Single, Single, Single]:
-        """As `_linearised`, and the derivative (h, w, 2) by the position of the person.
+    def _slope(self, drawn: _Drawn) -> Single:
+        """(h, w, 2) the derivative of a picture by the position of the person."""
+        of_person, of_alpha, _ = self._gradients
+        slope = sample(of_person, drawn.at)
+        slope -= drawn.scene[..., None] * sample(of_alpha, drawn.at)
+        return slope
 
-        The person comes from `at` (h, w, 2).
-        """
+    def _drawn(self, at: Single, coefficients: Array) -> _Drawn:
+        """The picture with these coefficients.  The person comes from `at` (h, w, 2)."""
         count, changed = len(self.fields), len(self.fields) + len(self.changes)
         scene, scene_changes, moving = self._moved_scene(coefficients[changed:])
         moves = np.array([sample(each, at) for each in self.fields], np.float32)
@@ -125,11 +150,8 @@ class LayerFitter:
         own_changes = np.array([sample(change, at) for change in self.changes], np.float32)
         changes = (1 - alpha) * scene_changes + alpha * own_changes.reshape(-1, *alpha.shape)
         drawn = (1 - alpha) * scene + person + np.tensordot(added, changes, 1)
-        of_person, of_alpha, _ = self._gradients
-        slope = sample(of_person, at)
-        slope -= scene[..., None] * sample(of_alpha, at)
-        jacobian = np.concatenate([-(moves * slope).sum(-1), changes, (1 - alpha) * moving])
-        return np.asarray(drawn, np.float32), np.asarray(jacobian, np.float32), slope
+        picture = np.asarray(drawn, np.float32)
+        return _Drawn(picture, at, alpha, moves, changes, scene, moving)
 
     def _moved_scene(self, own: Array) -> tuple[Single, Single, Single]:
         """(h, w) the scene, (c, h, w) its changes, and (s, h, w) derivatives by its motion.
