@@ -147,7 +147,9 @@ class CallPlayout:
         yield from self._placed(self._receiving.receive(arrival))
         if (model := self.model) is not None:
             shown = int(self._next * SPEECH_FRAMES_PER_SECOND / model.call.exact_fps)
-            self.speech.drop_before(shown - self._kept_speech_s * SPEECH_FRAMES_PER_SECOND)
+            old = shown - self._kept_speech_s * SPEECH_FRAMES_PER_SECOND
+            # What follows is not known yet before a pause: nobody could have taken the last words.
+            self.speech.drop_before(min(old, self.speech.known_until))
 
     def poll(self, now_s: float) -> Iterator[PlayoutFrame]:
         """The frames to show at `now_s` although nothing has come.  Raises as `receive`."""

@@ -129,3 +129,16 @@ def test_speech_that_nobody_takes_is_forgotten() -> None:
     count = SPEECH_FRAMES_PER_SECOND * FRAMES // round(BASE.call.fps)
     kept = [k for k in range(count) if playout.speech.get(k) is not None]
     assert kept == list(range(count - SPEECH_FRAMES_PER_SECOND, count))
+
+
+def test_the_last_words_before_a_pause_are_kept_until_it_ends() -> None:
+    playout = CallPlayout(kept_speech_s=0)
+    spoken_until = 3
+    for each in sent()[: 1 + spoken_until]:
+        play(playout, iter([Arrival(each.data, each.sent_s, 0, each.number)]))
+    known = playout.speech.known_until
+    assert playout.speech.get(known - 1) is None
+    later = [Arrival(each.data, each.sent_s, 0, each.number) for each in sent()[-1:]]
+    play(playout, iter(later))
+    assert playout.speech.known_until == known
+    assert playout.speech.get(known) == (spoken(known) or b"")
