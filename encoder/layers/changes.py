@@ -26,7 +26,7 @@ MIN_SHARE, MIN_GREY2 = 0.06, 0.4
 FINEST_STEP_CODE = 12
 # The share of a pixel's changes from which on one counts there, and fully; and the standard
 # deviation of the kernel that smooths it, pixels.
-RELIABLE_SHARE, RELIABILITY_SIGMA = (0.2, 0.5), 2.0
+RELIABLE_SHARE, RELIABILITY_SIGMA = (0.3, 0.6), 2.0
 # Residuals of so many grey levels count half.
 ROBUST_GREY = 20.0
 

@@ -29,7 +29,7 @@ CONTRAST_GREY, MIN_CONFIDENCE = 3.0, 0.01
 # Standard deviation of the kernel by which flow is smoothed, in cells of a field.
 SMOOTHING_CELLS = 0.8
 # The largest code of a field.
-FULL_CODE = 100
+FULL_CODE = 32
 
 
 def motion_fields(samples: LayerSamples) -> Codes:

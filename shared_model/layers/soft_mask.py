@@ -6,9 +6,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 # Standard deviation of the Gaussian kernel that softens the mask, in its cells, and where it ends.
-FEATHER_SIGMA, FEATHER_REACH = 1.2, 4
-# The range of the softened mask over which opacity rises from 0 to 1.
-OPACITY_RANGE = 0.42, 0.58
+FEATHER_SIGMA, FEATHER_REACH = 1.5, 4
+# The range of the softened mask over which opacity rises from 0 to 1: inside the outline, so that
+# what stands still beside it is not touched when the person moves.
+OPACITY_RANGE = 0.45, 0.9
 
 
 def opacity(mask: NDArray[np.bool_], width: int, height: int) -> Array:
