@@ -1,11 +1,13 @@
-"""The experiments of thesis 2.4.4 and 3 on annotated faces: tables, plots, raw results.
+"""The experiments of thesis 2.4.4 and 3 on annotated faces: tables and plots.
 
     risorius annotate imm -o annotated/imm --person '([0-9]+)_'
     risorius annotate ytf -o annotated/ytf
     risorius annotate orl -o annotated/orl --person '(s[0-9]+)/'
     python -m scripts.validate_aam --train annotated/imm annotated/ytf --test annotated/orl -o out
 
-Nobody in the test folders may be in the training folders.
+Nobody in the test folders may be in the training folders.  --truth: folders of the same names with
+annotations by given landmarks (`annotate --landmarks`), against which first frames are measured, by
+models of the other half of the people; without it they are not.
 """
 
 import argparse
@@ -15,7 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from aam.validation.experiments import run_experiments
+from aam.validation.experiments import PARTS, run_experiments
+from aam.validation.first_frames import read_true_pictures
 from aam.validation.samples import read_samples
 
 # Pictures of the test set at most, as many as in 3.1.
@@ -23,12 +26,16 @@ TEST_PICTURES = 124
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run all experiments, or some, and write `tables.md` and the plots."""
+    """Run all experiments, or some; write and print each table as it is done."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--train", nargs="+", type=Path, required=True, metavar="DIR")
     parser.add_argument("--test", nargs="+", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--truth", nargs="*", type=Path, default=[], metavar="DIR")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
     parser.add_argument("--size", type=int, default=64, choices=(64, 128))
+    parser.add_argument(
+        "--parts", nargs="+", default=PARTS, choices=PARTS, metavar="PART", help=", ".join(PARTS)
+    )
     parsed = parser.parse_args(arguments)
     train, test = read_samples(parsed.train), read_samples(parsed.test)
     chosen = np.linspace(0, len(test) - 1, min(len(test), TEST_PICTURES)).astype(int)
@@ -37,10 +44,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     def tell(what: str) -> None:
         print(what, file=sys.stderr, flush=True)
 
-    found = run_experiments(train, [test[i] for i in chosen], parsed.size, tell)
-    for name, text in found.items():
+    samples = [test[i] for i in chosen]
+    truth = read_true_pictures(parsed.truth)
+    parts = [part for part in parsed.parts if part != "first-frames" or truth]
+    for name, text in run_experiments(train, samples, truth, parsed.size, parts, tell):
         (parsed.output / name).write_text(text, encoding="utf-8")
-    print(found["tables.md"])
+        if name.endswith(".md"):
+            print(text, flush=True)
     return 0
 
 

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from aam.annotation.annotation_file import Annotation, read_header, write_annotation
 from aam.annotation.landmark_files import read_landmark_csv, read_landmark_file
-from aam.annotation.landmark_schemes import FaceLandmarks, from_given, from_network
+from aam.annotation.landmark_schemes import FaceLandmarks, from_given, from_search
 from aam.annotation.landmark_search import StillLandmarks
+from aam.annotation.model_landmarks import ModelLandmarks
 from aam.annotation.still_fit import StillFit, fit_still
 from aam.face_window import face_window
+from aam.model_file import read_model
 from aam.shape_space import shape_vector
 from encoder.appearance.texture import extract_texture
 from shared_model.animate import Face, identity_from_controls
@@ -28,7 +30,7 @@ Picture = NDArray[np.uint8]
 Progress = Callable[[int, int], None]
 
 SUFFIXES = {".jpg", ".jpeg", ".png", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".webp"}
-LANDMARK_SUFFIXES = (".asf", ".pts")
+LANDMARK_SUFFIXES, MODEL_SUFFIX = (".asf", ".pts"), ".npz"
 # Largest side of the window that is kept, pixels, and of the texture, texels.
 WINDOW_PX, TEXTURE_SIZE = 384, 256
 
@@ -38,7 +40,8 @@ class AnnotationOptions:
     """How pictures are annotated.
 
     projection: see `still_fit.PROJECTIONS`.  residual: fit the residual shape as well.
-    landmarks: "network", ".asf" or ".pts" for files beside the pictures, or the path of a CSV.
+    landmarks: "network", ".asf" or ".pts" for files beside the pictures, the path of a CSV, or of a
+        trained model (.npz).
     person: a regular expression whose first group in the picture's path names the person; "": each
         picture shows another one.
     """
@@ -128,10 +131,12 @@ class _GivenLandmarks:
 
     def __init__(self, source: str) -> None:
         self._source = source
-        self._search: StillLandmarks | None = None
+        self._search: StillLandmarks | ModelLandmarks | None = None
         self._table: Mapping[str, Array] = {}
         if source == "network":
             self._search = StillLandmarks()
+        elif source.endswith(MODEL_SUFFIX):
+            self._search = ModelLandmarks(read_model(Path(source)))
         elif source not in LANDMARK_SUFFIXES:
             self._table = read_landmark_csv(Path(source))
 
@@ -141,7 +146,7 @@ class _GivenLandmarks:
             points = self._search.find(picture)
             if points is None:
                 raise _NotAnnotated("no face found")
-            return from_network(points)
+            return from_search(points)
         try:
             return from_given(self._given(path, picture))
         except (UserError, ValueError) as error:

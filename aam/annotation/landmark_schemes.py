@@ -49,17 +49,15 @@ class FaceLandmarks:
     points: (468, 3) pixels, in the order of the landmark network; nan where unknown.  The third
         coordinate is the network's depth, pixels, nan if there is none.
     sigma: (468,) factor on the standard deviation of each.
-    source: "network" or "given".
     """
 
     points: Array
     sigma: Array
-    source: str
 
 
-def from_network(points: Array) -> FaceLandmarks:
-    """Landmarks (468, 3) of the network."""
-    return FaceLandmarks(points, np.ones(LANDMARK_COUNT), "network")
+def from_search(points: Array) -> FaceLandmarks:
+    """Landmarks (468, 3) of the network, or of a model."""
+    return FaceLandmarks(points, np.ones(LANDMARK_COUNT))
 
 
 def from_given(points: Array) -> FaceLandmarks:
@@ -69,7 +67,7 @@ def from_given(points: Array) -> FaceLandmarks:
     """
     if len(points) == LANDMARK_COUNT:
         full = np.column_stack([points[:, :2], np.full(LANDMARK_COUNT, np.nan)])
-        return FaceLandmarks(full, np.ones(LANDMARK_COUNT), "given")
+        return FaceLandmarks(full, np.ones(LANDMARK_COUNT))
     if len(points) not in SCHEMES:
         known = ", ".join(map(str, [*SCHEMES, LANDMARK_COUNT]))
         raise ValueError(f"{len(points)} landmarks, expected {known}")
@@ -77,4 +75,4 @@ def from_given(points: Array) -> FaceLandmarks:
     full, sigma = np.full((LANDMARK_COUNT, 3), np.nan), np.ones(LANDMARK_COUNT)
     full[scheme[scheme != NONE], :2] = points[scheme != NONE]
     sigma[list(FACE_OVAL)] = OUTLINE_SIGMA
-    return FaceLandmarks(full, sigma, "given")
+    return FaceLandmarks(full, sigma)

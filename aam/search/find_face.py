@@ -19,6 +19,8 @@ Picture = NDArray[np.uint8]
 # Bound of the parameters that a level takes over from the one before it, standard deviations.
 HANDED_LIMIT = 2.0
 # Starts about the eyes that a detector found: shift downwards in terms of their distance, scale.
+# Share explained of a face, in terms of the mean over the training set.
+LEAST_EXPLAINED = 0.5
 STARTS = ((0.0, 1.0), (0.12, 1.0), (-0.12, 1.0), (0.0, 0.88), (0.0, 1.13))
 
 
@@ -27,7 +29,9 @@ class FaceFit:
     """A face in a picture.
 
     pose: (p,) in pixels of the picture.  shape: (n,).  landmarks: (m, 2) pixels.
-    error: mean square residual of the finest level.  results: of each level, in its own pixels.
+    error: mean square residual of the finest level; 1 less it is the share of the texture's
+        variance that the model explains.
+    results: of each level, in its own pixels.
     """
 
     pose: Array
@@ -35,6 +39,11 @@ class FaceFit:
     landmarks: Array
     error: float
     results: tuple[SearchResult, ...]
+
+
+def is_explained(model: MultiResolutionModel, fit: FaceFit) -> bool:
+    """Whether the model explains so much of the texture that it is a face's."""
+    return 1 - fit.error >= LEAST_EXPLAINED * model.levels[-1].contrast[0]
 
 
 def find_face(

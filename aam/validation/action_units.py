@@ -1,8 +1,9 @@
 """Recognition of action units (3.2): the EAUs that a search finds, against what was shown."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,10 +18,11 @@ from shared_model.parameters import EAU_INDEX
 
 Array = NDArray[np.float64]
 
-# Strengths at which a unit may count as shown.
-THRESHOLDS = np.linspace(-0.4, 0.8, 49)
-# Of the linear classifier, for each picture.
-RIDGE = 0.6
+# How many strengths are tried at which a unit may count as shown.
+THRESHOLDS = 64
+# Of the linear classifier, for each picture; of the support vector machines, whose features have
+# unit variance: cost of an error, and width of the functions for each feature.
+RIDGE, SVM_COST, SVM_WIDTH = 0.6, 1.0, 0.3
 # A unit's strength: mean of these EAUs, with their signs.
 STRENGTHS = {
     "AU1": (("eyebrow_inner", 1.0),),
@@ -69,13 +71,31 @@ class Recognition:
         return sum(each.false for each in units) / sum(each.absent for each in units)
 
 
-def recognise(contender: Contender, samples: Sequence[Sample]) -> dict[str, Recognition]:
+def recognise(
+    contender: Contender, learned: Sequence[Sample], judged: Sequence[Sample]
+) -> dict[str, Recognition]:
     """Every expression on every face, at each intensity, searched from the eyes.
 
     "thresholds": the EAUs themselves say how strong a unit is, as in the thesis.  "linear": ridge
-    regression on EAUs and combined parameters.  Both learn from the other half of the faces, and a
-    unit counts as found above a threshold that was chosen there, unit by unit.
+    regression on EAUs and combined parameters.  "SVM": a support vector machine for each unit on
+    the same, with radial basis functions.  All learn from the first faces, and a unit counts as
+    found above a threshold that was chosen there, unit by unit.
     """
+    (known, taught), (new, shown) = (
+        _shown_and_found(contender, each) for each in (learned, judged)
+    )
+    scale = np.maximum(known.std(0), 1e-6)
+    known, new = known / scale, new / scale
+    strengths = {
+        "thresholds": (known[:, : len(UNITS)], new[:, : len(UNITS)]),
+        "linear": _by_two_halves(_regressed, known, taught, new),
+        "SVM": _by_two_halves(_separated, known, taught, new),
+    }
+    return {name: _judged(*pair, taught, shown) for name, pair in strengths.items()}
+
+
+def _shown_and_found(contender: Contender, samples: Sequence[Sample]) -> tuple[Array, Array]:
+    """Features (n, f) of each expression on each face, and the intensities (n, 6) shown."""
     shows = [
         (number, units, intensity)
         for number in range(len(samples))
@@ -88,23 +108,35 @@ def recognise(contender: Contender, samples: Sequence[Sample]) -> dict[str, Reco
         return _features(contender, with_units(samples[number], units, intensity))
 
     features = np.array(parallel_map(one, shows, None))
-    shown = np.array([[i * (name in units) for name in UNITS] for _, units, i in shows])
-    half = np.array([number % 2 for number, _, _ in shows])
-    strengths = {
-        "thresholds": features[:, : len(UNITS)],
-        "linear": _regressed(features, shown, half),
-    }
-    return {name: _judged(each, shown, half) for name, each in strengths.items()}
+    return features, np.array([[i * (name in units) for name in UNITS] for _, units, i in shows])
 
 
-def _judged(found: Array, shown: Array, half: NDArray[np.int_]) -> Recognition:
-    """found, shown: (n, 6) strengths.  half: (n,) 0 or 1."""
+# Learns from rows and the intensities shown; the strengths (n, 6) of other rows.
+_Classifier = Callable[[Array, Array, Array], Array]
+
+
+def _by_two_halves(
+    classifier: _Classifier, known: Array, taught: Array, new: Array
+) -> tuple[Array, Array]:
+    """Strengths of known rows, of each half by the other, for thresholds; and of new rows.
+
+    Rows of one face follow each other.
+    """
+    half = np.arange(len(known)) < len(known) / 2
+    own = np.zeros(taught.shape)
+    for side in (half, ~half):
+        own[~side] = classifier(known[side], taught[side], known[~side])
+    return own, classifier(known, taught, new)
+
+
+def _judged(known: Array, found: Array, taught: Array, shown: Array) -> Recognition:
+    """known, found: strengths (n, 6), of which thresholds are chosen and of which units are found.
+    taught, shown: intensities of either.
+    """
     is_found = np.zeros(shown.shape, bool)
-    for side in (0, 1):
-        for column in range(len(UNITS)):
-            learned = half != side
-            threshold = _threshold(found[learned, column], shown[learned, column] > 0)
-            is_found[half == side, column] = found[half == side, column] > threshold
+    for column in range(len(UNITS)):
+        threshold = _threshold(known[:, column], taught[:, column] > 0)
+        is_found[:, column] = found[:, column] > threshold
     results = {"Neutral": _counted((shown > 0).sum(1) == 0, is_found.sum(1) == 0)}
     for column, name in enumerate(UNITS):
         results[name] = _counted(shown[:, column] > 0, is_found[:, column])
@@ -113,16 +145,32 @@ def _judged(found: Array, shown: Array, half: NDArray[np.int_]) -> Recognition:
     return Recognition(results, correlation)
 
 
-def _regressed(features: Array, shown: Array, half: NDArray[np.int_]) -> Array:
-    """(n, 6) strengths of one half by what the other half teaches."""
-    found = np.zeros(shown.shape)
-    for side in (0, 1):
-        learned, other = half != side, half == side
-        mean, level = features[learned].mean(0), shown[learned].mean(0)
-        rows = features[learned] - mean
-        system = rows.T @ rows + RIDGE * len(rows) * np.eye(rows.shape[1])
-        weights = np.linalg.solve(system, rows.T @ (shown[learned] - level))
-        found[other] = (features[other] - mean) @ weights + level
+def _regressed(known: Array, taught: Array, new: Array) -> Array:
+    mean, level = known.mean(0), taught.mean(0)
+    rows = known - mean
+    system = rows.T @ rows + RIDGE * len(rows) * np.eye(rows.shape[1])
+    return np.asarray((new - mean) @ np.linalg.solve(system, rows.T @ (taught - level)) + level)
+
+
+def _separated(known: Array, taught: Array, new: Array) -> Array:
+    mean = known.mean(0)
+    rows, others = (np.asarray(each - mean, np.float32) for each in (known, new))
+    found = np.zeros((len(new), len(UNITS)))
+    for column in range(len(UNITS)):
+        is_shown = (taught[:, column] > 0).astype(np.int32)
+        machine = cv2.ml.SVM.create()
+        machine.setType(cv2.ml.SVM_C_SVC)
+        machine.setKernel(cv2.ml.SVM_RBF)
+        machine.setC(SVM_COST)
+        machine.setGamma(SVM_WIDTH / rows.shape[1])
+        # Both answers count alike, however often each is right.
+        machine.setClassWeights(
+            0.5 / np.maximum(np.bincount(is_shown, minlength=2) / len(rows), 0.01)
+        )
+        machine.train(rows, cv2.ml.ROW_SAMPLE, is_shown)
+        _, distance = machine.predict(others, flags=cv2.ml.STAT_MODEL_RAW_OUTPUT)
+        # Of the first class, 0, the distance is positive.
+        found[:, column] = -distance[:, 0]
     return found
 
 
@@ -156,10 +204,11 @@ def _correlation(one: Array, other: Array) -> float:
 
 def _threshold(strength: Array, shown: NDArray[np.bool_]) -> float:
     """The threshold of the best balanced accuracy."""
-    found = strength[None] > THRESHOLDS[:, None]
+    tried = np.quantile(strength, np.linspace(0, 1, THRESHOLDS))
+    found = strength[None] > tried[:, None]
     hits = (found & shown).sum(1) / max(int(shown.sum()), 1)
     rejections = (~found & ~shown).sum(1) / max(int((~shown).sum()), 1)
-    return float(THRESHOLDS[int((hits + rejections).argmax())])
+    return float(tried[int((hits + rejections).argmax())])
 
 
 def _counted(shown: NDArray[np.bool_], found: NDArray[np.bool_]) -> UnitResult:

@@ -1,30 +1,36 @@
 """All experiments in a row; each returns its part of the tables."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aam.search.search import METHODS, SearchOptions
 from aam.training.train import TrainingOptions
+from aam.training.train import train as train_model
 from aam.validation import tables
 from aam.validation.action_units import recognise
 from aam.validation.contenders import Contender, train_head, train_planar
 from aam.validation.expressed_faces import EXPRESSIONS, with_units
-from aam.validation.first_frames import first_frames
+from aam.validation.first_frames import FirstFrames, TruePicture, first_frames
 from aam.validation.model_experiments import mode_counts, specificity
 from aam.validation.plots import prediction_plot
 from aam.validation.prediction_experiments import parameter_curves, pose_curves
-from aam.validation.samples import Sample
+from aam.validation.samples import Sample, split_people
 from aam.validation.search_experiments import Generalisation, best_possible, generalisation
 
+Array = NDArray[np.float64]
 Tell = Callable[[str], None]
 
+# Experiments in the order of the tables; those that compare the AAM of the head with the 2D AAM.
+PARTS = ("model", "search", "prediction", "variants", "first-frames", "units")
+PARTS_OF_PAIR = frozenset({"model", "search", "prediction"})
 SEED = 1
 # Faces of the training set whose displacements are predicted.
 DISPLACED_FACES = 80
-# Faces on which expressions are drawn, of known and of new people.
-EXPRESSED_FACES = 20
+# Faces on which expressions are drawn: to learn from, and of known and of new people to judge by.
+LEARNED_FACES, EXPRESSED_FACES = 60, 20
 DRAWN_INTENSITIES = (0.4, 1.0)
 # What is changed one by one (2.4.2 to 2.4.5), from the full frame, retinex, W_s as it is.
 VARIANTS = {
@@ -40,34 +46,46 @@ VARIANTS = {
 
 
 def run_experiments(
-    train: Sequence[Sample], test: Sequence[Sample], size: int, tell: Tell
-) -> dict[str, str]:
-    """Files by name: tables.md and the plots.
+    train: Sequence[Sample],
+    test: Sequence[Sample],
+    truth: Sequence[TruePicture],
+    size: int,
+    parts: Sequence[str],
+    tell: Tell,
+) -> Iterator[tuple[str, str]]:
+    """Files by name and text as each part is done: a table for each part, and plots.
 
-    train, test: share no person.  size: texels a side of the finest level.
+    train, test: share no person.  truth: pictures of people of either with known landmarks, for the
+        first frames.
+    size: texels a side of the finest level.  parts: of `PARTS`.
     Raises `ValueError` if they share one.
     """
     if {each.face.person for each in train} & {each.face.person for each in test}:
         raise ValueError("test has people of train")
     options = TrainingOptions(size=size)
-    tell("training the AAM of the head and the 2D AAM")
-    pair = {"head": train_head(train, options), "2D": train_planar(train, options)}
-    found = {}
-    parts = []
-    for experiment in (model_part, search_part):
-        tell(experiment.__name__)
-        parts.append(experiment(pair, train, test))
-    tell("prediction")
-    text, plots = prediction_part(pair, train, test)
-    found.update(plots)
-    parts.append(text)
-    tell("variants")
-    parts.append(variant_part(train, test, options, tell))
-    tell("first frames")
-    parts.append(first_frame_part(pair, test))
-    tell("action units")
-    parts.append(unit_part(train, test, size))
-    return {"tables.md": "\n".join(parts), **found}
+    pair: dict[str, Contender] = {}
+    if set(parts) & PARTS_OF_PAIR:
+        tell("training the AAM of the head and the 2D AAM")
+        pair = {"head": train_head(train, options), "2D": train_planar(train, options)}
+    for part in parts:
+        tell(part)
+        match part:
+            case "model":
+                text = model_part(pair, train, test)
+            case "search":
+                text = search_part(pair, train, test)
+            case "prediction":
+                text, plots = prediction_part(pair, train, test)
+                yield from plots.items()
+            case "variants":
+                text = variant_part(train, test, options, tell)
+            case "first-frames":
+                text = first_frame_part([*train, *test], truth, options)
+            case "units":
+                text = unit_part(train, test, size)
+            case _:
+                raise ValueError(f"part is {part!r}, expected one of {PARTS}")
+        yield f"{part}.md", text
 
 
 def model_part(pair: dict[str, Contender], train: Sequence[Sample], test: Sequence[Sample]) -> str:
@@ -165,15 +183,37 @@ def variant_part(
     return "## Variants\n\n" + tables.table(head, rows)
 
 
-def first_frame_part(pair: dict[str, Contender], test: Sequence[Sample]) -> str:
-    """First frames without a landmark network: Viola-Jones and a search."""
+def first_frame_part(
+    train: Sequence[Sample], truth: Sequence[TruePicture], options: TrainingOptions
+) -> str:
+    """Shares of first frames fitted right; each half of the people by a model of the other half."""
+    nme: dict[tuple[str, str], list[Array]] = {}
+    for samples, pictures in zip(*folds(train, truth), strict=True):
+        model = train_model([each.face for each in samples], options)
+        for folder in sorted({each.folder for each in pictures}):
+            own = [each for each in pictures if each.folder == folder]
+            for way, found in first_frames(model, own).items():
+                nme.setdefault((folder, way), []).append(found.nme)
     rows = []
-    for name, contender in pair.items():
-        each = first_frames(contender, test)
-        mean = f"{100 * each.nme.mean():.2f}"
-        rows.append([name, each.pictures, each.found, f"{100 * each.right:.1f}", mean])
-    head = ["AAM", "pictures", "face found", "below 5 %, % of all", "mean distance, %"]
-    return "## First frames by Viola-Jones and the AAM\n\n" + tables.table(head, rows)
+    for folder, way in sorted(nme):
+        each = FirstFrames(np.concatenate(nme[folder, way]))
+        shares = f"{100 * each.found:.1f}", f"{100 * each.right:.1f}"
+        rows.append([folder, way, len(each.nme), *shares, f"{100 * np.median(each.nme):.2f}"])
+    head = ["faces", "found by", "pictures", "found, %", "below 5 %, %", "median distance, %"]
+    return "## First frames of new people\n\n" + tables.table(head, rows)
+
+
+def folds(
+    train: Sequence[Sample], truth: Sequence[TruePicture]
+) -> tuple[list[list[Sample]], list[list[TruePicture]]]:
+    """Training sets, and for each the pictures of people who are not in it."""
+    halves = split_people(train, 2)
+    people = [{sample.face.person for sample in half} for half in halves]
+    known = set().union(*people)
+    # Who is in neither half is judged once.
+    other = [[each for each in truth if each.person in own] for own in reversed(people)]
+    other[0] += [each for each in truth if each.person not in known]
+    return halves, other
 
 
 def unit_part(train: Sequence[Sample], test: Sequence[Sample], size: int) -> str:
@@ -192,11 +232,12 @@ def unit_part(train: Sequence[Sample], test: Sequence[Sample], size: int) -> str
 
 def unit_tables(contender: Contender, train: Sequence[Sample], test: Sequence[Sample]) -> str:
     """The tables of `unit_part` for a trained AAM."""
-    found = []
-    for samples in (train, test):
-        step = max(len(samples) // EXPRESSED_FACES, 1)
-        found.append(recognise(contender, samples[::step][:EXPRESSED_FACES]))
-    dependent, independent = found
+    learned = min(LEARNED_FACES, len(train) // 2)
+    spread = [train[i] for i in np.linspace(0, len(train) - 1, learned).astype(int)]
+    known = [each for each in train if each not in spread][:: max(len(train) // EXPRESSED_FACES, 1)]
+    step = max(len(test) // EXPRESSED_FACES, 1)
+    dependent = recognise(contender, spread, known[:EXPRESSED_FACES])
+    independent = recognise(contender, spread, test[::step][:EXPRESSED_FACES])
     text = "## Action units\n"
     for name in dependent:
         text += f"\n{name}:\n\n" + tables.unit_table(dependent[name], independent[name])

@@ -1,53 +1,120 @@
-"""First frames without a landmark network: Viola-Jones finds the eyes, the AAM the rest."""
+"""First frames: the share of single pictures of new people in which a face is fitted right.
 
-from collections.abc import Sequence
+Three ways to find it: the landmark network, the AAM from the network's pose, and the AAM from the
+eyes that Viola-Jones finds, without any network.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.search.find_face import find_in_window, starts_at_eyes
-from aam.search.search import SearchOptions
-from aam.validation.contenders import Contender, errors
-from aam.validation.planar_warp import PLANAR_LANDMARKS
-from aam.validation.samples import Sample
-from aam.validation.search_experiments import RIGHT_NME
-from encoder.detection.viola_jones import HaarDetector
+from aam.annotation.annotation_file import read_annotations
+from aam.annotation.landmark_schemes import IBUG_68, from_search
+from aam.annotation.landmark_search import StillLandmarks
+from aam.annotation.model_landmarks import ModelLandmarks, on_network_landmarks
+from aam.annotation.still_fit import fit_still
+from aam.model import MultiResolutionModel
+from aam.search.find_face import find_face
+from encoder.detection.landmark_indices import FACE_OVAL, OUTER_EYE_CORNERS
+from encoder.runtime.parallel import parallel_map
+from shared_model.errors import UserError
+from shared_model.mesh import generic_head
 
 Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+RIGHT_NME = 0.05
+WAYS = ("network", "network + AAM", "Viola-Jones + AAM")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TruePicture:
+    """A picture and the known place of its face.
+
+    folder: of its annotation, by name.  person: who is shown.
+    landmarks: (468, 2) pixels, nan where unknown, and on the outline of the face, along which a
+        landmark's place is not defined.
+    """
+
+    folder: str
+    person: str
+    picture: Picture
+    landmarks: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FirstFrames:
-    """pictures: in all.  found: in which the detector sees a face.
-
-    nme: (found,) mean distance of 68 landmarks in terms of the outer corners of the eyes.
+    """nme: mean distance of the known landmarks in terms of the outer corners of the eyes, of each
+    picture; infinite where no face was found.
     """
 
-    pictures: int
-    found: int
     nme: Array
 
     @property
+    def found(self) -> float:
+        """Share of the pictures in which a face was found."""
+        return float(np.isfinite(self.nme).mean())
+
+    @property
     def right(self) -> float:
-        """Share of all pictures whose mean distance is below 5 %."""
-        return float((self.nme < RIGHT_NME).sum()) / self.pictures
+        """Share of the pictures whose mean distance is below 5 %."""
+        return float((self.nme < RIGHT_NME).mean())
 
 
-def first_frames(contender: Contender, samples: Sequence[Sample]) -> FirstFrames:
-    """Detect and search each picture; of several starts the one that leaves the least counts."""
-    detector, nme = HaarDetector(), []
-    for sample in samples:
-        faces = detector.detect(sample.face.window.picture)
-        if faces:
-            mean, eyes = contender.levels[0].shape.mean, faces[0].keypoints[:2]
-            fit = find_in_window(
-                contender.levels,
-                contender.warps,
-                contender.options.normalisation,
-                sample.face.window,
-                starts_at_eyes(contender.warps[0], mean, eyes),
-                SearchOptions(),
-            )
-            nme.append(errors(sample, contender.points(fit.landmarks, PLANAR_LANDMARKS))[1])
-    return FirstFrames(len(samples), len(nme), np.array(nme))
+def read_true_pictures(folders: Sequence[Path]) -> list[TruePicture]:
+    """The pictures of annotations by given landmarks; of more than 73 these of iBUG's scheme count.
+
+    Raises `UserError`.
+    """
+    found = []
+    for folder in folders:
+        for each in read_annotations(folder):
+            picture = cv2.imread(each.image, cv2.IMREAD_COLOR)
+            if picture is None:
+                raise UserError(f"cannot read {each.image}, the picture of {folder}/{each.name}")
+            landmarks = each.landmarks[:, :2].copy()
+            if np.isfinite(landmarks[:, 0]).sum() > 2 * len(IBUG_68):
+                landmarks[np.setdiff1d(np.arange(len(landmarks)), IBUG_68)] = np.nan
+            landmarks[list(FACE_OVAL)] = np.nan
+            person = f"{folder.name}/{each.person}"
+            found.append(TruePicture(folder.name, person, np.asarray(picture, np.uint8), landmarks))
+    return found
+
+
+def first_frames(
+    model: MultiResolutionModel, pictures: Sequence[TruePicture]
+) -> Mapping[str, FirstFrames]:
+    """Each of `WAYS` in each picture.  Raises `UserError` if the networks are not installed."""
+    network, without = StillLandmarks(), ModelLandmarks(model)
+    points = [network.find(each.picture) for each in pictures]
+
+    def searched(number: int) -> Array | None:
+        found, picture = points[number], pictures[number].picture
+        if found is None:
+            return None
+        size = picture.shape[1], picture.shape[0]
+        pose = fit_still(generic_head(), size, from_search(found)).pose
+        return on_network_landmarks(model, find_face(model, picture, pose))
+
+    by_way = {
+        WAYS[0]: points,
+        WAYS[1]: parallel_map(searched, range(len(pictures)), None),
+        WAYS[2]: [without.find(each.picture) for each in pictures],
+    }
+    return {
+        way: FirstFrames(np.array([_nme(a, b) for a, b in zip(found, pictures, strict=True)]))
+        for way, found in by_way.items()
+    }
+
+
+def _nme(found: Array | None, picture: TruePicture) -> float:
+    if found is None:
+        return float("inf")
+    right, left = (picture.landmarks[index] for index in OUTER_EYE_CORNERS)
+    both = np.isfinite(found[:, 0]) & np.isfinite(picture.landmarks[:, 0])
+    distance = np.linalg.norm(found[both, :2] - picture.landmarks[both], axis=1)
+    return float(distance.mean() / np.linalg.norm(left - right))

@@ -11,7 +11,7 @@ from aam_faces import HEAD, POSE, SIZE, known_face, landmarks_of, write_csv, wri
 from aam.annotation.annotate import annotation_names
 from aam.annotation.annotation_file import read_annotation
 from aam.annotation.landmark_files import read_landmark_file
-from aam.annotation.landmark_schemes import IBUG_68, from_given, from_network
+from aam.annotation.landmark_schemes import IBUG_68, from_given, from_search
 from aam.annotation.still_fit import fit_still
 from aam.shape_space import SHAPE_NAMES, actuators, shape_vector
 from risorius.cli import main
@@ -20,7 +20,7 @@ from shared_model.errors import UserError
 
 def test_a_known_face_is_found_again_within_2_percent_of_range_and_1_degree() -> None:
     aau, eau = known_face()
-    fitted = fit_still(HEAD, SIZE, from_network(landmarks_of(aau, eau, POSE)))
+    fitted = fit_still(HEAD, SIZE, from_search(landmarks_of(aau, eau, POSE)))
     # The priors pull towards the mean.
     assert fitted.error < 0.002
     assert np.abs(fitted.aau - aau).max() < 0.15
@@ -40,7 +40,7 @@ def test_full_perspective_explains_landmarks_of_a_far_face_as_well() -> None:
     aau, eau = known_face()
     small = POSE.copy()
     small[5] = np.log(0.2)
-    found = fit_still(HEAD, SIZE, from_network(landmarks_of(aau, eau, small)), "perspective")
+    found = fit_still(HEAD, SIZE, from_search(landmarks_of(aau, eau, small)), "perspective")
     assert found.error < 0.02
     assert found.camera.focal_px == pytest.approx(1.3 * 220)
 

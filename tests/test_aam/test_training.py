@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from aam_faces import synthetic_faces, write_annotations
 
+from aam.annotation.model_landmarks import on_network_landmarks
 from aam.model import MultiResolutionModel, texture_at
 from aam.model_file import read_model, write_model
 from aam.pca import principal_components
-from aam.search.find_face import find_face, find_from_eyes, find_in_window
+from aam.search.find_face import find_face, find_from_eyes, find_in_window, is_explained
 from aam.search.search import METHODS, SearchOptions
 from aam.training.cascade import NEAR_SHIFT, TURN_SIGMA_RAD, first_states
 from aam.training.faces import at_resolution, mirrored_face, read_faces, rescaled
@@ -19,7 +20,7 @@ from aam.training.ridge import fit_ridge
 from aam.training.train import TrainingOptions, combined_model, train
 from aam.warps import head_warp, pose_from_eyes
 from risorius.cli import main
-from shared_model.errors import UserError
+from shared_model.errors import NO_FACE, UserError
 
 OPTIONS = TrainingOptions(size=64, retained=0.97, normalisation="none", mirror=False)
 FACES = synthetic_faces(10, 2)
@@ -150,6 +151,37 @@ def test_a_face_in_a_larger_picture_is_found_in_its_pixels(model: MultiResolutio
     np.testing.assert_allclose(warp.landmarks(fit.shape, fit.pose), fit.landmarks)
     again = find_face(model, np.asarray(picture, np.uint8), fit.pose)
     assert np.linalg.norm(again.landmarks - true, axis=1).mean() / distance < 0.08
+
+
+def test_a_face_is_explained_and_noise_is_not(model: MultiResolutionModel) -> None:
+    warp = model.warp(1)
+    noise = np.random.default_rng(3).integers(0, 255, (96, 96, 3)).astype(np.uint8)
+    for face in STRANGERS:
+        true = warp.landmarks(face.shape, face.pose)[list(warp.eye_corners)]
+        eyes = true.reshape(2, 2, 2).mean(1)
+        assert is_explained(model, find_from_eyes(model, face.window.picture, eyes))
+        assert not is_explained(model, find_from_eyes(model, noise, eyes))
+
+
+def test_annotation_by_a_model_leaves_out_pictures_without_its_faces(
+    model: MultiResolutionModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_model(tmp_path / "model.npz", model)
+    cv2.imwrite(str(tmp_path / "empty.png"), np.full((200, 200, 3), 90, np.uint8))
+    by_model = ["--landmarks", str(tmp_path / "model.npz")]
+    arguments = ["annotate", str(tmp_path / "empty.png"), "-o", str(tmp_path / "out"), *by_model]
+    assert main([*arguments, "-q"]) == NO_FACE
+    assert "no face found" in capsys.readouterr().err
+
+
+def test_landmarks_of_a_model_are_in_the_order_of_the_network(model: MultiResolutionModel) -> None:
+    face, warp = STRANGERS[0], model.warp(1)
+    fit = find_face(model, face.window.picture, face.pose)
+    points = on_network_landmarks(model, fit)
+    np.testing.assert_array_equal(points[warp.landmark_index, :2], fit.landmarks)
+    assert np.isnan(points[:, 2]).all()
+    known = np.flatnonzero(np.isfinite(points[:, 0]))
+    np.testing.assert_array_equal(known, np.sort(warp.landmark_index))
 
 
 def test_a_model_is_the_same_bytes_each_time_and_reads_back(

@@ -12,9 +12,16 @@ from aam.training.train import TrainingOptions
 from aam.validation import tables
 from aam.validation.action_units import Recognition, UnitResult, recognise
 from aam.validation.contenders import Contender, errors, train_head, train_planar
-from aam.validation.experiments import model_part, prediction_part, run_experiments, search_part
+from aam.validation.experiments import (
+    PARTS,
+    folds,
+    model_part,
+    prediction_part,
+    run_experiments,
+    search_part,
+)
 from aam.validation.expressed_faces import UNITS, with_units
-from aam.validation.first_frames import first_frames
+from aam.validation.first_frames import FirstFrames, TruePicture
 from aam.validation.planar_warp import (
     MIRRORED,
     PLANAR_LANDMARKS,
@@ -151,8 +158,8 @@ def test_prediction_and_modes_of_both_are_told(pair: dict[str, Contender]) -> No
 
 
 def test_recognition_counts_every_picture(pair: dict[str, Contender]) -> None:
-    both = recognise(pair["head"], TEST[:2])
-    assert set(both) == {"thresholds", "linear"}
+    both = recognise(pair["head"], TRAIN[:4], TEST[:2])
+    assert set(both) == {"thresholds", "linear", "SVM"}
     for found in both.values():
         assert found.units["AU26"].shown == found.units["AU1"].shown == 2 * 2 * 3
         assert found.units["Neutral"].shown == 2
@@ -161,11 +168,19 @@ def test_recognition_counts_every_picture(pair: dict[str, Contender]) -> None:
     assert "| AU26 | 74.3 |" in tables.unit_table(both["linear"], both["thresholds"])
 
 
-def test_first_frames_without_a_face_are_not_right(pair: dict[str, Contender]) -> None:
-    window = replace(TEST[0].face.window, picture=np.full((96, 96, 3), 90, np.uint8))
-    empty = Sample(replace(TEST[0].face, window=window), TEST[0].landmarks)
-    found = first_frames(pair["head"], [empty])
-    assert (found.pictures, found.found, found.right) == (1, 0, 0.0)
+def test_first_frames_without_a_face_are_not_right() -> None:
+    frames = FirstFrames(np.array([0.01, 0.049, 0.06, np.inf]))
+    assert (frames.found, frames.right) == (0.75, 0.5)
+
+
+def test_first_frames_are_judged_once_by_a_model_without_their_people() -> None:
+    empty, points = np.zeros((4, 4, 3), np.uint8), np.zeros((468, 2))
+    people = [*sorted({sample.face.person for sample in TRAIN}), "nobody"]
+    truth = [TruePicture("set", person, empty, points) for person in people]
+    halves, pictures = folds(TRAIN, truth)
+    for samples, judged in zip(halves, pictures, strict=True):
+        assert not {each.face.person for each in samples} & {each.person for each in judged}
+    assert sorted(each.person for part in pictures for each in part) == sorted(people)
 
 
 def test_rates_are_those_of_the_counts() -> None:
@@ -177,7 +192,7 @@ def test_rates_are_those_of_the_counts() -> None:
 
 def test_people_of_the_training_set_are_no_test() -> None:
     with pytest.raises(ValueError, match="people of train"):
-        run_experiments(TRAIN, TRAIN[:1], 64, lambda text: None)
+        list(run_experiments(TRAIN, TRAIN[:1], [], 64, PARTS, lambda text: None))
 
 
 def test_better_is_counted_picture_by_picture() -> None:
