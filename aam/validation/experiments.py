@@ -55,8 +55,7 @@ def run_experiments(
 ) -> Iterator[tuple[str, str]]:
     """Files by name and text as each part is done: a table for each part, and plots.
 
-    train, test: share no person.  truth: pictures of people of either with known landmarks, for the
-        first frames.
+    train, test: share no person.  truth: for the first frames.
     size: texels a side of the finest level.  parts: of `PARTS`.
     Raises `ValueError` if they share one.
     """

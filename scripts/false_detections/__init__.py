@@ -1,0 +1,1 @@
+"""How often a face is found where there is none."""
