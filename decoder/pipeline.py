@@ -229,7 +229,8 @@ def _report(pictures: CallPictures) -> DecodeReport:
 
 def _loss_warnings(playout: CallPlayout, stats: DecodeStats) -> Iterator[str]:
     if playout.joined_late:
-        yield "joined a call under way: the frames before are missing"
+        missed = stats.shown_ns[0][0] if stats.shown_ns else 0
+        yield f"joined a call under way: the {missed} frames before are missing"
     if playout.before_join:
         yield f"joined a call under way: {playout.before_join} pictures are from before it joined"
     if playout.restarts:

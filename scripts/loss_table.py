@@ -4,8 +4,9 @@ Loses frame packets of the call file CALL by seeded patterns, plays out what arr
 much lower the PSNR of the face is than that of the whole call, dB, against the video SOURCE:
 
 nothing: what is lost never comes.  heal: it is sent again, but never waited for.  wait: it is
-waited for as a decoder does.  shown late: the share of packets that came after their frames were
-shown; wait_s: how long the decoder waits at the end.
+waited for as a decoder does.  copy: each packet has a copy of the one before, and nothing is sent
+again; that takes half of the rate, so that a call of half the rate is to be compared.  shown late:
+the share of packets that came after their frames were shown.
 """
 
 import argparse
@@ -39,8 +40,13 @@ LINKS = {
     "5 %, 300 ms": SimulatedLink(loss=0.05, delay_s=0.3),
     "jitter 50 ms": SimulatedLink(jitter_s=0.05, duplicates=0.02),
 }
-# Whether lost packets come again, and whether they are waited for.
-MODES = {"nothing": (False, False), "heal": (True, False), "wait": (True, True)}
+# Whether lost packets come again, whether they are waited for, and in how many packets each is.
+MODES = {
+    "nothing": (False, False, 1),
+    "heal": (True, False, 1),
+    "wait": (True, True, 1),
+    "copy": (False, True, 2),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,12 +158,13 @@ def _row(
     seeds: int,
 ) -> list[Cell]:
     cells: list[Cell] = [name]
-    for repeats, waits in MODES.values():
+    for repeats, waits, copies in MODES.values():
         change = list[float]()
         lost = late = 0
         for seed in range(seeds):
             playout = CallPlayout() if waits else CallPlayout(max_wait_s=0.0)
-            shown = list(play(playout, arrivals(sent, replace(link, repeats=repeats), seed)))
+            lossy = replace(link, repeats=repeats, loss=link.loss**copies)
+            shown = list(play(playout, arrivals(sent, lossy, seed)))
             change.append(faces.mean_db(shown) - clean_db)
             lost += sum(each.frame.lost for each in shown)
             late += playout.late
