@@ -1,0 +1,1 @@
+"""Cases that layers cannot show, as a contact sheet."""
