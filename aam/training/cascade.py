@@ -24,7 +24,7 @@ Single = NDArray[np.float32]
 
 # Errors of a start: shift in terms of the distance between the eyes (every other start is a far
 # one), logarithm of the scale, rotations.
-NEAR_SHIFT, FAR_SHIFT, SCALE_SIGMA, TURN_SIGMA_RAD = 0.08, 0.2, 0.06, 0.1
+NEAR_SHIFT, FAR_SHIFT, SCALE_SIGMA, TURN_SIGMA_RAD = 0.12, 0.25, 0.06, 0.1
 # Bound of combined parameters, standard deviations: in a search; of those that are projected.
 LIMIT, PROJECTED_LIMIT = 3.0, 2.0
 # Residuals that are computed at once.
