@@ -27,12 +27,13 @@ def resolve(endpoint: Endpoint, turn: int) -> Endpoint | Failure:
     except (OSError, UnicodeError):
         return Failure.UNRESOLVED
     family, kind, protocol, _, address = found[turn % len(found)]
-    with socket.socket(family, kind, protocol) as probe:
-        try:
+    try:
+        # This host may not know the family at all.
+        with socket.socket(family, kind, protocol) as probe:
             # This sends nothing, it asks for the way.
             probe.connect(address)
-        except OSError:
-            return Failure.UNREACHABLE
+    except OSError:
+        return Failure.UNREACHABLE
     if endpoint.scheme in DEFAULT_SCHEMES:
         return replace(endpoint, host=str(address[0]))
     return endpoint

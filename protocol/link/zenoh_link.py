@@ -179,18 +179,22 @@ class _Carrier:
 
     def _open(self, connection: int, endpoint: Endpoint) -> None:
         begun_s = monotonic()
-        resolved = resolve(endpoint, connection)
-        if isinstance(resolved, Failure):
-            self._post(Failed(connection, resolved))
-            return
-        self._ways[connection] = resolved, source_address(resolved)
         try:
+            resolved = resolve(endpoint, connection)
+            if isinstance(resolved, Failure):
+                self._post(Failed(connection, resolved))
+                return
+            self._ways[connection] = resolved, source_address(resolved)
             self._take(connection, zenoh.open(_config(client_settings(resolved), self._security)))
         except zenoh.ZError:
             self._ways.pop(connection, None)
             took_s = monotonic() - begun_s
             failure = Failure.REFUSED if took_s < REFUSAL_S else Failure.SILENT
             self._post(Failed(connection, failure))
+        except BaseException:
+            # Whatever it was: without an answer the connection would be waited for.
+            self._post(Failed(connection, Failure.UNREACHABLE))
+            raise
 
     def _has_moved(self, connection: int) -> bool:
         """Whether this host has got another address: nothing comes to the one before."""

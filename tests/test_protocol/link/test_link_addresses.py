@@ -1,5 +1,7 @@
 """Addresses of endpoints, and who says that it is there."""
 
+import socket
+
 import pytest
 
 from protocol.endpoint import Endpoint
@@ -30,6 +32,14 @@ def test_a_name_becomes_one_of_its_addresses_but_for_a_certificate() -> None:
 )
 def test_why_there_is_no_address(host: str, failure: Failure) -> None:
     assert resolve(Endpoint("udp", host, 7447), 0) is failure
+
+
+def test_no_way_leads_to_an_address_of_a_family_that_this_host_lacks(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    lacking = (255, socket.SOCK_DGRAM, 0, "", ("::1", 7447, 0, 0))
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *place, **hints: [lacking])
+    assert resolve(Endpoint("tcp", "host.test", 7447), 0) is Failure.UNREACHABLE
 
 
 @pytest.mark.parametrize(("role", "call"), [(Role.ENCODER, "anna"), (Role.RELAY, "")])
