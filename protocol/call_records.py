@@ -12,6 +12,7 @@ from which several records are valid.
 
 from binascii import crc32
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from typing import BinaryIO
 
 from protocol.entropy.varint import decode_varint, encode_varint
@@ -25,6 +26,9 @@ TRUSTED_RUN = 3
 # Frame packets that may be missing before that offset, and bytes that are searched for it.
 MAX_MISSING = 4
 MAX_SEARCH_BYTES = 64 * 1024
+# Bytes that searches may look at, at first and for each byte of the file that has been read; a
+# look at an offset counts as some.
+SEARCH_WORK, WORK_PER_BYTE, WORK_PER_LOOK = 4 * 1024 * 1024, 16, 16
 
 
 class DamagedRecord(ProtocolError):
@@ -44,6 +48,16 @@ class _InvalidRecord(Exception):
     def __init__(self, reason: str, end: int | None = None) -> None:
         super().__init__(reason)
         self.end = end
+
+
+@dataclass(frozen=True, slots=True)
+class _Record:
+    """Where a record lies, by its length.  body: first byte after the head; end: of the body."""
+
+    start: int
+    body: int
+    end: int
+    is_whole: bool
 
 
 class RecordWriter:
@@ -78,8 +92,9 @@ class RecordReader:
 
     def __init__(self, file: BinaryIO, offset: int) -> None:
         self._file, self._offset = file, offset
-        self._buffer = b""
+        self._buffer = bytearray()
         self._sequence = 0
+        self._work = SEARCH_WORK
 
     @property
     def offset(self) -> int:
@@ -107,26 +122,48 @@ class RecordReader:
 
         sequence: the sequence number of a frame packet without byte 0.
         """
+        record = self._locate(start)
+        return self._checked(record, sequence), self._end(record)
+
+    def _locate(self, start: int) -> _Record:
+        """The record at `start` by its lengths, which are possible and within the file."""
         head = self._head(start)
         value, _ = decode_varint(head)
         size, whole = value // 2, value % 2
         if not 1 <= size + (not whole) <= MAX_MODEL_PACKET_BYTES:
             raise _InvalidRecord(f"record of {size} bytes")
-        begin = start + len(head)
+        record = _Record(start, start + len(head), start + len(head) + size, bool(whole))
         if not whole and 1 + size > max_packet_bytes(PacketKind.FRAME):
             raise _InvalidRecord(f"frame packet of {size} bytes")
-        if not self._fill(begin + size):
-            raise _InvalidRecord(f"record has {len(self._buffer) - begin} bytes of {size}")
-        packet = (b"" if whole else bytes([sequence])) + self._buffer[begin : begin + size]
-        if len(packet) > max_packet_bytes(packet_kind(packet)):
-            raise _InvalidRecord(f"packet of {len(packet)} bytes is too long for its kind")
-        checksum = _checksum(head, packet)
-        end = begin + size + len(checksum)
-        if not self._fill(end):
+        if not self._fill(record.end):
+            raise _InvalidRecord(f"record has {len(self._buffer) - record.body} bytes of {size}")
+        if size + (not whole) > max_packet_bytes(self._kind(record)):
+            raise _InvalidRecord(f"packet of {size} bytes is too long for its kind")
+        if not self._fill(self._end(record)):
             raise _InvalidRecord("the checksum of a record is missing")
-        if self._buffer[end - len(checksum) : end] != checksum:
+        return record
+
+    def _checked(self, record: _Record, sequence: int) -> bytes:
+        """The packet of a record; with byte 0, which may be omitted."""
+        head = bytes(self._buffer[record.start : record.body])
+        packet = bytes(self._buffer[record.body : record.end])
+        if not record.is_whole:
+            packet = bytes([sequence]) + packet
+        end = self._end(record)
+        if self._buffer[record.end : end] != _checksum(head, packet):
             raise _InvalidRecord("the checksum of a record is wrong", end)
-        return packet, end
+        return packet
+
+    def _kind(self, record: _Record) -> PacketKind:
+        return (
+            packet_kind(bytes(self._buffer[record.body : record.body + 1]))
+            if record.is_whole
+            else PacketKind.FRAME
+        )
+
+    def _end(self, record: _Record) -> int:
+        """The end of a record with its checksum."""
+        return record.end + _checksum_bytes(self._kind(record))
 
     def _head(self, start: int) -> bytes:
         end = start
@@ -136,7 +173,7 @@ class RecordReader:
                 raise _InvalidRecord("the length of a record is too large")
             if not self._fill(end):
                 raise _InvalidRecord("in the length of a record")
-        head = self._buffer[start:end]
+        head = bytes(self._buffer[start:end])
         if len(head) > 1 and not head[-1]:
             raise _InvalidRecord("the length of a record has a byte too many")
         return head
@@ -146,12 +183,15 @@ class RecordReader:
         offset = self._offset
         self._fill(MAX_SEARCH_BYTES)
         for start in self._candidates(damage.end):
-            for missing in range(MAX_MISSING + 1):
+            records = self._run(start)
+            for missing in range(MAX_MISSING + 1) if records else ():
                 sequence = (self._sequence + missing) % SEQUENCE_MODULUS
-                if self._is_trusted(start, sequence):
+                if self._is_trusted(records, sequence):
                     self._sequence = sequence
                     self._drop(start)
                     return DamagedRecord(f"byte {offset}: {damage}")
+            if self._work <= 0:
+                break
         if damage.end is None:
             self._drop(len(self._buffer))
             return TruncatedCall(offset, str(damage))
@@ -164,15 +204,29 @@ class RecordReader:
             yield end
         yield from range(1, len(self._buffer))
 
-    def _is_trusted(self, start: int, sequence: int) -> bool:
-        """Whether `TRUSTED_RUN` valid records begin at `start`, or the last ones of the call."""
-        for _ in range(TRUSTED_RUN):
+    def _run(self, start: int) -> list[_Record]:
+        """`TRUSTED_RUN` records from `start` on, or the last ones of the call; none by lengths."""
+        records = list[_Record]()
+        while len(records) < TRUSTED_RUN:
+            self._work -= WORK_PER_LOOK
             try:
-                packet, start = self._parse(start, sequence)
+                records.append(self._locate(start))
+            except _InvalidRecord:
+                return []
+            record = records[-1]
+            if record.is_whole and is_end(bytes(self._buffer[record.body : record.end])):
+                break
+            start = self._end(record)
+        return records
+
+    def _is_trusted(self, records: list[_Record], sequence: int) -> bool:
+        """Whether the checksums of records that follow one another are right."""
+        for record in records:
+            self._work -= record.end - record.start + WORK_PER_LOOK
+            try:
+                packet = self._checked(record, sequence)
             except _InvalidRecord:
                 return False
-            if is_end(packet):
-                return True
             sequence = _sequence_after(packet, sequence)
         return True
 
@@ -186,8 +240,9 @@ class RecordReader:
         return True
 
     def _drop(self, count: int) -> None:
-        self._buffer = self._buffer[count:]
+        del self._buffer[:count]
         self._offset += count
+        self._work = min(self._work + WORK_PER_BYTE * count, SEARCH_WORK)
 
 
 def _sequence_after(packet: bytes, before: int) -> int:
@@ -196,9 +251,13 @@ def _sequence_after(packet: bytes, before: int) -> int:
 
 
 def _checksum(head: bytes, packet: bytes) -> bytes:
-    if packet_kind(packet) in (PacketKind.MODEL, PacketKind.LAYER):
+    if _checksum_bytes(packet_kind(packet)) > 1:
         return crc32(packet, crc32(head)).to_bytes(4, "big")
     return bytes([_crc8(head + packet)])
+
+
+def _checksum_bytes(kind: PacketKind) -> int:
+    return 4 if kind in (PacketKind.MODEL, PacketKind.LAYER) else 1
 
 
 def _crc8_of_byte(value: int) -> int:
