@@ -1,6 +1,7 @@
 """Files with secrets in them."""
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from shared_model.errors import UserError
@@ -19,4 +20,7 @@ def write_private(path: Path, data: bytes, mode: int = 0o600) -> None:
             stream.write(data)
         partial.replace(path)
     except OSError as error:
+        # What has been written of it may be secret.
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
         raise UserError(f"cannot write {path}: {error.strerror}") from error

@@ -8,7 +8,6 @@ each sender has a key of its own, and a new one whenever it starts.
 import secrets
 from dataclasses import dataclass, field
 
-from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.ciphers import Cipher
 from cryptography.hazmat.primitives.ciphers.algorithms import AES
 from cryptography.hazmat.primitives.ciphers.modes import CTR
@@ -146,7 +145,7 @@ def unprotect(key: Key, packet: bytes, metadata: bytes = b"") -> tuple[int, byte
     nonce = _nonce(key, counter)
     expected = _tag(key, nonce, header + metadata, ciphertext)
     if not bytes_eq(expected, packet[end:]):
-        raise ProtocolError("protected packet: its tag does not match") from InvalidSignature()
+        raise ProtocolError("protected packet: its tag does not match")
     return counter, _in_counter_mode(key, nonce, ciphertext)
 
 
