@@ -29,8 +29,11 @@ def cannot_read(path: object, error: OSError) -> UserError:
 
 def cannot_write(path: Path, error: OSError) -> UserError:
     """What to raise for a file that the system does not let us write."""
+    has_folder = path.parent.is_dir()
     reasons = {
-        FileNotFoundError: f"there is no folder {path.parent}",
+        FileNotFoundError: "no file can be made there"
+        if has_folder
+        else f"there is no folder {path.parent}",
         IsADirectoryError: "it is a folder",
         PermissionError: "no permission",
     }

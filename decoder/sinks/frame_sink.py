@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from decoder.sinks.video_file import CODECS, TIMED, VideoFile
 from decoder.sinks.y4m_stream import Y4mStream
-from shared_model.errors import UserError
+from shared_model.errors import UserError, cannot_write
 
 Samples = NDArray[np.int16]
 Picture = NDArray[np.uint8]
@@ -177,8 +177,14 @@ class ImageSequence:
     def write(self, picture: Picture, time_s: Fraction | None = None) -> None:
         """Write the next image.  Raises `UserError` if the disk refuses."""
         path = self._pattern.with_name(self._pattern.name % self._count)
-        if not cv2.imwrite(str(path), picture):
-            raise UserError(f"cannot write {path}: no space or no permission")
+        # Not by OpenCV, which does not say why it cannot.
+        done, image = cv2.imencode(path.suffix, picture)
+        if not done:
+            raise UserError(f"cannot write {path}: no such picture in this format")
+        try:
+            path.write_bytes(image.tobytes())
+        except OSError as error:
+            raise cannot_write(path, error) from error
         self._count += 1
 
     def write_sound(self, samples: Samples) -> None:

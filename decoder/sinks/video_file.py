@@ -1,7 +1,7 @@
 """Video files: FFV1, lossless, or MPEG-4, written by FFmpeg."""
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -86,8 +86,8 @@ class VideoFile:
         self._luma = LUMA_SPAN * np.array([weights], np.float32)
         self._next_pts, self._is_open, self._replaces = 0, True, True
         self._is_variable = is_variable
-        with ExitStack() as undo, _as_user_error(path):
-            undo.callback(self._part.unlink, missing_ok=True)
+        with _as_user_error(path), ExitStack() as undo:
+            undo.callback(self._remove_part)
             self._container = undo.enter_context(av.open(str(self._part), "w"))
             self._stream = self._add_stream(width, height, fps, is_variable)
             self._sound = (
@@ -142,7 +142,7 @@ class VideoFile:
                     self._sound.finish()
         finally:
             if not self._next_pts:
-                self._part.unlink(missing_ok=True)
+                self._remove_part()
             elif self._replaces:
                 self._part.replace(self._path)
 
@@ -158,6 +158,11 @@ class VideoFile:
         if any(exception):
             self.mark_incomplete()
         self.close()
+
+    def _remove_part(self) -> None:
+        # A file system that takes no file refuses this as well.
+        with suppress(OSError):
+            self._part.unlink(missing_ok=True)
 
     def _correct_luma(self, frame: av.VideoFrame, picture: Picture) -> None:
         """Add to a frame's luma what a reader would lose of the picture's.

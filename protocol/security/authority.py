@@ -23,7 +23,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from protocol.limits import CALL_NAME
 from protocol.security.private_file import write_private
-from shared_model.errors import UserError
+from shared_model.errors import UserError, cannot_write
 
 AUTHORITY_CERTIFICATE, AUTHORITY_KEY = "authority.crt", "authority.key"
 RELAY_KEYS, PEERS = "relay.keys", "peers.json"
@@ -66,7 +66,10 @@ def create_authority(folder: Path, hosts: Sequence[str], now: datetime) -> None:
     if (folder / AUTHORITY_KEY).exists():
         raise UserError(f"{folder} holds keys already; choose another folder")
     names = _alternative_names(hosts)
-    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    except OSError as error:
+        raise cannot_write(folder, error) from error
     key = ec.generate_private_key(ec.SECP256R1())
     name = _name("Risorius authority")
     certificate = (

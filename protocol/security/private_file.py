@@ -4,7 +4,7 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from shared_model.errors import UserError
+from shared_model.errors import cannot_write
 
 
 def write_private(path: Path, data: bytes, mode: int = 0o600) -> None:
@@ -23,4 +23,4 @@ def write_private(path: Path, data: bytes, mode: int = 0o600) -> None:
         # What has been written of it may be secret.
         with suppress(OSError):
             partial.unlink(missing_ok=True)
-        raise UserError(f"cannot write {path}: {error.strerror}") from error
+        raise cannot_write(path, error) from error

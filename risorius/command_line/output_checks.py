@@ -1,5 +1,6 @@
 """What a command may write to, checked before the work begins."""
 
+import errno
 import os
 from collections.abc import Iterable
 from pathlib import Path
@@ -30,6 +31,8 @@ def check_outputs(inputs: Iterable[str | Path | None], outputs: Iterable[Path | 
             raise UserError(f"{path} is {kind}; give the name of a file")
         if not path.parent.is_dir():
             raise UserError(f"cannot write {path}: there is no folder {path.parent}")
+        if not (os.access(path.parent, os.W_OK) or os.access(path, os.W_OK)):
+            raise UserError(f"cannot write {path}: {_refusal(path.parent)}")
 
 
 def check_output_folder(folder: Path | None) -> None:
@@ -41,7 +44,7 @@ def check_output_folder(folder: Path | None) -> None:
     if not existing.is_dir():
         raise UserError(f"cannot write into {folder}: {existing} is no folder")
     if not os.access(existing, os.W_OK):
-        raise UserError(f"cannot write into {folder}: {existing} may not be written")
+        raise UserError(f"cannot write into {folder}: {_refusal(existing)}")
 
 
 def check_call_file(path: Path | None) -> None:
@@ -49,6 +52,12 @@ def check_call_file(path: Path | None) -> None:
     if path is not None and path.suffix.lower() in PICTURES:
         better = path.with_suffix(".rzo")
         raise UserError(f"{path}: a call is no video; write {better} and decode that")
+
+
+def _refusal(folder: Path) -> str:
+    """Why a folder takes no files, in the system's words where it has some."""
+    is_read_only = os.statvfs(folder).f_flag & os.ST_RDONLY
+    return os.strerror(errno.EROFS) if is_read_only else "no permission"
 
 
 def _same_file(one: Path, other: Path) -> bool:

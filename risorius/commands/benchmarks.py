@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from risorius.command_line.argument_types import bitrates
 from risorius.command_line.option_rules import OPTIONS_NOT_FOR_SWEEP, profile_of, reject
 from risorius.command_line.options import add_coding
-from risorius.command_line.output_checks import check_outputs
+from risorius.command_line.output_checks import check_output_folder, check_outputs
 from risorius.command_line.parser import add_command
 from risorius.command_line.progress import ProgressLine, say, warn
 from risorius.command_line.signals import StopOnSignal
@@ -109,6 +109,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
     settings = BenchSettings(**{**given, "profile": profile})
     folder, clips = arguments.out or Path("out/bench"), list[dict[str, Any]]()
     failures = list[ClipFailure]()
+    check_output_folder(folder)
     with StopOnSignal():
         try:
             for item in bench(arguments.source, settings, folder, say):
@@ -144,6 +145,7 @@ def run_sweep(arguments: argparse.Namespace) -> int:
         return ProgressLine(label, sys.stderr)
 
     folder = arguments.out or Path("out/sweep")
+    check_output_folder(folder)
     report, failures = sweep(arguments.source, settings, folder, say, progress)
     print(sweep_table(report))
     say(f"sweep: report.json, rate_distortion.svg, .png and the calls are in {folder}")

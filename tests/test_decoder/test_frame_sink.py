@@ -271,3 +271,28 @@ def test_an_older_video_is_kept_until_the_new_one_is_complete(tmp_path: Path) ->
     with open_sink(path, 64, 48, Fraction(25)) as sink:
         sink.write(picture)
     assert path.read_bytes() != b"complete" and not aside.exists()
+
+
+def test_images_on_a_full_disk_are_said_in_one_line(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    resource = pytest.importorskip("resource")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (500, hard))
+    try:
+        with (
+            pytest.raises(UserError, match=r"cannot write .*f0\.png: File too large"),
+            open_sink(tmp_path / "f%d.png", 64, 48, Fraction(25)) as sink,
+        ):
+            sink.write(next(iter(noise(1))))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert not capfd.readouterr().err
+
+
+def test_a_video_where_no_file_can_be_made_is_said_in_one_line() -> None:
+    proc = Path("/proc")
+    if not proc.is_dir():
+        pytest.skip("no file system here that takes no files")
+    with pytest.raises(UserError, match=r"cannot write /proc/out\.mkv: [^/]*$"):
+        open_sink(proc / "out.mkv", 64, 48, Fraction(25))

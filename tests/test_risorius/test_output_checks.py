@@ -1,12 +1,15 @@
 """Outputs are refused before the work, not after it."""
 
+import os
+import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from risorius.cli import main
 from risorius.command_line.output_checks import STANDARD, check_output_folder, check_outputs
-from shared_model.errors import UserError
+from shared_model.errors import UserError, cannot_write
 
 Capture = pytest.CaptureFixture[str]
 
@@ -78,3 +81,40 @@ def test_a_report_is_checked_before_the_training(tmp_path: Path, capsys: Capture
     model = ["-o", str(tmp_path / "model.npz"), "--report", str(tmp_path / "file")]
     assert main(["train", str(tmp_path), *model]) == 2
     assert "is no folder" in capsys.readouterr().err
+
+
+@pytest.fixture
+def read_only(tmp_path: Path) -> Iterator[Path]:
+    """A folder on a file system that is read-only."""
+    options = ["-t", "tmpfs", "-o", "ro", "tmpfs"]
+    if os.geteuid() or subprocess.run(["mount", *options, tmp_path], check=False).returncode:
+        pytest.skip("nothing may be mounted here")
+    yield tmp_path
+    subprocess.run(["umount", tmp_path], check=True)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "decode a.rzo -o {}/x.mkv",
+        "decode a.rzo -o {}/f%04d.png",
+        "encode a.mp4 -o {}/x.rzo",
+        "animate a.toml -o {}/x.mkv",
+        "train annotated -o {}/m.npz",
+        "bench a.mp4 --out {}/d",
+        "bench a.mp4 --sweep 800 --out {}/d",
+        "keys new {}/k --host relay.example",
+    ],
+)
+def test_a_read_only_file_system_is_said_before_the_work(
+    line: str, read_only: Path, capsys: Capture
+) -> None:
+    assert main(line.format(read_only).split()) == 2
+    (complaint,) = capsys.readouterr().err.splitlines()
+    assert complaint.startswith("risorius: cannot write ")
+    assert complaint.endswith(": Read-only file system")
+
+
+def test_a_folder_that_takes_no_files_is_not_called_missing() -> None:
+    with pytest.raises(UserError, match="no file can be made there"):
+        raise cannot_write(Path("/x"), FileNotFoundError())
