@@ -1,11 +1,18 @@
-"""The address of an endpoint, and why nobody could be reached there."""
+"""The address of an endpoint, and why nobody could be reached there, or listen."""
 
+import errno
+import os
 import socket
+from collections.abc import Iterable
 from dataclasses import replace
 from enum import StrEnum
 from ipaddress import ip_address
+from typing import Any
 
-from protocol.endpoint import DEFAULT_SCHEMES, Endpoint
+from protocol.endpoint import DEFAULT_SCHEMES, Endpoint, parse_endpoint
+from shared_model.errors import LINK_FAILED, UserError
+
+DATAGRAM_SCHEMES = ("udp", "quic")
 
 
 class Failure(StrEnum):
@@ -51,3 +58,45 @@ def source_address(endpoint: Endpoint) -> str | None:
             return str(probe.getsockname()[0])
     except (OSError, ValueError):
         return None
+
+
+def check_listening(endpoints: Iterable[str]) -> None:
+    """Raise `UserError` with exit code 4 if an end could not listen on one of the endpoints."""
+    for text in endpoints:
+        for place in parse_endpoint(text).choices:
+            kind = socket.SOCK_DGRAM if place.scheme in DATAGRAM_SCHEMES else socket.SOCK_STREAM
+            reason = why_not_bound(place.host, place.port, kind)
+            if reason is not None:
+                raise UserError(f"cannot listen on {text}: {reason}", LINK_FAILED)
+
+
+def why_not_bound(host: str, port: int, kind: socket.SocketKind) -> str | None:
+    """Why no socket of this kind can have an address of this host; None: one can."""
+    try:
+        found = socket.getaddrinfo(host, port, type=kind)
+    except (OSError, UnicodeError):
+        return Failure.UNRESOLVED
+    reasons = [_bind_refusal(family, kind, address) for family, _, _, _, address in found]
+    return None if None in reasons else reasons[0]
+
+
+def bind_reason(error: OSError) -> str:
+    """Why a socket could not have an address."""
+    number = error.errno or 0
+    known = {
+        errno.EADDRINUSE: "the port is in use",
+        errno.EADDRNOTAVAIL: "this host has no such address",
+    }
+    return known.get(number, os.strerror(number))
+
+
+def _bind_refusal(family: int, kind: socket.SocketKind, address: Any) -> str | None:
+    try:
+        with socket.socket(family, kind) as probe:
+            if kind == socket.SOCK_STREAM:
+                # A connection that has just ended does not keep the port.
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(address)
+    except OSError as error:
+        return bind_reason(error)
+    return None

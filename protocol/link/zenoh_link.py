@@ -24,7 +24,7 @@ from zenoh.handlers import Callback
 
 from protocol.endpoint import Endpoint
 from protocol.link.connection import LISTENING, Failed, Opened, Presence, Received
-from protocol.link.endpoints import Failure, resolve, source_address
+from protocol.link.endpoints import Failure, check_listening, resolve, source_address
 from protocol.link.interface import (
     POLL_S,
     LinkOptions,
@@ -267,7 +267,9 @@ def _listen(options: LinkOptions) -> zenoh.Session:
         raise
     (result,) = results
     if isinstance(result, zenoh.ZError):
-        raise UserError(_listen_failure(options, _reason(result)), LINK_FAILED) from result
+        check_listening(options.listen)
+        where = " and ".join(options.listen)
+        raise UserError(f"cannot listen on {where}: {_reason(result)}", LINK_FAILED) from result
     return result
 
 
@@ -276,13 +278,6 @@ def _config(settings: dict[str, Any], security: LinkSecurity) -> zenoh.Config:
     for name, value in (settings | security_settings(security)).items():
         config.insert_json5(name, json.dumps(value))
     return config
-
-
-def _listen_failure(options: LinkOptions, reason: str) -> str:
-    where = " and ".join(options.listen)
-    if "Address already in use" in reason:
-        return f"cannot listen on {where}: the port is in use, choose another"
-    return f"cannot listen on {where}: {reason}"
 
 
 def _reason(error: zenoh.ZError) -> str:

@@ -12,6 +12,7 @@ from zenoh.handlers import Callback
 
 from protocol.endpoint import Endpoint, parse_endpoint, parse_remote_endpoint
 from protocol.limits import MAX_MODEL_PACKET_BYTES
+from protocol.link.endpoints import check_listening
 from protocol.link.messages import Role as End
 from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence
 from protocol.link.zenoh_link import PRESENCE_MARK
@@ -70,6 +71,7 @@ class Relay:
         try:
             self._session = zenoh.open(config)
         except zenoh.ZError as error:
+            check_listening(options.listen)
             where = " and ".join(options.listen)
             raise UserError(f"cannot listen on {where}: {_reason(error)}", LINK_FAILED) from error
         self._session.declare_subscriber(WHO_KEY, Callback(self._asked, indirect=False))
@@ -136,8 +138,6 @@ def _join(place: Endpoint) -> Endpoint:
 
 def _reason(error: zenoh.ZError) -> str:
     """Zenoh's message without the source location."""
-    if "Address already in use" in str(error):
-        return "the port is in use, choose another"
     return re.sub(r"\s+at \S+\.rs:\d+\.?", "", str(error))
 
 

@@ -6,9 +6,13 @@ so the names in `Host` and `Origin` are checked as well.
 """
 
 import secrets
+import socket
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from hmac import compare_digest
+
+from protocol.link.endpoints import why_not_bound
+from shared_model.errors import LINK_FAILED, UserError
 
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")
@@ -67,3 +71,16 @@ class Access:
 def random_token() -> str:
     """A secret part of an address that nobody guesses."""
     return secrets.token_urlsafe(TOKEN_BYTES)
+
+
+def check_port(port: int) -> None:
+    """Raise `UserError` with exit code 4 if no page can be served on this TCP port; 0: any."""
+    reason = why_not_bound(HOST, port, socket.SOCK_STREAM)
+    if reason is not None:
+        raise not_served(port, reason)
+
+
+def not_served(port: int, reason: str) -> UserError:
+    """What to raise for a page that cannot be served on this TCP port."""
+    where = f"cannot serve the page on {HOST}:{port}"
+    return UserError(f"{where}: {reason}; try another --port", LINK_FAILED)

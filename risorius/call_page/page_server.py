@@ -15,7 +15,8 @@ from typing import Any, Self
 from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
 
 from protocol.errors import ProtocolError
-from risorius.call_page.access import HEADERS, HOST, Access, random_token
+from protocol.link.endpoints import bind_reason
+from risorius.call_page.access import HEADERS, HOST, Access, not_served, random_token
 from risorius.call_page.audience import Audience, Watcher
 from risorius.call_page.messages import (
     MAX_JPEG_BYTES,
@@ -25,7 +26,6 @@ from risorius.call_page.messages import (
     parse_message,
     serialise_message,
 )
-from shared_model.errors import LINK_FAILED, UserError
 
 BOUNDARY = "picture"
 CommandCallback = Callable[[dict[str, Any]], None]
@@ -68,8 +68,7 @@ class PageServer:
             await site.start()
         except OSError as error:
             await self._runner.cleanup()
-            reason = f"cannot serve the page on {HOST}:{port}: {error.strerror}"
-            raise UserError(f"{reason}; try another --port", LINK_FAILED) from error
+            raise not_served(port, bind_reason(error)) from error
         bound: int = self._runner.addresses[0][1]
         self._access = Access(bound, self._access.token)
 

@@ -137,6 +137,7 @@ def read_link(request: LinkRequest, is_encoder: bool, wait_s: float) -> CallLink
     """
     tell = _ignore if request.quiet else say
     check_call_name(request.call)
+    _check_certificate(request)
     invitation = _given_invitation(request)
     listen = tuple(map(parse_endpoint, request.listen))
     if listen and invitation is None and _needs_key(request, listen):
@@ -150,7 +151,6 @@ def read_link(request: LinkRequest, is_encoder: bool, wait_s: float) -> CallLink
     if invitation is None:
         _check_open(request, connect)
         tell(f"this call is not encrypted: {_why_open(request)}")
-    _check_certificate(request, connect)
     key = None if invitation is None else invitation.key
     security = LinkSecurity(key, _key_file(request.keys))
     return CallLink(request.listen, connect, name, security)
@@ -190,9 +190,9 @@ def _check_open(request: LinkRequest, connect: tuple[str, ...]) -> None:
         )
 
 
-def _check_certificate(request: LinkRequest, connect: tuple[str, ...]) -> None:
+def _check_certificate(request: LinkRequest) -> None:
     """Raise `UserError` if an endpoint asks for a certificate and there is none."""
-    for text in (*request.listen, *connect):
+    for text in (*request.listen, *request.connect):
         if parse_endpoint(text).scheme in CERTIFIED_SCHEMES and request.keys is None:
             raise UserError(
                 f"{text}: give --keys with the key file that the relay's owner has made"

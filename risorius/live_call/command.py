@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from encoder.option_rules import CHOICES
 from protocol.limits import USUAL_VOICE
+from protocol.link.endpoints import check_listening
 from protocol.link.interface import CONNECT_TIMEOUT_S
 from risorius.command_line.argument_types import bitrate, port
 from risorius.command_line.parser import add_command
@@ -108,19 +109,25 @@ def run_call(arguments: argparse.Namespace) -> int:
 
 def _options(arguments: argparse.Namespace) -> "CallOptions":
     from decoder.reenactment import read_model
+    from risorius.call_page.access import check_port
     from risorius.live_call.call_options import CallOptions
+    from risorius.live_call.devices import check_devices
 
     if arguments.face is not None:
         read_model(arguments.face)
     if not arguments.folder.is_dir():
         raise UserError(f"there is no folder {arguments.folder}")
+    check_port(arguments.port)
+    check_listening(filter(None, [arguments.listen]))
     microphone = _microphone(arguments)
+    voice = _voice(arguments, microphone)
+    check_devices(arguments.camera, microphone, voice)
     return CallOptions(
         place=read_place(arguments),
         timeout_s=arguments.timeout or CONNECT_TIMEOUT_S,
         camera=arguments.camera,
         microphone=microphone,
-        voice=_voice(arguments, microphone),
+        voice=voice,
         bitrate=arguments.bitrate,
         low_delay=arguments.low_delay,
         face=arguments.face,

@@ -12,6 +12,7 @@ from encoder.capture.live_capture import FrameMailbox, LiveCapture, read_camera,
 from encoder.capture.video_source import Capture, open_source
 from encoder.sound.file_microphone import FileMicrophone
 from encoder.sound.live_speech import LiveSpeech, Samples
+from encoder.sound.speech_encoder import speech_rate_hz
 from encoder.sound.voice_packer import VoicePacker
 from risorius.live_call.messages import (
     BROWSER,
@@ -122,3 +123,19 @@ class Devices:
     def _hear(self, samples: Samples, time_s: float) -> None:
         if self._speech is not None:
             self._speech.push(np.zeros_like(samples) if self._is_muted else samples, time_s)
+
+
+def check_devices(camera: str, microphone: str | None, voice: str) -> None:
+    """Raise `UserError` if a camera or microphone of this host, or a video file, does not open.
+
+    Of a camera with a URL nothing is asked: it may serve one connection only.
+    """
+    if camera != BROWSER and "://" not in camera:
+        open_source(camera).close()
+    if voice == "off" or microphone in (None, BROWSER, CAMERA_SOUND):
+        return
+    from encoder.sound.host_microphone import open_host_microphone
+
+    open_host_microphone(
+        str(microphone), speech_rate_hz(voice), lambda samples, time_s: None
+    ).close()

@@ -22,11 +22,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.link.endpoints import bind_reason
 from risorius.animation.animate import Actor, open_actor, side_light
 from risorius.animation.animation_script import AnimationState, Script, parse_script
-from risorius.call_page.access import HEADERS, HOST, Access, random_token
+from risorius.call_page.access import HEADERS, HOST, Access, not_served, random_token
 from risorius.view.view_state import page_description, state_from_query
-from shared_model.errors import LINK_FAILED, UserError
+from shared_model.errors import UserError
 
 JPEG_QUALITY = 92
 NAP_S = 0.2
@@ -208,5 +209,4 @@ def _open_server(
     try:
         return _Server(options.port, requests, described)
     except OSError as error:
-        reason = f"cannot serve on {HOST}:{options.port}: {error.strerror}"
-        raise UserError(f"{reason}; try another --port", LINK_FAILED) from error
+        raise not_served(options.port, bind_reason(error)) from error

@@ -1,6 +1,7 @@
 """Options of a link: who gets an invitation, who needs one, and what is said."""
 
 import argparse
+import socket
 import stat
 from collections.abc import Sequence
 from pathlib import Path
@@ -150,3 +151,30 @@ def test_an_invitation_to_a_relay_is_drawn(tmp_path: Path, capsys: Capture) -> N
     assert parse_invitation(path.read_text()).address == "relay.example:7447"
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert main(["invite", "relay.example", "--call", "a/b"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "reason"),
+    [
+        ("decode --listen 203.0.113.9:7447", 4, "this host has no such address"),
+        ("decode --listen tls/:0", 2, "give --keys"),
+        ("decode --listen :0 --view --port {busy}", 4, "the port is in use; try another --port"),
+        ("encode me.mp4 --listen :{busy}", 4, "the port is in use"),
+        ("call --listen :{busy}", 4, "the port is in use"),
+        ("call --listen :9 --port {busy}", 4, "the port is in use; try another --port"),
+        ("call --listen :9 --camera none.mp4", 2, "cannot read none.mp4: no such file"),
+        ("call --listen :9 --camera {text}", 2, "is not a video OpenCV can read"),
+    ],
+)
+def test_nothing_is_handed_over_before_it_is_checked(
+    line: str, code: int, reason: str, tmp_path: Path, capsys: Capture
+) -> None:
+    text = tmp_path / "text.mp4"
+    text.write_text("no video")
+    with socket.socket() as holder:
+        holder.bind(("127.0.0.1", 0))
+        holder.listen()
+        given = line.format(busy=holder.getsockname()[1], text=text)
+        assert main(given.split()) == code
+    (complaint,) = capsys.readouterr().err.splitlines()
+    assert reason in complaint

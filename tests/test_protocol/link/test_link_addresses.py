@@ -1,15 +1,24 @@
 """Addresses of endpoints, and who says that it is there."""
 
+import errno
+import os
 import socket
 
 import pytest
 
 from protocol.endpoint import Endpoint
 from protocol.errors import ProtocolError
-from protocol.link.endpoints import Failure, resolve, source_address
+from protocol.link.endpoints import (
+    Failure,
+    bind_reason,
+    check_listening,
+    resolve,
+    source_address,
+)
 from protocol.link.link_protection import PlainProtection
 from protocol.link.messages import MAX_MESSAGE_BYTES, Hello, Role, parse_message, serialise_message
 from protocol.link.presence import call_keys, parse_presence, serialise_presence, short_key
+from shared_model.errors import UserError
 
 
 def test_the_own_address_is_the_one_on_the_way_there() -> None:
@@ -72,3 +81,43 @@ def test_a_message_is_not_too_long_and_a_session_has_eight_bytes() -> None:
         parse_message(serialise_message(Hello(Role.ENCODER, bytes(8))) + bytes(MAX_MESSAGE_BYTES))
     with pytest.raises(ValueError, match="session has 3 bytes"):
         Hello(Role.ENCODER, b"abc")
+
+
+def test_an_end_may_listen_where_nobody_does() -> None:
+    check_listening(["127.0.0.1:0", "udp/localhost:0", "tls/:0"])
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "reason"),
+    [
+        ("203.0.113.9:7447", "this host has no such address"),
+        ("udp/nowhere.invalid:7447", "its name is not known"),
+    ],
+)
+def test_who_cannot_listen_is_told_why(endpoint: str, reason: str) -> None:
+    with pytest.raises(UserError) as caught:
+        check_listening([endpoint])
+    assert (str(caught.value), caught.value.exit_code) == (
+        f"cannot listen on {endpoint}: {reason}",
+        4,
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "scheme"), [(socket.SOCK_STREAM, "tcp"), (socket.SOCK_DGRAM, "quic")]
+)
+def test_a_port_in_use_is_known_before_it_is_listened_on(
+    kind: socket.SocketKind, scheme: str
+) -> None:
+    with socket.socket(type=kind) as holder:
+        holder.bind(("127.0.0.1", 0))
+        if kind == socket.SOCK_STREAM:
+            holder.listen()
+        port = holder.getsockname()[1]
+        for text in (f"{scheme}/127.0.0.1:{port}", f"{scheme}/:{port}"):
+            with pytest.raises(UserError, match=f"on {text}: the port is in use"):
+                check_listening([text])
+
+
+def test_a_refusal_without_a_word_of_ours_has_the_systems() -> None:
+    assert bind_reason(OSError(errno.EACCES, "")) == os.strerror(errno.EACCES)
