@@ -70,9 +70,10 @@ def run_animate(arguments: argparse.Namespace) -> int:
         arguments.script, arguments.output, call_file=arguments.call, truth=arguments.truth
     )
     with StopOnSignal() as stop, ProgressLine("animate", sys.stderr, arguments.quiet) as progress:
-        report = animate(options, progress, stop)
+        report = animate(options, stop.watch(progress), stop)
     if not arguments.quiet:
-        print(f"{report.frames} pictures in {report.output}, the truth in {report.truth}")
+        done = "interrupted: " if stop() else ""
+        print(f"{done}{report.frames} pictures in {report.output}, the truth in {report.truth}")
     return INTERRUPTED if stop() else 0
 
 

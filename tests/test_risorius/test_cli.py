@@ -1,8 +1,11 @@
 """The program as a whole: help, one line for each mistake, exit codes, closed streams."""
 
+import json
 import re
+import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -198,6 +201,27 @@ def test_an_error_of_machine_code_is_not_taken_for_an_interrupt(
     monkeypatch.setattr("risorius.commands.info.run_info", failing)
     with pytest.raises(SystemError):
         main(["info", "call.rzo"])
+
+
+def test_an_interrupted_animation_has_the_truth_of_its_pictures(tmp_path: Path) -> None:
+    script, video, part = (tmp_path / name for name in ("a.toml", "a.mkv", "a.part.mkv"))
+    script.write_text("width = 160\nheight = 120\nfps = 25\nseconds = 3600\nnoise = 30\n")
+    process = subprocess.Popen(
+        [*PROGRAM, "animate", str(script), "-o", str(video)], stdout=subprocess.PIPE, text=True
+    )
+    try:
+        # Some pictures of noise.
+        while process.poll() is None and not (part.exists() and part.stat().st_size > 500_000):
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(0.05)
+        process.send_signal(signal.SIGINT)
+        told, _ = process.communicate(timeout=LIMIT_S)
+    finally:
+        process.kill()
+    assert process.returncode == 130 and told.startswith("interrupted: ")
+    truth = json.loads((tmp_path / "a.json").read_text())
+    with open_source(str(video)) as source:
+        assert len(list(source)) == len(truth["frames"]) > 1
 
 
 @pytest.mark.parametrize("closed", ["2>&-", ">&-", "<&- >&- 2>&-"])
