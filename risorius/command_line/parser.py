@@ -12,7 +12,7 @@ BAD_USAGE = 2
 INTERRUPTED = 130
 EXIT_CODES = """\
 exit codes:
-  0    done; relay and view: stopped (Ctrl-C)
+  0    done; relay and view, and call once its page is there: stopped (Ctrl-C)
   1    a replayed clip missed a threshold
   2    bad usage or bad input: no such file, no call file, nowhere to write, no EGL
   3    no face found
