@@ -22,7 +22,7 @@ from aam.shape_space import shape_vector
 from encoder.appearance.texture import extract_texture
 from shared_model.animate import Face, identity_from_controls
 from shared_model.appearance import atlas_of
-from shared_model.errors import UserError, cannot_read
+from shared_model.errors import NO_FACE, UserError, cannot_read
 from shared_model.mesh import generic_head
 
 Array = NDArray[np.float64]
@@ -60,11 +60,15 @@ class AnnotationOptions:
 
 @dataclass(slots=True)
 class AnnotationReport:
-    """What came of it: names of annotations, in all and from this run; pictures without one."""
+    """What came of it: names of annotations, in all and from this run; pictures without one.
+
+    exit_code: of the process: 0, or of the first picture without one: 3 no face, 2 no picture.
+    """
 
     names: list[str] = field(default_factory=list)
     fitted: int = 0
     failures: list[str] = field(default_factory=list)
+    exit_code: int = 0
 
 
 def annotate(
@@ -93,6 +97,7 @@ def annotate(
             report.names.append(name)
         except _NotAnnotated as error:
             report.failures.append(f"{path}: {error}")
+            report.exit_code = report.exit_code or error.exit_code
         progress(done + 1, len(images))
     return report
 
@@ -123,7 +128,11 @@ def annotation_names(images: Sequence[Path]) -> list[str]:
 
 
 class _NotAnnotated(Exception):
-    """A picture that cannot be annotated; the message says why."""
+    """A picture that cannot be annotated; the message says why.  exit_code: see `UserError`."""
+
+    def __init__(self, message: str, exit_code: int = 2) -> None:
+        super().__init__(message)
+        self.exit_code = exit_code
 
 
 class _GivenLandmarks:
@@ -145,7 +154,7 @@ class _GivenLandmarks:
         if self._search is not None:
             points = self._search.find(picture)
             if points is None:
-                raise _NotAnnotated("no face found")
+                raise _NotAnnotated("no face found", NO_FACE)
             return from_search(points)
         try:
             return from_given(self._given(path, picture))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from risorius.command_line.parser import INTERRUPTED, add_command
 from risorius.command_line.progress import ProgressLine, say, warn
 from risorius.command_line.signals import StopOnSignal
-from shared_model.errors import NO_FACE, UserError, cannot_write
+from shared_model.errors import UserError, cannot_write
 
 if TYPE_CHECKING:
     from risorius.command_line.parser import Commands
@@ -86,10 +86,10 @@ def run_annotate(arguments: argparse.Namespace) -> int:
         sheets = write_contact_sheets(folder, report.names)
     warn(report.failures)
     if not report.names:
-        raise UserError(f"none of {len(images)} pictures was annotated", NO_FACE)
+        raise UserError(f"none of {len(images)} pictures was annotated", report.exit_code)
     known = len(report.names) - report.fitted
     say(f"{report.fitted} annotated, {known} were so before; look at {sheets[0]}")
-    return INTERRUPTED if stop() else 0
+    return INTERRUPTED if stop() else report.exit_code
 
 
 def _check_pattern(pattern: str) -> None:

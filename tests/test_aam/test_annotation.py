@@ -99,7 +99,7 @@ def test_annotate_writes_open_files_and_tells_of_a_picture_without_landmarks(
 ) -> None:
     code, out = run_annotate(pictures)
     told = capsys.readouterr().err
-    assert code == 0 and "p2_b.png" in told and "has no line for it" in told
+    assert code == 2 and "p2_b.png" in told and "has no line for it" in told
     assert "2 annotated, 0 were so before" in told
     values = json.loads((out / "p1_a.json").read_text())
     assert values["person"] == "p1" and set(values["shape"]) == set(SHAPE_NAMES)
@@ -122,14 +122,22 @@ def test_annotate_passes_over_what_is_there_and_repeats_what_is_damaged(
     assert "2 annotated, 0 were so before" in capsys.readouterr().err
 
 
-def test_annotate_without_any_result_ends_with_3(
+def test_annotate_without_any_result_ends_with_2_for_what_was_given(
     pictures: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     alone = str(pictures / "p2_b.png")
     given = str(pictures.parent / "given.csv")
     out = str(pictures.parent / "none")
-    assert main(["annotate", alone, "-o", out, "--landmarks", given, "-q"]) == 3
+    assert main(["annotate", alone, "-o", out, "--landmarks", given, "-q"]) == 2
     assert "none of 1 pictures was annotated" in capsys.readouterr().err
+
+
+def test_annotate_ends_with_3_where_a_picture_shows_no_face(networks: Path, tmp_path: Path) -> None:
+    picture, text = tmp_path / "grey.png", tmp_path / "text.jpg"
+    cv2.imwrite(str(picture), np.full((64, 64, 3), 128, np.uint8))
+    text.write_text("no picture")
+    for path, code in ((picture, 3), (text, 2)):
+        assert main(["annotate", str(path), "-o", str(tmp_path / "out"), "-q"]) == code
 
 
 def test_a_damaged_annotation_is_one_line(pictures: Path) -> None:
@@ -161,4 +169,4 @@ def test_a_picture_that_cannot_be_read_any_more_is_noted_and_the_others_go_on(
     (pictures / "p1_a.png").symlink_to("/proc/self/mem")
     code, _ = run_annotate(pictures)
     told = capsys.readouterr().err
-    assert code == 0 and "p1_a.png" in told and "0 annotated, 1 were so before" in told
+    assert code == 2 and "p1_a.png" in told and "0 annotated, 1 were so before" in told
