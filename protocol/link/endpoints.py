@@ -13,6 +13,8 @@ from protocol.endpoint import DEFAULT_SCHEMES, Endpoint, parse_endpoint
 from shared_model.errors import LINK_FAILED, UserError
 
 DATAGRAM_SCHEMES = ("udp", "quic")
+# How long an attempt over TCP may take.
+PROBE_S = 1.0
 
 
 class Failure(StrEnum):
@@ -22,6 +24,10 @@ class Failure(StrEnum):
     UNREACHABLE = "no way leads there"
     REFUSED = "nobody listens there"
     SILENT = "no answer"
+    FOREIGN = (
+        "what listens there does not speak this protocol"
+        " (a relay with certificates: --connect tls/HOST:PORT --keys FILE)"
+    )
 
 
 def resolve(endpoint: Endpoint, turn: int) -> Endpoint | Failure:
@@ -44,6 +50,22 @@ def resolve(endpoint: Endpoint, turn: int) -> Endpoint | Failure:
     if endpoint.scheme in DEFAULT_SCHEMES:
         return replace(endpoint, host=str(address[0]))
     return endpoint
+
+
+def why_not_reached(endpoint: Endpoint) -> Failure:
+    """Why no call can be had at an endpoint, as far as an attempt over TCP tells."""
+    resolved = resolve(endpoint, 0)
+    if isinstance(resolved, Failure):
+        return resolved
+    if endpoint.scheme in DATAGRAM_SCHEMES:
+        return Failure.SILENT
+    try:
+        socket.create_connection((resolved.host, resolved.port), PROBE_S).close()
+    except ConnectionRefusedError:
+        return Failure.REFUSED
+    except OSError:
+        return Failure.SILENT
+    return Failure.FOREIGN
 
 
 def source_address(endpoint: Endpoint) -> str | None:

@@ -5,7 +5,7 @@ from time import monotonic, sleep
 from typing import Self
 
 from protocol.link.connection import Carrier, Connector
-from protocol.link.endpoints import Failure
+from protocol.link.endpoints import Failure, why_not_reached
 from protocol.link.interface import (
     POLL_S,
     Arrival,
@@ -72,8 +72,16 @@ class LinkEnd:
                 raise UserError(f"cannot reach {where}: {Failure.UNRESOLVED}", LINK_FAILED)
             if monotonic() - self._begun_s >= timeout_s:
                 why = connector.failure or Failure.SILENT
+                if why is Failure.REFUSED and self._is_foreign():
+                    why = Failure.FOREIGN
                 raise UserError(f"cannot reach {where} within {timeout_s:g} s: {why}", LINK_FAILED)
             sleep(POLL_S / 5)
+
+    def _is_foreign(self) -> bool:
+        """Whether somebody listens at the one place to connect to, who refuses this protocol."""
+        places = self._options.connect_endpoints
+        found = (why_not_reached(place) for choices in places for place in choices)
+        return len(places) == 1 and Failure.FOREIGN in found
 
     def _tell_of_others(self, role: Role) -> None:
         """Say once that somebody is there who is not the other end of this call."""

@@ -12,7 +12,7 @@ from zenoh.handlers import Callback
 
 from protocol.endpoint import Endpoint, parse_endpoint, parse_remote_endpoint
 from protocol.limits import MAX_MODEL_PACKET_BYTES
-from protocol.link.endpoints import check_listening
+from protocol.link.endpoints import check_listening, why_not_reached
 from protocol.link.messages import Role as End
 from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence
 from protocol.link.zenoh_link import PRESENCE_MARK
@@ -180,7 +180,8 @@ def calls_at_relay(
             for sample in filter(None, [reply.ok for reply in replies]):
                 _count(counts, str(sample.key_expr), sample.payload.to_bytes())
     except zenoh.ZError as error:
-        raise UserError(f"cannot reach {endpoint}: {_reason(error)}", LINK_FAILED) from error
+        why = why_not_reached(parse_remote_endpoint(endpoint).choices[-1])
+        raise UserError(f"cannot reach {endpoint}: {why}", LINK_FAILED) from error
     return [
         RelayedCall(name, ends.get("encoder", 0), ends.get("decoder", 0))
         for name, ends in sorted(counts.items())

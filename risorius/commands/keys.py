@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from risorius.command_line.argument_types import days
 from risorius.command_line.parser import add_command
+from risorius.command_line.progress import say
 
 if TYPE_CHECKING:
     from risorius.command_line.parser import Commands
@@ -138,7 +139,7 @@ def _revoke(arguments: argparse.Namespace) -> int:
 
 
 def _draw(arguments: argparse.Namespace) -> int:
-    from protocol.endpoint import parse_remote_endpoint
+    from protocol.endpoint import DEFAULT_SCHEMES, parse_remote_endpoint
     from protocol.security.invitation import Invitation, random_key
     from protocol.security.private_file import write_private
     from risorius.command_line.call_link import check_call_name, random_call_name
@@ -151,4 +152,6 @@ def _draw(arguments: argparse.Namespace) -> int:
         print(invitation)
     else:
         write_private(arguments.output, f"{invitation}\n".encode())
+    if endpoint.scheme is not None and endpoint.scheme not in DEFAULT_SCHEMES:
+        say(f"with the invitation both ends give --connect {endpoint.scheme}/{invitation.address}")
     return 0

@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from protocol.endpoint import CERTIFIED_SCHEMES, parse_endpoint
+from protocol.endpoint import CERTIFIED_SCHEMES, parse_endpoint, parse_remote_endpoint
 from risorius.command_line.argument_types import peers
 from risorius.command_line.parser import add_command
 from risorius.command_line.progress import say
@@ -83,6 +83,7 @@ def _relay(
 
     Zenoh reads whom to let in when it starts; peers come back by themselves.
     """
+    from protocol.link.endpoints import Failure, why_not_reached
     from protocol.relay.zenoh_relay import Relay, RelayOptions
     from protocol.security.authority import RELAY_KEYS, read_peers
     from protocol.security.key_file import read_key_file
@@ -91,6 +92,11 @@ def _relay(
     keys = None if folder is None else read_key_file(folder / RELAY_KEYS)
     with Relay(RelayOptions(listen, connect, max_peers, keys, invited)):
         say(f"relay: {news}")
+        for text in connect:
+            # The last choice is the one that a relay takes to another.
+            why = why_not_reached(parse_remote_endpoint(text).choices[-1])
+            if why not in (Failure.FOREIGN, Failure.SILENT):
+                say(f"relay: cannot reach {text}: {why}; trying again")
         while folder is None or read_peers(folder) == invited:
             # Not for a signal: a thread of Zenoh may take it.
             time.sleep(NAP_S)

@@ -81,3 +81,14 @@ def test_a_running_relay_takes_up_changed_keys(tmp_path: Path, start: Start) -> 
     assert first_line(relay) == "relay: the keys have changed"
     relay.terminate()
     assert finish(relay) == (0, "")
+
+
+def test_an_invitation_to_a_relay_with_certificates_says_how_it_is_reached(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["invite", "tls/relay.example:7461", "--call", "anna"]) == 0
+    printed = capsys.readouterr()
+    assert printed.out.startswith("risorius://relay.example:7461/anna#")
+    assert "--connect tls/relay.example:7461" in printed.err
+    assert main(["invite", "relay.example:7461", "--call", "anna"]) == 0
+    assert not capsys.readouterr().err

@@ -14,6 +14,7 @@ from protocol.link.endpoints import (
     check_listening,
     resolve,
     source_address,
+    why_not_reached,
 )
 from protocol.link.link_protection import PlainProtection
 from protocol.link.messages import MAX_MESSAGE_BYTES, Hello, Role, parse_message, serialise_message
@@ -121,3 +122,16 @@ def test_a_port_in_use_is_known_before_it_is_listened_on(
 
 def test_a_refusal_without_a_word_of_ours_has_the_systems() -> None:
     assert bind_reason(OSError(errno.EACCES, "")) == os.strerror(errno.EACCES)
+
+
+def test_what_an_attempt_tells_of_a_place() -> None:
+    with socket.socket() as holder:
+        holder.bind(("127.0.0.1", 0))
+        port = holder.getsockname()[1]
+        assert why_not_reached(Endpoint("tcp", "127.0.0.1", port)) is Failure.REFUSED
+        holder.listen()
+        assert why_not_reached(Endpoint("tcp", "127.0.0.1", port)) is Failure.FOREIGN
+    nobody = why_not_reached(Endpoint("tcp", "224.0.0.1", port))
+    assert nobody in (Failure.SILENT, Failure.UNREACHABLE), "TCP reaches no group"
+    assert why_not_reached(Endpoint("udp", "127.0.0.1", port)) is Failure.SILENT
+    assert why_not_reached(Endpoint("tcp", "nobody.invalid", port)) is Failure.UNRESOLVED

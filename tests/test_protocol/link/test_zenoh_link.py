@@ -6,8 +6,9 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
+from threading import Thread
 
 import pytest
 from links import END, MODEL_BYTES, WAIT_S, connecting, frame, free_endpoint, listening, received
@@ -216,6 +217,23 @@ def test_nobody_listening_is_said_within_the_timeout(scheme: str) -> None:
         ZenohSink(replace(connecting(where), connect_timeout_s=0.2))
     assert str(caught.value) == f"cannot reach {where} within 0.2 s: nobody listens there"
     assert caught.value.exit_code == 4
+
+
+def test_somebody_who_speaks_another_protocol_is_told_from_nobody() -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+
+        def hang_up() -> None:
+            with suppress(OSError):
+                while True:
+                    other.accept()[0].close()
+
+        Thread(target=hang_up, daemon=True).start()
+        where = f"tcp/127.0.0.1:{other.getsockname()[1]}"
+        with pytest.raises(UserError, match="does not speak this protocol"):
+            ZenohSink(replace(connecting(where), connect_timeout_s=0.5))
+        other.shutdown(socket.SHUT_RDWR)
 
 
 def test_a_name_that_is_not_known_is_said_at_once() -> None:
