@@ -3,7 +3,7 @@
 import hashlib
 import json
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -76,7 +76,11 @@ class ClipResult:
 
 
 def read_suite(path: Path) -> Suite:
-    """Read a suite; paths are relative to its folder.  Raises `UserError` for a mistake."""
+    """Read a suite; paths are relative to its folder.
+
+    Raises `UserError` for a mistake; one that is in a clip together with those of the other clips
+    and of their files.
+    """
     content = read_toml(path, "a suite")
     entries = content.get("clip")
     if not isinstance(entries, list) or not entries:
@@ -84,7 +88,14 @@ def read_suite(path: Path) -> Suite:
     if unknown := set(content) - {"name", "settings", "clip"}:
         raise UserError(f"{path}: unknown keys: {' '.join(sorted(unknown))}")
     defaults = _table(content, "settings", f"{path}")
-    clips = (_read_clip(entry, defaults, path) for entry in entries)
+    clips, faults = list[Clip](), list[str]()
+    for entry in entries:
+        try:
+            clips.append(_read_clip(entry, defaults, path))
+        except UserError as error:
+            faults.append(str(error))
+    if faults:
+        raise UserError("; ".join([*faults, *_input_faults(clips)]))
     return Suite(str(content.get("name", path.stem)), tuple(clips))
 
 
@@ -103,14 +114,7 @@ def replay(suite: Suite, folder: Path, say: Say) -> Iterator[ClipResult]:
 
 def check_inputs(suite: Suite) -> None:
     """Raise `UserError` that names each clip that cannot be read or is not the one meant."""
-    faults = list[str]()
-    for clip in suite.clips:
-        try:
-            check_recorded([clip.path])
-            _check_sha256(clip)
-        except UserError as error:
-            faults.append(f"clip {clip.name}: {error}")
-    if faults:
+    if faults := _input_faults(suite.clips):
         raise UserError("; ".join(faults))
 
 
@@ -162,6 +166,18 @@ def _replay_clip(clip: Clip, output: Path, say: Say) -> ClipResult:
     except UserError as error:
         return ClipResult(clip.name, {"source": clip.name}, (), str(error))
     return ClipResult(clip.name, figures, check(clip, figures), None)
+
+
+def _input_faults(clips: Iterable[Clip]) -> list[str]:
+    """What is wrong with the files of clips, a line for each clip."""
+    faults = []
+    for clip in clips:
+        try:
+            check_recorded([clip.path])
+            _check_sha256(clip)
+        except UserError as error:
+            faults.append(f"clip {clip.name}: {error}")
+    return faults
 
 
 def _check_sha256(clip: Clip) -> None:

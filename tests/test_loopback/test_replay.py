@@ -167,6 +167,34 @@ def test_all_clips_are_looked_at_before_the_first_is_encoded(
     assert "none.mkv: no such file" in said and not out.exists()
 
 
+def test_mistakes_of_clips_are_named_with_those_of_the_other_files(
+    noise: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = f"""
+        [[clip]]
+        path = "none.mkv"
+        sha256 = "00"
+        [[clip]]
+        path = "{noise}"
+        sha256 = "00"
+        [[clip]]
+        path = "unsigned.mkv"
+        [[clip]]
+        path = "set.mkv"
+        sha256 = "00"
+        settings = {{ wrong = 1 }}
+        """
+    assert main(["replay", str(write_suite(tmp_path, text)), "--out", str(tmp_path / "out")]) == 2
+    said = error_line(capsys)
+    for part in (
+        "none.mkv: no such file",
+        "is another file",
+        "unsigned.mkv has no sha256",
+        "wrong",
+    ):
+        assert part in said
+
+
 def test_a_clip_that_fails_does_not_stop_a_replay(
     noise: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
