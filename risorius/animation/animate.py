@@ -22,7 +22,12 @@ from decoder.scene_parts import face_from_model, head_of, scene_parts
 from decoder.sinks.frame_sink import open_sink
 from protocol.errors import ProtocolError
 from protocol.model_packet import ModelPacket
-from risorius.animation.animation_script import AnimationState, Script, read_script
+from risorius.animation.animation_script import (
+    SETTINGS,
+    AnimationState,
+    Script,
+    read_script,
+)
 from risorius.animation.ground_truth import FrameGeometry, frame_truth, script_truth, write_truth
 from risorius.animation.synthetic_skin import painted_colours
 from shared_model.animate import Face, Identity
@@ -45,6 +50,8 @@ Progress = Callable[[int, int | None], None]
 
 # Focal length of a script that names none, over the picture's longer side.
 DEFAULT_FOCAL_RATIO = 1.4
+# Settings of the generic head alone.
+SETTINGS_OF_HEAD = ("width", "height", "distance_mm", "focal_px", "mottle")
 # Light from one side dims the other side by at most this share.
 SIDE_SHARE = 0.5
 
@@ -65,11 +72,15 @@ class AnimateOptions:
 
 @dataclass(frozen=True, slots=True)
 class AnimateReport:
-    """What was written: number of pictures, and the two files."""
+    """What was written: number of pictures, and the two files.
+
+    unused: settings of the script that are without effect because a call has its own.
+    """
 
     frames: int
     output: Path
     truth: Path
+    unused: tuple[str, ...] = ()
 
 
 class Actor(Protocol):
@@ -111,7 +122,13 @@ def animate(options: AnimateOptions, progress: Progress, stop: Callable[[], bool
     who = options.call_file.name if options.call_file else None
     names = {"script": options.script.name, "call": who, "video": options.output.name}
     write_truth(truth, {**names, **script_truth(script, camera)}, frames)
-    return AnimateReport(len(frames), options.output, truth)
+    unused = () if options.call_file is None else unused_settings(script)
+    return AnimateReport(len(frames), options.output, truth, unused)
+
+
+def unused_settings(script: Script) -> tuple[str, ...]:
+    """Settings other than the default that a call's own person and camera leave without effect."""
+    return tuple(name for name in SETTINGS_OF_HEAD if getattr(script, name) != SETTINGS[name][0])
 
 
 class GenericActor:

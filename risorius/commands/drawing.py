@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from risorius.command_line.argument_types import port
 from risorius.command_line.output_checks import check_outputs
 from risorius.command_line.parser import INTERRUPTED, add_command
-from risorius.command_line.progress import ProgressLine
+from risorius.command_line.progress import ProgressLine, warn
 from risorius.command_line.signals import StopOnSignal
 
 if TYPE_CHECKING:
@@ -71,6 +71,9 @@ def run_animate(arguments: argparse.Namespace) -> int:
     )
     with StopOnSignal() as stop, ProgressLine("animate", sys.stderr, arguments.quiet) as progress:
         report = animate(options, stop.watch(progress), stop)
+    if report.unused:
+        names = " ".join(report.unused)
+        warn([f"{arguments.script}: with --call these are without effect: {names}"])
     if not arguments.quiet:
         done = "interrupted: " if stop() else ""
         print(f"{done}{report.frames} pictures in {report.output}, the truth in {report.truth}")

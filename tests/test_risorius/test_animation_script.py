@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from risorius.animation.animate import unused_settings
 from risorius.animation.animation_script import parse_script, read_script
 from shared_model.anatomy.expressions import EMOTIONS
 from shared_model.errors import UserError
@@ -99,3 +100,9 @@ def test_a_script_that_comes_along_reads_and_moves(path: Path) -> None:
     moved = np.ptp([m.eau for m in states], axis=0).max()
     turned = np.ptp([m.pose["yaw"] for m in states])
     assert moved > 0.5 or turned > 20
+
+
+def test_settings_that_a_call_makes_useless_are_named() -> None:
+    assert unused_settings(parse_script({"title": "a", "noise": 2}, Path())) == ()
+    given = {"width": 64, "mottle": 0.1, "seed": 3}
+    assert unused_settings(parse_script(given, Path())) == ("width", "mottle")
