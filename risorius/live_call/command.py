@@ -103,7 +103,7 @@ def run_call(arguments: argparse.Namespace) -> int:
     def announce(address: str) -> None:
         say(f"call: the page is at {address}")
 
-    hold(_options(arguments), announce)
+    hold(_options(arguments), announce, lambda news: say(f"call: {news}"))
     return 0
 
 

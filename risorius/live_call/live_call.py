@@ -50,9 +50,13 @@ SELF_FPS = 8.0
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-def run_call(options: CallOptions, announce: Callable[[str], None]) -> None:
-    """Hold a call until somebody hangs up here; announce: called with the page's address.
+def run_call(
+    options: CallOptions, announce: Callable[[str], None], tell: Callable[[str], None]
+) -> None:
+    """Hold a call until somebody hangs up here.
 
+    announce: called with the page's address.
+    tell: called with a line when the other end comes, is lost, or leaves.
     Raises `UserError` if it cannot be held.
     """
     with ExitStack() as stack:
@@ -61,13 +65,13 @@ def run_call(options: CallOptions, announce: Callable[[str], None]) -> None:
             stack.enter_context(Relay(RelayOptions((options.place.listen,))))
             where = own_address(options.place.listen)
         assert where is not None
-        asyncio.run(_LiveCall(options, where).run(announce))
+        asyncio.run(_LiveCall(options, where, tell).run(announce))
 
 
 class _LiveCall:
     """The state of a call and what its page is told of it; used in one event loop."""
 
-    def __init__(self, options: CallOptions, where: str) -> None:
+    def __init__(self, options: CallOptions, where: str, tell: Callable[[str], None]) -> None:
         self._options, self._where = options, where
         self._page = PageServer(self._command, self._take_picture, self._take_sound)
         self._clock = PageClock()
@@ -78,6 +82,7 @@ class _LiveCall:
         self._parts: list[PartProcess] = []
         self._has_picture = False
         self._recorded: dict[str, Path | None] = {}  # the call file of each side
+        self._say, self._said = tell, ""  # the newest state that was said
         self._switches = {"mute": False, "camera-off": False, "face": False}
 
     async def run(self, announce: Callable[[str], None]) -> None:
@@ -176,6 +181,11 @@ class _LiveCall:
         self._page.tell(
             "state", name=name, text=words.text, over=words.over, trouble=words.is_trouble
         )
+        news = words.text or "is here"
+        # The first one is how every call begins.
+        if self._said and news != self._said:
+            self._say(f"{name}: {news}")
+        self._said = news
         begun_s = None if sending is None else sending.begun_s
         self._page.tell(
             "costs",
