@@ -30,6 +30,8 @@ Picture = NDArray[np.uint8]
 Progress = Callable[[int, int], None]
 
 SUFFIXES = {".jpg", ".jpeg", ".png", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".webp"}
+# What `contact_sheet` writes beside annotations.
+CONTACT_SHEET = re.compile(r"contact_\d{3,}\.jpg")
 LANDMARK_SUFFIXES, MODEL_SUFFIX = (".asf", ".pts"), ".npz"
 # Largest side of the window that is kept, pixels, and of the texture, texels.
 WINDOW_PX, TEXTURE_SIZE = 384, 256
@@ -103,11 +105,15 @@ def annotate(
 
 
 def list_images(paths: Iterable[Path]) -> list[Path]:
-    """The pictures that are named, and those in folders that are named.  Raises `UserError`."""
+    """The pictures that are named, and those in folders that are named but for contact sheets.
+
+    Raises `UserError`.
+    """
     found: list[Path] = []
     for path in paths:
         if path.is_dir():
-            inside = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES)
+            pictures = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES)
+            inside = [p for p in pictures if not CONTACT_SHEET.fullmatch(p.name)]
             if not inside:
                 raise UserError(f"{path} holds no pictures ({', '.join(sorted(SUFFIXES))})")
             found += inside

@@ -171,7 +171,11 @@ def open_source(source: str) -> Capture:
         return _open_video(source, cv2.VideoCapture(int(source)), "camera {} does not open")
     if "://" in source and not source.startswith("file://"):
         return _open_stream(source)
+    if not source:
+        raise UserError("the name of the source is empty; give a video file or a camera's number")
     path = Path(source.removeprefix("file://"))
+    if source == "-" and not path.exists():
+        raise UserError("a source is not read from standard input; give the name of a file")
     if "%" in path.name and not path.exists():
         return _open_sequence(path)
     if not path.exists():

@@ -5,8 +5,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from risorius.command_line.output_checks import STANDARD
 from risorius.command_line.parser import add_command
 from risorius.command_line.progress import warn
+from shared_model.errors import UserError
 
 if TYPE_CHECKING:
     from protocol.summary import CallSummary
@@ -35,6 +37,8 @@ def run_info(arguments: argparse.Namespace) -> int:
     from risorius.call_info import call_info
 
     path: Path = arguments.call_file
+    if path == STANDARD and not path.exists():
+        raise UserError("info does not read standard input; give the name of a call file")
     summary = call_info(path)
     if not summary.complete:
         reason = "damaged" if summary.damaged_packets else "cut off"

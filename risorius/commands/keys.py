@@ -131,8 +131,12 @@ def _list(arguments: argparse.Namespace) -> int:
 
 
 def _revoke(arguments: argparse.Namespace) -> int:
-    from protocol.security.authority import revoke_peer
+    from protocol.security.authority import read_peers, revoke_peer
 
+    revoked = [peer.name for peer in read_peers(arguments.folder) if peer.revoked]
+    if arguments.name in revoked:
+        print(f"{arguments.name} was revoked before")
+        return 0
     revoke_peer(arguments.folder, arguments.name)
     print(f"{arguments.name} is revoked; a relay that runs with {arguments.folder} refuses it")
     return 0

@@ -9,7 +9,7 @@ from risorius.command_line.argument_types import count
 from risorius.command_line.options import SOURCE_HELP
 from risorius.command_line.output_checks import STANDARD, check_outputs
 from risorius.command_line.parser import INTERRUPTED, add_command
-from risorius.command_line.progress import ProgressLine, warn
+from risorius.command_line.progress import ProgressLine, say, warn
 from risorius.command_line.signals import StopOnSignal
 from shared_model.errors import UserError
 
@@ -59,4 +59,6 @@ def run_track(arguments: argparse.Namespace) -> int:
             raise
     warn(found.warnings)
     found.write_csv(sys.stdout if arguments.output == STANDARD else arguments.output)
+    if stop():
+        say(f"track: interrupted: {len(found.time_s)} frames are written")
     return INTERRUPTED if stop() else 0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from aam_faces import HEAD, POSE, SIZE, known_face, landmarks_of, write_csv, write_picture
 
-from aam.annotation.annotate import annotation_names
+from aam.annotation.annotate import annotation_names, list_images
 from aam.annotation.annotation_file import read_annotation
 from aam.annotation.landmark_files import read_landmark_file
 from aam.annotation.landmark_schemes import IBUG_68, from_given, from_search
@@ -170,3 +170,13 @@ def test_a_picture_that_cannot_be_read_any_more_is_noted_and_the_others_go_on(
     code, _ = run_annotate(pictures)
     told = capsys.readouterr().err
     assert code == 2 and "p1_a.png" in told and "0 annotated, 1 were so before" in told
+
+
+def test_contact_sheets_are_no_pictures_to_annotate(tmp_path: Path) -> None:
+    sheet, picture = tmp_path / "contact_000.jpg", tmp_path / "a.jpg"
+    sheet.touch()
+    with pytest.raises(UserError, match="holds no pictures"):
+        list_images([tmp_path])
+    picture.touch()
+    assert list_images([tmp_path]) == [picture]
+    assert list_images([sheet]) == [sheet]

@@ -203,6 +203,26 @@ def test_an_error_of_machine_code_is_not_taken_for_an_interrupt(
         main(["info", "call.rzo"])
 
 
+@pytest.mark.parametrize(
+    ("line", "reason"),
+    [
+        (["info", "-"], "info does not read standard input"),
+        (["encode", "-", "-o", "a.rzo"], "not read from standard input"),
+        (["encode", "", "-o", "a.rzo"], "the name of the source is empty"),
+    ],
+)
+def test_what_is_no_file_name_is_not_called_a_missing_file(
+    line: list[str],
+    reason: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(line) == 2
+    assert reason in error_line(capsys)
+
+
 def test_an_interrupted_animation_has_the_truth_of_its_pictures(tmp_path: Path) -> None:
     script, video, part = (tmp_path / name for name in ("a.toml", "a.mkv", "a.part.mkv"))
     script.write_text("width = 160\nheight = 120\nfps = 25\nseconds = 3600\nnoise = 30\n")

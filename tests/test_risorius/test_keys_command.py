@@ -92,3 +92,15 @@ def test_an_invitation_to_a_relay_with_certificates_says_how_it_is_reached(
     assert "--connect tls/relay.example:7461" in printed.err
     assert main(["invite", "relay.example:7461", "--call", "anna"]) == 0
     assert not capsys.readouterr().err
+
+
+def test_who_was_revoked_before_is_not_revoked_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = str(tmp_path / "keys")
+    invite = ["invite", folder, "bob", "--call", "a", "--role", "viewer", "-o", folder + ".bob"]
+    for line in (["new", folder, "--host", "localhost"], invite, ["revoke", folder, "bob"]):
+        assert main(["keys", *line]) == 0
+    assert "bob is revoked" in capsys.readouterr().out
+    assert main(["keys", "revoke", folder, "bob"]) == 0
+    assert capsys.readouterr().out == "bob was revoked before\n"
