@@ -46,7 +46,8 @@ def test_what_a_live_frame_costs_over_udp(stack: ExitStack, listens: bool) -> No
     sink.wait_for_peer(WAIT_S)
     sink.send(MODEL_BYTES)
     assert received(source) == MODEL_BYTES
-    for number in range(60):
+    # Fewer than are remembered: the first ones go twice, the second time a little later.
+    for number in range(40):
         sink.send(frame(number))
         assert received(source) == frame(number)
     checked = len(frame(0)) + CHECKSUM_BYTES

@@ -157,12 +157,12 @@ def test_damaged_parts_are_refused(data: bytes) -> None:
 
 
 @pytest.mark.no_cover
-def test_every_truncation_and_flipped_bit_gives_layers_or_is_refused() -> None:
+def test_truncations_and_a_flipped_bit_of_each_byte_give_layers_or_are_refused() -> None:
     data = serialise_layers(background())
-    flipped = [bytearray(data) for _ in range(8 * len(data))]
+    flipped = [bytearray(data) for _ in data]
     for place, each in enumerate(flipped):
-        each[place // 8] ^= 1 << place % 8
-    for bad in (*(data[:end] for end in range(1, len(data))), *map(bytes, flipped[8:])):
+        each[place] ^= 1 << place % 7
+    for bad in (*(data[:end] for end in range(1, len(data), 3)), *map(bytes, flipped[1:])):
         try:
             found = parse_layers(bad, *SIZE)
         except ProtocolError:
