@@ -20,7 +20,7 @@ class SpeechFrames:
     @property
     def known_until(self) -> int:
         """No frame before this number comes any more, unless its packet is late."""
-        return self._blocks[-1][1] if self._blocks else 0
+        return self._blocks[-1][2] if self._blocks else 0
 
     def add(self, number: int, first: int, frames: tuple[bytes | None, ...]) -> None:
         """Enter the frames of packet `number` of the call, the first one being frame `first`."""

@@ -5,6 +5,7 @@ pieces of sound: a header of 24 bytes, little endian, then a JPEG file, or sampl
 
     0   uint8    which picture or sound, see `Stream`
     1   uint8    of a picture, 1: it repeats an older face; 2: as nothing has come; of a sound, 0
+    2   uint16   of a decoded picture, how long its packet had been there when it was drawn, ms
     4   uint32   index of the source frame; of a sound, samples per second
     8   float64  its time in the source, of a sound that of its first sample, seconds
     16  float64  when it was drawn or taken, ms since 1970
@@ -17,7 +18,8 @@ from math import isfinite
 
 from protocol.errors import ProtocolError
 
-_HEADER = struct.Struct("<BB2xIdd")
+_HEADER = struct.Struct("<BBHIdd")
+MAX_WAITED_MS = (1 << 16) - 1
 MAX_JPEG_BYTES = 4 << 20
 # Of a piece of sound: some seconds.
 MAX_SOUND_BYTES = 1 << 20
@@ -43,6 +45,7 @@ class PictureMessage:
 
     index, time_s: of the source frame.  made_ms: when it was drawn or taken, ms since 1970.
     frozen: it repeats an older face; lost: since nothing has come.
+    waited_ms: from the arrival of its packet until it was drawn.
     """
 
     stream: Stream
@@ -52,6 +55,7 @@ class PictureMessage:
     jpeg: bytes
     frozen: bool = False
     lost: bool = False
+    waited_ms: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +78,7 @@ def serialise_message(message: PictureMessage | SoundMessage) -> bytes:
     """The bytes of a message, as above."""
     if isinstance(message, PictureMessage):
         return serialise_picture(message)
-    head = message.stream, 0, message.rate_hz, message.time_s, message.made_ms
+    head = message.stream, 0, 0, message.rate_hz, message.time_s, message.made_ms
     return _HEADER.pack(*head) + message.samples
 
 
@@ -85,7 +89,7 @@ def parse_message(data: bytes) -> PictureMessage | SoundMessage:
     size = len(data) - _HEADER.size
     if not 0 <= size <= MAX_SOUND_BYTES or size % 2:
         raise ProtocolError(f"sound message of {len(data)} bytes")
-    stream, zero, rate_hz, time_s, made_ms = _unpacked_header(data)
+    stream, zero, _, rate_hz, time_s, made_ms = _unpacked_header(data)
     if zero or not 1 <= rate_hz <= MAX_RATE_HZ:
         raise ProtocolError(f"sound message of {rate_hz} Hz, flag {zero}")
     samples = bytes(data[_HEADER.size :])
@@ -95,23 +99,25 @@ def parse_message(data: bytes) -> PictureMessage | SoundMessage:
 def serialise_picture(message: PictureMessage) -> bytes:
     """The bytes of a message, as above."""
     flag = 2 if message.frozen and message.lost else int(message.frozen)
-    header = _HEADER.pack(message.stream, flag, message.index, message.time_s, message.made_ms)
-    return header + message.jpeg
+    waited_ms = min(max(message.waited_ms, 0), MAX_WAITED_MS)
+    head = message.stream, flag, waited_ms, message.index, message.time_s, message.made_ms
+    return _HEADER.pack(*head) + message.jpeg
 
 
 def parse_picture(data: bytes) -> PictureMessage:
     """The message in `data`.  Raises `ProtocolError` if it is none."""
     if not _HEADER.size < len(data) <= _HEADER.size + MAX_JPEG_BYTES:
         raise ProtocolError(f"picture message of {len(data)} bytes")
-    stream, flag, index, time_s, made_ms = _unpacked_header(data)
+    stream, flag, waited_ms, index, time_s, made_ms = _unpacked_header(data)
     if stream not in PICTURES or flag > 2:
         raise ProtocolError(f"picture message of stream {stream}, flag {flag}")
     jpeg = bytes(data[_HEADER.size :])
-    return PictureMessage(Stream(stream), index, time_s, made_ms, jpeg, flag > 0, flag == 2)
+    frozen, lost = flag > 0, flag == 2
+    return PictureMessage(Stream(stream), index, time_s, made_ms, jpeg, frozen, lost, waited_ms)
 
 
-def _unpacked_header(data: bytes) -> tuple[int, int, int, float, float]:
-    stream, flag, number, time_s, made_ms = _HEADER.unpack_from(data)
+def _unpacked_header(data: bytes) -> tuple[int, int, int, int, float, float]:
+    stream, flag, waited_ms, number, time_s, made_ms = _HEADER.unpack_from(data)
     if not isfinite(time_s) or not isfinite(made_ms):
         raise ProtocolError(f"message with the times {time_s} s, {made_ms} ms")
-    return stream, flag, number, time_s, made_ms
+    return stream, flag, waited_ms, number, time_s, made_ms

@@ -6,9 +6,11 @@ from collections import deque
 from pathlib import Path
 from threading import Lock
 
+import numpy as np
+
 from decoder.call_pictures import CallOptions, CallPictures, DrawnFrame, open_source
 from decoder.reenactment import read_model
-from decoder.sound.sound_track import SoundTrack, open_sound_track
+from decoder.sound.sound_track import Samples, SoundTrack, open_sound_track
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
 from protocol.link.interface import Arrival, PacketSource, ignore_message
@@ -34,6 +36,12 @@ from shared_model.errors import LINK_FAILED, UserError
 SILENT_S = 2.5
 # Seconds of which losses are counted.
 LOSS_S = 10
+# Samples that are no louder are silence.
+SILENT_LEVEL = 30
+# The sound of so many source frames after the one that is drawn may be known already.
+MAX_AHEAD = 64
+# By how much the picture of oneself stands back behind the other parts of a call.
+SELF_NICENESS = 5
 # How long to wait before the next try of a link.
 RETRY_S = 1.0
 
@@ -43,6 +51,8 @@ def run(part: PartConnection, options: DrawingOptions) -> None:
 
     Raises `UserError` if the link cannot be made the first time.
     """
+    if options.place is None:
+        os.nice(SELF_NICENESS)
     drawing = _Drawing(part, options)
     part.in_background(drawing.obey)
     part.every_second(drawing.figures)
@@ -60,6 +70,8 @@ class _Drawing:
         self._thinning = Thinning(options.fps, time.monotonic)
         self._pictures: CallPictures | None = None
         self._face: Path | None = None
+        self._sound: SoundTrack | None = None
+        self._sound_start = 0  # source frame of its beginning
         self._losses = deque[tuple[int, int]](maxlen=LOSS_S)  # lost and all, each second
         self._lock = Lock()  # of the losses
 
@@ -138,31 +150,31 @@ class _Drawing:
             self._losses.clear()
         source = MeteredSource(opened, self._meter, self._note)
         self._thinning = Thinning(self._options.fps, time.monotonic)
-        options, sound = CallOptions(), None
-        stop = self._part.is_over.is_set
+        options, stop = CallOptions(), self._part.is_over.is_set
+        self._sound = None
         try:
-
-            def wants(index: int) -> bool:
-                assert self._pictures is not None
-                call = self._pictures.sender
-                return self._thinning.wants(index, call.fps, packet_s(call))
-
-            with CallPictures(options, stop, source=source, wants=wants) as pictures:
+            with CallPictures(options, stop, source=source, wants=self._wants) as pictures:
                 self._pictures = pictures
                 self._draw_as(self._face)
                 for frame in pictures:
-                    if sound is None:
+                    if self._sound is None:
                         speech = pictures.playout.speech
-                        sound = open_sound_track(speech, pictures.sender, frame.index)
-                        first = frame.index
+                        self._sound = open_sound_track(speech, pictures.sender, frame.index)
+                        self._sound_start = frame.index
                     self._show(frame)
-                    if sound is not None:
-                        self._speak(sound, pictures, first, frame.index)
         except UserError as error:
             if error.exit_code != LINK_FAILED and not stop():
                 self._part.send(Trouble(str(error)))
         finally:
             self._pictures = None
+
+    def _wants(self, index: int) -> bool:
+        """Whether to draw the picture of source frame `index`; the sound does not wait for that."""
+        pictures = self._pictures
+        assert pictures is not None
+        if self._sound is not None:
+            self._speak(self._sound, pictures, index)
+        return self._thinning.wants(index, pictures.sender.fps)
 
     def _note(self, arrival: Arrival) -> None:
         self._presence = Presence.HERE
@@ -176,17 +188,30 @@ class _Drawing:
 
     def _show(self, frame: DrawnFrame) -> None:
         jpeg = encoded_picture(frame.picture)
-        made_ms = 1000 * time.time()
-        self._part.send(
-            Drawn(frame.index, float(frame.time_s), made_ms, frame.frozen, frame.lost, jpeg)
-        )
+        made_ms, arrival_s = 1000 * time.time(), self._thinning.arrival_s
+        waited_s = 0.0 if arrival_s is None else time.monotonic() - arrival_s
+        state = round(1000 * waited_s), frame.frozen, frame.lost
+        self._part.send(Drawn(frame.index, float(frame.time_s), made_ms, *state, jpeg))
 
-    def _speak(self, sound: SoundTrack, pictures: CallPictures, first: int, index: int) -> None:
-        """Send the sound that is known up to a picture.  first: the first picture."""
+    def _speak(self, sound: SoundTrack, pictures: CallPictures, index: int) -> None:
+        """Send all the sound that is known.  index: of the picture that is drawn next."""
+        first = self._sound_start
         start_s = first / pictures.sender.fps + sound.written / sound.rate_hz
-        samples = sound.take(index + 1 - first, pictures.playout.speech.known_until)
-        if len(samples):
-            self._part.send(Heard(start_s, sound.rate_hz, samples.tobytes()))
+        most = index + 1 - first + MAX_AHEAD
+        samples = sound.take(most, pictures.playout.speech.known_until)
+        heard = samples[leading_silence(samples) :]
+        if len(heard):
+            start_s += (len(samples) - len(heard)) / sound.rate_hz
+            self._part.send(Heard(start_s, sound.rate_hz, heard.tobytes()))
+
+
+def leading_silence(samples: Samples) -> int:
+    """How many samples of sound, (n,) int16, are silent in front.
+
+    That a packet ends in silence shows only when the next one has come: nobody waits for that.
+    """
+    loud = np.flatnonzero(np.abs(samples.astype(np.int32)) > SILENT_LEVEL)
+    return int(loud[0]) if len(loud) else len(samples)
 
 
 def packet_s(call: CallParameters) -> float:

@@ -115,12 +115,14 @@ class Drawn:
     """A picture that has been drawn, a JPEG file.
 
     index, time_s: of its source frame, in the call.  made_ms: when it was drawn, ms since 1970.
+    waited_ms: until then, from the arrival of its packet.
     frozen: it repeats an older face; lost: since nothing has come.
     """
 
     index: int
     time_s: float
     made_ms: float
+    waited_ms: int
     frozen: bool
     lost: bool
     jpeg: bytes

@@ -2,9 +2,11 @@
 
 from collections.abc import Callable
 
-# How long after its packet has come a picture may be drawn, beside the time of that packet, whose
-# pictures come all at once; with each `STEP_S` more fewer pictures are drawn.
-ALLOWED_S, STEP_S, MAX_STEP = 0.1, 0.08, 16
+# A packet's pictures come all at once, and are shown one after the other: each may be drawn so long
+# after its turn.  One is left out then, and the next one that is in time is drawn.
+ALLOWED_S = 0.06
+# After so many one is drawn however late it is.
+MAX_SKIPPED = 16
 
 
 class Thinning:
@@ -17,16 +19,21 @@ class Thinning:
 
     def __init__(self, fps: float | None, clock: Callable[[], float]) -> None:
         self._fps, self._clock = fps, clock
+        self._first, self._skipped = 0, 0
+        self._arrival_s: float | None = None  # of the packet that begins with the first picture
         self.arrival_s: float | None = None
 
-    def wants(self, index: int, source_fps: float, packet_s: float) -> bool:
-        """Whether to draw the picture of source frame `index`.
-
-        source_fps: of the call.  packet_s: time that a packet covers.
-        """
+    def wants(self, index: int, source_fps: float) -> bool:
+        """Whether to draw the picture of source frame `index`.  source_fps: of the call."""
         step = 1 if self._fps is None else max(1, round(source_fps / self._fps))
-        if self.arrival_s is not None:
-            behind_s = self._clock() - self.arrival_s - packet_s - ALLOWED_S
-            if behind_s > 0:
-                step = max(step, min(MAX_STEP, 2 + int(behind_s / STEP_S)))
-        return index % step == 0
+        if self.arrival_s != self._arrival_s:
+            self._arrival_s, self._first = self.arrival_s, index
+        if index % step:
+            return False
+        if self._arrival_s is not None and self._skipped < MAX_SKIPPED:
+            turn_s = self._arrival_s + (index - self._first) / source_fps
+            if self._clock() > turn_s + ALLOWED_S:
+                self._skipped += 1
+                return False
+        self._skipped = 0
+        return True

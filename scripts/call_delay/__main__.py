@@ -2,18 +2,25 @@
 
     python -m scripts.call_delay --seconds 60 [--low-delay]
     python -m scripts.call_delay --clips seen.mp4 other.mp4
+    python -m scripts.call_delay --one-way
 
 Two ends on this host's loopback; a headless Chromium shows one of them.  The source is a clip whose
 mouth opens at known times and sounds just then: a clock that a model of the face transmits.  With
 --clips the ends have these two for cameras, and the page shows the first; nothing is known of their
-mouths.  Prints a line of JSON:
+mouths.  With --one-way the end with the page has a camera that sees nobody: about as much work as
+if each end had a host of its own.  Prints a line of JSON:
 
     pictures_per_s   shown by the page
     delay_ms         median and 95th percentile from the moment a frame was taken to its picture
-    drawn_ms         the same until the picture was drawn: the rest is the page's wait for its turn
-    picture_ms       the delay by which the mouth on the page follows that of the source
-    sound_ms         the same of the sound that the page plays
-    sound_late_ms    the difference: more than 0, the sound is late
+    stages_ms        the same of each part of the delay:
+        packet       until the newest picture of its packet was taken
+        coded        until that packet had come: queue, fit and code of the encoder, and the link
+        drawn        until the picture was drawn, and a JPEG file
+        page         until the page had got it
+        playout      until it was shown: JPEG decoded, and the wait for its turn
+    sound_late_ms    by how much the sound that is played follows the mouth: more than 0, it is late
+        null: not known, as one of them is not found again
+    match            how well mouth and sound on the page correlate with those of the source
 """
 
 import argparse
@@ -33,16 +40,20 @@ from numpy.typing import NDArray
 
 from loopback.browser import Browser, find_browser
 from loopback.process_pair import free_port
-from scripts.call_delay.clip import is_open, write_clip
+from scripts.call_delay.clip import SECONDS, is_open, write_clip, write_empty_clip
 from scripts.command import run
 from shared_model.errors import UserError
 
 PROGRAM = (sys.executable, "-c", "from risorius.cli import main; exit(main())")
 # How long the two ends may take until they see each other, and how long the face then settles.
 START_S, SETTLE_S = 180.0, 12.0
-STEP_S, MAX_DELAY_S = 0.005, 3.0
-# Notes what the page shows and plays when: [ms since 1970, brightness of the mouth, frame,
-# when it was drawn] and [ms since 1970, loudness].
+STEP_S, COARSE_S = 0.005, 0.05
+# With less correlation a lag is not known.
+MIN_MATCH = 0.5
+# Times of arrival that differ by less are of one packet.
+SAME_MS = 5.0
+# Notes what the page shows and plays when: [ms since 1970, brightness of the mouth, frame, when it
+# was drawn, how long its packet was there then, when it came] and [ms since 1970, loudness].
 NOTES = """
 window.seen = []; window.heard = [];
 const small = document.createElement("canvas"); small.width = small.height = 24;
@@ -58,8 +69,8 @@ player.tick = () => {
   const data = brush.getImageData(0, 0, 24, 24).data;
   let sum = 0;
   for (let i = 0; i < data.length; i += 4) sum += data[i] + data[i + 1] + data[i + 2];
-  const made = player.log[player.log.length - 1][2];
-  seen.push([performance.timeOrigin + performance.now(), sum, player.index, made]);
+  const [, , ...stages] = player.log[player.log.length - 1];
+  seen.push([performance.timeOrigin + performance.now(), sum, player.index, ...stages]);
 };
 if (voice.node) {
   const tap = new AudioWorkletNode(voice.context, "ear", {numberOfOutputs: 0, channelCount: 1,
@@ -83,6 +94,7 @@ def main(argv: Sequence[str]) -> None:
     )
     parser.add_argument("--seconds", type=float, default=60.0, help="to measure")
     parser.add_argument("--clips", nargs=2, type=Path, metavar=("SEEN", "OTHER"))
+    parser.add_argument("--one-way", action="store_true", help="the end with the page sees nobody")
     parser.add_argument("--low-delay", action="store_true", help="packets of four pictures")
     options = parser.parse_args(argv)
     program = find_browser()
@@ -91,6 +103,8 @@ def main(argv: Sequence[str]) -> None:
     with TemporaryDirectory() as name:
         folder, more = Path(name), ["--low-delay"] if options.low_delay else []
         cameras = options.clips or [write_clip(folder)] * 2
+        if options.one_way:
+            cameras = [cameras[0], write_empty_clip(folder)]
         notes = measure(folder, program, cameras, more, options.seconds)
         print(json.dumps(figures(*notes, knows_mouth=not options.clips)))
 
@@ -124,30 +138,59 @@ def figures(
 ) -> dict[str, object]:
     """The figures from what a page has shown and played.
 
-    seen: (n, 4) ms since 1970, brightness of the mouth, and when it was taken and drawn.  heard:
-    (n, 2) ms since 1970, loudness.  begun_ms: when the clip began.
+    seen: (n, 6) ms since 1970, brightness of the mouth, when it was taken and drawn, how long its
+    packet was there then, and when it came to the page.  heard: (n, 2) ms since 1970, loudness.
+    begun_ms: when the clip began.
     """
-    delay_ms, drawn_ms = seen[:, 0] - seen[:, 2], seen[:, 3] - seen[:, 2]
     span_s = (seen[-1, 0] - seen[0, 0]) / 1000
     found: dict[str, object] = {
         "pictures_per_s": round((len(seen) - 1) / span_s, 1),
-        "delay_ms": [round(float(np.percentile(delay_ms, each))) for each in (50, 95)],
-        "drawn_ms": [round(float(np.percentile(drawn_ms, each))) for each in (50, 95)],
+        "delay_ms": _percentiles(seen[:, 0] - seen[:, 2]),
+        "stages_ms": {name: _percentiles(each) for name, each in stages_ms(seen).items()},
     }
     if not knows_mouth:
         return found
-    picture_ms = 1000 * lag_s((seen[:, 0] - begun_ms) / 1000, -seen[:, 1])
-    sound_ms = 1000 * lag_s((heard[:, 0] - begun_ms) / 1000, heard[:, 1])
-    late_ms = sound_ms - picture_ms
-    names = ("picture_ms", "sound_ms", "sound_late_ms")
-    return found | dict(zip(names, map(round, (picture_ms, sound_ms, late_ms)), strict=True))
+    picture_s, seen_match = lag_s((seen[:, 0] - begun_ms) / 1000, -seen[:, 1])
+    sound_s, heard_match = lag_s((heard[:, 0] - begun_ms) / 1000, heard[:, 1])
+    # The clip is repeated: so is a lag.
+    late_s = (sound_s - picture_s + SECONDS / 2) % SECONDS - SECONDS / 2
+    match = [round(seen_match, 2), round(heard_match, 2)]
+    is_known = min(match) >= MIN_MATCH
+    return found | {"sound_late_ms": round(1000 * late_s) if is_known else None, "match": match}
 
 
-def lag_s(time_s: NDArray[np.float64], level: NDArray[np.float64]) -> float:
-    """By how much a level (n,) noted at times (n,) follows the mouth of the clip."""
-    lags_s = np.arange(0, MAX_DELAY_S, STEP_S)
-    scores = [np.corrcoef(is_open(time_s - each), level)[0, 1] for each in lags_s]
-    return float(lags_s[int(np.argmax(scores))])
+def stages_ms(seen: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """The parts (n,) of the delay of each picture, see above.  seen: see `figures`."""
+    shown, taken, made, waited, came = seen[:, [0, 2, 3, 4, 5]].T
+    arrived = made - waited
+    # Pictures of one packet have come at the same time, to the rounding of the times.
+    packet = np.cumsum(np.diff(arrived, prepend=arrived[0]) > SAME_MS)
+    newest = np.array([taken[packet == each].max() for each in range(packet[-1] + 1)])[packet]
+    return {
+        "packet": newest - taken,
+        "coded": arrived - newest,
+        "drawn": waited,
+        "page": came - made,
+        "playout": shown - came,
+    }
+
+
+def _percentiles(values: NDArray[np.float64]) -> list[int]:
+    return [round(float(np.percentile(values, each))) for each in (50, 95)]
+
+
+def lag_s(time_s: NDArray[np.float64], level: NDArray[np.float64]) -> tuple[float, float]:
+    """By how much a level (n,) noted at times (n,) follows the mouth of the clip, and how well.
+
+    The clip may have begun long before the first frame that was encoded.
+    """
+
+    def match(each_s: float) -> float:
+        return float(np.corrcoef(is_open(time_s - each_s), level)[0, 1])
+
+    coarse_s = max(np.arange(0, SECONDS, COARSE_S), key=match)
+    best_s = max(np.arange(coarse_s - COARSE_S, coarse_s + COARSE_S, STEP_S), key=match)
+    return float(best_s), match(best_s)
 
 
 async def _begun(page: str) -> tuple[float, float]:

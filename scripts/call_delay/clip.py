@@ -55,6 +55,15 @@ def write_clip(folder: Path) -> Path:
     return path
 
 
+def write_empty_clip(folder: Path) -> Path:
+    """Write a clip that shows nobody into a folder; returns its path."""
+    path, frame = folder / "nobody.mkv", np.full((240, 320, 3), 128, np.uint8)
+    with open_sink(path, 320, 240, Fraction(FPS), "bt601", False, None) as sink:
+        for _ in range(round(SECONDS * FPS)):
+            sink.write(frame)
+    return path
+
+
 def _script() -> str:
     lines = [
         "width = 320",

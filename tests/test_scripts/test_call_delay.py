@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 
@@ -9,28 +10,66 @@ from scripts.call_delay.__main__ import figures
 from scripts.call_delay.clip import SECONDS, is_open, openings
 
 
+def stages(
+    index: NDArray[np.int64], taken_ms: NDArray[np.float64], shown_ms: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """When pictures were drawn, how long they had waited, and when they came to the page.
+
+    Packets of eight come 60 ms after their newest picture; each is drawn at once, within 20 ms.
+    """
+    made_ms = taken_ms + 40.0 * (7 - index % 8) + 60 + 20
+    return made_ms, np.full(len(index), 20.0), made_ms + 5
+
+
 def test_the_delay_of_picture_and_sound_is_found() -> None:
     begun_ms, delay_s, late_s = 1.7e12, 0.43, 0.06
-    index = np.arange(30, 900)
+    index = np.arange(32, 904)
     shown_s = index / 25 + delay_s
     shown_ms = begun_ms + 1000 * shown_s
     mouth, taken_ms = 5000 - 900 * is_open(index / 25), begun_ms + 40 * index
-    seen = np.stack([shown_ms, mouth, taken_ms, shown_ms - 50], axis=1)
+    seen = np.stack([shown_ms, mouth, taken_ms, *stages(index, taken_ms, shown_ms)], axis=1)
     played_s = np.arange(1.0, 36.0, 0.02)
     loud = is_open(played_s - delay_s - late_s)
     heard = np.stack([begun_ms + 1000 * played_s, loud], axis=1)
     found = figures(seen, heard, begun_ms)
     assert found["pictures_per_s"] == 25.0
-    assert found["delay_ms"] == [430, 430] and found["drawn_ms"] == [380, 380]
-    assert found["picture_ms"] == pytest.approx(430, abs=10)
+    assert found["delay_ms"] == [430, 430]
     assert found["sound_late_ms"] == pytest.approx(60, abs=10)
+    # Of a clip that had begun long before the first frame that was encoded.
+    later = seen.copy(), heard.copy()
+    for notes in later:
+        notes[:, 0] += 7000
+    assert figures(*later, begun_ms)["sound_late_ms"] == pytest.approx(60, abs=10)
 
 
 def test_of_another_clip_only_what_its_frames_tell_is_found() -> None:
-    taken_ms = 1.7e12 + 40.0 * np.arange(50)
-    seen = np.stack([taken_ms + 300, 0 * taken_ms, taken_ms, taken_ms + 250], axis=1)
+    taken_ms = 1.7e12 + 40.0 * np.arange(48)
+    shown_ms = taken_ms + 430
+    parts = stages(np.arange(48), taken_ms, shown_ms)
+    seen = np.stack([shown_ms, 0 * taken_ms, taken_ms, *parts], axis=1)
     found = figures(seen, np.zeros((0,)), 1.7e12, knows_mouth=False)
-    assert found == {"pictures_per_s": 25.0, "delay_ms": [300, 300], "drawn_ms": [250, 250]}
+    assert found == {
+        "pictures_per_s": 25.0,
+        "delay_ms": [430, 430],
+        "stages_ms": {
+            "packet": [140, 280],
+            "coded": [60, 60],
+            "drawn": [20, 20],
+            "page": [5, 5],
+            "playout": [205, 345],
+        },
+    }
+
+
+def test_sound_that_is_not_found_again_has_no_figure() -> None:
+    begun_ms, index = 1.7e12, np.arange(500)
+    taken_ms = begun_ms + 40.0 * index
+    mouth = -is_open(index / 25)
+    parts = stages(index, taken_ms, taken_ms + 430)
+    seen = np.stack([taken_ms + 430, mouth, taken_ms, *parts], axis=1)
+    noise = np.random.default_rng(1).random(1000)
+    heard = np.stack([begun_ms + 20.0 * np.arange(1000), noise], axis=1)
+    assert figures(seen, heard, begun_ms)["sound_late_ms"] is None
 
 
 def test_no_stretch_of_the_clip_is_like_another() -> None:
