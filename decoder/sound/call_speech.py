@@ -18,6 +18,11 @@ class CallSpeech:
         """No frame before this number comes any more, unless its packet is late."""
         return max(self._start, self._speech.known_until + self._offset)
 
+    @property
+    def received_until(self) -> int:
+        """The frame after the last one that has been received; before it as `known_until`."""
+        return max(self._start, self._speech.received_until + self._offset)
+
     def get(self, index: int) -> bytes | None:
         """The frame of a number; None: not received."""
         if index < self._start:

@@ -20,6 +20,11 @@ class SpeechFrames:
     @property
     def known_until(self) -> int:
         """No frame before this number comes any more, unless its packet is late."""
+        return self._blocks[-1][1] if self._blocks else 0
+
+    @property
+    def received_until(self) -> int:
+        """The frame after the last one that has been received; before it as `known_until`."""
         return self._blocks[-1][2] if self._blocks else 0
 
     def add(self, number: int, first: int, frames: tuple[bytes | None, ...]) -> None:

@@ -198,7 +198,7 @@ class _Drawing:
         first = self._sound_start
         start_s = first / pictures.sender.fps + sound.written / sound.rate_hz
         most = index + 1 - first + MAX_AHEAD
-        samples = sound.take(most, pictures.playout.speech.known_until)
+        samples = sound.take(most, pictures.playout.speech.received_until)
         heard = samples[leading_silence(samples) :]
         if len(heard):
             start_s += (len(samples) - len(heard)) / sound.rate_hz

@@ -6,12 +6,12 @@ from decoder.sound.speech_frames import SpeechFrames
 from risorius.live_call.drawing_part import leading_silence
 
 
-def test_all_speech_of_a_packet_is_known_when_the_packet_has_come() -> None:
+def test_speech_is_there_when_its_packet_has_come() -> None:
     speech = SpeechFrames()
     speech.add(0, 0, (b"a", b"b", None, b"d"))
-    assert speech.known_until == 4
+    assert speech.received_until == 4
     speech.add(1, 8, (b"e",))
-    assert speech.known_until == 9
+    assert speech.received_until == 9
     assert [speech.get(index) for index in (2, 5, 8)] == [b"", b"", b"e"]
 
 

@@ -11,8 +11,8 @@ from scripts.call_delay.clip import SECONDS, is_open, openings
 
 
 def stages(
-    index: NDArray[np.int64], taken_ms: NDArray[np.float64], shown_ms: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    index: NDArray[np.integer], taken_ms: NDArray[np.floating], shown_ms: NDArray[np.floating]
+) -> tuple[NDArray[np.floating], NDArray[np.floating], NDArray[np.floating]]:
     """When pictures were drawn, how long they had waited, and when they came to the page.
 
     Packets of eight come 60 ms after their newest picture; each is drawn at once, within 20 ms.
