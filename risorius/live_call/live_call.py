@@ -294,13 +294,5 @@ class _LiveCall:
 
 
 def _picture(stream: Stream, drawn: Drawn) -> PictureMessage:
-    return PictureMessage(
-        stream,
-        drawn.index,
-        drawn.time_s,
-        drawn.made_ms,
-        drawn.jpeg,
-        drawn.frozen,
-        drawn.lost,
-        drawn.waited_ms,
-    )
+    state = drawn.frozen, drawn.lost, drawn.waited_ms
+    return PictureMessage(stream, drawn.index, drawn.time_s, drawn.made_ms, drawn.jpeg, *state)
