@@ -17,9 +17,11 @@ COPY decoder ./decoder
 COPY aam ./aam
 COPY loopback ./loopback
 COPY risorius ./risorius
-RUN pip install --no-cache-dir --no-deps --no-build-isolation . && risorius compile
+RUN pip install --no-cache-dir --no-deps --no-build-isolation .
 
 # A new volume belongs to whom its folder belongs to here.
 RUN useradd --create-home risorius && install -d -o risorius /out /keys /home/risorius/.cache
 USER risorius
+# Compiled loops are kept in the home of whom they are compiled for.
+RUN risorius compile
 ENTRYPOINT ["risorius"]

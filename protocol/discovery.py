@@ -22,7 +22,6 @@ from protocol.limits import CALL_NAME
 # Of the addresses for use within one organisation (RFC 2365).
 GROUP, PORT = "239.255.116.34", 7448
 QUESTION_BYTES = 128
-MAX_NAME_BYTES = QUESTION_BYTES - 16
 # Questions that are answered at once, and then a second: a flood of them gets no more.
 ANSWERS_PER_S = 20.0
 # Datagrams get lost: a question is asked this often.
@@ -140,8 +139,7 @@ def parse_question(data: bytes) -> bytes | None:
 def serialise_answer(number: bytes, found: FoundCall) -> bytes:
     """The answer to the question of a number."""
     flags = found.is_encoder * _ENCODER | found.needs_invitation * _INVITED
-    name = found.call.encode("ascii")[:MAX_NAME_BYTES]
-    return _ANSWER + number + struct.pack(">BH", flags, found.port) + name
+    return _ANSWER + number + struct.pack(">BH", flags, found.port) + found.call.encode("ascii")
 
 
 def parse_answer(data: bytes, number: bytes, host: str) -> FoundCall:

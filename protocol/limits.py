@@ -46,8 +46,9 @@ MAX_LAYER_PACKETS = 4096
 # Of the number that each start of an end of a link draws.
 SESSION_BYTES = 8
 
-# Names of calls, and ports.
-CALL_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*")
+# Names of calls, and how they are described; ports.
+CALL_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,62}")
+CALL_NAME_RULE = "use at most 63 of a-z, A-Z, 0-9 and _ . -, and no . in front"
 MAX_PORT = 65535
 DEFAULT_PORT = 7447
 

@@ -1,6 +1,6 @@
 """The speech frames of a call that have been received, by their number."""
 
-from bisect import bisect, insort
+from bisect import bisect, bisect_right, insort
 
 # The packets of which it is remembered what they brought.
 MAX_BLOCKS = 16
@@ -14,6 +14,8 @@ class SpeechFrames:
 
     def __init__(self) -> None:
         self._frames: dict[int, bytes] = {}
+        # First silent frame and the frame after the last, in order; hours of silence are one entry.
+        self._silences: list[tuple[int, int]] = []
         # Number, first frame and frame after the last of the newest packets, in order.
         self._blocks: list[tuple[int, int, int]] = []
 
@@ -39,15 +41,19 @@ class SpeechFrames:
 
     def _fill_silence(self, before: tuple[int, int, int], after: tuple[int, int, int]) -> None:
         """Enter what lies between two packets, unless others are missing there."""
-        if after[0] - before[0] <= 1:
-            for index in range(before[2], after[1]):
-                self._frames.setdefault(index, b"")
+        silence = before[2], after[1]
+        if after[0] - before[0] <= 1 and silence[0] < silence[1] and silence not in self._silences:
+            insort(self._silences, silence)
 
     def get(self, index: int) -> bytes | None:
         """The frame of a number."""
-        return self._frames.get(index)
+        if (frame := self._frames.get(index)) is not None:
+            return frame
+        place = bisect_right(self._silences, index, key=lambda silence: silence[0]) - 1
+        return b"" if place >= 0 and index < self._silences[place][1] else None
 
     def drop_before(self, index: int) -> None:
         """Forget the frames before a number, which have been played."""
         for old in [number for number in self._frames if number < index]:
             del self._frames[old]
+        self._silences = [silence for silence in self._silences if silence[1] > index]

@@ -6,7 +6,7 @@ from enum import StrEnum
 from typing import Protocol, Self
 
 from protocol.endpoint import Endpoint, parse_endpoint, parse_remote_endpoint
-from protocol.limits import CALL_NAME
+from protocol.limits import CALL_NAME, CALL_NAME_RULE
 from protocol.security.link_security import LinkSecurity
 from shared_model.errors import UserError
 
@@ -49,9 +49,7 @@ class LinkOptions:
 
     def __post_init__(self) -> None:
         if not CALL_NAME.fullmatch(self.call):
-            raise UserError(
-                f"call name {self.call!r}: use a-z, A-Z, 0-9 and _ . -, and no . in front"
-            )
+            raise UserError(f"call name {self.call!r}: {CALL_NAME_RULE}")
         if not self.listen_locators and not self.connect_endpoints:
             raise UserError("no endpoint to listen on or to connect to")
 

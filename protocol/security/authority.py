@@ -21,7 +21,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from protocol.limits import CALL_NAME
+from protocol.limits import CALL_NAME, CALL_NAME_RULE
 from protocol.security.private_file import write_private
 from shared_model.errors import UserError, cannot_write
 
@@ -96,7 +96,7 @@ def invite_peer(
     if not _PEER_NAME.fullmatch(name) or name == RELAY_NAME:
         raise UserError(f"peer name {name!r}: use a-z, A-Z, 0-9 and _ . -, and not {RELAY_NAME}")
     if not CALL_NAME.fullmatch(call):
-        raise UserError(f"call name {call!r}: use a-z, A-Z, 0-9 and _ . -, and no . in front")
+        raise UserError(f"call name {call!r}: {CALL_NAME_RULE}")
     if any(peer.name == name for peer in peers):
         raise UserError(f"{name} was invited already; a revoked peer needs a new name")
     bundle, certificate = _issue(folder, name, [x509.DNSName(name)], now, days)

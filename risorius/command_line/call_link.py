@@ -19,7 +19,7 @@ from protocol.endpoint import (
     parse_remote_endpoint,
 )
 from protocol.errors import ProtocolError
-from protocol.limits import CALL_NAME
+from protocol.limits import CALL_NAME, CALL_NAME_RULE
 from protocol.security.invitation import Invitation, parse_invitation, random_key
 from protocol.security.link_security import KeyFile, LinkSecurity
 from risorius.command_line.local_network import find_call
@@ -159,7 +159,7 @@ def read_link(request: LinkRequest, is_encoder: bool, wait_s: float) -> CallLink
 def check_call_name(name: str | None) -> None:
     """Raise `UserError` if a name is given that no call can have."""
     if name is not None and not CALL_NAME.fullmatch(name):
-        raise UserError(f"call name {name!r}: use a-z, A-Z, 0-9 and _ . -, and no . in front")
+        raise UserError(f"call name {name!r}: {CALL_NAME_RULE}")
 
 
 def random_call_name() -> str:

@@ -47,6 +47,8 @@ from shared_model.errors import LINK_FAILED, UserError
 FROM_LISTENER, TO_LISTENER = "-a", "-b"
 # Pictures of oneself that are drawn each second, about: they only tell how one is seen.
 SELF_FPS = 8.0
+# Both ends have two connections here; others may watch along.
+MAX_PEERS = 16
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -62,7 +64,7 @@ def run_call(
     with ExitStack() as stack:
         where = options.place.connect
         if options.place.listen is not None:
-            stack.enter_context(Relay(RelayOptions((options.place.listen,))))
+            stack.enter_context(Relay(RelayOptions((options.place.listen,), max_peers=MAX_PEERS)))
             where = own_address(options.place.listen)
         assert where is not None
         asyncio.run(_LiveCall(options, where, tell).run(announce))

@@ -47,5 +47,20 @@ def test_a_missing_frame_is_like_the_one_before_and_quieter(make: Callable[[], b
     assert loudness[1] > loudness[2] > 0 and loudness[-1] == 0
 
 
+def test_a_silence_of_days_takes_no_memory() -> None:
+    speech, days = SpeechFrames(), 10**8
+    speech.add(0, 0, (b"a",))
+    speech.add(1, days, (b"b",))
+    assert [speech.get(index) for index in (0, 1, days - 1, days, days + 1)] == [
+        b"a",
+        b"",
+        b"",
+        b"b",
+        None,
+    ]
+    speech.drop_before(days)
+    assert speech.get(days - 1) is None and speech.get(days) == b"b"
+
+
 def test_nothing_stands_in_for_a_frame_before_the_first() -> None:
     assert np.array_equal(OpusDecoder().conceal(), np.zeros(SAMPLES, np.int16))

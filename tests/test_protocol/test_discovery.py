@@ -14,7 +14,6 @@ from loopback.bad_wire import BadWire, Faults
 from loopback.network_namespace import obstacle
 from protocol.discovery import (
     ANSWERS_PER_S,
-    MAX_NAME_BYTES,
     QUESTION_BYTES,
     CallAnnouncer,
     FoundCall,
@@ -43,9 +42,11 @@ def test_nobody_is_made_to_send_more_than_was_asked_for() -> None:
     question = serialise_question(NUMBER)
     assert parse_question(question) == NUMBER
     assert len(question) == QUESTION_BYTES
-    longest = serialise_answer(NUMBER, FoundCall(500 * "a", "h", 1, True, True))
+    longest = serialise_answer(NUMBER, FoundCall(63 * "a", "h", 1, True, True))
     assert len(longest) <= QUESTION_BYTES
-    assert parse_answer(longest, NUMBER, "h").call == MAX_NAME_BYTES * "a"
+    assert parse_answer(longest, NUMBER, "h").call == 63 * "a"
+    with pytest.raises(ProtocolError, match="names no call"):
+        parse_answer(longest + b"a", NUMBER, "h")
     for wrong in (question[:-1], question + b"\0", b"", b"RZQ1" + NUMBER):
         assert parse_question(wrong) is None
 

@@ -56,6 +56,14 @@ def test_an_item_that_has_changed_is_begun_anew() -> None:
     assert added(items, pieces(0, LAYER)[0], *pieces(0, longer)) == [longer]
 
 
+def test_an_item_that_is_there_is_held_whole_when_it_gets_longer() -> None:
+    items, longer = ItemAssembly(), LAYER + PIECE_BYTES * b"x"
+    assert added(items, *pieces(1, LAYER)) == [LAYER]
+    assert added(items, pieces(1, longer)[0]) == []
+    whole = (1 << len(pieces(1, longer))) - 1
+    assert items.holdings() == (Holding(Channel.UNORDERED, 1, whole),)
+
+
 def test_what_is_not_needed_any_more_is_dropped() -> None:
     items = ItemAssembly()
     assert added(items, pieces(0, LAYER)[0], *pieces(2, LAYER)) == [LAYER]

@@ -85,6 +85,10 @@ def test_calls_and_hosts_are_checked(folder: Path, tmp_path: Path) -> None:
         create_authority(tmp_path / "other", ["a b"], NOW)
     with pytest.raises(UserError, match="holds keys already"):
         create_authority(folder, ["host"], NOW)
+    file = tmp_path / "file"
+    file.write_text("no folder")
+    with pytest.raises(UserError, match="file"):
+        create_authority(file / "keys", ["host"], NOW)
 
 
 def test_a_folder_without_keys_or_with_damaged_ones_is_one_line(
