@@ -123,7 +123,7 @@ def _open_sink(
         )
     if sender.voice != "off" and sound is None:
         pictures.stats.warnings.append(
-            f"without the voice ({sender.voice}): pip install 'risorius[voice]' to hear it"
+            f"without the voice ({sender.voice}): pip install '.[voice]' to hear it"
         )
     rate_hz = sound.rate_hz if sound is not None else None
     size = shown.width, shown.height

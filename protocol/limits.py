@@ -46,6 +46,9 @@ MAX_LAYER_PACKETS = 4096
 # Of the number that each start of an end of a link draws.
 SESSION_BYTES = 8
 
+# Connections of a relay at a time, unless it is told otherwise.
+RELAY_PEERS = 2000
+
 # Names of calls, and how they are described; ports.
 CALL_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,62}")
 CALL_NAME_RULE = "use at most 63 of a-z, A-Z, 0-9 and _ . -, and no . in front"

@@ -33,7 +33,7 @@ def open_host_microphone(
         import sounddevice
     except (ImportError, OSError) as error:
         raise UserError(
-            f"no microphone ({error}): pip install 'risorius[microphone]', and the system's"
+            f"no microphone ({error}): pip install '.[microphone]', and the system's"
             " library PortAudio (Debian: libportaudio2)"
         ) from error
 

@@ -19,7 +19,7 @@ def chosen_voice(source: str, asked: str | None) -> tuple[str, str | None]:
     if not has_sound(Path(source)):
         return "off", None if asked is None else f"{source} has no sound: the call has no voice"
     if asked is None and not voice_is_installed(USUAL_VOICE):
-        return "off", "the sound is left out: pip install 'risorius[voice]' to send it"
+        return "off", "the sound is left out: pip install '.[voice]' to send it"
     return asked or USUAL_VOICE, None
 
 

@@ -54,7 +54,7 @@ def open_speech_encoder(voice: str) -> SpeechEncoder:
     """The encoder of a codec of `VOICES`.  Raises `UserError` if it is not installed."""
     if not voice_is_installed(voice):
         raise UserError(
-            f"the voice ({voice}) is not installed: pip install 'risorius[voice]', or --voice off"
+            f"the voice ({voice}) is not installed: pip install '.[voice]', or --voice off"
         )
     return OpusEncoder() if voice == "opus" else Codec2Encoder(voice)
 

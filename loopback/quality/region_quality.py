@@ -126,7 +126,7 @@ def region_meter(warn: Callable[[str], None]) -> RegionMeter:
 
     similarity = _ssimulacra2()
     if similarity is None:
-        warn("risorius: warning: no SSIMULACRA2; pip install 'risorius[quality]' brings it")
+        warn("risorius: warning: no SSIMULACRA2; pip install '.[quality]' brings it")
     return RegionMeter(find_person, similarity)
 
 

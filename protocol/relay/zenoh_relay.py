@@ -11,11 +11,12 @@ import zenoh
 from zenoh.handlers import Callback
 
 from protocol.endpoint import Endpoint, parse_endpoint, parse_remote_endpoint
-from protocol.limits import MAX_MODEL_PACKET_BYTES
+from protocol.limits import RELAY_PEERS
 from protocol.link.endpoints import check_listening, why_not_reached
 from protocol.link.messages import Role as End
 from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence
 from protocol.link.zenoh_link import PRESENCE_MARK
+from protocol.link.zenoh_settings import MAX_MESSAGE_BYTES
 from protocol.relay.access import access_control
 from protocol.security.authority import Peer
 from protocol.security.link_security import KeyFile
@@ -53,7 +54,7 @@ class RelayOptions:
 
     listen: tuple[str, ...]
     connect: tuple[str, ...] = ()
-    max_peers: int = 1000
+    max_peers: int = RELAY_PEERS
     keys: KeyFile | None = None
     peers: tuple[Peer, ...] | None = None
 
@@ -122,7 +123,7 @@ def relay_settings(options: RelayOptions) -> Mapping[str, Any]:
         # Sequence numbers of one byte instead of up to five.
         "transport/link/tx/sequence_number_resolution": "8bit",
         "transport/link/tx/queue/size": dict.fromkeys(_PRIORITIES, QUEUED_BATCHES),
-        "transport/link/rx/max_message_size": 2 * MAX_MODEL_PACKET_BYTES,
+        "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
     }
     if options.keys is not None:
         settings["transport/link/tls"] = tls_settings(options.keys)

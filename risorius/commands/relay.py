@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from protocol.endpoint import CERTIFIED_SCHEMES, parse_endpoint, parse_remote_endpoint
+from protocol.limits import RELAY_PEERS
 from risorius.command_line.argument_types import peers
 from risorius.command_line.parser import add_command
 from risorius.command_line.progress import say
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from risorius.command_line.parser import Commands
 
 NAP_S = 0.2
-MAX_PEERS = 2000
 
 
 def add_relay(added: "Commands") -> None:
@@ -52,7 +52,7 @@ def add_relay(added: "Commands") -> None:
     parser.add_argument(
         "--max-peers",
         type=peers,
-        default=MAX_PEERS,
+        default=RELAY_PEERS,
         metavar="N",
         help="connections at a time (default: %(default)s)",
     )

@@ -157,5 +157,5 @@ def _voice(arguments: argparse.Namespace, microphone: str | None) -> str:
         return "off"
     if voice_is_installed(USUAL_VOICE):
         return USUAL_VOICE
-    warn(["there is no sound: pip install 'risorius[voice]'"])
+    warn(["there is no sound: pip install '.[voice]'"])
     return "off"
