@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.pictures.picture_codec import from_planes, to_planes
+from protocol.pictures.picture_codec import LUMA_BGR, from_planes, to_planes
 from protocol.runtime.jit import jit
 from shared_model.appearance import atlas_of
 from shared_model.mesh import PARTS
@@ -39,7 +39,7 @@ COARSE = 1.0
 SLACK_GREY = 2.0
 # No limit.
 FREE = 1e3
-BLUE, GREEN, RED = (np.float32(share) for share in (0.114, 0.587, 0.299))
+BLUE, GREEN, RED = map(np.float32, LUMA_BGR)
 
 
 class LocalColours:

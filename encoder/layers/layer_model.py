@@ -12,7 +12,7 @@ from encoder.layers.displacement import dense
 from encoder.layers.field_refinement import refined_fields
 from encoder.layers.frame_layers import FrameLayers
 from encoder.layers.layer_fitter import LayerFitter
-from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, scaled_shape
+from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, luma_at, scaled_shape
 from encoder.layers.motion_fields import field_codes, motion_fields
 from encoder.layers.person_picture import person_mask, person_picture
 from encoder.layers.scene import SceneLayer, find_scene
@@ -26,7 +26,7 @@ from protocol.pictures.layered_background import (
     LayeredBackground,
     serialise_layers,
 )
-from protocol.pictures.picture_codec import MAX_STEP_CODE, to_luma
+from protocol.pictures.picture_codec import MAX_STEP_CODE
 from shared_model.animate import Face
 from shared_model.layers.layer_motion import fields_at_mesh
 from shared_model.layers.soft_mask import opacity
@@ -160,9 +160,9 @@ def _with_person(
         face,
         samples.mesh,
         samples.size,
-        _coarse_luma(person, shape) * alpha,
+        luma_at(person, shape) * alpha,
         alpha,
-        _coarse_luma(scene.picture, shape),
+        luma_at(scene.picture, shape),
         np.zeros((0, *shape, 2), np.float32),
         np.zeros((0, *shape), np.float32),
         np.zeros((0, 2)),
@@ -203,8 +203,3 @@ def _fitted(fitter: LayerFitter, samples: LayerSamples) -> Array:
     each = zip(samples.pictures, samples.faces, samples.outlines_px, strict=True)
     rows: Sequence[Array] = [fitter.fit(*frame) for frame in each]
     return np.array(rows).reshape(len(samples.faces), -1)
-
-
-def _coarse_luma(picture: Single, shape: tuple[int, int]) -> Single:
-    small = cv2.resize(picture, shape[::-1], interpolation=cv2.INTER_AREA)
-    return to_luma(np.asarray(small, np.float32))

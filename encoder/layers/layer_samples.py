@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from encoder.capture.colour import luma_f32
 from encoder.layers.displacement import dense, pixel_grid, sample
 from encoder.runtime.image_ops import hull_mask
+from protocol.pictures.picture_codec import to_luma
 from shared_model.animate import Face
 from shared_model.geometry import Camera
 from shared_model.layers.head_motion import BackgroundMesh, make_background_mesh, warp
@@ -99,6 +100,12 @@ def shrunk(picture: Picture, longer: int) -> Picture:
 def coarse_luma(picture: Picture) -> Single:
     """(h, w) the luma of a picture at the coarse size."""
     return luma_f32(shrunk(picture, COARSE_SIDE))
+
+
+def luma_at(picture: Single, shape: tuple[int, int]) -> Single:
+    """The luma of a picture (h, w, 3) BGR, shrunk to `shape`."""
+    small = cv2.resize(picture, shape[::-1], interpolation=cv2.INTER_AREA)
+    return to_luma(np.asarray(small, np.float32))
 
 
 def typical_frame(faces: Sequence[FaceParameters]) -> int:

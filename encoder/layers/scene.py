@@ -12,12 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.capture.colour import luma_f32
 from encoder.layers.displacement import sample
-from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, shrunk
+from encoder.layers.layer_samples import LayerSamples, coarse_luma, luma_at
 from encoder.layers.robust_mean import MIN_FRAMES, robust_mean
 from encoder.layers.scene_motion import fit_scene_motion, scene_basis, scene_origins
-from protocol.pictures.picture_codec import to_luma
 from shared_model.appearance import pull_push_fill
 from shared_model.layers.scene_motion import displacement_basis
 
@@ -81,17 +79,17 @@ def scene_motion(samples: LayerSamples, still: Single) -> Array | None:
 
     still: the picture of the scene as if it did.
     """
-    lumas = [luma_f32(shrunk(picture, COARSE_SIDE)) for picture in samples.pictures]
+    lumas = [coarse_luma(picture) for picture in samples.pictures]
     shape = lumas[0].shape[0], lumas[0].shape[1]
     clear = (samples.mattes_at(shape) < CLEAR_MATTE).astype(np.float32)
-    at_rest = _coarse(still, shape)
+    at_rest = luma_at(still, shape)
     # The mean of moving pictures is blurred.
     first = clear[samples.canonical]
     scene = first * lumas[samples.canonical] + (1 - first) * at_rest
     motion = _fitted(scene, lumas, clear)
-    motion = _fitted(_coarse(scene_picture(samples, motion), shape), lumas, clear)
+    motion = _fitted(luma_at(scene_picture(samples, motion), shape), lumas, clear)
     motion -= motion[samples.canonical]
-    scene, basis = _coarse(scene_picture(samples, motion), shape), scene_basis(shape)
+    scene, basis = luma_at(scene_picture(samples, motion), shape), scene_basis(shape)
     moved = [sample(scene, scene_origins(basis, own)) for own in motion]
     left, before = (
         sum(
@@ -106,11 +104,6 @@ def scene_motion(samples: LayerSamples, still: Single) -> Array | None:
 def _fitted(scene: Single, lumas: Iterable[Single], weights: Iterable[Single]) -> Array:
     each = zip(lumas, weights, strict=True)
     return np.array([fit_scene_motion(scene, luma, weight) for luma, weight in each])
-
-
-def _coarse(picture: Single, shape: tuple[int, int]) -> Single:
-    small = cv2.resize(picture, shape[::-1], interpolation=cv2.INTER_AREA)
-    return to_luma(np.asarray(small, np.float32))
 
 
 def _moved_back(image: NDArray[Any], motion: Array) -> NDArray[Any]:

@@ -37,12 +37,12 @@ LUMA_OFFSET = 128.0
 STEPS_PER_OCTAVE = 8
 MAX_STEP_CODE = 80
 # Of blue, green and red.
-_LUMA = (0.114, 0.587, 0.299)
+LUMA_BGR = (0.114, 0.587, 0.299)
 
 
 def to_luma(colours: NDArray[np.floating]) -> Single:
     """Luma (...,) of BGR colours (..., 3)."""
-    return np.asarray(colours @ np.array(_LUMA, np.float32), np.float32)
+    return np.asarray(colours @ np.array(LUMA_BGR, np.float32), np.float32)
 
 
 def to_planes(colours: NDArray[np.floating], chroma_weight: float = MODE_CHROMA_WEIGHT) -> Single:
@@ -56,7 +56,7 @@ def from_planes(planes: NDArray[np.floating], chroma_weight: float = MODE_CHROMA
     """The inverse of `to_planes`."""
     y = planes[..., 0]
     blue, red = y + planes[..., 1] / chroma_weight, y + planes[..., 2] / chroma_weight
-    green = (y - _LUMA[0] * blue - _LUMA[2] * red) / _LUMA[1]
+    green = (y - LUMA_BGR[0] * blue - LUMA_BGR[2] * red) / LUMA_BGR[1]
     return np.asarray(np.stack([blue, green, red], -1), np.float32)
 
 
