@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from protocol.entropy.adaptive_models import AdaptiveIntegers
 from protocol.entropy.range_coder import BitCoder, RangeDecoder, RangeEncoder
-from protocol.entropy.varint import decode_varint, encode_varint
+from protocol.entropy.varint import FieldReader, encode_varint
 from protocol.errors import ProtocolError
 from protocol.limits import MAX_IMAGE_BYTES
 from protocol.pictures.foreground_mask import (
@@ -128,21 +128,21 @@ def parse_layers(data: bytes, width: int, height: int) -> LayeredBackground:
 
     Raises `ProtocolError` if the bytes are damaged; the pictures are not looked at.
     """
-    reader = _Reader(data)
-    flags = reader.byte("flags") if data[:1] == FLAGGED_TAG else 0
+    reader = FieldReader(data[len(TAG) :])
+    flags = _byte(reader, "flags") if data[:1] == FLAGGED_TAG else 0
     if flags > (_SCENE_MOVES | _FINE_MASK) or (not flags and data[:1] == FLAGGED_TAG):
         raise ProtocolError(f"background: flags are {flags}, expected 1 to 3")
     side = FINE_MASK_SIDE if flags & _FINE_MASK else MASK_SIDE
-    mask = decode_mask(reader.part("mask", MAX_MASK_BYTES), side)
-    person = reader.part("person", MAX_IMAGE_BYTES)
-    coded = reader.part("motion fields", MAX_FIELD_BYTES)
+    mask = decode_mask(_part(reader, "mask", MAX_MASK_BYTES), side)
+    person = _part(reader, "person", MAX_IMAGE_BYTES)
+    coded = _part(reader, "motion fields", MAX_FIELD_BYTES)
     if not coded or coded[0] > MAX_FIELDS:
         raise ProtocolError(f"background: no 0 to {MAX_FIELDS} motion fields")
     fields = decode_fields(coded[1:], (coded[0], *field_shape(width, height), 2))
-    count = reader.byte("number of changes")
+    count = _byte(reader, "number of changes")
     if count > MAX_CHANGES:
         raise ProtocolError(f"background: {count} changes, limit {MAX_CHANGES}")
-    changes = tuple(reader.part("change", MAX_IMAGE_BYTES) for _ in range(count))
+    changes = tuple(_part(reader, "change", MAX_IMAGE_BYTES) for _ in range(count))
     scene_moves = bool(flags & _SCENE_MOVES)
     return LayeredBackground(mask, person, reader.rest, fields, changes, scene_moves)
 
@@ -187,7 +187,7 @@ def _code_fields(coder: BitCoder, fields: Codes) -> Codes:
                 above_left, above, left = (
                     int(plane[at]) for at in ((i, j), (i, j + 1), (i + 1, j))
                 )
-                prediction = left + above - above_left if i and j else left + above
+                prediction = left + above - above_left
                 context = min(_CONTEXTS - 1, abs(above - above_left) + abs(left - above_left))
                 value = prediction + integers.code(
                     coder, context, int(field[i, j, axis]) - prediction
@@ -198,29 +198,18 @@ def _code_fields(coder: BitCoder, fields: Codes) -> Codes:
     return known[..., 1:, 1:].transpose(0, 2, 3, 1)
 
 
-class _Reader:
-    """Reads the parts of a layered background, one after the other."""
+def _byte(reader: FieldReader, name: str) -> int:
+    if not reader.rest:
+        raise ProtocolError(f"background ends before its {name}")
+    return reader.byte()
 
-    def __init__(self, data: bytes) -> None:
-        self._data, self._next = data, len(TAG)
 
-    @property
-    def rest(self) -> bytes:
-        return self._data[self._next :]
-
-    def byte(self, name: str) -> int:
-        if self._next >= len(self._data):
-            raise ProtocolError(f"background ends before its {name}")
-        self._next += 1
-        return self._data[self._next - 1]
-
-    def part(self, name: str, limit: int) -> bytes:
-        try:
-            length, size = decode_varint(self.rest)
-        except ValueError as error:
-            raise ProtocolError(f"background: {name}: {error}") from error
-        start = self._next + size
-        if length > min(limit, len(self._data) - start):
-            raise ProtocolError(f"background: {name} of {length} bytes, limit {limit}")
-        self._next = start + length
-        return self._data[start : self._next]
+def _part(reader: FieldReader, name: str, limit: int) -> bytes:
+    """The next part, which follows after its length."""
+    try:
+        length = reader.varint()
+    except ValueError as error:
+        raise ProtocolError(f"background: {name}: {error}") from error
+    if length > min(limit, len(reader.rest)):
+        raise ProtocolError(f"background: {name} of {length} bytes, limit {limit}")
+    return reader.take(length)
