@@ -20,6 +20,7 @@ from protocol.endpoint import (
 )
 from protocol.errors import ProtocolError
 from protocol.limits import CALL_NAME, CALL_NAME_RULE
+from protocol.link.endpoints import check_listening
 from protocol.security.invitation import Invitation, parse_invitation, random_key
 from protocol.security.link_security import KeyFile, LinkSecurity
 from risorius.command_line.local_network import find_call
@@ -112,6 +113,15 @@ def check_place(arguments: argparse.Namespace, file: str, is_file: bool) -> None
         raise UserError(
             f"where is the call? give {file}, --connect, --listen or --invite; see --help"
         )
+
+
+def check_ports(arguments: argparse.Namespace) -> None:
+    """Raise `UserError` with exit code 4 where this end cannot listen, or its page be served."""
+    check_listening(arguments.listen or ())
+    if arguments.view:
+        from risorius.call_page.access import check_port
+
+        check_port(arguments.port)
 
 
 def link_request(arguments: argparse.Namespace) -> LinkRequest:

@@ -9,13 +9,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from protocol.link.endpoints import check_listening
 from protocol.link.interface import CONNECT_TIMEOUT_S
 from risorius.command_line.call_link import (
     NO_LINK,
     CallLink,
     add_link,
     check_place,
+    check_ports,
     link_request,
     read_link,
 )
@@ -131,11 +131,7 @@ def _check_arguments(arguments: argparse.Namespace) -> None:
         from decoder.sinks.frame_sink import check_sink
 
         check_sink(arguments.output)
-    check_listening(arguments.listen or ())
-    if arguments.view:
-        from risorius.call_page.access import check_port
-
-        check_port(arguments.port)
+    check_ports(arguments)
     if arguments.source and arguments.output == STANDARD:
         raise UserError("--source does not go with -o -; leave out -o, or name a file")
 

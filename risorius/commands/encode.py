@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from protocol.link.endpoints import check_listening
 from risorius.command_line.call_link import (
     NO_LINK,
     CallLink,
     add_link,
     check_place,
+    check_ports,
     link_request,
     read_link,
 )
@@ -81,11 +81,7 @@ def run_encode(arguments: argparse.Namespace) -> int:
     profile = profile_of(arguments)
     if arguments.output is not None:
         reject(arguments, ENCODE_LINK_OPTIONS, "-o")
-    check_listening(arguments.listen or ())
-    if arguments.view:
-        from risorius.call_page.access import check_port
-
-        check_port(arguments.port)
+    check_ports(arguments)
     from loopback.report import write_json
     from protocol.link.interface import Reachability
 
