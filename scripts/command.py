@@ -8,6 +8,9 @@ from risorius.cli import print_error
 from risorius.command_line.parser import BAD_USAGE
 from shared_model.errors import UserError
 
+# Runs a command of the product as a process of its own.
+PROGRAM = (sys.executable, "-m", "risorius")
+
 
 def warn(message: str) -> None:
     """Print a warning of the encoder to standard error."""

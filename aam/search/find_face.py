@@ -18,9 +18,9 @@ Picture = NDArray[np.uint8]
 
 # Bound of the parameters that a level takes over from the one before it, standard deviations.
 HANDED_LIMIT = 2.0
-# Starts about the eyes that a detector found: shift downwards in terms of their distance, scale.
 # Share explained of a face, in terms of the mean over the training set.
 LEAST_EXPLAINED = 0.5
+# Starts about the eyes that a detector found: shift downwards in terms of their distance, scale.
 STARTS = ((0.0, 1.0), (0.12, 1.0), (-0.12, 1.0), (0.0, 0.88), (0.0, 1.13))
 
 

@@ -27,7 +27,6 @@ import argparse
 import asyncio
 import json
 import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -41,10 +40,9 @@ from numpy.typing import NDArray
 from loopback.browser import Browser, find_browser
 from loopback.process_pair import free_port
 from scripts.call_delay.clip import SECONDS, is_open, write_clip, write_empty_clip
-from scripts.command import run
+from scripts.command import PROGRAM, run
 from shared_model.errors import UserError
 
-PROGRAM = (sys.executable, "-c", "from risorius.cli import main; exit(main())")
 # How long the two ends may take until they see each other, and how long the face then settles.
 START_S, SETTLE_S = 180.0, 12.0
 STEP_S, COARSE_S = 0.005, 0.05

@@ -21,6 +21,7 @@ from aam.annotation.model_landmarks import ModelLandmarks
 from aam.model_file import read_model
 from encoder.capture.video_source import open_source
 from encoder.detection.viola_jones import HaarDetector
+from scripts.command import run
 
 Picture = NDArray[np.uint8]
 Colour = tuple[int, int, int]
@@ -101,7 +102,7 @@ def _colour(random: np.random.Generator) -> Colour:
 KINDS = (_noise, _gradient, _stripes, _checks, _polygons, _letters, _discs)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str]) -> None:
     """Print how many pictures show a face to each detector."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--model", type=Path)
@@ -123,8 +124,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             pictures = [frame for _, frame in islice(capture, parsed.first, None)]
     for name, finds in finders.items():
         print(f"{name}: {sum(map(finds, pictures))} of {len(pictures)}")
-    return 0
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    run(main)

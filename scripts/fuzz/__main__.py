@@ -14,6 +14,7 @@ import resource
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from decoder.reception.call_playout import CallPlayout
@@ -102,8 +103,8 @@ def fuzz(call: Path, tries: int, seed: int) -> dict[str, Found]:
     readers: dict[str, tuple[Sequence[bytes], Callable[[bytes], object]]] = {
         "packet parser": (packets, parse_packet),
         "message parser": (messages, parse_message),
-        "decoder's end of a link": (link, _ReceivingEnd()),
-        "encoder's end of a link": (link, _SendingEnd(packets)),
+        "decoder's end of a link": (link, _LinkEnd(_receiving_end)),
+        "encoder's end of a link": (link, _LinkEnd(partial(_sending_end, packets))),
         "play-out": (packets, lambda data: _play(serialise(model), data)),
         "call file": ([call.read_bytes()], _read_file),
         "texture of a model": ([model.texture], lambda data: _draw(model, texture=data)),
@@ -158,53 +159,43 @@ def _messages(packets: Sequence[bytes]) -> list[bytes]:
     return [serialise_message(each) for each in [*others, *others, *pieces]]
 
 
-class _ReceivingEnd:
-    """A decoder's end of a link that has met its encoder, again and again a new one."""
+class _LinkEnd:
+    """An end of a link that has met the other one, again and again a new one.
 
-    def __init__(self) -> None:
-        self._count, self._now_s = 0, 0.0
-        self._end = self._made()
+    make: the end at a time, seconds.
+    """
 
-    def _made(self) -> DeliveryReceiver:
-        end = DeliveryReceiver(DECODER, lambda session: None)
-        end.receive(serialise_message(Hello(Role.ENCODER, ENCODER, DECODER)), self._now_s)
-        return end
+    def __init__(self, make: Callable[[float], DeliveryReceiver | DeliverySender]) -> None:
+        self._make, self._count, self._now_s = make, 0, 0.0
+        self._end = make(self._now_s)
 
     def __call__(self, data: bytes) -> None:
         self._count += 1
         self._now_s += 0.05
         if self._count % PAYLOADS == 0:
-            self._end = self._made()
+            self._end = self._make(self._now_s)
         try:
             self._end.receive(data, self._now_s)
         finally:
-            self._end.due(self._now_s)
+            if isinstance(self._end, DeliveryReceiver):
+                self._end.due(self._now_s)
             self._end.payloads(self._now_s)
 
 
-class _SendingEnd:
-    """An encoder's end of a link that sends a call to a decoder, again and again a new one."""
+def _receiving_end(now_s: float) -> DeliveryReceiver:
+    """A decoder's end."""
+    end = DeliveryReceiver(DECODER, lambda session: None)
+    end.receive(serialise_message(Hello(Role.ENCODER, ENCODER, DECODER)), now_s)
+    return end
 
-    def __init__(self, packets: Sequence[bytes]) -> None:
-        self._packets, self._count, self._now_s = packets, 0, 0.0
-        self._end = self._made()
 
-    def _made(self) -> DeliverySender:
-        end = DeliverySender(ENCODER, False, lambda session: None)
-        end.receive(serialise_message(Hello(Role.DECODER, DECODER, ENCODER)), self._now_s)
-        for packet in self._packets:
-            end.send(packet)
-        return end
-
-    def __call__(self, data: bytes) -> None:
-        self._count += 1
-        self._now_s += 0.05
-        if self._count % PAYLOADS == 0:
-            self._end = self._made()
-        try:
-            self._end.receive(data, self._now_s)
-        finally:
-            self._end.payloads(self._now_s)
+def _sending_end(packets: Sequence[bytes], now_s: float) -> DeliverySender:
+    """An encoder's end that sends a call."""
+    end = DeliverySender(ENCODER, False, lambda session: None)
+    end.receive(serialise_message(Hello(Role.DECODER, DECODER, ENCODER)), now_s)
+    for packet in packets:
+        end.send(packet)
+    return end
 
 
 def _play(model: bytes, data: bytes) -> None:

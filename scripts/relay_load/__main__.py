@@ -24,11 +24,10 @@ from itertools import product
 from pathlib import Path
 
 from loopback.process_pair import free_port
-from scripts.command import run
+from scripts.command import PROGRAM, run
 from scripts.relay_load.ends import PACKETS_PER_S
 from shared_model.errors import UserError
 
-PROGRAM = (sys.executable, "-c", "from risorius.cli import main; exit(main())")
 # How long packets that are still on their way are waited for.
 GRACE_S = 1.0
 

@@ -34,7 +34,7 @@ from loopback.bad_wire import BadWire, end
 from loopback.network_namespace import obstacle
 from loopback.report import Cell, table, write_json
 from loopback.simulated_link import sent_packets
-from scripts.command import run
+from scripts.command import PROGRAM, run
 from scripts.loss_table import FacePsnr, Played
 from scripts.reliability.clips import long_enough
 from scripts.reliability.figures import (
@@ -53,7 +53,6 @@ from shared_model.errors import UserError
 ADDRESSES, PORT = ("10.77.0.1", "10.77.0.2", "10.77.0.3"), 7447
 NEW_ADDRESS = "10.77.0.9"
 ENDS = (sys.executable, "-m", "scripts.reliability.ends")
-RISORIUS = (sys.executable, "-c", "from risorius.cli import main; exit(main())")
 # What an encoder measures of a thin link, as a share of its rate; bits and packets a second.
 MEASURED_SHARE, FRAMES_BPS, PACKETS_PER_S = 0.85, 800, 3.4
 PICTURES_S = 20.0
@@ -162,7 +161,7 @@ def _call_of(clip: Path, folder: Path, row: Row) -> Path:
     call = folder / f"{clip.stem}{f'-{rate_bps:.0f}' if rate_bps else ''}.rzo"
     if not call.exists():
         startup = ["--startup-bitrate", f"{rate_bps:.0f}"] if rate_bps else []
-        command = [*RISORIUS, "encode", str(clip), "-o", str(call), "--voice", "off", "-q"]
+        command = [*PROGRAM, "encode", str(clip), "-o", str(call), "--voice", "off", "-q"]
         subprocess.run([*command, *startup], check=True)
     return call
 
@@ -200,7 +199,7 @@ class _Hosts:
         row = self._row
         place = row.endpoint.format(f"{ADDRESSES[RELAY if row.relay else DECODER]}:{PORT}")
         if host == RELAY:
-            return [*RISORIUS, "relay", "--listen", place]
+            return [*PROGRAM, "relay", "--listen", place]
         role = "send" if host == ENCODER else "receive"
         how = "connect" if host == ENCODER or row.relay else "listen"
         call = [str(self._call)] if host == ENCODER else []
