@@ -11,6 +11,7 @@ from encoder.layers.changes import learn_changes
 from encoder.layers.displacement import dense
 from encoder.layers.field_refinement import refined_fields
 from encoder.layers.frame_layers import FrameLayers
+from encoder.layers.headwear import with_headwear
 from encoder.layers.layer_fitter import LayerFitter
 from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, luma_at, scaled_shape
 from encoder.layers.motion_fields import field_codes, motion_fields
@@ -102,8 +103,9 @@ class LayerModel:
 
 def learn_layers(face: Face, samples: LayerSamples) -> LayerModel:
     """The layers of a person, from a sample of their frames."""
-    full, samples = samples, samples.shrunk(DRAFT_SIDE)
-    scene, fields = find_scene(full), motion_fields(samples)
+    full, scene = _told_apart(samples)
+    samples = full.shrunk(DRAFT_SIDE)
+    fields = motion_fields(samples)
     coefficients = np.zeros((len(samples.faces), len(fields)))
     for _ in range(PASSES):
         fitter, _, _ = _with_person(face, samples, scene, fields, coefficients)
@@ -125,6 +127,13 @@ def learn_layers(face: Face, samples: LayerSamples) -> LayerModel:
     return LayerModel(
         scene.picture, person, mask, fields, changes.data, fitter, coefficients, distortion
     )
+
+
+def _told_apart(samples: LayerSamples) -> tuple[LayerSamples, SceneLayer]:
+    """The sample with headwear in its mattes, and its scene."""
+    scene = find_scene(samples)
+    more = with_headwear(samples, scene)
+    return (samples, scene) if more is samples else (more, find_scene(more))
 
 
 def _distortion(fitter: LayerFitter, samples: LayerSamples, coefficients: Array) -> Array:

@@ -28,8 +28,8 @@ REACH_CELLS = 8
 # The mean difference of squared errors, squared grey levels, that outweighs the network where it is
 # sure; a pixel's squared error counts at most so much.
 TRUST_GREY2, MAX_GREY2 = 60.0, 900.0
-# Standard deviation of the kernel that smooths the errors, cells; smaller holes are filled.
-SIGMA_CELLS, MIN_HOLE_CELLS = 1.2, 12
+# Standard deviation of the kernel that smooths the errors, cells; holes of so many are filled.
+SIGMA_CELLS, MAX_HOLE_CELLS = 1.2, 11
 # Matte below which a pixel of an aligned frame does not show the person.
 MIN_MATTE = 0.6
 # The least weight of a pixel in the mask.
@@ -48,12 +48,12 @@ def person_mask(samples: LayerSamples, motions: Sequence[Array], scene: SceneLay
     shape = FINE_MASK_SIDE, FINE_MASK_SIDE
     share = np.median(aligned(samples.mattes_at(shape), samples, motions), 0)
     likely = share > PERSON_SHARE
-    errors = _explained(samples, motions, scene)
-    smooth = cv2.GaussianBlur(errors, (0, 0), SIGMA_CELLS)
+    of_scene, of_person = layer_errors(samples, motions, scene)
+    smooth = of_scene - of_person
     kernel = np.ones((2 * REACH_CELLS + 1,) * 2, np.uint8)
     near = cv2.dilate(likely.astype(np.uint8), kernel) > cv2.erode(likely.astype(np.uint8), kernel)
     score = smooth / TRUST_GREY2 + 2 * share - 1
-    return _whole(np.where(near, score > 0, likely))
+    return whole(np.where(near, score > 0, likely))
 
 
 def person_picture(samples: LayerSamples, motions: Sequence[Array], mask: Mask) -> Single:
@@ -89,20 +89,28 @@ def covered_region(samples: LayerSamples, shape: tuple[int, int]) -> NDArray[np.
     return np.asarray(cv2.erode(inside, np.ones((2 * reach + 1,) * 2, np.uint8)) > 0)
 
 
-def _explained(samples: LayerSamples, motions: Sequence[Array], scene: SceneLayer) -> Single:
-    """(n, n) mean squared error of the scene less that of the person, squared grey levels."""
+def layer_errors(
+    samples: LayerSamples, motions: Sequence[Array], scene: SceneLayer
+) -> tuple[Single, Single]:
+    """(n, n) mean squared errors of the scene and of the person, smoothed, squared grey levels.
+
+    n: FINE_MASK_SIDE, in the canonical picture.  motions: see `aligned`.
+    """
     shape = FINE_MASK_SIDE, FINE_MASK_SIDE
     small = np.array([_resized(picture) for picture in samples.pictures])
     frames = aligned(small, samples, motions)
     person = robust_mean(frames, np.ones(frames.shape[:3], np.float32))
-    behind, total = _resized(scene.picture), np.zeros(shape, np.float32)
+    behind, total = _resized(scene.picture), np.zeros((2, *shape), np.float32)
     for number, (frame, motion) in enumerate(zip(frames, motions, strict=True)):
         at = pixel_grid(shape) + dense(motion, samples.size, shape)
         seen = sample(behind, scene.origins(number, at, samples.size))
-        squares = (((frame - each) ** 2).mean(-1) for each in (seen, person))
-        of_scene, of_person = (np.minimum(each, MAX_GREY2) for each in squares)
-        total += of_scene - of_person
-    return np.asarray(total / len(frames), np.float32)
+        for layer, drawn in enumerate((seen, person)):
+            total[layer] += np.minimum(((frame - drawn) ** 2).mean(-1), MAX_GREY2)
+    of_scene, of_person = (
+        np.asarray(cv2.GaussianBlur(each / len(frames), (0, 0), SIGMA_CELLS), np.float32)
+        for each in total
+    )
+    return of_scene, of_person
 
 
 def _resized(picture: NDArray[np.generic]) -> Single:
@@ -112,12 +120,12 @@ def _resized(picture: NDArray[np.generic]) -> Single:
     return np.asarray(small, np.float32)
 
 
-def _whole(mask: Mask) -> Mask:
-    """The largest part of a mask, small holes filled."""
+def whole(mask: Mask, max_hole_cells: int = MAX_HOLE_CELLS) -> Mask:
+    """The largest part of a mask, holes of up to `max_hole_cells` filled."""
     if not mask.any():
         return mask
     _, parts = cv2.connectedComponents(mask.astype(np.uint8))
     person = parts == np.bincount(parts[mask]).argmax()
     _, holes = cv2.connectedComponents((~person).astype(np.uint8))
-    small = np.flatnonzero(np.bincount(holes.ravel()) < MIN_HOLE_CELLS)
+    small = np.flatnonzero(np.bincount(holes.ravel()) <= max_hole_cells)
     return np.asarray(person | np.isin(holes, small))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from decoder.background_layers import load_background
 from decoder.layer_motion import NO_CHANGE, LayerMotion
 from encoder.layers.displacement import dense, origins, pixel_grid, sample
+from encoder.layers.headwear import with_headwear
 from encoder.layers.layer_model import LayerModel, learn_layers
 from encoder.layers.layer_samples import LayerSamples, motion_with_head, scaled_shape, typical_frame
 from encoder.layers.person_picture import person_mask
@@ -245,3 +246,24 @@ def test_a_mask_that_is_too_narrow_is_widened_to_what_moves_with_the_person() ->
         mask = person_mask(eroded, motions, find_scene(given))
         wrong.append((mask != true)[shape[0] * 7 // 10 : -8, 8:-8].mean())
     assert max(wrong) < 0.02
+
+
+@pytest.mark.parametrize("worn", [True, False])
+def test_what_moves_with_the_head_and_adjoins_it_is_the_persons(worn: bool) -> None:
+    given, frames = samples(0 * LIGHT), []
+    for sway in 3 * SWAY_PX:
+        picture, matte = picture_of(REST, sway)
+        hat = np.zeros((120, 160))
+        left = 68 + round(sway) * worn
+        hat[10:54, left : left + 24] = 1
+        frames.append((np.where(hat[..., None] > 0, 60, picture), matte, hat))
+    pictures, mattes, hats = map(np.array, zip(*frames, strict=True))
+    mattes[:, :54], size = 0, (128, 128)
+    mattes, hats = (
+        np.array([cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in images])
+        for images in (mattes, hats)
+    )
+    motion = np.array([np.full_like(given.motion[0], [3 * sway, 0]) for sway in SWAY_PX])
+    given = replace(given, pictures=pictures.astype(np.uint8), mattes=mattes, motion=motion)
+    more = with_headwear(given, find_scene(given)).mattes - given.mattes
+    assert np.abs(more - hats * worn)[:, :54].mean() < 0.02
