@@ -11,11 +11,10 @@ from encoder.layers.changes import learn_changes
 from encoder.layers.displacement import dense
 from encoder.layers.field_refinement import refined_fields
 from encoder.layers.frame_layers import FrameLayers
-from encoder.layers.headwear import with_headwear
 from encoder.layers.layer_fitter import LayerFitter
 from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, luma_at, scaled_shape
 from encoder.layers.motion_fields import field_codes, motion_fields
-from encoder.layers.person_picture import person_mask, person_picture
+from encoder.layers.person_picture import person_mask, person_picture, with_headwear
 from encoder.layers.scene import SceneLayer, find_scene
 from encoder.picture_coding.picture_encoder import EncodedPicture, encode_picture
 from encoder.picture_coding.quantiser_search import STEPS_PER_HALVING, finest_quantiser_within

@@ -1,17 +1,19 @@
 """The picture of the person and their mask, from all frames, moved to the canonical one.
 
 The segmentation network tells the mask roughly.  Near its outline a cell belongs to the layer that
-explains the frames better.  What the face covers is filled in smoothly: the decoder draws the face
-over it.
+explains the frames better.  A hat that the network takes for the scene is the person's if it
+adjoins them and the motion of the head explains it much better.  What the face covers is filled in
+smoothly: the decoder draws the face over it.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.layers.displacement import dense, pixel_grid, sample
+from encoder.layers.displacement import dense, origins, pixel_grid, sample
 from encoder.layers.layer_samples import LayerSamples, aligned, face_region
 from encoder.layers.robust_mean import MIN_FRAMES, robust_mean
 from encoder.layers.scene import SceneLayer
@@ -38,6 +40,34 @@ MIN_WEIGHT = 0.3
 EDGE_CELLS = 4
 # The face is filled in up to this share of its width from its outline.
 FACE_MARGIN = 0.1
+# The greatest error of the person, of that of the scene, at which a cell moves with the head.
+HEADWEAR_ERROR_RATIO = 0.5
+# The least number of cells farther from the network's person than their outline is refined.
+HEADWEAR_FAR_CELLS = 100
+# Thinner parts are edges of the scene, cells; smaller holes in what adjoins the person are filled.
+HEADWEAR_WIDTH_CELLS, HEADWEAR_HOLE_CELLS = 5, 150
+
+
+def with_headwear(samples: LayerSamples, scene: SceneLayer) -> LayerSamples:
+    """The sample with what moves with the head in its mattes; the same sample if that is nothing.
+
+    scene: of the sample.
+    """
+    shape = FINE_MASK_SIDE, FINE_MASK_SIDE
+    motions = list(samples.motion)
+    share = np.median(aligned(samples.mattes_at(shape), samples, motions), 0)
+    person = np.asarray(share > PERSON_SHARE)
+    found = _headwear(person, *_layer_errors(samples, motions, scene))
+    if not found.any():
+        return samples
+    side = samples.mattes.shape[1], samples.mattes.shape[2]
+    resized = cv2.resize(found.astype(np.float32), side[::-1], interpolation=cv2.INTER_AREA)
+    small = np.asarray(resized, np.float32)
+    mattes = [
+        np.maximum(matte, sample(small, origins(dense(motion, samples.size, side))))
+        for matte, motion in zip(samples.mattes, motions, strict=True)
+    ]
+    return replace(samples, mattes=np.array(mattes))
 
 
 def person_mask(samples: LayerSamples, motions: Sequence[Array], scene: SceneLayer) -> Mask:
@@ -48,12 +78,12 @@ def person_mask(samples: LayerSamples, motions: Sequence[Array], scene: SceneLay
     shape = FINE_MASK_SIDE, FINE_MASK_SIDE
     share = np.median(aligned(samples.mattes_at(shape), samples, motions), 0)
     likely = share > PERSON_SHARE
-    of_scene, of_person = layer_errors(samples, motions, scene)
+    of_scene, of_person = _layer_errors(samples, motions, scene)
     smooth = of_scene - of_person
     kernel = np.ones((2 * REACH_CELLS + 1,) * 2, np.uint8)
     near = cv2.dilate(likely.astype(np.uint8), kernel) > cv2.erode(likely.astype(np.uint8), kernel)
     score = smooth / TRUST_GREY2 + 2 * share - 1
-    return whole(np.where(near, score > 0, likely))
+    return _whole(np.where(near, score > 0, likely))
 
 
 def person_picture(samples: LayerSamples, motions: Sequence[Array], mask: Mask) -> Single:
@@ -89,7 +119,22 @@ def covered_region(samples: LayerSamples, shape: tuple[int, int]) -> NDArray[np.
     return np.asarray(cv2.erode(inside, np.ones((2 * reach + 1,) * 2, np.uint8)) > 0)
 
 
-def layer_errors(
+def _headwear(person: Mask, of_scene: Single, of_person: Single) -> Mask:
+    """(n, n) what belongs to a person (n, n), but is not in it.
+
+    of_scene, of_person: see `_layer_errors`.
+    """
+    moving = (of_scene - of_person > TRUST_GREY2) & (of_person < HEADWEAR_ERROR_RATIO * of_scene)
+    thin = np.ones((HEADWEAR_WIDTH_CELLS,) * 2, np.uint8)
+    wide = cv2.morphologyEx((moving | person).astype(np.uint8), cv2.MORPH_OPEN, thin) > 0
+    more = _whole(np.asarray(wide | person), HEADWEAR_HOLE_CELLS) & ~person
+    near = cv2.dilate(person.astype(np.uint8), np.ones((2 * REACH_CELLS + 1,) * 2, np.uint8)) > 0
+    _, parts = cv2.connectedComponents(more.astype(np.uint8))
+    far_cells = np.bincount(parts[more & ~near], minlength=parts.max() + 1)
+    return np.isin(parts, np.flatnonzero(far_cells >= HEADWEAR_FAR_CELLS)) & more
+
+
+def _layer_errors(
     samples: LayerSamples, motions: Sequence[Array], scene: SceneLayer
 ) -> tuple[Single, Single]:
     """(n, n) mean squared errors of the scene and of the person, smoothed, squared grey levels.
@@ -120,7 +165,7 @@ def _resized(picture: NDArray[np.generic]) -> Single:
     return np.asarray(small, np.float32)
 
 
-def whole(mask: Mask, max_hole_cells: int = MAX_HOLE_CELLS) -> Mask:
+def _whole(mask: Mask, max_hole_cells: int = MAX_HOLE_CELLS) -> Mask:
     """The largest part of a mask, holes of up to `max_hole_cells` filled."""
     if not mask.any():
         return mask

@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from decoder.background_layers import load_background
 from decoder.layer_motion import NO_CHANGE, LayerMotion
 from encoder.layers.displacement import dense, origins, pixel_grid, sample
-from encoder.layers.headwear import with_headwear
 from encoder.layers.layer_model import LayerModel, learn_layers
 from encoder.layers.layer_samples import LayerSamples, motion_with_head, scaled_shape, typical_frame
-from encoder.layers.person_picture import person_mask
+from encoder.layers.person_picture import person_mask, with_headwear
 from encoder.layers.robust_mean import robust_mean
 from encoder.layers.scene import find_scene, scene_motion, scene_picture
 from protocol.pictures.foreground_mask import FINE_MASK_SIDE
