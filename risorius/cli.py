@@ -15,18 +15,17 @@ from typing import NoReturn
 from risorius.command_line.parser import BAD_USAGE, EXIT_CODES, INTERRUPTED, Parser
 from risorius.commands.annotate import add_annotate
 from risorius.commands.benchmarks import add_bench, add_replay
+from risorius.commands.call import add_call
 from risorius.commands.calls import add_calls
-from risorius.commands.compile import add_compile
 from risorius.commands.decode import add_decode
-from risorius.commands.demo import add_demo
 from risorius.commands.drawing import add_animate, add_view
 from risorius.commands.encode import add_encode
+from risorius.commands.first_steps import add_compile, add_demo
 from risorius.commands.info import add_info
 from risorius.commands.keys import add_invite, add_keys
 from risorius.commands.relay import add_relay
 from risorius.commands.track import add_track
 from risorius.commands.train import add_train
-from risorius.live_call.command import add_call
 from shared_model.errors import UserError
 
 BROKEN_PIPE = 141

@@ -7,7 +7,7 @@ from threading import Lock
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.sound.sound_file import MAX_TIMING_ERROR_S, placed
+from encoder.sound.drift_compensator import DriftCompensator
 from encoder.sound.speech_coder import SpeechCoder
 from encoder.sound.speech_encoder import open_speech_encoder
 from protocol.voice.voice_block import SPEECH_FRAMES_PER_SECOND
@@ -26,8 +26,8 @@ class LiveSpeech:
     """The speech of a microphone: a `SpeechSource`.
 
     start_s: tells when source frame 0 was taken; None: not yet.  Sound from before is left out.
-    Sound is put where its time says as soon as it is further away than some milliseconds, so the
-    clock of the sound may run faster or slower.
+    The clock of the sound may run faster or slower than that of `start_s`: the sound is stretched
+    or shrunk, and put where its time says if it is further away, see `DriftCompensator`.
     Raises `UserError` if the codec is not installed.
     """
 
@@ -38,7 +38,7 @@ class LiveSpeech:
         self._frame_samples = self.rate_hz // SPEECH_FRAMES_PER_SECOND
         self._start_s = start_s
         self._lock, self._pieces = Lock(), deque[tuple[float, Samples]](maxlen=MAX_PIECES)
-        self._position = 0  # samples from source frame 0 on that have been given to the codec
+        self._clock = DriftCompensator(self.rate_hz)
         self._coded = deque[bytes | None]()
         self._count = 0  # frames taken
 
@@ -53,11 +53,8 @@ class LiveSpeech:
         if start_s is None:
             return []
         for time_s, samples in self._waiting():
-            late = round((time_s - start_s) * self.rate_hz) - self._position
-            self._code(placed(samples, late, MAX_TIMING_ERROR_S * self.rate_hz))
-        missing = (end - MAX_LATE_FRAMES) * self._frame_samples - self._position
-        if missing > 0:
-            self._code(np.zeros(missing, np.int16))
+            self._code(self._clock.put(samples, (time_s - start_s) * self.rate_hz))
+        self._code(self._clock.fill((end - MAX_LATE_FRAMES) * self._frame_samples))
         taken = [self._coded.popleft() for _ in range(min(end - self._count, len(self._coded)))]
         self._count += len(taken)
         return taken
@@ -69,5 +66,4 @@ class LiveSpeech:
         return pieces
 
     def _code(self, samples: Samples) -> None:
-        self._position += len(samples)
         self._coded.extend(self._coder.push(samples))

@@ -53,7 +53,7 @@ class LinkEnd:
             raise
 
     def close(self) -> None:
-        """Deliver what was sent and leave; closing twice has no further effect."""
+        """Leave; closing twice has no further effect."""
         self._leave()
 
     def __enter__(self) -> Self:

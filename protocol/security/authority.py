@@ -9,7 +9,7 @@ A peer gets one file: the authority's certificate, its own, and its private key,
 
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
@@ -86,10 +86,17 @@ def create_authority(folder: Path, hosts: Sequence[str], now: datetime) -> None:
 
 
 def invite_peer(
-    folder: Path, name: str, call: str, role: Role, now: datetime, days: int = PEER_DAYS
+    folder: Path,
+    name: str,
+    call: str,
+    role: Role,
+    now: datetime,
+    days: int = PEER_DAYS,
+    save: Callable[[bytes], None] = lambda keys: None,
 ) -> bytes:
     """The key file of a new peer, which is valid for `days`.
 
+    save: called with it before the peer is recorded; if it raises, nobody is invited.
     Raises `UserError` if there is no authority, the name is taken or cannot be one.
     """
     peers = read_peers(folder)
@@ -102,6 +109,7 @@ def invite_peer(
     bundle, certificate = _issue(folder, name, [x509.DNSName(name)], now, days)
     expires = certificate.not_valid_after_utc.date().isoformat()
     peer = Peer(name, call, role, f"{certificate.serial_number:x}", expires)
+    save(bundle)
     _write_peers(folder, [*peers, peer])
     return bundle
 

@@ -113,10 +113,10 @@ def _invite(arguments: argparse.Namespace) -> int:
     output: Path = arguments.output or Path(f"{arguments.name}.keys")
     check_outputs([], [output])
     role = Role(arguments.role)
-    keys = invite_peer(
-        arguments.folder, arguments.name, arguments.call, role, _now(), arguments.days
+    whom = arguments.name, arguments.call, role
+    invite_peer(
+        arguments.folder, *whom, _now(), arguments.days, lambda keys: write_private(output, keys)
     )
-    write_private(output, keys)
     print(f"{output}: keys of {arguments.name}, {role} of call {arguments.call!r}")
     return 0
 

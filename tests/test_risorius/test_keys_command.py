@@ -55,6 +55,17 @@ def test_mistakes_are_one_line(line: str, expected: str, tmp_path: Path, capsys:
     assert expected in error_line(capsys)
 
 
+def test_nobody_is_invited_whose_keys_cannot_be_written(tmp_path: Path, capsys: Capture) -> None:
+    folder, too_long = str(tmp_path / "keys"), str(tmp_path / ("k" * 250))
+    assert main(["keys", "new", folder, "--host", "127.0.0.1"]) == 0
+    line = ["keys", "invite", folder, "anna", "--call", "one", "--role", "caller", "-o"]
+    assert main([*line, too_long]) == 2
+    capsys.readouterr()
+    assert main(["keys", "list", folder]) == 0
+    assert capsys.readouterr().out == ""
+    assert main([*line, str(tmp_path / "anna.keys")]) == 0
+
+
 @pytest.mark.parametrize("endpoint", [":7447", "tcp/:7447", "udp/127.0.0.1:7447"])
 def test_a_relay_with_keys_has_no_way_in_without_certificate(
     endpoint: str, capsys: Capture, tmp_path: Path

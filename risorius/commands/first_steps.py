@@ -1,6 +1,8 @@
-"""`risorius demo`: a call from end to end on a clip that is installed."""
+"""`risorius demo`: a call from end to end on a clip that is installed; `risorius compile`: the
+encoder's inner loops as machine code, before the first call."""
 
 import argparse
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,3 +41,27 @@ def run_demo(arguments: argparse.Namespace) -> int:
     with StopOnSignal() as stop:
         print(demo(arguments.out, say, stop))
     return INTERRUPTED if stop() else 0
+
+
+def add_compile(added: "Commands") -> None:
+    """`risorius compile`."""
+    parser = add_command(
+        added,
+        "compile",
+        "compile the encoder's inner loops, once on a machine",
+        "The first encode does it otherwise.  `make install` runs this command.",
+        "  risorius compile\n",
+    )
+    parser.set_defaults(run=run_compile)
+
+
+def run_compile(arguments: argparse.Namespace) -> int:
+    """`risorius compile`."""
+    say("compile: the encoder's inner loops, up to half a minute on a machine that never ran them")
+    begin = time.monotonic()
+    with StopOnSignal():
+        from encoder.live_model.warm_up import compile_loops
+
+        compile_loops()
+    say(f"compile: done in {time.monotonic() - begin:.0f} s")
+    return 0
