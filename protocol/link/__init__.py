@@ -1,1 +1,1 @@
-"""Packets between hosts.  One file imports zenoh."""
+"""Packets between hosts.  Two files import zenoh."""

@@ -2,7 +2,7 @@
 
 from time import monotonic, sleep
 
-from protocol.link.delivery.sender import PEER_GONE_S, DeliverySender
+from protocol.link.delivery.sender import DeliverySender
 from protocol.link.interface import (
     POLL_S,
     LinkOptions,
@@ -17,8 +17,6 @@ from protocol.link.peers import PeerMonitor
 from protocol.packets import is_end
 from shared_model.errors import LINK_FAILED, UserError
 
-# How long the end of a call is repeated to decoders that say nothing new.
-LINGER_S = 4.0
 # How long a decoder that is present is waited for until it has measured the link.
 MEASURE_S = 4.0
 # How long the other encoder of a call is given to be gone.
@@ -114,7 +112,9 @@ class LinkSink(LinkEnd):
             self._ended_s = monotonic()
 
     def close(self) -> None:
-        """See `PacketSink`; a call that has ended is repeated until each decoder has its end."""
+        """See `PacketSink`; a call that has ended is repeated until each decoder has all of it,
+        while any is heard and more of it gets there.
+        """
         try:
             if not self._closed:
                 self._linger()
@@ -132,9 +132,7 @@ class LinkSink(LinkEnd):
     def _is_awaited(self, ended_s: float) -> bool:
         """Whether a decoder may still take the end of the call."""
         with self._service.lock:
-            progress_s = max(self._delivery.progress_s, ended_s)
-            was_there = ended_s - self._delivery.heard_s < PEER_GONE_S
-            return was_there and monotonic() - progress_s < LINGER_S
+            return self._delivery.is_awaited(ended_s, monotonic())
 
     def _update_peers(self) -> None:
         with self._service.lock:

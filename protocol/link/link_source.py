@@ -1,9 +1,8 @@
 """The decoder's end of a call over a network."""
 
-from contextlib import suppress
-from queue import Empty, SimpleQueue
 from time import monotonic
 
+from protocol.link.delivery.arrival_queue import ArrivalQueue
 from protocol.link.delivery.receiver import DeliveryReceiver
 from protocol.link.interface import (
     POLL_S,
@@ -21,8 +20,6 @@ from protocol.packets import is_end
 LEAVE_GRACE_S = 1.0
 # After what silence a decoder says so, and gives a call up that has begun.
 SILENT_S, LOST_S = 5.0, 120.0
-# Memory of an arrival besides its bytes, and the most that waits to be taken.
-ARRIVAL_OVERHEAD_BYTES, MAX_QUEUED_BYTES = 128, 16 * 1024 * 1024
 
 
 class LinkSource(LinkEnd, PacketSource):
@@ -44,8 +41,7 @@ class LinkSource(LinkEnd, PacketSource):
         leave_grace_s: float = LEAVE_GRACE_S,
     ) -> None:
         self._grace_s = leave_grace_s
-        self._queue: SimpleQueue[Arrival] = SimpleQueue()
-        self._queued_bytes = 0
+        self._queue = ArrivalQueue()
         self._complete = self._ended = self._is_silent = False
         self._delivery = DeliveryReceiver(protection.session, protection.on_peer)
         service = link_service(options, self._delivery, protection, self._enqueue)
@@ -68,8 +64,9 @@ class LinkSource(LinkEnd, PacketSource):
         deadline_s = None if timeout_s is None else monotonic() + timeout_s
         while not self._ended:
             wait_s = POLL_S if deadline_s is None else min(POLL_S, deadline_s - monotonic())
-            with suppress(Empty):
-                return self._taken(self._queue.get(timeout=max(0.0, wait_s)))
+            if (arrival := self._queue.take(wait_s)) is not None:
+                self._complete = self._ended = is_end(arrival.data)
+                return arrival
             self._service.raise_failure()
             self._ended = self._is_over(monotonic())
             if deadline_s is not None and monotonic() >= deadline_s:
@@ -84,17 +81,7 @@ class LinkSource(LinkEnd, PacketSource):
 
     def _enqueue(self, arrival: Arrival) -> None:
         """Called in the thread of the service, which holds its lock."""
-        cost = len(arrival.data) + ARRIVAL_OVERHEAD_BYTES
-        if self._queued_bytes + cost <= MAX_QUEUED_BYTES:
-            self._queued_bytes += cost
-            self._queue.put(arrival)
-
-    def _taken(self, arrival: Arrival) -> Arrival:
-        with self._service.lock:
-            self._queued_bytes -= len(arrival.data) + ARRIVAL_OVERHEAD_BYTES
-            if is_end(arrival.data):
-                self._complete = self._ended = True
-        return arrival
+        self._queue.put(arrival, may_drop_frames=not self._delivery.repeats_frames)
 
     def _is_over(self, now_s: float) -> bool:
         """Whether a call without END is at its end; says when the encoder is silent."""

@@ -1,4 +1,4 @@
-"""A call over Zenoh: the only file that imports it.
+"""A call over Zenoh.
 
 The encoder publishes on d/CALL, the decoders on u/CALL; straight to the other end all but HELLO
 messages on d and u.  Who connects also subscribes to the
@@ -9,8 +9,6 @@ connect to a router.
 """
 
 import _thread
-import json
-import re
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
@@ -38,6 +36,7 @@ from protocol.link.link_sink import LinkSink
 from protocol.link.link_source import LEAVE_GRACE_S, LinkSource
 from protocol.link.messages import Role
 from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence, short_key
+from protocol.link.zenoh_session import answer_who_is_there, reason, zenoh_config
 from protocol.link.zenoh_settings import (
     OPEN_S,
     client_settings,
@@ -47,7 +46,6 @@ from protocol.link.zenoh_settings import (
 from protocol.security.link_security import LinkSecurity
 from shared_model.errors import LINK_FAILED, UserError
 
-PRESENCE_MARK = b"p"
 # Failures within this time are refusals.
 REFUSAL_S = 0.8 * OPEN_S
 # Time that an end waits for sessions that are being opened or closed when it leaves.
@@ -104,7 +102,7 @@ class _Carrier:
             session = _listen(options)
             self._sessions[LISTENING] = session
             self._subscribe(LISTENING, session)
-            _answer_questions(session, role, options.call)
+            answer_who_is_there(session, role, options.call)
 
     def open(self, connection: int, endpoint: Endpoint) -> None:
         """See `Carrier`."""
@@ -228,19 +226,6 @@ class _Carrier:
             session.declare_subscriber(key, Callback(arrived, indirect=False))
 
 
-def _answer_questions(session: zenoh.Session, role: Role, call: str) -> None:
-    """Answer each question who is there on the key that whoever asks subscribes to."""
-
-    def asked(sample: zenoh.Sample) -> None:
-        found = parse_presence(sample.payload.to_bytes())
-        if found is not None and found[0] is not Role.RELAY:
-            _, key = call_keys(found[1], found[0] is Role.ENCODER)
-            with suppress(zenoh.ZError):
-                session.put(key, serialise_presence(role, call), attachment=PRESENCE_MARK)
-
-    session.declare_subscriber(WHO_KEY, Callback(asked, indirect=False))
-
-
 def _listen(options: LinkOptions) -> zenoh.Session:
     """A session that listens, opened in a thread of its own so that Ctrl-C takes effect."""
     results: list[zenoh.Session | zenoh.ZError] = []
@@ -269,17 +254,9 @@ def _listen(options: LinkOptions) -> zenoh.Session:
     if isinstance(result, zenoh.ZError):
         check_listening(options.listen)
         where = " and ".join(options.listen)
-        raise UserError(f"cannot listen on {where}: {_reason(result)}", LINK_FAILED) from result
+        raise UserError(f"cannot listen on {where}: {reason(result)}", LINK_FAILED) from result
     return result
 
 
 def _config(settings: dict[str, Any], security: LinkSecurity) -> zenoh.Config:
-    config = zenoh.Config()
-    for name, value in (settings | security_settings(security)).items():
-        config.insert_json5(name, json.dumps(value))
-    return config
-
-
-def _reason(error: zenoh.ZError) -> str:
-    """Zenoh's message without the source location."""
-    return re.sub(r"\s+at \S+\.rs:\d+\.?", "", str(error))
+    return zenoh_config(settings | security_settings(security))

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from protocol.link.presence import WHO_KEY, call_keys
-from protocol.security.authority import RELAY_NAME, Peer, Role
+from protocol.security.authority import RELAY_NAME, InvitedPeer, PeerRole
 
 # Who holds the relay's own keys: other relays of the owner pass everything on, and the owner may
 # ask which calls there are.
@@ -30,7 +30,7 @@ _OWNER_RULES = [
 ]
 
 
-def access_control(peers: Iterable[Peer]) -> dict[str, Any]:
+def access_control(peers: Iterable[InvitedPeer]) -> dict[str, Any]:
     """Zenoh's section `access_control`: only the caller of a call publishes it, only its viewers
     receive it and answer, both may ask who is there; who was revoked, or never invited, nothing.
     """
@@ -49,9 +49,9 @@ def access_control(peers: Iterable[Peer]) -> dict[str, Any]:
     }
 
 
-def _rules(peer: Peer) -> list[dict[str, Any]]:
+def _rules(peer: InvitedPeer) -> list[dict[str, Any]]:
     """What a peer may publish and subscribe to, and what may be passed on to it."""
-    sent, received = call_keys(peer.call, peer.role is Role.CALLER)
+    sent, received = call_keys(peer.call, peer.role is PeerRole.CALLER)
     return [
         _rule(peer, "ingress", "put", sent, WHO_KEY),
         _rule(peer, "ingress", "declare_subscriber", received),
@@ -60,7 +60,7 @@ def _rules(peer: Peer) -> list[dict[str, Any]]:
     ]
 
 
-def _rule(peer: Peer, flow: str, message: str, *keys: str) -> dict[str, Any]:
+def _rule(peer: InvitedPeer, flow: str, message: str, *keys: str) -> dict[str, Any]:
     return {
         "id": f"{peer.call}/{peer.role}/{flow}/{message}",
         "permission": "allow",

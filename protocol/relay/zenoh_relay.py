@@ -1,24 +1,22 @@
 """A relay: Zenoh's router, bounded in what peers can make it hold."""
 
 import json
-import re
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Self
 
 import zenoh
-from zenoh.handlers import Callback
 
 from protocol.endpoint import Endpoint, parse_endpoint, parse_remote_endpoint
+from protocol.errors import ProtocolError
 from protocol.limits import RELAY_PEERS
 from protocol.link.endpoints import check_listening, why_not_reached
-from protocol.link.messages import Role as End
-from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence
-from protocol.link.zenoh_link import PRESENCE_MARK
+from protocol.link.messages import Role
+from protocol.link.presence import call_keys
+from protocol.link.zenoh_session import answer_who_is_there, reason, zenoh_config
 from protocol.link.zenoh_settings import MAX_MESSAGE_BYTES
 from protocol.relay.access import access_control
-from protocol.security.authority import Peer
+from protocol.security.authority import InvitedPeer
 from protocol.security.link_security import KeyFile
 from protocol.security.tls_settings import tls_settings
 from shared_model.errors import LINK_FAILED, UserError
@@ -56,7 +54,7 @@ class RelayOptions:
     connect: tuple[str, ...] = ()
     max_peers: int = RELAY_PEERS
     keys: KeyFile | None = None
-    peers: tuple[Peer, ...] | None = None
+    peers: tuple[InvitedPeer, ...] | None = None
 
 
 class Relay:
@@ -66,25 +64,13 @@ class Relay:
     """
 
     def __init__(self, options: RelayOptions) -> None:
-        config = zenoh.Config()
-        for name, value in relay_settings(options).items():
-            config.insert_json5(name, json.dumps(value))
         try:
-            self._session = zenoh.open(config)
+            self._session = zenoh.open(zenoh_config(relay_settings(options)))
         except zenoh.ZError as error:
             check_listening(options.listen)
             where = " and ".join(options.listen)
-            raise UserError(f"cannot listen on {where}: {_reason(error)}", LINK_FAILED) from error
-        self._session.declare_subscriber(WHO_KEY, Callback(self._asked, indirect=False))
-
-    def _asked(self, sample: zenoh.Sample) -> None:
-        """Answer who asks who is there, on the key that it subscribes to."""
-        found = parse_presence(sample.payload.to_bytes())
-        if found is not None and found[0] is not End.RELAY:
-            _, key = call_keys(found[1], found[0] is End.ENCODER)
-            answer = serialise_presence(End.RELAY, "")
-            with suppress(zenoh.ZError):
-                self._session.put(key, answer, attachment=PRESENCE_MARK)
+            raise UserError(f"cannot listen on {where}: {reason(error)}", LINK_FAILED) from error
+        answer_who_is_there(self._session, Role.RELAY, "")
 
     def close(self) -> None:
         """Leave; closing twice has no further effect."""
@@ -137,11 +123,6 @@ def _join(place: Endpoint) -> Endpoint:
     return next((each for each in place.choices if each.is_reliable), place)
 
 
-def _reason(error: zenoh.ZError) -> str:
-    """Zenoh's message without the source location."""
-    return re.sub(r"\s+at \S+\.rs:\d+\.?", "", str(error))
-
-
 @dataclass(frozen=True, slots=True)
 class RelayedCall:
     """A call at a relay, and how many of its ends are connected to it."""
@@ -156,10 +137,9 @@ def calls_at_relay(
 ) -> list[RelayedCall]:
     """The calls at the relay that listens at `endpoint`, in the order of their names.
 
-    keys: to show, for TLS.  Raises `UserError` with exit code 4 if it cannot be reached, or no
-    relay answers.
+    keys: to show, for TLS.  Raises `UserError` with exit code 4 if it cannot be reached, no relay
+    answers, or one that says something else.
     """
-    config = zenoh.Config()
     settings: dict[str, Any] = {
         "mode": "client",
         "scouting/multicast/enabled": False,
@@ -169,10 +149,8 @@ def calls_at_relay(
     }
     if keys is not None:
         settings["transport/link/tls"] = tls_settings(keys)
-    for name, value in settings.items():
-        config.insert_json5(name, json.dumps(value))
     try:
-        with zenoh.open(config) as session:
+        with zenoh.open(zenoh_config(settings)) as session:
             relay = str(next(iter(session.info.routers_zid()), ""))
             if not relay:
                 raise UserError(f"{endpoint} is no relay", LINK_FAILED)
@@ -180,6 +158,8 @@ def calls_at_relay(
             replies = session.get(f"@/{relay}/router/subscriber/**", timeout=timeout_s)
             for sample in filter(None, [reply.ok for reply in replies]):
                 _count(counts, str(sample.key_expr), sample.payload.to_bytes())
+    except ProtocolError as error:
+        raise UserError(f"cannot read the calls at {endpoint}: {error}", LINK_FAILED) from error
     except zenoh.ZError as error:
         why = why_not_reached(parse_remote_endpoint(endpoint).choices[-1])
         raise UserError(f"cannot reach {endpoint}: {why}", LINK_FAILED) from error
@@ -195,5 +175,20 @@ def _count(counts: dict[str, dict[str, int]], key: str, payload: bytes) -> None:
     name = subscribed.partition("/")[2]
     for end, is_encoder in (("encoder", True), ("decoder", False)):
         if name and subscribed == call_keys(name, is_encoder)[1]:
-            ends = json.loads(payload)
-            counts.setdefault(name, {})[end] = len(ends["clients"]) + len(ends["peers"])
+            counts.setdefault(name, {})[end] = subscriber_count(payload)
+
+
+def subscriber_count(payload: bytes) -> int:
+    """How many have subscribed to a key, as a Zenoh router says it of itself.
+
+    Raises `ProtocolError` if it says something else.
+    """
+    try:
+        ends = json.loads(payload)
+    except ValueError as error:
+        raise ProtocolError("its list of subscribers is no JSON") from error
+    kinds = [ends.get(kind) for kind in ("clients", "peers")] if isinstance(ends, dict) else []
+    lists = [each for each in kinds if isinstance(each, list)]
+    if len(lists) != 2:
+        raise ProtocolError("its list of subscribers names no clients and peers")
+    return sum(map(len, lists))

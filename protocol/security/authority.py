@@ -35,7 +35,7 @@ CLOCK_TOLERANCE = timedelta(hours=1)
 _PEER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}")
 
 
-class Role(StrEnum):
+class PeerRole(StrEnum):
     """What a peer may do in its call: send the face, or watch it."""
 
     CALLER = "caller"
@@ -43,7 +43,7 @@ class Role(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Peer:
+class InvitedPeer:
     """A peer that was invited.
 
     name: in its certificate.  serial: of the certificate, hexadecimal.  expires: date, ISO 8601.
@@ -51,7 +51,7 @@ class Peer:
 
     name: str
     call: str
-    role: Role
+    role: PeerRole
     serial: str
     expires: str
     revoked: bool = False
@@ -89,7 +89,7 @@ def invite_peer(
     folder: Path,
     name: str,
     call: str,
-    role: Role,
+    role: PeerRole,
     now: datetime,
     days: int = PEER_DAYS,
     save: Callable[[bytes], None] = lambda keys: None,
@@ -108,7 +108,7 @@ def invite_peer(
         raise UserError(f"{name} was invited already; a revoked peer needs a new name")
     bundle, certificate = _issue(folder, name, [x509.DNSName(name)], now, days)
     expires = certificate.not_valid_after_utc.date().isoformat()
-    peer = Peer(name, call, role, f"{certificate.serial_number:x}", expires)
+    peer = InvitedPeer(name, call, role, f"{certificate.serial_number:x}", expires)
     save(bundle)
     _write_peers(folder, [*peers, peer])
     return bundle
@@ -124,11 +124,11 @@ def revoke_peer(folder: Path, name: str) -> None:
     )
 
 
-def read_peers(folder: Path) -> tuple[Peer, ...]:
+def read_peers(folder: Path) -> tuple[InvitedPeer, ...]:
     """All peers that were invited, in order.  Raises `UserError` if the folder has no keys."""
     try:
         entries = json.loads((folder / PEERS).read_text(encoding="utf-8"))
-        return tuple(Peer(**{**entry, "role": Role(entry["role"])}) for entry in entries)
+        return tuple(InvitedPeer(**{**entry, "role": PeerRole(entry["role"])}) for entry in entries)
     except FileNotFoundError as error:
         raise UserError(f"{folder} holds no keys; make some: risorius keys new {folder}") from error
     except (OSError, ValueError, TypeError, KeyError) as error:
@@ -222,6 +222,6 @@ def _pem_of_key(key: ec.EllipticCurvePrivateKey) -> bytes:
     )
 
 
-def _write_peers(folder: Path, peers: Iterable[Peer]) -> None:
+def _write_peers(folder: Path, peers: Iterable[InvitedPeer]) -> None:
     text = json.dumps([asdict(peer) for peer in peers], indent=1) + "\n"
     write_private(folder / PEERS, text.encode())

@@ -106,13 +106,13 @@ def _new(arguments: argparse.Namespace) -> int:
 
 
 def _invite(arguments: argparse.Namespace) -> int:
-    from protocol.security.authority import Role, invite_peer
+    from protocol.security.authority import PeerRole, invite_peer
     from protocol.security.private_file import write_private
     from risorius.command_line.output_checks import check_outputs
 
     output: Path = arguments.output or Path(f"{arguments.name}.keys")
     check_outputs([], [output])
-    role = Role(arguments.role)
+    role = PeerRole(arguments.role)
     whom = arguments.name, arguments.call, role
     invite_peer(
         arguments.folder, *whom, _now(), arguments.days, lambda keys: write_private(output, keys)

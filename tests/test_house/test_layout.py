@@ -51,7 +51,11 @@ IMPORTERS = {
     },
     "pycodec2": {"decoder/sound/speech_decoder.py", "encoder/sound/speech_encoder.py"},
     "webrtcvad": {"encoder/sound/speech_gate.py"},
-    "zenoh": {"protocol/link/zenoh_link.py", "protocol/relay/zenoh_relay.py"},
+    "zenoh": {
+        "protocol/link/zenoh_link.py",
+        "protocol/link/zenoh_session.py",
+        "protocol/relay/zenoh_relay.py",
+    },
 }
 CV2_PACKAGES = {"aam", "encoder", "decoder", "loopback", "risorius"}
 # The encoder's packages in the order of the data; each may import those before it.
@@ -70,6 +74,18 @@ ENCODER_PACKAGES = (
     "sound",
     "calls",
 )
+# Those of the protocol in the order of what they carry; each may import those before it.
+PROTOCOL_PACKAGES = (
+    "runtime",
+    "entropy",
+    "frames",
+    "pictures",
+    "voice",
+    "security",
+    "link",
+    "relay",
+)
+ORDERED = {"encoder": ENCODER_PACKAGES, "protocol": PROTOCOL_PACKAGES}
 
 
 def modules() -> list[Path]:
@@ -105,18 +121,21 @@ def test_imports_point_one_way(path: Path) -> None:
     assert not wrong, f"{name(path)} imports {wrong}"
 
 
-def test_the_encoder_has_no_package_outside_the_order() -> None:
-    folders = {path.parent.name for path in (ROOT / "encoder").glob("*/__init__.py")}
-    assert folders == set(ENCODER_PACKAGES)
+@pytest.mark.parametrize("room", ORDERED)
+def test_no_package_of_a_room_is_outside_its_order(room: str) -> None:
+    folders = {path.parent.name for path in (ROOT / room).glob("*/__init__.py")}
+    assert folders == set(ORDERED[room])
 
 
-@pytest.mark.parametrize("package", ENCODER_PACKAGES)
-def test_a_package_of_the_encoder_imports_only_those_before_it(package: str) -> None:
-    before = ENCODER_PACKAGES[: ENCODER_PACKAGES.index(package) + 1]
-    allowed = {f"encoder.{each}" for each in before}
-    for path in sorted((ROOT / "encoder" / package).rglob("*.py")):
-        own = [module for module in imports(path) if module.split(".")[0] == "encoder"]
-        wrong = [module for module in own if not is_within(module, allowed)]
+@pytest.mark.parametrize(
+    ("room", "package"),
+    [(room, package) for room, packages in ORDERED.items() for package in packages],
+)
+def test_a_package_imports_only_those_before_it_in_its_room(room: str, package: str) -> None:
+    packages = ORDERED[room]
+    after = {f"{room}.{each}" for each in packages[packages.index(package) + 1 :]}
+    for path in sorted((ROOT / room / package).rglob("*.py")):
+        wrong = [module for module in imports(path) if is_within(module, after)]
         assert not wrong, f"{name(path)} imports {wrong}"
 
 

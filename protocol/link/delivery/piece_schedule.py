@@ -11,19 +11,32 @@ from protocol.link.messages import PIECE_BYTES, Channel, Holding, Piece, Report,
 FORGOTTEN_S = 1.0
 
 
+@dataclass(frozen=True, slots=True)
+class Held:
+    """What a decoder has of an item.
+
+    pieces: bit i is piece i.  grown_s: when more of them had come than before.
+    """
+
+    pieces: int
+    grown_s: float
+
+
+NOTHING = Held(0, float("-inf"))
+
+
 @dataclass(slots=True)
 class Peer:
     """A decoder: what it has, by its reports.
 
-    grown_s: when more pieces of an item had come than before.
+    held: of the items that are not below `below`.
     answered: the newest nonce without padding that it has answered, and when that came.
     """
 
     session: bytes
     heard_s: float
     below: dict[Channel, int] = field(default_factory=lambda: dict.fromkeys(Channel, 0))
-    pieces: dict[tuple[Channel, int], int] = field(default_factory=dict)
-    grown_s: dict[tuple[Channel, int], float] = field(default_factory=dict)
+    held: dict[tuple[Channel, int], Held] = field(default_factory=dict)
     loss: float = 0.0
     window: PieceWindow = field(default_factory=PieceWindow)
     answered_s: float = float("-inf")
@@ -37,22 +50,20 @@ class Peer:
         channel, item, index = key
         if item < self.below[channel]:
             return False
-        return not self.pieces.get((channel, item), 0) >> index & 1
+        return not self.held.get((channel, item), NOTHING).pieces >> index & 1
 
     def hold(self, held: Holding, now_s: float) -> None:
         """Take over which pieces of an item it has, from one of its reports."""
         item = held.channel, held.item
-        known = self.pieces.get(item, 0)
-        if known & ~held.pieces and now_s - self.grown_s[item] > FORGOTTEN_S:
-            known = 0
-        if known | held.pieces != self.pieces.get(item, 0):
-            self.grown_s[item] = now_s
-        self.pieces[item] = known | held.pieces
+        before = self.held.get(item, NOTHING)
+        is_forgotten = before.pieces & ~held.pieces and now_s - before.grown_s > FORGOTTEN_S
+        pieces = held.pieces | (0 if is_forgotten else before.pieces)
+        self.held[item] = before if pieces == before.pieces else Held(pieces, now_s)
 
     def forget_below(self) -> None:
         """Items that it has need not be kept in mind piece by piece."""
-        for item in [each for each in self.pieces if each[1] < self.below[each[0]]]:
-            del self.pieces[item], self.grown_s[item]
+        for item in [each for each in self.held if each[1] < self.below[each[0]]]:
+            del self.held[item]
 
 
 class PieceSchedule:
@@ -82,7 +93,7 @@ class PieceSchedule:
 
     def acknowledge(self, peer: Peer, report: Report, peers: Sequence[Peer], now_s: float) -> bool:
         """Take over what a decoder, one of `peers`, has; whether that is more than before."""
-        before = replace(peer, below=dict(peer.below), pieces=dict(peer.pieces))
+        before = replace(peer, below=dict(peer.below), held=dict(peer.held))
         ends = {channel: self._items.span(channel).end for channel in Channel}
         for channel, below in zip(Channel, (report.ordered, report.unordered), strict=True):
             peer.below[channel] = min(max(peer.below[channel], below), ends[channel])

@@ -79,10 +79,12 @@ class DeliveryReceiver:
     session: of this start of the decoder.
     on_peer: called with the session of an encoder that has echoed ours.
     is_reliable: nothing is lost on the way, packets only come late.
+    repeats_frames: the encoder sends frame packets until they are there.
     """
 
     def __init__(self, session: bytes, on_peer: PeerCallback, is_reliable: bool = False) -> None:
         self._session, self._on_peer, self.is_reliable = session, on_peer, is_reliable
+        self.repeats_frames = False
         self._call: _Call | None = None
         self._out: list[bytes] = []
         self._nonce = 0
@@ -250,6 +252,7 @@ class DeliveryReceiver:
             known = None if kind is PacketKind.LAYER else number
             arrival = Arrival(packet, now_s, call.index, known)
             if kind is PacketKind.FRAME:
+                self.repeats_frames = True
                 call.frames.pass_by(number, now_s)
             if is_end(packet):
                 call.frames.synchronise(number, now_s)

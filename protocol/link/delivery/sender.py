@@ -36,6 +36,9 @@ LOSSY, COPIES, AGAIN_S = 0.1, 3, 0.03
 EARLY_FRAMES = 4
 # A decoder that has been silent for so long is gone; one that has been for less gets no pieces.
 PEER_GONE_S, PEER_SILENT_S = 8.0, 4.0
+# How long an encoder stays for decoders that say nothing new at the end of a call: if they have all
+# of it, and if they lack some, which a link that repeats by itself may hold up for seconds.
+LINGER_S, STALLED_S = 4.0, 15.0
 # How often the other end is asked who has never answered, first and later; who has become silent.
 ASK_S, LATER_ASK_S, FIRST_ASKS = 0.25, 1.0, 20
 # How long the frame packets of an update wait until the decoders have it.
@@ -55,7 +58,7 @@ class DeliverySender:
 
     session: of this start of the encoder.  lossless: frame packets are items, too.
     on_peer: called with the session of a decoder that has echoed ours.
-    progress_s: when a decoder has acknowledged a piece of an item last.
+    progress_s: when a decoder has acknowledged a piece of an item last; -inf: never.
     heard_s: when a decoder was heard last that has not said good-bye; -inf: there is none.
     is_end_heard: a decoder has all of a call that has ended.
     """
@@ -102,6 +105,14 @@ class DeliverySender:
     def is_busy(self, now_s: float) -> bool:
         """Whether a decoder has said that it listens to another encoder."""
         return now_s - self._busy_s < BUSY_S
+
+    def is_awaited(self, ended_s: float, now_s: float) -> bool:
+        """Whether a decoder may still take what it lacks of a call that ended at `ended_s`."""
+        peers = list(self._peers.values())
+        has_all = bool(peers) and not any(self._pieces.needed(peers))
+        patience_s = LINGER_S if has_all else STALLED_S
+        is_moving = now_s - max(self.progress_s, ended_s) < patience_s
+        return is_moving and now_s - self.heard_s < PEER_GONE_S
 
     def send(self, packet: bytes) -> None:
         """Take the next packet of the call.  Raises `ProtocolError` if it is invalid."""

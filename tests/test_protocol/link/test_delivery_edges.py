@@ -12,7 +12,7 @@ from protocol.link.delivery.item_assembly import ItemAssembly
 from protocol.link.delivery.item_store import ItemStore
 from protocol.link.delivery.piece_window import PieceWindow, Sent
 from protocol.link.delivery.receiver import DeliveryReceiver
-from protocol.link.delivery.sender import DeliverySender
+from protocol.link.delivery.sender import LINGER_S, PEER_GONE_S, STALLED_S, DeliverySender
 from protocol.link.messages import (
     PIECE_BYTES,
     Bye,
@@ -135,6 +135,22 @@ def test_an_end_without_a_model_is_given_out_in_time() -> None:
     end.receive(serialise_message(pieces(0, END, Channel.ORDERED)[0]), 1.0)
     assert end.due(1.0) == []
     assert [arrival.data for arrival in end.due(20.0)] == [END]
+
+
+def test_an_encoder_stays_while_more_gets_there_and_for_nobody_who_is_gone() -> None:
+    end, report = sender(), Report(peer_id(DECODER))
+    end.send(END)
+    end.receive(serialise_message(report), 10.0)
+    end.payloads(10.0)
+    assert end.is_awaited(10.0, 10.0 + PEER_GONE_S - 0.1), "it lacks the end"
+    assert not end.is_awaited(10.0, 10.0 + PEER_GONE_S), "it is not heard any more"
+    end.receive(serialise_message(report), 10.0 + STALLED_S)
+    assert not end.is_awaited(10.0, 10.0 + STALLED_S), "nothing more has got there"
+    end.receive(serialise_message(replace(report, ordered=1)), 20.0)
+    assert end.is_awaited(10.0, 20.0 + LINGER_S - 0.1), "it may not have said all"
+    assert not end.is_awaited(10.0, 20.0 + LINGER_S)
+    end.receive(serialise_message(Bye(Role.DECODER, peer_id(DECODER))), 21.0)
+    assert not end.is_awaited(10.0, 21.0)
 
 
 def test_an_encoder_knows_who_is_there() -> None:

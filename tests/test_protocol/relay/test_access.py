@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.link.messages import Role as End
+from protocol.link.messages import Role
 from protocol.link.presence import (
     MAX_PRESENCE_BYTES,
     call_keys,
@@ -11,9 +11,9 @@ from protocol.link.presence import (
     serialise_presence,
 )
 from protocol.relay.access import access_control
-from protocol.security.authority import Peer, Role
+from protocol.security.authority import InvitedPeer, PeerRole
 
-ANNA = Peer("anna", "one", Role.CALLER, "1", "2030-01-01")
+ANNA = InvitedPeer("anna", "one", PeerRole.CALLER, "1", "2030-01-01")
 
 
 def test_an_end_publishes_what_the_other_subscribes_to() -> None:
@@ -21,7 +21,7 @@ def test_an_end_publishes_what_the_other_subscribes_to() -> None:
 
 
 def test_who_asks_and_answers_is_said() -> None:
-    for role, call in ((End.ENCODER, "anna"), (End.DECODER, "a.b"), (End.RELAY, "")):
+    for role, call in ((Role.ENCODER, "anna"), (Role.DECODER, "a.b"), (Role.RELAY, "")):
         assert parse_presence(serialise_presence(role, call)) == (role, call)
     for wrong in (
         b"",
@@ -41,7 +41,7 @@ def test_any_bytes_say_who_is_there_or_not(data: bytes) -> None:
 
 
 def test_rules_name_every_peer_once_and_no_revoked_one() -> None:
-    again = Peer("gone", "one", Role.VIEWER, "2", "2030-01-01", revoked=True)
+    again = InvitedPeer("gone", "one", PeerRole.VIEWER, "2", "2030-01-01", revoked=True)
     settings = access_control([ANNA, again])
     assert settings["default_permission"] == "deny"
     assert [subject["id"] for subject in settings["subjects"]] == ["anna", "relay"]

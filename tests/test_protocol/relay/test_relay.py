@@ -1,6 +1,5 @@
 """A relay with certificates: who gets in, and what each may do there."""
 
-import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -13,12 +12,14 @@ import pytest
 import zenoh
 
 from loopback.process_pair import free_port
-from protocol.link.messages import Role as End
+from protocol.errors import ProtocolError
+from protocol.link.messages import Role
 from protocol.link.presence import call_keys, parse_presence, serialise_presence
-from protocol.relay.zenoh_relay import Relay, RelayOptions, calls_at_relay
+from protocol.link.zenoh_session import zenoh_config
+from protocol.relay.zenoh_relay import Relay, RelayOptions, calls_at_relay, subscriber_count
 from protocol.security.authority import (
     RELAY_KEYS,
-    Role,
+    PeerRole,
     create_authority,
     invite_peer,
     read_peers,
@@ -31,11 +32,11 @@ from shared_model.errors import UserError
 
 WAIT_S = 20.0
 PEERS = {
-    "anna": ("one", Role.CALLER),
-    "bob": ("one", Role.VIEWER),
-    "carl": ("two", Role.CALLER),
-    "dora": ("two", Role.VIEWER),
-    "eve": ("one", Role.VIEWER),
+    "anna": ("one", PeerRole.CALLER),
+    "bob": ("one", PeerRole.VIEWER),
+    "carl": ("two", PeerRole.CALLER),
+    "dora": ("two", PeerRole.VIEWER),
+    "eve": ("one", PeerRole.VIEWER),
 }
 Received = list[tuple[str, str]]
 
@@ -89,10 +90,7 @@ def session(endpoint: str, keys: KeyFile | None) -> zenoh.Session:
     }
     if keys is not None:
         settings["transport/link/tls"] = tls_settings(keys)
-    config = zenoh.Config()
-    for name, value in settings.items():
-        config.insert_json5(name, json.dumps(value))
-    return zenoh.open(config)
+    return zenoh.open(zenoh_config(settings))
 
 
 def collector(received: Received, who: str) -> Callable[[zenoh.Sample], None]:
@@ -172,14 +170,14 @@ def test_a_relay_says_that_it_is_there_to_those_who_may_ask(
     def ask(name: str) -> Callable[[], None]:
         """What repeats the question of a peer."""
         peer = stack.enter_context(session(endpoint, keys[name]))
-        role = End.ENCODER if name == "anna" else End.DECODER
+        role = Role.ENCODER if name == "anna" else Role.DECODER
 
         def note(sample: zenoh.Sample) -> None:
             if sample.attachment is not None:
-                assert parse_presence(sample.payload.to_bytes()) == (End.RELAY, "")
+                assert parse_presence(sample.payload.to_bytes()) == (Role.RELAY, "")
                 answers.append(name)
 
-        peer.declare_subscriber(call_keys("one", role is End.ENCODER)[1], note)
+        peer.declare_subscriber(call_keys("one", role is Role.ENCODER)[1], note)
         return partial(peer.put, "w", serialise_presence(role, "one"))
 
     ask("eve")()
@@ -204,6 +202,26 @@ def test_a_relay_lists_its_calls(stack: ExitStack) -> None:
     )
 
 
+@pytest.mark.parametrize(
+    "answer", [b"", b"\xff", b"[]", b"3", b"{}", b'{"clients": 1, "peers": []}', b'{"clients": []}']
+)
+def test_what_another_relay_may_say_of_its_subscribers_is_an_error(answer: bytes) -> None:
+    with pytest.raises(ProtocolError, match="its list of subscribers"):
+        subscriber_count(answer)
+    assert subscriber_count(b'{"clients": ["a", "b"], "peers": ["c"]}') == 3
+
+
+def test_a_foreign_relay_is_one_line(stack: ExitStack) -> None:
+    place = f"tcp/127.0.0.1:{free_port()}"
+    settings = {"mode": "router", "scouting/multicast/enabled": False, "listen/endpoints": [place]}
+    router = stack.enter_context(zenoh.open(zenoh_config(settings)))
+    key = f"@/{router.zid()}/router/subscriber/u/anna"
+    router.declare_queryable(key, lambda query: query.reply(key, b"none of ours"))
+    with pytest.raises(UserError, match=f"cannot read the calls at {place}: its list") as caught:
+        calls_at_relay(place, None)
+    assert caught.value.exit_code == 4
+
+
 def test_with_certificates_it_lists_them_to_its_owner_alone(
     stack: ExitStack, endpoint: str, keys: dict[str, KeyFile]
 ) -> None:
@@ -225,11 +243,8 @@ def test_where_no_relay_is_there_is_one_line() -> None:
 
 def test_an_end_that_listens_is_no_relay() -> None:
     place = f"tcp/127.0.0.1:{free_port()}"
-    config = zenoh.Config()
-    for name, value in (("mode", "peer"), ("scouting/multicast/enabled", False)):
-        config.insert_json5(name, json.dumps(value))
-    config.insert_json5("listen/endpoints", json.dumps([place]))
-    with zenoh.open(config), pytest.raises(UserError, match="is no relay"):
+    settings = {"mode": "peer", "scouting/multicast/enabled": False, "listen/endpoints": [place]}
+    with zenoh.open(zenoh_config(settings)), pytest.raises(UserError, match="is no relay"):
         calls_at_relay(place, None, timeout_s=1)
 
 
@@ -237,6 +252,8 @@ def test_a_relay_may_be_closed_twice() -> None:
     place = f"tcp/127.0.0.1:{free_port()}"
     with Relay(RelayOptions((place,))) as relay:
         relay.close()
+        # Its port is free.
+        Relay(RelayOptions((place,))).close()
 
 
 def test_two_relays_pass_a_call_on(stack: ExitStack) -> None:

@@ -10,7 +10,7 @@ from cryptography.x509.oid import NameOID
 
 from protocol.security.authority import (
     RELAY_KEYS,
-    Role,
+    PeerRole,
     create_authority,
     invite_peer,
     read_peers,
@@ -33,7 +33,7 @@ def test_a_certificate_names_the_peer_and_is_signed_by_the_authority(
     folder: Path, tmp_path: Path
 ) -> None:
     path = tmp_path / "anna.keys"
-    path.write_bytes(invite_peer(folder, "anna", "call", Role.CALLER, NOW, 30))
+    path.write_bytes(invite_peer(folder, "anna", "call", PeerRole.CALLER, NOW, 30))
     keys = read_key_file(path)
     authority = x509.load_pem_x509_certificate(keys.authority)
     certificate = x509.load_pem_x509_certificate(keys.certificate)
@@ -60,14 +60,14 @@ def test_the_relay_shows_all_its_names(folder: Path) -> None:
 
 def test_who_is_revoked_stays_on_the_list(folder: Path) -> None:
     for name in ("anna", "bob"):
-        invite_peer(folder, name, "call", Role.VIEWER, NOW)
+        invite_peer(folder, name, "call", PeerRole.VIEWER, NOW)
     revoke_peer(folder, "anna")
     assert [(peer.name, peer.revoked) for peer in read_peers(folder)] == [
         ("anna", True),
         ("bob", False),
     ]
     with pytest.raises(UserError, match="needs a new name"):
-        invite_peer(folder, "anna", "call", Role.VIEWER, NOW)
+        invite_peer(folder, "anna", "call", PeerRole.VIEWER, NOW)
     with pytest.raises(UserError, match="nobody of the name berta"):
         revoke_peer(folder, "berta")
 
@@ -75,12 +75,12 @@ def test_who_is_revoked_stays_on_the_list(folder: Path) -> None:
 @pytest.mark.parametrize("name", ["", "relay", "a b", "../a", "-a", 64 * "a"])
 def test_names_of_peers_are_plain(folder: Path, name: str) -> None:
     with pytest.raises(UserError, match="peer name"):
-        invite_peer(folder, name, "call", Role.CALLER, NOW)
+        invite_peer(folder, name, "call", PeerRole.CALLER, NOW)
 
 
 def test_calls_and_hosts_are_checked(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="call name"):
-        invite_peer(folder, "anna", "a/b", Role.CALLER, NOW)
+        invite_peer(folder, "anna", "a/b", PeerRole.CALLER, NOW)
     with pytest.raises(UserError, match="host 'a b'"):
         create_authority(tmp_path / "other", ["a b"], NOW)
     with pytest.raises(UserError, match="holds keys already"):
@@ -98,7 +98,7 @@ def test_a_folder_without_keys_or_with_damaged_ones_is_one_line(
         read_peers(tmp_path)
     (folder / "authority.key").write_text("nothing")
     with pytest.raises(UserError, match="cannot be read"):
-        invite_peer(folder, "anna", "call", Role.CALLER, NOW)
+        invite_peer(folder, "anna", "call", PeerRole.CALLER, NOW)
     (folder / "peers.json").write_text("[1]")
     with pytest.raises(UserError, match="cannot be read"):
         read_peers(folder)
