@@ -2,6 +2,7 @@
 
 from time import monotonic, sleep
 
+from protocol.link.delivery.peers import PeerMonitor
 from protocol.link.delivery.sender import DeliverySender
 from protocol.link.interface import (
     POLL_S,
@@ -13,7 +14,6 @@ from protocol.link.interface import (
 )
 from protocol.link.link_end import CarrierFactory, LinkEnd, link_service
 from protocol.link.messages import Role
-from protocol.link.peers import PeerMonitor
 from protocol.packets import is_end
 from shared_model.errors import LINK_FAILED, UserError
 

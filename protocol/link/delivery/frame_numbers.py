@@ -27,8 +27,9 @@ LATE_S = 0.06
 RELIABLE_ASK_AFTER_S = 0.6
 # The interval between packets is measured over so many.
 INTERVAL_WINDOW = 8
-# After a longer gap the packets missing are not asked for: prediction has healed without them.
-MAX_ASKED_GAP = 12
+# After a longer gap the packets missing are not asked for: prediction has healed without them; the
+# newest are if none has come before.
+MAX_ASKED_GAP, MAX_FIRST_GAP = 16, 24
 # Numbers are certain again after such a silence only by a HELLO.
 MIN_CERTAIN_S, MAX_CERTAIN_S, CERTAIN_INTERVALS = 1.5, 8.0, 16
 
@@ -175,9 +176,12 @@ class FrameNumbers:
         return self._first_due_s + (self._interval_s or USUAL_INTERVAL_S) * number
 
     def _miss(self, first: int, end: int, now_s: float) -> None:
-        if end - first > MAX_ASKED_GAP:
+        longest = MAX_ASKED_GAP if self._come else MAX_FIRST_GAP
+        if end - first > longest:
             self._firsts.extend([False] * min(end - first, LOSS_WINDOW))
-            return
+            if self._come:
+                return
+            first = end - longest
         for number in range(first, end):
             known = self._missing.get(number)
             self._missing[number] = _Missing(now_s) if known is None else known

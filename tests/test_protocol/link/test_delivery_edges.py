@@ -243,3 +243,12 @@ def test_an_encoder_goes_on_for_the_decoders_that_stay() -> None:
     assert end.peers == {DECODER, b"another1"}
     end.receive(serialise_message(Bye(Role.DECODER, peer_id(DECODER))), 2.0)
     assert end.peers == {b"another1"} and end.heard_s == 1.0
+
+
+@pytest.mark.parametrize(("begun", "asked"), [(False, range(16, 40)), (True, range(0))])
+def test_a_long_gap_is_asked_for_only_where_nothing_has_come(begun: bool, asked: range) -> None:
+    numbers = FrameNumbers(0, 0.0)
+    if begun:
+        numbers.take(0, 0.0)
+    numbers.synchronise(40, 1.0)
+    assert numbers.to_ask(2.0, is_reliable=True) == tuple(asked)

@@ -1,6 +1,6 @@
 """Presence of decoders: each change is announced once."""
 
-from protocol.link.peers import PeerMonitor
+from protocol.link.delivery.peers import PeerMonitor
 
 
 def test_nothing_is_said_while_somebody_listens() -> None:
