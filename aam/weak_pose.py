@@ -102,10 +102,15 @@ def telephoto(pose: Array, size: tuple[int, int]) -> tuple[Camera, Pose]:
     size: (width, height) of the picture.
     """
     camera = Camera(*size, TELEPHOTO_RATIO * max(size))
+    return camera, perspective_pose(pose, camera)
+
+
+def perspective_pose(pose: Array, camera: Camera) -> Pose:
+    """The pose before a camera that a vector (6,) means: the inverse of `pose_vector`."""
     scale = np.exp(pose[5])
     shift = (pose[3:5] - camera.centre) / scale
     rotation = normalise(multiply(np.array(FRONTAL), quaternion_from_vector(pose[:3])))
-    return camera, Pose(rotation, np.append(shift, camera.focal_px / scale))
+    return Pose(rotation, np.append(shift, camera.focal_px / scale))
 
 
 def euler_angles_deg(pose: Array) -> tuple[float, float, float]:

@@ -10,18 +10,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aam.annotation.annotation_file import Annotation, read_header, write_annotation
+from aam.annotation.annotation_file import Annotation, read_header
 from aam.annotation.landmark_files import read_landmark_csv, read_landmark_file
 from aam.annotation.landmark_schemes import FaceLandmarks, from_given, from_search
 from aam.annotation.landmark_search import StillLandmarks
 from aam.annotation.model_landmarks import ModelLandmarks
+from aam.annotation.originals import save_fit
 from aam.annotation.still_fit import StillFit, fit_still
-from aam.face_window import face_window
+from aam.annotation.still_texture import kept_texture, kept_window
 from aam.model_file import read_model
-from aam.shape_space import shape_vector
-from encoder.appearance.texture import extract_texture
-from shared_model.animate import Face, identity_from_controls
-from shared_model.appearance import atlas_of
 from shared_model.errors import NO_FACE, UserError, cannot_read
 from shared_model.mesh import generic_head
 
@@ -33,8 +30,6 @@ SUFFIXES = {".jpg", ".jpeg", ".png", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".
 # What `contact_sheet` writes beside annotations.
 CONTACT_SHEET = re.compile(r"contact_\d{3,}\.jpg")
 LANDMARK_SUFFIXES, MODEL_SUFFIX = (".asf", ".pts"), ".npz"
-# Largest side of the window that is kept, pixels, and of the texture, texels.
-WINDOW_PX, TEXTURE_SIZE = 384, 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +88,7 @@ def annotate(
             break
         try:
             if not _is_done(folder / f"{name}.json", path, options):
-                annotation = _annotate_one(path, name, given, options)
-                write_annotation(folder, annotation)
+                _annotate_one(folder, path, name, given, options)
                 report.fitted += 1
             report.names.append(name)
         except _NotAnnotated as error:
@@ -189,15 +183,27 @@ def _is_done(json_path: Path, image: Path, options: AnnotationOptions) -> bool:
 
 
 def _annotate_one(
-    path: Path, name: str, given: _GivenLandmarks, options: AnnotationOptions
-) -> Annotation:
+    folder: Path, path: Path, name: str, given: _GivenLandmarks, options: AnnotationOptions
+) -> None:
     picture = _read_picture(path)
     landmarks = given.of(path, picture)
     size = picture.shape[1], picture.shape[0]
     try:
         fitted = fit_still(generic_head(), size, landmarks, options.projection, options.residual)
+        annotation = _annotation(path, name, options, fitted, landmarks, picture)
+        save_fit(folder, annotation, picture)
     except ValueError as error:
         raise _NotAnnotated(str(error)) from error
+
+
+def _annotation(
+    path: Path,
+    name: str,
+    options: AnnotationOptions,
+    fitted: StillFit,
+    landmarks: FaceLandmarks,
+    picture: Picture,
+) -> Annotation:
     return Annotation(
         name,
         _person(path, options.person, name),
@@ -208,20 +214,12 @@ def _annotate_one(
         fitted.camera.focal_px,
         fitted.error,
         fitted.pose,
-        shape_vector(fitted.aau, fitted.face.eau),
+        fitted.shape,
         fitted.control_mm,
-        _texture(picture, fitted),
+        kept_texture(picture, fitted),
         landmarks.points,
-        face_window(picture, fitted.pose, WINDOW_PX),
+        kept_window(picture, fitted),
     )
-
-
-def _texture(picture: Picture, fitted: StillFit) -> Picture:
-    head = generic_head()
-    identity = identity_from_controls(head, fitted.aau, fitted.control_mm)
-    vertices = Face(head, identity).animate(fitted.face.eau)
-    atlas = atlas_of(head, TEXTURE_SIZE)
-    return extract_texture(head, atlas, fitted.camera, fitted.face.pose, vertices, picture)
 
 
 def _read_picture(path: Path) -> Picture:

@@ -8,7 +8,8 @@ import json
 import os
 import zipfile
 import zlib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,7 @@ class Annotation:
     shape: (25,) AE shape vector in [-1, 1].  control_mm: (k, 3) residual shape.
     texture: (s, s, 3) uint8 BGR, shape-free.  landmarks: (468, 3) pixels, nan where unknown.
     window: of the picture, see `aam.window`.
+    correction: what a hand has set, see `aam.annotation.correction`; empty: nothing.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Annotation:
     texture: Picture
     landmarks: Array
     window: FaceWindow
+    correction: Mapping[str, Any] = field(default_factory=dict)
 
 
 def write_annotation(folder: Path, annotation: Annotation) -> None:
@@ -81,14 +84,14 @@ def write_annotation(folder: Path, annotation: Annotation) -> None:
         "window_corner": annotation.window.corner,
         "window_ratio": np.array(annotation.window.ratio),
     }
+    text = json.dumps(_as_json(annotation), indent=1) + "\n"
+    parts = [folder / f"{annotation.name}{suffix}.part" for suffix in (".npz", ".json")]
     try:
-        partial = folder / f"{annotation.name}.npz.part"
-        with partial.open("wb") as file:
+        with parts[0].open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **arrays)
-        os.replace(partial, folder / f"{annotation.name}.npz")
-        partial = folder / f"{annotation.name}.json.part"
-        partial.write_text(json.dumps(_as_json(annotation), indent=1) + "\n", encoding="utf-8")
-        os.replace(partial, folder / f"{annotation.name}.json")
+        parts[1].write_text(text, encoding="utf-8")
+        for part in parts:
+            os.replace(part, part.with_suffix(""))
     except OSError as error:
         raise cannot_write(folder / annotation.name, error) from error
 
@@ -121,6 +124,7 @@ def _annotation(name: str, values: dict[str, Any], arrays: dict[str, Any]) -> An
         arrays["texture"],
         arrays["landmarks"].astype(np.float64),
         window,
+        dict(values.get("correction", {})),
     )
 
 
@@ -177,4 +181,5 @@ def _as_json(annotation: Annotation) -> dict[str, Any]:
             **{"pitch_deg": pitch, "yaw_deg": yaw, "roll_deg": roll},
         },
         "shape": dict(zip(SHAPE_NAMES, annotation.shape.tolist(), strict=True)),
+        **({"correction": dict(annotation.correction)} if annotation.correction else {}),
     }

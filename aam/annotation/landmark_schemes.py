@@ -76,3 +76,11 @@ def from_given(points: Array) -> FaceLandmarks:
     full[scheme[scheme != NONE], :2] = points[scheme != NONE]
     sigma[list(FACE_OVAL)] = OUTLINE_SIGMA
     return FaceLandmarks(full, sigma)
+
+
+def from_known(points: Array) -> FaceLandmarks:
+    """The landmarks (468, 3) that an annotation keeps: of a search, or of a scheme if few."""
+    sigma = np.ones(LANDMARK_COUNT)
+    if np.isfinite(points[:, 0]).sum() <= max(SCHEMES):
+        sigma[list(FACE_OVAL)] = OUTLINE_SIGMA
+    return FaceLandmarks(points, sigma)

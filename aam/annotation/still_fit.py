@@ -10,9 +10,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from aam.annotation.held_values import HeldValues
 from aam.annotation.landmark_schemes import FaceLandmarks
-from aam.shape_space import FITTED_EAUS
-from aam.weak_pose import POSE_COUNT, pose_vector, telephoto
+from aam.shape_space import FITTED_EAUS, shape_vector
+from aam.weak_pose import POSE_COUNT, perspective_pose, pose_vector, telephoto
 from encoder.detection.landmark_indices import EYELID_MARGINS, OUTER_EYE_CORNERS
 from encoder.fitting.eyelids import with_measured_eyelids
 from encoder.fitting.identity import (
@@ -36,7 +37,7 @@ from encoder.fitting.landmark_fit import (
 from shared_model import geometry
 from shared_model.geometry import FRONTAL, Camera
 from shared_model.mesh import Head, generic_head
-from shared_model.parameters import AAUS, EAUS, FaceParameters, Pose, clip_eau
+from shared_model.parameters import AAUS, FaceParameters, clip_eau
 from shared_model.shape_residual import residual_basis
 
 Array = NDArray[np.float64]
@@ -69,6 +70,11 @@ class StillFit:
         """(6,) of weak perspective, see `aam.weak_pose`."""
         return pose_vector(self.face.pose, self.camera)
 
+    @property
+    def shape(self) -> Array:
+        """(25,) AE shape vector."""
+        return shape_vector(self.aau, self.face.eau)
+
 
 @cache
 def _generic_landmark_model() -> LandmarkModel:
@@ -81,10 +87,12 @@ def fit_still(
     landmarks: FaceLandmarks,
     projection: str = "weak",
     residual: bool = False,
+    held: HeldValues | None = None,
 ) -> StillFit:
     """Pose, AAUs and EAUs that explain the landmarks of one picture.
 
     size: (width, height) of the picture.  residual: fit the residual shape as well.
+    held: what stays as it is told; None: nothing.
     Raises `ValueError` if the outer corners of the eyes or too many landmarks are unknown.
     """
     if projection not in PROJECTIONS:
@@ -92,19 +100,23 @@ def fit_still(
     full = _generic_landmark_model() if head is generic_head() else landmark_model(head)
     model, target, sigma_px = _observed(full, landmarks)
     is_weak = projection == "weak"
-    pose = _first_pose(model, target)
-    state = _State(pose, np.zeros(len(AAUS)), np.zeros((len(residual_basis(head)), 3)), _rest())
+    held = held or HeldValues.none()
+    pose = _first_pose(model, target) if held.pose is None else held.pose
+    aau, eau = held.start()
+    state = _State(pose, aau, np.zeros((len(residual_basis(head)), 3)), eau)
     camera = Camera(*size, TYPICAL_FOCAL_RATIO * max(size))
     for _ in range(ITERATIONS):
-        state = _step(model, state, target, sigma_px, None if is_weak else camera, residual)
+        lens = None if is_weak else camera
+        state = _step(model, state, target, sigma_px, lens, residual, held)
     if is_weak:
         camera, at = telephoto(state.pose, size)
     else:
-        at = _perspective_pose(state.pose, camera)
+        at = perspective_pose(state.pose, camera)
     face = FaceParameters(at, state.eau)
     personal = personalise(full, state.aau, state.control_mm)
     if np.isfinite(landmarks.points[list(sum(EYELID_MARGINS, ())), 0]).all():
         face = with_measured_eyelids(personal, camera, landmarks.points, face)
+        face = replace(face, eau=held.applied(face.eau))
     fitted = StillFit(projection, camera, face, state.aau, state.control_mm, 0.0)
     return replace(fitted, error=_error(model, fitted, target))
 
@@ -117,10 +129,6 @@ class _State:
     aau: Array
     control_mm: Array
     eau: Array
-
-
-def _rest() -> Array:
-    return np.zeros(len(EAUS))
 
 
 def _observed(model: LandmarkModel, landmarks: FaceLandmarks) -> tuple[LandmarkModel, Array, Array]:
@@ -159,14 +167,6 @@ def _first_pose(model: LandmarkModel, target: Array) -> Array:
     return np.array([0.0, 0.0, -turn, *origin, np.log(scale)])
 
 
-def _perspective_pose(pose: Array, camera: Camera) -> Pose:
-    scale = np.exp(pose[5])
-    shift = (pose[3:5] - camera.centre) / scale
-    turn = geometry.quaternion_from_vector(pose[:3])
-    rotation = geometry.normalise(geometry.multiply(np.array(FRONTAL), turn))
-    return Pose(rotation, np.append(shift, camera.focal_px / scale))
-
-
 def _project(
     pose: Array, rotated: Array, derivatives: Array, camera: Camera | None
 ) -> tuple[Array, Array]:
@@ -181,7 +181,7 @@ def _project(
         rows[0, 0] = rows[1, 1] = 1
         rows[2] = scale * rotated[:, :2].T
         return pixels, np.concatenate([jacobian, rows])
-    translation = _perspective_pose(pose, camera).translation_mm
+    translation = perspective_pose(pose, camera).translation_mm
     points = rotated + translation
     moves = np.zeros((3, 3, len(rotated)))
     moves[0, 0] = moves[1, 1] = 1 / scale
@@ -197,6 +197,7 @@ def _step(
     sigma_px: Array,
     camera: Camera | None,
     residual: bool,
+    held: HeldValues,
 ) -> _State:
     """One Gauss-Newton step over AAUs, controls, EAUs, rotation, x, y, log scale."""
     personal = personalise(model, state.aau, state.control_mm)
@@ -223,7 +224,9 @@ def _step(
     precision = np.zeros(len(rows))
     precision[: len(sigma)] = 1 / sigma**2
     normal = rows @ rows.T + np.diag(precision + 1e-9)
-    solution = np.asarray(np.linalg.solve(normal, rows @ error - precision * values), float)
+    gradient, free = rows @ error - precision * values, held.free(len(controls))
+    solution = np.zeros(len(rows))
+    solution[free] = np.linalg.solve(normal[np.ix_(free, free)], gradient[free])
     return _moved(state, solution, len(controls))
 
 

@@ -11,6 +11,7 @@ from risorius.command_line.output_checks import check_outputs
 from risorius.command_line.parser import INTERRUPTED, add_command
 from risorius.command_line.progress import ProgressLine, warn
 from risorius.command_line.signals import StopOnSignal
+from shared_model.errors import UserError
 
 if TYPE_CHECKING:
     from risorius.command_line.parser import Commands
@@ -46,14 +47,34 @@ def add_view(added: "Commands") -> None:
     parser = add_command(
         added,
         "view",
-        "move every actuator of the face by hand, in a browser",
+        "move every actuator of the face by hand, or correct annotations, in a browser",
         "Prints the address of a page on this host: a slider for each actuator, a face to drag,\n"
         "the decoder's own renderer behind it.  Ctrl-C ends it.  Single pictures come from\n"
-        "ADDRESS/picture.jpg?jaw_drop=0.5&happiness=1&yaw=-20, names as in docs/animate.md.",
-        "  risorius view\n  risorius view --call anna.rzo --port 8000\n",
+        "ADDRESS/picture.jpg?jaw_drop=0.5&happiness=1&yaw=-20, names as in docs/animate.md.\n"
+        "With --annotation the page shows what `risorius annotate` wrote: drag a landmark, move a\n"
+        "slider, and the rest is fitted again; saved over it, the fit without a hand beside it.",
+        "  risorius view\n  risorius view --call anna.rzo --port 8000\n"
+        "  risorius view --annotation annotated --model model.npz\n",
+    )
+    whom = parser.add_mutually_exclusive_group()
+    whom.add_argument("--call", type=Path, metavar="CALL", help="show the person of this call file")
+    whom.add_argument(
+        "--annotation",
+        type=Path,
+        metavar="PATH",
+        help="correct the annotations of this folder, or of this JSON file",
     )
     parser.add_argument(
-        "--call", type=Path, metavar="CALL", help="show the person of this call file"
+        "--pictures",
+        type=Path,
+        metavar="DIR",
+        help="look here for annotated pictures that are not where they were",
+    )
+    parser.add_argument(
+        "--model",
+        type=Path,
+        metavar="MODEL.npz",
+        help="show what is left of an annotated texture by this model of `risorius train`",
     )
     parser.add_argument(
         "--port", type=port, default=0, metavar="N", help="TCP port; 0: any free one (default: 0)"
@@ -82,8 +103,24 @@ def run_animate(arguments: argparse.Namespace) -> int:
 
 def run_view(arguments: argparse.Namespace) -> int:
     """`risorius view`: being stopped is its normal end."""
+    if arguments.annotation is not None:
+        return _view_annotations(arguments)
+    for name in ("pictures", "model"):
+        if getattr(arguments, name) is not None:
+            raise UserError(f"--{name} is for annotations; name them by --annotation")
     from risorius.view.server import ViewOptions, view
 
     with StopOnSignal(), suppress(KeyboardInterrupt):
         view(ViewOptions(arguments.call, arguments.port), lambda url: print(url, flush=True))
+    return 0
+
+
+def _view_annotations(arguments: argparse.Namespace) -> int:
+    from risorius.view.annotation_server import AnnotationViewOptions, view_annotations
+
+    options = AnnotationViewOptions(
+        arguments.annotation, arguments.pictures, arguments.model, arguments.port
+    )
+    with StopOnSignal(), suppress(KeyboardInterrupt):
+        view_annotations(options, lambda url: print(url, flush=True))
     return 0

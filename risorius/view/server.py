@@ -5,27 +5,23 @@ all drawing is done on the thread that calls `view`, since a GL context belongs 
 """
 
 import json
-import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from pathlib import Path
 from threading import Condition, Thread
-from typing import Any, cast
-from urllib.parse import urlsplit
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.link.endpoints import bind_reason
 from risorius.animation.animate import Actor, open_actor, side_light
 from risorius.animation.animation_script import AnimationState, Script, parse_script
-from risorius.call_page.access import HEADERS, HOST, Access, not_served, random_token
+from risorius.view.local_page import HTML, JPEG, JSON, TEXT, PageHandler, PageServer
 from risorius.view.view_state import page_description, state_from_query
 from shared_model.errors import UserError
 
@@ -100,7 +96,7 @@ def view(options: ViewOptions, announce: Callable[[str], None]) -> None:
         actor = open_actor(studio, options.call_file)
         stack.callback(actor.close)
         requests = RequestQueue()
-        server = _open_server(options, requests, _description(actor, studio, options))
+        server = _Server(options.port, requests, _description(actor, studio, options))
         stack.callback(server.server_close)
         Thread(target=server.serve_forever, daemon=True).start()
         stack.callback(server.shutdown)
@@ -135,48 +131,30 @@ def _description(actor: Actor, studio: Script, options: ViewOptions) -> dict[str
     return page_description(camera.width, camera.height, caller)
 
 
-class _Server(ThreadingHTTPServer):
-    # A request that waits for its picture does not delay the end.
-    daemon_threads, block_on_close = True, False
-
+class _Server(PageServer):
     def __init__(self, port: int, requests: RequestQueue, described: dict[str, Any]) -> None:
         self.requests = requests
         self.page = (files("risorius.view") / "view.html").read_bytes()
         self.model = json.dumps(described).encode()
-        super().__init__((HOST, port), _Handler)
-        self.access = Access(self.server_port, random_token())
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """A page that is closed while its picture is drawn is no error."""
-        if not isinstance(sys.exception(), ConnectionError):
-            super().handle_error(request, client_address)
+        super().__init__(port, _Handler)
 
 
-class _Handler(BaseHTTPRequestHandler):
-    protocol_version = "HTTP/1.1"
-    # A picture is sent in two writes, and the second must not wait for the first's receipt.
-    disable_nagle_algorithm = True
+class _Handler(PageHandler):
     server: _Server
 
     def do_GET(self) -> None:
         """The page, the model's description, or a picture."""
-        where = urlsplit(self.path)
-        token, _, name = where.path.removeprefix("/").partition("/")
-        headers = cast(Mapping[str, str], self.headers)
-        reason = self.server.access.refusal(headers, token, is_websocket=False)
-        if reason is not None:
-            self._reply(HTTPStatus.FORBIDDEN, "text/plain", f"{reason}\n".encode())
-        elif name == "":
-            self._reply(HTTPStatus.OK, "text/html; charset=utf-8", self.server.page)
-        elif name == "model.json":
-            self._reply(HTTPStatus.OK, "application/json", self.server.model)
-        elif name == "picture.jpg":
+        where = self.admitted()
+        if where is None:
+            return
+        if where.path == "":
+            self.reply(HTTPStatus.OK, HTML, self.server.page)
+        elif where.path == "model.json":
+            self.reply(HTTPStatus.OK, JSON, self.server.model)
+        elif where.path == "picture.jpg":
             self._picture(where.query)
         else:
-            self._reply(HTTPStatus.NOT_FOUND, "text/plain", b"no such page\n")
-
-    def log_message(self, format: str, *arguments: Any) -> None:
-        """Nothing: a line for each picture would bury the page's address."""
+            self.no_such_page()
 
     def _page(self) -> str:
         """Name of the client: the one that a page gives itself, else the connection."""
@@ -186,27 +164,9 @@ class _Handler(BaseHTTPRequestHandler):
         try:
             data = self.server.requests.render(self._page(), state_from_query(query))
         except (ValueError, UserError) as error:
-            self._reply(HTTPStatus.BAD_REQUEST, "text/plain", f"{error}\n".encode())
+            self.reply(HTTPStatus.BAD_REQUEST, TEXT, f"{error}\n".encode())
             return
         if data is None:
-            self._reply(HTTPStatus.NO_CONTENT, "image/jpeg", b"")
+            self.reply(HTTPStatus.NO_CONTENT, JPEG, b"")
         else:
-            self._reply(HTTPStatus.OK, "image/jpeg", data)
-
-    def _reply(self, status: HTTPStatus, kind: str, body: bytes) -> None:
-        self.send_response(status)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(body)))
-        for name, value in HEADERS.items():
-            self.send_header(name, value)
-        self.end_headers()
-        self.wfile.write(body)
-
-
-def _open_server(
-    options: ViewOptions, requests: RequestQueue, described: dict[str, Any]
-) -> _Server:
-    try:
-        return _Server(options.port, requests, described)
-    except OSError as error:
-        raise not_served(options.port, bind_reason(error)) from error
+            self.reply(HTTPStatus.OK, JPEG, data)

@@ -1,0 +1,49 @@
+"""Values that a fit leaves as they are told: what a hand has set."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aam.shape_space import FITTED_EAUS, SHAPE_COUNT, SHAPE_RANGE, actuators
+from aam.weak_pose import POSE_COUNT
+from shared_model.parameters import AAUS
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldValues:
+    """What a fit does not move.
+
+    shape: (25,) AE shape vector, nan where it is fitted.
+    pose: (6,) of weak perspective, see `aam.weak_pose`; None: fitted.
+    """
+
+    shape: Array
+    pose: Array | None
+
+    @classmethod
+    def none(cls) -> Self:
+        """All is fitted."""
+        return cls(np.full(SHAPE_COUNT, np.nan), None)
+
+    def start(self) -> tuple[Array, Array]:
+        """AAUs (11,) and EAUs (14,) where a fit starts: as held, else at rest."""
+        return actuators(np.where(np.isnan(self.shape), 0.0, self.shape))
+
+    def applied(self, eau: Array) -> Array:
+        """EAUs (14,) with the held ones as they are held."""
+        held = self.shape[len(AAUS) :]
+        return np.where(np.isnan(held), eau, held * SHAPE_RANGE[len(AAUS) :])
+
+    def free(self, controls: int) -> NDArray[np.bool_]:
+        """(n,) what is fitted of AAUs, controls, the fitted EAUs, rotation, x, y, log scale.
+
+        controls: number of values of the residual shape.
+        """
+        free = np.isnan(self.shape)
+        aau, eau = free[: len(AAUS)], free[len(AAUS) :][np.array(FITTED_EAUS)]
+        pose = np.full(POSE_COUNT, self.pose is None)
+        return np.concatenate([aau, np.ones(controls, bool), eau, pose])
