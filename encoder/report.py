@@ -15,6 +15,7 @@ USED_SHARE = 0.75
 # Warnings about a call whose end reached nobody.
 UNREACHED_MESSAGES = {
     Reachability.NO_PEER: "nobody listened when the call ended",
+    Reachability.BUSY: "who listened when the call ended had another encoder",
     Reachability.NO_LINK: "the link had broken when the call ended",
 }
 

@@ -7,6 +7,8 @@ import os
 import shutil
 import subprocess
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -61,8 +63,7 @@ class Browser:
         self._session: str | None = None
         targets = self.call("Target.getTargets")["targetInfos"]
         target = next(info["targetId"] for info in targets if info["type"] == "page")
-        attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
-        self._session = attached["sessionId"]
+        self._session = self._attached(target)
 
     def __enter__(self) -> Self:
         return self
@@ -81,12 +82,15 @@ class Browser:
         except subprocess.TimeoutExpired:
             self._process.kill()
 
-    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Send one DevTools command and return its result."""
+    def call(self, method: str, session: str | None = None, **parameters: Any) -> dict[str, Any]:
+        """Send one DevTools command and return its result.
+
+        session: of the tab it is for, see `tab`; None: of the one that is controlled.
+        """
         self._number += 1
         message: dict[str, Any] = {"id": self._number, "method": method, "params": parameters}
-        if self._session:
-            message["sessionId"] = self._session
+        if session or self._session:
+            message["sessionId"] = session or self._session
         os.write(self._commands, json.dumps(message).encode() + b"\0")
         while True:
             answer = self._receive()
@@ -94,6 +98,24 @@ class Browser:
                 assert "error" not in answer, answer["error"]
                 result: dict[str, Any] = answer["result"]
                 return result
+
+    @contextmanager
+    def tab(self, address: str) -> Iterator[str]:
+        """A further tab, at this address, which is the one that is controlled in the `with` block.
+
+        Yields the session of the one before.
+        """
+        before, self._session = self._session, None
+        assert before is not None
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self._attached(target)
+        self.call("Page.navigate", url=address)
+        try:
+            yield before
+        finally:
+            self._session = None
+            self.call("Target.closeTarget", targetId=target)
+            self._session = before
 
     def value(self, expression: str) -> Any:
         """The value of a JavaScript expression on the page."""
@@ -135,6 +157,11 @@ class Browser:
         picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
         assert picture is not None
         return np.asarray(picture, dtype=np.uint8)
+
+    def _attached(self, target: str) -> str:
+        """The session by which a tab is controlled."""
+        attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
+        return str(attached["sessionId"])
 
     def _receive(self) -> dict[str, Any]:
         while b"\0" not in self._rest:

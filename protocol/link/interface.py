@@ -119,10 +119,11 @@ class PacketProtection(Protocol):
 
 
 class Reachability(StrEnum):
-    """Whether a packet that is sent now reaches a receiver."""
+    """Whether a packet that is sent now reaches a receiver; BUSY: that has another encoder."""
 
     HAS_PEER = "somebody"
     NO_PEER = "nobody"
+    BUSY = "busy"
     NO_LINK = "no link"
 
 

@@ -58,7 +58,13 @@ class LinkSink(LinkEnd):
 
         After `close` that of the end of the call.
         """
-        return self._reachability
+        is_unheard = self._reachability is Reachability.NO_PEER and not self._closed
+        return Reachability.BUSY if is_unheard and self._is_busy else self._reachability
+
+    @property
+    def _is_busy(self) -> bool:
+        with self._service.lock:
+            return self._delivery.is_busy(monotonic())
 
     @property
     def quality(self) -> LinkQuality:
@@ -78,7 +84,7 @@ class LinkSink(LinkEnd):
             self._service.raise_failure()
             now_s = monotonic()
             self._tell_of_others(Role.DECODER)
-            if not self._delivery.is_busy(now_s):
+            if not self._is_busy:
                 busy_since_s = None
             elif busy_since_s is None:
                 busy_since_s = now_s

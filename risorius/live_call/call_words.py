@@ -36,6 +36,8 @@ def state_words(
     sending: None: nothing is known yet.  is_camera_off: the other end's.
     """
     reach = None if sending is None else sending.reach
+    if reach == Reachability.BUSY:
+        return Words("is in another call", f"{name} is in another call.")
     if presence is Presence.LEFT and reach != Reachability.HAS_PEER:
         return Words("has left", f"{name} has left.")
     is_silent = presence is Presence.SILENT and has_picture
@@ -51,6 +53,13 @@ def state_words(
     if is_listening:
         return Words("waiting for a call", "Waiting for a call …")
     return Words("calling", f"Calling {name} …")
+
+
+def stranger_words(is_listening: bool) -> str:
+    """What is said once when packets come that are not of this call."""
+    if is_listening:
+        return "somebody without this invitation knocks, and is not heard"
+    return "who is there cannot be read: is the invitation of another call?"
 
 
 def cost_words(sending: Sending | None, receiving: Receiving | None) -> str:

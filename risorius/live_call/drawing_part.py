@@ -13,7 +13,7 @@ from decoder.reenactment import read_model
 from decoder.sound.sound_track import Samples, SoundTrack, open_sound_track
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
-from protocol.link.interface import Arrival, PacketSource, ignore_message
+from protocol.link.interface import Arrival, PacketSource
 from risorius.call_page.page_thread import encoded_picture
 from risorius.live_call.messages import (
     DrawAs,
@@ -133,7 +133,7 @@ class _Drawing:
             connect_timeout_s=place.timeout_s,
             security=place.security,
         )
-        return open_source(options, ignore_message)
+        return open_source(options, self._part.tell_of_link)
 
     def _open_again(self) -> PacketSource:
         while True:

@@ -18,7 +18,7 @@ from risorius.call_page.page_clock import PageClock
 from risorius.call_page.page_server import PageServer
 from risorius.live_call.call_options import CallOptions
 from risorius.live_call.call_place import own_address
-from risorius.live_call.call_words import cost_words, delay_ms, state_words
+from risorius.live_call.call_status import CallStatus
 from risorius.live_call.invitation_card import card
 from risorius.live_call.messages import (
     BROWSER,
@@ -37,6 +37,7 @@ from risorius.live_call.messages import (
     Recording,
     Sending,
     SendingOptions,
+    Strangers,
     Switch,
     Trouble,
 )
@@ -58,7 +59,7 @@ def run_call(
     """Hold a call until somebody hangs up here.
 
     announce: called with the page's address.
-    tell: called with a line when the other end comes, is lost, or leaves.
+    tell: called with a line when the other end comes, is lost, or leaves, and once of strangers.
     Raises `UserError` if it cannot be held.
     """
     with ExitStack() as stack:
@@ -71,7 +72,7 @@ def run_call(
 
 
 class _LiveCall:
-    """The state of a call and what its page is told of it; used in one event loop."""
+    """The parts of a call and its page; used in one event loop."""
 
     def __init__(self, options: CallOptions, where: str, tell: Callable[[str], None]) -> None:
         self._options, self._where = options, where
@@ -79,12 +80,9 @@ class _LiveCall:
         self._clock = PageClock()
         self._over = asyncio.Event()
         self._failure: UserError | None = None
-        self._sending: Sending | None = None
-        self._receiving: Receiving | None = None
+        self._status = CallStatus(self._page, self._clock, options.place, tell)
         self._parts: list[PartProcess] = []
-        self._has_picture = False
         self._recorded: dict[str, Path | None] = {}  # the call file of each side
-        self._say, self._said = tell, ""  # the newest state that was said
         self._switches = {"mute": False, "camera-off": False, "face": False}
 
     async def run(self, announce: Callable[[str], None]) -> None:
@@ -98,7 +96,7 @@ class _LiveCall:
                 self._start()
                 self._setup()
                 self._invite()
-                self._tell()
+                self._status.tell()
                 announce(self._page.address)
                 # In a thread that is not waited for: some browsers return when they are closed.
                 Thread(target=open_browser, args=(self._page.address,), daemon=True).start()
@@ -173,57 +171,36 @@ class _LiveCall:
         if self._options.place.invitation is not None:
             self._page.tell("invitation", **card(self._options.place.invitation))
 
-    def _tell(self) -> None:
-        """Tell pages how it goes."""
-        sending, receiving = self._sending, self._receiving
-        presence = Presence.AWAITED if receiving is None else receiving.presence
-        name, is_listening = self._options.place.name, self._options.place.listen is not None
-        is_camera_off = receiving is not None and receiving.is_camera_off
-        words = state_words(name, is_listening, self._has_picture, sending, presence, is_camera_off)
-        self._page.tell(
-            "state", name=name, text=words.text, over=words.over, trouble=words.is_trouble
-        )
-        news = words.text or "is here"
-        # The first one is how every call begins.
-        if self._said and news != self._said:
-            self._say(f"{name}: {news}")
-        self._said = news
-        begun_s = None if sending is None else sending.begun_s
-        self._page.tell(
-            "costs",
-            text=cost_words(sending, receiving),
-            delay_ms=delay_ms(sending, receiving),
-            begun_ms=None if begun_s is None else self._clock.page_ms(begun_s),
-            fps=None if sending is None else sending.fps,
-        )
-
     # What the parts say.
 
     def _receive_sending(self, message: FromPart | None) -> None:
         if isinstance(message, Sending):
-            self._sending = message
-            self._tell()
+            self._status.sending = message
+            self._status.tell()
         elif isinstance(message, Recording):
             self._note_recording("mine", message)
         else:
             self._receive(message)
 
     def _receive_other(self, message: FromPart | None) -> None:
+        if self._status.is_refused and isinstance(message, Drawn | Heard):
+            # It is for somebody else.
+            return
         if isinstance(message, Drawn):
             self._page.show(_picture(Stream.OTHER, message))
-            if not self._has_picture:
-                self._has_picture = True
-                self._tell()
+            if not self._status.has_picture:
+                self._status.has_picture = True
+                self._status.tell()
         elif isinstance(message, Heard):
             sound = SoundMessage(
                 Stream.VOICE, message.rate_hz, message.time_s, 0.0, message.samples
             )
             self._page.play(sound)
         elif isinstance(message, Receiving):
-            self._receiving = message
+            self._status.receiving = message
             if message.presence is Presence.LEFT:
-                self._has_picture = False
-            self._tell()
+                self._status.has_picture = False
+            self._status.tell()
         elif isinstance(message, Recording):
             self._note_recording("other", message)
         else:
@@ -249,6 +226,8 @@ class _LiveCall:
             # A part that ends before the call is over has failed.
             if not self._over.is_set():
                 self._fail("a part of the call has ended by itself", LINK_FAILED)
+        elif isinstance(message, Strangers):
+            self._status.tell_of_strangers()
         elif isinstance(message, Trouble):
             if message.exit_code is None:
                 self._page.tell("trouble", text=message.text)

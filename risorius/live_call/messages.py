@@ -205,6 +205,11 @@ class Recording:
 
 
 @dataclass(frozen=True, slots=True)
+class Strangers:
+    """Packets have come that are not of this call, or were changed on the way."""
+
+
+@dataclass(frozen=True, slots=True)
 class Trouble:
     """A line for the user.  exit_code: None: the call goes on; else it cannot."""
 
@@ -214,4 +219,4 @@ class Trouble:
 
 ToSender = CameraPicture | MicrophoneSound | Switch | Record
 ToDrawer = DrawAs | Record
-FromPart = Drawn | Heard | Sending | Receiving | Recording | Trouble
+FromPart = Drawn | Heard | Sending | Receiving | Recording | Strangers | Trouble

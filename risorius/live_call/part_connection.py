@@ -9,7 +9,8 @@ from multiprocessing.connection import Connection
 from threading import Event, Lock
 from typing import Any
 
-from risorius.live_call.messages import FromPart, Trouble
+from protocol.link.link_protection import STRANGERS
+from risorius.live_call.messages import FromPart, Strangers, Trouble
 from shared_model.errors import UserError
 
 # How often a part tells how it goes.
@@ -29,6 +30,11 @@ class PartConnection:
         """Send a message; any thread may.  Without anybody to receive it, it is lost."""
         with self._lock, suppress(OSError):
             self._connection.send(message)
+
+    def tell_of_link(self, line: str) -> None:
+        """Send on what a link says of strangers; how it goes else is told every second."""
+        if line == STRANGERS:
+            self.send(Strangers())
 
     def obey(self, do: Callable[[Any], None]) -> None:
         """Call `do` with what comes, until the other end is gone; then the part is over.

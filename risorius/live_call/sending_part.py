@@ -9,7 +9,7 @@ from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
 from encoder.pipeline import encode_live
 from encoder.runtime.parallel import short_switch_interval
-from protocol.link.interface import PacketSink, ignore_message
+from protocol.link.interface import MessageCallback, PacketSink
 from risorius.live_call.devices import Devices
 from risorius.live_call.messages import Record, Sending, SendingOptions, ToSender
 from risorius.live_call.packets.recorder import CallRecorder
@@ -30,7 +30,7 @@ def run(part: PartConnection, options: SendingOptions) -> None:
         stack.callback(recorder.close)
         devices = stack.enter_context(Devices(options))
         part.in_background(lambda: _obey(part, devices, recorder))
-        sent = _Sent(options, devices, recorder, stack)
+        sent = _Sent(options, devices, recorder, stack, part.tell_of_link)
         part.every_second(sent.figures)
         capture = devices.capture()
         if capture is None:
@@ -64,7 +64,12 @@ class _Sent:
     """What goes over the link.  Raises `UserError` if that cannot be made."""
 
     def __init__(
-        self, options: SendingOptions, devices: Devices, recorder: CallRecorder, stack: ExitStack
+        self,
+        options: SendingOptions,
+        devices: Devices,
+        recorder: CallRecorder,
+        stack: ExitStack,
+        on_message: MessageCallback,
     ) -> None:
         monitor = None
         if options.monitor is not None:
@@ -82,7 +87,7 @@ class _Sent:
         )
         self.stats, self._devices = SessionStats(keeps_times=False), devices
         self._face, self._meter, self._recorder = SentFace(), TrafficMeter(), recorder
-        opened = open_packet_sink(self.options, stack, ignore_message)
+        opened = open_packet_sink(self.options, stack, on_message)
         self.sink: PacketSink = MeteredSink(opened, self._meter, self._note)
 
     def prepare(self, what: str) -> None:

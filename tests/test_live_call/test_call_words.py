@@ -5,11 +5,12 @@ from dataclasses import replace
 import pytest
 
 from protocol.link.interface import Reachability
-from risorius.live_call.call_words import cost_words, delay_ms, state_words
+from risorius.live_call.call_words import cost_words, delay_ms, state_words, stranger_words
 from risorius.live_call.messages import Presence, Receiving, Sending, Traffic
 
 SENDING = Sending(Traffic(100, 3, 1.0), Reachability.NO_PEER, 0.0, None, "looking for you")
 LINKED = replace(SENDING, reach=Reachability.HAS_PEER)
+BUSY = replace(SENDING, reach=Reachability.BUSY)
 BROKEN = replace(SENDING, reach=Reachability.NO_LINK)
 RECEIVING = Receiving(Traffic(250, 6, 2.0), Presence.HERE, 0.02, 0.32)
 
@@ -24,6 +25,7 @@ RECEIVING = Receiving(Traffic(250, 6, 2.0), Presence.HERE, 0.02, 0.32)
         (False, False, SENDING, Presence.HERE, "answers"),
         (True, False, LINKED, Presence.SILENT, "is calling"),
         (True, True, LINKED, Presence.HERE, ""),
+        (False, False, BUSY, Presence.AWAITED, "is in another call"),
         (True, True, SENDING, Presence.SILENT, "link lost, trying"),
         (False, True, BROKEN, Presence.HERE, "link lost, trying"),
         (False, False, BROKEN, Presence.AWAITED, "link lost, trying"),
@@ -39,6 +41,16 @@ def test_the_state_is_said_in_words(
     assert words.is_trouble == ("lost" in text)
     # What is over the picture would hide it.
     assert bool(words.over) == (not has_picture)
+
+
+def test_whoever_is_in_another_call_is_not_shown() -> None:
+    words = state_words("anna", False, True, BUSY, Presence.HERE)
+    assert words.text == "is in another call" and words.over
+
+
+def test_strangers_are_told_of_at_both_ends() -> None:
+    assert "knocks" in stranger_words(is_listening=True)
+    assert "another call" in stranger_words(is_listening=False)
 
 
 def test_a_camera_that_is_off_is_said_to_be() -> None:

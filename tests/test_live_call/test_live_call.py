@@ -7,7 +7,7 @@ import signal
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
 from threading import Thread
@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import MakeOnce, Start
-from processes import finish, one_line, wait_until
+from processes import finish, first_line, one_line, wait_until
 from shots import draw, talking
 from sounds import voiced_sound, write_wave
 
@@ -32,7 +32,10 @@ from decoder.pipeline import DecodeOptions, decode  # noqa: E402
 from decoder.sinks.frame_sink import open_sink  # noqa: E402
 from encoder.capture.video_source import open_source  # noqa: E402
 from loopback.process_pair import free_port  # noqa: E402
+from protocol.link.interface import LinkOptions, Reachability  # noqa: E402
+from protocol.link.zenoh_link import ZenohSink  # noqa: E402
 from protocol.security.invitation import Invitation, random_key  # noqa: E402
+from protocol.security.link_security import LinkSecurity  # noqa: E402
 from protocol.summary import summarise  # noqa: E402
 from risorius.call_page.messages import (  # noqa: E402
     PictureMessage,
@@ -165,6 +168,36 @@ def see_and_hear(browser: Browser, watcher: Watcher, second: "subprocess.Popen[s
     until(lambda: watcher.loudness > 300, second)
 
 
+def watch_in_another_tab(browser: Browser, watcher: Watcher, second: Any, page: str) -> None:
+    """A second tab watches, and gives camera, microphone and sound once the first is closed."""
+    with browser.tab(page) as first:
+        browser.wait("typeof players != 'undefined' && players[OTHER].shown > 5", LIMIT_S)
+        assert "Another tab" in browser.value("el('news').textContent")
+        assert browser.value("first.is || !!devices.stream || !!voice.opening") is False
+        browser.call("Page.navigate", first, url="about:blank")
+        browser.wait("devices.stream && voice.heard && voice.heard.loud > 0.01", LIMIT_S)
+        seen = len(watcher.pictures)
+        until(lambda: len(watcher.pictures) > seen + 10, second)
+    browser.call("Page.navigate", url=page)
+    browser.wait("typeof players != 'undefined' && first.is && !!devices.stream", LIMIT_S)
+
+
+def knock(invitation: Invitation, first: "subprocess.Popen[str]") -> list[str]:
+    """A stranger is not heard, and that is said; who calls as well is told that there is a call.
+
+    Returns what the first end has said until then.
+    """
+    place = LinkOptions(f"{invitation.call}-b", connect=(invitation.address,))
+    with ZenohSink(replace(place, security=LinkSecurity(random_key()))):
+        said = [first_line(first)]
+        while "knocks" not in said[-1]:
+            assert said[-1], said
+            said.append(first_line(first))
+    with ZenohSink(replace(place, security=LinkSecurity(invitation.key))) as third:
+        until(lambda: third.reachability is Reachability.BUSY, first)
+    return said
+
+
 def switch_off(browser: Browser, watcher: Watcher, second: "subprocess.Popen[str]") -> None:
     """Whoever is muted and whose camera is off is still there."""
     for name in ("mute", "camera-off"):
@@ -202,13 +235,16 @@ def test_two_people_see_and_hear_each_other_until_one_leaves_and_the_other_hangs
     line, folder = tmp_path / "invitation", ("--folder", tmp_path)
     line.write_text(str(invitation))
     first = start("call", "--listen", invitation.address, "--invite-file", line, *folder)
-    browser.call("Page.navigate", url=page_of(first))
+    page = page_of(first)
+    browser.call("Page.navigate", url=page)
     browser.wait("typeof players != 'undefined'")
     browser.wait("el('state').textContent == 'waiting for a call'", LIMIT_S)
     assert browser.value("el('invitation').textContent") == str(invitation)
     second = start("call", str(invitation), *folder, "--camera", material.clip)
     with Watcher(page_of(second)) as watcher:
         see_and_hear(browser, watcher, second)
+        watch_in_another_tab(browser, watcher, second, page)
+        said = knock(invitation, first)
         switch_off(browser, watcher, second)
         record_and_reload(browser, watcher, second, tmp_path)
         second.send_signal(signal.SIGINT)
@@ -216,7 +252,7 @@ def test_two_people_see_and_hear_each_other_until_one_leaves_and_the_other_hangs
         browser.wait("el('state').textContent == 'has left'", LIMIT_S)
         browser.click("#hang-up")
         code, told = finish(first)
-        lines = told.splitlines()
+        lines = said + told.splitlines()
         assert code == 0 and lines[-1] == "call: anna: has left"
         assert lines.index("call: anna: is calling") < lines.index("call: anna: is here")
         browser.wait("ended")

@@ -1,0 +1,66 @@
+"""How a call goes, told to its page and in the terminal."""
+
+from collections.abc import Callable
+
+from protocol.link.interface import Reachability
+from risorius.call_page.page_clock import PageClock
+from risorius.call_page.page_server import PageServer
+from risorius.live_call.call_place import CallPlace
+from risorius.live_call.call_words import cost_words, delay_ms, state_words, stranger_words
+from risorius.live_call.messages import Presence, Receiving, Sending
+
+
+class CallStatus:
+    """What is known of a call.
+
+    say: called with a line when the other end comes, is lost, or leaves, and once of strangers.
+    sending, receiving: the newest; None: nothing is known yet.
+    has_picture: the other person has been seen since they came.
+    """
+
+    def __init__(
+        self, page: PageServer, clock: PageClock, place: CallPlace, say: Callable[[str], None]
+    ) -> None:
+        self._page, self._clock, self._place, self._say = page, clock, place, say
+        self.sending: Sending | None = None
+        self.receiving: Receiving | None = None
+        self.has_picture = False
+        self._said = ""  # the newest state
+        self._has_told_of_strangers = False
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether the other end is in a call with somebody else."""
+        return self.sending is not None and self.sending.reach == Reachability.BUSY
+
+    def tell(self) -> None:
+        """Tell pages how it goes, and the terminal what has changed."""
+        sending, receiving = self.sending, self.receiving
+        presence = Presence.AWAITED if receiving is None else receiving.presence
+        name, is_listening = self._place.name, self._place.listen is not None
+        is_camera_off = receiving is not None and receiving.is_camera_off
+        words = state_words(name, is_listening, self.has_picture, sending, presence, is_camera_off)
+        self._page.tell(
+            "state", name=name, text=words.text, over=words.over, trouble=words.is_trouble
+        )
+        news = words.text or "is here"
+        # The first one is how every call begins.
+        if self._said and news != self._said:
+            self._say(f"{name}: {news}")
+        self._said = news
+        begun_s = None if sending is None else sending.begun_s
+        self._page.tell(
+            "costs",
+            text=cost_words(sending, receiving),
+            delay_ms=delay_ms(sending, receiving),
+            begun_ms=None if begun_s is None else self._clock.page_ms(begun_s),
+            fps=None if sending is None else sending.fps,
+        )
+
+    def tell_of_strangers(self) -> None:
+        """Say once that somebody is not of this call: each direction of it notices them."""
+        if not self._has_told_of_strangers:
+            self._has_told_of_strangers = True
+            text = stranger_words(self._place.listen is not None)
+            self._page.tell("trouble", text=text)
+            self._say(text)
