@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import redirect_stdout
+from contextlib import contextmanager, redirect_stdout
 from itertools import islice
 from pathlib import Path
 
@@ -129,6 +129,15 @@ def networks() -> Path:
         return find_network_folder()
     except NetworkFilesMissing as error:
         pytest.skip(str(error))
+
+
+@contextmanager
+def without_layers() -> Iterator[None]:
+    """Calls of one picture, as where the segmentation network is not installed: layers take half of
+    the learning, and many tests are of something else."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("encoder.layers.layer_learning.find_segmentation_network", lambda: None)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -159,10 +159,10 @@ def until(condition: Callable[[], bool], process: "subprocess.Popen[str]") -> No
 
 def see_and_hear(browser: Browser, watcher: Watcher, second: "subprocess.Popen[str]") -> None:
     """Each end sees the other and oneself, and hears the other on the clock of the picture."""
-    browser.wait("players[OTHER].shown > 20 && players[SELF].shown > 5", LIMIT_S)
+    browser.wait("players[OTHER].shown > 10 && players[SELF].shown > 5", LIMIT_S)
     assert browser.value("el('name').textContent") == "anna"
     assert "bit/s" in browser.value("el('costs').textContent")
-    until(lambda: len(watcher.pictures) > 20, second)
+    until(lambda: len(watcher.pictures) > 10, second)
     browser.wait("voice.heard && voice.heard.loud > 0.01", LIMIT_S)
     browser.wait("Math.abs(voice.heard.away) < 0.04", LIMIT_S)
     until(lambda: watcher.loudness > 300, second)
@@ -214,9 +214,9 @@ def record_and_reload(browser: Browser, watcher: Watcher, second: Any, folder: P
     browser.wait("el('record').getAttribute('aria-pressed') == 'true'")
     until(lambda: len(list(folder.glob("anna-*"))) == 2, second)
     seen = len(watcher.pictures)
-    until(lambda: len(watcher.pictures) > seen + 25, second)
+    until(lambda: len(watcher.pictures) > seen + 18, second)
     browser.call("Page.reload")
-    browser.wait("typeof players != 'undefined' && players[OTHER].shown > 25", LIMIT_S)
+    browser.wait("typeof players != 'undefined' && players[OTHER].shown > 10", LIMIT_S)
     assert browser.value("el('mute').getAttribute('aria-pressed')") == "true"
     browser.click("#record")
     until(lambda: len(list(folder.glob("anna-*.rzo"))) == 2, second)

@@ -4,7 +4,7 @@ from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 
-from conftest import LIVE_MODEL_BYTES
+from conftest import LIVE_MODEL_BYTES, without_layers
 from shots import draw, talking
 
 from decoder.pipeline import DecodeOptions, decode
@@ -76,7 +76,8 @@ def test_an_update_announced_as_the_one_before_takes_effect_counts_its_single_fr
 ) -> None:
     """At so few frames a second the next is due before the one before holds."""
     draw(tmp_path / "slow.mkv", talking(7, fps=6))
-    encode_live(tmp_path / "slow.mkv", tmp_path / "slow.rzo")
+    with without_layers():
+        encode_live(tmp_path / "slow.mkv", tmp_path / "slow.rzo")
     packets = [parse_packet(data) for data in raw_packets(tmp_path / "slow.rzo")]
     models = [packet for packet in packets if isinstance(packet, ModelPacket)]
     assert len(models) == 3
@@ -117,7 +118,7 @@ def test_frames_that_a_camera_left_out_are_filled_and_a_camera_that_is_off_goes_
     mailbox.put(pictures[0], 0.0)
     capture = LiveCapture("camera", mailbox, Fraction(FPS))
     stats = SessionStats()
-    with CallWriter(path) as sink:
+    with CallWriter(path) as sink, without_layers():
         gop, budget = gop_for_fps(capture.fps, None), budget_for("live", None)
         packets = PacketSender(sink, stats)
         session = LiveEncoder(

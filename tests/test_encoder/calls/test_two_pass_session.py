@@ -177,7 +177,7 @@ def call_of_default_sizes(request: pytest.FixtureRequest, tmp_path: Path) -> Pat
     if request.param == "demo clip":
         return Path(request.getfixturevalue("demo_run")) / "out" / "demo" / "call.rzo"
     clip, path = request.getfixturevalue("clips") / request.param, tmp_path / "call.rzo"
-    assert main(["encode", str(clip), "-o", str(path), "--max-frames", "24", "-q"]) == 0
+    assert main(["encode", str(clip), "-o", str(path), "--max-frames", "12", "-q"]) == 0
     return path
 
 

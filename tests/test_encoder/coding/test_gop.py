@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from conftest import without_layers
 from hypothesis import given
 from hypothesis import strategies as st
 from shots import draw
@@ -98,7 +99,8 @@ def encoded(
         model_bytes=MODEL_BYTES,
         max_frames=max_frames,
     )
-    return encode(options, lambda done, total: None, lambda: False)
+    with without_layers():
+        return encode(options, lambda done, total: None, lambda: False)
 
 
 def played(path: Path) -> list[PlayoutFrame]:
