@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.layers.displacement import dense, origins, sample
+from encoder.layers.displacement import dense, dot, origins, sample
 from encoder.layers.layer_samples import coarse_luma, face_region, motion_with_head
 from encoder.layers.scene_motion import (
     fit_scene_motion,
@@ -126,7 +126,7 @@ class LayerFitter:
     def _linearised(self, at: Single, coefficients: Array) -> tuple[Single, Single]:
         """The picture and its derivatives (k + c + s, h, w).  at: see `_drawn`."""
         drawn = self._drawn(at, coefficients)
-        by_fields = -(drawn.moves * self._slope(drawn)).sum(-1)
+        by_fields = -dot(drawn.moves, self._slope(drawn))
         by_scene = (1 - drawn.alpha) * drawn.moving
         jacobian = np.concatenate([by_fields, drawn.changes, by_scene])
         return drawn.picture, np.asarray(jacobian, np.float32)
@@ -164,5 +164,5 @@ class LayerFitter:
         basis = scene_basis(shape)
         at = scene_origins(basis, own)
         changes = np.array([sample(change, at) for change in self.changes], np.float32)
-        derivatives = -(basis * sample(self._gradients[2], at)).sum(-1)
+        derivatives = -dot(basis, sample(self._gradients[2], at))
         return sample(self.scene, at), changes.reshape(-1, *shape), derivatives

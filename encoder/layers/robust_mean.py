@@ -20,7 +20,8 @@ def robust_mean(pictures: NDArray[np.generic], weights: Single) -> Single:
     for _ in range(PASSES - 1):
         shares = []
         for picture, weight in zip(pictures, weights, strict=True):
-            away = (picture.astype(np.float32) - mean).mean(-1)
+            blue, green, red = np.moveaxis(picture.astype(np.float32) - mean, -1, 0)
+            away = (blue + green + red) / 3
             shares.append(weight / (1 + (away / SCALE_GREY) ** 2))
         mean = _weighted_mean(pictures, np.array(shares))
     return mean

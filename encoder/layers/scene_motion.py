@@ -1,10 +1,12 @@
 """The motion of the scene where the camera moves: fitted to coarse pictures, coarse to fine."""
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.layers.displacement import pixel_grid, sample
+from encoder.layers.displacement import dot, pixel_grid, sample
 from shared_model.layers.scene_motion import displacement_basis
 
 Array = NDArray[np.float64]
@@ -19,10 +21,13 @@ ROBUST_GREY = 12.0
 RELATIVE_RIDGE, RIDGE_GREY2 = 1e-3, 1e-3
 
 
+@lru_cache(maxsize=8)
 def scene_basis(shape: tuple[int, int]) -> Single:
-    """(4, h, w, 2) pixels of a picture of `shape`, see `displacement_basis`."""
+    """(4, h, w, 2) pixels of a picture of `shape`, see `displacement_basis`; read only."""
     grid = pixel_grid(shape).astype(np.float64)
-    return displacement_basis(shape[1], shape[0], grid).astype(np.float32)
+    basis = displacement_basis(shape[1], shape[0], grid).astype(np.float32)
+    basis.flags.writeable = False
+    return basis
 
 
 def scene_origins(basis: Single, motion: Array) -> Single:
@@ -44,7 +49,7 @@ def fit_scene_motion(scene: Single, luma: Single, weight: Single) -> Array:
             at = scene_origins(basis, motion)
             residual = np.asarray(target - sample(picture, at), np.float32)
             trust = weight / (1 + (residual / ROBUST_GREY) ** 2)
-            motion = motion + solved(-(basis * sample(slope, at)).sum(-1), residual, trust)
+            motion = motion + solved(-dot(basis, sample(slope, at)), residual, trust)
     return motion
 
 
