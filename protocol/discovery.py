@@ -3,19 +3,21 @@
 A question is the magic `RZQ1`, a number of eight random bytes, and zeros up to `QUESTION_BYTES`:
 no answer is longer, so nobody is made to send more than was asked for.  An answer goes to the asker
 alone: the magic `RZA1`, the number, flags (bit 0: an encoder listens, bit 1: an invitation is
-needed), the port (2 bytes, the highest first), and the call's name.
+needed), the port (2 bytes, the highest first), and the call's name.  An answer with the number 0
+goes to all: whose address has changed says so without being asked.
 """
 
 import secrets
 import socket
 import struct
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from time import monotonic
 from typing import Self
 
+from protocol.endpoint import OwnAddress
 from protocol.errors import ProtocolError
 from protocol.limits import CALL_NAME
 
@@ -28,6 +30,11 @@ ANSWERS_PER_S = 20.0
 ASK_S = 0.5
 _QUESTION, _ANSWER = b"RZQ1", b"RZA1"
 _NUMBER_BYTES = 8
+# Of an answer to all.
+TO_ALL = bytes(_NUMBER_BYTES)
+# How often an end that listens looks whether its address has changed, for how long after that it
+# says so, and how often: others may be cut off for a while.
+LOOK_S, NOTICES_S, NOTICE_S = 0.25, 120.0, 1.0
 _ENCODER, _INVITED = 1, 2
 # A local network: no router passes on what is asked.
 _HOPS = 1
@@ -54,15 +61,22 @@ class FoundCall:
 
 
 class CallAnnouncer:
-    """Answers questions about one call, in a thread, until it is closed.
+    """Answers questions about one call, in a thread, until it is closed; says to all when the
+    address of this host has changed.
 
     found: the call; its host stands in no answer: the asker sees who sent it.
     address: of the network interface; None: that of the default route.
+    own: the address that others see; None: that where `found` can be reached, from all addresses.
     Where there is no multicast nobody asks, and nothing is answered.
     """
 
-    def __init__(self, found: FoundCall, address: str | None = None) -> None:
+    def __init__(
+        self, found: FoundCall, address: str | None = None, own: OwnAddress | None = None
+    ) -> None:
         self._found, self._socket = found, _group_socket(address)
+        self._own = own or OwnAddress(address or "0.0.0.0")
+        self._known, self._changed_s = self._own.now, float("-inf")
+        self._said_s = self._looked_s = float("-inf")
         self._allowed, self._filled_s = ANSWERS_PER_S, monotonic()
         if self._socket is not None:
             threading.Thread(target=self._run, args=(self._socket,), daemon=True).start()
@@ -71,10 +85,7 @@ class CallAnnouncer:
         """Answer no more; closing twice has no further effect."""
         group, self._socket = self._socket, None
         if group is not None:
-            with suppress(OSError):
-                # Wakes the thread.
-                group.shutdown(socket.SHUT_RD)
-            group.close()
+            _close(group)
 
     def __enter__(self) -> Self:
         return self
@@ -84,12 +95,29 @@ class CallAnnouncer:
 
     def _run(self, group: socket.socket) -> None:
         with suppress(OSError):
+            group.settimeout(LOOK_S)
             while self._socket is not None:
-                data, sender = group.recvfrom(2 * QUESTION_BYTES)
-                number = parse_question(data)
-                if number is not None and self._may_answer(monotonic()):
-                    with suppress(OSError):
-                        group.sendto(serialise_answer(number, self._found), sender)
+                with suppress(TimeoutError):
+                    data, sender = group.recvfrom(2 * QUESTION_BYTES)
+                    number = parse_question(data)
+                    if number is not None and self._may_answer(monotonic()):
+                        with suppress(OSError):
+                            group.sendto(serialise_answer(number, self._found), sender)
+                self._look(group, monotonic())
+
+    def _look(self, group: socket.socket, now_s: float) -> None:
+        """Say to all that the address of this host has changed, for a while."""
+        if now_s - self._looked_s >= LOOK_S:
+            self._looked_s, address = now_s, self._own.now
+            if address is not None and address != self._known:
+                self._known, self._changed_s, self._said_s = address, now_s, float("-inf")
+                _join_group(group, address)
+        due = now_s - self._said_s >= NOTICE_S and now_s - self._changed_s < NOTICES_S
+        if due and self._known is not None:
+            self._said_s = now_s
+            with suppress(OSError):
+                _send_to_group_through(group, self._known)
+                group.sendto(serialise_answer(TO_ALL, self._found), (GROUP, PORT))
 
     def _may_answer(self, now_s: float) -> bool:
         self._allowed += (now_s - self._filled_s) * ANSWERS_PER_S
@@ -98,6 +126,42 @@ class CallAnnouncer:
             return False
         self._allowed -= 1
         return True
+
+
+class CallWatch:
+    """Notices where the other end of a call says that it listens now, until it is closed.
+
+    is_encoder: whether that is the call's encoder.  on_notice: called in a thread of its own.
+    address: of the network interface; None: that of the default route.
+    """
+
+    def __init__(
+        self,
+        call: str,
+        is_encoder: bool,
+        on_notice: Callable[[FoundCall], None],
+        address: str | None = None,
+    ) -> None:
+        self._call, self._is_encoder, self._on_notice = call, is_encoder, on_notice
+        self._socket = _group_socket(address)
+        if self._socket is not None:
+            threading.Thread(target=self._run, args=(self._socket,), daemon=True).start()
+
+    def close(self) -> None:
+        """Notice no more; closing twice has no further effect."""
+        group, self._socket = self._socket, None
+        if group is not None:
+            _close(group)
+
+    def _run(self, group: socket.socket) -> None:
+        with suppress(OSError):
+            while self._socket is not None:
+                data, sender = group.recvfrom(2 * QUESTION_BYTES)
+                with suppress(ProtocolError):
+                    # A closed socket gives nothing from nobody.
+                    found = parse_answer(data, TO_ALL, sender[0] if sender else "")
+                    if (found.call, found.is_encoder) == (self._call, self._is_encoder):
+                        self._on_notice(found)
 
 
 def find_calls(wait_s: float, address: str | None = None) -> Iterator[FoundCall]:
@@ -161,12 +225,28 @@ def _group_socket(address: str | None) -> socket.socket | None:
         # Several calls may be waited for on one host.
         group.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         group.bind((GROUP, PORT))
-        member = socket.inet_aton(GROUP) + socket.inet_aton(address or "0.0.0.0")
-        group.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
+        group.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _membership(address))
     except OSError:
         group.close()
         return None
     return group
+
+
+def _join_group(group: socket.socket, address: str) -> None:
+    """Receive questions at another interface, too; one that has been joined already stays."""
+    with suppress(OSError):
+        group.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, _membership(address))
+
+
+def _membership(address: str | None) -> bytes:
+    return socket.inet_aton(GROUP) + socket.inet_aton(address or "0.0.0.0")
+
+
+def _close(group: socket.socket) -> None:
+    with suppress(OSError):
+        # Wakes the thread.
+        group.shutdown(socket.SHUT_RD)
+    group.close()
 
 
 def _send_to_group_through(asking: socket.socket, address: str | None) -> None:

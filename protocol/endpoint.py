@@ -65,6 +65,11 @@ class Endpoint:
         return self.scheme != "udp" or "rel=1" in self.options
 
     @property
+    def is_quic(self) -> bool:
+        """Whether it is QUIC: nothing tells an end of it at once that the other one has ended."""
+        return self.scheme == "quic" or (self.scheme == "udp" and self.is_reliable)
+
+    @property
     def is_loopback(self) -> bool:
         """Whether only this host can reach it."""
         if self.host == "localhost":
@@ -123,6 +128,34 @@ def address_for_others() -> str | None:
                 continue
             return str(probe.getsockname()[0])
     return next(filter(None, map(_interface_address, _interfaces())), None)
+
+
+class OwnAddress:
+    """The address of this host where an end listens, as it changes.
+
+    host: as it was named: all addresses, one, or a name.  Sends nothing but to a name server.
+    """
+
+    def __init__(self, host: str) -> None:
+        self._is_any = Endpoint(None, host, 0).is_any
+        self._interface = None if self._is_any else _interface_with(host)
+
+    @property
+    def now(self) -> str | None:
+        """The address now; None: there is none, or another interface than loopback never had it."""
+        if self._is_any:
+            return address_for_others()
+        return None if self._interface is None else _interface_address(self._interface)
+
+
+def _interface_with(host: str) -> str | None:
+    """Name of the interface with an address of `host`; None: there is none."""
+    try:
+        found = socket.getaddrinfo(host, None, socket.AF_INET, socket.SOCK_DGRAM)
+    except (OSError, UnicodeError):
+        return None
+    addresses = {str(address[0]) for *_, address in found}
+    return next((name for name in _interfaces() if _interface_address(name) in addresses), None)
 
 
 def _interfaces() -> list[str]:

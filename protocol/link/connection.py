@@ -8,10 +8,10 @@ this repairs what the transport sends only once.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
-from protocol.endpoint import Endpoint
+from protocol.endpoint import CERTIFIED_SCHEMES, Endpoint
 from protocol.link.endpoints import Failure
 from protocol.link.messages import Role
 
@@ -21,6 +21,8 @@ EARLY_PAUSE_S, LATE_PAUSE_S, EARLY_S = 0.4, 1.0, 10.0
 FALLBACK_S = 4.0
 # A candidate that is open and hears nothing for so long is closed.
 DEAF_S, RELIABLE_DEAF_S = 2.0, 8.0
+# Places that others have told of; the newest are tried.
+MAX_TOLD = 4
 # The connection of an end that listens.
 LISTENING = -1
 
@@ -76,7 +78,15 @@ class Presence:
     call: str
 
 
-Event = Opened | Failed | Received | Presence
+@dataclass(frozen=True, slots=True)
+class Elsewhere:
+    """Somebody on the local network says that the other end listens there now."""
+
+    host: str
+    port: int
+
+
+Event = Opened | Failed | Received | Presence | Elsewhere
 
 
 class Carrier(Protocol):
@@ -98,6 +108,9 @@ class Carrier(Protocol):
     def is_linked(self, connection: int) -> bool:
         """Whether another host is connected."""
 
+    def listen_again(self) -> None:
+        """Listen where an address that was listened on has been replaced, in the background."""
+
     def close(self, connection: int) -> None:
         """Close a connection, in the background."""
 
@@ -108,6 +121,7 @@ class Carrier(Protocol):
 @dataclass(slots=True)
 class _Candidate:
     endpoint: Endpoint
+    is_told: bool
     opened_s: float | None = None
 
     @property
@@ -124,6 +138,8 @@ class Connector:
 
     def __init__(self, places: Sequence[Sequence[Endpoint]]) -> None:
         self._places = [tuple(place) for place in places]
+        self._told: list[tuple[Endpoint, ...]] = []
+        self._next: tuple[Endpoint, ...] | None = None  # a place that has just been told of
         self.link: int | None = None
         self.failure: Failure | None = None
         self._candidates: dict[int, _Candidate] = {}
@@ -166,6 +182,28 @@ class Connector:
         if connection == self.link:
             self._heard_s, self._begun_s = now_s, None
 
+    def on_presence(self, connection: int, now_s: float) -> None:
+        """Somebody has answered who is there: no proof at a place that others have told of."""
+        candidate = self._candidates.get(connection)
+        if candidate is None or not candidate.is_told:
+            self.on_heard(connection, now_s)
+
+    def on_elsewhere(self, host: str, port: int) -> None:
+        """The other end may listen there now; it is tried next, beside the link.
+
+        Nothing happens where a certificate has to name the host.
+        """
+        place = tuple(
+            replace(each, host=host, port=port)
+            for each in self._places[0]
+            if each.scheme not in CERTIFIED_SCHEMES
+        )
+        tried = {each.endpoint for each in self._candidates.values()} | {self._endpoint}
+        if not place or not tried.isdisjoint(place):
+            return
+        self._told = [*(each for each in self._told if each != place), place][-MAX_TOLD:]
+        self._next, self._heard_s = place, float("-inf")
+
     def on_broken(self, connection: int) -> None:
         """The transport of a connection has ended."""
         if connection == self.link:
@@ -191,13 +229,15 @@ class Connector:
             return
         self._opened_s, number = now_s, self._count
         self._count += 1
-        place = self._places[number % len(self._places)]
-        turn = number // len(self._places) if now_s - begun_s >= FALLBACK_S else 0
+        places = [*self._told, *self._places]
+        place = self._next or places[number % len(places)]
+        self._next = None
+        turn = number // len(places) if now_s - begun_s >= FALLBACK_S else 0
         endpoint = place[turn % len(place)]
         # One that repeats its set-up by itself needs no second one.
         if endpoint.is_reliable and any(
             each.endpoint == endpoint for each in self._candidates.values()
         ):
             return
-        self._candidates[number] = _Candidate(endpoint)
+        self._candidates[number] = _Candidate(endpoint, place in self._told)
         yield Open(number, endpoint)

@@ -9,7 +9,7 @@ from enum import StrEnum
 from ipaddress import ip_address
 from typing import Any
 
-from protocol.endpoint import DEFAULT_SCHEMES, Endpoint, parse_endpoint
+from protocol.endpoint import DEFAULT_SCHEMES, Endpoint, OwnAddress, parse_endpoint
 from shared_model.errors import LINK_FAILED, UserError
 
 DATAGRAM_SCHEMES = ("udp", "quic")
@@ -52,6 +52,15 @@ def resolve(endpoint: Endpoint, turn: int) -> Endpoint | Failure:
     return endpoint
 
 
+def addresses_of(endpoint: Endpoint) -> set[str]:
+    """All addresses of an endpoint's host; none if they are not known."""
+    try:
+        found = socket.getaddrinfo(endpoint.host, endpoint.port, type=socket.SOCK_DGRAM)
+    except (OSError, UnicodeError):
+        return set()
+    return {str(address[0]) for *_, address in found}
+
+
 def why_not_reached(endpoint: Endpoint) -> Failure:
     """Why no call can be had at an endpoint, as far as an attempt over TCP tells."""
     resolved = resolve(endpoint, 0)
@@ -80,6 +89,46 @@ def source_address(endpoint: Endpoint) -> str | None:
             return str(probe.getsockname()[0])
     except (OSError, ValueError):
         return None
+
+
+class ListenedPlaces:
+    """Where an end listens, while the addresses of this host change.
+
+    An endpoint with one address goes where the network interface goes that has it at first; one on
+    all addresses, or on loopback, stays.
+    """
+
+    def __init__(self, endpoints: Iterable[str]) -> None:
+        self._places = [place for text in endpoints for place in parse_endpoint(text).choices]
+        self._owns = [
+            None if place.is_any or place.is_loopback else OwnAddress(place.host)
+            for place in self._places
+        ]
+        self._known: list[str | None] = [None] * len(self._places)
+        self._known = self._addresses()
+
+    @property
+    def have_moved(self) -> bool:
+        """Whether an address that is listened on has been replaced."""
+        return self._addresses() != self._known
+
+    def take_over(self) -> tuple[str, ...]:
+        """What Zenoh listens on from now on."""
+        self._known = self._addresses()
+        places = [
+            place if address is None else replace(place, host=address)
+            for place, address in zip(self._places, self._known, strict=True)
+        ]
+        return tuple(locator for place in places for locator in place.locators)
+
+    def forget(self) -> None:
+        """It could not be listened there: it is tried again."""
+        self._known = [None] * len(self._places)
+
+    def _addresses(self) -> list[str | None]:
+        """Of each endpoint that has one; one that is gone for the moment is as it was."""
+        now = [None if own is None else own.now for own in self._owns]
+        return [new or old for new, old in zip(now, self._known, strict=True)]
 
 
 def check_listening(endpoints: Iterable[str]) -> None:

@@ -13,6 +13,7 @@ from protocol.link.connection import (
     Carrier,
     Close,
     Connector,
+    Elsewhere,
     Event,
     Open,
     Opened,
@@ -29,6 +30,9 @@ TICK_S, CHECK_S = 0.02, 0.2
 # After what silence an encoder's or an idle decoder's link is searched anew, and that of a decoder
 # to which frames are coming.
 PATIENCE_S, ACTIVE_PATIENCE_S = 5.0, 1.5
+# The encoder's over QUIC, which does not tell that the other end was killed, where the round trip
+# is known to be short.
+QUIC_PATIENCE_S, SHORT_TRIP_S = 3.0, 0.3
 # When a candidate greets: at once, again, and with a question for whoever is there.
 GREETINGS_S, QUESTION_S = (0.0, 0.03, 0.6, 1.2), (0.3, 1.0)
 # How often the same question goes over a link that has become silent, and after which share of the
@@ -97,7 +101,8 @@ class LinkService:
         """
         with self._counting:
             waiting_bytes = self._waiting_bytes + _cost(event)
-            if isinstance(event, Received | Presence) and waiting_bytes > MAX_WAITING_BYTES:
+            may_drop = isinstance(event, Received | Presence | Elsewhere)
+            if may_drop and waiting_bytes > MAX_WAITING_BYTES:
                 return
             self._waiting_bytes = waiting_bytes
         self._events.put(event)
@@ -146,13 +151,15 @@ class LinkService:
             self._receive(event)
         elif isinstance(event, Presence):
             self.presence = event
-            self._heard(event.connection, now_s)
+            self._heard(event.connection, now_s, is_proof=False)
         elif self.connector is not None:
             if isinstance(event, Opened):
                 self.connector.on_opened(event.connection, now_s)
                 due = [(now_s + wait_s, False) for wait_s in GREETINGS_S]
                 due += [(now_s + wait_s, True) for wait_s in QUESTION_S]
                 self._greetings[event.connection] = sorted(due)
+            elif isinstance(event, Elsewhere):
+                self.connector.on_elsewhere(event.host, event.port)
             else:
                 self.connector.on_failed(event.connection, event.failure)
 
@@ -164,15 +171,19 @@ class LinkService:
             arrivals = self.delivery.receive(data, event.time_s)
         except ProtocolError:
             return
-        self._heard(event.connection, event.time_s)
+        self._heard(event.connection, event.time_s, is_proof=True)
         for arrival in arrivals or ():
             self._on_arrival(arrival)
 
-    def _heard(self, connection: int, now_s: float) -> None:
+    def _heard(self, connection: int, now_s: float, is_proof: bool) -> None:
+        """is_proof: what has come is of this call."""
         self._heard_s = now_s
         if self.connector is not None:
             before = self.connector.link
-            self.connector.on_heard(connection, now_s)
+            if is_proof:
+                self.connector.on_heard(connection, now_s)
+            else:
+                self.connector.on_presence(connection, now_s)
             if self.connector.link != before:
                 self.delivery.on_new_link()
             if isinstance(self.delivery, DeliveryReceiver) and self.connector.endpoint is not None:
@@ -188,8 +199,13 @@ class LinkService:
         self._put(self.delivery.payloads(now_s))
 
     def _patience_s(self, now_s: float) -> float:
-        is_active = isinstance(self.delivery, DeliveryReceiver) and self.delivery.is_active(now_s)
-        return ACTIVE_PATIENCE_S if is_active else PATIENCE_S
+        if isinstance(self.delivery, DeliveryReceiver):
+            return ACTIVE_PATIENCE_S if self.delivery.is_active(now_s) else PATIENCE_S
+        endpoint = None if self.connector is None else self.connector.endpoint
+        round_trip_s = self.delivery.quality.round_trip_s
+        is_short = round_trip_s is not None and round_trip_s < SHORT_TRIP_S
+        is_quic = endpoint is not None and endpoint.is_quic
+        return QUIC_PATIENCE_S if is_quic and is_short else PATIENCE_S
 
     def _connect(self, connector: Connector, now_s: float) -> None:
         assert self._carrier is not None
@@ -218,6 +234,8 @@ class LinkService:
             return
         assert self._carrier is not None
         self._checked_s = now_s
+        if self.connector is None:
+            self._carrier.listen_again()
         link = LISTENING if self.connector is None else self.connector.link
         if link is None or self._carrier.is_linked(link):
             return

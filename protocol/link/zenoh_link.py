@@ -4,15 +4,13 @@ The encoder publishes on d/CALL, the decoders on u/CALL; straight to the other e
 messages on d and u.  Who connects also subscribes to the
 other's key, and repairs its session by opening another one: nothing else has to be declared.
 On the key w an end asks who is there; the answers come on the key that it subscribes to, marked
-by an attachment.  Multicast discovery is off: one end listens and the other connects to it, or both
-connect to a router.
+by an attachment.  Zenoh's multicast discovery is off: one end listens and the other connects to it,
+or both connect to a router; `protocol.discovery` tells where an end listens that has moved.
 """
 
-import _thread
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from queue import Empty, SimpleQueue
 from time import monotonic
 from typing import Any
 
@@ -20,11 +18,18 @@ import zenoh
 from zenoh import CongestionControl
 from zenoh.handlers import Callback
 
+from protocol.discovery import CallWatch
 from protocol.endpoint import Endpoint
-from protocol.link.connection import LISTENING, Failed, Opened, Presence, Received
-from protocol.link.endpoints import Failure, check_listening, resolve, source_address
+from protocol.link.connection import LISTENING, Elsewhere, Failed, Opened, Presence, Received
+from protocol.link.endpoints import (
+    Failure,
+    ListenedPlaces,
+    addresses_of,
+    check_listening,
+    resolve,
+    source_address,
+)
 from protocol.link.interface import (
-    POLL_S,
     LinkOptions,
     MessageCallback,
     PacketProtection,
@@ -36,7 +41,13 @@ from protocol.link.link_sink import LinkSink
 from protocol.link.link_source import LEAVE_GRACE_S, LinkSource
 from protocol.link.messages import Role
 from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence, short_key
-from protocol.link.zenoh_session import answer_who_is_there, reason, zenoh_config
+from protocol.link.zenoh_session import (
+    Background,
+    answer_who_is_there,
+    open_session,
+    reason,
+    zenoh_config,
+)
 from protocol.link.zenoh_settings import (
     OPEN_S,
     client_settings,
@@ -49,7 +60,7 @@ from shared_model.errors import LINK_FAILED, UserError
 # Failures within this time are refusals.
 REFUSAL_S = 0.8 * OPEN_S
 # Time that an end waits for sessions that are being opened or closed when it leaves.
-OPENING_S, CLOSING_S = 0.5, 1.0
+CLOSING_S = 1.0
 
 
 class ZenohSink(LinkSink):
@@ -62,7 +73,7 @@ class ZenohSink(LinkSink):
         protection: PacketProtection | None = None,
     ) -> None:
         guard = protection or link_protection(options, True, say)
-        super().__init__(options, guard, partial(_Carrier, options, Role.ENCODER), say)
+        super().__init__(options, guard, partial(_Carrier, options, Role.ENCODER, say), say)
 
 
 class ZenohSource(LinkSource):
@@ -76,7 +87,7 @@ class ZenohSource(LinkSource):
         leave_grace_s: float = LEAVE_GRACE_S,
     ) -> None:
         guard = protection or link_protection(options, False, say)
-        make_carrier = partial(_Carrier, options, Role.DECODER)
+        make_carrier = partial(_Carrier, options, Role.DECODER, say)
         super().__init__(options, guard, make_carrier, say, leave_grace_s)
 
 
@@ -86,9 +97,11 @@ class _Carrier:
     Raises `UserError` if the end cannot listen.
     """
 
-    def __init__(self, options: LinkOptions, role: Role, service: LinkService) -> None:
+    def __init__(
+        self, options: LinkOptions, role: Role, say: MessageCallback, service: LinkService
+    ) -> None:
         self._call, self._role, self._post = options.call, role, service.post
-        self._security = options.security
+        self._options, self._security, self._say = options, options.security, say
         is_encoder = role is Role.ENCODER
         self._sent_key, self._heard_key = call_keys(options.call, is_encoder)
         self._sessions: dict[int, zenoh.Session] = {}
@@ -96,18 +109,20 @@ class _Carrier:
         # Where connections lead to, and this host's address on the way when they were opened.
         self._ways: dict[int, tuple[Endpoint, str | None]] = {}
         self._opening: set[int] = set()  # connections that are wanted and not open
-        self._busy = 0  # threads that open or close a session
-        self._done: SimpleQueue[None] = SimpleQueue()
+        # Links to a name, and those whose name has lost the address that they lead to.
+        self._names: dict[int, Endpoint] = {}
+        self._outdated: set[int] = set()
+        self._background = Background()
+        self._listened = ListenedPlaces(options.listen)
+        self._is_moving = False  # a session that listens elsewhere is being opened
         if options.listen:
-            session = _listen(options)
-            self._sessions[LISTENING] = session
-            self._subscribe(LISTENING, session)
-            answer_who_is_there(session, role, options.call)
+            self._take_listening(_listen(options))
+        self._watch = _watch(options, role, self._post)
 
     def open(self, connection: int, endpoint: Endpoint) -> None:
         """See `Carrier`."""
         self._opening.add(connection)
-        self._in_background(lambda: self._open(connection, endpoint))
+        self._background.run(lambda: self._open(connection, endpoint))
 
     def put(self, connection: int, payload: bytes, is_frame: bool, is_hello: bool) -> None:
         """See `Carrier`."""
@@ -128,52 +143,65 @@ class _Carrier:
         if session := self._sessions.get(connection):
             with suppress(zenoh.ZError):
                 session.put(WHO_KEY, serialise_presence(self._role, self._call))
+        if (endpoint := self._names.get(connection)) and (way := self._ways.get(connection)):
+            self._background.run(lambda: self._look_up(connection, endpoint, way[0]))
 
     def is_linked(self, connection: int) -> bool:
         """See `Carrier`."""
         session = self._sessions.get(connection)
         if session is None or session.is_closed() or self._has_moved(connection):
             return False
+        if connection in self._outdated:
+            return False
         return bool(session.info.transports())
+
+    def listen_again(self) -> None:
+        """See `Carrier`."""
+        if not self._is_moving and self._listened.have_moved:
+            self._is_moving = True
+            self._background.run(self._listen_again)
 
     def close(self, connection: int) -> None:
         """See `Carrier`."""
         self._opening.discard(connection)
         self._direct.discard(connection)
         self._ways.pop(connection, None)
+        self._names.pop(connection, None)
+        self._outdated.discard(connection)
         session = self._sessions.pop(connection, None)
         if session is not None:
-            self._in_background(session.close)
+            self._background.run(session.close)
             del session
 
     def close_all(self) -> None:
         """See `Carrier`."""
         self._opening.clear()
+        if self._watch is not None:
+            self._watch.close()
         for connection in list(self._sessions):
             self.close(connection)
-        end_s = monotonic() + CLOSING_S
-        while self._busy and monotonic() < end_s:
-            with suppress(Empty):
-                self._done.get(timeout=POLL_S / 2)
-                self._busy -= 1
+        self._background.wait(CLOSING_S)
 
-    def _in_background(self, function: Callable[[], Any]) -> None:
-        work = [function]
+    def _take_listening(self, session: zenoh.Session) -> None:
+        self._sessions[LISTENING] = session
+        self._subscribe(LISTENING, session)
+        answer_who_is_there(session, self._role, self._call)
 
-        def run() -> None:
-            try:
-                # Nothing may hold a session once this is done: the thread would wait for Zenoh.
-                work.pop()()
-            except zenoh.ZError:
-                pass
-            finally:
-                self._done.put(None)
-
-        while not self._done.empty():
-            self._done.get()
-            self._busy -= 1
-        self._busy += 1
-        _thread.start_new_thread(run, ())
+    def _listen_again(self) -> None:
+        try:
+            locators = self._listened.take_over()
+            config = _config(listener_settings(self._options, locators), self._security)
+            before, session = self._sessions.get(LISTENING), zenoh.open(config)
+            if before is None:
+                session.close()  # type: ignore[no-untyped-call]
+                return
+            self._take_listening(session)
+            self._say(f"this host has another address: listening on {' and '.join(locators)}")
+            before.close()  # type: ignore[no-untyped-call]
+        except zenoh.ZError:
+            self._listened.forget()
+        finally:
+            self._is_moving = False
 
     def _open(self, connection: int, endpoint: Endpoint) -> None:
         begun_s = monotonic()
@@ -183,6 +211,8 @@ class _Carrier:
                 self._post(Failed(connection, resolved))
                 return
             self._ways[connection] = resolved, source_address(resolved)
+            if resolved != endpoint:
+                self._names[connection] = endpoint
             self._take(connection, zenoh.open(_config(client_settings(resolved), self._security)))
         except zenoh.ZError:
             self._ways.pop(connection, None)
@@ -193,6 +223,11 @@ class _Carrier:
             # Whatever it was: without an answer the connection would be waited for.
             self._post(Failed(connection, Failure.UNREACHABLE))
             raise
+
+    def _look_up(self, connection: int, endpoint: Endpoint, resolved: Endpoint) -> None:
+        """Notice that the name of a silent link has another address now."""
+        if resolved.host not in (addresses_of(endpoint) or {resolved.host}):
+            self._outdated.add(connection)
 
     def _has_moved(self, connection: int) -> bool:
         """Whether this host has got another address: nothing comes to the one before."""
@@ -226,36 +261,26 @@ class _Carrier:
             session.declare_subscriber(key, Callback(arrived, indirect=False))
 
 
+def _watch(options: LinkOptions, role: Role, post: Callable[[Elsewhere], None]) -> CallWatch | None:
+    """What follows the other end to where it says that it listens; None: it is not followed."""
+    places = [endpoints[0] for endpoints in options.connect_endpoints]
+    if not places or not options.security.follows or all(each.is_loopback for each in places):
+        return None
+    return CallWatch(
+        options.call,
+        is_encoder=role is Role.DECODER,
+        on_notice=lambda found: post(Elsewhere(found.host, found.port)),
+    )
+
+
 def _listen(options: LinkOptions) -> zenoh.Session:
-    """A session that listens, opened in a thread of its own so that Ctrl-C takes effect."""
-    results: list[zenoh.Session | zenoh.ZError] = []
-    done: SimpleQueue[None] = SimpleQueue()
-
-    def run() -> None:
-        try:
-            results.append(zenoh.open(_config(listener_settings(options), options.security)))
-        except zenoh.ZError as error:
-            results.append(error)
-        done.put(None)
-
-    # `threading.Thread.start` may swallow an interrupt.
-    _thread.start_new_thread(run, ())
     try:
-        while not results:
-            with suppress(Empty):
-                done.get(timeout=POLL_S)
-    except BaseException:
-        # Python aborts if a thread returns from Zenoh during shutdown.
-        if not results:
-            with suppress(Empty):
-                done.get(timeout=OPENING_S)
-        raise
-    (result,) = results
-    if isinstance(result, zenoh.ZError):
+        settings = listener_settings(options, options.listen_locators)
+        return open_session(_config(settings, options.security))
+    except zenoh.ZError as error:
         check_listening(options.listen)
         where = " and ".join(options.listen)
-        raise UserError(f"cannot listen on {where}: {reason(result)}", LINK_FAILED) from result
-    return result
+        raise UserError(f"cannot listen on {where}: {reason(error)}", LINK_FAILED) from error
 
 
 def _config(settings: dict[str, Any], security: LinkSecurity) -> zenoh.Config:

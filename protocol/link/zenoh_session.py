@@ -1,19 +1,25 @@
 """What the ends of a link and a relay do alike with Zenoh: settings, errors, and who is there."""
 
+import _thread
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from queue import Empty, SimpleQueue
+from time import monotonic
 from typing import Any
 
 import zenoh
 from zenoh.handlers import Callback
 
+from protocol.link.interface import POLL_S
 from protocol.link.messages import Role
 from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence
 
 # The attachment that tells an answer who is there from payloads of a call.
 PRESENCE_MARK = b"p"
+# Time that an interrupted program waits for the session that is being opened.
+OPENING_S = 0.5
 
 
 def zenoh_config(settings: Mapping[str, Any]) -> zenoh.Config:
@@ -27,6 +33,71 @@ def zenoh_config(settings: Mapping[str, Any]) -> zenoh.Config:
 def reason(error: zenoh.ZError) -> str:
     """Zenoh's message without the source location."""
     return re.sub(r"\s+at \S+\.rs:\d+\.?", "", str(error))
+
+
+class Background:
+    """Threads in which sessions are opened and closed."""
+
+    def __init__(self) -> None:
+        self._busy = 0
+        self._done: SimpleQueue[None] = SimpleQueue()
+
+    def run(self, function: Callable[[], Any]) -> None:
+        """Call a function in a thread of its own; Zenoh's errors are ignored."""
+        work = [function]
+
+        def call() -> None:
+            try:
+                # Nothing may hold a session once this is done: the thread would wait for Zenoh.
+                work.pop()()
+            except zenoh.ZError:
+                pass
+            finally:
+                self._done.put(None)
+
+        while not self._done.empty():
+            self._done.get()
+            self._busy -= 1
+        self._busy += 1
+        _thread.start_new_thread(call, ())
+
+    def wait(self, limit_s: float) -> None:
+        """Wait until all are done, in bounds."""
+        end_s = monotonic() + limit_s
+        while self._busy and monotonic() < end_s:
+            with suppress(Empty):
+                self._done.get(timeout=POLL_S / 2)
+                self._busy -= 1
+
+
+def open_session(config: zenoh.Config) -> zenoh.Session:
+    """A session, opened in a thread of its own so that Ctrl-C takes effect.  Raises `ZError`."""
+    results: list[zenoh.Session | zenoh.ZError] = []
+    done: SimpleQueue[None] = SimpleQueue()
+
+    def run() -> None:
+        try:
+            results.append(zenoh.open(config))
+        except zenoh.ZError as error:
+            results.append(error)
+        done.put(None)
+
+    # `threading.Thread.start` may swallow an interrupt.
+    _thread.start_new_thread(run, ())
+    try:
+        while not results:
+            with suppress(Empty):
+                done.get(timeout=POLL_S)
+    except BaseException:
+        # Python aborts if a thread returns from Zenoh during shutdown.
+        if not results:
+            with suppress(Empty):
+                done.get(timeout=OPENING_S)
+        raise
+    (result,) = results
+    if isinstance(result, zenoh.ZError):
+        raise result
+    return result
 
 
 def answer_who_is_there(session: zenoh.Session, role: Role, call: str) -> None:

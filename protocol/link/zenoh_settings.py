@@ -1,5 +1,6 @@
 """Zenoh's settings for both ends of a link, by their names in its configuration."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from protocol.endpoint import Endpoint
@@ -28,11 +29,11 @@ _COMMON: Settings = {
 }
 
 
-def listener_settings(options: LinkOptions) -> Settings:
-    """Of an end that listens."""
+def listener_settings(options: LinkOptions, locators: Sequence[str]) -> Settings:
+    """Of an end that listens; locators: where."""
     return _COMMON | {
         "mode": "peer",
-        "listen/endpoints": options.listen_locators,
+        "listen/endpoints": list(locators),
         "listen/timeout_ms": 0,
         "listen/exit_on_failure": True,
         "connect/endpoints": [each[0].locators[0] for each in options.connect_endpoints],

@@ -18,7 +18,15 @@ class LinkSecurity:
 
     key: of the invitation: the packets are encrypted from end to end; None: they are not.
     key_file: for endpoints with TLS: what is shown to the other end and asked of it; None: none.
+    trusts_network: whoever on the local network says where the other end listens is believed; with
+        a key that does no harm, and is done in any case.
     """
 
     key: bytes | None = field(default=None, repr=False)
     key_file: KeyFile | None = field(default=None, repr=False)
+    trusts_network: bool = False
+
+    @property
+    def follows(self) -> bool:
+        """Whether the other end is followed to where the local network says that it listens."""
+        return self.trusts_network or self.key is not None

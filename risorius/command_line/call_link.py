@@ -156,13 +156,14 @@ def read_link(request: LinkRequest, is_encoder: bool, wait_s: float) -> CallLink
     if invitation is not None and name != invitation.call:
         raise UserError(f"the invitation is to call {invitation.call!r}; leave out --call")
     connect = request.connect
+    is_looked_for = invitation is None and not listen and not connect
     if not listen and not connect:
         connect = (_place(invitation, name, is_encoder, wait_s, tell),)
     if invitation is None:
         _check_open(request, connect)
         tell(f"this call is not encrypted: {_why_open(request)}")
     key = None if invitation is None else invitation.key
-    security = LinkSecurity(key, _key_file(request.keys))
+    security = LinkSecurity(key, _key_file(request.keys), trusts_network=is_looked_for)
     return CallLink(request.listen, connect, name, security)
 
 

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from ipaddress import IPv4Address, ip_address
 from typing import TYPE_CHECKING
 
-from protocol.endpoint import DEFAULT_SCHEMES, Endpoint, parse_endpoint
+from protocol.endpoint import DEFAULT_SCHEMES, Endpoint, OwnAddress, parse_endpoint
 from shared_model.errors import LINK_FAILED, UserError
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def announced(
     from protocol.discovery import CallAnnouncer, FoundCall
 
     found = FoundCall(call, "", place.port, is_encoder, needs_invitation)
-    with CallAnnouncer(found, _interface(place)):
+    with CallAnnouncer(found, _interface(place), OwnAddress(place.host)):
         yield
 
 

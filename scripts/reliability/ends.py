@@ -14,6 +14,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from loopback.simulated_link import sent_packets
+from protocol.discovery import CallAnnouncer, FoundCall
+from protocol.endpoint import OwnAddress, parse_endpoint
 from protocol.link.interface import LinkOptions
 from protocol.link.zenoh_link import ZenohSink, ZenohSource
 from protocol.packets import PacketKind, packet_kind
@@ -29,13 +31,18 @@ WAIT_S = 60.0
 def main(arguments: Sequence[str]) -> None:
     """Run one of the ends."""
     role, how, place, protection, log, *call = arguments
-    security = LinkSecurity(KEY if protection == "sframe" else None)
+    security = LinkSecurity(KEY if protection == "sframe" else None, trusts_network=True)
     where = {how: (place,)}
     options = LinkOptions(CALL, **where, connect_timeout_s=WAIT_S, security=security)  # type: ignore[arg-type]
     if role == "send":
         send(options, Path(log), Path(call[0]))
-    else:
+    elif how == "connect":
         receive(options, Path(log))
+    else:
+        own = parse_endpoint(place)
+        found = FoundCall(CALL, "", own.port, is_encoder=False, needs_invitation=False)
+        with CallAnnouncer(found, None, OwnAddress(own.host)):
+            receive(options, Path(log))
 
 
 def send(options: LinkOptions, log: Path, call: Path) -> None:

@@ -58,6 +58,10 @@ def _again(host: int) -> tuple[Event, ...]:
     )
 
 
+def _moved(host: int) -> tuple[Event, ...]:
+    return (Event(EVENT_S, host, Action.MOVE),)
+
+
 def _with_repairs(name: str, endpoint: str) -> Iterator[Row]:
     """Rows of a transport that is chosen by name."""
     clean = Faults(delay_ms=50)
@@ -75,7 +79,6 @@ def _with_repairs(name: str, endpoint: str) -> Iterator[Row]:
 
 
 _CLEAN, _LOSSY = Faults(delay_ms=50), Faults(loss=0.1, delay_ms=50)
-_MOVED = (Event(EVENT_S, ENCODER, Action.MOVE),)
 ROWS = (
     Row("0 %, 50 ms", _CLEAN),
     Row("5 %, 50 ms", Faults(loss=0.05, delay_ms=50), seeds=3, least_s=SHORT_S),
@@ -97,7 +100,8 @@ ROWS = (
     Row("cut 6 to 66 s, 50 ms", Faults(delay_ms=50, cuts=((6, 66),)), least_s=LONG_S),
     Row("encoder killed", _CLEAN, events=_again(ENCODER), least_s=SHORT_S),
     Row("decoder killed", _CLEAN, events=_again(DECODER), least_s=SHORT_S),
-    Row("encoder has another address", _CLEAN, events=_MOVED, least_s=SHORT_S),
+    Row("encoder has another address", _CLEAN, events=_moved(ENCODER), least_s=SHORT_S),
+    Row("decoder has another address", _CLEAN, events=_moved(DECODER), least_s=SHORT_S),
     Row("relay, 0 %, 50 ms", _CLEAN, relay=True),
     Row("relay, 10 %, 50 ms", _LOSSY, relay=True),
     Row("relay killed", _CLEAN, events=_again(RELAY), least_s=SHORT_S, relay=True),

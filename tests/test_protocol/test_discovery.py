@@ -5,6 +5,7 @@ import socket
 import sys
 import time
 from pathlib import Path
+from queue import Empty, SimpleQueue
 
 import pytest
 from hypothesis import given
@@ -16,6 +17,7 @@ from protocol.discovery import (
     ANSWERS_PER_S,
     QUESTION_BYTES,
     CallAnnouncer,
+    CallWatch,
     FoundCall,
     find_calls,
     parse_answer,
@@ -23,6 +25,7 @@ from protocol.discovery import (
     serialise_answer,
     serialise_question,
 )
+from protocol.endpoint import OwnAddress
 from protocol.errors import ProtocolError
 
 NUMBER = bytes(range(8))
@@ -161,3 +164,39 @@ def test_without_multicast_nobody_answers() -> None:
     # Of no interface of this host (RFC 5737).
     with CallAnnouncer(ANNA, "203.0.113.1"):
         assert list(find_calls(0.1, "127.0.0.1")) == []
+
+
+class ChangingAddress(OwnAddress):
+    """One that a test gives an address."""
+
+    address: str | None = None
+
+    @property
+    def now(self) -> str | None:
+        return self.address
+
+
+def test_who_has_another_address_says_so_to_those_who_wait_for_that_end() -> None:
+    told, others = SimpleQueue[FoundCall](), SimpleQueue[FoundCall]()
+    watch, *other_watches = (
+        CallWatch(call, is_encoder, on_notice, "127.0.0.1")
+        for call, is_encoder, on_notice in (
+            ("anna", True, told.put),
+            ("anna", False, others.put),
+            ("bert", True, others.put),
+        )
+    )
+    own = ChangingAddress("0.0.0.0")
+    with CallAnnouncer(ANNA, "127.0.0.1", own):
+        own.address = "127.0.0.1"
+        try:
+            found = told.get(timeout=3)
+        except Empty:
+            pytest.skip("loopback has no multicast here")
+    for each in (watch, watch, *other_watches):
+        each.close()
+    assert (found.call, found.port, found.is_encoder) == ("anna", 7447, True) and others.empty()
+
+
+def test_without_multicast_nobody_is_watched() -> None:
+    CallWatch("anna", True, lambda found: None, "203.0.113.1").close()

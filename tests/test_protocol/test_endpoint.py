@@ -3,10 +3,12 @@
 import socket
 
 import pytest
+from own_interface import OwnInterface
 
 from protocol.endpoint import (
     DEFAULT_SCHEMES,
     Endpoint,
+    OwnAddress,
     address_for_others,
     parse_endpoint,
     parse_remote_endpoint,
@@ -106,3 +108,26 @@ def test_a_host_without_a_network_has_no_address_for_others(
     monkeypatch.setattr(socket.socket, "connect", unreachable)
     monkeypatch.setattr(socket, "if_nameindex", lambda: list(enumerate(interfaces)))
     assert address_for_others() is None
+
+
+def test_an_address_is_followed_on_its_interface(monkeypatch: pytest.MonkeyPatch) -> None:
+    interface = OwnInterface(monkeypatch, "192.0.2.1")
+    one, other = OwnAddress("192.0.2.1"), OwnAddress("192.0.2.7")
+    assert (one.now, other.now) == ("192.0.2.1", None)
+    for address in ("192.0.2.9", None):
+        interface.address = address
+        assert one.now == address
+
+
+def test_all_addresses_are_followed_and_loopback_and_unknown_names_never() -> None:
+    assert OwnAddress("0.0.0.0").now == address_for_others()
+    assert OwnAddress("127.0.0.1").now is None
+    assert OwnAddress("nobody.invalid").now is None
+
+
+@pytest.mark.parametrize(
+    ("text", "is_quic"),
+    [("quic/h", True), ("udp/h?rel=1;mixed_rel=1", True), ("udp/h", False), ("tcp/h", False)],
+)
+def test_quic_has_two_names(text: str, is_quic: bool) -> None:
+    assert parse_endpoint(text).is_quic is is_quic

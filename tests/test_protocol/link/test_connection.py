@@ -57,6 +57,47 @@ def test_the_first_that_hears_becomes_the_link_and_the_others_are_closed() -> No
     assert opened(run(connector, 1.2, 4)) == []
 
 
+def test_the_other_end_is_tried_where_it_is_said_to_listen_beside_the_link() -> None:
+    connector = Connector([(UDP, TCP)])
+    run(connector, 0, 0.1)
+    connector.on_opened(0, 0.1)
+    connector.on_heard(0, 0.1)
+    connector.on_elsewhere("new", 7449)
+    connector.on_elsewhere("new", 7449)
+    ((_, told),) = run(connector, 1, 1.05)
+    assert told == Open(1, Endpoint("udp", "new", 7449))
+    connector.on_elsewhere("new", 7449)
+    assert run(connector, 1.05, 1.1) == [], "it is being tried"
+    connector.on_opened(1, 1.1)
+    connector.on_presence(1, 1.1)
+    assert connector.link == 0, "anybody may answer there"
+    connector.on_heard(1, 1.2)
+    connector.on_presence(1, 1.2)
+    assert connector.link == 1 and closed(run(connector, 1.2, 1.3)) == [0]
+    connector.on_elsewhere("new", 7449)
+    assert opened(run(connector, 1.3, 2)) == [], "it is there"
+
+
+def test_a_link_that_is_heard_again_is_not_left_and_few_places_are_remembered() -> None:
+    connector = Connector([(UDP,)])
+    run(connector, 0, 0.1)
+    connector.on_heard(0, 0.1)
+    for number in range(20):
+        connector.on_elsewhere(f"host{number}", 7447)
+    connector.on_heard(0, 0.2)
+    assert run(connector, 0.2, 1) == []
+    hosts = {each.endpoint.host for _, each in run(connector, 3, 20) if isinstance(each, Open)}
+    assert hosts == {"host", *(f"host{number}" for number in range(16, 20))}
+
+
+def test_nobody_is_followed_whose_certificate_names_the_host() -> None:
+    connector = Connector([(Endpoint("tls", "host", 7447),)])
+    connector.on_elsewhere("new", 7449)
+    assert {each.endpoint.host for _, each in run(connector, 0, 3) if isinstance(each, Open)} == {
+        "host"
+    }
+
+
 def test_a_silent_link_is_held_until_another_one_hears() -> None:
     connector = Connector([(UDP,)])
     run(connector, 0, 0.1)

@@ -5,11 +5,14 @@ import os
 import socket
 
 import pytest
+from own_interface import OwnInterface
 
 from protocol.endpoint import Endpoint
 from protocol.errors import ProtocolError
 from protocol.link.endpoints import (
     Failure,
+    ListenedPlaces,
+    addresses_of,
     bind_reason,
     check_listening,
     resolve,
@@ -135,3 +138,24 @@ def test_what_an_attempt_tells_of_a_place() -> None:
     assert nobody in (Failure.SILENT, Failure.UNREACHABLE), "TCP reaches no group"
     assert why_not_reached(Endpoint("udp", "127.0.0.1", port)) is Failure.SILENT
     assert why_not_reached(Endpoint("tcp", "nobody.invalid", port)) is Failure.UNRESOLVED
+
+
+def test_where_it_is_listened_follows_the_interface(monkeypatch: pytest.MonkeyPatch) -> None:
+    interface = OwnInterface(monkeypatch, "192.0.2.1")
+    listened = ListenedPlaces(["192.0.2.1:7447", "tcp/:7448", "tcp/127.0.0.1:7449"])
+    interface.address = None
+    assert not listened.have_moved, "it has no other one yet"
+    interface.address = "192.0.2.9"
+    assert listened.have_moved
+    assert listened.take_over() == (
+        *("udp/192.0.2.9:7447", "tcp/192.0.2.9:7447"),
+        *("tcp/0.0.0.0:7448", "tcp/127.0.0.1:7449"),
+    )
+    assert not listened.have_moved
+    listened.forget()
+    assert listened.have_moved
+
+
+def test_a_host_has_all_its_addresses() -> None:
+    assert addresses_of(Endpoint("udp", "127.0.0.1", 7447)) == {"127.0.0.1"}
+    assert addresses_of(Endpoint("udp", "nobody.invalid", 7447)) == set()

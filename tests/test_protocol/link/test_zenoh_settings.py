@@ -7,7 +7,8 @@ from protocol.security.link_security import KeyFile, LinkSecurity
 
 
 def test_who_listens_without_a_scheme_offers_udp_and_tcp() -> None:
-    settings = listener_settings(LinkOptions("anna", listen=("127.0.0.1:7447",)))
+    options = LinkOptions("anna", listen=("127.0.0.1:7447",))
+    settings = listener_settings(options, options.listen_locators)
     offered = settings["listen/endpoints"]
     assert any(each.startswith("udp/") for each in offered)
     assert any(each.startswith("tcp/") for each in offered)
