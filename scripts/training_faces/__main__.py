@@ -103,6 +103,7 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--count", type=int, default=24, help="number of people (default: 24)")
     parser.add_argument("--first", type=int, default=0, help="number of the first (default: 0)")
     options: Any = parser.parse_args(arguments)
+    options.output.mkdir(parents=True, exist_ok=True)
     for number in range(options.first, options.first + options.count):
         call = options.output / f"{number:02d}.rzo"
         try:

@@ -21,7 +21,7 @@ from aam.validation.experiments import (
     search_part,
 )
 from aam.validation.expressed_faces import UNITS, with_units
-from aam.validation.first_frames import FirstFrames, TruePicture
+from aam.validation.first_frames import FirstFrames, TruePicture, common_shift
 from aam.validation.planar_warp import (
     MIRRORED,
     PLANAR_LANDMARKS,
@@ -169,8 +169,23 @@ def test_recognition_counts_every_picture(pair: dict[str, Contender]) -> None:
 
 
 def test_first_frames_without_a_face_are_not_right() -> None:
-    frames = FirstFrames(np.array([0.01, 0.049, 0.06, np.inf]))
-    assert (frames.found, frames.right) == (0.75, 0.5)
+    nme = np.array([0.01, 0.049, 0.06, np.inf])
+    frames = FirstFrames(nme, nme - 0.02)
+    assert (frames.found, frames.right, frames.right_shifted) == (0.75, 0.5, 0.75)
+
+
+def test_the_shift_that_all_truth_has_in_common_is_found_among_outliers() -> None:
+    random = np.random.default_rng(1)
+    truth, found = list[TruePicture](), list[Array | None]()
+    for number in range(7):
+        landmarks = random.uniform(0, 90, (468, 2))
+        landmarks[20:] = np.nan
+        truth.append(TruePicture("set", str(number), np.zeros((4, 4, 3), np.uint8), landmarks))
+        at = np.nan_to_num(landmarks) + random.normal(np.array([1.5, -2]), 0.1, (468, 2))
+        found.append(np.column_stack([at, np.zeros(468)]))
+    found[0], found[1] = None, np.zeros((468, 3))
+    np.testing.assert_allclose(common_shift(found, truth), [1.5, -2], atol=0.1)
+    assert (common_shift([None], truth[:1]) == 0).all()
 
 
 def test_first_frames_are_judged_once_by_a_model_without_their_people() -> None:

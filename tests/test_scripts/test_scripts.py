@@ -63,3 +63,11 @@ def test_fields_are_computed_anew_in_the_head_that_is_named(tmp_path: Path) -> N
     assert run("build_head", "--fields-only", "--output", str(copy)).returncode == 0
     with np.load(HEAD) as ours, np.load(copy) as theirs:
         assert all(np.array_equal(ours[name], theirs[name]) for name in ours.files)
+
+
+def test_the_folder_for_training_faces_is_made(tmp_path: Path) -> None:
+    output = tmp_path / "calls" / "of" / "faces"
+    importlib.import_module("scripts.training_faces.__main__").main(
+        ["none", str(output), "--count=0"]
+    )
+    assert output.is_dir()
