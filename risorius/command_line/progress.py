@@ -33,6 +33,7 @@ class ProgressLine:
         self._next = self._start + (0 if self._is_terminal else self._interval_s)
         self._state: tuple[int, int | None] | None = None
         self._doing = ""
+        self._has_line = False  # whether there is one on the terminal that is to be replaced
 
     def __call__(self, done: int, total: int | None) -> None:
         """Show that `done` of `total` frames are done; total None: not known."""
@@ -43,26 +44,34 @@ class ProgressLine:
             self._write(done, total)
 
     def preparing(self, what: str) -> None:
-        """Show after the bar what the job prepares at the moment; "": nothing."""
+        """Show what the job prepares at the moment; "": nothing.
+
+        It stands after the bar, or on a terminal alone where there is none yet.
+        """
         self._doing = what
         if self._state is not None:
             if self._is_terminal:
                 self._next = self._clock()
             self(*self._state)
+        elif self._is_terminal and what and not self._quiet:
+            self._has_line = True
+            self._put(f"\r\x1b[K{self._label}: {what} ...")
 
     def say(self, line: str) -> None:
         """Write a line that stays, above the bar."""
         if self._quiet:
             return
-        erase = "\r\x1b[K" if self._is_terminal and self._state is not None else ""
-        self._put(f"{erase}{self._label}: {line}\n")
+        self._put(f"{self._erase}{self._label}: {line}\n")
+        self._has_line = False
 
     def close(self) -> None:
         """Draw the last state and end the line."""
         if self._is_terminal and self._state is not None and not self._quiet:
             self._write(*self._state)
             self._put("\n")
-        self._state = None
+        elif self._has_line:
+            self._put(self._erase)
+        self._state, self._has_line = None, False
 
     def __enter__(self) -> Self:
         return self
@@ -70,12 +79,17 @@ class ProgressLine:
     def __exit__(self, *exception: object) -> None:
         self.close()
 
+    @property
+    def _erase(self) -> str:
+        return "\r\x1b[K" if self._has_line else ""
+
     def _write(self, done: int, total: int | None) -> None:
         rate = done / max(self._clock() - self._start, 1e-6)
         text = f"{self._label} {_amount(done, total)} {rate:.0f}/s"
         if self._doing:
             text += f", {self._doing}"
         self._put(f"\r\x1b[K{text}" if self._is_terminal else f"{text}\n")
+        self._has_line = self._is_terminal
 
     def _put(self, text: str) -> None:
         """Write; if the terminal was closed, write nothing more: the job goes on."""

@@ -110,9 +110,11 @@ def run_encode(arguments: argparse.Namespace) -> int:
 
 
 def _encode(options: "EncodeOptions", stop: StopOnSignal, quiet: bool) -> "EncodeReport":
-    from encoder.pipeline import encode
-
     with ProgressLine("encode", sys.stderr, quiet) as progress:
+        progress.preparing("starting")
+        from encoder.pipeline import encode
+
+        progress.preparing("")
         try:
             preparing = stop.watch_preparing(progress.preparing)
             return encode(options, stop.watch(progress), stop, progress.say, preparing)

@@ -48,7 +48,22 @@ def test_a_terminal_is_told_at_once_what_is_prepared_and_when_that_is_over() -> 
         progress.preparing("")
         drawn = [line.partition("| ")[2] for line in stream.getvalue().split("\r\x1b[K")]
     rate = "60/120 60/s"
-    assert drawn == ["", f"{rate}, first pass", f"{rate}, training the model", rate]
+    assert "encode: first pass ..." in stream.getvalue()
+    assert drawn == ["", "", f"{rate}, first pass", f"{rate}, training the model", rate]
+
+
+def test_a_terminal_says_what_goes_on_before_there_is_a_bar() -> None:
+    terminal, log = Terminal(), io.StringIO()
+    for stream in (terminal, log):
+        with ProgressLine("encode", stream, clock=Clock()) as progress:
+            progress.preparing("starting")
+            progress.preparing("")
+            progress.say("hear")
+            progress.preparing("first pass")
+    start = "\r\x1b[Kencode: starting ..."
+    first_pass = "\r\x1b[Kencode: first pass ..."
+    assert terminal.getvalue() == f"{start}\r\x1b[Kencode: hear\n{first_pass}\r\x1b[K"
+    assert log.getvalue() == "encode: hear\n"
 
 
 def test_a_line_that_stays_takes_the_place_of_the_bar() -> None:
