@@ -4,7 +4,8 @@
 
 Two hosts of their own (network namespaces), 50 ms one way, nothing lost.  The encoder's end plays
 the call file: its model, then its frame packets over and over at their times.  Prints a line of
-JSON for each end that may connect and each protection: bits a second
+JSON about the file: bits a second of payload, and the bytes that a file of a minute of it takes;
+then one for each end that may connect and each protection: bits a second
 from the encoder, back, and together, in the steady state from `SETTLED_S` on.
 """
 
@@ -20,6 +21,7 @@ from pathlib import Path
 
 from loopback.bad_wire import BadWire, Faults, end
 from loopback.network_namespace import obstacle
+from protocol.summary import CallSummary, summarise
 from scripts.command import run
 from shared_model.errors import UserError
 
@@ -29,6 +31,7 @@ DELAY_MS = 50.0
 SETTLED_S = 12
 # How long both ends may take to start and to end.
 PATIENCE_S = 60.0
+MINUTE_S = 60.0
 
 
 def main(argv: Sequence[str]) -> None:
@@ -42,12 +45,25 @@ def main(argv: Sequence[str]) -> None:
     options = parser.parse_args(argv)
     if (reason := obstacle()) is not None:
         raise UserError(reason)
+    print(json.dumps(file_figures(summarise(options.call))), flush=True)
     for connects, protection in product(("encoder", "decoder"), ("insecure", "sframe")):
         measured = (options.seconds, options.scheme, connects == "encoder", protection)
         forward, back = measure(options.call, *measured)
         figures = {"connects": connects, "protection": protection, "scheme": options.scheme}
         figures |= {"forward_bps": forward, "back_bps": back, "both_bps": forward + back}
         print(json.dumps(figures), flush=True)
+
+
+def file_figures(summary: CallSummary) -> dict[str, int]:
+    """What a call file takes, without and with its model."""
+    over_time = summary.file_bytes - summary.model_bytes
+    minute_bytes = summary.model_bytes + over_time * MINUTE_S / summary.duration_s
+    return {
+        "frame_bps": round(summary.frame_bps),
+        "voice_bps": round(summary.voice_bps),
+        "payload_bps": round(summary.frame_bps + summary.voice_bps),
+        "minute_bytes": round(minute_bytes),
+    }
 
 
 def measure(
