@@ -106,10 +106,6 @@ class CallPictures:
         self._face: FaceParameters | None = None  # of the frame before, as long as it looks so
         self._picture: Picture | None = None  # of the newest frame that is complete
 
-    def draw_as(self, face: ModelPacket | None) -> None:
-        """From now on draw the person of this model; None: the call's own.  For any thread."""
-        self._target = face
-
     @property
     def sender(self) -> CallParameters:
         """Parameters of the call.  Raises `UserError` if it has sent no model."""

@@ -11,8 +11,10 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 
 import numpy as np
+from numpy.typing import NDArray
 
 from encoder.calls.call_session import CallSession, FramePass, run_pass
+from encoder.calls.face_search import open_landmark_search
 from encoder.calls.frame_source import FrameSource, dropping_frames
 from encoder.calls.live_session import LiveEncoder
 from encoder.calls.packet_sender import PacketSender
@@ -22,11 +24,12 @@ from encoder.calls.thesis_session import ThesisEncoder
 from encoder.calls.two_pass_session import TwoPassEncoder, send_call
 from encoder.capture.video_source import Capture, open_source
 from encoder.coding.gop import GopStructure, gop_for_fps
-from encoder.coding.model_packet import budget_for
+from encoder.coding.model_packet import ModelBudget, budget_for
 from encoder.coding.pacer import MIN_FRAGMENT_BYTES, LayerPacer
 from encoder.coding.thin_link import LAYER_BYTES, THIN_BPS, startup_rate
 from encoder.live_model.learner import LocalLearner
 from encoder.live_model.learning_process import LearningProcess
+from encoder.live_model.other_face import OtherFace, ShownFace, version_of_picture
 from encoder.live_model.warm_up import warm_up
 from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
@@ -123,18 +126,37 @@ def encode_live(
             with dropping_frames(capture):
                 warm_up(head_with_surround(), capture.format, gop, np.random.default_rng(0))
             callbacks.on_preparing("")
+        budget = budget_for("live", options.model_bytes)
         session = LiveEncoder(
             capture,
             packets,
             stats,
-            budget_for("live", options.model_bytes),
+            budget,
             options.bitrate,
             gop,
             options.look_for_face_s,
             learner,
             realtime,
+            _shown_face(callbacks.other_face, capture, gop, budget),
         )
         run_session(session, packets, options, capture, stats, callbacks)
+
+
+def _shown_face(
+    other: OtherFace | None, capture: Capture, gop: GopStructure, budget: ModelBudget
+) -> ShownFace:
+    """Raises `UserError` if no face is found in the picture of another one."""
+    if other is None:
+        return ShownFace()
+    search = open_landmark_search(SessionStats())
+
+    def find(picture: NDArray[np.uint8]) -> NDArray[np.float64] | None:
+        found = search.find(picture, None)
+        return None if found is None else found.points
+
+    with dropping_frames(capture):
+        version = version_of_picture(other.picture, find, capture.format, gop, budget)
+    return ShownFace(other, version)
 
 
 def encode_two_pass(

@@ -25,6 +25,7 @@ from encoder.coding.model_packet import ModelBudget
 from encoder.coding.rate_control import OnlineRateController, RateTarget
 from encoder.detection.iris import WIDE_CROP_SCALE
 from encoder.live_model.learner import Learner
+from encoder.live_model.other_face import ShownFace
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -42,6 +43,7 @@ class LiveEncoder:
     learner: trains and learns; one that is done at once gives the same bytes for the same source.
     realtime: frames do not wait for the learner, and a call that falls behind its source fits faces
         by texels only.
+    shown: whose face is shown; None: the caller's.
     clock: seconds from any origin.
     """
 
@@ -56,6 +58,7 @@ class LiveEncoder:
         look_for_face_s: float,
         learner: Learner,
         realtime: bool,
+        shown: ShownFace | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         fps, coded_fps = float(capture.fps), float(gop.coded_fps(capture.fps))
@@ -68,7 +71,8 @@ class LiveEncoder:
         self._hurried_frames = 0
         updates = ModelUpdateSender(packets, stats, gop, fps)
         self._search = open_landmark_search(stats, eye_crop_scale=WIDE_CROP_SCALE)
-        self._model = ModelLifecycle(capture, gop, budget, updates, stats, learner, realtime)
+        shown = shown or ShownFace()
+        self._model = ModelLifecycle(capture, gop, budget, updates, stats, learner, realtime, shown)
         self._filler = PacketFiller(gop.frame_step)
         self._rate = OnlineRateController(RateTarget(bitrate, coded_fps, gop.frames_per_packet))
         self._coder = PacketCoder(self._rate)
@@ -184,7 +188,8 @@ class LiveEncoder:
         filled, number = self._filler.take(), self._coder.number
         self._packets.report_face(filled.visible, filled.start_frame)
         with self._stats.stage("code"):
-            payload = self._coder.code(self._model.version, filled.faces)
+            faces = self._model.coded_faces(filled.faces)
+            payload = self._coder.code(self._model.coding_version, faces)
         duration_s = len(filled.faces) * self._gop.frame_step / self._fps
         self._packets.send_frames(number, payload, duration_s)
         if self._model.on_packet_sent(self._position):
@@ -202,7 +207,7 @@ class LiveEncoder:
     @property
     def _position(self) -> StreamPosition:
         packet = self._coder.number
-        is_first = packet == self._model.version.first_packet
+        is_first = packet == self._model.coding_version.first_packet
         return StreamPosition(packet, self._filler.start_frame, is_first)
 
     @property

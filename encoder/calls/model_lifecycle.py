@@ -15,6 +15,8 @@ an update.
 | ENDED | nothing | | |
 
 Only an update that is sent in layers passes through SENDING_LAYERS.  The call may end in any state.
+Another face (`encoder.live_model.other_face`) is an update like others; while it is shown none of
+the caller's is sent.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,22 +31,17 @@ from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
 from encoder.calls.packet_sender import LEAD_PACKETS
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture
-from encoder.coding.background import background_of
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget
-from encoder.detection.landmark_indices import face_outline
 from encoder.learning.incremental_modes import FaceSample, LearnedMode
 from encoder.learning.mode_scheduler import ModeScheduler
+from encoder.live_model.call_trainer import trainer_from
 from encoder.live_model.learner import Learner, ModesTask, TrainingTask
 from encoder.live_model.model_schedule import ModelSchedule
-from encoder.live_model.model_trainer import (
-    LAYER_UPDATES,
-    LAYER_UPDATES_REALTIME,
-    ModelTrainer,
-    TrainingFrames,
-)
+from encoder.live_model.model_trainer import TrainingFrames
 from encoder.live_model.model_version import ModelVersion
-from shared_model.surround import head_with_surround
+from encoder.live_model.other_face import ShownFace
+from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -93,6 +90,7 @@ class ModelLifecycle:
     budget: of a version.
     learner: trains updates and learns modes.
     realtime: frames do not wait for it.
+    shown: whose face is shown.
     """
 
     def __init__(
@@ -104,8 +102,10 @@ class ModelLifecycle:
         stats: SessionStats,
         learner: Learner,
         realtime: bool,
+        shown: ShownFace,
     ) -> None:
         self._capture, self._gop, self._budget = capture, gop, budget
+        self._shown = shown
         self._updates, self._stats, self._learner = updates, stats, learner
         self._realtime = realtime
         fps = float(capture.fps)
@@ -130,6 +130,15 @@ class ModelLifecycle:
             raise ValueError("no face has been found, expected start before version")
         return self._version
 
+    @property
+    def coding_version(self) -> ModelVersion:
+        """The version that frames are coded with: the caller's, or that of another face."""
+        return self._shown.worn or self.version
+
+    def coded_faces(self, faces: Sequence[FaceParameters]) -> Sequence[FaceParameters]:
+        """What is coded of the caller's faces."""
+        return self._shown.faces(faces, self.version)
+
     def add_frame(self, picture: Picture, points: Array) -> None:
         """Take a frame (h, w, 3) BGR with its landmarks (468, 3), pixels, to train from."""
         self._frames.offer(picture, points)
@@ -137,22 +146,14 @@ class ModelLifecycle:
     def start(self, index: int) -> None:
         """Train the first version from the frame added last, source frame `index`, and send it."""
         pictures, points = self._frames.sample()
-        trainer = ModelTrainer(
-            head_with_surround(),
-            self._capture.format,
-            self._gop,
-            background_of(pictures[0], face_outline(points[0])),
-            self._budget,
-            self._updates.progressive,
-            # More would take the cores from the frames.
-            workers=1 if self._realtime else None,
-            layer_updates=LAYER_UPDATES_REALTIME if self._realtime else LAYER_UPDATES,
-        )
+        progressive, video = self._updates.progressive, self._capture.format
+        first = pictures[0], points[0], video, self._gop, self._budget
+        trainer = trainer_from(*first, progressive, self._realtime)
         version = trainer.bootstrap(pictures, points, index)
-        self._updates.send_first(version)
+        self._version = version
+        self._updates.send_first(self._shown.begin(version, index))
         self._learner.begin(trainer)
         self._start_modes(version)
-        self._version = version
         self._go_to(ModelState.CODING)
 
     def learn_modes(self, index: int, sample: FaceSample, may_start: bool) -> bool:
@@ -162,6 +163,8 @@ class ModelLifecycle:
         may_start: begin to learn now if it is time.
         Returns whether the version in use has modes that it had not.
         """
+        if self._shown.is_hidden:
+            return False
         for_next = self._state is ModelState.SWITCHING
         if self._modes.wants_sample(index):
             self._modes.add_sample(index, replace(sample, face=None) if for_next else sample)
@@ -185,14 +188,31 @@ class ModelLifecycle:
         """Begin to train an update when one is due; announce one that is trained."""
         if self._updates.busy:
             return
-        if self._state is ModelState.CODING and self._schedule.is_update_due(self._frames.offered):
+        if self._shown.is_wanted:
+            self._show_other(position)
+            return
+        is_back = self._shown.worn is not None
+        is_due = is_back or self._schedule.is_update_due(self._frames.offered)
+        if self._state is ModelState.CODING and is_due:
             self._training = self._train_update()
             self._go_to(ModelState.TRAINING)
         if self._training is not None and self._training.done():
             update, self._training = self._training.result(), None
-            self._next_version = self._updates.start_update(update, position)
-            announced = self._next_version is not None
-            self._go_to(ModelState.ANNOUNCED if announced else ModelState.SENDING_LAYERS)
+            self._send_update(self._shown.with_background(update), position)
+
+    def _show_other(self, position: StreamPosition) -> None:
+        """Announce the other face, instead of an update that is being trained."""
+        if self._state is ModelState.CODING and self._shown.worn is None:
+            self._go_to(ModelState.TRAINING)
+        if self._state is ModelState.TRAINING:
+            self._training = None
+            self._send_update(self._shown.next_other(), position)
+
+    def _send_update(self, update: ModelVersion, position: StreamPosition) -> None:
+        self._next_version = self._updates.start_update(update, position)
+        self._shown.note_sent(update)
+        announced = self._next_version is not None
+        self._go_to(ModelState.ANNOUNCED if announced else ModelState.SENDING_LAYERS)
 
     def on_packet_sent(self, position: StreamPosition) -> bool:
         """Switch to the next version if its first packet is next; whether it is."""
@@ -217,11 +237,12 @@ class ModelLifecycle:
         lead = MODE_LEAD_PACKETS_REALTIME if self._realtime else MODE_LEAD_PACKETS
         lead = 0 if self._updates.progressive else lead
         if self._state is ModelState.ANNOUNCED and packet >= following.first_packet - lead:
-            self._start_modes(following)
+            if not self._shown.is_other(following):
+                self._start_modes(following)
             self._go_to(ModelState.SWITCHING)
         if packet != following.first_packet:
             return False
-        self._version, self._next_version = following, None
+        self._version, self._next_version = self._shown.switch(self._version, following), None
         self._go_to(ModelState.CODING)
         return True
 
@@ -231,7 +252,7 @@ class ModelLifecycle:
         # While layers were sent more than one may have become due.
         while self._updates.progressive and self._schedule.is_update_due(self._frames.offered):
             share = self._schedule.take_update()
-        task = TrainingTask(share, *self._frames.sample(), self.version.number + 1)
+        task = TrainingTask(share, *self._frames.sample(), self._shown.next_number)
         with self._stats.stage("train"):
             return self._learner.train(task)
 

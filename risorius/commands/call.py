@@ -80,9 +80,12 @@ def _add_coding(parser: argparse.ArgumentParser) -> None:
 def _add_page(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--face",
-        type=Path,
         metavar="OTHER",
-        help="call file of a person who is drawn instead when the page asks for it",
+        help="image or call file of a person who is seen instead of you when the page asks for it;"
+        " generic: a drawn head.  The other end gets no picture of you meanwhile",
+    )
+    parser.add_argument(
+        "--face-on", action="store_true", help="with --face: from the beginning of the call"
     )
     parser.add_argument(
         "--folder",
@@ -108,13 +111,11 @@ def run_call(arguments: argparse.Namespace) -> int:
 
 
 def _options(arguments: argparse.Namespace) -> "CallOptions":
-    from decoder.reenactment import read_model
     from risorius.call_page.access import check_port
     from risorius.live_call.call_options import CallOptions
     from risorius.live_call.devices import check_devices
 
-    if arguments.face is not None:
-        read_model(arguments.face)
+    _check_face(arguments)
     if not arguments.folder.is_dir():
         raise UserError(f"there is no folder {arguments.folder}")
     check_port(arguments.port)
@@ -131,9 +132,19 @@ def _options(arguments: argparse.Namespace) -> "CallOptions":
         bitrate=arguments.bitrate,
         low_delay=arguments.low_delay,
         face=arguments.face,
+        face_on=arguments.face_on,
         port=arguments.port,
         folder=arguments.folder,
     )
+
+
+def _check_face(arguments: argparse.Namespace) -> None:
+    if arguments.face is not None:
+        from risorius.face_picture import face_picture
+
+        face_picture(arguments.face)
+    elif arguments.face_on:
+        raise UserError("--face-on needs --face OTHER")
 
 
 def _microphone(arguments: argparse.Namespace) -> str | None:

@@ -12,7 +12,7 @@ class CallOptions:
 
     place: where the other end is.  timeout_s: how long to try to connect.
     camera, microphone, voice, bitrate, low_delay: see `SendingOptions`.
-    face: call file whose person may be shown instead of the other one; None: there is none.
+    face, face_on: see `SendingOptions`.
     port: TCP port of the page; 0: any free one.
     folder: where recordings go.
     """
@@ -24,6 +24,7 @@ class CallOptions:
     voice: str
     bitrate: float
     low_delay: bool
-    face: Path | None
+    face: str | None
+    face_on: bool
     port: int
     folder: Path

@@ -3,20 +3,17 @@
 import os
 import time
 from collections import deque
-from pathlib import Path
 from threading import Lock
 
 import numpy as np
 
 from decoder.call_pictures import CallOptions, CallPictures, DrawnFrame, open_source
-from decoder.reenactment import read_model
 from decoder.sound.sound_track import Samples, SoundTrack, open_sound_track
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
 from protocol.link.interface import Arrival, PacketSource
 from risorius.call_page.page_thread import encoded_picture
 from risorius.live_call.messages import (
-    DrawAs,
     DrawingOptions,
     Drawn,
     Heard,
@@ -69,7 +66,6 @@ class _Drawing:
         self._presence = Presence.AWAITED
         self._thinning = Thinning(options.fps, time.monotonic)
         self._pictures: CallPictures | None = None
-        self._face: Path | None = None
         self._sound: SoundTrack | None = None
         self._sound_start = 0  # source frame of its beginning
         self._losses = deque[tuple[int, int]](maxlen=LOSS_S)  # lost and all, each second
@@ -109,10 +105,7 @@ class _Drawing:
         return Receiving(traffic, self._presence, self._lost_share, covered_s, is_camera_off)
 
     def _do(self, message: ToDrawer) -> None:
-        if isinstance(message, DrawAs):
-            self._draw_as(message.face)
-        else:
-            self.recorder.record(message.path)
+        self.recorder.record(message.path)
 
     @property
     def _lost_share(self) -> float:
@@ -155,7 +148,6 @@ class _Drawing:
         try:
             with CallPictures(options, stop, source=source, wants=self._wants) as pictures:
                 self._pictures = pictures
-                self._draw_as(self._face)
                 for frame in pictures:
                     if self._sound is None:
                         speech = pictures.playout.speech
@@ -180,11 +172,6 @@ class _Drawing:
         self._presence = Presence.HERE
         self._thinning.arrival_s = arrival.time_s
         self.recorder.add(arrival.data)
-
-    def _draw_as(self, face: Path | None) -> None:
-        self._face = face
-        if (pictures := self._pictures) is not None:
-            pictures.draw_as(None if face is None else read_model(face))
 
     def _show(self, frame: DrawnFrame) -> None:
         jpeg = encoded_picture(frame.picture)

@@ -24,7 +24,6 @@ from risorius.live_call.messages import (
     BROWSER,
     CameraPicture,
     Device,
-    DrawAs,
     DrawingOptions,
     Drawn,
     FromPart,
@@ -83,7 +82,7 @@ class _LiveCall:
         self._status = CallStatus(self._page, self._clock, options.place, tell)
         self._parts: list[PartProcess] = []
         self._recorded: dict[str, Path | None] = {}  # the call file of each side
-        self._switches = {"mute": False, "camera-off": False, "face": False}
+        self._switches = {"mute": False, "camera-off": False, "face": options.face_on}
 
     async def run(self, announce: Callable[[str], None]) -> None:
         """Hold the call until it is over."""
@@ -123,6 +122,8 @@ class _LiveCall:
             options.bitrate,
             options.low_delay,
             monitor,
+            options.face,
+            options.face_on,
         )
         other = DrawingOptions(self._direction(theirs))
         oneself = DrawingOptions(None, own_picture, SELF_FPS)
@@ -262,7 +263,7 @@ class _LiveCall:
         elif kind == "camera-off":
             self._sender.send(Switch(Device.CAMERA, not on))
         elif kind == "face":
-            self._other.send(DrawAs(self._options.face if on else None))
+            self._sender.send(Switch(Device.FACE, on))
         elif kind == "record":
             self._record(on)
         self._setup()

@@ -37,6 +37,8 @@ class SendingOptions:
     microphone: `CAMERA_SOUND`: the sound of the file; `BROWSER`; a device of the host; None: none.
     voice: one of `VOICES`.
     monitor: descriptor of a pipe that gets the call as well.
+    face: what is shown instead of this person when that is switched on, see `face_picture`; None:
+        nothing.  face_on: it is on from the beginning.
     """
 
     place: LinkPlace
@@ -46,6 +48,8 @@ class SendingOptions:
     bitrate: float
     low_delay: bool
     monitor: int | None
+    face: str | None = None
+    face_on: bool = False
 
 
 CAMERA_SOUND = "camera"
@@ -82,10 +86,11 @@ class MicrophoneSound:
 
 
 class Device(StrEnum):
-    """What can be switched off."""
+    """What can be switched off; FACE: another one."""
 
     CAMERA = "camera"
     MICROPHONE = "microphone"
+    FACE = "face"
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,13 +106,6 @@ class Record:
     """Record into this call file from now on; None: stop recording."""
 
     path: Path | None
-
-
-@dataclass(frozen=True, slots=True)
-class DrawAs:
-    """Draw the person of this call file instead; None: the call's own."""
-
-    face: Path | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,5 +216,5 @@ class Trouble:
 
 
 ToSender = CameraPicture | MicrophoneSound | Switch | Record
-ToDrawer = DrawAs | Record
+ToDrawer = Record
 FromPart = Drawn | Heard | Sending | Receiving | Recording | Strangers | Trouble

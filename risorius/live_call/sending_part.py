@@ -2,16 +2,28 @@
 
 import os
 from contextlib import ExitStack
+from threading import Event
+
+import numpy as np
+from numpy.typing import NDArray
 
 from encoder.calls.session_callbacks import SessionCallbacks
 from encoder.calls.session_stats import SessionStats
+from encoder.live_model.other_face import OtherFace
 from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
 from encoder.pipeline import encode_live
 from encoder.runtime.parallel import short_switch_interval
 from protocol.link.interface import MessageCallback, PacketSink
 from risorius.live_call.devices import Devices
-from risorius.live_call.messages import Record, Sending, SendingOptions, ToSender
+from risorius.live_call.messages import (
+    Device,
+    Record,
+    Sending,
+    SendingOptions,
+    Switch,
+    ToSender,
+)
 from risorius.live_call.packets.recorder import CallRecorder
 from risorius.live_call.packets.sent_face import SentFace
 from risorius.live_call.packets.traffic_meter import MeteredSink, TrafficMeter
@@ -26,17 +38,23 @@ def run(part: PartConnection, options: SendingOptions) -> None:
     """
     with ExitStack() as stack:
         stack.enter_context(short_switch_interval())
+        picture, face_on = _other_picture(options), Event()
+        if options.face_on:
+            face_on.set()
         recorder = CallRecorder(part.send)
         stack.callback(recorder.close)
         devices = stack.enter_context(Devices(options))
-        part.in_background(lambda: _obey(part, devices, recorder))
+        part.in_background(lambda: _obey(part, devices, recorder, face_on))
         sent = _Sent(options, devices, recorder, stack, part.tell_of_link)
         part.every_second(sent.figures)
         capture = devices.capture()
         if capture is None:
             return
         callbacks = SessionCallbacks(
-            lambda done, total: None, part.is_over.is_set, on_preparing=sent.prepare
+            lambda done, total: None,
+            part.is_over.is_set,
+            on_preparing=sent.prepare,
+            other_face=None if picture is None else OtherFace(picture, face_on.is_set),
         )
         try:
             encode_live(sent.options, capture, sent.sink, sent.stats, callbacks, devices.voice)
@@ -45,12 +63,22 @@ def run(part: PartConnection, options: SendingOptions) -> None:
                 raise
 
 
-def _obey(part: PartConnection, devices: Devices, recorder: CallRecorder) -> None:
+def _other_picture(options: SendingOptions) -> NDArray[np.uint8] | None:
+    if options.face is None:
+        return None
+    from risorius.face_picture import face_picture
+
+    return face_picture(options.face)
+
+
+def _obey(part: PartConnection, devices: Devices, recorder: CallRecorder, face_on: Event) -> None:
     """Do what comes from the page until it is gone; then there is no camera any more."""
 
     def do(message: ToSender) -> None:
         if isinstance(message, Record):
             recorder.record(message.path)
+        elif isinstance(message, Switch) and message.device is Device.FACE:
+            face_on.set() if message.on else face_on.clear()
         else:
             devices.receive(message)
 

@@ -51,11 +51,15 @@ FPS, SECONDS = 25, 2.4
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """What stands before the cameras: a file with sound; picture and sound for a browser."""
+    """What stands before the cameras: a file with sound; picture and sound for a browser.
+
+    face: a picture of another face, which is blue.
+    """
 
     clip: Path
     camera: Path
     microphone: Path
+    face: Path
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +76,7 @@ def material(networks: Path, make_once: MakeOnce) -> Material:
             for frame in frames:
                 sink.write(frame)
             sink.write_sound(sound)
+        cv2.imwrite(str(folder / "face.png"), frames[0][..., ::-1])
         # Chromium's camera takes no other chroma.
         with (folder / "camera.y4m").open("wb") as file:
             file.write(b"YUV4MPEG2 W%d H%d F%d:1 Ip A1:1 C420jpeg\n" % (*size, FPS))
@@ -79,7 +84,8 @@ def material(networks: Path, make_once: MakeOnce) -> Material:
                 file.write(b"FRAME\n" + cv2.cvtColor(frame, cv2.COLOR_BGR2YUV_I420).tobytes())
 
     folder = make_once("before_the_cameras", make)
-    return Material(folder / "clip.mkv", folder / "camera.y4m", folder / "voice.wav")
+    names = ("clip.mkv", "camera.y4m", "voice.wav", "face.png")
+    return Material(*(folder / name for name in names))
 
 
 @pytest.fixture
@@ -198,6 +204,21 @@ def knock(invitation: Invitation, first: "subprocess.Popen[str]") -> list[str]:
     return said
 
 
+def show_another_face(browser: Browser, watcher: Watcher, second: Any) -> None:
+    """The other end sees another face instead of the one before the camera."""
+
+    def is_blue() -> bool:
+        data = np.frombuffer(watcher.pictures[-1].jpeg, np.uint8)
+        picture = cv2.imdecode(data, cv2.IMREAD_COLOR)
+        assert picture is not None
+        blue, _, red = picture.mean((0, 1))
+        return bool(blue > red)
+
+    assert not is_blue()
+    browser.click("#face")
+    until(is_blue, second)
+
+
 def switch_off(browser: Browser, watcher: Watcher, second: "subprocess.Popen[str]") -> None:
     """Whoever is muted and whose camera is off is still there."""
     for name in ("mute", "camera-off"):
@@ -234,7 +255,8 @@ def test_two_people_see_and_hear_each_other_until_one_leaves_and_the_other_hangs
     invitation = Invitation("127.0.0.1", free_port(), "anna", random_key())
     line, folder = tmp_path / "invitation", ("--folder", tmp_path)
     line.write_text(str(invitation))
-    first = start("call", "--listen", invitation.address, "--invite-file", line, *folder)
+    place = ("--listen", invitation.address, "--invite-file", line)
+    first = start("call", *place, *folder, "--face", material.face)
     page = page_of(first)
     browser.call("Page.navigate", url=page)
     browser.wait("typeof players != 'undefined'")
@@ -245,6 +267,7 @@ def test_two_people_see_and_hear_each_other_until_one_leaves_and_the_other_hangs
         see_and_hear(browser, watcher, second)
         watch_in_another_tab(browser, watcher, second, page)
         said = knock(invitation, first)
+        show_another_face(browser, watcher, second)
         switch_off(browser, watcher, second)
         record_and_reload(browser, watcher, second, tmp_path)
         second.send_signal(signal.SIGINT)

@@ -17,6 +17,7 @@ from encoder.capture.video_source import open_source
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import BUDGETS
 from encoder.live_model.learner import LocalLearner
+from encoder.live_model.other_face import ShownFace
 from protocol.call_file import CallStreamWriter
 
 
@@ -45,7 +46,8 @@ def test_a_call_without_a_face_has_no_version_and_ends_once(tmp_path: Path) -> N
     stats, gop = SessionStats(), GopStructure()
     with open_source(str(tmp_path / "%d.png")) as capture, CallStreamWriter(io.BytesIO()) as sink:
         updates = ModelUpdateSender(PacketSender(sink, stats), stats, gop, 25.0)
-        model = ModelLifecycle(capture, gop, BUDGETS["live"], updates, stats, LocalLearner(), False)
+        budget, learner = BUDGETS["live"], LocalLearner()
+        model = ModelLifecycle(capture, gop, budget, updates, stats, learner, False, ShownFace())
         assert model.state is ModelState.SEARCHING
         with pytest.raises(ValueError, match="no face"):
             _ = model.version

@@ -1,0 +1,41 @@
+"""The trainer of a live call's models, from the first picture of the caller."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.capture.video_source import VideoFormat
+from encoder.coding.background import background_of
+from encoder.coding.gop import GopStructure
+from encoder.coding.model_packet import ModelBudget
+from encoder.detection.landmark_indices import face_outline
+from encoder.live_model.model_trainer import LAYER_UPDATES, LAYER_UPDATES_REALTIME, ModelTrainer
+from shared_model.surround import head_with_surround
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+
+def trainer_from(
+    picture: Picture,
+    points: Array,
+    video: VideoFormat,
+    gop: GopStructure,
+    budget: ModelBudget,
+    progressive: bool,
+    realtime: bool,
+) -> ModelTrainer:
+    """The trainer of the person in a picture (h, w, 3) BGR.  points: their landmarks (468, 3), px.
+
+    budget, progressive: see `ModelTrainer`.  realtime: frames do not wait for the training.
+    """
+    return ModelTrainer(
+        head_with_surround(),
+        video,
+        gop,
+        background_of(picture, face_outline(points)),
+        budget,
+        progressive,
+        # More would take the cores from the frames.
+        workers=1 if realtime else None,
+        layer_updates=LAYER_UPDATES_REALTIME if realtime else LAYER_UPDATES,
+    )
