@@ -1,18 +1,13 @@
 """A whole call: one end with camera and microphone of a real browser, the other with a file."""
 
-import asyncio
-import json
 import os
 import signal
 import subprocess
 from collections.abc import Callable, Iterator
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
-from threading import Thread
-from typing import Any, Self
-from urllib.parse import urlsplit
+from typing import Any
 
 import cv2
 import numpy as np
@@ -24,25 +19,21 @@ from sounds import voiced_sound, write_wave
 
 from loopback.browser import Browser, find_browser
 
-aiohttp = pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
+pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 pytest.importorskip("pycodec2", reason="needs pycodec2: pip install '.[voice]'")
 pytest.importorskip("webrtcvad", reason="needs webrtcvad: pip install '.[voice]'")
 
-from decoder.pipeline import DecodeOptions, decode  # noqa: E402
-from decoder.sinks.frame_sink import open_sink  # noqa: E402
-from encoder.capture.video_source import open_source  # noqa: E402
-from loopback.process_pair import free_port  # noqa: E402
-from protocol.link.interface import LinkOptions, Reachability  # noqa: E402
-from protocol.link.zenoh_link import ZenohSink  # noqa: E402
-from protocol.security.invitation import Invitation, random_key  # noqa: E402
-from protocol.security.link_security import LinkSecurity  # noqa: E402
-from protocol.summary import summarise  # noqa: E402
-from risorius.call_page.messages import (  # noqa: E402
-    PictureMessage,
-    SoundMessage,
-    Stream,
-    parse_message,
-)
+from call_watcher import Watcher
+
+from decoder.pipeline import DecodeOptions, decode
+from decoder.sinks.frame_sink import open_sink
+from encoder.capture.video_source import open_source
+from loopback.process_pair import free_port
+from protocol.link.interface import LinkOptions, Reachability
+from protocol.link.zenoh_link import ZenohSink
+from protocol.security.invitation import Invitation, random_key
+from protocol.security.link_security import LinkSecurity
+from protocol.summary import summarise
 
 # A machine that does much else takes so long until both ends see each other.
 LIMIT_S = 120.0
@@ -102,52 +93,6 @@ def browser(tmp_path: Path, material: Material) -> Iterator[Browser]:
     )
     with Browser(program, tmp_path / "browser", 900, 760, *flags) as opened:
         yield opened
-
-
-@dataclass
-class Watcher:
-    """A page of the other end without a browser: what it is sent.
-
-    loudness: of the decoded voice, the greatest of a piece.
-    """
-
-    address: str
-    states: list[dict[str, Any]] = field(default_factory=list)
-    pictures: list[PictureMessage] = field(default_factory=list)
-    loudness: float = 0.0
-
-    def __enter__(self) -> Self:
-        Thread(target=lambda: asyncio.run(self._watch()), daemon=True).start()
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        """Nothing to do: the watcher ends with the page."""
-
-    async def _watch(self) -> None:
-        parts = urlsplit(self.address)
-        headers = {"Origin": f"http://{parts.netloc}"}
-        with suppress(aiohttp.ClientError):
-            async with aiohttp.ClientSession() as client:
-                url = self.address + "ws"
-                async with client.ws_connect(url, headers=headers, max_msg_size=1 << 24) as socket:
-                    async for message in socket:
-                        self._receive(message.data)
-
-    def _receive(self, data: str | bytes) -> None:
-        if isinstance(data, str):
-            self.states.append(json.loads(data))
-            return
-        message = parse_message(data)
-        if isinstance(message, SoundMessage):
-            samples = np.frombuffer(message.samples, np.int16).astype(float)
-            self.loudness = max(self.loudness, float(samples.std()))
-        elif message.stream is Stream.OTHER:
-            self.pictures.append(message)
-
-    def said(self, kind: str, name: str, value: object) -> bool:
-        """Whether the newest message of a kind says so."""
-        of_kind = [each for each in self.states if each["kind"] == kind]
-        return bool(of_kind) and of_kind[-1].get(name) == value
 
 
 def page_of(process: "subprocess.Popen[str]") -> str:
