@@ -95,7 +95,29 @@ class ShowVersion(argparse.Action):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return the exit code; an error is one line on stderr."""
+    """Run one command and return the exit code; an error is one line on stderr.
+
+    argv: None: those of this process, which ends after the command.
+    """
+    code = _run(argv)
+    if argv is None:
+        _end_now_if_linked(code)
+    return code
+
+
+def _end_now_if_linked(code: int) -> None:
+    """End the process if threads are still in Zenoh, without waiting: Python would abort if one of
+    them returned during its shutdown.
+    """
+    sessions = sys.modules.get("protocol.link.zenoh_session")
+    if sessions is not None and sessions.is_busy():
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError, ValueError):
+                stream.flush()
+        os._exit(code)
+
+
+def _run(argv: Sequence[str] | None) -> int:
     # Before numpy is loaded: sums that several threads share depend on their number, and the same
     # clip would give other bytes on another host.  Matrix products here are too small for threads.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"

@@ -1,12 +1,13 @@
 """What the ends of a link and a relay do alike with Zenoh: settings, errors, and who is there."""
 
 import _thread
+import atexit
 import json
 import re
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from queue import Empty, SimpleQueue
-from time import monotonic
+from time import monotonic, sleep
 from typing import Any
 
 import zenoh
@@ -15,6 +16,7 @@ from zenoh.handlers import Callback
 from protocol.link.interface import POLL_S
 from protocol.link.messages import Role
 from protocol.link.presence import WHO_KEY, call_keys, parse_presence, serialise_presence
+from protocol.link.zenoh_settings import OPEN_S
 
 # The attachment that tells an answer who is there from payloads of a call.
 PRESENCE_MARK = b"p"
@@ -35,6 +37,43 @@ def reason(error: zenoh.ZError) -> str:
     return re.sub(r"\s+at \S+\.rs:\d+\.?", "", str(error))
 
 
+# One for each thread that may be in a function of Zenoh.
+_RUNNING: set[object] = set()
+
+
+def is_busy() -> bool:
+    """Whether a thread may be in a function of Zenoh.
+
+    Python aborts ("FATAL: exception not rethrown") if it returns while the interpreter is ending.
+    """
+    return bool(_RUNNING)
+
+
+def wait_until_idle(limit_s: float) -> None:
+    """Wait until no thread is in a function of Zenoh, in bounds."""
+    end_s = monotonic() + limit_s
+    while is_busy() and monotonic() < end_s:
+        sleep(POLL_S / 10)
+
+
+def _start_thread(function: Callable[[], None]) -> None:
+    if not _RUNNING:
+        # Registered anew each time: once is enough.
+        atexit.unregister(wait_until_idle)
+        atexit.register(wait_until_idle, OPEN_S)
+    running = object()
+    _RUNNING.add(running)
+
+    def run() -> None:
+        try:
+            function()
+        finally:
+            _RUNNING.discard(running)
+
+    # `threading.Thread.start` may swallow an interrupt.
+    _thread.start_new_thread(run, ())
+
+
 class Background:
     """Threads in which sessions are opened and closed."""
 
@@ -49,9 +88,8 @@ class Background:
         def call() -> None:
             try:
                 # Nothing may hold a session once this is done: the thread would wait for Zenoh.
-                work.pop()()
-            except zenoh.ZError:
-                pass
+                with suppress(zenoh.ZError):
+                    work.pop()()
             finally:
                 self._done.put(None)
 
@@ -59,7 +97,7 @@ class Background:
             self._done.get()
             self._busy -= 1
         self._busy += 1
-        _thread.start_new_thread(call, ())
+        _start_thread(call)
 
     def wait(self, limit_s: float) -> None:
         """Wait until all are done, in bounds."""
@@ -82,14 +120,12 @@ def open_session(config: zenoh.Config) -> zenoh.Session:
             results.append(error)
         done.put(None)
 
-    # `threading.Thread.start` may swallow an interrupt.
-    _thread.start_new_thread(run, ())
+    _start_thread(run)
     try:
         while not results:
             with suppress(Empty):
                 done.get(timeout=POLL_S)
     except BaseException:
-        # Python aborts if a thread returns from Zenoh during shutdown.
         if not results:
             with suppress(Empty):
                 done.get(timeout=OPENING_S)

@@ -3,10 +3,13 @@
 import argparse
 import socket
 import stat
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from processes import one_line
 
 from protocol.security.invitation import Invitation, parse_invitation
 from risorius.cli import main
@@ -178,3 +181,27 @@ def test_nothing_is_handed_over_before_it_is_checked(
         assert main(given.split()) == code
     (complaint,) = capsys.readouterr().err.splitlines()
     assert reason in complaint
+
+
+def test_a_program_ends_with_its_own_exit_code_while_a_link_is_still_being_opened() -> None:
+    program = (
+        "import socket, sys, time\n"
+        "class Slow:\n"
+        "    def __del__(self, sleep=time.sleep): sleep(6)\n"
+        # What makes the end of the interpreter last longer than opening a connection may.
+        "sys.modules['slow'] = Slow()\n"
+        "from risorius.cli import main\n"
+        "sys.exit(main())"
+    )
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
+        silent.bind(("127.0.0.1", 0))
+        place = f"udp/127.0.0.1:{silent.getsockname()[1]}"
+        command = ["decode", "--connect", place, "--timeout", "0.1", "--insecure"]
+        process = subprocess.run(
+            [sys.executable, "-c", program, *command], capture_output=True, text=True, check=False
+        )
+    last = process.stderr.splitlines()[-1]
+    assert (process.returncode, one_line(last)) == (
+        4,
+        f"risorius: cannot reach {place} within 0.1 s: no answer",
+    )
