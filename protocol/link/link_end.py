@@ -53,8 +53,19 @@ class LinkEnd:
             raise
 
     def close(self) -> None:
-        """Leave; closing twice has no further effect."""
-        self._leave()
+        """Deliver what was sent and leave; closing twice has no further effect."""
+        if self._closed:
+            return
+        try:
+            self._finish()
+        finally:
+            self._leave(self._farewell())
+
+    def _finish(self) -> None:
+        """Stay for as long as the other end may need it."""
+
+    def _farewell(self) -> bytes | None:
+        """What is sent at last; None: nothing."""
 
     def __enter__(self) -> Self:
         return self
@@ -105,8 +116,6 @@ class LinkEnd:
         return "the other end is there, but has another invitation, or only one end has one"
 
     def _leave(self, farewell: bytes | None = None) -> None:
-        if self._closed:
-            return
         self._closed = True
         for _ in range(FAREWELLS if farewell else 0):
             self._service.put_now(farewell or b"")

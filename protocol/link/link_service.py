@@ -11,7 +11,6 @@ from protocol.errors import ProtocolError
 from protocol.link.connection import (
     LISTENING,
     Carrier,
-    Close,
     Connector,
     Elsewhere,
     Event,
@@ -81,10 +80,14 @@ class LinkService:
         """Whether there is a link; an end that listens always has one."""
         return self.connector is None or self.connector.link is not None
 
-    def start(self, carrier: Carrier) -> None:
-        """Run until `stop`."""
+    def attach(self, carrier: Carrier) -> None:
+        """Take the connections of this end; before that nothing is sent."""
         self._carrier = carrier
-        _thread.start_new_thread(self._run, ())
+
+    def start(self, carrier: Carrier) -> None:
+        """Run in a thread of its own until `stop`."""
+        self.attach(carrier)
+        _thread.start_new_thread(self.run, ())
 
     def stop(self) -> None:
         """End the thread; the connections stay open."""
@@ -122,20 +125,25 @@ class LinkService:
         if self._failure is not None:
             raise self._failure
 
-    def _run(self) -> None:
+    def run(self) -> None:
+        """Run until `stop`, or until something fails, see `raise_failure`."""
         try:
             while not self._stopping:
-                event = self._next_event()
-                with self.lock:
-                    if event is not None:
-                        self._handle(event)
-                    if not self._stopping:
-                        self._tick(self._clock())
+                self.step()
         except Exception as error:
             # For whoever uses this end: here nobody would see it.
             self._failure = error
         finally:
             self._stopped.put(None)
+
+    def step(self) -> None:
+        """Wait for an event, a moment at most, handle it, and do what is due."""
+        event = self._next_event()
+        with self.lock:
+            if event is not None:
+                self._handle(event)
+            if not self._stopping:
+                self._tick(self._clock())
 
     def _next_event(self) -> Event | None:
         with suppress(Empty):
@@ -213,7 +221,7 @@ class LinkService:
         for action in connector.tick(now_s, patience_s):
             if isinstance(action, Open):
                 self._carrier.open(action.connection, action.endpoint)
-            elif isinstance(action, Close):
+            else:
                 self._greetings.pop(action.connection, None)
                 self._carrier.close(action.connection)
         for connection in connector.opened:
@@ -252,9 +260,9 @@ class LinkService:
             self._put_to(link, payload)
 
     def _put_to(self, connection: int, payload: bytes) -> None:
-        if self._carrier is not None:
-            guarded = self._protection.protect(payload)
-            self._carrier.put(connection, guarded, not is_message(payload), is_hello(payload))
+        assert self._carrier is not None
+        guarded = self._protection.protect(payload)
+        self._carrier.put(connection, guarded, not is_message(payload), is_hello(payload))
 
 
 def _cost(event: Event | None) -> int:

@@ -117,23 +117,19 @@ class LinkSink(LinkEnd):
         if is_end(packet):
             self._ended_s = monotonic()
 
-    def close(self) -> None:
-        """See `PacketSink`; a call that has ended is repeated until each decoder has all of it,
-        while any is heard and more of it gets there.
+    def _finish(self) -> None:
+        """A call that has ended is repeated until each decoder has all of it, while any is heard
+        and more of it gets there.
         """
-        try:
-            if not self._closed:
-                self._linger()
-        finally:
-            self._leave(None if self._closed or not self.peers else self._delivery.bye())
-
-    def _linger(self) -> None:
         if self._ended_s is None:
             return
         while self._is_awaited(self._ended_s):
             sleep(POLL_S / 10)
         if self._delivery.is_end_heard:
             self._reachability = Reachability.HAS_PEER
+
+    def _farewell(self) -> bytes | None:
+        return self._delivery.bye() if self.peers else None
 
     def _is_awaited(self, ended_s: float) -> bool:
         """Whether a decoder may still take the end of the call."""

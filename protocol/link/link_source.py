@@ -3,6 +3,7 @@
 from time import monotonic
 
 from protocol.link.delivery.arrival_queue import ArrivalQueue
+from protocol.link.delivery.peers import EncoderMonitor
 from protocol.link.delivery.receiver import DeliveryReceiver
 from protocol.link.interface import (
     POLL_S,
@@ -18,8 +19,6 @@ from protocol.packets import is_end
 
 # Time that a call without END waits for more once its encoder has said that it leaves.
 LEAVE_GRACE_S = 1.0
-# After what silence a decoder says so, and gives a call up that has begun.
-SILENT_S, LOST_S = 5.0, 120.0
 
 
 class LinkSource(LinkEnd, PacketSource):
@@ -40,11 +39,11 @@ class LinkSource(LinkEnd, PacketSource):
         say: MessageCallback,
         leave_grace_s: float = LEAVE_GRACE_S,
     ) -> None:
-        self._grace_s = leave_grace_s
-        self._queue = ArrivalQueue()
-        self._complete = self._ended = self._is_silent = False
+        self._complete = self._ended = False
+        self._encoder = EncoderMonitor(say, leave_grace_s)
         self._delivery = DeliveryReceiver(protection.session, protection.on_peer)
-        service = link_service(options, self._delivery, protection, self._enqueue)
+        self._queue = ArrivalQueue(self._delivery)
+        service = link_service(options, self._delivery, protection, self._queue.put)
         super().__init__(
             options, service, make_carrier, say, f"an encoder of call {options.call!r}"
         )
@@ -73,15 +72,9 @@ class LinkSource(LinkEnd, PacketSource):
                 break
         return None
 
-    def close(self) -> None:
-        """See `PacketSource`; the encoder is told."""
+    def _farewell(self) -> bytes | None:
         with self._service.lock:
-            farewell = self._delivery.bye()
-        self._leave(farewell)
-
-    def _enqueue(self, arrival: Arrival) -> None:
-        """Called in the thread of the service, which holds its lock."""
-        self._queue.put(arrival, may_drop_frames=not self._delivery.repeats_frames)
+            return self._delivery.bye()
 
     def _is_over(self, now_s: float) -> bool:
         """Whether a call without END is at its end; says when the encoder is silent."""
@@ -90,12 +83,4 @@ class LinkSource(LinkEnd, PacketSource):
         if heard_s is None:
             self._tell_of_others(Role.ENCODER)
             return False
-        silent_s = now_s - heard_s
-        if (silent_s > SILENT_S) != self._is_silent and not has_left:
-            self._is_silent = not self._is_silent
-            self._say(
-                "nothing comes from the encoder; waiting for it"
-                if self._is_silent
-                else "the encoder is there again"
-            )
-        return silent_s > (self._grace_s if has_left else LOST_S)
+        return self._encoder.is_over(now_s - heard_s, has_left)

@@ -2,6 +2,7 @@
 
 from queue import Empty, SimpleQueue
 from threading import Lock
+from typing import Protocol
 
 from protocol.link.interface import Arrival
 from protocol.packets import PacketKind, packet_kind
@@ -14,21 +15,28 @@ ARRIVAL_OVERHEAD_BYTES = 128
 MAX_FRAME_BYTES, MAX_BYTES = 16 * 1024 * 1024, 32 * 1024 * 1024
 
 
-class ArrivalQueue:
-    """Arrivals in order, put in one thread and taken in another."""
+class Delivery(Protocol):
+    """repeats_frames: frame packets are sent until they are there."""
 
-    def __init__(self) -> None:
+    repeats_frames: bool
+
+
+class ArrivalQueue:
+    """Arrivals of a delivery in order, put in one thread and taken in another."""
+
+    def __init__(self, delivery: Delivery) -> None:
+        self._delivery = delivery
         self._queue: SimpleQueue[Arrival] = SimpleQueue()
         self._waiting_bytes, self._counting = 0, Lock()
 
-    def put(self, arrival: Arrival, may_drop_frames: bool) -> None:
-        """Add an arrival, or leave a frame packet out.
+    def put(self, arrival: Arrival) -> None:
+        """Add an arrival, or leave out a frame packet that may be missing.
 
-        may_drop_frames: a frame packet that is missing is no failure.
         Raises `UserError` with exit code 4 if too much waits to leave it out.
         """
         cost = _cost(arrival)
-        is_spare = may_drop_frames and packet_kind(arrival.data) is PacketKind.FRAME
+        is_frame = packet_kind(arrival.data) is PacketKind.FRAME
+        is_spare = is_frame and not self._delivery.repeats_frames
         with self._counting:
             waiting_bytes = self._waiting_bytes + cost
             if is_spare and waiting_bytes > MAX_FRAME_BYTES:

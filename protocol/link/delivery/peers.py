@@ -1,6 +1,32 @@
-"""Presence of the decoders of a call, for its sender."""
+"""Presence of the decoders of a call, for its sender, and of its encoder, for a receiver."""
 
 from protocol.link.interface import MessageCallback
+
+# After what silence a decoder says so, and gives a call up that has begun.
+SILENT_S, LOST_S = 5.0, 120.0
+
+
+class EncoderMonitor:
+    """The encoder of a call that has begun.
+
+    say: called with a line when it has become silent, and when it is heard again.
+    grace_s: how long a call without END waits for more once its encoder has said that it leaves.
+    """
+
+    def __init__(self, say: MessageCallback, grace_s: float) -> None:
+        self._say, self._grace_s = say, grace_s
+        self._is_silent = False
+
+    def is_over(self, silent_s: float, has_left: bool) -> bool:
+        """Whether no more is to be expected of an encoder that has been silent for so long."""
+        if (silent_s > SILENT_S) != self._is_silent and not has_left:
+            self._is_silent = not self._is_silent
+            self._say(
+                "nothing comes from the encoder; waiting for it"
+                if self._is_silent
+                else "the encoder is there again"
+            )
+        return silent_s > (self._grace_s if has_left else LOST_S)
 
 
 class PeerMonitor:

@@ -87,7 +87,7 @@ def test_the_encoder_sees_decoders_come_and_go(stack: ExitStack, endpoint: str) 
     assert caught.value.exit_code == 4 and sink.peers == 0
     with ZenohSource(connecting(endpoint)):
         sink.wait_for_peer(WAIT_S)
-        assert sink.peers == 1
+        assert sink.peers == 1 and sink.quality.loss == 0
     gone = threading.Event()
     while sink.peers:
         assert not gone.wait(0.001)
@@ -150,3 +150,13 @@ def test_a_call_has_one_encoder(stack: ExitStack, endpoint: str) -> None:
     with pytest.raises(UserError, match="call 'test' has an encoder already") as caught:
         second.wait_for_peer(WAIT_S)
     assert caught.value.exit_code == 4 and second.peers == 0 and first.peers == 1
+
+
+def test_two_decoders_do_not_meet(stack: ExitStack, endpoint: str) -> None:
+    said: list[str] = []
+    stack.enter_context(ZenohSource(listening(endpoint)))
+    second = stack.enter_context(ZenohSource(connecting(endpoint), said.append))
+    deadline = monotonic() + WAIT_S
+    while len(said) < 2:
+        assert second.receive(0.05) is None and monotonic() < deadline
+    assert said[1:] == ["another decoder of the call is there"]

@@ -1,6 +1,6 @@
-"""Presence of decoders: each change is announced once."""
+"""Presence of the other end: each change is announced once."""
 
-from protocol.link.delivery.peers import PeerMonitor
+from protocol.link.delivery.peers import LOST_S, SILENT_S, EncoderMonitor, PeerMonitor
 
 
 def test_nothing_is_said_while_somebody_listens() -> None:
@@ -36,3 +36,16 @@ def test_no_departure_is_announced_before_the_first_arrival() -> None:
     audience.update(1)
     assert audience.poll()
     assert said == []
+
+
+def test_an_encoder_that_is_silent_is_waited_for_and_one_that_leaves_is_not() -> None:
+    said: list[str] = []
+    encoder = EncoderMonitor(said.append, grace_s=1.0)
+    assert not encoder.is_over(SILENT_S, has_left=False) and said == []
+    for _ in range(2):
+        assert not encoder.is_over(SILENT_S + 0.1, has_left=False)
+    assert said == ["nothing comes from the encoder; waiting for it"]
+    assert not encoder.is_over(0.0, has_left=False)
+    assert said[1:] == ["the encoder is there again"]
+    assert not encoder.is_over(1.0, has_left=True) and encoder.is_over(1.1, has_left=True)
+    assert not encoder.is_over(LOST_S, has_left=False) and encoder.is_over(LOST_S + 1, False)
