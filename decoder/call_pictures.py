@@ -175,6 +175,8 @@ class CallPictures:
         self.stats.note_shown(frame)
         is_held = frame.lost and frame.frozen
         picture = in_grey(self._picture) if is_held else self._picture
+        if frame.presence < 1 and self._scene is not None:
+            picture = self._scene.without_person(picture, frame.presence)
         time_s = self.playout.time_s(frame.index)
         return DrawnFrame(frame.index, picture, frame.frozen, frame.lost, time_s)
 

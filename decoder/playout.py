@@ -34,6 +34,8 @@ from shared_model.parameters import FaceParameters, with_focal_change
 
 # A packet may be at most so far ahead of the last frame (ten minutes).
 MAX_FROZEN_S = 600
+# A person who has left fades from the picture in this time.
+FADE_S = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,12 +44,14 @@ class PlayoutFrame:
 
     lost: its packet is missing; the face is concealed.
     frozen: it repeats an older face: the encoder had none there, or too much is lost.
+    presence: 1 to 0: how much of the person to draw; less than 1 after they have left.
     """
 
     index: int
     face: FaceParameters
     frozen: bool
     lost: bool = False
+    presence: float = 1.0
 
 
 class Playout:
@@ -59,6 +63,7 @@ class Playout:
     ended: the END packet has been received.
     is_frozen: the encoder has lost the face.
     is_camera_off: the sender has switched the camera off.
+    gone_at: source frame from which on the person of a lost face is not there; None: they are.
     lost, late, unusable: numbers of frame packets that were missing when they were due, that came
         too late or twice, and that preceded the model packet.
     before_join: source frames shown that precede the first frame packet.
@@ -67,6 +72,7 @@ class Playout:
     def __init__(self) -> None:
         self.clock = FrameClock()
         self.ended = self.joined_late = self.is_frozen = self.is_camera_off = False
+        self.gone_at: int | None = None
         self.lost = self.late = self.unusable = self.before_join = 0
         self._next = 0
         self._newest = -1  # number of the newest frame packet
@@ -222,7 +228,8 @@ class Playout:
             index = self._next
             self._next += 1
             if self.is_frozen and before is not None:
-                yield PlayoutFrame(index, before.face, frozen=True)
+                presence = self._presence(call, index)
+                yield PlayoutFrame(index, before.face, frozen=True, presence=presence)
             elif before is None or index <= before.timestamp:
                 self.before_join += is_gap and index < timed.timestamp
                 yield PlayoutFrame(index, timed.face, index < call.start_frame)
@@ -245,8 +252,10 @@ class Playout:
             self.ended = True
         elif packet.kind is ControlKind.FACE_LOST:
             self.is_frozen = True
+        elif packet.kind is ControlKind.PERSON_GONE:
+            self.gone_at = packet.frame
         else:
-            self.is_frozen = False
+            self.is_frozen, self.gone_at = False, None
             # Without a face no packets were sent: their numbers are skipped.
             if following is None and not self.joined_late:
                 following = version.number_at(packet.frame)
@@ -260,7 +269,14 @@ class Playout:
         while self._next < end:
             index = self._next
             self._next += 1
-            yield PlayoutFrame(index, self._last.face, self.is_frozen)
+            presence = self._presence(call, index)
+            yield PlayoutFrame(index, self._last.face, self.is_frozen, presence=presence)
+
+    def _presence(self, call: CallParameters, index: int) -> float:
+        """How much of the person is there in a frame of a lost face, see `PlayoutFrame`."""
+        if self.gone_at is None or not self.is_frozen:
+            return 1.0
+        return max(0.0, 1 - (index + 1 - self.gone_at) / max(1.0, FADE_S * call.fps))
 
     def _check_gap(self, call: CallParameters, end: int | Fraction) -> None:
         if end - self._next > MAX_FROZEN_S * call.fps:

@@ -5,6 +5,7 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -51,6 +52,7 @@ class Scene:
 
     def __init__(self, parts: SceneParts) -> None:
         size = parts.model.call.width, parts.model.call.height
+        self._empty: Picture | None = None  # the frame submitted last without the person
         self._renderer = Renderer(*size, parts.head, edge_samples(*size))
         self._own_face = self._face = parts.face
         self._show(parts)
@@ -119,6 +121,7 @@ class Scene:
 
     def submit(self, state: FrameState, timer: StageTimer) -> None:
         """Start drawing a frame; `read_back` returns its picture."""
+        self._empty = None
         with timer.stage("render"):
             if state.texture is not None:
                 self._renderer.set_texture(state.texture)
@@ -137,6 +140,18 @@ class Scene:
         """The picture of the frame submitted last, (height, width, 3) uint8 BGR."""
         with timer.stage("render"):
             return self._renderer.read_back()
+
+    def without_person(self, picture: Picture, presence: float) -> Picture:
+        """A picture, read back last, of which the person fades: of 0 the scene alone is left.
+
+        Where person and scene are one picture, it stays.
+        """
+        if self._parts.layers.static is None:
+            return picture
+        if self._empty is None:
+            self._empty = self._renderer.draw_scene()
+        mixed = cv2.addWeighted(picture, presence, self._empty, 1 - presence, 0)
+        return np.asarray(mixed, np.uint8)
 
     def close(self) -> None:
         """Free the renderer."""

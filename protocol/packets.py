@@ -46,6 +46,7 @@ class ControlKind(IntEnum):
     TIMES = 3  # a `TimesPacket`: when source frames from `frame` on are shown
     CAMERA_OFF = 4  # the camera is off from source frame `frame` on; the faces go to rest
     CAMERA_ON = 5  # it is on again from source frame `frame` on
+    PERSON_GONE = 6  # the lost face's person is not there from source frame `frame` on
 
 
 @dataclass(frozen=True, slots=True)

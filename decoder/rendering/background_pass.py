@@ -34,6 +34,7 @@ class BackgroundPass:
         self._change: moderngl.Texture | None = None
         self._scene: moderngl.VertexArray | None = None
         self._scene_corners: moderngl.Buffer | None = None
+        self._last: tuple[bool, Array | None] = False, None
 
     def set(self, moving: Picture, grid_px: Array, static: Picture | None) -> None:
         """See `Renderer.set_background`."""
@@ -76,11 +77,18 @@ class BackgroundPass:
             self._change = upload_picture(self._context, self._change, "change", change)
             self._change.use(1)
         self._context.enable_only(moderngl.NOTHING)
+        self._last = change is not None, scene_corners
         if self._static_frame is not None:
-            self._draw_scene(target, change is not None, scene_corners)
+            self._draw_scene(target, *self._last)
             self._context.enable_only(moderngl.BLEND)
         self._moving.use()
         self._mesh.render()
+
+    def draw_scene(self, target: moderngl.Framebuffer) -> None:
+        """Draw the layer that does not move with the person, as `draw` has drawn it last."""
+        self._context.enable_only(moderngl.NOTHING)
+        if self._static_frame is not None:
+            self._draw_scene(target, *self._last)
 
     def _draw_scene(
         self, target: moderngl.Framebuffer, changes: bool, corners: Array | None

@@ -164,6 +164,13 @@ class Renderer:
             context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE | moderngl.BLEND)
             self._textured.render()
 
+    def draw_scene(self) -> Picture:
+        """The picture submitted last without person and head: (height, width, 3) uint8 BGR."""
+        with self._context:
+            self._clear()
+            self._background.draw_scene(self._target)
+            return self._read()
+
     def read_back(self) -> Picture:
         """The picture submitted last: (height, width, 3) uint8 BGR."""
         with self._context:

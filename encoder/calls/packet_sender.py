@@ -41,6 +41,7 @@ class PacketSender:
         self._sink, self._stats, self._pacer, self._voice = sink, stats, pacer, voice
         self._times, self._timed_frames = times, 0
         self._face_visible = self._camera_on = True
+        self._person_gone = False
 
     @property
     def pacer(self) -> LayerPacer | None:
@@ -92,13 +93,19 @@ class PacketSender:
         """Send FACE_LOST or FACE_FOUND for source frame `frame`, if that is news; whether it is."""
         if visible == self._face_visible:
             return False
-        self._face_visible = visible
+        self._face_visible, self._person_gone = visible, False
         if visible and self._voice is not None:
             self._voice.resume(frame)
         self._send(
             ControlPacket(0, ControlKind.FACE_FOUND if visible else ControlKind.FACE_LOST, frame)
         )
         return True
+
+    def report_absence(self, frame: int) -> None:
+        """Send PERSON_GONE for source frame `frame` of a lost face, if that is news."""
+        if not self._face_visible and not self._person_gone:
+            self._person_gone = True
+            self._send(ControlPacket(0, ControlKind.PERSON_GONE, frame))
 
     def report_camera(self, on: bool, frame: int) -> None:
         """Send CAMERA_OFF or CAMERA_ON for source frame `frame`, if that is news."""

@@ -34,6 +34,7 @@ from encoder.fitting.sequence_fit import fit_sequence, smooth_landmarks
 from encoder.layers.layer_learning import layers_of_person
 from encoder.layers.layer_model import LayerModel
 from encoder.layers.layer_samples import COARSE_SIDE, FittedFrames, shrunk, typical_frame
+from encoder.learning.absence import AbsenceWatch
 from encoder.learning.frame_sampler import UniformSubsampler
 from encoder.learning.person_model import TrainedModel, TrainingOptions, build_person_model
 from encoder.runtime.parallel import worker_pool
@@ -57,13 +58,15 @@ class EncodedCall:
     model: the model packet that is sent first.
     layers: what is sent of the model between frame packets; None: nothing.
     payloads: of the frame packets.
-    frames: number of source frames.  lost: those without a face.
+    frames: number of source frames.  lost: those without a face.  empty: those without anybody, if
+        it is known what is behind the person.
     """
 
     model: ModelPacket
     payloads: tuple[bytes, ...]
     frames: int
     lost: frozenset[int]
+    empty: frozenset[int] = frozenset()
     layers: LayeredModel | None = None
 
 
@@ -100,7 +103,7 @@ class TwoPassEncoder:
         self._points: list[Array] = []  # landmarks of each detection
         self._detection_of: dict[int, int] = {}  # by source frame
         self._frames = 0
-        self._sampler = UniformSubsampler[Picture]()
+        self._sampler, self._absence = UniformSubsampler[Picture](), AbsenceWatch()
         self._model: _CallModel | None = None
         self._faces: dict[int, FaceParameters] = {}  # by detection
 
@@ -119,6 +122,7 @@ class TwoPassEncoder:
         found = self._search.find(picture, next_frame)
         self._frames = index + 1
         if found is None:
+            self._absence.look(index, picture)
             return
         self._detection_of[index] = len(self._points)
         self._sampler.offer(len(self._points), lambda: picture)
@@ -163,13 +167,10 @@ class TwoPassEncoder:
         """What is behind the face.  canonical: number of the typical frame in the sample."""
         numbers, pictures = zip(*self._sampler.frames, strict=True)
         outlines = [face_outline(self._points[number]) for number in numbers]
-        face, reference = trained.person.face, trained.person.reference
+        person, empty = trained.person, self._absence.pictures
+        sample = pictures, trained.faces, outlines, canonical, person.reference, empty
         with self._stats.stage("layers"):
-            layers, reason = layers_of_person(
-                FittedFrames(
-                    face, call.camera, pictures, trained.faces, outlines, canonical, reference
-                )
-            )
+            layers, reason = layers_of_person(FittedFrames(person.face, call.camera, *sample))
         if layers is None:
             self._stats.warn(reason)
             return BackgroundImage(pictures[canonical]), None
@@ -235,10 +236,11 @@ class TwoPassEncoder:
         coded = values[[row[detection] for detection in detections]]
         payloads = self._code(coded, transform.scale_codes, bitrate)
         lost = frozenset(set(range(start, frames)) - set(self._detection_of))
+        empty = lost & self._absence.empty if model.layers is not None else frozenset[int]()
         if not progressive:
-            return EncodedCall(packet, payloads, frames, lost)
+            return EncodedCall(packet, payloads, frames, lost, empty)
         layers = split_into_layers(packet, model.trained.person.appearance.mean, model.background)
-        return EncodedCall(layers.base, payloads, frames, lost, layers)
+        return EncodedCall(layers.base, payloads, frames, lost, empty, layers)
 
     def _code(
         self, values: Array, scale_codes: NDArray[np.uint8], bitrate: float
@@ -286,8 +288,10 @@ def send_call(
             due = begin + pace.time_s(start + (end - 1) * step + 1)
             time.sleep(max(0.0, due - time.monotonic()))
         packets.send_times(start + (end - 1) * step)
-        visible = any(start + i * step not in call.lost for i in range(first, end))
-        packets.report_face(visible, start + first * step)
+        shown = frozenset(start + i * step for i in range(first, end))
+        packets.report_face(not shown <= call.lost, start + first * step)
+        if shown <= call.empty:
+            packets.report_absence(start + first * step)
         packets.send_frames(number, payload, (end - first) * step / parameters.fps)
     packets.warn_of_incomplete_model()
     packets.send_times(frames - 1)

@@ -73,14 +73,16 @@ def transform_from_prior(
     modes: tuple[bytes, ...],
     frames_per_packet: int,
     frame_step: int,
+    layer_variance: Array | None = None,
 ) -> FrameTransform:
     """The transform for the rest of a call, with all d components.
 
     vectors: (t, d) y of some frames so far, in any order.
     distortion: (d, d), see `DistortionModel`.
     frame_step: source frames from one coded frame to the next.
+    layer_variance: prior variance of the layer coefficients; None: they have none.
     """
-    processes = motion_processes(vectors)
+    processes = motion_processes(vectors, layer_variance)
     space = WhitenedSpace.from_distortion(vectors.mean(0), distortion)
     covariances = [space.root.T @ process.covariance @ space.root for process in processes]
     motion = np.zeros_like(distortion)
@@ -115,14 +117,19 @@ def _prediction_error_powers(
     return power
 
 
-def motion_processes(vectors: Array) -> tuple[GaussianProcess, GaussianProcess]:
-    """The slow and the fast process of y, from some frames (t, d).
+def motion_processes(
+    vectors: Array, layer_variance: Array | None = None
+) -> tuple[GaussianProcess, GaussianProcess]:
+    """The slow and the fast process of y, from some frames (t, d).  layer_variance: see above.
 
     The cross-covariance of pose and face shrinks, since their shares of slow motion differ.
     """
     covariance = np.zeros((vectors.shape[1],) * 2) if len(vectors) == 1 else np.cov(vectors.T)
     covariance = (1 - SHRINKAGE) * covariance + SHRINKAGE * np.diag(np.diag(covariance))
     covariance[:GEOMETRY_SIZE, :GEOMETRY_SIZE] += prior_covariance()
+    if layer_variance is not None:
+        layers = GEOMETRY_SIZE + np.arange(len(layer_variance))
+        covariance[layers, layers] += layer_variance
     slow = np.full(len(covariance), FACE_SLOW_SHARE)
     slow[:6] = POSE_SLOW_SHARE
     return (

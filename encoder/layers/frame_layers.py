@@ -23,10 +23,12 @@ class FrameLayers:
     fitter: of the picture around the face.
     distortion: (l, l) squared grey levels around the face per squared unit of the coefficients, for
         each pixel of the face.
+    prior_variance: (l,) of coefficients of which no sample is known; None: a sample tells.
     """
 
     fitter: LayerFitter
     distortion: Array
+    prior_variance: Array | None = None
 
     @property
     def count(self) -> int:

@@ -1,6 +1,6 @@
 """Fits the layer coefficients of a frame: the least squared error around the face, Gauss-Newton."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import cv2
@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from encoder.layers.displacement import dense, dot, origins, sample
 from encoder.layers.layer_samples import coarse_luma, face_region, motion_with_head
 from encoder.layers.scene_motion import (
+    MAX_GREY2,
+    MAX_LEFT,
     fit_scene_motion,
     gradient,
     scene_basis,
@@ -55,6 +57,9 @@ class LayerFitter:
     fields: (k, h, w, 2) coarse pixels.  changes: (c, h, w) luma.
     limits: (k + c + s, 2) the least and the largest coefficients.
     scene_moves: s is 4, and the last coefficients move the scene (`scene_motion`); else s is 0.
+    start_sigma: standard deviation, coarse pixels, of the kernel that smooths all pictures for the
+        first steps, in a model of which large motion is not known; its scene moves in a frame only
+        if that explains much of it.  0: of a model that has been learned from motion.
     """
 
     face: Face
@@ -67,6 +72,7 @@ class LayerFitter:
     changes: Single
     limits: Array
     scene_moves: bool = False
+    start_sigma: float = 0.0
     # Of person, alpha and scene, as `gradient` has them.
     _gradients: tuple[Single, Single, Single] = field(init=False, repr=False)
 
@@ -85,14 +91,43 @@ class LayerFitter:
         if self.scene_moves:
             behind = weight * (1 - sample(self.alpha, at))
             coefficients[-SCENE_COEFFICIENTS:] = fit_scene_motion(self.scene, luma, behind)
-        for _ in range(STEPS if len(coefficients) else 0):
+        if not len(coefficients):
+            return coefficients
+        if self.start_sigma:
+            sigma = self.start_sigma
+            rough = replace(
+                self,
+                person=_smoothed(self.person, sigma),
+                alpha=_smoothed(self.alpha, sigma),
+                scene=_smoothed(self.scene, sigma),
+            )
+            coefficients = rough._refined(coefficients, _smoothed(luma, sigma), at, weight)
+        coefficients = self._refined(coefficients, luma, at, weight)
+        if self.start_sigma and self.scene_moves:
+            return self._doubted(coefficients, luma, at, weight)
+        return coefficients
+
+    def _refined(self, coefficients: Array, luma: Single, at: Single, weight: Single) -> Array:
+        """The coefficients of a frame after some Gauss-Newton steps.  weight: (h, w)."""
+        for _ in range(STEPS):
             drawn, jacobian = self._linearised(at, coefficients)
             residual = luma - drawn
             distrust = np.asarray(cv2.blur(residual, (3, 3)), np.float32) / ROBUST_GREY
             step = solved(jacobian, residual, weight / (1 + distrust**2))
-            coefficients = coefficients + step
-            coefficients = np.clip(coefficients, *self.limits.T)
+            coefficients = np.clip(coefficients + step, *self.limits.T)
         return coefficients
+
+    def _doubted(self, coefficients: Array, luma: Single, at: Single, weight: Single) -> Array:
+        """The coefficients, with a scene at rest unless its motion explains much of a frame."""
+        at_rest = coefficients.copy()
+        at_rest[-SCENE_COEFFICIENTS:] = 0
+        moving, still = self._drawn(at, coefficients), self._drawn(at, at_rest)
+        behind = weight * (1 - moving.alpha)
+        left, before = (
+            float((np.minimum((luma - each.picture) ** 2, MAX_GREY2) * behind).sum())
+            for each in (moving, still)
+        )
+        return coefficients if left < MAX_LEFT * before else at_rest
 
     def draw(self, parameters: FaceParameters, coefficients: Array) -> Single:
         """(h, w) the coarse luma of a frame, without the face."""
@@ -166,3 +201,7 @@ class LayerFitter:
         changes = np.array([sample(change, at) for change in self.changes], np.float32)
         derivatives = -dot(basis, sample(self._gradients[2], at))
         return sample(self.scene, at), changes.reshape(-1, *shape), derivatives
+
+
+def _smoothed(image: Single, sigma: float) -> Single:
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.float32)

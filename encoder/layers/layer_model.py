@@ -28,8 +28,10 @@ from protocol.pictures.layered_background import (
 )
 from protocol.pictures.picture_codec import MAX_STEP_CODE
 from shared_model.animate import Face
+from shared_model.layers.head_motion import BackgroundMesh
 from shared_model.layers.layer_motion import fields_at_mesh
 from shared_model.layers.soft_mask import opacity
+from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -72,32 +74,39 @@ class LayerModel:
 
     def encode(self, max_bytes: int) -> bytes:
         """The layered background, its pictures as fine as `max_bytes` for all of it allow."""
-        return self._encoded(self.fields, self.changes, self.fitter.scene_moves, max_bytes)
+        moves = self.fitter.scene_moves
+        draft = LayeredBackground(self.mask, b"", b"", self.fields, self.changes, moves)
+        return encode_layers((self.person, self.scene), draft, max_bytes)
 
     def encode_rough(self, max_bytes: int) -> bytes:
         """The same without what frames change: for a base layer."""
-        return self._encoded(self.fields[:0], (), False, max_bytes)
+        draft = LayeredBackground(self.mask, b"", b"", self.fields[:0])
+        return encode_layers((self.person, self.scene), draft, max_bytes)
 
-    def _encoded(
-        self, fields: Codes, changes: tuple[bytes, ...], moves: bool, max_bytes: int
-    ) -> bytes:
-        draft = LayeredBackground(self.mask, b"", b"", fields, changes, moves)
-        # The length of the person's picture takes up to two bytes more than that of an empty one.
-        free_bytes = max_bytes - len(serialise_layers(draft)) - 2
 
-        def pictures(step: int) -> tuple[EncodedPicture, EncodedPicture]:
-            return encode_picture(self.person, step), encode_picture(self.scene, step)
+def encode_layers(
+    pictures: tuple[Single, Single], draft: LayeredBackground, max_bytes: int
+) -> bytes:
+    """A layered background, its pictures as fine as `max_bytes` for all of it allow.
 
-        person, scene = finest_quantiser_within(
-            pictures,
-            lambda both: sum(each.size_bytes for each in both),
-            free_bytes,
-            range(MAX_STEP_CODE + 1),
-            MAX_STEP_CODE // 2,
-            STEPS_PER_HALVING,
-        )[1]
-        layers = replace(draft, person=person.serialise(), scene=scene.serialise())
-        return serialise_layers(layers)
+    pictures: (h, w, 3) BGR of person and scene.  draft: all but these.
+    """
+    # The length of the person's picture takes up to two bytes more than that of an empty one.
+    free_bytes = max_bytes - len(serialise_layers(draft)) - 2
+
+    def encoded(step: int) -> tuple[EncodedPicture, ...]:
+        return tuple(encode_picture(picture, step) for picture in pictures)
+
+    person, scene = finest_quantiser_within(
+        encoded,
+        lambda both: sum(each.size_bytes for each in both),
+        free_bytes,
+        range(MAX_STEP_CODE + 1),
+        MAX_STEP_CODE // 2,
+        STEPS_PER_HALVING,
+    )[1]
+    layers = replace(draft, person=person.serialise(), scene=scene.serialise())
+    return serialise_layers(layers)
 
 
 def learn_layers(face: Face, samples: LayerSamples) -> LayerModel:
@@ -112,7 +121,7 @@ def learn_layers(face: Face, samples: LayerSamples) -> LayerModel:
         for _ in range(FIELD_STEPS if len(fields) else 0):
             refined = refined_fields(fields / FIELD_CODES_PER_PX, samples, fitter, coefficients)
             fields = field_codes(refined)
-            fitter = _with_fields(fitter, fields, samples)
+            fitter = with_fields(fitter, fields)
             coefficients = _fitted(fitter, samples)
     fitter, mask, person = _with_person(face, full, scene, fields, coefficients)
     coefficients = _fitted(fitter, samples)
@@ -122,7 +131,7 @@ def learn_layers(face: Face, samples: LayerSamples) -> LayerModel:
     margin = LIMIT_MARGIN * np.ptp(coefficients, axis=0)
     limits = np.stack([coefficients.min(0) - margin, coefficients.max(0) + margin], 1)
     fitter = replace(fitter, limits=limits)
-    distortion = _distortion(fitter, samples, coefficients)
+    distortion = layer_distortion(fitter, samples.faces, samples.outlines_px, coefficients)
     return LayerModel(
         scene.picture, person, mask, fields, changes.data, fitter, coefficients, distortion
     )
@@ -135,13 +144,21 @@ def _told_apart(samples: LayerSamples) -> tuple[LayerSamples, SceneLayer]:
     return (samples, scene) if more is samples else (more, find_scene(more))
 
 
-def _distortion(fitter: LayerFitter, samples: LayerSamples, coefficients: Array) -> Array:
-    """See `LayerModel.distortion`; the mean over some of the frames."""
+def layer_distortion(
+    fitter: LayerFitter,
+    faces: Sequence[FaceParameters],
+    outlines_px: Sequence[Array] | Array,
+    coefficients: Array,
+) -> Array:
+    """See `LayerModel.distortion`; the mean over some of the frames.
+
+    faces, outlines_px, coefficients: of each frame.
+    """
     total, face_pixels = np.zeros((coefficients.shape[1],) * 2), 0
     chosen = range(0, len(coefficients), -(-len(coefficients) // DISTORTION_FRAMES))
     for i in chosen:
-        region = fitter.face_region(samples.outlines_px[i])
-        rows = fitter.jacobian(samples.faces[i], coefficients[i])[:, ~region].astype(np.float64)
+        region = fitter.face_region(outlines_px[i])
+        rows = fitter.jacobian(faces[i], coefficients[i])[:, ~region].astype(np.float64)
         total += rows @ rows.T
         face_pixels += int(region.sum())
     return total / max(face_pixels, 1)
@@ -161,13 +178,26 @@ def _with_person(
         for motion, own in zip(samples.motion, coefficients, strict=True)
     ]
     mask = person_mask(samples, motions, scene)
-    person = person_picture(samples, motions, mask)
-    shape = scaled_shape(samples.size, COARSE_SIDE)
+    person = person_picture(samples, motions, mask, scene)
+    fitter = coarse_fitter(face, samples.mesh, samples.size, mask, person, scene)
+    return with_fields(fitter, fields), mask, person
+
+
+def coarse_fitter(
+    face: Face,
+    mesh: BackgroundMesh,
+    size: tuple[int, int],
+    mask: Mask,
+    person: Single,
+    scene: SceneLayer,
+) -> LayerFitter:
+    """What fits two pictures (h, w, 3) to frames of `size`, without fields and changes."""
+    shape = scaled_shape(size, COARSE_SIDE)
     alpha = opacity(mask, shape[1], shape[0]).astype(np.float32)
-    fitter = LayerFitter(
+    return LayerFitter(
         face,
-        samples.mesh,
-        samples.size,
+        mesh,
+        size,
         luma_at(person, shape) * alpha,
         alpha,
         luma_at(scene.picture, shape),
@@ -176,14 +206,13 @@ def _with_person(
         np.zeros((0, 2)),
         scene.motion is not None,
     )
-    return _with_fields(fitter, fields, samples), mask, person
 
 
-def _with_fields(fitter: LayerFitter, fields: Codes, samples: LayerSamples) -> LayerFitter:
+def with_fields(fitter: LayerFitter, fields: Codes) -> LayerFitter:
     """The fitter with other motion fields, without changes."""
     shape = fitter.scene.shape[0], fitter.scene.shape[1]
-    at_mesh = fields_at_mesh(samples.mesh, fields / FIELD_CODES_PER_PX)
-    dense_fields = [dense(field, samples.size, shape) for field in at_mesh]
+    at_mesh = fields_at_mesh(fitter.mesh, fields / FIELD_CODES_PER_PX)
+    dense_fields = [dense(field, fitter.size, shape) for field in at_mesh]
     return replace(
         fitter,
         fields=np.array(dense_fields, np.float32).reshape(-1, *shape, 2),

@@ -40,6 +40,7 @@ class FittedFrames:
     pictures: (h, w, 3) uint8 BGR.  faces: of each.  outlines_px: (k, 2) of the face in each.
     canonical: number of the frame whose pose is nearest to those of the others.
     reference: the face of that frame, as a decoder has it.
+    empty: (h, w, 3) uint8 BGR, pictures in which nobody is there.
     """
 
     person: Face
@@ -49,6 +50,7 @@ class FittedFrames:
     outlines_px: Sequence[Array]
     canonical: int
     reference: FaceParameters
+    empty: Sequence[Picture] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,6 +62,7 @@ class LayerSamples:
     faces: of each frame.  outlines_px: (n, k, 2) of the face, source pixels.
     motion: (n, rows, columns, 2) source pixels: how the mesh moves with the head.
     canonical: number of the canonical frame.
+    empty: (m, h, w, 3) uint8 BGR, pictures in which nobody is there.
     """
 
     mesh: BackgroundMesh
@@ -70,6 +73,7 @@ class LayerSamples:
     outlines_px: Array
     motion: Array
     canonical: int
+    empty: Picture
 
     def mattes_at(self, shape: tuple[int, int]) -> Single:
         """(n, h, w) the mattes at another size."""
@@ -79,7 +83,8 @@ class LayerSamples:
     def shrunk(self, longer: int) -> "LayerSamples":
         """The same with pictures whose longer side is at most `longer`."""
         pictures = np.array([shrunk(picture, longer) for picture in self.pictures])
-        return replace(self, pictures=pictures)
+        empty = np.array([shrunk(picture, longer) for picture in self.empty], np.uint8)
+        return replace(self, pictures=pictures, empty=empty)
 
 
 def scaled_shape(size: tuple[int, int], longer: int) -> tuple[int, int]:
@@ -138,6 +143,7 @@ def collect_samples(find_matte: FindMatte, frames: FittedFrames) -> LayerSamples
         np.array([frames.outlines_px[i] for i in kept]),
         np.array([motion_with_head(mesh, frames.person, frames.faces[i]) for i in kept]),
         kept.index(frames.canonical),
+        np.array([shrunk(picture, PICTURE_SIDE) for picture in frames.empty], np.uint8),
     )
 
 

@@ -19,6 +19,7 @@ from encoder.layers.robust_mean import MIN_FRAMES, robust_mean
 from encoder.layers.scene import SceneLayer
 from protocol.pictures.foreground_mask import FINE_MASK_SIDE, Mask
 from shared_model.appearance import pull_push_fill
+from shared_model.layers.soft_mask import opacity
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -38,6 +39,9 @@ MIN_MATTE = 0.6
 MIN_WEIGHT = 0.3
 # So many cells around the mask the picture is not filled in: it is drawn softly there.
 EDGE_CELLS = 4
+# Where the person is drawn at least so softly, their picture is the one that gives the mean of the
+# frames together with the scene; fully from the second on.
+SOFT_OPACITY = 0.2, 0.3
 # The face is filled in up to this share of its width from its outline.
 FACE_MARGIN = 0.1
 # The greatest error of the person, of that of the scene, at which a cell moves with the head.
@@ -86,21 +90,52 @@ def person_mask(samples: LayerSamples, motions: Sequence[Array], scene: SceneLay
     return _whole(np.where(near, score > 0, likely))
 
 
-def person_picture(samples: LayerSamples, motions: Sequence[Array], mask: Mask) -> Single:
+def person_picture(
+    samples: LayerSamples, motions: Sequence[Array], mask: Mask, scene: SceneLayer
+) -> Single:
     """(h, w, 3) BGR the person in the canonical picture, filled in around them and in the face.
 
     motions: see `aligned`.
     """
-    shape = samples.pictures.shape[1:3]
+    shape = samples.pictures.shape[1], samples.pictures.shape[2]
     mattes = aligned(samples.mattes_at(shape), samples, motions)
     weights = np.clip((mattes - MIN_MATTE) / (1 - MIN_MATTE), 0, 1).astype(np.float32)
-    size = shape[::-1]
-    inside = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+    inside = cv2.resize(mask.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
     weights = np.maximum(weights, np.float32(MIN_WEIGHT) * inside)
     weights[samples.canonical] += 1e-3
-    mean = robust_mean(aligned(samples.pictures, samples, motions), weights)
+    frames = aligned(samples.pictures, samples, motions)
+    mean = robust_mean(frames, weights)
     known = (weights.sum(0) > MIN_FRAMES) & drawn_region(mask, shape)
-    return pull_push_fill(mean, known & ~covered_region(samples, shape))
+    alpha = opacity(mask, shape[1], shape[0]).astype(np.float32)
+    soft = (alpha > SOFT_OPACITY[0]) & (alpha < 1)
+    share = (
+        np.clip((alpha - SOFT_OPACITY[0]) / np.ptp(SOFT_OPACITY), 0, 1)[..., None] * soft[..., None]
+    )
+    mean += share * (_unmixed(frames, alpha, samples, motions, scene) - mean)
+    return pull_push_fill(
+        mean,
+        (known | soft)
+        & ~covered_region(samples.outlines_px[samples.canonical], samples.size, shape),
+    )
+
+
+def _unmixed(
+    frames: Single,
+    alpha: Single,
+    samples: LayerSamples,
+    motions: Sequence[Array],
+    scene: SceneLayer,
+) -> Single:
+    """(h, w, 3) what gives the mean of the frames if it is drawn over the scene.
+
+    frames: (n, h, w, 3) aligned; they are overwritten.  alpha: (h, w) the opacity it is drawn with.
+    """
+    shape, clear = alpha.shape, 1 - alpha[..., None]
+    for number, (frame, motion) in enumerate(zip(frames, motions, strict=True)):
+        at = pixel_grid(shape) + dense(motion, samples.size, shape)
+        frame -= clear * sample(scene.picture, scene.origins(number, at, samples.size))
+    mean = robust_mean(frames, np.ones(frames.shape[:3], np.float32))
+    return np.clip(mean / np.maximum(alpha, SOFT_OPACITY[0])[..., None], 0, 255)
 
 
 def drawn_region(mask: Mask, shape: tuple[int, int]) -> NDArray[np.bool_]:
@@ -110,11 +145,12 @@ def drawn_region(mask: Mask, shape: tuple[int, int]) -> NDArray[np.bool_]:
     return np.asarray(cv2.resize(wide, shape[::-1], interpolation=cv2.INTER_NEAREST) > 0)
 
 
-def covered_region(samples: LayerSamples, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """(h, w) what the face covers in the canonical picture, whatever its expression."""
-    outline = samples.outlines_px[samples.canonical]
-    inside = face_region(outline, samples.size, shape).astype(np.uint8)
-    width = float(np.ptp(outline[:, 0])) * shape[1] / samples.size[0]
+def covered_region(
+    outline_px: Array, size: tuple[int, int], shape: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """(h, w) what the face covers in a picture, whatever its expression.  See `face_region`."""
+    inside = face_region(outline_px, size, shape).astype(np.uint8)
+    width = float(np.ptp(outline_px[:, 0])) * shape[1] / size[0]
     reach = max(1, round(FACE_MARGIN * width))
     return np.asarray(cv2.erode(inside, np.ones((2 * reach + 1,) * 2, np.uint8)) > 0)
 

@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 from encoder.layers.displacement import sample
 from encoder.layers.layer_samples import LayerSamples, coarse_luma, luma_at
 from encoder.layers.robust_mean import MIN_FRAMES, robust_mean
-from encoder.layers.scene_motion import fit_scene_motion, scene_basis, scene_origins
+from encoder.layers.scene_motion import (
+    MAX_GREY2,
+    MAX_LEFT,
+    fit_scene_motion,
+    scene_basis,
+    scene_origins,
+)
 from shared_model.appearance import pull_push_fill
 from shared_model.layers.scene_motion import displacement_basis
 
@@ -24,9 +30,6 @@ Single = NDArray[np.float32]
 
 # The matte up to which a pixel shows the scene; its weight falls to 0 there.
 CLEAR_MATTE = 0.25
-# The scene moves if that leaves at most this share of the squared residual behind the person, of
-# which a pixel counts at most so many squared grey levels.
-MAX_LEFT, MAX_GREY2 = 0.6, 400.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +65,8 @@ def find_scene(samples: LayerSamples) -> SceneLayer:
 def scene_picture(samples: LayerSamples, motion: Array | None = None) -> Single:
     """(h, w, 3) BGR the scene; what the person always hides is filled in smoothly.
 
-    motion: (n, 4) of the scene in each frame, see `scene_motion`; None: it stands still.
+    motion: (n, 4) of the scene in each frame, see `scene_motion`; None: it stands still, and
+        pictures in which nobody is there count, too.
     """
     shape = samples.pictures.shape[1:3]
     weights = np.maximum(1 - samples.mattes_at(shape) / CLEAR_MATTE, 0)
@@ -70,6 +74,9 @@ def scene_picture(samples: LayerSamples, motion: Array | None = None) -> Single:
     if motion is not None:
         pictures = np.array(list(map(_moved_back, pictures, motion)))
         weights = np.array(list(map(_moved_back, weights, motion)))
+    elif len(samples.empty):
+        pictures = np.concatenate([pictures, samples.empty])
+        weights = np.concatenate([weights, np.ones(samples.empty.shape[:3], np.float32)])
     mean = robust_mean(pictures, weights)
     return pull_push_fill(mean, weights.sum(0) > MIN_FRAMES)
 

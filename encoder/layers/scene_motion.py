@@ -17,6 +17,9 @@ Single = NDArray[np.float32]
 BLUR_SIGMAS, STEPS = (4.0, 1.5), 3
 # Residuals of so many grey levels count half.
 ROBUST_GREY = 12.0
+# The scene moves if that leaves at most this share of the squared residual behind the person, of
+# which a pixel counts at most so many squared grey levels.
+MAX_LEFT, MAX_GREY2 = 0.6, 400.0
 # Of the normal matrix' diagonal; and its least value, squared grey levels per pixel.
 RELATIVE_RIDGE, RIDGE_GREY2 = 1e-3, 1e-3
 

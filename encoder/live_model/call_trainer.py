@@ -8,6 +8,7 @@ from encoder.coding.background import background_of
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget
 from encoder.detection.landmark_indices import face_outline
+from encoder.layers.layer_learning import layers_of_frame
 from encoder.live_model.model_trainer import LAYER_UPDATES, LAYER_UPDATES_REALTIME, ModelTrainer
 from shared_model.surround import head_with_surround
 
@@ -28,14 +29,19 @@ def trainer_from(
 
     budget, progressive: see `ModelTrainer`.  realtime: frames do not wait for the training.
     """
+    layer_updates = LAYER_UPDATES_REALTIME if realtime else LAYER_UPDATES
+    first = picture, face_outline(points)
+    # A base layer has no room for two pictures.
+    has_layers = 0 in layer_updates and not progressive
+    layers = layers_of_frame(*first) if has_layers else None
     return ModelTrainer(
         head_with_surround(),
         video,
         gop,
-        background_of(picture, face_outline(points)),
+        background_of(*first) if layers is None else layers,
         budget,
         progressive,
         # More would take the cores from the frames.
         workers=1 if realtime else None,
-        layer_updates=LAYER_UPDATES_REALTIME if realtime else LAYER_UPDATES,
+        layer_updates=layer_updates,
     )

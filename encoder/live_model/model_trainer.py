@@ -26,7 +26,7 @@ from encoder.fitting.landmark_fit import LandmarkModel, landmark_model, personal
 from encoder.fitting.quantised_identity import quantised_identity
 from encoder.fitting.sequence_fit import fit_sequence
 from encoder.layers.frame_layers import FrameLayers
-from encoder.layers.layer_learning import layers_of_person
+from encoder.layers.layer_learning import FirstLayers, layers_of_person
 from encoder.layers.layer_samples import FittedFrames
 from encoder.learning.frame_sampler import UniformSubsampler
 from encoder.learning.person_model import TrainedModel, TrainingOptions, build_person_model
@@ -46,12 +46,12 @@ Picture = NDArray[np.uint8]
 # Share of the budget that the first version takes: its background, and a mean texture that is soon
 # replaced.
 BOOTSTRAP_SHARE = 0.3
-# Updates that bring the layers around the face, if they are not progressive: one soon, with those
-# who have hardly moved yet, and later ones that have seen more.
-LAYER_UPDATES = frozenset({1, 2, 4, 6, 8})
-# Where frames do not wait for the training: with layers the first update would take three times as
-# long, and the face cannot wait for it.
-LAYER_UPDATES_REALTIME = LAYER_UPDATES - {1}
+# Versions that bring layers around the face, unless they are progressive: the first has those of
+# its frame, the next those of people who have hardly moved yet, later ones have seen more.
+LAYER_UPDATES = frozenset({0, 1, 2, 4, 6, 8})
+# Where frames do not wait: with layers every frame takes 20 to 30 ms longer, and the first update
+# three times as long, and the face cannot wait for them.
+LAYER_UPDATES_REALTIME = LAYER_UPDATES - {0, 1}
 # Bytes of these, against those of one picture.
 LAYER_BYTES = 1.85
 # Pixels that a frame is fitted by: twice as many gained nothing on two live clips.
@@ -91,7 +91,7 @@ class ModelTrainer:
     budget: of a whole version.
     progressive: versions are sent in layers.
     workers: see `parallel_map`.
-    layer_updates: numbers of the updates that bring layers.
+    layer_updates: numbers of the versions that bring layers.
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class ModelTrainer:
         head: Head,
         video: VideoFormat,
         gop: GopStructure,
-        background: BackgroundImage,
+        background: BackgroundImage | FirstLayers,
         budget: ModelBudget,
         progressive: bool,
         workers: int | None,
@@ -164,8 +164,10 @@ class ModelTrainer:
         call = self._call_parameters(trained.person.fitted.camera.focal_px)
         background = self._encoded_background() if budget.background_bytes else b""
         frames = _fitted_frames(trained, call.camera, pictures, points)
-        if number in self._layer_updates and not self._progressive:
+        if number and number in self._layer_updates and not self._progressive:
             background = self._learn_layers(frames)
+        elif background and isinstance(self._background, FirstLayers):
+            self._frame_layers = self._background.frame_layers(frames)
         layers = None if self._frame_layers is None else self._frame_layers.of_person(frames)
         faces = trained.faces if layers is None else layers.fitted_all(frames)
         return self._version(number, trained, call, background, faces, layers)
@@ -188,6 +190,7 @@ class ModelTrainer:
             person.appearance.modes,
             frames_per_packet=self._gop.frames_per_packet,
             frame_step=self._gop.frame_step,
+            layer_variance=None if layers is None else layers.prior_variance,
         )
         packet = replace(
             build_model_packet(person, transform, call, background),

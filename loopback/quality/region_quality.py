@@ -6,6 +6,7 @@ Looked at in every tenth frame, since SSIMULACRA2 and the segmentation network t
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from io import BytesIO
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -117,17 +118,22 @@ def region_meter(warn: Callable[[str], None]) -> RegionMeter:
         warn("risorius: warning: no segmentation network: no PSNR of person and background")
         find_person = None
     else:
-        network = path
-
-        def find_person(picture: Picture) -> Mask:
-            probability = person_probability(network, picture)
-            size = picture.shape[1::-1]
-            return np.asarray(cv2.resize(probability, size, interpolation=cv2.INTER_LINEAR) > 0.5)
-
+        find_person = person_mask_finder(path)
     similarity = _ssimulacra2()
     if similarity is None:
         warn("risorius: warning: no SSIMULACRA2; pip install '.[quality]' brings it")
     return RegionMeter(find_person, similarity)
+
+
+def person_mask_finder(path: Path) -> PersonMaskFinder:
+    """A finder with the segmentation network at `path`."""
+
+    def find_person(picture: Picture) -> Mask:
+        probability = person_probability(path, picture)
+        size = picture.shape[1::-1]
+        return np.asarray(cv2.resize(probability, size, interpolation=cv2.INTER_LINEAR) > 0.5)
+
+    return find_person
 
 
 def _ssimulacra2() -> Similarity | None:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from decoder.playout import Playout, PlayoutFrame
+from decoder.playout import FADE_S, Playout, PlayoutFrame
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import encode_thesis, thesis_sample_count
@@ -125,6 +125,15 @@ def test_lost_face_is_frozen_while_packets_continue() -> None:
     played = play([model((10, 1)), *packets])
     assert jaw(played) == pytest.approx([0, 1, 1, 1, 4])
     assert [frame.frozen for frame in played] == [False, False, True, True, False]
+
+
+def test_a_person_who_is_gone_fades_until_a_face_is_found() -> None:
+    packets = [model(), sample(0), control(ControlKind.FACE_LOST, 1)]
+    packets += [control(ControlKind.PERSON_GONE, 3), control(ControlKind.FACE_FOUND, 15)]
+    played = play([*packets, control(ControlKind.END, 20)])
+    presence = [frame.presence for frame in played]
+    fade = [1 - (i + 1) / (FADE_S * 25) for i in range(7)]
+    assert presence == pytest.approx([1.0] * 3 + fade + [0.0] * 5 + [1.0] * 5)
 
 
 def test_lost_face_is_frozen_without_packets_for_longer_than_the_sequence_numbers() -> None:

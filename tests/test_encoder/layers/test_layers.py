@@ -86,6 +86,7 @@ def samples(light: Array) -> LayerSamples:
         np.array([outline_of(REST)] * FRAMES),
         np.array([motion_with_head(mesh, FACE, REST)] * FRAMES),
         canonical=0,
+        empty=np.zeros((0, 120, 160, 3), np.uint8),
     )
 
 
@@ -266,3 +267,11 @@ def test_what_moves_with_the_head_and_adjoins_it_is_the_persons(worn: bool) -> N
     given = replace(given, pictures=pictures.astype(np.uint8), mattes=mattes, motion=motion)
     more = with_headwear(given, find_scene(given)).mattes - given.mattes
     assert np.abs(more - hats * worn)[:, :54].mean() < 0.02
+
+
+def test_what_is_behind_the_person_is_learned_where_nobody_is_there() -> None:
+    given = samples(0 * LIGHT)
+    wall = np.asarray(np.rint(WALL), np.uint8)
+    more = replace(given, empty=np.array([wall, wall]))
+    errors = [np.abs(scene_picture(each) - WALL)[85:].mean() for each in (given, more)]
+    assert errors[1] < 3 < errors[0]

@@ -1,0 +1,1 @@
+"""Error near a person's outline."""
