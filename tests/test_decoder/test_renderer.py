@@ -194,6 +194,7 @@ def test_the_static_layer_shows_where_the_moving_one_is_transparent(
         moved[:236, 7:] = np.where(opacity[4:, :-7, None], still[4:, :-7], behind[:236, 7:])
         within = picture[:236, 7:].astype(int)
         np.testing.assert_allclose(within, moved[:236, 7:], atol=1)
+        np.testing.assert_allclose(renderer.draw_scene().astype(int), behind, atol=1)
         renderer.set_background(still, rest)
         picture = renderer.draw(CAMERA, away, head.vertices)
         np.testing.assert_allclose(picture.astype(int), still, atol=1)

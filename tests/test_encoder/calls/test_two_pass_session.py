@@ -140,8 +140,14 @@ def test_how_many_frames_had_no_face_is_said(call: Path) -> None:
 def test_a_lost_face_is_held_and_told(call: Path) -> None:
     control = [packet for packet in packets(call) if isinstance(packet, ControlPacket)]
     kinds = [packet.kind for packet in control]
-    assert kinds == [ControlKind.FACE_LOST, ControlKind.FACE_FOUND, ControlKind.END]
-    lost, found, end = (packet.frame for packet in control)
+    assert kinds == [
+        ControlKind.FACE_LOST,
+        ControlKind.PERSON_GONE,
+        ControlKind.FACE_FOUND,
+        ControlKind.END,
+    ]
+    lost, gone, found, end = (packet.frame for packet in control)
+    assert lost <= gone < found
     # Told with the first packet that has no face, and the first that has one again.
     assert LOST.start <= lost < LOST.start + FRAMES_PER_PACKET
     assert LOST.stop - FRAMES_PER_PACKET < found <= FOUND and end == FRAMES
