@@ -3,6 +3,7 @@
     python -m scripts.call_delay --seconds 60 [--low-delay]
     python -m scripts.call_delay --clips seen.mp4 other.mp4
     python -m scripts.call_delay --one-way
+    python -m scripts.call_delay --minutes 10
 
 Two ends on this host's loopback; a headless Chromium shows one of them.  The source is a clip whose
 mouth opens at known times and sounds just then: a clock that a model of the face transmits.  With
@@ -18,8 +19,10 @@ if each end had a host of its own.  Prints a line of JSON:
         drawn        until the picture was drawn, and a JPEG file
         page         until the page had got it
         playout      until it was shown: JPEG decoded, and the wait for its turn
+    first_ms         the same of the first picture of each packet, for which all others wait
     sound_late_ms    by how much the sound that is played follows the mouth: more than 0, it is late
         null: not known, as one of them is not found again
+    minutes_late_ms  the same in the first and in the last minute of more than two
     match            how well mouth and sound on the page correlate with those of the source
 """
 
@@ -50,6 +53,7 @@ STEP_S, COARSE_S = 0.005, 0.05
 MIN_MATCH = 0.5
 # Times of arrival that differ by less are of one packet.
 SAME_MS = 5.0
+MINUTE_S = 60.0
 # Notes what the page shows and plays when: [ms since 1970, brightness of the mouth, frame, when it
 # was drawn, how long its packet was there then, when it came] and [ms since 1970, loudness].
 NOTES = """
@@ -90,7 +94,9 @@ def main(argv: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(
         prog="call_delay", description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("--seconds", type=float, default=60.0, help="to measure")
+    length = parser.add_mutually_exclusive_group()
+    length.add_argument("--seconds", type=float, default=60.0, help="to measure")
+    length.add_argument("--minutes", type=float, help="the same in minutes")
     parser.add_argument("--clips", nargs=2, type=Path, metavar=("SEEN", "OTHER"))
     parser.add_argument("--one-way", action="store_true", help="the end with the page sees nobody")
     parser.add_argument("--low-delay", action="store_true", help="packets of four pictures")
@@ -103,7 +109,8 @@ def main(argv: Sequence[str]) -> None:
         cameras = options.clips or [write_clip(folder)] * 2
         if options.one_way:
             cameras = [cameras[0], write_empty_clip(folder)]
-        notes = measure(folder, program, cameras, more, options.seconds)
+        seconds = options.seconds if options.minutes is None else MINUTE_S * options.minutes
+        notes = measure(folder, program, cameras, more, seconds)
         print(json.dumps(figures(*notes, knows_mouth=not options.clips)))
 
 
@@ -141,28 +148,45 @@ def figures(
     begun_ms: when the clip began.
     """
     span_s = (seen[-1, 0] - seen[0, 0]) / 1000
+    stages, is_first = stages_ms(seen), np.diff(packets(seen), prepend=-1) > 0
     found: dict[str, object] = {
         "pictures_per_s": round((len(seen) - 1) / span_s, 1),
         "delay_ms": _percentiles(seen[:, 0] - seen[:, 2]),
-        "stages_ms": {name: _percentiles(each) for name, each in stages_ms(seen).items()},
+        "stages_ms": {name: _percentiles(each) for name, each in stages.items()},
+        "first_ms": {name: _percentiles(each[is_first]) for name, each in stages.items()},
     }
     if not knows_mouth:
         return found
+    late_ms, match = sound_late_ms(seen, heard, begun_ms)
+    found |= {"sound_late_ms": late_ms, "match": match}
+    if span_s > 2 * MINUTE_S:
+        minutes = list[int | None]()
+        for begin_ms in (seen[0, 0], seen[-1, 0] - 1000 * MINUTE_S):
+            pair = [
+                notes[np.abs(notes[:, 0] - begin_ms - 500 * MINUTE_S) < 500 * MINUTE_S]
+                for notes in (seen, heard)
+            ]
+            minutes.append(sound_late_ms(*pair, begun_ms)[0])
+        found["minutes_late_ms"] = minutes
+    return found
+
+
+def sound_late_ms(
+    seen: NDArray[np.float64], heard: NDArray[np.float64], begun_ms: float
+) -> tuple[int | None, list[float]]:
+    """By how much the sound follows the mouth, and how well either is found; see `figures`."""
     picture_s, seen_match = lag_s((seen[:, 0] - begun_ms) / 1000, -seen[:, 1])
     sound_s, heard_match = lag_s((heard[:, 0] - begun_ms) / 1000, heard[:, 1])
     # The clip is repeated: so is a lag.
     late_s = (sound_s - picture_s + SECONDS / 2) % SECONDS - SECONDS / 2
     match = [round(seen_match, 2), round(heard_match, 2)]
-    is_known = min(match) >= MIN_MATCH
-    return found | {"sound_late_ms": round(1000 * late_s) if is_known else None, "match": match}
+    return round(1000 * late_s) if min(match) >= MIN_MATCH else None, match
 
 
 def stages_ms(seen: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     """The parts (n,) of the delay of each picture, see above.  seen: see `figures`."""
     shown, taken, made, waited, came = seen[:, [0, 2, 3, 4, 5]].T
-    arrived = made - waited
-    # Pictures of one packet have come at the same time, to the rounding of the times.
-    packet = np.cumsum(np.diff(arrived, prepend=arrived[0]) > SAME_MS)
+    arrived, packet = made - waited, packets(seen)
     newest = np.array([taken[packet == each].max() for each in range(packet[-1] + 1)])[packet]
     return {
         "packet": newest - taken,
@@ -171,6 +195,13 @@ def stages_ms(seen: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         "page": came - made,
         "playout": shown - came,
     }
+
+
+def packets(seen: NDArray[np.float64]) -> NDArray[np.int64]:
+    """The number (n,) of each picture's packet, from 0 on.  seen: see `figures`."""
+    arrived = seen[:, 3] - seen[:, 4]
+    # Pictures of one packet have come at the same time, to the rounding of the times.
+    return np.cumsum(np.diff(arrived, prepend=arrived[0]) > SAME_MS)
 
 
 def _percentiles(values: NDArray[np.float64]) -> list[int]:

@@ -33,6 +33,7 @@ from shared_model.errors import UserError
 Array = NDArray[np.float64]
 
 RATE_HZ, PIECE_S, PACKET_S, FPS = 8000, 0.02, 0.32, 25
+CARD_HZ = 16000  # of the loudspeaker's
 # A click has the shape of a triangle, so long on either side of its peak, with this height.
 EDGE_S, HEIGHT = 0.004, 16000.0
 # Until the offset of the pictures has been found, and the sound is where it belongs.
@@ -61,16 +62,17 @@ MICROPHONE = """({seconds, rate, pieceS, card, latencyS, lateS}) => {
   return begins;
 }"""
 # [time in the source, by how much it was heard after its picture was shown] of each click, seconds.
-LOUDSPEAKER = """async ({seconds, rate, card, latencyS, lateS, packetS, fps, edgeS, clicks}) => {
+LOUDSPEAKER = """async options => {
+  const {seconds, rate, cardRate, card, latencyS, lateS, packetS, fps, edgeS, clicks} = options;
   const kinds = {}, player = players[OTHER], begun = time, block = 128, found = [];
   class Processor { constructor() { this.port = {postMessage() {}}; } }
   new Function("AudioWorkletProcessor", "registerProcessor", "sampleRate", WORKLET)(
-    Processor, (name, kind) => { kinds[name] = kind; }, rate);
-  const worklet = new kinds.voice(), output = new Float32Array(block);
+    Processor, (name, kind) => { kinds[name] = kind; }, cardRate);
+  const worklet = new kinds.voice({processorOptions: {rate}}), output = new Float32Array(block);
   let blocks = 0;
   const context = {
     outputLatency: latencyS,
-    get currentTime() { return blocks * block / rate; },
+    get currentTime() { return blocks * block / cardRate; },
     getOutputTimestamp: () =>
       ({contextTime: (time - begun - latencyS) * card, performanceTime: 1000 * time}),
   };
@@ -91,9 +93,9 @@ LOUDSPEAKER = """async ({seconds, rate, card, latencyS, lateS, packetS, fps, edg
     globalThis.currentTime = context.currentTime;
     worklet.process([], [[output]]);
     for (let i = 0; i < block; i++) {
-      const at = begun + (blocks * block + i) / rate / card + latencyS;
+      const at = begun + (blocks * block + i) / cardRate / card + latencyS;
       if (Math.abs(output[i]) > 0.02) { sum += output[i]; moment += output[i] * at; continue; }
-      if (sum > edgeS * rate / 2) {
+      if (sum > edgeS * cardRate / 2) {
         const heard = moment / sum, source = heard - player.offset;
         const click = clicks.reduce((a, b) => Math.abs(b - source) < Math.abs(a - source) ? b : a);
         found.push([click, source - click]);
@@ -106,7 +108,7 @@ LOUDSPEAKER = """async ({seconds, rate, card, latencyS, lateS, packetS, fps, edg
   for (let first = 0; first + packetS < seconds; first += packetS) {
     arrival = Math.max(arrival, begun + first + packetS + late(lateS));
     for (;;) {
-      const next = begun + blocks * block / rate / card;
+      const next = begun + blocks * block / cardRate / card;
       if (Math.min(next, align || begun) > arrival) break;
       if (next < (align || begun)) { time = next; play(); }
       else { time = align || begun; align = time + 0.1; voice.align(); }
@@ -176,6 +178,7 @@ def voice_late(browser: Browser, seconds: float, microphone: float, loudspeaker:
         LOUDSPEAKER,
         seconds=seconds,
         rate=RATE_HZ,
+        cardRate=CARD_HZ,
         card=1 + loudspeaker / 1e6,
         latencyS=LATENCY_S,
         lateS=PACKET_LATE_S,

@@ -42,6 +42,19 @@ def test_the_delay_of_picture_and_sound_is_found() -> None:
     assert figures(*later, begun_ms)["sound_late_ms"] == pytest.approx(60, abs=10)
 
 
+def test_the_first_and_the_last_minute_have_figures_of_their_own() -> None:
+    begun_ms, index = 1.7e12, np.arange(25 * 125)
+    taken_ms = begun_ms + 40 * index
+    shown_ms, mouth = taken_ms + 430, -is_open(index / 25)
+    seen = np.stack([shown_ms, mouth, taken_ms, *stages(index, taken_ms, shown_ms)], axis=1)
+    played_s = np.arange(1.0, 125.0, 0.02)
+    late_s = np.where(played_s > 62, 0.09, 0.03)
+    loud = is_open(played_s - 0.43 - late_s)
+    heard = np.stack([begun_ms + 1000 * played_s, loud], axis=1)
+    found = figures(seen, heard, begun_ms)
+    assert found["minutes_late_ms"] == [pytest.approx(30, abs=10), pytest.approx(90, abs=10)]
+
+
 def test_of_another_clip_only_what_its_frames_tell_is_found() -> None:
     taken_ms = 1.7e12 + 40.0 * np.arange(48)
     shown_ms = taken_ms + 430
@@ -57,6 +70,13 @@ def test_of_another_clip_only_what_its_frames_tell_is_found() -> None:
             "drawn": [20, 20],
             "page": [5, 5],
             "playout": [205, 345],
+        },
+        "first_ms": {
+            "packet": [280, 280],
+            "coded": [60, 60],
+            "drawn": [20, 20],
+            "page": [5, 5],
+            "playout": [65, 65],
         },
     }
 
