@@ -162,13 +162,16 @@ def figures(
     if span_s > 2 * MINUTE_S:
         minutes = list[int | None]()
         for begin_ms in (seen[0, 0], seen[-1, 0] - 1000 * MINUTE_S):
-            pair = [
-                notes[np.abs(notes[:, 0] - begin_ms - 500 * MINUTE_S) < 500 * MINUTE_S]
-                for notes in (seen, heard)
-            ]
-            minutes.append(sound_late_ms(*pair, begun_ms)[0])
+            of_minute = [minute_of(notes, begin_ms) for notes in (seen, heard)]
+            minutes.append(sound_late_ms(of_minute[0], of_minute[1], begun_ms)[0])
         found["minutes_late_ms"] = minutes
     return found
+
+
+def minute_of(notes: NDArray[np.float64], begin_ms: float) -> NDArray[np.float64]:
+    """The notes (n, k) of a minute from a time on, ms."""
+    after_ms = notes[:, 0] - begin_ms
+    return notes[(after_ms >= 0) & (after_ms < 1000 * MINUTE_S)]
 
 
 def sound_late_ms(
