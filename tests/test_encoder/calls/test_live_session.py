@@ -63,7 +63,7 @@ def test_an_update_is_announced_ahead_of_its_first_packet(live_call: Path) -> No
     assert not any(none_yet.modes) and first.background
     has_layers = find_segmentation_network() is not None
     assert is_layered(update.background) if has_layers else not update.background
-    assert none_yet.layers == 0
+    assert is_layered(first.background) == has_layers == (none_yet.layers > 0)
     before = sum(isinstance(packet, FramePacket) for packet in packets[:place])
     assert update.sequence == before + LEAD_PACKETS
     learned = min(TRAINING_SCHEDULE) * FPS
