@@ -41,6 +41,10 @@ class CodedChanges:
     data: tuple[bytes, ...]
     luma: Single
 
+    def first(self, count: int) -> "CodedChanges":
+        """So many of them; each is coded by those before it."""
+        return CodedChanges(self.data[:count], self.luma[:count])
+
 
 def learn_changes(samples: LayerSamples, fitter: LayerFitter, coefficients: Array) -> CodedChanges:
     """The changes that explain most of what is left in the frames of a sample.

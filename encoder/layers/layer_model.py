@@ -42,6 +42,9 @@ LIMIT_MARGIN = 0.3
 PASSES, FIELD_STEPS = 2, 2
 # The longer side of the pictures in all passes but the last, pixels.
 DRAFT_SIDE = 2 * COARSE_SIDE
+# A change has coefficients of about 1 in the frames that it was found in.  One with a greater
+# standard deviation stands for something else, and the scene would flicker by it.
+MAX_CHANGE_SIGMA = 3.0
 # Frames at which the distortion is measured.
 DISTORTION_FRAMES = 12
 
@@ -126,8 +129,15 @@ def learn_layers(face: Face, samples: LayerSamples) -> LayerModel:
     fitter, mask, person = _with_person(face, full, scene, fields, coefficients)
     coefficients = _fitted(fitter, samples)
     changes = learn_changes(samples, fitter, coefficients)
-    fitter = _with_changes(fitter, changes.luma)
-    coefficients = _fitted(fitter, samples)
+    while True:
+        changed = _with_changes(fitter, changes.luma)
+        coefficients = _fitted(changed, samples)
+        own = coefficients[:, len(fields) : len(fields) + len(changes.data)]
+        wild = np.flatnonzero(own.std(0) > MAX_CHANGE_SIGMA)
+        if not len(wild):
+            break
+        changes = changes.first(int(wild[0]))
+    fitter = changed
     margin = LIMIT_MARGIN * np.ptp(coefficients, axis=0)
     limits = np.stack([coefficients.min(0) - margin, coefficients.max(0) + margin], 1)
     fitter = replace(fitter, limits=limits)
