@@ -19,7 +19,7 @@ from protocol.pictures.layered_background import (
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-MAX_FIELDS = 8
+MAX_FIELDS = 6
 # A field must explain this share of the motion, and its displacement be so large, coarse pixels.
 MIN_SHARE, MIN_MOTION_PX = 0.01, 0.08
 # Flow whose pictures differ by so many grey levels counts half.
