@@ -61,7 +61,7 @@ class PersonSegmenter:
         frame: (h, w, 3) uint8 BGR.  outline_px: (n, 2) of the face, pixels.
         Other people, who do not touch the person, are left out.
         """
-        people = self._share(frame)
+        people = self.share(frame)
         corners = (outline_px + 0.5) * MATTE_SIDE / np.array(frame.shape[1::-1]) - 0.5
         face = hull_mask(corners, people.shape) > 0
         if (people[face] > PERSON).sum() < MIN_FACE_OVERLAP * face.sum():
@@ -77,7 +77,7 @@ class PersonSegmenter:
         inside = cv2.erode(person, edge) > 0
         return np.where(inside, 1, people * near).astype(np.float32)
 
-    def _share(self, frame: Frame) -> Single:
+    def share(self, frame: Frame) -> Single:
         """(MATTE_SIDE, MATTE_SIDE) share 0..1 of people in the cells of a frame."""
         size = (MATTE_SIDE, MATTE_SIDE)
         cells = _probability(self._network, frame)

@@ -6,7 +6,7 @@ A face that is not found may be turned away or behind a hand: then the person is
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.detection.segmentation import person_probability
+from encoder.detection.segmentation import PersonSegmenter
 from encoder.detection.tflite import find_segmentation_network
 from encoder.learning.frame_sampler import UniformSubsampler
 
@@ -30,6 +30,7 @@ class AbsenceWatch:
     def __init__(self) -> None:
         self.empty: set[int] = set()
         self._path = find_segmentation_network()
+        self._segmenter: PersonSegmenter | None = None
         self._kept = UniformSubsampler[Picture](KEPT_FRAMES)
         self._looked_at, self._is_empty = -LOOK_INTERVAL, False
 
@@ -44,8 +45,8 @@ class AbsenceWatch:
             return
         if index - self._looked_at >= LOOK_INTERVAL:
             self._looked_at = index
-            share = float(person_probability(self._path, picture).mean())
-            self._is_empty = share < EMPTY_SHARE
+            self._segmenter = self._segmenter or PersonSegmenter(self._path)
+            self._is_empty = float(self._segmenter.share(picture).mean()) < EMPTY_SHARE
         if self._is_empty:
             self._kept.offer(len(self.empty), lambda: picture)
             self.empty.add(index)
