@@ -77,9 +77,9 @@ class ItemStore:
         """Add a packet; where it is.  frames: number of the next frame packet."""
         kind = packet_kind(packet)
         self._models.on_sent(packet)
-        if self._keeps_all or kind is PacketKind.CONTROL:
-            return self._append(Channel.ORDERED, Item(frames, packet))
-        return self._append(Channel.UNORDERED, Item(_first_frame(packet, frames), packet))
+        is_ordered = self._keeps_all or kind is PacketKind.CONTROL
+        channel = Channel.ORDERED if is_ordered else Channel.UNORDERED
+        return self._append(channel, Item(_first_frame(packet, frames), packet))
 
     def on_frame(self, packet: bytes) -> None:
         """A frame packet is sent: what it makes superfluous is dropped."""
@@ -114,7 +114,7 @@ def _identity(packet: bytes) -> bytes | int:
 
 
 def _first_frame(packet: bytes, frames: int) -> int:
-    """Full number of the first frame packet coded by a model; for layers that of the next one."""
+    """Full number of the first frame packet coded by a model; for others that of the next one."""
     if packet_kind(packet) is not PacketKind.MODEL:
         return frames
     return frames + (packet[0] - frames) % SEQUENCE_MODULUS

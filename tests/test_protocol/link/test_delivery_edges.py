@@ -252,3 +252,12 @@ def test_a_long_gap_is_asked_for_only_where_nothing_has_come(begun: bool, asked:
         numbers.take(0, 0.0)
     numbers.synchronise(40, 1.0)
     assert numbers.to_ask(2.0, is_reliable=True) == tuple(asked)
+
+
+@pytest.mark.parametrize("keeps_all", [False, True])
+def test_a_model_has_the_number_of_the_first_frame_packet_that_it_codes(keeps_all: bool) -> None:
+    store = ItemStore(keeps_all)
+    update = serialise(replace(MODEL, sequence=70 % 64, version=1, version_count=2))
+    assert store.add(serialise(replace(MODEL, sequence=0)), frames=0).first == 0
+    assert store.add(update, frames=66).first == 70
+    assert store.add(LAYER, frames=67).first == 67
