@@ -94,9 +94,10 @@ class CallAnnouncer:
         self.close()
 
     def _run(self, group: socket.socket) -> None:
+        # A socket that has been closed raises.
         with suppress(OSError):
             group.settimeout(LOOK_S)
-            while self._socket is not None:
+            while True:
                 with suppress(TimeoutError):
                     data, sender = group.recvfrom(2 * QUESTION_BYTES)
                     number = parse_question(data)
@@ -155,7 +156,7 @@ class CallWatch:
 
     def _run(self, group: socket.socket) -> None:
         with suppress(OSError):
-            while self._socket is not None:
+            while True:
                 data, sender = group.recvfrom(2 * QUESTION_BYTES)
                 with suppress(ProtocolError):
                     # A closed socket gives nothing from nobody.

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from time import monotonic, sleep
 from typing import Self
 
+from protocol.endpoint import CERTIFIED_SCHEMES
 from protocol.link.connection import Carrier, Connector
 from protocol.link.endpoints import Failure, why_not_reached
 from protocol.link.interface import (
@@ -22,7 +23,8 @@ CarrierFactory = Callable[[LinkService], Carrier]
 
 # How often a farewell is repeated, and how soon.
 FAREWELLS, FAREWELL_S = 3, 0.02
-# How long the other end may answer who is there and say nothing that this end takes.
+# How long the other end may answer who is there and say nothing that this end takes, and a relay
+# that knows its peers may answer nothing.
 UNREAD_S = 5.0
 
 
@@ -40,6 +42,7 @@ class LinkEnd:
         self._options, self._service, self._say = options, service, say
         self._begun_s, self._closed, self._told = monotonic(), False, False
         self._unread_s: float | None = None
+        self._unanswered_s: float | None = None  # since when an open connection hears nothing
         if not options.listen:
             say(f"connecting to {' or '.join(options.connect)} for {waiting_for}")
         self._carrier = make_carrier(service)
@@ -104,7 +107,7 @@ class LinkEnd:
         """Who has answered instead of the other end.  role: of the other end."""
         presence = self._service.presence
         if presence is None or presence.role is Role.RELAY:
-            return None
+            return self._refusal()
         if presence.call != self._options.call:
             return f"somebody is there, but for call {presence.call!r}"
         if presence.role is not role:
@@ -114,6 +117,23 @@ class LinkEnd:
         if monotonic() - self._unread_s < UNREAD_S:
             return None
         return "the other end is there, but has another invitation, or only one end has one"
+
+    def _refusal(self) -> str | None:
+        """What it means that nobody answers an end with a certificate, not even the relay."""
+        connector = self._service.connector
+        places = [each for choices in self._options.connect_endpoints for each in choices]
+        has_certificate = all(place.scheme in CERTIFIED_SCHEMES for place in places)
+        if connector is None or connector.link is not None or not has_certificate:
+            self._unanswered_s = None
+            return None
+        now_s = monotonic()
+        self._unanswered_s = self._unanswered_s or (now_s if connector.opened else None)
+        if self._unanswered_s is None or now_s - self._unanswered_s < UNREAD_S:
+            return None
+        return (
+            "the relay refuses this certificate: it was revoked, or is for another call or for the"
+            " other end of this one"
+        )
 
     def _leave(self, farewell: bytes | None = None) -> None:
         self._closed = True

@@ -1,4 +1,4 @@
-"""Measures calls over a bad wire: python -m scripts.reliability FOLDER CLIP... [--only TEXT]
+"""Measures calls over a bad wire: python -m scripts.reliability FOLDER CLIP... [--only TEXT]...
 
 CLIP: videos.  Encodes each, sends the call over each link of `rows.ROWS` from one network
 namespace to another, and prints a table (Linux, root).  A clip that is too short for a row goes
@@ -48,6 +48,7 @@ from scripts.reliability.figures import (
     ways_ms,
 )
 from scripts.reliability.rows import DECODER, ENCODER, RELAY, ROWS, Action, Event, Row
+from scripts.reliability.tables import markdown_lines, replaced
 from shared_model.errors import UserError
 
 ADDRESSES, PORT = ("10.77.0.1", "10.77.0.2", "10.77.0.3"), 7447
@@ -76,22 +77,34 @@ def main(argv: Sequence[str]) -> None:
     )
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("clips", nargs="+", type=Path, metavar="CLIP")
-    parser.add_argument("--only", default="", metavar="TEXT", help="rows whose name begins so")
+    parser.add_argument(
+        "--only",
+        action="append",
+        metavar="TEXT",
+        help="rows whose name begins so; may be given more than once",
+    )
+    parser.add_argument(
+        "--page", type=Path, metavar="FILE", help="put the rows into the tables of this page, too"
+    )
     parser.add_argument("--measured", action="store_true", help="print what is there, no more")
     options = parser.parse_args(argv)
     if reason := obstacle():
         raise UserError(f"no wire can be made here: {reason}")
     options.folder.mkdir(parents=True, exist_ok=True)
     for clip in options.clips:
-        rows = [row for row in ROWS if row.name.startswith(options.only)]
+        rows = [row for row in ROWS if row.name.startswith(tuple(options.only or [""]))]
         faces: Faces = {}
         if options.measured:
             rows = [row for row in rows if _is_measured(row, clip, options.folder)]
         found = [_figures(row, clip, options.folder, faces) for row in rows]
         for each in faces.values():
             each.close()
+        cells = [_cells(row, each) for row, each in zip(rows, found, strict=True)]
         print(f"\n{clip.name}\n")
-        print(table(COLUMNS, [_cells(row, each) for row, each in zip(rows, found, strict=True)]))
+        print(table(COLUMNS, cells))
+        if options.page is not None:
+            page = options.page.read_text("utf-8")
+            options.page.write_text(replaced(page, clip.stem, markdown_lines(cells)), "utf-8")
 
 
 def _cells(row: Row, calls: Sequence[dict[str, Any]]) -> list[Cell]:

@@ -14,6 +14,7 @@ from scripts.reliability.__main__ import make_call, measure
 from scripts.reliability.clips import CODEC, long_enough
 from scripts.reliability.figures import back_after_s, percentile, ways_ms
 from scripts.reliability.rows import Row
+from scripts.reliability.tables import markdown_lines, replaced
 
 COUNT = 8
 
@@ -61,3 +62,20 @@ def test_a_short_call_is_measured(call: Path, tmp_path: Path) -> None:
     assert figures["exit_codes"] == [0, 0]
     assert None not in figures["ways_ms"] and len(figures["ways_ms"]) == COUNT
     assert min(figures["ways_ms"]) >= 20
+
+
+def test_measured_rows_go_into_the_table_of_their_clip() -> None:
+    page = "\n".join(
+        [
+            "one (25 frames a second):",
+            *("", "| link | s |", "|---|---|", "| slow | 1 |", "| fast | 2 |", ""),
+            "two (30 frames a second):",
+            *("", "| link | s |", "|---|---|", "| slow | 3 |", "", "| column | |"),
+        ]
+    )
+    lines = markdown_lines([["slow", 4], ["cut", None]])
+    found = replaced(page, "two", lines).split("\n")
+    assert found[:11] == page.split("\n")[:11]
+    assert found[11:] == ["| slow | 4 |", "| cut | - |", "", "| column | |"]
+    with pytest.raises(ValueError, match="no table of three"):
+        replaced(page, "three", lines)

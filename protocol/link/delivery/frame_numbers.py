@@ -29,7 +29,7 @@ RELIABLE_ASK_AFTER_S = 0.6
 INTERVAL_WINDOW = 8
 # After a longer gap the packets missing are not asked for: prediction has healed without them; the
 # newest are if none has come before.
-MAX_ASKED_GAP, MAX_FIRST_GAP = 16, 24
+MAX_ASKED_GAP, MAX_FIRST_GAP = 16, 20
 # Numbers are certain again after such a silence only by a HELLO.
 MIN_CERTAIN_S, MAX_CERTAIN_S, CERTAIN_INTERVALS = 1.5, 8.0, 16
 
@@ -87,7 +87,8 @@ class FrameNumbers:
     def take(self, byte: int, now_s: float) -> int | None:
         """The number of a packet that begins with `byte`; None: it is not new."""
         ahead = (byte - self.newest) % SEQUENCE_MODULUS
-        number = self.newest + (ahead if ahead <= MAX_AHEAD else ahead - SEQUENCE_MODULUS)
+        is_behind = ahead > MAX_AHEAD or self.newest + ahead - SEQUENCE_MODULUS in self._missing
+        number = self.newest + (ahead - SEQUENCE_MODULUS if is_behind else ahead)
         if number < self._begin or number in self._come or number <= self.newest - WINDOW:
             return None
         if number > MAX_NUMBER:

@@ -245,7 +245,7 @@ def test_an_encoder_goes_on_for_the_decoders_that_stay() -> None:
     assert end.peers == {b"another1"} and end.heard_s == 1.0
 
 
-@pytest.mark.parametrize(("begun", "asked"), [(False, range(16, 40)), (True, range(0))])
+@pytest.mark.parametrize(("begun", "asked"), [(False, range(20, 40)), (True, range(0))])
 def test_a_long_gap_is_asked_for_only_where_nothing_has_come(begun: bool, asked: range) -> None:
     numbers = FrameNumbers(0, 0.0)
     if begun:
@@ -261,3 +261,22 @@ def test_a_model_has_the_number_of_the_first_frame_packet_that_it_codes(keeps_al
     assert store.add(serialise(replace(MODEL, sequence=0)), frames=0).first == 0
     assert store.add(update, frames=66).first == 70
     assert store.add(LAYER, frames=67).first == 67
+
+
+def test_a_packet_that_was_asked_for_is_no_later_one() -> None:
+    numbers = FrameNumbers(0, 0.0)
+    numbers.synchronise(20, 1.0)
+    for number in range(20, 29):
+        assert numbers.take(number, 1.0) == number
+    assert numbers.take(0, 1.0) == 0 and numbers.take(64 - 36, 1.0) is None
+
+
+def test_copies_of_early_packets_that_later_ones_have_overtaken_are_not_sent() -> None:
+    end = sender()
+    end.receive(serialise_message(Report(peer_id(DECODER))), 0.0)
+    end._peers[peer_id(DECODER)].window.on_padding(0.001, 400)
+    frames = [serialise(FramePacket(number, bytes(9))) for number in range(30)]
+    for packet in frames:
+        end.send(packet)
+    assert [each for each in end.payloads(0.0) if each in frames] == frames
+    assert not set(end.payloads(1.0)) & set(frames)

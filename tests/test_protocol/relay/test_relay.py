@@ -10,11 +10,15 @@ from typing import Any
 
 import pytest
 import zenoh
+from links import MODEL_BYTES
 
 from loopback.process_pair import free_port
 from protocol.errors import ProtocolError
+from protocol.link import link_end
+from protocol.link.interface import LinkOptions, Reachability
 from protocol.link.messages import Role
 from protocol.link.presence import call_keys, parse_presence, serialise_presence
+from protocol.link.zenoh_link import ZenohSink, ZenohSource
 from protocol.link.zenoh_session import zenoh_config
 from protocol.relay.zenoh_relay import Relay, RelayOptions, calls_at_relay, subscriber_count
 from protocol.security.authority import (
@@ -26,7 +30,7 @@ from protocol.security.authority import (
     revoke_peer,
 )
 from protocol.security.key_file import read_key_file
-from protocol.security.link_security import KeyFile
+from protocol.security.link_security import KeyFile, LinkSecurity
 from protocol.security.tls_settings import tls_settings
 from shared_model.errors import UserError
 
@@ -184,6 +188,44 @@ def test_a_relay_says_that_it_is_there_to_those_who_may_ask(
     for name in ("anna", "bob"):
         until(partial(lambda name: name in answers, name), ask(name))
     assert "eve" not in answers
+
+
+def test_who_was_revoked_or_has_the_other_ends_certificate_is_told(
+    stack: ExitStack,
+    endpoint: str,
+    keys: dict[str, KeyFile],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    invited = stack.enter_context(ZenohSink(options_of(endpoint, keys["anna"])))
+    invited.send(MODEL_BYTES)
+    until(lambda: invited.reachability is Reachability.NO_PEER, lambda: invited.send(MODEL_BYTES))
+    with pytest.raises(UserError, match=r"^no decoder came within 0\.1 s$"):
+        invited.wait_for_peer(0.1)
+    said: dict[str, list[str]] = {name: [] for name in ("eve", "anna", "dora")}
+    sources = [
+        stack.enter_context(ZenohSource(options_of(endpoint, keys[name]), lines.append))
+        for name, lines in said.items()
+    ]
+
+    def listen() -> None:
+        for source in sources:
+            assert source.receive(0) is None
+
+    listen()
+    assert {len(lines) for lines in said.values()} == {1}, "an answer may still be on its way"
+    monkeypatch.setattr(link_end, "UNREAD_S", 0.0)
+    until(lambda: all(len(lines) > 1 for lines in said.values()), listen)
+    assert {line for lines in said.values() for line in lines[1:]} == {
+        "the relay refuses this certificate: it was revoked, or is for another call or for the"
+        " other end of this one"
+    }
+    refused = stack.enter_context(ZenohSink(options_of(endpoint, keys["bob"])))
+    with pytest.raises(UserError, match=r"no decoder came within 0\.1 s; the relay refuses"):
+        refused.wait_for_peer(0.1)
+
+
+def options_of(endpoint: str, keys: KeyFile) -> LinkOptions:
+    return LinkOptions("one", connect=(endpoint,), security=LinkSecurity(key_file=keys))
 
 
 def test_a_relay_lists_its_calls(stack: ExitStack) -> None:
