@@ -20,7 +20,6 @@ import argparse
 import json
 import shutil
 import signal
-import statistics
 import subprocess
 import sys
 import time
@@ -32,7 +31,7 @@ from typing import Any
 from encoder.coding.thin_link import startup_rate
 from loopback.bad_wire import BadWire, end
 from loopback.network_namespace import obstacle
-from loopback.report import Cell, table, write_json
+from loopback.report import table, write_json
 from loopback.simulated_link import sent_packets
 from scripts.command import PROGRAM, run
 from scripts.loss_table import FacePsnr, Played
@@ -42,13 +41,12 @@ from scripts.reliability.figures import (
     back_after_s,
     clean_arrivals,
     largest_step_px,
-    percentile,
     played,
     read_log,
     ways_ms,
 )
 from scripts.reliability.rows import DECODER, ENCODER, RELAY, ROWS, Action, Event, Row
-from scripts.reliability.tables import markdown_lines, replaced
+from scripts.reliability.tables import COLUMNS, cells_of, markdown_lines, replaced
 from shared_model.errors import UserError
 
 ADDRESSES, PORT = ("10.77.0.1", "10.77.0.2", "10.77.0.3"), 7447
@@ -57,10 +55,6 @@ ENDS = (sys.executable, "-m", "scripts.reliability.ends")
 # What an encoder measures of a thin link, as a share of its rate; bits and packets a second.
 MEASURED_SHARE, FRAMES_BPS, PACKETS_PER_S = 0.85, 800, 3.4
 PICTURES_S = 20.0
-COLUMNS = (
-    *("link", "up s", "first s", "dB", "lost", "came %", "median", "p95"),
-    *("back s", "step", "forward", "back"),
-)
 POLL_S, LIMIT_S = 0.05, 150.0
 # By the source of the call.
 Faces = dict[Path, FacePsnr]
@@ -99,42 +93,12 @@ def main(argv: Sequence[str]) -> None:
         found = [_figures(row, clip, options.folder, faces) for row in rows]
         for each in faces.values():
             each.close()
-        cells = [_cells(row, each) for row, each in zip(rows, found, strict=True)]
+        cells = [cells_of(row.name, each) for row, each in zip(rows, found, strict=True)]
         print(f"\n{clip.name}\n")
         print(table(COLUMNS, cells))
         if options.page is not None:
             page = options.page.read_text("utf-8")
             options.page.write_text(replaced(page, clip.stem, markdown_lines(cells)), "utf-8")
-
-
-def _cells(row: Row, calls: Sequence[dict[str, Any]]) -> list[Cell]:
-    def worst(name: str, digits: int = 0) -> Cell:
-        values = [call[name] for call in calls if call[name] is not None]
-        return f"{max(values):.{digits}f}" if values else None
-
-    def mean(name: str, digits: int = 0) -> Cell:
-        values = [call[name] for call in calls if call[name] is not None]
-        return f"{statistics.mean(values):.{digits}f}" if values else None
-
-    ways = [way for call in calls for way in call["ways_ms"] or ()]
-
-    def way(share: float) -> Cell:
-        return f"{percentile(ways, share):.0f}" if ways else None
-
-    return [
-        row.name,
-        worst("up_s", 1),
-        worst("first_s", 1),
-        mean("change_db", 2),
-        mean("lost", 1),
-        f"{100 - 100 * ways.count(None) / len(ways):.1f}" if ways else None,
-        way(0.5),
-        way(0.95),
-        worst("back_s", 1),
-        worst("step", 2),
-        mean("forward_bps"),
-        mean("back_bps"),
-    ]
 
 
 def _figures(row: Row, clip: Path, folder: Path, faces: Faces) -> list[dict[str, Any]]:

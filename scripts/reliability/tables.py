@@ -1,9 +1,49 @@
 """The tables of docs/reliability.md: one line a row of measurement, under the name of its clip."""
 
+import statistics
 from collections.abc import Mapping, Sequence
 from itertools import takewhile
+from typing import Any
 
 from loopback.report import Cell
+from scripts.reliability.figures import percentile
+
+COLUMNS = (
+    *("link", "up s", "first s", "dB", "lost", "came %", "median", "p95"),
+    *("back s", "step", "forward", "back"),
+)
+
+
+def cells_of(name: str, calls: Sequence[dict[str, Any]]) -> list[Cell]:
+    """The row of a table from the figures of its calls, see `__main__`."""
+
+    def worst(figure: str, digits: int = 0) -> Cell:
+        values = [call[figure] for call in calls if call[figure] is not None]
+        return f"{max(values):.{digits}f}" if values else None
+
+    def mean(figure: str, digits: int = 0) -> Cell:
+        values = [call[figure] for call in calls if call[figure] is not None]
+        return f"{statistics.mean(values):.{digits}f}" if values else None
+
+    ways = [way for call in calls for way in call["ways_ms"] or ()]
+
+    def way(share: float) -> Cell:
+        return f"{percentile(ways, share):.0f}" if ways else None
+
+    return [
+        name,
+        worst("up_s", 1),
+        worst("first_s", 1),
+        mean("change_db", 2),
+        mean("lost", 1),
+        f"{100 - 100 * ways.count(None) / len(ways):.1f}" if ways else None,
+        way(0.5),
+        way(0.95),
+        worst("back_s", 1),
+        worst("step", 2),
+        mean("forward_bps"),
+        mean("back_bps"),
+    ]
 
 
 def markdown_lines(rows: Sequence[Sequence[Cell]]) -> dict[str, str]:

@@ -7,6 +7,7 @@ pieces until every decoder that is present has them.  Time is an argument, secon
 from collections import deque
 from collections.abc import Callable, Iterator
 
+from protocol.link.delivery.frame_copies import FrameCopies
 from protocol.link.delivery.item_store import ItemStore, Placed
 from protocol.link.delivery.piece_schedule import Peer, PieceSchedule
 from protocol.link.delivery.piece_window import SURE_BPS
@@ -73,7 +74,7 @@ class DeliverySender:
         self._held_s: float | None = None  # since when frame packets wait for it
         self._history: deque[tuple[int, bytes]] = deque(maxlen=HISTORY)
         self._repeated_s: dict[int, float] = {}
-        self._later: list[tuple[float, int, bytes]] = []
+        self._copies = FrameCopies()
         self._peers: dict[int, Peer] = {}
         self._gone: dict[int, bytes] = {}  # sessions of decoders that have said good-bye
         self._pieces = PieceSchedule(self._items)
@@ -151,13 +152,6 @@ class DeliverySender:
         """A HELLO to all."""
         return self._hello(now_s, NO_SESSION, asks)
 
-    def _due_copies(self, now_s: float) -> Iterator[bytes]:
-        """Copies whose time has come, of frame packets that are not taken for later ones yet."""
-        for due_s, number, packet in self._later:
-            if due_s <= now_s and self._frames - number <= HISTORY // 2:
-                yield packet
-        self._later = [each for each in self._later if each[0] > now_s]
-
     def payloads(self, now_s: float) -> list[bytes]:
         """What is to be sent now."""
         for peer in [p for p in self._peers.values() if now_s - p.heard_s > PEER_GONE_S]:
@@ -169,7 +163,7 @@ class DeliverySender:
         ]
         out, self._out = self._out, []
         out += self._released_frames(present, now_s)
-        out += self._due_copies(now_s)
+        out += self._copies.due(now_s, self._frames)
         out += self._questions(now_s)
         return out + [serialise_message(piece) for piece in self._pieces.due(present, now_s)]
 
@@ -192,7 +186,7 @@ class DeliverySender:
             self._items.on_frame(packet)
             self._history.append((number, packet))
             if number < EARLY_FRAMES and (self.quality.rate_bps or 0.0) > SURE_BPS:
-                self._later.append((now_s + AGAIN_S, number, packet))
+                self._copies.add(now_s + AGAIN_S, number, packet)
             yield packet
 
     def _questions(self, now_s: float) -> Iterator[bytes]:
@@ -295,9 +289,8 @@ class DeliverySender:
             if number in report.missing and not recently:
                 self._repeated_s[number] = now_s
                 self._out.append(packet)
-                copies = COPIES if peer.loss > LOSSY else 1
-                again = [now_s + AGAIN_S * copy for copy in range(1, copies)]
-                self._later += [(due_s, number, packet) for due_s in again]
+                for copy in range(1, COPIES if peer.loss > LOSSY else 1):
+                    self._copies.add(now_s + AGAIN_S * copy, number, packet)
         oldest = self._frames - HISTORY
         self._repeated_s = {n: at for n, at in self._repeated_s.items() if n >= oldest}
 

@@ -7,6 +7,7 @@ from deliveries import DECODER, ENCODER, LAYER, added, hello, pieces
 from packets import MODEL
 
 from protocol.errors import ProtocolError
+from protocol.link.delivery.frame_copies import MAX_BEHIND, FrameCopies
 from protocol.link.delivery.frame_numbers import FrameNumbers
 from protocol.link.delivery.item_assembly import ItemAssembly
 from protocol.link.delivery.item_store import ItemStore
@@ -272,11 +273,10 @@ def test_a_packet_that_was_asked_for_is_no_later_one() -> None:
 
 
 def test_copies_of_early_packets_that_later_ones_have_overtaken_are_not_sent() -> None:
-    end = sender()
-    end.receive(serialise_message(Report(peer_id(DECODER))), 0.0)
-    end._peers[peer_id(DECODER)].window.on_padding(0.001, 400)
-    frames = [serialise(FramePacket(number, bytes(9))) for number in range(30)]
-    for packet in frames:
-        end.send(packet)
-    assert [each for each in end.payloads(0.0) if each in frames] == frames
-    assert not set(end.payloads(1.0)) & set(frames)
+    copies = FrameCopies()
+    for number in (0, 1):
+        copies.add(1.0, number, bytes([number]))
+    copies.add(2.0, 9, b"later")
+    assert list(copies.due(0.5, 2)) == []
+    assert list(copies.due(1.0, 1 + MAX_BEHIND)) == [b"\1"]
+    assert list(copies.due(2.0, 1 + MAX_BEHIND)) == [b"later"]

@@ -13,14 +13,13 @@ import zenoh
 from links import MODEL_BYTES
 
 from loopback.process_pair import free_port
-from protocol.errors import ProtocolError
 from protocol.link import link_end
 from protocol.link.interface import LinkOptions, Reachability
 from protocol.link.messages import Role
 from protocol.link.presence import call_keys, parse_presence, serialise_presence
 from protocol.link.zenoh_link import ZenohSink, ZenohSource
 from protocol.link.zenoh_session import zenoh_config
-from protocol.relay.zenoh_relay import Relay, RelayOptions, calls_at_relay, subscriber_count
+from protocol.relay.zenoh_relay import Relay, RelayOptions, calls_at_relay
 from protocol.security.authority import (
     RELAY_KEYS,
     PeerRole,
@@ -244,26 +243,6 @@ def test_a_relay_lists_its_calls(stack: ExitStack) -> None:
     )
 
 
-@pytest.mark.parametrize(
-    "answer", [b"", b"\xff", b"[]", b"3", b"{}", b'{"clients": 1, "peers": []}', b'{"clients": []}']
-)
-def test_what_another_relay_may_say_of_its_subscribers_is_an_error(answer: bytes) -> None:
-    with pytest.raises(ProtocolError, match="its list of subscribers"):
-        subscriber_count(answer)
-    assert subscriber_count(b'{"clients": ["a", "b"], "peers": ["c"]}') == 3
-
-
-def test_a_foreign_relay_is_one_line(stack: ExitStack) -> None:
-    place = f"tcp/127.0.0.1:{free_port()}"
-    settings = {"mode": "router", "scouting/multicast/enabled": False, "listen/endpoints": [place]}
-    router = stack.enter_context(zenoh.open(zenoh_config(settings)))
-    key = f"@/{router.zid()}/router/subscriber/u/anna"
-    router.declare_queryable(key, lambda query: query.reply(key, b"none of ours"))
-    with pytest.raises(UserError, match=f"cannot read the calls at {place}: its list") as caught:
-        calls_at_relay(place, None)
-    assert caught.value.exit_code == 4
-
-
 def test_with_certificates_it_lists_them_to_its_owner_alone(
     stack: ExitStack, endpoint: str, keys: dict[str, KeyFile]
 ) -> None:
@@ -288,14 +267,6 @@ def test_an_end_that_listens_is_no_relay() -> None:
     settings = {"mode": "peer", "scouting/multicast/enabled": False, "listen/endpoints": [place]}
     with zenoh.open(zenoh_config(settings)), pytest.raises(UserError, match="is no relay"):
         calls_at_relay(place, None, timeout_s=1)
-
-
-def test_a_relay_may_be_closed_twice() -> None:
-    place = f"tcp/127.0.0.1:{free_port()}"
-    with Relay(RelayOptions((place,))) as relay:
-        relay.close()
-        # Its port is free.
-        Relay(RelayOptions((place,))).close()
 
 
 def test_two_relays_pass_a_call_on(stack: ExitStack) -> None:
