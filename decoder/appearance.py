@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from decoder.rendering.closed_lids import ClosedLids
 from decoder.rendering.texture_colour import LocalColours
 from protocol.errors import ProtocolError
 from protocol.frames.transform_coding import parse_transform
@@ -44,9 +45,9 @@ class AppearanceModel:
         self.update(model)
 
     @property
-    def has_modes(self) -> bool:
+    def changes(self) -> bool:
         """Whether the texture changes from frame to frame."""
-        return bool(len(self._modes))
+        return self._has_surround or bool(len(self._modes))
 
     def update(self, model: ModelPacket) -> None:
         """Decode what further layers have added to the model.
@@ -99,6 +100,7 @@ class AppearanceModel:
         self._texture, self._codec = model.texture, codec
         self._mean = np.asarray(self._to_atlas(mean) + 0.5, np.uint8)
         self._colours = LocalColours(self._mean) if self._has_surround else None
+        self._lids = ClosedLids(self._mean) if self._has_surround else None
         self._damaged = None
         self._modes = np.zeros((0, mean.size), np.float32)
 
@@ -107,12 +109,21 @@ class AppearanceModel:
         atlas = image.astype(np.float32)
         return blend_surround_seam(atlas) if self._has_surround else atlas
 
-    def synthesise(self, coefficients: NDArray[np.float64]) -> NDArray[np.uint8]:
+    def synthesise(
+        self, coefficients: NDArray[np.float64], lids: NDArray[np.float64] | None = None
+    ) -> NDArray[np.uint8]:
         """The atlas (size, size, 3) uint8 BGR.
 
         coefficients: (m,) of the modes, or empty for the mean; those of modes that have not been
             received are ignored.
+        lids: (2,) actuators of the eyelids, left and right; None: the eyes are open.
         """
+        texture = self._with_modes(coefficients)
+        if self._lids is None or lids is None:
+            return texture
+        return self._lids.lightened(texture, lids)
+
+    def _with_modes(self, coefficients: NDArray[np.float64]) -> NDArray[np.uint8]:
         if not coefficients.size:
             return self._mean
         flat = coefficients[: len(self._modes)].astype(np.float32) @ self._modes

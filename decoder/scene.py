@@ -17,7 +17,7 @@ from decoder.scene_parts import SceneParts
 from protocol.model_packet import ModelPacket
 from shared_model.geometry import camera_from_head
 from shared_model.layers.head_motion import warp
-from shared_model.parameters import Pose
+from shared_model.parameters import LIDS, Pose
 from shared_model.stage_timer import StageTimer
 
 Array = NDArray[np.float64]
@@ -105,9 +105,10 @@ class Scene:
     def prepare(self, frame: PlayoutFrame, timer: StageTimer) -> FrameState:
         """Compute the state of a frame; the renderer may draw another one at the same time."""
         texture = None
-        if self._parts.appearance.has_modes:
+        if self._parts.appearance.changes:
             with timer.stage("texture"):
-                texture = self._parts.appearance.synthesise(frame.face.modes)
+                lids = frame.face.eau[LIDS]
+                texture = self._parts.appearance.synthesise(frame.face.modes, lids)
         with timer.stage("animate"):
             vertices = self._face.animate(frame.face.eau)
         with timer.stage("warp"):
