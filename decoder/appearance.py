@@ -45,9 +45,14 @@ class AppearanceModel:
         self.update(model)
 
     @property
+    def has_modes(self) -> bool:
+        """Whether any mode has been received."""
+        return bool(len(self._modes))
+
+    @property
     def changes(self) -> bool:
-        """Whether the texture changes from frame to frame."""
-        return self._has_surround or bool(len(self._modes))
+        """Whether the texture changes from frame to frame: by modes, or as the eyes close."""
+        return self._lids is not None or self.has_modes
 
     def update(self, model: ModelPacket) -> None:
         """Decode what further layers have added to the model.
