@@ -1,6 +1,7 @@
 """Ends of a call on loopback, and packets that say which they are."""
 
 import socket
+from dataclasses import replace
 
 from packets import MODEL
 
@@ -9,7 +10,7 @@ from protocol.link.zenoh_link import ZenohSource
 from protocol.packets import ControlKind, ControlPacket, FramePacket, serialise
 
 END = serialise(ControlPacket(0, ControlKind.END, 100))
-MODEL_BYTES = serialise(MODEL)
+MODEL_BYTES = serialise(replace(MODEL, sequence=0))
 WAIT_S = 20.0
 
 
