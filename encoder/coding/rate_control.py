@@ -29,9 +29,8 @@ LEVELS_PER_HALVING = 45.0
 # Reservoir of a live call, seconds of its rate, and the largest gain of quality per packet.
 RESERVOIR_S = 2.0
 MAX_QUALITY_GAIN = 3
-# The share of its bits that a packet of a live call in debt may take: every model that a call
-# switches to begins with a whole frame, and if that were repaid at once, the face would be coarse
-# for a second (half a dB on carphone).
+# The share of its bits that a packet of a live call in debt may take.  Every model that a call
+# switches to begins with a whole frame: repaid at once, that makes what follows coarse.
 DEBT_SHARE = 0.9
 
 
