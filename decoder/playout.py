@@ -228,8 +228,7 @@ class Playout:
             index = self._next
             self._next += 1
             if self.is_frozen and before is not None:
-                presence = self._presence(call, index)
-                yield PlayoutFrame(index, before.face, frozen=True, presence=presence)
+                yield self._repeated(call, index, before.face)
             elif before is None or index <= before.timestamp:
                 self.before_join += is_gap and index < timed.timestamp
                 yield PlayoutFrame(index, timed.face, index < call.start_frame)
@@ -269,14 +268,14 @@ class Playout:
         while self._next < end:
             index = self._next
             self._next += 1
-            presence = self._presence(call, index)
-            yield PlayoutFrame(index, self._last.face, self.is_frozen, presence=presence)
+            yield self._repeated(call, index, self._last.face)
 
-    def _presence(self, call: CallParameters, index: int) -> float:
-        """How much of the person is there in a frame of a lost face, see `PlayoutFrame`."""
+    def _repeated(self, call: CallParameters, index: int, face: FaceParameters) -> PlayoutFrame:
+        """A frame that shows an older face; a person who has left fades."""
         if self.gone_at is None or not self.is_frozen:
-            return 1.0
-        return max(0.0, 1 - (index + 1 - self.gone_at) / max(1.0, FADE_S * call.fps))
+            return PlayoutFrame(index, face, self.is_frozen)
+        presence = max(0.0, 1 - (index + 1 - self.gone_at) / max(1.0, FADE_S * call.fps))
+        return PlayoutFrame(index, face, self.is_frozen, presence=presence)
 
     def _check_gap(self, call: CallParameters, end: int | Fraction) -> None:
         if end - self._next > MAX_FROZEN_S * call.fps:

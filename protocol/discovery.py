@@ -11,6 +11,7 @@ import secrets
 import socket
 import struct
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -60,7 +61,46 @@ class FoundCall:
         return f"{self.host}:{self.port}"
 
 
-class CallAnnouncer:
+class _GroupThread(ABC):
+    """Receives what is sent to the group, in a thread of its own, until it is closed.
+
+    address: of the network interface; None: that of the default route.
+    Where there is no multicast nothing comes.
+    """
+
+    def __init__(self, address: str | None) -> None:
+        self._socket = _group_socket(address)
+        if self._socket is not None:
+            threading.Thread(
+                target=self._run_until_closed, args=(self._socket,), daemon=True
+            ).start()
+
+    def close(self) -> None:
+        """Receive no more; closing twice has no further effect."""
+        group, self._socket = self._socket, None
+        if group is not None:
+            with suppress(OSError):
+                # Wakes the thread.
+                group.shutdown(socket.SHUT_RD)
+            group.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def _run_until_closed(self, group: socket.socket) -> None:
+        # A socket that has been closed raises.
+        with suppress(OSError):
+            self._run(group)
+
+    @abstractmethod
+    def _run(self, group: socket.socket) -> None:
+        """Receive; raises `OSError` when the socket has been closed."""
+
+
+class CallAnnouncer(_GroupThread):
     """Answers questions about one call, in a thread, until it is closed; says to all when the
     address of this host has changed.
 
@@ -73,38 +113,23 @@ class CallAnnouncer:
     def __init__(
         self, found: FoundCall, address: str | None = None, own: OwnAddress | None = None
     ) -> None:
-        self._found, self._socket = found, _group_socket(address)
+        self._found = found
         self._own = own or OwnAddress(address or "0.0.0.0")
         self._known, self._changed_s = self._own.now, float("-inf")
         self._said_s = self._looked_s = float("-inf")
         self._allowed, self._filled_s = ANSWERS_PER_S, monotonic()
-        if self._socket is not None:
-            threading.Thread(target=self._run, args=(self._socket,), daemon=True).start()
-
-    def close(self) -> None:
-        """Answer no more; closing twice has no further effect."""
-        group, self._socket = self._socket, None
-        if group is not None:
-            _close(group)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
+        super().__init__(address)
 
     def _run(self, group: socket.socket) -> None:
-        # A socket that has been closed raises.
-        with suppress(OSError):
-            group.settimeout(LOOK_S)
-            while True:
-                with suppress(TimeoutError):
-                    data, sender = group.recvfrom(2 * QUESTION_BYTES)
-                    number = parse_question(data)
-                    if number is not None and self._may_answer(monotonic()):
-                        with suppress(OSError):
-                            group.sendto(serialise_answer(number, self._found), sender)
-                self._look(group, monotonic())
+        group.settimeout(LOOK_S)
+        while True:
+            with suppress(TimeoutError):
+                data, sender = group.recvfrom(2 * QUESTION_BYTES)
+                number = parse_question(data)
+                if number is not None and self._may_answer(monotonic()):
+                    with suppress(OSError):
+                        group.sendto(serialise_answer(number, self._found), sender)
+            self._look(group, monotonic())
 
     def _look(self, group: socket.socket, now_s: float) -> None:
         """Say to all that the address of this host has changed, for a while."""
@@ -129,7 +154,7 @@ class CallAnnouncer:
         return True
 
 
-class CallWatch:
+class CallWatch(_GroupThread):
     """Notices where the other end of a call says that it listens now, until it is closed.
 
     is_encoder: whether that is the call's encoder.  on_notice: called in a thread of its own.
@@ -144,25 +169,16 @@ class CallWatch:
         address: str | None = None,
     ) -> None:
         self._call, self._is_encoder, self._on_notice = call, is_encoder, on_notice
-        self._socket = _group_socket(address)
-        if self._socket is not None:
-            threading.Thread(target=self._run, args=(self._socket,), daemon=True).start()
-
-    def close(self) -> None:
-        """Notice no more; closing twice has no further effect."""
-        group, self._socket = self._socket, None
-        if group is not None:
-            _close(group)
+        super().__init__(address)
 
     def _run(self, group: socket.socket) -> None:
-        with suppress(OSError):
-            while True:
-                data, sender = group.recvfrom(2 * QUESTION_BYTES)
-                with suppress(ProtocolError):
-                    # A closed socket gives nothing from nobody.
-                    found = parse_answer(data, TO_ALL, sender[0] if sender else "")
-                    if (found.call, found.is_encoder) == (self._call, self._is_encoder):
-                        self._on_notice(found)
+        while True:
+            data, sender = group.recvfrom(2 * QUESTION_BYTES)
+            with suppress(ProtocolError):
+                # A closed socket gives nothing from nobody.
+                found = parse_answer(data, TO_ALL, sender[0] if sender else "")
+                if (found.call, found.is_encoder) == (self._call, self._is_encoder):
+                    self._on_notice(found)
 
 
 def find_calls(wait_s: float, address: str | None = None) -> Iterator[FoundCall]:
@@ -241,13 +257,6 @@ def _join_group(group: socket.socket, address: str) -> None:
 
 def _membership(address: str | None) -> bytes:
     return socket.inet_aton(GROUP) + socket.inet_aton(address or "0.0.0.0")
-
-
-def _close(group: socket.socket) -> None:
-    with suppress(OSError):
-        # Wakes the thread.
-        group.shutdown(socket.SHUT_RD)
-    group.close()
 
 
 def _send_to_group_through(asking: socket.socket, address: str | None) -> None:

@@ -1,7 +1,7 @@
 """The picture of a face that is shown instead of one's own: of an image, a call file, or drawn."""
 
+from contextlib import closing
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
@@ -13,7 +13,8 @@ from decoder.scene import Scene
 from decoder.scene_parts import scene_parts
 from encoder.coding.model_packet import reference_face
 from protocol.errors import ProtocolError
-from risorius.animation.animate import AnimateOptions, animate
+from risorius.animation.animate import open_actor
+from risorius.animation.animation_script import parse_script
 from shared_model.errors import UserError
 from shared_model.stage_timer import StageTimer
 
@@ -21,7 +22,7 @@ Picture = NDArray[np.uint8]
 
 GENERIC = "generic"
 CALL_SUFFIX = ".rzo"
-_SCRIPT = "width = 640\nheight = 480\nfps = 1\nseconds = 1\ndistance_mm = 480\n"
+STUDIO = {"width": 640, "height": 480, "distance_mm": 480}
 
 
 def face_picture(name: str) -> Picture:
@@ -46,18 +47,15 @@ def face_picture(name: str) -> Picture:
 def _person_of(path: Path) -> Picture:
     model = read_model(path)
     try:
-        scene = Scene(scene_parts(model, None))
+        parts = scene_parts(model)
     except ProtocolError as error:
         raise UserError(f"cannot draw {path}: {error}") from error
-    picture = scene.draw(PlayoutFrame(0, reference_face(model), frozen=False), StageTimer())
-    scene.close()
-    return picture
+    with closing(Scene(parts)) as scene:
+        return scene.draw(PlayoutFrame(0, reference_face(model), frozen=False), StageTimer())
 
 
 def _generic_head() -> Picture:
-    with TemporaryDirectory() as name:
-        folder = Path(name)
-        script, pictures = folder / "head.toml", folder / "%d.png"
-        script.write_text(_SCRIPT)
-        animate(AnimateOptions(script, pictures), lambda done, total: None, lambda: False)
-        return face_picture(str(next(folder.glob("*.png"))))
+    script = parse_script(STUDIO, Path())
+    with closing(open_actor(script, None)) as actor:
+        state = script.at(0)
+        return actor.draw(state, actor.geometry(state))

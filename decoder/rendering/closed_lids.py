@@ -8,10 +8,10 @@ skin.  Lids that have been seen are lighter than that, and are drawn as they wer
 
 from functools import cache
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from decoder.rendering.texture_colour import blurred
 from protocol.pictures.picture_codec import to_luma
 from shared_model.appearance import atlas_of
 from shared_model.layers.head_motion import smoothstep
@@ -43,7 +43,7 @@ class ClosedLids:
         size = len(mean)
         self._area, weights, is_around = _lid_texels(size)
         known = is_around.astype(np.float32)[..., None]
-        sums = _blurred(np.concatenate([mean * known, known], 2), REACH * size)[self._area]
+        sums = blurred(np.concatenate([mean * known, known], 2), REACH * size)[self._area]
         around = sums[..., :3] / np.maximum(sums[..., 3:], np.float32(1e-3))
         luma = np.maximum(to_luma(around), np.float32(1))
         self._light = np.asarray(around / luma[..., None], np.float32)  # of luma 1
@@ -60,7 +60,7 @@ class ClosedLids:
             return texture
         drawn = texture[self._area].astype(np.float32)
         weight = np.tensordot(closed, self._weights, 1)
-        luma = _blurred(to_luma(drawn), self._sigma)
+        luma = blurred(to_luma(drawn), self._sigma)
         missing = np.maximum(self._least - luma, 0) * weight
         drawn += missing[..., None] * self._light
         lightened = texture.copy()
@@ -92,7 +92,3 @@ def _lid_texels(size: int) -> tuple[tuple[slice, slice], Single, NDArray[np.bool
     rows, columns = (np.flatnonzero(weights.any((0, axis))) for axis in (2, 1))
     area = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
     return area, weights[(slice(None), *area)], around
-
-
-def _blurred(planes: Single, sigma: float) -> Single:
-    return np.asarray(cv2.GaussianBlur(planes, (0, 0), sigma), np.float32)

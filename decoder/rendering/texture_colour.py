@@ -52,18 +52,18 @@ class LocalColours:
         self._expected: Single = np.zeros((size, size, 2), np.float32)
         low = np.full((size, size, 2), -FREE, np.float32)
         high = np.full((size, size, 2), FREE, np.float32)
-        coarse = _blurred(planes, COARSE)
+        coarse = blurred(planes, COARSE)
         own = _ratio(coarse)
         kernel = np.ones((2 * round(NEAR * size) + 1,) * 2, np.uint8)
         for name in COLOURED_PARTS:
             is_part = part_of == PARTS.index(name)
-            area = _blurred(is_part.astype(np.float32), REACH * size)
-            averaged = _blurred(planes * is_part[..., None], REACH * size)
+            area = blurred(is_part.astype(np.float32), REACH * size)
+            averaged = blurred(planes * is_part[..., None], REACH * size)
             averaged /= np.maximum(area, np.float32(1e-3))[..., None]
             around = _ratio(averaged)
             is_seen = is_part & (coarse[..., 0] > BRIGHT * averaged[..., 0])
             share = np.where(is_seen, BRIGHT_SHARE, SHARE).astype(np.float32)
-            expected = _blurred(share, SENT_REACH)[..., None] * around
+            expected = blurred(share, SENT_REACH)[..., None] * around
             self._expected[is_part] = expected[is_part]
             usual = SHARE * around
             seen = np.where(is_seen[..., None], own, usual)
@@ -75,9 +75,9 @@ class LocalColours:
     def complete(self, mode: Single) -> Single:
         """A mode (size, size, 3), BGR, with colour where none has been sent."""
         planes = to_planes(mode, 1.0)
-        expected = self._expected * _blurred(planes[..., 0], COARSE)[..., None]
-        sent = _blurred(np.linalg.norm(planes[..., 1:], axis=2), SENT_REACH)
-        limit = SENT_SHARE * _blurred(np.linalg.norm(expected, axis=2), SENT_REACH)
+        expected = self._expected * blurred(planes[..., 0], COARSE)[..., None]
+        sent = blurred(np.linalg.norm(planes[..., 1:], axis=2), SENT_REACH)
+        limit = SENT_SHARE * blurred(np.linalg.norm(expected, axis=2), SENT_REACH)
         missing = np.clip(1 - sent / np.maximum(limit, np.float32(1e-3)), 0, 1)
         planes[..., 1:] += missing[..., None] * expected
         return from_planes(planes, 1.0)
@@ -103,7 +103,8 @@ def _ratio(planes: Single) -> Single:
     return np.asarray(planes[..., 1:] / np.maximum(planes[..., :1], MIN_LUMA), np.float32)
 
 
-def _blurred(planes: Single, sigma: float) -> Single:
+def blurred(planes: Single, sigma: float) -> Single:
+    """Planes (h, w) or (h, w, c) blurred by a Gaussian of `sigma` texels."""
     return np.asarray(cv2.GaussianBlur(planes, (0, 0), sigma), np.float32)
 
 

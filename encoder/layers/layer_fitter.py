@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from encoder.layers.displacement import dense, dot, origins, sample
 from encoder.layers.layer_samples import coarse_luma, face_region, motion_with_head
 from encoder.layers.scene_motion import (
-    MAX_GREY2,
-    MAX_LEFT,
+    blurred,
     fit_scene_motion,
     gradient,
+    is_explained,
+    left_of,
     scene_basis,
     scene_origins,
     solved,
@@ -75,10 +76,18 @@ class LayerFitter:
     start_sigma: float = 0.0
     # Of person, alpha and scene, as `gradient` has them.
     _gradients: tuple[Single, Single, Single] = field(init=False, repr=False)
+    # What takes the first steps; None: the fitter itself.
+    _smoothed: "LayerFitter | None" = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         gradients = gradient(self.person), gradient(self.alpha), gradient(self.scene)
         object.__setattr__(self, "_gradients", gradients)
+        object.__setattr__(self, "_smoothed", self._smooth() if self.start_sigma else None)
+
+    def _smooth(self) -> "LayerFitter":
+        images = self.person, self.alpha, self.scene
+        person, alpha, scene = (blurred(each, self.start_sigma) for each in images)
+        return replace(self, person=person, alpha=alpha, scene=scene, start_sigma=0.0)
 
     def fit(self, picture: Picture, parameters: FaceParameters, outline_px: Array) -> Array:
         """(k + c + s,) the coefficients of a frame (h, w, 3) uint8 BGR.
@@ -93,15 +102,9 @@ class LayerFitter:
             coefficients[-SCENE_COEFFICIENTS:] = fit_scene_motion(self.scene, luma, behind)
         if not len(coefficients):
             return coefficients
-        if self.start_sigma:
-            sigma = self.start_sigma
-            rough = replace(
-                self,
-                person=_smoothed(self.person, sigma),
-                alpha=_smoothed(self.alpha, sigma),
-                scene=_smoothed(self.scene, sigma),
-            )
-            coefficients = rough._refined(coefficients, _smoothed(luma, sigma), at, weight)
+        if self._smoothed is not None:
+            smooth = blurred(luma, self.start_sigma)
+            coefficients = self._smoothed._refined(coefficients, smooth, at, weight)
         coefficients = self._refined(coefficients, luma, at, weight)
         if self.start_sigma and self.scene_moves:
             return self._doubted(coefficients, luma, at, weight)
@@ -123,11 +126,8 @@ class LayerFitter:
         at_rest[-SCENE_COEFFICIENTS:] = 0
         moving, still = self._drawn(at, coefficients), self._drawn(at, at_rest)
         behind = weight * (1 - moving.alpha)
-        left, before = (
-            float((np.minimum((luma - each.picture) ** 2, MAX_GREY2) * behind).sum())
-            for each in (moving, still)
-        )
-        return coefficients if left < MAX_LEFT * before else at_rest
+        left, before = (left_of(luma, each.picture, behind) for each in (moving, still))
+        return coefficients if is_explained(left, before) else at_rest
 
     def draw(self, parameters: FaceParameters, coefficients: Array) -> Single:
         """(h, w) the coarse luma of a frame, without the face."""
@@ -201,7 +201,3 @@ class LayerFitter:
         changes = np.array([sample(change, at) for change in self.changes], np.float32)
         derivatives = -dot(basis, sample(self._gradients[2], at))
         return sample(self.scene, at), changes.reshape(-1, *shape), derivatives
-
-
-def _smoothed(image: Single, sigma: float) -> Single:
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.float32)

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.layers.changes import learn_changes
+from encoder.layers.changes import CodedChanges, learn_changes
 from encoder.layers.displacement import dense
 from encoder.layers.field_refinement import refined_fields
 from encoder.layers.frame_layers import FrameLayers
@@ -129,15 +129,12 @@ def learn_layers(face: Face, samples: LayerSamples) -> LayerModel:
     fitter, mask, person = _with_person(face, full, scene, fields, coefficients)
     coefficients = _fitted(fitter, samples)
     changes = learn_changes(samples, fitter, coefficients)
-    while True:
-        changed = _with_changes(fitter, changes.luma)
-        coefficients = _fitted(changed, samples)
-        own = coefficients[:, len(fields) : len(fields) + len(changes.data)]
-        wild = np.flatnonzero(own.std(0) > MAX_CHANGE_SIGMA)
-        if not len(wild):
-            break
-        changes = changes.first(int(wild[0]))
-    fitter = changed
+    fitter = _with_changes(fitter, changes.luma)
+    coefficients = _fitted(fitter, samples)
+    while (calm := _calm_changes(coefficients[:, len(fields) :], changes)) < len(changes.data):
+        changes = changes.first(calm)
+        fitter = _with_changes(fitter, changes.luma)
+        coefficients = _fitted(fitter, samples)
     margin = LIMIT_MARGIN * np.ptp(coefficients, axis=0)
     limits = np.stack([coefficients.min(0) - margin, coefficients.max(0) + margin], 1)
     fitter = replace(fitter, limits=limits)
@@ -244,6 +241,15 @@ def _with_changes(fitter: LayerFitter, changes: Single) -> LayerFitter:
         changes=np.array(resized, np.float32).reshape(-1, *shape),
         limits=_no_limits(len(fitter.fields) + len(changes), fitter),
     )
+
+
+def _calm_changes(coefficients: Array, changes: CodedChanges) -> int:
+    """How many changes there are before the first that stands for something else.
+
+    coefficients: (n, c or more) of the changes in each frame.
+    """
+    wild = coefficients[:, : len(changes.data)].std(0) > MAX_CHANGE_SIGMA
+    return int(wild.argmax()) if wild.any() else len(wild)
 
 
 def _fitted(fitter: LayerFitter, samples: LayerSamples) -> Array:

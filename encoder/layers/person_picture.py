@@ -17,6 +17,7 @@ from encoder.layers.displacement import dense, origins, pixel_grid, sample
 from encoder.layers.layer_samples import LayerSamples, aligned, face_region
 from encoder.layers.robust_mean import MIN_FRAMES, robust_mean
 from encoder.layers.scene import SceneLayer
+from encoder.layers.scene_motion import blurred
 from protocol.pictures.foreground_mask import FINE_MASK_SIDE, Mask
 from shared_model.appearance import pull_push_fill
 from shared_model.layers.soft_mask import opacity
@@ -108,15 +109,10 @@ def person_picture(
     known = (weights.sum(0) > MIN_FRAMES) & drawn_region(mask, shape)
     alpha = opacity(mask, shape[1], shape[0]).astype(np.float32)
     soft = (alpha > SOFT_OPACITY[0]) & (alpha < 1)
-    share = (
-        np.clip((alpha - SOFT_OPACITY[0]) / np.ptp(SOFT_OPACITY), 0, 1)[..., None] * soft[..., None]
-    )
-    mean += share * (_unmixed(frames, alpha, samples, motions, scene) - mean)
-    return pull_push_fill(
-        mean,
-        (known | soft)
-        & ~covered_region(samples.outlines_px[samples.canonical], samples.size, shape),
-    )
+    share = soft * np.clip((alpha - SOFT_OPACITY[0]) / np.ptp(SOFT_OPACITY), 0, 1)
+    mean += share[..., None] * (_unmixed(frames, alpha, samples, motions, scene) - mean)
+    covered = covered_region(samples.outlines_px[samples.canonical], samples.size, shape)
+    return pull_push_fill(mean, (known | soft) & ~covered)
 
 
 def _unmixed(
@@ -187,11 +183,8 @@ def _layer_errors(
         seen = sample(behind, scene.origins(number, at, samples.size))
         for layer, drawn in enumerate((seen, person)):
             total[layer] += np.minimum(((frame - drawn) ** 2).mean(-1), MAX_GREY2)
-    of_scene, of_person = (
-        np.asarray(cv2.GaussianBlur(each / len(frames), (0, 0), SIGMA_CELLS), np.float32)
-        for each in total
-    )
-    return of_scene, of_person
+    of_scene, of_person = total / len(frames)
+    return blurred(of_scene, SIGMA_CELLS), blurred(of_person, SIGMA_CELLS)
 
 
 def _resized(picture: NDArray[np.generic]) -> Single:

@@ -16,9 +16,9 @@ from encoder.layers.displacement import sample
 from encoder.layers.layer_samples import LayerSamples, coarse_luma, luma_at
 from encoder.layers.robust_mean import MIN_FRAMES, robust_mean
 from encoder.layers.scene_motion import (
-    MAX_GREY2,
-    MAX_LEFT,
     fit_scene_motion,
+    is_explained,
+    left_of,
     scene_basis,
     scene_origins,
 )
@@ -99,13 +99,9 @@ def scene_motion(samples: LayerSamples, still: Single) -> Array | None:
     scene, basis = luma_at(scene_picture(samples, motion), shape), scene_basis(shape)
     moved = [sample(scene, scene_origins(basis, own)) for own in motion]
     left, before = (
-        sum(
-            float((np.minimum((luma - each) ** 2, MAX_GREY2) * weight).sum())
-            for luma, each, weight in zip(lumas, drawn, clear, strict=True)
-        )
-        for drawn in (moved, [at_rest] * len(lumas))
+        sum(map(left_of, lumas, drawn, clear)) for drawn in (moved, [at_rest] * len(lumas))
     )
-    return motion if left < MAX_LEFT * before else None
+    return motion if is_explained(left, before) else None
 
 
 def _fitted(scene: Single, lumas: Iterable[Single], weights: Iterable[Single]) -> Array:

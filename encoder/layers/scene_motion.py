@@ -43,10 +43,7 @@ def fit_scene_motion(scene: Single, luma: Single, weight: Single) -> Array:
     """(4,) how the scene (h, w) moves in a frame.  luma, weight: (h, w) of the frame."""
     motion, basis = np.zeros(4), scene_basis((scene.shape[0], scene.shape[1]))
     for sigma in BLUR_SIGMAS:
-        picture, target = (
-            np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.float32)
-            for image in (scene, luma)
-        )
+        picture, target = blurred(scene, sigma), blurred(luma, sigma)
         slope = gradient(picture)
         for _ in range(STEPS):
             at = scene_origins(basis, motion)
@@ -54,6 +51,21 @@ def fit_scene_motion(scene: Single, luma: Single, weight: Single) -> Array:
             trust = weight / (1 + (residual / ROBUST_GREY) ** 2)
             motion = motion + solved(-dot(basis, sample(slope, at)), residual, trust)
     return motion
+
+
+def is_explained(moving: float, still: float) -> bool:
+    """Whether the scene moves, by what is left with its motion and without, see `left_of`."""
+    return moving < MAX_LEFT * still
+
+
+def left_of(luma: Single, drawn: Single, weight: Single) -> float:
+    """What of a frame (h, w) is not as it was drawn: the squared residual.  weight: (h, w)."""
+    return float((np.minimum((luma - drawn) ** 2, MAX_GREY2) * weight).sum())
+
+
+def blurred(image: Single, sigma: float) -> Single:
+    """An image (h, w) or (h, w, c) blurred by a Gaussian of `sigma` pixels."""
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.float32)
 
 
 def gradient(image: Single) -> Single:

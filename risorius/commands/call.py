@@ -16,6 +16,9 @@ from risorius.live_call.messages import BROWSER, CAMERA_SOUND
 from shared_model.errors import UserError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from risorius.command_line.parser import Commands
     from risorius.live_call.call_options import CallOptions
 
@@ -115,7 +118,7 @@ def _options(arguments: argparse.Namespace) -> "CallOptions":
     from risorius.live_call.call_options import CallOptions
     from risorius.live_call.devices import check_devices
 
-    _check_face(arguments)
+    face = _other_face(arguments)
     if not arguments.folder.is_dir():
         raise UserError(f"there is no folder {arguments.folder}")
     check_port(arguments.port)
@@ -131,20 +134,21 @@ def _options(arguments: argparse.Namespace) -> "CallOptions":
         voice=voice,
         bitrate=arguments.bitrate,
         low_delay=arguments.low_delay,
-        face=arguments.face,
+        face=face,
         face_on=arguments.face_on,
         port=arguments.port,
         folder=arguments.folder,
     )
 
 
-def _check_face(arguments: argparse.Namespace) -> None:
-    if arguments.face is not None:
-        from risorius.face_picture import face_picture
+def _other_face(arguments: argparse.Namespace) -> "NDArray[np.uint8] | None":
+    if arguments.face is None:
+        if arguments.face_on:
+            raise UserError("--face-on needs --face OTHER")
+        return None
+    from risorius.face_picture import face_picture
 
-        face_picture(arguments.face)
-    elif arguments.face_on:
-        raise UserError("--face-on needs --face OTHER")
+    return face_picture(arguments.face)
 
 
 def _microphone(arguments: argparse.Namespace) -> str | None:

@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from risorius.live_call.call_place import CallPlace
 
 
@@ -24,7 +27,7 @@ class CallOptions:
     voice: str
     bitrate: float
     low_delay: bool
-    face: str | None
+    face: NDArray[np.uint8] | None
     face_on: bool
     port: int
     folder: Path

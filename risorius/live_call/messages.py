@@ -7,9 +7,14 @@ unless they are said to be others.
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from protocol.link.interface import CONNECT_TIMEOUT_S
 from protocol.security.link_security import LinkSecurity
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 # What stands for the camera or the microphone of the page.
 BROWSER = "browser"
@@ -37,8 +42,8 @@ class SendingOptions:
     microphone: `CAMERA_SOUND`: the sound of the file; `BROWSER`; a device of the host; None: none.
     voice: one of `VOICES`.
     monitor: descriptor of a pipe that gets the call as well.
-    face: what is shown instead of this person when that is switched on, see `face_picture`; None:
-        nothing.  face_on: it is on from the beginning.
+    face: (h, w, 3) uint8 BGR with the face that is shown instead when that is switched on; None:
+        there is none.  face_on: it is on from the beginning.
     """
 
     place: LinkPlace
@@ -48,7 +53,7 @@ class SendingOptions:
     bitrate: float
     low_delay: bool
     monitor: int | None
-    face: str | None = None
+    face: "NDArray[np.uint8] | None" = None
     face_on: bool = False
 
 

@@ -4,9 +4,6 @@ import os
 from contextlib import ExitStack
 from threading import Event
 
-import numpy as np
-from numpy.typing import NDArray
-
 from encoder.calls.session_callbacks import SessionCallbacks
 from encoder.calls.session_stats import SessionStats
 from encoder.live_model.other_face import OtherFace
@@ -38,7 +35,7 @@ def run(part: PartConnection, options: SendingOptions) -> None:
     """
     with ExitStack() as stack:
         stack.enter_context(short_switch_interval())
-        picture, face_on = _other_picture(options), Event()
+        face_on = Event()
         if options.face_on:
             face_on.set()
         recorder = CallRecorder(part.send)
@@ -54,21 +51,13 @@ def run(part: PartConnection, options: SendingOptions) -> None:
             lambda done, total: None,
             part.is_over.is_set,
             on_preparing=sent.prepare,
-            other_face=None if picture is None else OtherFace(picture, face_on.is_set),
+            other_face=None if options.face is None else OtherFace(options.face, face_on.is_set),
         )
         try:
             encode_live(sent.options, capture, sent.sink, sent.stats, callbacks, devices.voice)
         except UserError as error:
             if not (part.is_over.is_set() and error.exit_code == NO_FACE):
                 raise
-
-
-def _other_picture(options: SendingOptions) -> NDArray[np.uint8] | None:
-    if options.face is None:
-        return None
-    from risorius.face_picture import face_picture
-
-    return face_picture(options.face)
 
 
 def _obey(part: PartConnection, devices: Devices, recorder: CallRecorder, face_on: Event) -> None:
