@@ -113,7 +113,7 @@ class DeliverySender:
         has_all = bool(peers) and not any(self._pieces.needed(peers))
         patience_s = LINGER_S if has_all else STALLED_S
         is_moving = now_s - max(self.progress_s, ended_s) < patience_s
-        return is_moving and now_s - self.heard_s < PEER_GONE_S
+        return is_moving and now_s - self.heard_s < max(patience_s, PEER_GONE_S)
 
     def send(self, packet: bytes) -> None:
         """Take the next packet of the call.  Raises `ProtocolError` if it is invalid."""

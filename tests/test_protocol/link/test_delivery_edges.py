@@ -13,7 +13,7 @@ from protocol.link.delivery.item_assembly import ItemAssembly
 from protocol.link.delivery.item_store import ItemStore
 from protocol.link.delivery.piece_window import PieceWindow, Sent
 from protocol.link.delivery.receiver import DeliveryReceiver
-from protocol.link.delivery.sender import LINGER_S, PEER_GONE_S, STALLED_S, DeliverySender
+from protocol.link.delivery.sender import LINGER_S, STALLED_S, DeliverySender
 from protocol.link.messages import (
     PIECE_BYTES,
     Bye,
@@ -143,8 +143,8 @@ def test_an_encoder_stays_while_more_gets_there_and_for_nobody_who_is_gone() -> 
     end.send(END)
     end.receive(serialise_message(report), 10.0)
     end.payloads(10.0)
-    assert end.is_awaited(10.0, 10.0 + PEER_GONE_S - 0.1), "it lacks the end"
-    assert not end.is_awaited(10.0, 10.0 + PEER_GONE_S), "it is not heard any more"
+    assert end.is_awaited(10.0, 10.0 + STALLED_S - 0.1), "its word may be held up, too"
+    assert not end.is_awaited(20.0, 10.0 + STALLED_S), "it is not heard any more"
     end.receive(serialise_message(report), 10.0 + STALLED_S)
     assert not end.is_awaited(10.0, 10.0 + STALLED_S), "nothing more has got there"
     end.receive(serialise_message(replace(report, ordered=1)), 20.0)
