@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 from protocol.entropy.validation import as_float32, check_bool, check_int
 from protocol.limits import (
@@ -12,6 +13,7 @@ from protocol.limits import (
     MAX_FRAME_STEP,
     MAX_FRAMES_PER_PACKET,
     MAX_SIDE_PX,
+    VOICE_NUMBERS,
     VOICES,
 )
 from shared_model.geometry import Camera
@@ -92,3 +94,12 @@ class CallParameters:
     def camera(self) -> Camera:
         """The camera of the source."""
         return Camera(self.width, self.height, self.focal_px)
+
+
+def voice_of(number: Any) -> str:
+    """The voice that a number stands for on the wire.  Raises `ValueError` if none does."""
+    for voice, its_number in VOICE_NUMBERS.items():
+        if type(number) is int and number == its_number:
+            return voice
+    numbers = ", ".join(map(str, sorted(VOICE_NUMBERS.values())))
+    raise ValueError(f"voice is {number!r}, this program reads {numbers}")

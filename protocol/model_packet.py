@@ -12,7 +12,7 @@ from typing import Any
 import msgpack  # type: ignore[import-untyped]
 import numpy as np
 
-from protocol.call_parameters import COLOUR_MATRICES, PROFILES, CallParameters
+from protocol.call_parameters import COLOUR_MATRICES, PROFILES, CallParameters, voice_of
 from protocol.entropy.validation import (
     as_float32s,
     check_bool,
@@ -28,7 +28,7 @@ from protocol.limits import (
     MAX_RESIDUAL_POINTS,
     MAX_TRANSLATION_MM,
     SEQUENCE_MODULUS,
-    VOICES,
+    VOICE_NUMBERS,
 )
 from protocol.shape_residual_coding import parse_residual, serialise_residual
 from shared_model.geometry import normalise
@@ -180,7 +180,7 @@ def _model_fields(packet: ModelPacket) -> dict[str, Any]:
         packet.progressive,
         packet.extensible,
         call.has_eyelids,
-        VOICES.index(call.voice),
+        VOICE_NUMBERS[call.voice],
     )
     return dict(zip(_keys(format_number), values, strict=False))
 
@@ -223,11 +223,6 @@ def parse_model(sequence: int, payload: bytes) -> ModelPacket:
     return packet
 
 
-def _voice_of(number: Any) -> str:
-    check_int("voice", number, 0, len(VOICES) - 1)
-    return VOICES[number]
-
-
 def _model_from_fields(sequence: int, format_number: int, fields: Any) -> ModelPacket:
     keys = _keys(format_number)
     if not isinstance(fields, dict) or tuple(fields) != keys:
@@ -253,7 +248,7 @@ def _model_from_fields(sequence: int, format_number: int, fields: Any) -> ModelP
             step,
             has_eyelids,
             COLOUR_MATRICES[matrix],
-            _voice_of(voice),
+            voice_of(voice),
         ),
         aau=_codes_from_bytes("aau", aau),
         reference_rotation=rotation,

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from protocol.entropy.varint import decode_varint, encode_varint
 from protocol.errors import ProtocolError
 from protocol.limits import VOICES
+from protocol.voice.bit_string import BitReader, BitWriter
+from protocol.voice.codec2_bits import put_frame, take_frame
 
 SPEECH_FRAMES_PER_SECOND = 25
 # Modes of Codec2 by the name of the voice, bits a second, and the rate of its samples.
@@ -18,8 +20,6 @@ MAX_SPEECH_FRAMES = 255
 # Most that a block may be displaced: ten minutes.
 MAX_OFFSET = 600 * SPEECH_FRAMES_PER_SECOND
 MAX_OPUS_BYTES = 255
-# Bits of a speech frame of Codec2; frames of Opus have a length of their own.
-CODEC2_BITS = {"700C": 28, "1200": 48}
 
 _MASKED, _PLACED, _FACELESS, _COUNT = 1, 2, 4, 8
 
@@ -63,9 +63,9 @@ def join_payload(voice: str, block: VoiceBlock, face: bytes) -> bytes:
     if block.offset:
         data += encode_varint(_zigzag(block.offset))
     if is_masked:
-        data += _pack_bits([int(frame is not None) for frame in block.frames], 1)
+        data += _mask([frame is not None for frame in block.frames])
     speech = [frame for frame in block.frames if frame is not None]
-    return data + _serialise_frames(voice, speech) + face
+    return data + serialise_frames(voice, speech) + face
 
 
 def split_payload(voice: str, payload: bytes) -> tuple[VoiceBlock, bytes]:
@@ -94,9 +94,9 @@ def _split(voice: str, payload: bytes) -> tuple[VoiceBlock, bytes]:
             raise ValueError("displaced by 0 frames")
     present = [1] * count
     if head & _MASKED:
-        size = (count + 7) // 8
-        present = _unpack_bits(_take(payload, position, size), 1, count)
-        position += size
+        mask = BitReader(payload, position)
+        present = [mask.take(1) for _ in range(count)]
+        position = mask.finish()
         if all(present):
             raise ValueError("a mask without silent frames")
     speech, position = _parse_frames(voice, payload, position, sum(present))
@@ -109,28 +109,27 @@ def _split(voice: str, payload: bytes) -> tuple[VoiceBlock, bytes]:
     return block, payload[position:]
 
 
-def _serialise_frames(voice: str, speech: list[bytes]) -> bytes:
-    if voice not in CODEC2_BITS:
+def serialise_frames(voice: str, speech: list[bytes]) -> bytes:
+    """Spoken frames of a codec as they stand in a voice block.
+
+    Raises `ValueError` if one is not of the codec.
+    """
+    if voice not in CODEC2_MODES:
         for frame in speech:
             if not 1 <= len(frame) <= MAX_OPUS_BYTES:
                 raise ValueError(f"Opus frame has {len(frame)} bytes, limit {MAX_OPUS_BYTES}")
         return b"".join(bytes([len(frame)]) + frame for frame in speech)
-    bits = CODEC2_BITS[voice]
-    size = (bits + 7) // 8
+    writer = BitWriter()
     for frame in speech:
-        if len(frame) != size or int.from_bytes(frame) % (1 << (8 * size - bits)):
-            raise ValueError(f"speech frame {frame.hex()} is not of {bits} bits")
-    return _pack_bits([int.from_bytes(frame) >> (8 * size - bits) for frame in speech], bits)
+        put_frame(voice, frame, writer)
+    return writer.to_bytes()
 
 
 def _parse_frames(voice: str, payload: bytes, position: int, count: int) -> tuple[list[bytes], int]:
     """`count` speech frames from `position` on, and where they end."""
-    if voice in CODEC2_BITS:
-        bits = CODEC2_BITS[voice]
-        size, total = (bits + 7) // 8, (count * bits + 7) // 8
-        values = _unpack_bits(_take(payload, position, total), bits, count)
-        frames = [(value << (8 * size - bits)).to_bytes(size) for value in values]
-        return frames, position + total
+    if voice in CODEC2_MODES:
+        reader = BitReader(payload, position)
+        return [take_frame(voice, reader) for _ in range(count)], reader.finish()
     frames = []
     for _ in range(count):
         (length,) = _take(payload, position, 1)
@@ -141,21 +140,11 @@ def _parse_frames(voice: str, payload: bytes, position: int, count: int) -> tupl
     return frames, position
 
 
-def _pack_bits(values: list[int], bits: int) -> bytes:
-    """Integers of `bits` bits one after the other, the highest bit first, then zeros."""
-    packed = 0
-    for value in values:
-        packed = packed << bits | value
-    size = (len(values) * bits + 7) // 8
-    return (packed << (8 * size - len(values) * bits)).to_bytes(size)
-
-
-def _unpack_bits(data: bytes, bits: int, count: int) -> list[int]:
-    packed, padding = int.from_bytes(data), 8 * len(data) - bits * count
-    if packed % (1 << padding):
-        raise ValueError("bits after the last one are not 0")
-    packed >>= padding
-    return [packed >> bits * (count - 1 - i) & ((1 << bits) - 1) for i in range(count)]
+def _mask(present: list[bool]) -> bytes:
+    writer = BitWriter()
+    for is_spoken in present:
+        writer.put(is_spoken, 1)
+    return writer.to_bytes()
 
 
 def _take(payload: bytes, position: int, size: int) -> bytes:

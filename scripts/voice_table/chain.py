@@ -11,6 +11,7 @@ from decoder.sound.voice_decoder import VoiceDecoder
 from encoder.sound.recorded_speech import RecordedSpeech
 from encoder.sound.sound_file import read_sound
 from loopback.quality.intelligibility import RATE_HZ, aligned, estoi, resampled
+from protocol.voice.voice_block import serialise_frames
 
 # More frames than any file has.
 ALL = 1 << 40
@@ -25,5 +26,5 @@ def measure(path: Path, voice: str) -> tuple[float, float]:
     sound = np.concatenate([decoder.decode_next() for _ in frames]).astype(np.float64)
     source = np.concatenate(list(read_sound(path, RATE_HZ))).astype(np.float64)
     decoded = resampled(sound, decoder.rate_hz, RATE_HZ)
-    bits = 8 * sum(len(frame) for frame in frames if frame)
+    bits = 8 * len(serialise_frames(voice, [frame for frame in frames if frame]))
     return estoi(*aligned(source, decoded, RATE_HZ)), bits * RATE_HZ / len(source)

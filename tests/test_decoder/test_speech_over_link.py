@@ -34,7 +34,7 @@ class Syllables:
 
 
 def spoken(number: int) -> bytes | None:
-    return None if number % 23 > 17 else number.to_bytes(6)
+    return None if number % 23 > 17 else (2 * number).to_bytes(6)
 
 
 def sent() -> list[SentPacket]:

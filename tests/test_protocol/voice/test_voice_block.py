@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from protocol.errors import ProtocolError
 from protocol.limits import VOICES
+from protocol.voice.codec2_bits import CODEC2_BITS
 from protocol.voice.voice_block import (
-    CODEC2_BITS,
     MAX_OFFSET,
     MAX_OPUS_BYTES,
     MAX_SPEECH_FRAMES,
@@ -17,7 +17,7 @@ from protocol.voice.voice_block import (
 )
 
 SPEAKING = VOICES[1:]
-SPEECH = {"700C": bytes.fromhex("123456f0"), "1200": b"abcdef", "opus": b"speech"}
+SPEECH = {"700C": bytes.fromhex("123456f0"), "1200": b"abcdeb", "opus": b"speech"}
 
 
 def speech_frames(voice: str) -> st.SearchStrategy[bytes]:
@@ -27,6 +27,8 @@ def speech_frames(voice: str) -> st.SearchStrategy[bytes]:
     bits = CODEC2_BITS[voice]
     size = (bits + 7) // 8
     values = st.integers(0, (1 << bits) - 1)
+    if voice == "1200":
+        values = values.map(lambda value: value & ~1)
     return values.map(lambda value: (value << (8 * size - bits)).to_bytes(size))
 
 
@@ -87,6 +89,8 @@ def test_every_bit_flip_is_a_block_or_a_protocol_error(voice: str) -> None:
 def test_bytes_are_those_of_the_page() -> None:
     block = VoiceBlock((SPEECH["700C"], None, SPEECH["700C"]), -2)
     assert join_payload("700C", block, b"\x80").hex() == "1b03a0123456f123456f80"
+    spoken = VoiceBlock((bytes.fromhex("c0ffee123456"),))
+    assert join_payload("1200", spoken, b"\x80").hex() == "085ebd3e02345680"
     assert join_payload("1200", VoiceBlock(), b"\x80").hex() == "0080"
     assert join_payload("opus", VoiceBlock((b"ab",), has_face=False), b"").hex() == "0c026162"
 
@@ -138,6 +142,7 @@ def test_blocks_beyond_a_limit_are_none(
         ("700C", b"abc", "not of 28 bits"),
         ("700C", b"abca", "not of 28 bits"),
         ("1200", b"abcdefg", "not of 48 bits"),
+        ("1200", b"abcdec", "spare bit of speech frame 616263646563"),
         ("opus", b"", "0 bytes"),
         ("opus", bytes(MAX_OPUS_BYTES + 1), "256 bytes"),
         ("off", b"a", "voice is 'off'"),

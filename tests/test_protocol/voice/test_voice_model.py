@@ -8,7 +8,7 @@ from packets import CALL, GOLDEN, MODEL
 
 from protocol.call_parameters import PROFILES
 from protocol.errors import ProtocolError
-from protocol.limits import VOICES
+from protocol.limits import VOICE_NUMBERS, VOICES
 from protocol.model_packet import VOICE_FORMAT
 from protocol.packets import parse_packet, serialise
 
@@ -30,10 +30,15 @@ def test_a_model_with_a_voice_has_a_format_of_its_own(profile: str, voice: str) 
     assert serialise(MODEL)[1] != VOICE_FORMAT
 
 
-@pytest.mark.parametrize("value", [len(VOICES), -1, True, "x"])
+@pytest.mark.parametrize("value", [max(VOICE_NUMBERS.values()) + 1, -1, True, "x"])
 def test_a_voice_out_of_bounds_is_named(value: object) -> None:
     with pytest.raises(ProtocolError, match="voice"):
         parse_packet(with_voice_field(value))
+
+
+def test_the_number_of_1200_without_prefix_codes_is_refused() -> None:
+    with pytest.raises(ProtocolError, match="voice is 2, this program reads 0, 1, 3, 4"):
+        parse_packet(with_voice_field(2))
 
 
 def test_no_voice_is_said_in_the_older_formats() -> None:

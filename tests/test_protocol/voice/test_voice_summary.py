@@ -12,7 +12,7 @@ from protocol.summary import CallSummary, summarise
 from protocol.voice.voice_block import VoiceBlock, join_payload
 
 FACE = bytes([128] * 10)
-SPOKEN = VoiceBlock((b"abcdef", b"ghijkl"))
+SPOKEN = VoiceBlock((b"abc0", b"def@"))
 
 
 def summary_of(path: Path, voice: str, payloads: list[bytes]) -> CallSummary:
@@ -28,24 +28,24 @@ def summary_of(path: Path, voice: str, payloads: list[bytes]) -> CallSummary:
 def test_a_summary_tells_the_voice_from_the_faces(tmp_path: Path) -> None:
     alone = replace(SPOKEN, has_face=False)
     payloads = [
-        join_payload("1200", SPOKEN, FACE),
-        join_payload("1200", VoiceBlock(), FACE),
-        join_payload("1200", alone, b""),
+        join_payload("700C", SPOKEN, FACE),
+        join_payload("700C", VoiceBlock(), FACE),
+        join_payload("700C", alone, b""),
     ]
-    found = summary_of(tmp_path / "voice.rzo", "1200", payloads)
+    found = summary_of(tmp_path / "voice.rzo", "700C", payloads)
     silent = summary_of(tmp_path / "silent.rzo", "off", [FACE, FACE])
-    assert (found.voice, silent.voice) == ("1200", "off")
-    assert (found.voice_bytes, silent.voice_bytes) == (13 + 1 + 13, 0)
+    assert (found.voice, silent.voice) == ("700C", "off")
+    assert (found.voice_bytes, silent.voice_bytes) == (8 + 1 + 8, 0)
     assert found.frame_packets == silent.frame_packets == 2
     assert found.frame_bytes == silent.frame_bytes == 20
     assert found.frame_bps == silent.frame_bps
     assert found.record_bps == pytest.approx(silent.record_bps)
-    assert found.voice_bps == pytest.approx(8 * 27 * found.frame_bps / (8 * 20))
+    assert found.voice_bps == pytest.approx(8 * 17 * found.frame_bps / (8 * 20))
     parts = found.model_bytes, found.frame_bytes, found.voice_bytes, found.control_bytes
     assert sum(parts) + found.container_bytes == found.file_bytes
 
 
 def test_a_voice_block_that_is_damaged_is_a_damaged_packet(tmp_path: Path) -> None:
-    payloads = [join_payload("1200", SPOKEN, FACE), b"\x08a"]
-    found = summary_of(tmp_path / "call.rzo", "1200", payloads)
+    payloads = [join_payload("700C", SPOKEN, FACE), b"\x08a"]
+    found = summary_of(tmp_path / "call.rzo", "700C", payloads)
     assert (found.damaged_packets, found.frame_packets) == (1, 1)

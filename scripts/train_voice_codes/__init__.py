@@ -1,0 +1,1 @@
+"""The prefix codes of the voice, trained on speech."""
