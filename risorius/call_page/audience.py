@@ -22,6 +22,7 @@ class Watcher:
     def __init__(self) -> None:
         self._waiting: deque[tuple[Stream | str, Message]] = deque()  # with the stream or kind
         self._arrived = asyncio.Event()
+        self._has_ended = False
 
     def put(self, message: PictureMessage | SoundMessage) -> None:
         """Add a picture or sound; if there are too many of its stream, the oldest goes."""
@@ -38,9 +39,17 @@ class Watcher:
         self._waiting.append((key, message))
         self._arrived.set()
 
-    async def take(self) -> Message:
-        """Wait for the next message."""
+    def end(self) -> None:
+        """Nothing comes any more, and what still waits is left out."""
+        self._waiting.clear()
+        self._has_ended = True
+        self._arrived.set()
+
+    async def take(self) -> Message | None:
+        """Wait for the next message; None: the call's page has been closed."""
         while not self._waiting:
+            if self._has_ended:
+                return None
             self._arrived.clear()
             await self._arrived.wait()
         return self._waiting.popleft()[1]
@@ -77,6 +86,11 @@ class Audience:
         self._texts[kind] = text
         for watcher in self._watchers:
             watcher.put_text(kind, text)
+
+    def end(self) -> None:
+        """Tell all that nothing comes any more."""
+        for watcher in self._watchers:
+            watcher.end()
 
     async def joined(self) -> None:
         """Wait for the first watcher."""

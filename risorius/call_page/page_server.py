@@ -76,6 +76,8 @@ class PageServer:
         """Say goodbye to all pages and stop listening."""
         for socket in list(self._sockets):
             await socket.close(code=WSCloseCode.GOING_AWAY, message=b"the call has ended")
+        # A stream ends after the picture that is on its way.
+        self.audience.end()
         await self._runner.cleanup()
 
     def show(self, picture: PictureMessage) -> None:
@@ -120,13 +122,15 @@ class PageServer:
         kind = f"multipart/x-mixed-replace; boundary={BOUNDARY}"
         answer = web.StreamResponse(headers={**HEADERS, "Content-Type": kind})
         await answer.prepare(request)
+        boundary = f"--{BOUNDARY}\r\n".encode()
         with self.audience.watching() as watcher, suppress(ConnectionError):
-            while True:
-                message = await watcher.take()
+            await answer.write(boundary)
+            while (message := await watcher.take()) is not None:
                 if isinstance(message, PictureMessage) and message.stream is Stream.OTHER:
-                    head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\n"
                     size = f"Content-Length: {len(message.jpeg)}\r\n\r\n"
-                    await answer.write((head + size).encode() + message.jpeg + b"\r\n")
+                    head = f"Content-Type: image/jpeg\r\n{size}".encode()
+                    # Browsers show a picture when they have the boundary after it.
+                    await answer.write(head + message.jpeg + b"\r\n" + boundary)
         return answer
 
     async def _get_socket(self, request: web.Request) -> web.WebSocketResponse:
@@ -181,8 +185,7 @@ class PageServer:
 async def _send(socket: web.WebSocketResponse, watcher: Watcher) -> None:
     """Send what a watcher gets until the page closes."""
     with suppress(ConnectionError):
-        while True:
-            message = await watcher.take()
+        while (message := await watcher.take()) is not None:
             if isinstance(message, str):
                 await socket.send_str(message)
             else:
