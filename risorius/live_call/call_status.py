@@ -1,6 +1,7 @@
 """How a call goes, told to its page and in the terminal."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from protocol.link.interface import Reachability
 from risorius.call_page.page_clock import PageClock
@@ -26,6 +27,7 @@ class CallStatus:
         self.receiving: Receiving | None = None
         self.has_picture = False
         self._said = ""  # the newest state
+        self._was_alone = False  # since the other end has left
         self._has_told_of_strangers = False
 
     @property
@@ -39,7 +41,8 @@ class CallStatus:
         presence = Presence.AWAITED if receiving is None else receiving.presence
         name, is_listening = self._place.name, self._place.listen is not None
         is_camera_off = receiving is not None and receiving.is_camera_off
-        words = state_words(name, is_listening, self.has_picture, sending, presence, is_camera_off)
+        reached = self._reached(presence)
+        words = state_words(name, is_listening, self.has_picture, reached, presence, is_camera_off)
         self._page.tell(
             "state", name=name, text=words.text, over=words.over, trouble=words.is_trouble
         )
@@ -56,6 +59,15 @@ class CallStatus:
             begun_ms=None if begun_s is None else self._clock.page_ms(begun_s),
             fps=None if sending is None else sending.fps,
         )
+
+    def _reached(self, presence: Presence) -> Sending | None:
+        """`sending`; a peer whose call has ended is gone, until there is one again."""
+        sending = self.sending
+        has_peer = sending is not None and sending.reach == Reachability.HAS_PEER
+        self._was_alone = presence is Presence.LEFT and (self._was_alone or not has_peer)
+        if sending is None or presence is not Presence.LEFT or self._was_alone:
+            return sending
+        return replace(sending, reach=Reachability.NO_PEER)
 
     def tell_of_strangers(self) -> None:
         """Say once that somebody is not of this call: each direction of it notices them."""

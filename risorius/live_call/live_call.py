@@ -177,7 +177,7 @@ class _LiveCall:
     def _receive_sending(self, message: FromPart | None) -> None:
         if isinstance(message, Sending):
             self._status.sending = message
-            self._status.tell()
+            self._tell()
         elif isinstance(message, Recording):
             self._note_recording("mine", message)
         else:
@@ -191,7 +191,7 @@ class _LiveCall:
             self._page.show(_picture(Stream.OTHER, message))
             if not self._status.has_picture:
                 self._status.has_picture = True
-                self._status.tell()
+                self._tell()
         elif isinstance(message, Heard):
             sound = SoundMessage(
                 Stream.VOICE, message.rate_hz, message.time_s, 0.0, message.samples
@@ -201,11 +201,16 @@ class _LiveCall:
             self._status.receiving = message
             if message.presence is Presence.LEFT:
                 self._status.has_picture = False
-            self._status.tell()
+            self._tell()
         elif isinstance(message, Recording):
             self._note_recording("other", message)
         else:
             self._receive(message)
+
+    def _tell(self) -> None:
+        """Tell how the call goes; the ends part one after the other when it is over."""
+        if not self._over.is_set():
+            self._status.tell()
 
     def _receive_self(self, message: FromPart | None) -> None:
         if isinstance(message, Drawn):
