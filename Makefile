@@ -8,6 +8,9 @@ BROWSER := $(VENV)/.browser
 NOT_COVERED := protocol/link/zenoh_link.py,protocol/link/zenoh_session.py,protocol/relay/zenoh_relay.py,protocol/runtime/*
 PYTEST := $(BIN)/python -m pytest --numprocesses 2 --dist loadfile
 PACKAGES := shared_model protocol encoder decoder aam loopback risorius
+# Containers often switch bytecode off: each process that a test starts, and each worker, then
+# compiles all modules again.
+export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: install demo test coverage lint format lock clean
 
