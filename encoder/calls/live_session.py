@@ -17,7 +17,11 @@ from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
 from encoder.calls.overload import OverloadController
 from encoder.calls.packet_coder import PacketCoder
 from encoder.calls.packet_filler import PacketFiller
-from encoder.calls.packet_sender import PacketSender
+from encoder.calls.packet_sender import (
+    LEAD_PACKETS,
+    LEAD_PACKETS_UNPACED,
+    PacketSender,
+)
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture
 from encoder.coding.gop import GopStructure
@@ -69,7 +73,8 @@ class LiveEncoder:
         self._overload = OverloadController(1 / fps) if realtime else None
         self._frame_begin_s = 0.0
         self._hurried_frames = 0
-        updates = ModelUpdateSender(packets, stats, gop, fps)
+        lead = LEAD_PACKETS if realtime else LEAD_PACKETS_UNPACED
+        updates = ModelUpdateSender(packets, stats, gop, fps, lead)
         self._search = open_landmark_search(stats, eye_crop_scale=WIDE_CROP_SCALE)
         shown = shown or ShownFace()
         self._model = ModelLifecycle(capture, gop, budget, updates, stats, learner, realtime, shown)

@@ -46,6 +46,7 @@ class ModelUpdateSender:
     """Sends model versions, and the modes that are learned in addition to a version.
 
     packets: with a pacer versions are sent in layers.  fps: of the source.
+    lead: packets from an update to the first one that needs it.
     """
 
     def __init__(
@@ -54,9 +55,10 @@ class ModelUpdateSender:
         stats: SessionStats,
         gop: GopStructure,
         fps: float,
+        lead: int = LEAD_PACKETS,
     ) -> None:
         self._packets, self._stats, self._pacer = packets, stats, packets.pacer
-        self._gop, self._fps = gop, fps
+        self._gop, self._fps, self._lead = gop, fps, lead
         self._pending: ModelVersion | None = None  # its layers are sent, its packet is not
 
     @property
@@ -88,7 +90,7 @@ class ModelUpdateSender:
         Returns the update with its place in the call; None: see `take_announced`.
         """
         if self._pacer is None or update.layers is None:
-            return self._announce(update, LEAD_PACKETS, position)
+            return self._announce(update, self._lead, position)
         self._pacer.start(update.layers)
         self._pending = update
         return None

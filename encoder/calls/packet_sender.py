@@ -20,6 +20,8 @@ from protocol.packets import (
 # Frame packets between a model update and the first one that needs it, at least and at most: any
 # more, and its sequence number would be taken for one of the past.
 LEAD_PACKETS, MAX_LEAD_PACKETS = 4, SEQUENCE_MODULUS // 2 - 1
+# Where frames do not wait for the clock, a decoder need not have the update in time.
+LEAD_PACKETS_UNPACED = 1
 
 
 class PacketSender:

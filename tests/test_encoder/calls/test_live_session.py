@@ -10,7 +10,7 @@ from shots import draw, talking
 from decoder.pipeline import DecodeOptions, decode
 from decoder.playout import Playout, PlayoutFrame
 from encoder.calls.live_session import LiveEncoder
-from encoder.calls.packet_sender import LEAD_PACKETS, PacketSender
+from encoder.calls.packet_sender import LEAD_PACKETS_UNPACED, PacketSender
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.live_capture import NO_PICTURE, FrameMailbox, LiveCapture
 from encoder.capture.video_source import open_source
@@ -65,7 +65,7 @@ def test_an_update_is_announced_ahead_of_its_first_packet(live_call: Path) -> No
     assert is_layered(update.background) if has_layers else not update.background
     assert is_layered(first.background) == has_layers == (none_yet.layers > 0)
     before = sum(isinstance(packet, FramePacket) for packet in packets[:place])
-    assert update.sequence == before + LEAD_PACKETS
+    assert update.sequence == before + LEAD_PACKETS_UNPACED
     learned = min(TRAINING_SCHEDULE) * FPS
     assert update.call.start_frame > learned
     assert isinstance(packets[-1], ControlPacket) and packets[-1].kind is ControlKind.END
@@ -92,7 +92,7 @@ def test_every_frame_has_one_face_across_the_update(live_call: Path) -> None:
     frames = played(live_call)
     assert [frame.index for frame in frames] == list(range(FRAMES))
     jaw = [frame.face.eau[EAU_INDEX["jaw_drop"]] for frame in frames]
-    assert min(jaw[26:34]) < 0.15 < 0.25 < min(max(jaw[8:18]), max(jaw[70:]))
+    assert min(jaw[26:34]) < 0.15 < 0.2 < min(max(jaw[8:18]), max(jaw[70:]))
     assert not frames[0].face.modes.any() and frames[-1].face.modes.any()
 
 
