@@ -9,6 +9,7 @@ from protocol.security.invitation import SCHEME, Invitation
 from protocol.security.link_security import LinkSecurity
 from risorius.command_line.argument_types import seconds
 from risorius.command_line.call_link import CallLink, LinkRequest, read_link
+from risorius.command_line.progress import say
 from risorius.live_call.invitation_card import command_line, own_host
 
 
@@ -66,7 +67,8 @@ def add_place(parser: argparse.ArgumentParser) -> None:
 
 
 def read_place(arguments: argparse.Namespace) -> CallPlace:
-    """The place that the arguments ask for; prints an invitation, if there is a new one.
+    """The place that the arguments ask for; prints what to hand over: an invitation, if there is a
+    new one, or without a key what the other end types.
 
     Raises `UserError` if something is missing, or does not go together.
     """
@@ -84,12 +86,15 @@ def read_place(arguments: argparse.Namespace) -> CallPlace:
         is_encoder=True,
         wait_s=0.0,
     )
+    to_hand_over = _to_hand_over(link, arguments.insecure)
+    if link.security.key is None and to_hand_over is not None:
+        say(f"the other end types: {to_hand_over}")
     return CallPlace(
         listen=next(iter(link.listen), None),
         connect=next(iter(link.connect), None),
         name=link.call,
         security=link.security,
-        invitation=_to_hand_over(link, arguments.insecure),
+        invitation=to_hand_over,
     )
 
 

@@ -41,10 +41,13 @@ def test_who_listens_for_others_draws_a_key_and_hands_over_an_invitation() -> No
     assert handed.call == found.name == "anna"
 
 
-def test_without_encryption_only_on_this_host_or_if_asked_for() -> None:
+def test_without_encryption_only_on_this_host_or_if_asked_for(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert place("127.0.0.1:7447").security.key is None
     assert place("192.0.2.7:7447", "--insecure").security.key is None
     with pytest.raises(UserError, match="no invitation"):
         place("192.0.2.7:7447")
     handed = place("--listen", "192.0.2.7:7447", "--insecure").invitation
     assert handed == "risorius call 192.0.2.7:7447 --call call --insecure"
+    assert handed in capsys.readouterr().err
