@@ -159,8 +159,11 @@ def test_a_target_rate_above_the_sources_codes_every_frame(clip: str, tmp_path: 
 @pytest.mark.parametrize("live", [False, True])
 def test_low_delay_halves_the_frames_of_a_packet(clip: str, tmp_path: Path, live: bool) -> None:
     path = tmp_path / "low.rzo"
-    options = EncodeOptions(clip, path, live=live, low_delay=True, max_frames=8)
-    encode(options, lambda done, total: None, lambda: False)
+    options = EncodeOptions(
+        clip, path, live=live, low_delay=True, model_bytes=MODEL_BYTES, max_frames=8
+    )
+    with without_layers():
+        encode(options, lambda done, total: None, lambda: False)
     packets = packets_of(path)
     model = next(packet for packet in packets if isinstance(packet, ModelPacket))
     assert model.call.frames_per_packet == 4

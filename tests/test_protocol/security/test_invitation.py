@@ -1,7 +1,7 @@
 """Invitations: what is handed over comes back, and what was copied wrongly is refused."""
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from protocol.errors import ProtocolError
@@ -55,6 +55,8 @@ def test_a_key_may_be_read_out_and_typed_in(key: bytes) -> None:
         assert parse_key(typed) == key
 
 
+# Each key has 868 wrong ones.
+@settings(max_examples=20)
 @given(keys)
 def test_every_wrong_character_is_noticed(key: bytes) -> None:
     text = format_key(key).replace("-", "")
