@@ -8,7 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.layers.displacement import dense, dot, origins, sample
-from encoder.layers.layer_samples import coarse_luma, face_region, motion_with_head
+from encoder.layers.layer_samples import (
+    LayerSamples,
+    coarse_luma,
+    face_region,
+    motion_with_head,
+)
 from encoder.layers.scene_motion import (
     blurred,
     fit_scene_motion,
@@ -30,6 +35,8 @@ Picture = NDArray[np.uint8]
 
 # Gauss-Newton steps; residuals of so many grey levels count half.
 STEPS, ROBUST_GREY = 3, 12.0
+# Matte from which on a pixel is the person's; the least change from frame to frame that counts.
+PERSON_MATTE, MIN_CHANGE_GREY = 0.5, 0.05
 
 
 class _Drawn(NamedTuple):
@@ -201,3 +208,26 @@ class LayerFitter:
         changes = np.array([sample(change, at) for change in self.changes], np.float32)
         derivatives = -dot(basis, sample(self._gradients[2], at))
         return sample(self.scene, at), changes.reshape(-1, *shape), derivatives
+
+
+def flicker_ratio(samples: LayerSamples, fitter: LayerFitter, coefficients: Array) -> float:
+    """The change behind the person from one frame of a sample to the next, drawn over true.
+
+    coefficients: of each frame.  What the person moves over is left out.
+    """
+    shape = fitter.scene.shape[0], fitter.scene.shape[1]
+    mattes = samples.mattes_at(shape)
+    frames = zip(samples.pictures, samples.faces, coefficients, strict=True)
+    pairs = [(coarse_luma(picture), fitter.draw(face, own)) for picture, face, own in frames]
+    covered = [
+        (matte > PERSON_MATTE) | fitter.face_region(outline)
+        for matte, outline in zip(mattes, samples.outlines_px, strict=True)
+    ]
+    change = np.zeros(2)
+    for i in range(1, len(pairs)):
+        behind = ~covered[i - 1] & ~covered[i]
+        before, after = pairs[i - 1], pairs[i]
+        if behind.any():
+            change += [np.abs(b - a)[behind].mean() for a, b in zip(before, after, strict=True)]
+    true, drawn = change / max(len(pairs) - 1, 1)
+    return float(drawn / max(true, MIN_CHANGE_GREY))

@@ -11,7 +11,7 @@ from encoder.layers.changes import CodedChanges, learn_changes
 from encoder.layers.displacement import dense
 from encoder.layers.field_refinement import refined_fields
 from encoder.layers.frame_layers import FrameLayers
-from encoder.layers.layer_fitter import LayerFitter
+from encoder.layers.layer_fitter import LayerFitter, flicker_ratio
 from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, luma_at, scaled_shape
 from encoder.layers.motion_fields import field_codes, motion_fields
 from encoder.layers.person_picture import person_mask, person_picture, with_headwear
@@ -45,6 +45,9 @@ DRAFT_SIDE = 2 * COARSE_SIDE
 # A change has coefficients of about 1 in the frames that it was found in.  One with a greater
 # standard deviation stands for something else, and the scene would flicker by it.
 MAX_CHANGE_SIGMA = 3.0
+# The mask is made narrower as long as what is behind the person changes more as it is drawn than in
+# the frames: where the outline is a pixel off, the scene flickers.
+MASK_MARGINS, MAX_FLICKER = (0.0, 0.5, 1.0, 1.5), 1.0
 # Frames at which the distortion is measured.
 DISTORTION_FRAMES = 12
 
@@ -59,6 +62,7 @@ class LayerModel:
     coefficients: (n, l) of the sample.
     distortion: (l, l) squared grey levels around the face per squared unit, for each pixel of the
         face.
+    prior_variance: see `FrameLayers`.
     """
 
     scene: Single
@@ -69,11 +73,12 @@ class LayerModel:
     fitter: LayerFitter
     coefficients: Array
     distortion: Array
+    prior_variance: Array | None = None
 
     @property
     def frames(self) -> FrameLayers:
         """What fits and codes frames."""
-        return FrameLayers(self.fitter, self.distortion)
+        return FrameLayers(self.fitter, self.distortion, self.prior_variance)
 
     def encode(self, max_bytes: int) -> bytes:
         """The layered background, its pictures as fine as `max_bytes` for all of it allow."""
@@ -126,8 +131,11 @@ def learn_layers(face: Face, samples: LayerSamples) -> LayerModel:
             fields = field_codes(refined)
             fitter = with_fields(fitter, fields)
             coefficients = _fitted(fitter, samples)
-    fitter, mask, person = _with_person(face, full, scene, fields, coefficients)
-    coefficients = _fitted(fitter, samples)
+    for margin in MASK_MARGINS:
+        fitter, mask, person = _with_person(face, full, scene, fields, coefficients, margin)
+        coefficients = _fitted(fitter, samples)
+        if flicker_ratio(samples, fitter, coefficients) <= MAX_FLICKER:
+            break
     changes = learn_changes(samples, fitter, coefficients)
     fitter = _with_changes(fitter, changes.luma)
     coefficients = _fitted(fitter, samples)
@@ -177,14 +185,18 @@ def _with_person(
     scene: SceneLayer,
     fields: Codes,
     coefficients: Array,
+    margin: float = 0.0,
 ) -> tuple[LayerFitter, Mask, Single]:
-    """What fits the person's picture from frames with these coefficients; mask and picture."""
+    """What fits the person's picture from frames with these coefficients; mask and picture.
+
+    margin: see `person_mask`.
+    """
     at_mesh = fields_at_mesh(samples.mesh, fields / FIELD_CODES_PER_PX)
     motions = [
         motion + np.tensordot(own[: len(fields)], at_mesh, 1)
         for motion, own in zip(samples.motion, coefficients, strict=True)
     ]
-    mask = person_mask(samples, motions, scene)
+    mask = person_mask(samples, motions, scene, margin)
     person = person_picture(samples, motions, mask, scene)
     fitter = coarse_fitter(face, samples.mesh, samples.size, mask, person, scene)
     return with_fields(fitter, fields), mask, person

@@ -75,10 +75,13 @@ def with_headwear(samples: LayerSamples, scene: SceneLayer) -> LayerSamples:
     return replace(samples, mattes=np.array(mattes))
 
 
-def person_mask(samples: LayerSamples, motions: Sequence[Array], scene: SceneLayer) -> Mask:
+def person_mask(
+    samples: LayerSamples, motions: Sequence[Array], scene: SceneLayer, margin: float = 0.0
+) -> Mask:
     """(FINE_MASK_SIDE, FINE_MASK_SIDE) where the person is in the canonical picture.
 
-    motions: see `aligned`.
+    motions: see `aligned`.  margin: how much better than the scene the person must explain a cell
+    near the outline, in `TRUST_GREY2`: the greater, the narrower is the mask.
     """
     shape = FINE_MASK_SIDE, FINE_MASK_SIDE
     share = np.median(aligned(samples.mattes_at(shape), samples, motions), 0)
@@ -88,7 +91,7 @@ def person_mask(samples: LayerSamples, motions: Sequence[Array], scene: SceneLay
     kernel = np.ones((2 * REACH_CELLS + 1,) * 2, np.uint8)
     near = cv2.dilate(likely.astype(np.uint8), kernel) > cv2.erode(likely.astype(np.uint8), kernel)
     score = smooth / TRUST_GREY2 + 2 * share - 1
-    return _whole(np.where(near, score > 0, likely))
+    return _whole(np.where(near, score > margin, likely))
 
 
 def person_picture(

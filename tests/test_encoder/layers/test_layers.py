@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from decoder.background_layers import load_background
 from decoder.layer_motion import NO_CHANGE, LayerMotion
 from encoder.layers.displacement import dense, origins, pixel_grid, sample
+from encoder.layers.layer_fitter import flicker_ratio
 from encoder.layers.layer_model import LayerModel, learn_layers
 from encoder.layers.layer_samples import LayerSamples, motion_with_head, scaled_shape, typical_frame
 from encoder.layers.person_picture import person_mask, with_headwear
@@ -275,3 +276,22 @@ def test_what_is_behind_the_person_is_learned_where_nobody_is_there() -> None:
     more = replace(given, empty=np.array([wall, wall]))
     errors = [np.abs(scene_picture(each) - WALL)[85:].mean() for each in (given, more)]
     assert errors[1] < 3 < errors[0]
+
+
+def test_a_margin_makes_the_mask_narrower() -> None:
+    of_sway = samples(0 * LIGHT)
+    motions, scene = list(of_sway.motion), find_scene(of_sway)
+    wide, narrow = (person_mask(of_sway, motions, scene, margin) for margin in (0.0, 1.0))
+    assert not (narrow & ~wide).any()
+    assert 0.8 * wide.sum() < narrow.sum() < wide.sum()
+
+
+def test_what_is_drawn_in_other_places_from_frame_to_frame_flickers(model: LayerModel) -> None:
+    of_sway, own = samples(0 * LIGHT), model.coefficients
+    restless = 3 * np.abs(own).max() * np.where(np.arange(FRAMES) % 2, 1.0, -1.0)[:, None]
+    still, true, wild = (
+        flicker_ratio(of_sway, model.fitter, coefficients)
+        for coefficients in (0 * own, own, np.broadcast_to(restless, own.shape))
+    )
+    assert still == 0
+    assert true < wild > 1
