@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from aam.annotation.bounded_step import bounded_step
 from aam.annotation.held_values import HeldValues
 from aam.annotation.landmark_schemes import FaceLandmarks
 from aam.shape_space import FITTED_EAUS, shape_vector
@@ -37,7 +38,7 @@ from encoder.fitting.landmark_fit import (
 from shared_model import geometry
 from shared_model.geometry import FRONTAL, Camera
 from shared_model.mesh import Head, generic_head
-from shared_model.parameters import AAUS, FaceParameters, clip_eau
+from shared_model.parameters import AAUS, EAU_HIGH, EAU_LOW, FaceParameters, clip_eau
 from shared_model.shape_residual import residual_basis
 
 Array = NDArray[np.float64]
@@ -225,9 +226,19 @@ def _step(
     precision[: len(sigma)] = 1 / sigma**2
     normal = rows @ rows.T + np.diag(precision + 1e-9)
     gradient, free = rows @ error - precision * values, held.free(len(controls))
-    solution = np.zeros(len(rows))
-    solution[free] = np.linalg.solve(normal[np.ix_(free, free)], gradient[free])
+    solution = bounded_step(normal, gradient, free, *_room(state, len(controls)))
     return _moved(state, solution, len(controls))
+
+
+def _room(state: _State, controls: int) -> tuple[Array, Array]:
+    """How far each value of a step may go down and up, in the order of `_step`."""
+    fitted, others = np.array(FITTED_EAUS), np.full(controls, np.inf)
+    low, high = (np.asarray(end)[fitted] - state.eau[fitted] for end in (EAU_LOW, EAU_HIGH))
+    pose = np.full(POSE_COUNT, np.inf)
+    return (
+        np.concatenate([-AAU_LIMIT - state.aau, -others, low, -pose]),
+        np.concatenate([AAU_LIMIT - state.aau, others, high, pose]),
+    )
 
 
 def _depth_evidence(
