@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 import pytest
+from conftest import without_layers
 
 from loopback.sweep import SweepSettings, mean_curve, sweep, sweep_table
 from risorius.cli import main
@@ -44,7 +45,8 @@ def test_a_sweep_measures_draws_and_goes_on_where_it_was(
 ) -> None:
     out = tmp_path / "sweep"
     options = ["--max-frames", str(FRAMES), "--out", str(out)]
-    assert main(["bench", "--sweep", "300,900", str(carphone), *options]) == 0
+    with without_layers():
+        assert main(["bench", "--sweep", "300,900", str(carphone), *options]) == 0
     report = json.loads((out / "report.json").read_text())
     printed = capsys.readouterr()
     assert sweep_table(report) in printed.out
@@ -77,7 +79,8 @@ def test_a_clip_that_fails_does_not_cost_the_others(
     carphone: Path, noise: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     line = ["bench", "--sweep", "400", str(noise), str(carphone), "--max-frames", "9"]
-    assert main([*line, "--out", str(tmp_path)]) == 3
+    with without_layers():
+        assert main([*line, "--out", str(tmp_path)]) == 3
     printed = capsys.readouterr()
     assert f"warning: {noise} failed: " in printed.err and "no face found" in printed.err
     assert carphone.stem in printed.out

@@ -37,7 +37,8 @@ from encoder.live_model.warm_up import compile_loops
 compile_loops()
 before = versions()
 for profile in ("thesis", "default"):
-    encode(EncodeOptions(str(source), output, profile=profile), lambda *_: None, lambda: False)
+    options = EncodeOptions(str(source), output, profile=profile, max_frames=14)
+    encode(options, lambda *_: None, lambda: False)
 """
 LATE = """
 late = {name for name, count in versions().items() if count != before.get(name, 0)}
