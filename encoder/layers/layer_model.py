@@ -62,7 +62,6 @@ class LayerModel:
     coefficients: (n, l) of the sample.
     distortion: (l, l) squared grey levels around the face per squared unit, for each pixel of the
         face.
-    prior_variance: see `FrameLayers`.
     """
 
     scene: Single
@@ -73,12 +72,11 @@ class LayerModel:
     fitter: LayerFitter
     coefficients: Array
     distortion: Array
-    prior_variance: Array | None = None
 
     @property
     def frames(self) -> FrameLayers:
         """What fits and codes frames."""
-        return FrameLayers(self.fitter, self.distortion, self.prior_variance)
+        return FrameLayers(self.fitter, self.distortion)
 
     def encode(self, max_bytes: int) -> bytes:
         """The layered background, its pictures as fine as `max_bytes` for all of it allow."""
