@@ -5,8 +5,8 @@ import re
 from protocol.entropy.varint import MAX_VARINT
 
 # Codecs of the voice, and their numbers on the wire; 2 belonged to a format that is no longer read.
-VOICES = ("off", "700C", "1200", "opus")
-VOICE_NUMBERS = {"off": 0, "700C": 1, "opus": 3, "1200": 4}
+VOICE_NUMBERS = {"off": 0, "700C": 1, "1200": 4, "opus": 3}
+VOICES = tuple(VOICE_NUMBERS)
 # The one that an encoder takes unless it is told otherwise.
 USUAL_VOICE = VOICES[2]
 SEQUENCE_MODULUS = 64

@@ -1,7 +1,7 @@
 """Frames of Codec2 on the wire, see docs/format.md.
 
 Mode 700C goes as it is.  In mode 1200 what is frequent has the shorter codes.
-`scripts/train_voice_codes` made them; what from stands in protocol/data/README.md.
+`scripts/train_voice_codes` made them; protocol/data/README.md says from which speech.
 """
 
 from dataclasses import dataclass
@@ -59,11 +59,11 @@ class Fields1200:
 def put_frame(voice: str, frame: bytes, writer: BitWriter) -> None:
     """Write a frame of a mode.  Raises `ValueError` if it is none."""
     bits = CODEC2_BITS[voice]
-    size = (bits + 7) // 8
-    if len(frame) != size or int.from_bytes(frame) % (1 << (8 * size - bits)):
+    value, padding = int.from_bytes(frame), -bits % 8
+    if 8 * len(frame) != bits + padding or value % (1 << padding):
         raise ValueError(f"speech frame {frame.hex()} is not of {bits} bits")
     if voice == "700C":
-        writer.put(int.from_bytes(frame) >> (8 * size - bits), bits)
+        writer.put(value >> padding, bits)
         return
     fields = fields_1200(frame)
     _VOICING.put(fields.voicing, writer)
@@ -76,7 +76,8 @@ def put_frame(voice: str, frame: bytes, writer: BitWriter) -> None:
 def take_frame(voice: str, reader: BitReader) -> bytes:
     """The next frame of a mode.  Raises `ValueError` if it is cut off."""
     if voice == "700C":
-        return (reader.take(28) << 4).to_bytes(4)
+        bits = CODEC2_BITS[voice]
+        return (reader.take(bits) << -bits % 8).to_bytes((bits + 7) // 8)
     voicing = _VOICING.take(reader)
     indices = _PITCH_ENERGY.take(reader), _PITCH_ENERGY.take(reader)
     spectrum = _SPECTRUM.take(reader)

@@ -49,13 +49,14 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("folders", nargs="+", type=Path, help="of one speaker each")
     parser.add_argument("--held-out", nargs="*", type=Path, default=[], help="for the figures only")
     options: Any = parser.parse_args(arguments)
-    trained = [counted(folder) for folder in options.folders]
-    codes = [code_lengths(np.sum(each, axis=0)) for each in zip(*trained, strict=True)]
+    folders = [*options.folders, *options.held_out]
+    counts = [counted(folder) for folder in folders]
+    trained = zip(*counts[: len(options.folders)], strict=True)
+    codes = [code_lengths(np.sum(each, axis=0)) for each in trained]
     print("\n".join(as_digits(lengths) for lengths in codes))
     in_use = VOICING_LENGTHS, PITCH_ENERGY_LENGTHS, SPECTRUM_LENGTHS
-    for folder in chain(options.folders, options.held_out):
-        counts = counted(folder)
-        print(f"{folder}: {bits(counts, in_use):.2f}, new {bits(counts, codes):.2f} bits")
+    for folder, its_counts in zip(folders, counts, strict=True):
+        print(f"{folder}: {bits(its_counts, in_use):.2f}, new {bits(its_counts, codes):.2f} bits")
 
 
 def counted(folder: Path) -> tuple[Counts, ...]:

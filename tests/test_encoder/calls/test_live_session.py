@@ -92,7 +92,7 @@ def test_every_frame_has_one_face_across_the_update(live_call: Path) -> None:
     frames = played(live_call)
     assert [frame.index for frame in frames] == list(range(FRAMES))
     jaw = [frame.face.eau[EAU_INDEX["jaw_drop"]] for frame in frames]
-    assert min(jaw[26:34]) < 0.15 < 0.2 < min(max(jaw[8:18]), max(jaw[70:]))
+    assert min(jaw[26:34]) < 0.15 < 0.25 < min(max(jaw[8:18]), max(jaw[70:]))
     assert not frames[0].face.modes.any() and frames[-1].face.modes.any()
 
 
