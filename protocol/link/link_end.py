@@ -1,5 +1,6 @@
 """What both ends of a call over a network have in common, whatever carries it."""
 
+import atexit
 from collections.abc import Callable
 from time import monotonic, sleep
 from typing import Self
@@ -46,6 +47,8 @@ class LinkEnd:
         if not options.listen:
             say(f"connecting to {' or '.join(options.connect)} for {waiting_for}")
         self._carrier = make_carrier(service)
+        # No thread may be in a function of Zenoh while the interpreter ends.
+        atexit.register(self._leave)
         try:
             if options.listen:
                 say(f"listening on {' and '.join(options.listen)} for {waiting_for}")
@@ -142,6 +145,7 @@ class LinkEnd:
             sleep(FAREWELL_S)
         self._service.stop()
         self._carrier.close_all()
+        atexit.unregister(self._leave)
 
 
 def link_service(

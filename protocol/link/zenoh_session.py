@@ -56,15 +56,14 @@ def wait_until_idle(limit_s: float) -> None:
         sleep(POLL_S / 10)
 
 
-def _start_thread(function: Callable[[], None]) -> None:
-    if not _RUNNING:
-        # Registered anew each time: once is enough.
-        atexit.unregister(wait_until_idle)
-        atexit.register(wait_until_idle, OPEN_S)
-    running = object()
-    _RUNNING.add(running)
+# Called after what ends the links that are still open, which was registered later.
+atexit.register(wait_until_idle, OPEN_S)
 
+
+def _start_thread(function: Callable[[], None]) -> None:
     def run() -> None:
+        running = object()
+        _RUNNING.add(running)
         try:
             function()
         finally:

@@ -193,6 +193,24 @@ def test_a_program_ends_whenever_its_link_is_interrupted_while_it_opens(end: str
     assert child.returncode == 7
 
 
+@pytest.mark.parametrize("end", ["ZenohSource", "ZenohSink"])
+def test_a_program_may_end_with_a_link_that_is_open(end: str) -> None:
+    # With these times the thread of the link is nearly always in a function of Zenoh.
+    program = (
+        "import sys; import protocol.link.link_service as service\n"
+        "import protocol.link.zenoh_link as link\n"
+        "service.TICK_S = service.CHECK_S = 0\n"
+        "steps, step = [], service.LinkService.step\n"
+        "service.LinkService.step = lambda self: (steps.append(0), step(self))\n"
+        "options = link.LinkOptions('test', listen=('tcp/127.0.0.1:0',))\n"
+        "end = getattr(link, sys.argv[1])(options)\n"
+        "while len(steps) < 100: pass\n"
+        "sys.exit(7)\n"
+    )
+    child = subprocess.run([sys.executable, "-c", program, end], check=False, timeout=WAIT_S)
+    assert child.returncode == 7
+
+
 def test_a_port_in_use_is_said_in_one_line() -> None:
     with socket.socket() as holder:
         holder.bind(("127.0.0.1", 0))
