@@ -32,7 +32,7 @@ LONGER_FUNCTIONS: dict[str, int] = {
 LARGER_PACKAGES: dict[str, int] = {
     "encoder/calls": 14,
     "encoder/fitting": 16,
-    "scripts": 22,
+    "scripts": 23,
 }
 # By how much an exception's limit may exceed the size.
 SLACK_LINES = 10

@@ -36,6 +36,7 @@ def test_every_script_explains_itself(name: str, capsys: pytest.CaptureFixture[s
         ("long_run", ["nosuch.mp4", "out.mkv"]),
         ("model_figures", ["--reference", "nosuch.npz"]),
         ("measurement_tables", ["nosuch.json"]),
+        ("enlarged_landmarks", ["nosuch", "-o", "nosuch.csv"]),
     ],
 )
 def test_what_is_not_there_is_one_line(name: str, arguments: list[str]) -> None:
