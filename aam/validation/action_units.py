@@ -7,12 +7,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from aam.model import texture_at
+from aam.sampling import normalised_luma, window_px
 from aam.search.find_face import find_in_window
 from aam.search.search import SearchOptions
 from aam.shape_space import SHAPE_RANGE, actuators
 from aam.validation.contenders import Contender, start_pose
 from aam.validation.expressed_faces import EXPRESSIONS, INTENSITIES, UNITS, with_units
 from aam.validation.samples import Sample
+from aam.window import FaceWindow, shrunk
 from encoder.runtime.parallel import parallel_map
 from shared_model.parameters import EAU_INDEX
 
@@ -22,7 +25,11 @@ Array = NDArray[np.float64]
 THRESHOLDS = 64
 # Of the linear classifier, for each picture; of the support vector machines, whose features have
 # unit variance: cost of an error, and width of the functions for each feature.
-RIDGE, SVM_COST, SVM_WIDTH = 0.6, 1.0, 0.3
+RIDGE, SVM_COST, SVM_WIDTH = 0.6, 3.0, 0.3
+# Chosen by cross-validation over people of the training set, with the cost.
+TEXTURE_COMPONENTS = 50
+# Parts of the learned people, each judged by what was learned from the others.
+FOLDS = 4
 # A unit's strength: mean of these EAUs, with their signs.
 STRENGTHS = {
     "AU1": (("eyebrow_inner", 1.0),),
@@ -71,62 +78,101 @@ class Recognition:
         return sum(each.false for each in units) / sum(each.absent for each in units)
 
 
-def recognise(
-    contender: Contender, learned: Sequence[Sample], judged: Sequence[Sample]
-) -> dict[str, Recognition]:
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownFaces:
+    """What a search finds on n pictures of drawn expressions.
+
+    shown: (n, 6) intensity of each unit.  people: (n,) who it is.
+    strengths: (n, 6) of each unit in the EAUs found.  eau: (n, 14) three times the EAUs found, of
+        their ranges.  combined: (n, m) c in standard deviations.
+    texture: (n, k) what is there under the face found, its EAUs at rest: what an expression moves
+        stands where it has gone to.
+    """
+
+    shown: Array
+    people: NDArray[np.str_]
+    strengths: Array
+    eau: Array
+    combined: Array
+    texture: NDArray[np.float32]
+
+
+def show_faces(contender: Contender, samples: Sequence[Sample]) -> ShownFaces:
     """Every expression on every face, at each intensity, searched from the eyes.
 
-    "thresholds": the EAUs themselves say how strong a unit is, as in the thesis.  "linear": ridge
-    regression on EAUs and combined parameters.  "SVM": a support vector machine for each unit on
-    the same, with radial basis functions.  All learn from the first faces, and a unit counts as
-    found above a threshold that was chosen there, unit by unit.
+    contender: an AAM of the head.
     """
-    (known, taught), (new, shown) = (
-        _shown_and_found(contender, each) for each in (learned, judged)
-    )
-    scale = np.maximum(known.std(0), 1e-6)
-    known, new = known / scale, new / scale
-    strengths = {
-        "thresholds": (known[:, : len(UNITS)], new[:, : len(UNITS)]),
-        "linear": _by_two_halves(_regressed, known, taught, new),
-        "SVM": _by_two_halves(_separated, known, taught, new),
-    }
-    return {name: _judged(*pair, taught, shown) for name, pair in strengths.items()}
-
-
-def _shown_and_found(contender: Contender, samples: Sequence[Sample]) -> tuple[Array, Array]:
-    """Features (n, f) of each expression on each face, and the intensities (n, 6) shown."""
     shows = [
-        (number, units, intensity)
-        for number in range(len(samples))
+        (sample, units, intensity)
+        for sample in samples
         for units in EXPRESSIONS
         for intensity in (INTENSITIES if units else (1.0,))
     ]
 
-    def one(show: tuple[int, tuple[str, ...], float]) -> Array:
-        number, units, intensity = show
-        return _features(contender, with_units(samples[number], units, intensity))
+    def one(show: tuple[Sample, tuple[str, ...], float]) -> _Features:
+        return _features(contender, with_units(*show))
 
-    features = np.array(parallel_map(one, shows, None))
-    return features, np.array([[i * (name in units) for name in UNITS] for _, units, i in shows])
+    found = parallel_map(one, shows, None)
+    return ShownFaces(
+        np.array([[i * (name in units) for name in UNITS] for _, units, i in shows]),
+        np.array([sample.face.person for sample, _, _ in shows]),
+        *(np.array(each) for each in zip(*found, strict=True)),
+    )
+
+
+def recognise(learned: ShownFaces, judged: ShownFaces) -> dict[str, Recognition]:
+    """Units of the judged faces by classifiers that learn from the others.
+
+    "thresholds": the EAUs themselves say how strong a unit is, as in the thesis.  "linear": ridge
+    regression on EAUs and combined parameters.  "SVM": a support vector machine for each unit on
+    the same, with radial basis functions.  "SVM of texture": on EAUs and principal components of
+    the texture.  A unit counts as found above a threshold that was chosen on the learned faces,
+    unit by unit, by machines that have not seen the people.
+    """
+    combined = _scaled(*(np.hstack([e.strengths, e.eau, e.combined]) for e in (learned, judged)))
+    texture = _components(learned.texture, judged.texture)
+    pairs = zip((learned, judged), texture, strict=True)
+    textured = _scaled(*(np.hstack([e.strengths, e.eau, own]) for e, own in pairs))
+    strengths = {
+        "thresholds": (learned.strengths, judged.strengths),
+        "linear": _by_folds(_regressed, *combined, learned),
+        "SVM": _by_folds(_separated, *combined, learned),
+        "SVM of texture": _by_folds(_separated, *textured, learned),
+    }
+    return {name: _judged(*pair, learned.shown, judged.shown) for name, pair in strengths.items()}
+
+
+def _scaled(known: Array, new: Array) -> tuple[Array, Array]:
+    scale = np.maximum(known.std(0), 1e-6)
+    return known / scale, new / scale
+
+
+def _components(
+    known: NDArray[np.float32], new: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Rows (n, k) of known and new textures along the first principal axes of the known ones."""
+    mean = known.mean(0)
+    _, axes = np.linalg.eigh((known - mean).T @ (known - mean))
+    chosen = axes[:, : -TEXTURE_COMPONENTS - 1 : -1]
+    return (known - mean) @ chosen, (new - mean) @ chosen
 
 
 # Learns from rows and the intensities shown; the strengths (n, 6) of other rows.
 _Classifier = Callable[[Array, Array, Array], Array]
 
 
-def _by_two_halves(
-    classifier: _Classifier, known: Array, taught: Array, new: Array
+def _by_folds(
+    classifier: _Classifier, known: Array, new: Array, learned: ShownFaces
 ) -> tuple[Array, Array]:
-    """Strengths of known rows, of each half by the other, for thresholds; and of new rows.
-
-    Rows of one face follow each other.
+    """Strengths of known rows, each by what was learned from other people, for thresholds; and of
+    new rows.
     """
-    half = np.arange(len(known)) < len(known) / 2
-    own = np.zeros(taught.shape)
-    for side in (half, ~half):
-        own[~side] = classifier(known[side], taught[side], known[~side])
-    return own, classifier(known, taught, new)
+    _, person = np.unique(learned.people, return_inverse=True)
+    fold, own = person % FOLDS, np.zeros(learned.shown.shape)
+    for number in range(FOLDS):
+        inside = fold == number
+        own[inside] = classifier(known[~inside], learned.shown[~inside], known[inside])
+    return own, classifier(known, learned.shown, new)
 
 
 def _judged(known: Array, found: Array, taught: Array, shown: Array) -> Recognition:
@@ -174,26 +220,29 @@ def _separated(known: Array, taught: Array, new: Array) -> Array:
     return found
 
 
-def _features(contender: Contender, sample: Sample) -> Array:
-    """(6 + 14 + M,) strength of each unit in the shape that a search finds, its EAUs, and its
-    combined parameters in standard deviations.
-    """
+# Strengths, EAUs, combined parameters and texture of a picture, see `ShownFaces`.
+_Features = tuple[Array, Array, Array, NDArray[np.float32]]
+
+
+def _features(contender: Contender, sample: Sample) -> _Features:
+    normalisation, window = contender.options.normalisation, sample.face.window
+    start = start_pose(contender, sample, np.zeros(2), 1.0)
     fit = find_in_window(
-        contender.levels,
-        contender.warps,
-        contender.options.normalisation,
-        sample.face.window,
-        [start_pose(contender, sample, np.zeros(2), 1.0)],
-        SearchOptions(),
+        contender.levels, contender.warps, normalisation, window, [start], SearchOptions()
     )
     _, eau = actuators(fit.shape)
     relative = eau / SHAPE_RANGE[-len(eau) :]
-    units = [
+    strengths = [
         np.mean([sign * relative[EAU_INDEX[name]] for name, sign in parts])
         for parts in STRENGTHS.values()
     ]
+    warp, rest = contender.warps[-1], fit.shape.copy()
+    rest[-len(eau) :] = 0
+    view = shrunk(FaceWindow(window.picture, np.zeros(2), 1.0), window_px(warp.size))
+    luma = normalised_luma(view, normalisation)
+    texture = texture_at(warp, luma, rest, view.pose_to_window(fit.pose))
     c = fit.results[-1].c / contender.levels[-1].deviations
-    return np.concatenate([units, 3 * relative, c])
+    return np.array(strengths), 3 * relative, c, texture
 
 
 def _correlation(one: Array, other: Array) -> float:

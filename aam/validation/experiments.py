@@ -10,7 +10,7 @@ from aam.search.search import METHODS, SearchOptions
 from aam.training.train import TrainingOptions
 from aam.training.train import train as train_model
 from aam.validation import tables
-from aam.validation.action_units import recognise
+from aam.validation.action_units import recognise, show_faces
 from aam.validation.contenders import Contender, train_head, train_planar
 from aam.validation.expressed_faces import EXPRESSIONS, with_units
 from aam.validation.first_frames import FirstFrames, TruePicture, first_frames
@@ -30,7 +30,7 @@ SEED = 1
 # Faces of the training set whose displacements are predicted.
 DISPLACED_FACES = 80
 # Faces on which expressions are drawn: to learn from, and of known and of new people to judge by.
-LEARNED_FACES, EXPRESSED_FACES = 60, 20
+LEARNED_FACES, EXPRESSED_FACES = 150, 40
 DRAWN_INTENSITIES = (0.4, 1.0)
 # What is changed one by one (2.4.2 to 2.4.5), from the full frame, retinex, W_s as it is.
 VARIANTS = {
@@ -243,16 +243,23 @@ def unit_part(train: Sequence[Sample], test: Sequence[Sample], size: int) -> str
 
 def unit_tables(contender: Contender, train: Sequence[Sample], test: Sequence[Sample]) -> str:
     """The tables of `unit_part` for a trained AAM."""
-    learned = min(LEARNED_FACES, len(train) // 2)
-    spread = [train[i] for i in np.linspace(0, len(train) - 1, learned).astype(int)]
-    known = [each for each in train if each not in spread][:: max(len(train) // EXPRESSED_FACES, 1)]
-    step = max(len(test) // EXPRESSED_FACES, 1)
-    dependent = recognise(contender, spread, known[:EXPRESSED_FACES])
-    independent = recognise(contender, spread, test[::step][:EXPRESSED_FACES])
+    learned = _spread(train, min(LEARNED_FACES, len(train) // 2))
+    known = [each for each in train if each not in learned]
+    shown, *judged = (
+        show_faces(contender, each)
+        for each in (learned, _spread(known, EXPRESSED_FACES), _spread(test, EXPRESSED_FACES))
+    )
+    dependent, independent = (recognise(shown, each) for each in judged)
     text = "## Action units\n"
     for name in dependent:
         text += f"\n{name}:\n\n" + tables.unit_table(dependent[name], independent[name])
     return text
+
+
+def _spread(samples: Sequence[Sample], count: int) -> list[Sample]:
+    """So many of the samples, all if there are fewer, spread over them."""
+    chosen = np.linspace(0, len(samples) - 1, min(count, len(samples)))
+    return [samples[number] for number in chosen.astype(int)]
 
 
 def _joined(values: Sequence[int]) -> str:

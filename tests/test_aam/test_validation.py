@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from aam.search.search import SearchOptions
 from aam.training.train import TrainingOptions
 from aam.validation import tables
-from aam.validation.action_units import Recognition, UnitResult, recognise
+from aam.validation.action_units import Recognition, UnitResult, recognise, show_faces
 from aam.validation.contenders import Contender, errors, train_head, train_planar
 from aam.validation.experiments import (
     PARTS,
@@ -158,8 +158,10 @@ def test_prediction_and_modes_of_both_are_told(pair: dict[str, Contender]) -> No
 
 
 def test_recognition_counts_every_picture(pair: dict[str, Contender]) -> None:
-    both = recognise(pair["head"], TRAIN[:4], TEST[:2])
-    assert set(both) == {"thresholds", "linear", "SVM"}
+    learned, judged = (show_faces(pair["head"], each) for each in (TRAIN[:4], TEST[:2]))
+    assert learned.texture.shape == (4 * 17, len(pair["head"].levels[-1].texture.mean))
+    both = recognise(learned, judged)
+    assert set(both) == {"thresholds", "linear", "SVM", "SVM of texture"}
     for found in both.values():
         assert found.units["AU26"].shown == found.units["AU1"].shown == 2 * 2 * 3
         assert found.units["Neutral"].shown == 2
