@@ -30,7 +30,6 @@ from encoder.coding.thin_link import LAYER_BYTES, THIN_BPS, startup_rate
 from encoder.live_model.learner import LocalLearner
 from encoder.live_model.learning_process import LearningProcess
 from encoder.live_model.other_face import OtherFace, ShownFace, version_of_picture
-from encoder.live_model.warm_up import warm_up
 from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
 from encoder.report import EncodeReport, report_of
@@ -41,7 +40,6 @@ from encoder.tracking.trackers import TRACKED_EAUS, open_tracker
 from protocol.link.interface import MessageCallback, PacketSink, ignore_message
 from shared_model.errors import NO_FACE, UserError
 from shared_model.mesh import generic_head
-from shared_model.surround import head_with_surround
 
 
 def encode(
@@ -121,10 +119,9 @@ def encode_live(
     realtime = options.pace or capture.is_live
     with closing(LearningProcess(stats.warn) if realtime else LocalLearner()) as learner:
         if isinstance(learner, LearningProcess):
-            learner.warm_up(capture.format, gop)
             callbacks.on_preparing("warming up")
             with dropping_frames(capture):
-                warm_up(head_with_surround(), capture.format, gop, np.random.default_rng(0))
+                learner.warm_up(capture.format, gop)
             callbacks.on_preparing("")
         budget = budget_for("live", options.model_bytes)
         session = LiveEncoder(

@@ -43,7 +43,7 @@ class ShapeFreeFrame:
         self.on_face = face.head.parts[corners[:, 0]] != PARTS.index("surround")
         fields = np.concatenate([at_texels(face.head.eau_up), at_texels(-face.head.eau_down)])
         self._fields = np.ascontiguousarray(fields)
-        self._support = support_ranges(np.abs(fields).max(1) > 0)
+        self._support = support_ranges((self._fields != 0).any(1))
 
     def __len__(self) -> int:
         return len(self.on_face)

@@ -34,9 +34,9 @@ from encoder.live_model.other_face import ShownFace
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-# Frames that wait for their packet are fitted again with new modes in what a frame leaves of this
-# share of its time.
-REFIT_TIME_SHARE = 0.6
+# Frames that wait for their packet are fitted again with new modes until a frame has taken this
+# share of its time; the last one of a packet, after which it is too late.
+REFIT_TIME_SHARE, LAST_REFIT_TIME_SHARE = 0.9, 1.5
 
 
 class LiveEncoder:
@@ -221,7 +221,9 @@ class LiveEncoder:
         if self._overload is None:
             return True
         passed_s = self._clock() - self._frame_begin_s
-        return not self._is_overloaded and passed_s < REFIT_TIME_SHARE / self._fps
+        is_last = len(self._filler) == self._packet_frames
+        share = LAST_REFIT_TIME_SHARE if is_last else REFIT_TIME_SHARE
+        return not self._is_overloaded and passed_s < share / self._fps
 
     @property
     def _is_overloaded(self) -> bool:

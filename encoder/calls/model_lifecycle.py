@@ -112,7 +112,7 @@ class ModelLifecycle:
         self._frames = TrainingFrames(TRAINING_FRAMES_REALTIME if realtime else TRAINING_FRAMES)
         self._schedule = ModelSchedule(fps)
         interval_s = MODE_INTERVAL_S_REALTIME if realtime else MODE_INTERVAL_S
-        self._modes = ModeScheduler(fps, interval_s, self._learn)
+        self._modes = ModeScheduler(fps, interval_s, self._learn, one_by_one=realtime)
         self._state = ModelState.SEARCHING
         self._training: Future[ModelVersion] | None = None
         self._version: ModelVersion | None = None
@@ -148,7 +148,8 @@ class ModelLifecycle:
         pictures, points = self._frames.sample()
         progressive, video = self._updates.progressive, self._capture.format
         first = pictures[0], points[0], video, self._gop, self._budget
-        trainer = trainer_from(*first, progressive, self._realtime)
+        encode_background = self._learner.encode_background
+        trainer = trainer_from(*first, progressive, self._realtime, encode_background)
         version = trainer.bootstrap(pictures, points, index)
         self._version = version
         self._updates.send_first(self._shown.begin(version, index))

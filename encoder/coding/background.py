@@ -3,6 +3,8 @@
 It has layers (`encoder.layers`), or is one picture with the mask of the person in it.
 """
 
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -28,6 +30,10 @@ class Background(Protocol):
         """The same for a base layer, without what the coefficients of frames change."""
 
 
+# Encodes a background in at most so many bytes, beside what its caller does.
+EncodeBackground = Callable[[Background, int], "Future[bytes]"]
+
+
 @dataclass(frozen=True, slots=True)
 class BackgroundImage:
     """A background without layers.
@@ -47,6 +53,14 @@ class BackgroundImage:
     def encode_rough(self, max_bytes: int) -> bytes:
         """See `Background`."""
         return self.encode(max_bytes)
+
+
+def encoded_in_a_thread(background: Background, max_bytes: int) -> "Future[bytes]":
+    """Encode a background in a thread of this process."""
+    executor = ThreadPoolExecutor(1)
+    encoded = executor.submit(background.encode, max_bytes)
+    executor.shutdown(wait=False)
+    return encoded
 
 
 def background_of(frame: Frame, outline_px: Array) -> BackgroundImage:

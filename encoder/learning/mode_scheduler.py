@@ -25,10 +25,15 @@ class ModeScheduler:
 
     fps: of the source.
     interval_s: time from one update to the next, at least.
+    one_by_one: an update has one mode, and the next one follows at once while samples show more:
+        the first can be used while the next is learned.
     """
 
-    def __init__(self, fps: float, interval_s: float, learn: LearnModes) -> None:
+    def __init__(
+        self, fps: float, interval_s: float, learn: LearnModes, one_by_one: bool = False
+    ) -> None:
         self._fps, self._interval_s, self._learn = fps, interval_s, learn
+        self._one_by_one, self._is_unfinished = one_by_one, False
         self._recent_samples: deque[FaceSample] = deque(maxlen=WINDOW_SAMPLES)
         self._new_samples = deque[FaceSample](maxlen=self._recent_samples.maxlen)
         self._job: Future[list[LearnedMode]] | None = None
@@ -40,7 +45,7 @@ class ModeScheduler:
         self._new_samples.clear()
         newest = list(self._recent_samples)[-CARRIED_OVER_SAMPLES:]
         self._new_samples.extend(replace(sample, face=None) for sample in newest)
-        self._job = None
+        self._job, self._is_unfinished = None, False
 
     def wants_sample(self, index: int) -> bool:
         """Whether source frame `index` should be added."""
@@ -57,22 +62,27 @@ class ModeScheduler:
 
         max_modes: of a new update.  may_start: whether an update may start now.
         """
+        modes = self._take_finished()
+        max_modes -= len(modes)
         if self._job is not None:
-            return self._take_finished()
+            return modes
         early = index - self._last_update < self._interval_s * self._fps
-        if early or not may_start or not self._new_samples or not max_modes:
-            return []
+        is_due = self._is_unfinished or (self._new_samples and not early)
+        if not is_due or not may_start or max_modes <= 0:
+            return modes
         earned = BYTES_PER_S * min(1.0, (index - self._last_update) / self._fps)
         self._byte_budget = min(self._byte_budget + earned, BYTES_PER_S)
         self._last_update = index
         samples = list(self._new_samples)
         self._new_samples.clear()
-        self._job = self._learn(samples, self._byte_budget, max_modes)
-        return self._take_finished()
+        most = 1 if self._one_by_one else max_modes
+        self._job = self._learn(samples, self._byte_budget, most)
+        return modes + self._take_finished()
 
     def _take_finished(self) -> list[LearnedMode]:
         if self._job is None or not self._job.done():
             return []
         modes, self._job = self._job.result(), None
         self._byte_budget -= sum(len(mode.data) for mode in modes)
+        self._is_unfinished = self._one_by_one and bool(modes) and self._byte_budget > 0
         return modes

@@ -4,12 +4,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture.video_source import VideoFormat
-from encoder.coding.background import background_of
+from encoder.coding.background import EncodeBackground, background_of, encoded_in_a_thread
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget
 from encoder.detection.landmark_indices import face_outline
 from encoder.layers.layer_learning import layers_of_frame
-from encoder.live_model.model_trainer import LAYER_UPDATES, LAYER_UPDATES_REALTIME, ModelTrainer
+from encoder.live_model.model_trainer import (
+    LAYER_UPDATES,
+    LAYER_UPDATES_REALTIME,
+    ModelTrainer,
+)
 from shared_model.surround import head_with_surround
 
 Array = NDArray[np.float64]
@@ -24,10 +28,12 @@ def trainer_from(
     budget: ModelBudget,
     progressive: bool,
     realtime: bool,
+    encode_background: EncodeBackground = encoded_in_a_thread,
 ) -> ModelTrainer:
     """The trainer of the person in a picture (h, w, 3) BGR.  points: their landmarks (468, 3), px.
 
-    budget, progressive: see `ModelTrainer`.  realtime: frames do not wait for the training.
+    budget, progressive, encode_background: see `ModelTrainer`.
+    realtime: frames do not wait for the training.
     """
     layer_updates = LAYER_UPDATES_REALTIME if realtime else LAYER_UPDATES
     first = picture, face_outline(points)
@@ -44,4 +50,5 @@ def trainer_from(
         # More would take the cores from the frames.
         workers=1 if realtime else None,
         layer_updates=layer_updates,
+        encode_background=encode_background,
     )

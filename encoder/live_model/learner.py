@@ -9,6 +9,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.coding.background import Background, encoded_in_a_thread
 from encoder.learning.incremental_modes import FaceSample, LearnedMode, ModeLearner
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import ModelVersion
@@ -40,6 +41,9 @@ class ModesTask:
 class Learner(Protocol):
     """Trains and learns in the order of the calls; what it returns may be done later."""
 
+    def encode_background(self, background: Background, max_bytes: int) -> "Future[bytes]":
+        """Encode a background, see `EncodeBackground`."""
+
     def begin(self, trainer: ModelTrainer) -> None:
         """Go on with a trainer that has made its first version."""
 
@@ -67,6 +71,10 @@ class LocalLearner:
         self._executor = executor
         self._trainer: ModelTrainer | None = None
         self._modes: _VersionModes | None = None
+
+    def encode_background(self, background: Background, max_bytes: int) -> "Future[bytes]":
+        """See `Learner`."""
+        return encoded_in_a_thread(background, max_bytes)
 
     def begin(self, trainer: ModelTrainer) -> None:
         """See `Learner`."""

@@ -9,7 +9,7 @@ import signal
 import socket
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from functools import partial
 from itertools import count
@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from encoder.capture.video_source import VideoFormat
+from encoder.coding.background import Background
 from encoder.coding.gop import GopStructure
 from encoder.learning.incremental_modes import LearnedMode
 from encoder.live_model.learner import LocalLearner, ModesTask, TrainingTask
@@ -26,7 +27,7 @@ from encoder.live_model.model_version import ModelVersion
 from encoder.live_model.object_stream import ObjectStream
 from encoder.live_model.warm_up import warm_up
 from encoder.runtime.child_process import start_child
-from encoder.runtime.parallel import NICENESS, low_priority_executor
+from encoder.runtime.parallel import NICENESS, low_priority_executor, short_switch_interval
 from shared_model.surround import head_with_surround
 
 
@@ -41,7 +42,9 @@ class LearningProcess:
         self._process, ours = start_child("encoder.live_model.learning_process")
         self._stream, self._on_failure = ObjectStream(ours), on_failure
         self._numbers, self._waiting = count(), dict[int, Future[Any]]()
-        self._is_closing = False
+        self._is_closing = self._has_ended = False
+        # Results that a call waits for: they fail when the process ends.
+        self._ending, self._awaited = threading.Lock(), list[Future[Any]]()
         # Objects are put together and sent in a thread of their own.
         self._sender = ThreadPoolExecutor(1)
         threading.Thread(target=self._receive, daemon=True).start()
@@ -52,8 +55,18 @@ class LearningProcess:
         return self._process.pid
 
     def warm_up(self, video: VideoFormat, gop: GopStructure) -> None:
-        """Begin with a warm-up for a source, see `warm_up`."""
-        self._send("warm_up", (video, gop))
+        """Warm up that process and this one for a source, see `warm_up`."""
+        other = self._send_awaited("warm_up", video, gop)
+        warm_up(head_with_surround(), video, gop, np.random.default_rng(0))
+        wait([other])
+
+    def encode_background(self, background: Background, max_bytes: int) -> "Future[bytes]":
+        """See `Learner`.
+
+        A call waits for this: it fails with `ChildProcessError` if the process is gone, where other
+        results are never done.
+        """
+        return self._send_awaited("encode_background", background, max_bytes)
 
     def begin(self, trainer: ModelTrainer) -> None:
         """See `Learner`."""
@@ -79,16 +92,25 @@ class LearningProcess:
         self._sender.shutdown(cancel_futures=True)
         self._stream.close()
 
-    def _send(self, method: str, argument: object) -> "Future[Any]":
+    def _send(self, method: str, *arguments: object) -> "Future[Any]":
         future = Future[Any]()
         number = next(self._numbers)
         self._waiting[number] = future
-        self._sender.submit(self._send_now, number, method, argument)
+        self._sender.submit(self._send_now, number, method, arguments)
         return future
 
-    def _send_now(self, number: int, method: str, argument: object) -> None:
+    def _send_awaited(self, method: str, *arguments: object) -> "Future[Any]":
+        with self._ending:
+            future = self._send(method, *arguments)
+            if self._has_ended:
+                future.set_exception(ChildProcessError())
+            else:
+                self._awaited.append(future)
+        return future
+
+    def _send_now(self, number: int, method: str, arguments: tuple[object, ...]) -> None:
         try:
-            self._stream.send((number, method, argument))
+            self._stream.send((number, method, arguments))
         except OSError:
             # A process that is gone is noticed where its results are received.
             return
@@ -114,6 +136,11 @@ class LearningProcess:
             self._fail(f"what the learning process has sent cannot be read ({error!r})")
 
     def _fail(self, reason: str) -> None:
+        with self._ending:
+            self._has_ended = True
+            for future in self._awaited:
+                if not future.done():
+                    future.set_exception(ChildProcessError())
         self._on_failure(f"{reason}: nothing more is learned")
 
 
@@ -122,7 +149,9 @@ def serve(descriptor: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(OSError):
         os.nice(NICENESS)
-    _Server(ObjectStream(socket.socket(fileno=descriptor))).run()
+    # Modes are learned beside the training of an update: neither may hold the interpreter for long.
+    with short_switch_interval():
+        _Server(ObjectStream(socket.socket(fileno=descriptor))).run()
     # What is under way is of no use any more.
     os._exit(0)
 
@@ -135,13 +164,13 @@ class _Server:
     def run(self) -> None:
         with suppress(EOFError):
             while True:
-                number, method, argument = self._stream.receive()
+                number, method, arguments = self._stream.receive()
                 if method == "warm_up":
-                    video, gop = argument
+                    video, gop = arguments
                     warm_up(head_with_surround(), video, gop, np.random.default_rng(0))
                     result = None
                 else:
-                    result = getattr(self._learner, method)(argument)
+                    result = getattr(self._learner, method)(*arguments)
                 if isinstance(result, Future):
                     result.add_done_callback(partial(self._answer, number))
                 else:

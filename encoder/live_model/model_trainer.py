@@ -1,7 +1,7 @@
 """Trains the versions of a live call's model, each from more frames than the one before."""
 
 from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture.video_source import VideoFormat
-from encoder.coding.background import BackgroundImage
+from encoder.coding.background import BackgroundImage, EncodeBackground, encoded_in_a_thread
 from encoder.coding.distortion import distortion_of
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget, build_model_packet, call_parameters
@@ -92,6 +92,8 @@ class ModelTrainer:
     progressive: versions are sent in layers.
     workers: see `parallel_map`.
     layer_updates: numbers of the versions that bring layers.
+    encode_background: encodes it while the first version is trained: each takes as long as many
+        frames.  Where that fails it is encoded after the training.
     """
 
     def __init__(
@@ -104,6 +106,7 @@ class ModelTrainer:
         progressive: bool,
         workers: int | None,
         layer_updates: frozenset[int] = LAYER_UPDATES,
+        encode_background: EncodeBackground = encoded_in_a_thread,
     ) -> None:
         self._head, self._video, self._gop = head, video, gop
         self._background, self._budget = background, budget
@@ -113,10 +116,7 @@ class ModelTrainer:
         self._frame_layers: FrameLayers | None = None  # of the background in use
         self._background_data: Future[bytes] | bytes | None = None
         if not progressive:
-            # Encoded while the first version is trained: each takes as long as many frames.
-            executor = ThreadPoolExecutor(1)
-            self._background_data = executor.submit(background.encode, budget.background_bytes)
-            executor.shutdown(wait=False)
+            self._background_data = encode_background(background, budget.background_bytes)
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process needs to go on."""
@@ -271,10 +271,12 @@ class ModelTrainer:
 
     def _encoded_background(self) -> bytes:
         data = self._background_data
+        if isinstance(data, Future):
+            data = data.result() if data.exception() is None else None
         if data is None:
             data = self._background.encode(self._budget.background_bytes)
-        self._background_data = data if isinstance(data, bytes) else data.result()
-        return self._background_data
+        self._background_data = data
+        return data
 
     def _landmark_model(self, identity: IdentityFit) -> LandmarkModel:
         return personalise(landmark_model(self._head), identity.identity.aau, identity.control_mm)

@@ -79,6 +79,39 @@ def test_a_learning_process_that_dies_is_told_once_and_harms_nothing() -> None:
         process.close()
 
 
+def test_a_call_begins_without_the_learning_process(tmp_path: Path) -> None:
+    draw(tmp_path / "clip.mkv", talking(2.96))
+    lines = SimpleQueue[str]()
+    with open_source(str(tmp_path / "clip.mkv")) as capture:
+        picture = next(iter(capture))[1]
+        process, image = LearningProcess(lines.put), BackgroundImage(picture)
+        try:
+            # Whether it has been sent before the process dies or not: either fails, none waits.
+            before = process.encode_background(image, 2000)
+            os.kill(process.pid, signal.SIGKILL)
+            lines.get(timeout=LIMIT_S)
+            after = process.encode_background(image, 2000)
+            assert isinstance(after.exception(LIMIT_S), ChildProcessError)
+            assert isinstance(before.exception(LIMIT_S), ChildProcessError | None)
+            size = capture.width, capture.height
+            trainer = ModelTrainer(
+                head_with_surround(),
+                capture.format,
+                gop_for_fps(capture.fps, None),
+                image,
+                BUDGETS["live"],
+                progressive=False,
+                workers=1,
+                encode_background=lambda background, size: after,
+            )
+            points = frontal_landmarks(head_with_surround(), Camera(*size, max(size)))
+            version = trainer.bootstrap([picture], [points], 0)
+        finally:
+            process.close()
+    expected = image.encode(BUDGETS["live"].background_bytes)
+    assert version.packet.background == expected
+
+
 class TwoWordedError(Exception):
     """Cannot be unpickled, as many exceptions with a constructor of their own."""
 

@@ -12,7 +12,6 @@ COUNT = """
 import gc, sys
 from pathlib import Path
 from numba.core.registry import CPUDispatcher
-from encoder import pipeline
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 
@@ -23,11 +22,12 @@ def versions():
 source, output = map(Path, sys.argv[1:])
 """
 LIVE = """
-warmed_up, warm_up = [], pipeline.warm_up
+from encoder.live_model import learning_process
+warmed_up, warm_up = [], learning_process.warm_up
 def warm_up_and_count(*arguments):
     warm_up(*arguments)
     warmed_up.append(versions())
-pipeline.warm_up = warm_up_and_count
+learning_process.warm_up = warm_up_and_count
 options = EncodeOptions(str(source), output, profile="default", live=True, pace=True)
 encode(options, lambda done, total: None, lambda: False)
 (before,) = warmed_up
