@@ -99,11 +99,12 @@ class TexelFit:
 
 
 class TexelFitter:
-    """Fits the textured model of one person to pictures, at about `NOMINAL_TEXELS` texels.
+    """Fits the textured model of one person to pictures.
 
     shape: all texels.  template: their luma.
     normalise: takes a BGR picture to the (h, w) values that the template describes.
     cell_mm: see `visible_texels`; for the spacing of all texels.
+    nominal_texels: fit about so many of them.
     """
 
     def __init__(
@@ -114,9 +115,10 @@ class TexelFitter:
         template: Template,
         normalise: Callable[[Picture], Single] = luma_f32,
         cell_mm: float = DEPTH_CELL_MM,
+        nominal_texels: int = NOMINAL_TEXELS,
     ) -> None:
         self._head, self._face, self._normalise = head, face, normalise
-        stride = max(1, round(np.sqrt(len(shape) / NOMINAL_TEXELS)))
+        stride = max(1, round(np.sqrt(len(shape) / nominal_texels)))
         atlas = shape.atlas
         self._residual_sigma_grey, self._cauchy_scale_grey = RESIDUAL_SIGMA_GREY, CAUCHY_SCALE_GREY
         sampled: Mask = (atlas.rows % stride == 0) & (atlas.columns % stride == 0)

@@ -20,7 +20,7 @@ from encoder.appearance.texture_samples import (
     texel_footprints,
 )
 from encoder.capture.face_crop import Crop, crop_face
-from encoder.fitting.analysis_by_synthesis import TexelFitter
+from encoder.fitting.analysis_by_synthesis import NOMINAL_TEXELS, TexelFitter
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.render_and_compare import MAX_PIXELS, ImageFitter
 from encoder.learning.appearance_encoder import CodedAppearance, encode_appearance
@@ -98,6 +98,7 @@ class TrainingOptions:
     image_space_fit: fit the faces of the sample in image space after the shape-free frame.
     weight_disoccluded: give hidden texels the weight that they have in a wide open face.
     weight_mouth: multiply the weight of mouth and lips, see `mouth_weights`.
+    nominal_texels: see `TexelFitter`.
     reference: index of the frame whose face is the reference.
     """
 
@@ -107,6 +108,7 @@ class TrainingOptions:
     image_space_fit: bool = True
     weight_disoccluded: bool = False
     weight_mouth: bool = False
+    nominal_texels: int = NOMINAL_TEXELS
     reference: int = 0
 
 
@@ -131,7 +133,7 @@ def build_person_model(
     crops = [crop_face(frame, landmarks[index], scale) for index, frame in sample_frames]
     sampled = [faces[index] for index, _ in sample_frames]
     sampled_landmarks = [landmarks[index] for index, _ in sample_frames]
-    sampled = fit_samples_coarse(face, shape, crops, sampled, workers)
+    sampled = fit_samples_coarse(face, shape, crops, sampled, workers, options.nominal_texels)
     if options.image_space_fit:
         sampled = fit_samples_in_image(face, shape, crops, sampled, sampled_landmarks, workers)
     samples = sample_faces(face, shape, crops, sampled, workers)
@@ -144,7 +146,7 @@ def build_person_model(
     max_bytes = options.appearance_bytes
     appearance = encode_appearance(shape, sharp, mean, mask, max_bytes, options.max_modes)
     template = sampled_template(shape, samples, sharp, appearance)
-    fitter = TexelFitter(face.head, face, shape, template)
+    fitter = TexelFitter(face.head, face, shape, template, nominal_texels=options.nominal_texels)
     sampled = fit_samples(fitter, crops, sampled, workers)
     person = PersonModel(
         fitted, face, reference, fitter, appearance, scale, shape, weight * mask, mask

@@ -39,14 +39,15 @@ def fit_samples_coarse(
     crops: Sequence[Crop],
     faces: Sequence[FaceParameters],
     workers: int | None = None,
+    nominal_texels: int = NOMINAL_TEXELS,
 ) -> list[FaceParameters]:
     """Fit the faces in crops to their own mean and modes, in the shape-free frame.
 
     Each round samples a new mean and more modes by the faces of the round before.
-    shape: all texels; the fit uses an atlas of about `TEXELS` texels.
+    shape: all texels; the fit uses an atlas of about `nominal_texels`.
     faces: initial, one a crop.  workers: see `parallel_map`.
     """
-    reduction = max(1, round(float(np.sqrt(len(shape) / NOMINAL_TEXELS))))
+    reduction = max(1, round(float(np.sqrt(len(shape) / nominal_texels))))
     atlas = atlas_of(face.head, shape.atlas.size // reduction)
     coarse = ShapeFreeFrame(face, atlas, shape.camera)
     cell_mm = reduction * DEPTH_CELL_MM
