@@ -19,13 +19,14 @@ from aam.validation.plots import prediction_plot
 from aam.validation.prediction_experiments import parameter_curves, pose_curves
 from aam.validation.samples import Sample, split_people
 from aam.validation.search_experiments import Generalisation, best_possible, generalisation
+from aam.validation.search_time import search_time
 
 Array = NDArray[np.float64]
 Tell = Callable[[str], None]
 
 # Experiments in the order of the tables; those that compare the AAM of the head with the 2D AAM.
-PARTS = ("model", "search", "prediction", "variants", "first-frames", "units")
-PARTS_OF_PAIR = frozenset({"model", "search", "prediction"})
+PARTS = ("model", "search", "speed", "prediction", "variants", "first-frames", "units")
+PARTS_OF_PAIR = frozenset({"model", "search", "speed", "prediction"})
 SEED = 1
 # Faces of the training set whose displacements are predicted.
 DISPLACED_FACES = 80
@@ -69,10 +70,10 @@ def run_experiments(
     for part in parts:
         tell(part)
         match part:
-            case "model":
-                text = model_part(pair, train, test)
-            case "search":
-                text = search_part(pair, train, test)
+            case "model" | "search":
+                text = (model_part if part == "model" else search_part)(pair, train, test)
+            case "speed":
+                text = speed_part(pair, test)
             case "prediction":
                 text, plots = prediction_part(pair, train, test)
                 yield from plots.items()
@@ -119,6 +120,16 @@ def search_part(pair: dict[str, Contender], train: Sequence[Sample], test: Seque
     text += "Thesis: exact 49.6 (head) and 89.6 (2D), displaced 66.7 and 145.6.\n\n"
     text += tables.search_table(results)
     return text + "\nThe head is better (thesis: 83.0 and 85.4 %) in\n\n" + "\n".join(lines) + "\n"
+
+
+def speed_part(pair: dict[str, Contender], test: Sequence[Sample]) -> str:
+    """CPU time of a search, ms."""
+    rows = []
+    for method in METHODS:
+        times = [search_time(each, test, SearchOptions(method)) for each in pair.values()]
+        rows.append([method, *(f"{each.median_ms:.1f} ({each.p95_ms:.1f})" for each in times)])
+    text = "## CPU time of a search, ms: median (95th percentile)\n\n"
+    return text + tables.table(["search", *pair], rows)
 
 
 def prediction_part(

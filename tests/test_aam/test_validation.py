@@ -7,7 +7,7 @@ import pytest
 from aam_faces import synthetic_faces
 from numpy.typing import NDArray
 
-from aam.search.search import SearchOptions
+from aam.search.search import METHODS, SearchOptions
 from aam.training.train import TrainingOptions
 from aam.validation import tables
 from aam.validation.action_units import Recognition, UnitResult, recognise, show_faces
@@ -19,6 +19,7 @@ from aam.validation.experiments import (
     prediction_part,
     run_experiments,
     search_part,
+    speed_part,
 )
 from aam.validation.expressed_faces import UNITS, with_units
 from aam.validation.first_frames import FirstFrames, TruePicture, common_shift
@@ -147,6 +148,16 @@ def test_additive_search_finds_new_faces_and_tables_tell(pair: dict[str, Contend
     text = search_part(pair, TRAIN, TEST)
     assert text.count("| head |") == text.count("| 2D |") == 6
     assert "displaced start, project-out" in text
+
+
+def test_the_time_of_a_search_is_told_for_both_and_every_method(
+    pair: dict[str, Contender],
+) -> None:
+    rows = speed_part(pair, TEST[:2]).splitlines()[4:]
+    assert [row.split("|")[1].strip() for row in rows] == list(METHODS)
+    for row in rows:
+        median, p95 = (float(each.strip(" ()")) for each in row.split("|")[2].split("("))
+        assert 0 < median <= p95
 
 
 def test_prediction_and_modes_of_both_are_told(pair: dict[str, Contender]) -> None:
