@@ -70,10 +70,8 @@ def run_experiments(
     for part in parts:
         tell(part)
         match part:
-            case "model" | "search":
-                text = (model_part if part == "model" else search_part)(pair, train, test)
-            case "speed":
-                text = speed_part(pair, test)
+            case "model" | "search" | "speed":
+                text = pair_part(part, pair, train, test)
             case "prediction":
                 text, plots = prediction_part(pair, train, test)
                 yield from plots.items()
@@ -86,6 +84,19 @@ def run_experiments(
             case _:
                 raise ValueError(f"part is {part!r}, expected one of {PARTS}")
         yield f"{part}.md", text
+
+
+def pair_part(
+    part: str, pair: dict[str, Contender], train: Sequence[Sample], test: Sequence[Sample]
+) -> str:
+    """One of the parts that compare the AAM of the head with the 2D AAM by a table alone."""
+    match part:
+        case "model":
+            return model_part(pair, train, test)
+        case "search":
+            return search_part(pair, train, test)
+        case _:
+            return speed_part(pair, test)
 
 
 def model_part(pair: dict[str, Contender], train: Sequence[Sample], test: Sequence[Sample]) -> str:

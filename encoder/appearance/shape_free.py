@@ -41,8 +41,9 @@ class ShapeFreeFrame:
         # Coordinates first, texels last: loops over texels then run along memory.
         self._neutral = np.ascontiguousarray(at_texels(face.neutral))
         self.on_face = face.head.parts[corners[:, 0]] != PARTS.index("surround")
-        fields = np.concatenate([at_texels(face.head.eau_up), at_texels(-face.head.eau_down)])
-        self._fields = np.ascontiguousarray(fields)
+        self._fields = np.ascontiguousarray(
+            np.concatenate([at_texels(face.head.eau_up), at_texels(-face.head.eau_down)])
+        )
         self._support = support_ranges((self._fields != 0).any(1))
 
     def __len__(self) -> int:

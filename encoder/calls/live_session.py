@@ -176,7 +176,7 @@ class LiveEncoder:
         self._filler.fill_gap(index, self._packet_frames - 1, face)
         self._filler.add(face, sample)
         # All frames of a packet have the modes that are there when it goes out.
-        may_start = self._realtime or len(self._filler) >= self._packet_frames
+        may_start = self._realtime or self._is_packet_full
         if self._model.learn_modes(index, replace(sample, face=face), may_start):
             self._filler.mark_outdated()
         with self._stats.stage("fit"):
@@ -185,7 +185,7 @@ class LiveEncoder:
         self._send_full_packet()
 
     def _send_full_packet(self) -> None:
-        if len(self._filler) == self._packet_frames:
+        if self._is_packet_full:
             self._send_packet()
 
     def _send_packet(self) -> None:
@@ -210,6 +210,11 @@ class LiveEncoder:
         return 1 if self._position.is_first else self._gop.frames_per_packet
 
     @property
+    def _is_packet_full(self) -> bool:
+        """Whether the packet that is being filled has all its frames."""
+        return len(self._filler) == self._packet_frames
+
+    @property
     def _position(self) -> StreamPosition:
         packet = self._coder.number
         is_first = packet == self._model.coding_version.first_packet
@@ -221,8 +226,7 @@ class LiveEncoder:
         if self._overload is None:
             return True
         passed_s = self._clock() - self._frame_begin_s
-        is_last = len(self._filler) == self._packet_frames
-        share = LAST_REFIT_TIME_SHARE if is_last else REFIT_TIME_SHARE
+        share = LAST_REFIT_TIME_SHARE if self._is_packet_full else REFIT_TIME_SHARE
         return not self._is_overloaded and passed_s < share / self._fps
 
     @property

@@ -9,11 +9,7 @@ from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget
 from encoder.detection.landmark_indices import face_outline
 from encoder.layers.layer_learning import layers_of_frame
-from encoder.live_model.model_trainer import (
-    LAYER_UPDATES,
-    LAYER_UPDATES_REALTIME,
-    ModelTrainer,
-)
+from encoder.live_model.model_trainer import LAYER_UPDATES, LAYER_UPDATES_REALTIME, ModelTrainer
 from shared_model.surround import head_with_surround
 
 Array = NDArray[np.float64]

@@ -9,7 +9,6 @@ the stage is named and the exit code is 1.  --write makes that file anew.
 import argparse
 import sys
 import time
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,6 +22,7 @@ from encoder.pipeline import encode
 from encoder.runtime.parallel import one_blas_thread
 from loopback.clip_paths import CARPHONE, clip_path
 from loopback.report import Cell, table
+from loopback.toml_file import read_toml
 from scripts.command import run
 
 EXPECTED, TOLERANCE = Path(__file__).with_name("expected.toml"), 1.5
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--expected", type=Path, default=EXPECTED, help="file of expected ratios")
     parser.add_argument("--write", action="store_true", help="write that file, compare nothing")
     options = parser.parse_args(arguments)
-    expected = {} if options.write else tomllib.loads(options.expected.read_text())
+    expected = {} if options.write else read_toml(options.expected, "a file of expected ratios")
     ratios = measure_ratios(str(clip_path(options.clip, Path())), options.max_frames)
     print(comparison(ratios, expected))
     if options.write:
@@ -93,10 +93,7 @@ def slower_stages(ratios: Mapping[str, float], expected: Mapping[str, float]) ->
 
 def comparison(ratios: Mapping[str, float], expected: Mapping[str, float]) -> str:
     """A table of the ratios beside those that are expected."""
-    rows: list[list[Cell]] = [
-        [name, ratio, float(expected[name]) if name in expected else None]
-        for name, ratio in ratios.items()
-    ]
+    rows: list[list[Cell]] = [[name, ratio, expected.get(name)] for name, ratio in ratios.items()]
     return table(("stage", "ratio", "expected"), rows)
 
 

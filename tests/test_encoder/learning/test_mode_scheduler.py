@@ -45,7 +45,7 @@ def test_one_mode_after_the_other_without_new_samples_until_there_is_none() -> N
     assert scheduler.take_modes(6, 4, may_start=True) == []
     assert scheduler.take_modes(30, 4, may_start=True) == []
     assert [(samples, modes) for samples, _, modes in jobs.asked] == [(2, 1), (0, 1)]
-    assert jobs.asked[1][1] == pytest.approx(BYTES_PER_S - MODE_BYTES + BYTES_PER_S / FPS, abs=100)
+    assert jobs.asked[1][1] == pytest.approx(BYTES_PER_S - MODE_BYTES + BYTES_PER_S / FPS)
 
 
 def test_a_mode_that_takes_the_last_slot_is_followed_by_none() -> None:
