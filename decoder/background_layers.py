@@ -39,7 +39,8 @@ class BackgroundLayers:
     static: (h, w, 3) uint8 BGR: stands still behind it; None if `moving` is opaque.
     fields_px: (k, rows, columns, 2) motion fields of `moving`, see `shared_model.layers`.
     changes: (c, rows, columns, 3) BGR, what a unit of each further coefficient adds to both.
-    scene_moves: whether the last coefficients move `static`, see `shared_model.layers`.
+    scene_moves: whether coefficients after these move `static`, see `shared_model.layers`.
+    light_changes: whether the last coefficients change the light on both.
     """
 
     moving: Picture
@@ -47,6 +48,7 @@ class BackgroundLayers:
     fields_px: Array | None = None
     changes: Single | None = None
     scene_moves: bool = False
+    light_changes: bool = False
 
 
 def load_background(background: bytes, width: int, height: int) -> BackgroundLayers:
@@ -80,6 +82,7 @@ def _load_layers(background: bytes, width: int, height: int) -> BackgroundLayers
         layers.fields / FIELD_CODES_PER_PX,
         decode_changes(layers.changes, width, height),
         layers.scene_moves,
+        layers.light_changes,
     )
 
 

@@ -4,9 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.background_layers import BackgroundLayers
-from protocol.pictures.layered_background import SCENE_COEFFICIENTS
+from protocol.pictures.layered_background import LIGHT_COEFFICIENTS, SCENE_COEFFICIENTS
 from shared_model.layers.head_motion import BackgroundMesh
 from shared_model.layers.layer_motion import fields_at_mesh, own_motion
+from shared_model.layers.light import Light, light_of
 from shared_model.layers.scene_motion import moved_corners
 
 Array = NDArray[np.float64]
@@ -27,6 +28,10 @@ class LayerMotion:
         self._size = (mesh.camera.width, mesh.camera.height) if layers.scene_moves else None
         self._changes = changes if changes is not None and len(changes) else None
         self._count = 0 if fields_px is None else len(fields_px)
+        # Of the first coefficients of the scene and of the light.
+        self._scene = self._count + (0 if self._changes is None else len(self._changes))
+        self._light = self._scene + SCENE_COEFFICIENTS * layers.scene_moves
+        self._light_changes = layers.light_changes
 
     def own_motion(self, coefficients: Array) -> Array | None:
         """(rows, columns, 2) pixels, see `head_motion.warp`; None if there are no fields."""
@@ -36,9 +41,14 @@ class LayerMotion:
         """See `scene_motion.moved_corners`; None if the scene stands still."""
         if self._size is None:
             return None
-        first = self._count + (0 if self._changes is None else len(self._changes))
-        own = coefficients[first : first + SCENE_COEFFICIENTS]
+        own = coefficients[self._scene : self._scene + SCENE_COEFFICIENTS]
         return moved_corners(*self._size, own)
+
+    def light(self, coefficients: Array) -> Light | None:
+        """The light on both layers; None if it does not change."""
+        if not self._light_changes:
+            return None
+        return light_of(coefficients[self._light : self._light + LIGHT_COEFFICIENTS])
 
     def change(self, coefficients: Array) -> Picture | None:
         """(h, w, 3) uint8 BGR, `NO_CHANGE` more than what to add to both; None: there is nothing.

@@ -17,6 +17,7 @@ from decoder.scene_parts import SceneParts
 from protocol.model_packet import ModelPacket
 from shared_model.geometry import camera_from_head
 from shared_model.layers.head_motion import warp
+from shared_model.layers.light import Light
 from shared_model.parameters import LIDS, Pose
 from shared_model.stage_timer import StageTimer
 
@@ -35,7 +36,7 @@ EDGE_EXPANSION_PX = 0.7
 class FrameState:
     """What the renderer draws of a frame, see `Renderer.submit`.
 
-    texture: None: unchanged.  change, scene_corners: None: there is none.
+    texture: None: unchanged.  change, scene_corners, light: None: there is none.
     """
 
     texture: Picture | None
@@ -45,6 +46,7 @@ class FrameState:
     mouth_shading: float | None
     change: Picture | None = None
     scene_corners: Array | None = None
+    light: Light | None = None
 
 
 class Scene:
@@ -118,7 +120,8 @@ class Scene:
             shading = mouth_shading(self._parts.head, vertices) if self._shade_mouth else None
             change = self._parts.motion.change(frame.face.layers)
             corners = self._parts.motion.scene_corners(frame.face.layers)
-        return FrameState(texture, pose, vertices, grid_px, shading, change, corners)
+            light = self._parts.motion.light(frame.face.layers)
+        return FrameState(texture, pose, vertices, grid_px, shading, change, corners, light)
 
     def submit(self, state: FrameState, timer: StageTimer) -> None:
         """Start drawing a frame; `read_back` returns its picture."""
@@ -135,6 +138,7 @@ class Scene:
                 EDGE_EXPANSION_PX,
                 state.change,
                 state.scene_corners,
+                state.light,
             )
 
     def read_back(self, timer: StageTimer) -> Picture:

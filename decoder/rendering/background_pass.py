@@ -11,6 +11,7 @@ from decoder.rendering.gl_context import (
     upload_picture,
 )
 from decoder.rendering.render_geometry import grid_triangles, opaque_triangles
+from shared_model.layers.light import SAME_LIGHT, Light
 from shared_model.layers.scene_motion import PICTURE_CORNERS
 
 Array = NDArray[np.float64]
@@ -34,7 +35,10 @@ class BackgroundPass:
         self._change: moderngl.Texture | None = None
         self._scene: moderngl.VertexArray | None = None
         self._scene_corners: moderngl.Buffer | None = None
-        self._last: tuple[bool, Array | None] = False, None
+        self._last: tuple[bool, Array | None] = (
+            False,
+            None,
+        )  # whether the scene is not as it was set
 
     def set(self, moving: Picture, grid_px: Array, static: Picture | None) -> None:
         """See `Renderer.set_background`."""
@@ -44,6 +48,7 @@ class BackgroundPass:
         program = load_program(context, "background")
         program["picture_px"] = self._size
         program["picture"], program["change"], program["changes"] = 0, 1, False
+        program["light"] = 0.0, 0.0
         self._grid = context.buffer(as_float32(grid_px), dynamic=True)
         content = [
             (self._grid, "2f", "position_px"),
@@ -66,18 +71,21 @@ class BackgroundPass:
         grid_px: Array | None,
         change: Picture | None = None,
         scene_corners: Array | None = None,
+        light: Light | None = None,
     ) -> None:
         """Draw the layers into `target`.  For the others see `Renderer.submit`."""
         if self._mesh is None or self._grid is None or self._moving is None:
             return
         if grid_px is not None:
             self._grid.write(as_float32(grid_px))
+        gain, offset = light or SAME_LIGHT
         self._mesh.program["changes"] = change is not None
+        self._mesh.program["light"] = gain - 1, offset / 255
         if change is not None:
             self._change = upload_picture(self._context, self._change, "change", change)
             self._change.use(1)
         self._context.enable_only(moderngl.NOTHING)
-        self._last = change is not None, scene_corners
+        self._last = change is not None or light not in (None, SAME_LIGHT), scene_corners
         if self._static_frame is not None:
             self._draw_scene(target, *self._last)
             self._context.enable_only(moderngl.BLEND)
@@ -91,13 +99,13 @@ class BackgroundPass:
             self._draw_scene(target, *self._last)
 
     def _draw_scene(
-        self, target: moderngl.Framebuffer, changes: bool, corners: Array | None
+        self, target: moderngl.Framebuffer, is_changed: bool, corners: Array | None
     ) -> None:
         """Copy the scene as it was drawn once, or draw it again with its change or moved."""
         assert self._static_frame is not None
         if self._scene is None or self._static is None or self._scene_corners is None:
             return
-        if not changes and corners is None:
+        if not is_changed and corners is None:
             self._context.copy_framebuffer(target, self._static_frame)
             return
         self._scene_corners.write(as_float32(PICTURE_CORNERS if corners is None else corners))

@@ -34,6 +34,7 @@ from decoder.rendering.render_geometry import (
 )
 from shared_model.errors import UserError
 from shared_model.geometry import Camera, matrix_from_quaternion
+from shared_model.layers.light import Light
 from shared_model.mesh import Head, inside_mouth
 from shared_model.normals import vertex_normals
 from shared_model.parameters import Pose
@@ -121,9 +122,10 @@ class Renderer:
         expansion_px: float = 0.0,
         change: Picture | None = None,
         scene_corners: Array | None = None,
+        light: Light | None = None,
     ) -> Picture:
         """The textured head over the background: (height, width, 3) uint8 BGR.  See `submit`."""
-        further = expansion_px, change, scene_corners
+        further = expansion_px, change, scene_corners, light
         self.submit(camera, pose, vertices, grid_px, mouth_shading, *further)
         return self.read_back()
 
@@ -137,6 +139,7 @@ class Renderer:
         expansion_px: float = 0.0,
         change: Picture | None = None,
         scene_corners: Array | None = None,
+        light: Light | None = None,
     ) -> None:
         """Start drawing a picture; `read_back` waits for it and returns it.
 
@@ -146,13 +149,14 @@ class Renderer:
         expansion_px: how far the colours of the face extend beyond its outline, pixels.
         change: (h, w, 3) uint8 BGR, added to both layers of the background less 128; None: nothing.
         scene_corners: see `scene_motion.moved_corners`; None: the scene stands still.
+        light: on both layers; None: as it is in them.
         """
         self._check(camera, vertices)
         if self._atlas is None:
             raise ValueError("no texture has been set, expected set_texture before draw")
         with self._context as context:
             self._clear()
-            self._background.draw(self._target, grid_px, change, scene_corners)
+            self._background.draw(self._target, grid_px, change, scene_corners, light)
             self._write_pose(self._textured, camera, pose, vertices)
             self._textured.program["mouth_shading"] = (
                 1.0 if mouth_shading is None else mouth_shading

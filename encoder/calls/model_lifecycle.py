@@ -38,9 +38,9 @@ from encoder.learning.mode_scheduler import ModeScheduler
 from encoder.live_model.call_trainer import trainer_from
 from encoder.live_model.learner import Learner, ModesTask, TrainingTask
 from encoder.live_model.model_schedule import ModelSchedule
-from encoder.live_model.model_trainer import TrainingFrames
 from encoder.live_model.model_version import ModelVersion
 from encoder.live_model.other_face import ShownFace
+from encoder.live_model.training_frames import TrainingFrames
 from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]

@@ -23,6 +23,8 @@ CLOSING_CELLS = 5
 MATTE_SIDE = 128
 # A matte of more than this belongs to a person; less is their soft edge.
 PERSON = 0.5
+# A frame is dark if this percentile of its values is below so many grey levels; it gets so many.
+BRIGHT_PERCENTILE, DARK_GREY, LIT_GREY = 99, 96, 220
 # Size of the morphological closing and of the soft edge, cells of a matte.
 MATTE_CLOSING_CELLS, MATTE_EDGE_CELLS = 7, 5
 
@@ -95,8 +97,16 @@ def person_probability(path: Path, frame: Frame) -> Single:
 
 def _probability(network: TfliteNetwork, frame: Frame) -> Single:
     square = np.asarray(cv2.resize(frame, (INPUT_PX, INPUT_PX), interpolation=cv2.INTER_AREA))
-    probability = network.run(square.astype(np.uint8), low=0.0)[INPUT_PX**2]
+    probability = network.run(_brightened(square.astype(np.uint8)), low=0.0)[INPUT_PX**2]
     return np.asarray(probability.reshape(INPUT_PX, INPUT_PX))
+
+
+def _brightened(frame: Frame) -> Frame:
+    """A frame whose light the network knows: one of a dark room with more contrast."""
+    brightest = float(np.percentile(frame, BRIGHT_PERCENTILE))
+    if brightest >= DARK_GREY:
+        return frame
+    return np.asarray(cv2.convertScaleAbs(frame, alpha=LIT_GREY / max(brightest, 1.0)), np.uint8)
 
 
 def _segment_people(path: Path, frame: Frame) -> Mask:

@@ -23,7 +23,7 @@ class FrameLayers:
     fitter: of the picture around the face.
     distortion: (l, l) squared grey levels around the face per squared unit of the coefficients, for
         each pixel of the face.
-    prior_variance: (l,) of coefficients of which no sample is known; None: a sample tells.
+    prior_variance: (l,) of coefficients that a sample does not show; None: it shows all.
     """
 
     fitter: LayerFitter

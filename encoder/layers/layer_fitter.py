@@ -14,6 +14,7 @@ from encoder.layers.layer_samples import (
     face_region,
     motion_with_head,
 )
+from encoder.layers.light import fit_light, lit, unlit
 from encoder.layers.scene_motion import (
     blurred,
     fit_scene_motion,
@@ -27,6 +28,7 @@ from encoder.layers.scene_motion import (
 from protocol.pictures.layered_background import SCENE_COEFFICIENTS
 from shared_model.animate import Face
 from shared_model.layers.head_motion import BackgroundMesh
+from shared_model.layers.light import PIVOT_GREY, UNIT_GAIN, UNIT_GREY, light_of
 from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
@@ -35,6 +37,8 @@ Picture = NDArray[np.uint8]
 
 # Gauss-Newton steps; residuals of so many grey levels count half.
 STEPS, ROBUST_GREY = 3, 12.0
+# Share of a frame that must show the scene for it to tell the light alone.
+MIN_SCENE_SHARE = 0.1
 # Matte from which on a pixel is the person's; the least change from frame to frame that counts.
 PERSON_MATTE, MIN_CHANGE_GREY = 0.5, 0.05
 
@@ -63,8 +67,9 @@ class LayerFitter:
     face, mesh: of the person, see `motion_with_head`.  size: of the source, (width, height).
     person: (h, w) luma, times alpha.  alpha: (h, w).  scene: (h, w) luma.
     fields: (k, h, w, 2) coarse pixels.  changes: (c, h, w) luma.
-    limits: (k + c + s, 2) the least and the largest coefficients.
-    scene_moves: s is 4, and the last coefficients move the scene (`scene_motion`); else s is 0.
+    limits: (k + c + s, 2) the least and the largest coefficients, without those of the light.
+    scene_moves: s is 4, and coefficients move the scene (`scene_motion`); else s is 0.
+    follows_light: l is 2, and the last coefficients are of the light (`light`); else l is 0.
     start_sigma: standard deviation, coarse pixels, of the kernel that smooths all pictures for the
         first steps, in a model of which large motion is not known; its scene moves in a frame only
         if that explains much of it.  0: of a model that has been learned from motion.
@@ -81,6 +86,7 @@ class LayerFitter:
     limits: Array
     scene_moves: bool = False
     start_sigma: float = 0.0
+    follows_light: bool = False
     # Of person, alpha and scene, as `gradient` has them.
     _gradients: tuple[Single, Single, Single] = field(init=False, repr=False)
     # What takes the first steps; None: the fitter itself.
@@ -97,12 +103,29 @@ class LayerFitter:
         return replace(self, person=person, alpha=alpha, scene=scene, start_sigma=0.0)
 
     def fit(self, picture: Picture, parameters: FaceParameters, outline_px: Array) -> Array:
-        """(k + c + s,) the coefficients of a frame (h, w, 3) uint8 BGR.
+        """(k + c + s + l,) the coefficients of a frame (h, w, 3) uint8 BGR.
 
         parameters: of the face.  outline_px: (n, 2) of the face, source pixels.
         """
         luma, at = coarse_luma(picture), self._origins(parameters)
         weight = (~self.face_region(outline_px)).astype(np.float32)
+        if not self.follows_light:
+            return self._fit_motion(luma, at, weight)
+        light = self._fit_light(np.zeros(len(self.limits)), luma, at, weight)
+        if not light.any():
+            return np.append(self._fit_motion(luma, at, weight), light)
+        coefficients = self._fit_motion(unlit(luma, light_of(light)), at, weight)
+        return np.append(coefficients, self._fit_light(coefficients, luma, at, weight))
+
+    def _fit_light(self, coefficients: Array, luma: Single, at: Single, weight: Single) -> Array:
+        """(2,) the light of a frame, by its scene if that is large enough."""
+        drawn = self._drawn(at, coefficients)
+        behind = weight * (1 - drawn.alpha)
+        is_enough = behind.mean() > MIN_SCENE_SHARE
+        return fit_light(drawn.picture, luma, behind if is_enough else weight)
+
+    def _fit_motion(self, luma: Single, at: Single, weight: Single) -> Array:
+        """(k + c + s,) the coefficients of a frame in the light of the layers."""
         coefficients = np.zeros(len(self.limits))
         if self.scene_moves:
             behind = weight * (1 - sample(self.alpha, at))
@@ -138,11 +161,17 @@ class LayerFitter:
 
     def draw(self, parameters: FaceParameters, coefficients: Array) -> Single:
         """(h, w) the coarse luma of a frame, without the face."""
-        return self._drawn(self._origins(parameters), coefficients).picture
+        drawn = self._drawn(self._origins(parameters), coefficients[: len(self.limits)]).picture
+        return lit(drawn, light_of(coefficients[len(self.limits) :]))
 
     def jacobian(self, parameters: FaceParameters, coefficients: Array) -> Single:
-        """(k + c + s, h, w) grey levels of the coarse picture per unit of each coefficient."""
-        return self._linearised(self._origins(parameters), coefficients)[1]
+        """(k + c + s + l, h, w) grey levels of the coarse picture per unit of each coefficient."""
+        motion, light = np.split(coefficients, [len(self.limits)])
+        drawn, rows = self._linearised(self._origins(parameters), motion)
+        if not self.follows_light:
+            return rows
+        by_light = UNIT_GAIN * (drawn - PIVOT_GREY), np.full_like(drawn, UNIT_GREY)
+        return np.concatenate([light_of(light).gain * rows, by_light]).astype(np.float32)
 
     def sensitivity(
         self, parameters: FaceParameters, coefficients: Array

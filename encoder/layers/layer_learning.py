@@ -13,6 +13,7 @@ from encoder.detection.segmentation import PersonSegmenter
 from encoder.detection.tflite import find_segmentation_network
 from encoder.layers.frame_layers import FrameLayers
 from encoder.layers.layer_model import (
+    LIGHT_SIGMA,
     LayerModel,
     coarse_fitter,
     encode_layers,
@@ -27,12 +28,14 @@ from encoder.layers.layer_samples import (
     reference_mesh,
     shrunk,
 )
+from encoder.layers.light import in_newest_light
 from encoder.layers.motion_fields import FULL_CODE, field_codes
 from encoder.layers.person_picture import PERSON_SHARE, SOFT_OPACITY, covered_region
 from encoder.layers.scene import CLEAR_MATTE, SceneLayer
 from protocol.pictures.foreground_mask import FINE_MASK_SIDE, Mask
 from protocol.pictures.layered_background import (
     FIELD_CODES_PER_PX,
+    LIGHT_COEFFICIENTS,
     SCENE_COEFFICIENTS,
     Codes,
     LayeredBackground,
@@ -67,15 +70,22 @@ FIRST_SHARE = 0.1
 START_SIGMA = 3.0
 
 
-def layers_of_person(frames: FittedFrames) -> tuple[LayerModel | None, str]:
-    """The layers of a sample of frames; None and why, if there are none."""
+def layers_of_person(
+    frames: FittedFrames, follows_light: bool = False
+) -> tuple[LayerModel | None, str]:
+    """The layers of a sample of frames; None and why, if there are none.
+
+    follows_light: they are in the light of the newest frame, and follow that of later ones.
+    """
     path = find_segmentation_network()
     if path is None:
         return None, NO_NETWORK
     samples = collect_samples(PersonSegmenter(path).matte, frames)
     if samples is None:
         return None, NO_PERSON
-    return learn_layers(frames.person, samples), ""
+    if follows_light:
+        samples = in_newest_light(samples)
+    return learn_layers(frames.person, samples, follows_light), ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +104,9 @@ class FirstLayers:
 
     def encode(self, max_bytes: int) -> bytes:
         """See `Background`."""
-        draft = LayeredBackground(self.mask, b"", b"", self.fields, (), scene_moves=True)
+        draft = LayeredBackground(
+            self.mask, b"", b"", self.fields, (), scene_moves=True, light_changes=True
+        )
         return encode_layers((self.person, self.scene), draft, max_bytes)
 
     def encode_rough(self, max_bytes: int) -> bytes:
@@ -112,7 +124,8 @@ class FirstLayers:
         body = BODY_SIGMA * float(np.ptp(self.outline_px[:, 0])) * FIELD_CODES_PER_PX / FULL_CODE
         sigmas = np.array([body] * len(self.fields) + [SCENE_SIGMA] * SCENE_COEFFICIENTS)
         limits = MAX_SIGMAS * np.stack([-sigmas, sigmas], 1)
-        fitter = replace(fitter, limits=limits, start_sigma=START_SIGMA)
+        fitter = replace(fitter, limits=limits, start_sigma=START_SIGMA, follows_light=True)
+        sigmas = np.append(sigmas, np.full(LIGHT_COEFFICIENTS, LIGHT_SIGMA))
         at_rest = np.zeros((1, len(sigmas)))
         distortion = layer_distortion(fitter, face, [self.outline_px], at_rest)
         return FrameLayers(fitter, FIRST_SHARE * distortion, sigmas**2)

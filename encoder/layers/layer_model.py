@@ -21,6 +21,7 @@ from encoder.picture_coding.quantiser_search import STEPS_PER_HALVING, finest_qu
 from protocol.pictures.foreground_mask import Mask
 from protocol.pictures.layered_background import (
     FIELD_CODES_PER_PX,
+    LIGHT_COEFFICIENTS,
     SCENE_COEFFICIENTS,
     Codes,
     LayeredBackground,
@@ -45,6 +46,8 @@ DRAFT_SIDE = 2 * COARSE_SIDE
 # A change has coefficients of about 1 in the frames that it was found in.  One with a greater
 # standard deviation stands for something else, and the scene would flicker by it.
 MAX_CHANGE_SIGMA = 3.0
+# Standard deviation of the coefficients of the light, in later frames.
+LIGHT_SIGMA = 2.0
 # The mask is made narrower as long as what is behind the person changes more as it is drawn than in
 # the frames: where the outline is a pixel off, the scene flickers.
 MASK_MARGINS, MAX_FLICKER = (0.0, 0.5, 1.0, 1.5), 1.0
@@ -76,12 +79,16 @@ class LayerModel:
     @property
     def frames(self) -> FrameLayers:
         """What fits and codes frames."""
-        return FrameLayers(self.fitter, self.distortion)
+        if not self.fitter.follows_light:
+            return FrameLayers(self.fitter, self.distortion)
+        variance = np.zeros(len(self.distortion))
+        variance[-LIGHT_COEFFICIENTS:] = LIGHT_SIGMA**2
+        return FrameLayers(self.fitter, self.distortion, variance)
 
     def encode(self, max_bytes: int) -> bytes:
         """The layered background, its pictures as fine as `max_bytes` for all of it allow."""
-        moves = self.fitter.scene_moves
-        draft = LayeredBackground(self.mask, b"", b"", self.fields, self.changes, moves)
+        follows = self.fitter.scene_moves, self.fitter.follows_light
+        draft = LayeredBackground(self.mask, b"", b"", self.fields, self.changes, *follows)
         return encode_layers((self.person, self.scene), draft, max_bytes)
 
     def encode_rough(self, max_bytes: int) -> bytes:
@@ -115,8 +122,11 @@ def encode_layers(
     return serialise_layers(layers)
 
 
-def learn_layers(face: Face, samples: LayerSamples) -> LayerModel:
-    """The layers of a person, from a sample of their frames."""
+def learn_layers(face: Face, samples: LayerSamples, follows_light: bool = False) -> LayerModel:
+    """The layers of a person, from a sample of their frames.
+
+    follows_light: later frames have coefficients of the light; the sample is of one light.
+    """
     full, scene = _told_apart(samples)
     samples = full.shrunk(DRAFT_SIDE)
     fields = motion_fields(samples)
@@ -143,7 +153,8 @@ def learn_layers(face: Face, samples: LayerSamples) -> LayerModel:
         coefficients = _fitted(fitter, samples)
     margin = LIMIT_MARGIN * np.ptp(coefficients, axis=0)
     limits = np.stack([coefficients.min(0) - margin, coefficients.max(0) + margin], 1)
-    fitter = replace(fitter, limits=limits)
+    fitter = replace(fitter, limits=limits, follows_light=follows_light)
+    coefficients = np.pad(coefficients, ((0, 0), (0, LIGHT_COEFFICIENTS * follows_light)))
     distortion = layer_distortion(fitter, samples.faces, samples.outlines_px, coefficients)
     return LayerModel(
         scene.picture, person, mask, fields, changes.data, fitter, coefficients, distortion
@@ -174,7 +185,12 @@ def layer_distortion(
         rows = fitter.jacobian(faces[i], coefficients[i])[:, ~region].astype(np.float64)
         total += rows @ rows.T
         face_pixels += int(region.sum())
-    return total / max(face_pixels, 1)
+    # Light is a component of its own: where it stays as it is, no other's error is to change it.
+    light = slice(len(fitter.limits), None)
+    apart = total.copy()
+    apart[light], apart[:, light] = 0, 0
+    apart[light, light] = total[light, light]
+    return apart / max(face_pixels, 1)
 
 
 def _with_person(

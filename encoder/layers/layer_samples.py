@@ -30,6 +30,10 @@ FindMatte = Callable[[Picture, Array], Single | None]
 PICTURE_SIDE, COARSE_SIDE = 640, 144
 # The most frames of a sample.
 MAX_SAMPLES = 48
+# Of a robust mean: scale of the Cauchy weights, grey levels, and passes.
+MEAN_SCALE_GREY, MEAN_PASSES = 12.0, 3
+# A pixel is known if the frames that show it weigh as much as so many.
+MIN_FRAMES = 0.75
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,6 +83,19 @@ class LayerSamples:
         """(n, h, w) the mattes at another size."""
         size = shape[::-1]
         return np.array([cv2.resize(m, size, interpolation=cv2.INTER_LINEAR) for m in self.mattes])
+
+    def chosen(self, numbers: Sequence[int]) -> "LayerSamples":
+        """The same of some of the frames, the canonical one among them."""
+        kept = list(numbers)
+        return replace(
+            self,
+            pictures=self.pictures[kept],
+            mattes=self.mattes[kept],
+            faces=tuple(self.faces[number] for number in kept),
+            outlines_px=self.outlines_px[kept],
+            motion=self.motion[kept],
+            canonical=kept.index(self.canonical),
+        )
 
     def shrunk(self, longer: int) -> "LayerSamples":
         """The same with pictures whose longer side is at most `longer`."""
@@ -183,3 +200,26 @@ def face_region(
     """
     ratio = np.array(shape[::-1]) / np.array(size)
     return hull_mask((outline_px + 0.5) * ratio - 0.5, shape) > 0
+
+
+def robust_mean(pictures: NDArray[np.generic], weights: Single) -> Single:
+    """(h, w, 3) the mean of pictures (n, h, w, 3), outliers of less weight.
+
+    weights: (n, h, w) of the pixels.  Where all are 0 the mean is of no use.
+    """
+    mean = _weighted_mean(pictures, weights)
+    for _ in range(MEAN_PASSES - 1):
+        shares = []
+        for picture, weight in zip(pictures, weights, strict=True):
+            blue, green, red = np.moveaxis(picture.astype(np.float32) - mean, -1, 0)
+            away = (blue + green + red) / 3
+            shares.append(weight / (1 + (away / MEAN_SCALE_GREY) ** 2))
+        mean = _weighted_mean(pictures, np.array(shares))
+    return mean
+
+
+def _weighted_mean(pictures: NDArray[np.generic], weights: Single) -> Single:
+    total = np.zeros(pictures.shape[1:], np.float32)
+    for picture, weight in zip(pictures, weights, strict=True):
+        total += picture.astype(np.float32) * weight[..., None]
+    return np.asarray(total / np.maximum(weights.sum(0), 1e-6)[..., None])

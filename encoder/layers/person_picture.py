@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.layers.displacement import dense, origins, pixel_grid, sample
-from encoder.layers.layer_samples import LayerSamples, aligned, face_region
-from encoder.layers.robust_mean import MIN_FRAMES, robust_mean
+from encoder.layers.layer_samples import MIN_FRAMES, LayerSamples, aligned, face_region, robust_mean
 from encoder.layers.scene import SceneLayer
 from encoder.layers.scene_motion import blurred
 from protocol.pictures.foreground_mask import FINE_MASK_SIDE, Mask

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.layers.displacement import sample
-from encoder.layers.layer_samples import LayerSamples, coarse_luma, luma_at
-from encoder.layers.robust_mean import MIN_FRAMES, robust_mean
+from encoder.layers.layer_samples import MIN_FRAMES, LayerSamples, coarse_luma, luma_at, robust_mean
 from encoder.layers.scene_motion import (
     fit_scene_motion,
     is_explained,

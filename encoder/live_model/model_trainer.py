@@ -28,8 +28,8 @@ from encoder.fitting.sequence_fit import fit_sequence
 from encoder.layers.frame_layers import FrameLayers
 from encoder.layers.layer_learning import FirstLayers, layers_of_person
 from encoder.layers.layer_samples import FittedFrames
-from encoder.learning.frame_sampler import UniformSubsampler
 from encoder.learning.person_model import TrainedModel, TrainingOptions, build_person_model
+from encoder.live_model.background_light import background_in_light
 from encoder.live_model.model_version import RESERVED_MODES, ModelVersion, live_distortion
 from protocol.call_parameters import CallParameters
 from protocol.frames.frame_transform import vector_from_face, with_reserved_modes
@@ -57,32 +57,6 @@ LAYER_BYTES = 1.85
 # Texels and pixels that a frame is fitted by.  Twice as many texels take 4 ms a frame more and gave
 # .04 dB less over the face, mean of seven live clips; twice as many pixels gained nothing on two.
 FIT_TEXELS, IMAGE_FIT_PIXELS = 2500, 3000
-
-
-class TrainingFrames:
-    """A uniform subsample of the frames with a face, and their landmarks.
-
-    least: number of frames to train from; there are up to twice as many.
-    """
-
-    def __init__(self, least: int) -> None:
-        self._sampler = UniformSubsampler[tuple[Picture, Array]](least)
-        self._count = 0
-
-    @property
-    def offered(self) -> int:
-        """Number of frames with a face so far."""
-        return self._count
-
-    def offer(self, picture: Picture, points: Array) -> None:
-        """Take or leave a frame with its landmarks (468, 3), pixels."""
-        self._sampler.offer(self._count, lambda: (picture.copy(), points))
-        self._count += 1
-
-    def sample(self) -> tuple[list[Picture], list[Array]]:
-        """The frames to train from, and the landmarks of each."""
-        kept = [each for _, each in self._sampler.frames]
-        return [picture for picture, _ in kept], [points for _, points in kept]
 
 
 class ModelTrainer:
@@ -145,7 +119,7 @@ class ModelTrainer:
     ) -> ModelVersion:
         """Version `number`, an update, whose face takes `share` of the budget.
 
-        Unless it is progressive it has no background: the decoder keeps the one it has.
+        Unless it is progressive the decoder keeps the background that it has, or gets a newer one.
         """
         budget = replace(self._budget, appearance_bytes=int(share * self._budget.appearance_bytes))
         if not self._progressive:
@@ -159,16 +133,12 @@ class ModelTrainer:
         """Version `number` from pictures (h, w, 3) BGR and their landmarks (468, 3), pixels.
 
         It is complete but for its place in the call, see `ModelVersion.placed_at`.  With a budget
-        of no bytes for the background it has none.
+        of no bytes for the background an update has one only where that of before is outdated.
         """
         trained = self._train_person(budget, pictures, points)
         call = self._call_parameters(trained.person.fitted.camera.focal_px)
-        background = self._encoded_background() if budget.background_bytes else b""
         frames = _fitted_frames(trained, call.camera, pictures, points)
-        if number and number in self._layer_updates and not self._progressive:
-            background = self._learn_layers(frames)
-        elif background and isinstance(self._background, FirstLayers):
-            self._frame_layers = self._background.frame_layers(frames)
+        background = self._background_for(number, budget, frames)
         layers = None if self._frame_layers is None else self._frame_layers.of_person(frames)
         faces = trained.faces if layers is None else layers.fitted_all(frames)
         return self._version(number, trained, call, background, faces, layers)
@@ -213,9 +183,30 @@ class ModelTrainer:
             frame_layers=layers,
         )
 
+    def _background_for(self, number: int, budget: ModelBudget, frames: FittedFrames) -> bytes:
+        """The background of version `number`; empty: the one before stays."""
+        is_relit = number > 0 and self._relight(frames.pictures[-1])
+        if budget.background_bytes:
+            if isinstance(self._background, FirstLayers):
+                self._frame_layers = self._background.frame_layers(frames)
+            return self._encoded_background()
+        learned = b""
+        if number > 0 and number in self._layer_updates:
+            learned = self._learn_layers(frames)
+        return learned or (self._encoded_background() if is_relit else b"")
+
+    def _relight(self, newest: Picture) -> bool:
+        """Give a background without layers the light of a frame; whether it had another."""
+        if self._frame_layers is not None or not isinstance(self._background, BackgroundImage):
+            return False
+        relit = background_in_light(self._background, newest)
+        if relit is not None:
+            self._background, self._background_data = relit, None
+        return relit is not None
+
     def _learn_layers(self, frames: FittedFrames) -> bytes:
         """The background with layers; empty if the person cannot be told from the scene."""
-        learned, _ = layers_of_person(frames)
+        learned, _ = layers_of_person(frames, follows_light=True)
         if learned is None:
             return b""
         self._frame_layers = learned.frames.with_wide_limits()

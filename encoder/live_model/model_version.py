@@ -117,13 +117,14 @@ class ModelVersion:
     ) -> FaceParameters:
         """The face in a sample, by landmarks, then by texels in the shape-free frame.
 
-        initial: see `fit`.
+        initial: see `fit`; the layers stay where they were.
         """
         camera = self.packet.call.camera
         start = initial or initial_parameters(self.landmarks, camera, sample.landmarks)
         by_landmarks = fit_with_eyelids(self.landmarks, camera, sample.landmarks, start)
         by_texels = self.person.fit_texels(sample.crop, by_landmarks)
-        return with_averaged_eyelids(by_landmarks, by_texels)
+        face = with_averaged_eyelids(by_landmarks, by_texels)
+        return replace(face, layers=start.layers)
 
     def refit(self, sample: FaceSample, face: FaceParameters) -> FaceParameters:
         """A face that was fitted before the newest modes were learned, with these."""

@@ -6,8 +6,9 @@ picture of the scene.  Mask, picture, fields and each change follow after their 
 background without layers is one picture.
 
 The person moves with the head and, on top of it, along motion fields; both pictures change by
-`changes`; the scene may move as a whole.  A frame has a layer coefficient for each field, then for
-each change, then for the motion of the scene.
+`changes`; the scene may move as a whole; the light on both may change.  A frame has a layer
+coefficient for each field, then for each change, then for the motion of the scene, then for the
+light.
 """
 
 from dataclasses import dataclass
@@ -37,8 +38,10 @@ Single = NDArray[np.float32]
 TAG, FLAGGED_TAG = b"L", b"M"
 # Of the motion of the scene, see `shared_model.layers.scene_motion`.
 SCENE_COEFFICIENTS = 4
-# Flags: the scene moves; the mask is a fine one.
-_SCENE_MOVES, _FINE_MASK = 1, 2
+# Of the light, see `shared_model.layers.light`.
+LIGHT_COEFFICIENTS = 2
+# Flags: the scene moves; the mask is a fine one; the light changes.
+_SCENE_MOVES, _FINE_MASK, _LIGHT_CHANGES = 1, 2, 4
 MAX_FIELDS, MAX_CHANGES = 8, 8
 MAX_FIELD_BYTES = 8192
 MAX_FIELD_CODE = 127
@@ -62,6 +65,7 @@ class LayeredBackground:
         points evenly over the picture, corner to corner, see `field_shape`.
     changes: encoded modes of `change_shape`, added to both pictures.
     scene_moves: frames have coefficients of `shared_model.layers.scene_motion`.
+    light_changes: frames have coefficients of `shared_model.layers.light`.
     """
 
     mask: Mask
@@ -70,12 +74,14 @@ class LayeredBackground:
     fields: Codes
     changes: tuple[bytes, ...] = ()
     scene_moves: bool = False
+    light_changes: bool = False
 
     @property
     def coefficients(self) -> int:
         """Number of layer coefficients of a frame."""
         of_scene = SCENE_COEFFICIENTS if self.scene_moves else 0
-        return len(self.fields) + len(self.changes) + of_scene
+        of_light = LIGHT_COEFFICIENTS if self.light_changes else 0
+        return len(self.fields) + len(self.changes) + of_scene + of_light
 
 
 def field_shape(width: int, height: int) -> tuple[int, int]:
@@ -119,6 +125,7 @@ def serialise_layers(layers: LayeredBackground) -> bytes:
     lengths = [encode_varint(len(part)) + part for part in parts]
     changes = [encode_varint(len(change)) + change for change in layers.changes]
     flags = _SCENE_MOVES * layers.scene_moves + _FINE_MASK * (len(layers.mask) == FINE_MASK_SIDE)
+    flags += _LIGHT_CHANGES * layers.light_changes
     tag = FLAGGED_TAG + bytes([flags]) if flags else TAG
     return b"".join((tag, *lengths, bytes([len(changes)]), *changes, layers.scene))
 
@@ -130,8 +137,9 @@ def parse_layers(data: bytes, width: int, height: int) -> LayeredBackground:
     """
     reader = FieldReader(data[len(TAG) :])
     flags = _byte(reader, "flags") if data[:1] == FLAGGED_TAG else 0
-    if flags > (_SCENE_MOVES | _FINE_MASK) or (not flags and data[:1] == FLAGGED_TAG):
-        raise ProtocolError(f"background: flags are {flags}, expected 1 to 3")
+    most = _SCENE_MOVES | _FINE_MASK | _LIGHT_CHANGES
+    if flags > most or (not flags and data[:1] == FLAGGED_TAG):
+        raise ProtocolError(f"background: flags are {flags}, expected 1 to {most}")
     side = FINE_MASK_SIDE if flags & _FINE_MASK else MASK_SIDE
     mask = decode_mask(_part(reader, "mask", MAX_MASK_BYTES), side)
     person = _part(reader, "person", MAX_IMAGE_BYTES)
@@ -143,8 +151,8 @@ def parse_layers(data: bytes, width: int, height: int) -> LayeredBackground:
     if count > MAX_CHANGES:
         raise ProtocolError(f"background: {count} changes, limit {MAX_CHANGES}")
     changes = tuple(_part(reader, "change", MAX_IMAGE_BYTES) for _ in range(count))
-    scene_moves = bool(flags & _SCENE_MOVES)
-    return LayeredBackground(mask, person, reader.rest, fields, changes, scene_moves)
+    scene_moves, light_changes = bool(flags & _SCENE_MOVES), bool(flags & _LIGHT_CHANGES)
+    return LayeredBackground(mask, person, reader.rest, fields, changes, scene_moves, light_changes)
 
 
 def background_pictures(background: bytes, width: int, height: int) -> tuple[bytes, ...]:

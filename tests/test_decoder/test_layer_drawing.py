@@ -1,10 +1,12 @@
 """What frames change of the layers is drawn, and drawn once."""
 
 import numpy as np
+import pytest
 from heads import synthetic_head
 
 from decoder.rendering.renderer import Renderer
 from shared_model.geometry import Camera, pose_from_euler
+from shared_model.layers.light import Light
 from shared_model.layers.scene_motion import moved_corners
 
 CAMERA = Camera(320, 240, 380.0)
@@ -29,6 +31,29 @@ def test_a_change_is_added_to_both_layers_and_to_the_next_frame_no_more() -> Non
         np.testing.assert_allclose(picture.astype(int), expected + np.array([20, 0, -10]), atol=1)
         picture = renderer.draw(CAMERA, away, head.vertices)
         np.testing.assert_allclose(picture.astype(int), expected, atol=1)
+
+
+@pytest.mark.parametrize("light", [Light(1.5, -20.0), Light(0.4, 0.0)])
+def test_light_is_on_both_layers_and_on_the_next_frame_no_more(light: Light) -> None:
+    rng, head = np.random.default_rng(7), synthetic_head(8, 10)
+    still, behind = rng.integers(0, 256, (2, 240, 320, 3), dtype=np.uint8)
+    opacity = np.zeros((240, 320), np.uint8)
+    opacity[80:160, 100:200] = 255
+    u, v = np.linspace(-0.5, 319.5, 21), np.linspace(-0.5, 239.5, 16)
+    away = pose_from_euler(0, 0, 0, np.array([9000.0, 0, 700]))
+    whole = np.where(opacity[..., None], still, behind).astype(float)
+    with Renderer(CAMERA.width, CAMERA.height, head) as renderer:
+        renderer.set_background(
+            np.dstack([still, opacity]), np.stack(np.meshgrid(u, v), -1), behind
+        )
+        renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
+        picture = renderer.draw(CAMERA, away, head.vertices, light=light)
+        expected = light.gain * (whole - 128) + 128 + light.offset
+        np.testing.assert_allclose(picture.astype(float), np.clip(expected, 0, 255), atol=1)
+        dark = np.clip(light.gain * (behind.astype(float) - 128) + 128 + light.offset, 0, 255)
+        np.testing.assert_allclose(renderer.draw_scene().astype(float), dark, atol=1)
+        picture = renderer.draw(CAMERA, away, head.vertices)
+        np.testing.assert_allclose(picture.astype(float), whole, atol=1)
 
 
 def test_the_scene_moves_behind_the_person_and_stands_still_again() -> None:

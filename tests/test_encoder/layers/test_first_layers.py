@@ -9,10 +9,11 @@ from heads import synthetic_head
 from numpy.typing import NDArray
 
 from encoder.layers.layer_learning import FirstLayers, body_fields, first_layers
-from encoder.layers.layer_samples import FittedFrames
+from encoder.layers.layer_samples import FittedFrames, coarse_luma
 from protocol.pictures.layered_background import parse_layers
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, pose_from_euler
+from shared_model.layers.light import light_of
 from shared_model.parameters import AAUS, FaceParameters
 
 Array = NDArray[np.float64]
@@ -75,17 +76,41 @@ def test_a_body_and_a_scene_that_move_are_followed(layers: FirstLayers) -> None:
 def test_a_scene_at_rest_stays_so(layers: FirstLayers) -> None:
     known = layers.frame_layers(frames_of(frame()))
     own = known.fitted(frame(body_right=5), REST, OUTLINE).layers
-    assert known.count == len(own) == 8
-    assert not own[-4:].any()
+    assert known.count == len(own) == 10
+    assert not own[4:].any()
+
+
+@pytest.mark.parametrize("body_right", [0, 6])
+def test_the_light_is_followed_and_the_body_in_it(layers: FirstLayers, body_right: int) -> None:
+    known = layers.frame_layers(frames_of(frame()))
+    picture = np.rint(0.7 * frame(body_right).astype(float) + 10).astype(np.uint8)
+    own = known.fitted(picture, REST, OUTLINE).layers
+    assert abs(own[0] / 2 - body_right) < 2 and not own[4:8].any()
+    found = light_of(own[-2:])
+    assert found.gain == pytest.approx(0.7, abs=0.04)
+    luma = coarse_luma(picture)
+    drawn, dark = known.fitter.draw(REST, own), known.fitter.draw(REST, np.zeros(10))
+    outside = ~known.fitter.face_region(OUTLINE)
+    assert np.abs(luma - drawn)[outside].mean() < 0.3 * np.abs(luma - dark)[outside].mean()
+
+
+def test_the_jacobian_is_that_of_what_is_drawn(layers: FirstLayers) -> None:
+    fitter = layers.frame_layers(frames_of(frame())).fitter
+    at = np.array([0.5, 0.2, 0, 0, 0, 0, 0, 0, 12.0, -9.0])
+    rows = fitter.jacobian(REST, at)
+    for number in (8, 9):
+        step = np.eye(10)[number]
+        change = fitter.draw(REST, at + step) - fitter.draw(REST, at)
+        np.testing.assert_allclose(rows[number], change, atol=0.01)
 
 
 def test_a_decoder_reads_them_in_the_bytes_they_may_take(layers: FirstLayers) -> None:
     data = layers.encode(4000)
     assert len(data) <= 4000
     parsed = parse_layers(data, *SIZE)
-    assert parsed.scene_moves and len(parsed.fields) == 4
+    assert parsed.scene_moves and parsed.light_changes and len(parsed.fields) == 4
     rough = parse_layers(layers.encode_rough(1500), *SIZE)
-    assert not rough.scene_moves and not len(rough.fields)
+    assert not rough.scene_moves and not rough.light_changes and not len(rough.fields)
 
 
 def test_the_head_does_not_move_with_the_body() -> None:

@@ -16,9 +16,13 @@ from decoder.layer_motion import NO_CHANGE, LayerMotion
 from encoder.layers.displacement import dense, origins, pixel_grid, sample
 from encoder.layers.layer_fitter import flicker_ratio
 from encoder.layers.layer_model import LayerModel, learn_layers
-from encoder.layers.layer_samples import LayerSamples, motion_with_head, scaled_shape, typical_frame
+from encoder.layers.layer_samples import (
+    LayerSamples,
+    motion_with_head,
+    scaled_shape,
+    typical_frame,
+)
 from encoder.layers.person_picture import person_mask, with_headwear
-from encoder.layers.robust_mean import robust_mean
 from encoder.layers.scene import find_scene, scene_motion, scene_picture
 from protocol.pictures.foreground_mask import FINE_MASK_SIDE
 from protocol.pictures.layered_background import parse_layers
@@ -207,16 +211,6 @@ def test_a_person_who_never_moves_has_no_fields() -> None:
     model = learn_layers(FACE, still)
     assert len(model.fields) == 0 and model.changes == ()
     assert model.fitter.fit(still.pictures[0], REST, outline_of(REST)).shape == (0,)
-
-
-def test_outliers_count_little_in_a_robust_mean() -> None:
-    pictures = np.full((9, 2, 2, 3), 100, np.uint8)
-    pictures[4] = 250
-    mean = robust_mean(pictures, np.ones((9, 2, 2), np.float32))
-    assert np.abs(mean - 100).max() < 2
-    weights = np.ones((9, 2, 2), np.float32)
-    weights[:4] = weights[5:] = 0
-    assert np.abs(robust_mean(pictures, weights) - 250).max() < 1e-3
 
 
 def test_the_typical_frame_has_the_pose_that_most_have() -> None:

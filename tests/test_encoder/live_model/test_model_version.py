@@ -13,8 +13,9 @@ from encoder.coding.background import BackgroundImage
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import BUDGETS
 from encoder.learning.incremental_modes import FaceSample, LearnedMode
-from encoder.live_model.model_trainer import ModelTrainer, TrainingFrames
+from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import RESERVED_MODES, ModelVersion
+from encoder.live_model.training_frames import TrainingFrames
 from encoder.live_model.warm_up import frontal_landmarks
 from shared_model.geometry import Camera
 from shared_model.parameters import FaceParameters
@@ -101,6 +102,15 @@ def test_a_version_is_placed_in_the_call_by_its_packet(
     placed = version.placed_at(70, START_FRAME)
     assert placed.first_packet == 70 and placed.packet.call.start_frame == START_FRAME
     assert version.first_packet == 0 and version.packet.call.start_frame == 0
+
+
+def test_a_frame_without_time_for_its_layers_has_those_of_the_frame_before(
+    trained: tuple[ModelVersion, FaceSample],
+) -> None:
+    version, sample = trained
+    before = replace(version.fit(sample), layers=np.array([1.0, 2.0]))
+    assert np.array_equal(version.fit_texels(sample, before).layers, before.layers)
+    assert not len(version.fit_texels(sample).layers)
 
 
 def test_of_frames_that_are_not_trained_from_nothing_is_kept() -> None:

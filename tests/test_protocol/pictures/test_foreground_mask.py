@@ -112,8 +112,11 @@ def test_segmentation_separates_the_person_from_the_background(
     (frame,) = clip_frames("akiyo.mp4", 1)
     found = LandmarkTracker(networks, BlazeFaceDetector(networks)).update(frame)
     assert found is not None
-    mask = segment_person(segmentation, frame, face_outline(found.points))
-    assert mask is not None
+    lit = segment_person(segmentation, frame, face_outline(found.points))
+    dark = segment_person(segmentation, frame // 12, face_outline(found.points))
+    assert lit is not None and dark is not None
+    assert (lit ^ dark).mean() < 0.03
+    mask = lit
 
     def shown(column_px: int, row_px: int) -> bool:
         return bool(mask[row_px * MASK_SIDE // 288, column_px * MASK_SIDE // 352])

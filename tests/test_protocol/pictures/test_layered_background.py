@@ -66,17 +66,21 @@ def test_all_parts_arrive() -> None:
 
 @pytest.mark.parametrize("side", [MASK_SIDE, FINE_MASK_SIDE])
 @pytest.mark.parametrize("moves", [False, True])
-def test_a_scene_that_moves_and_a_fine_mask_arrive(side: int, moves: bool) -> None:
+@pytest.mark.parametrize("light", [False, True])
+def test_a_scene_that_moves_light_and_a_fine_mask_arrive(
+    side: int, moves: bool, light: bool
+) -> None:
     mask = np.repeat(np.repeat(background().mask, side // MASK_SIDE, 0), side // MASK_SIDE, 1)
-    sent = replace(background(), mask=mask, scene_moves=moves)
+    sent = replace(background(), mask=mask, scene_moves=moves, light_changes=light)
     data = serialise_layers(sent)
     found = parse_layers(data, *SIZE)
     assert is_layered(data) and serialise_layers(found) == data
     assert np.array_equal(found.mask, mask)
-    assert (found.scene_moves, found.coefficients) == (moves, 8 if moves else 4)
+    assert (found.scene_moves, found.light_changes) == (moves, light)
+    assert found.coefficients == 4 + 4 * moves + 2 * light
 
 
-@pytest.mark.parametrize("flags", [0, 4, 255])
+@pytest.mark.parametrize("flags", [0, 8, 255])
 def test_unknown_flags_are_refused(flags: int) -> None:
     data = serialise_layers(replace(background(), scene_moves=True))
     with pytest.raises(ProtocolError, match="flags"):

@@ -1,0 +1,31 @@
+"""The background of a call that has no layers yet, in the light of a later frame."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.coding.background import BackgroundImage
+from encoder.layers.layer_samples import coarse_luma
+from encoder.layers.light import fit_light, lit
+from shared_model.layers.light import light_of
+
+Picture = NDArray[np.uint8]
+
+# A background is worth its bytes again if the light has changed it by so many grey levels.
+MIN_CHANGE_GREY = 6.0
+
+
+def background_in_light(background: BackgroundImage, newest: Picture) -> BackgroundImage | None:
+    """The background in the light of a frame (h, w, 3) BGR; None if it has about that light."""
+    before, after = coarse_luma(background.picture), coarse_luma(newest)
+    weight = np.ones_like(before)
+    if background.foreground is not None:
+        person = background.foreground.astype(np.float32)
+        weight -= cv2.resize(person, before.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    light = light_of(fit_light(before, after, weight))
+    if float(np.abs(lit(before, light) - before).mean()) < MIN_CHANGE_GREY:
+        return None
+    changed = np.clip(lit(background.picture.astype(np.float32), light), 0, 255)
+    return replace(background, picture=np.rint(changed).astype(np.uint8))

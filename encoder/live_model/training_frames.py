@@ -1,0 +1,35 @@
+"""The frames that a live call's model is trained from."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.learning.frame_sampler import UniformSubsampler
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+
+class TrainingFrames:
+    """A uniform subsample of the frames with a face, and their landmarks.
+
+    least: number of frames to train from; there are up to twice as many.
+    """
+
+    def __init__(self, least: int) -> None:
+        self._sampler = UniformSubsampler[tuple[Picture, Array]](least)
+        self._count = 0
+
+    @property
+    def offered(self) -> int:
+        """Number of frames with a face so far."""
+        return self._count
+
+    def offer(self, picture: Picture, points: Array) -> None:
+        """Take or leave a frame with its landmarks (468, 3), pixels."""
+        self._sampler.offer(self._count, lambda: (picture.copy(), points))
+        self._count += 1
+
+    def sample(self) -> tuple[list[Picture], list[Array]]:
+        """The frames to train from, and the landmarks of each."""
+        kept = [each for _, each in self._sampler.frames]
+        return [picture for picture, _ in kept], [points for _, points in kept]
