@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
@@ -15,6 +15,7 @@ from decoder.sinks.video_file import TIMED
 from decoder.sound.sound_track import Samples, SoundTrack, open_sound_track
 from protocol.call_parameters import CallParameters
 from protocol.link.interface import MessageCallback, ignore_message
+from shared_model.stage_timer import frame_times
 
 Progress = Callable[[int, int | None], None]
 ShowCallback = Callable[[DrawnFrame, CallParameters], None]
@@ -40,6 +41,7 @@ class DecodeReport:
         one of `VOICES`, and its share of the frame packets, which `frame_bytes` does not count.
     stage_ms: mean time per frame of each stage, ms; stage_cpu_ms: CPU time of the thread that
         waits for it.
+    frame_ms: `frame_times`: how long a picture has taken after the first one, but for writing it.
     shown_ns: for each picture its source frame and `time.monotonic_ns` when it was complete.
     lost_packets, late_packets: frame packets not received in time; received too late or twice.
     frozen_frames: pictures that repeat an older face because the encoder had none.
@@ -68,6 +70,7 @@ class DecodeReport:
     warnings: tuple[str, ...]
     voice: str = "off"
     voice_bytes: int = 0
+    frame_ms: dict[str, float] = field(default_factory=dict)
 
 
 def decode(
@@ -224,6 +227,7 @@ def _report(pictures: CallPictures) -> DecodeReport:
         warnings=tuple(warnings),
         voice=pictures.sender.voice,
         voice_bytes=playout.voice_bytes,
+        frame_ms=frame_times(pictures.frame_ms),
     )
 
 

@@ -1,6 +1,6 @@
 """What an encoder run reports."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture
@@ -8,6 +8,7 @@ from encoder.coding.gop import gop_for_fps
 from encoder.options import EncodeOptions
 from protocol.frames.scalar_quantiser import THESIS_RATE_HZ
 from protocol.link.interface import Reachability
+from shared_model.stage_timer import frame_times
 
 USUAL_BITRATE = 800.0
 # A call that takes a smaller share of a rate, or its model of a size, is as fine as can be.
@@ -30,6 +31,9 @@ class EncodeReport:
         `VOICES`, and its share of the frame packets, which `frame_bytes` does not count.
     stage_ms: mean time per frame of each stage, ms; stage_cpu_ms: CPU time of the thread that
         waits for it.
+    frame_ms: `frame_times` of a live call: how long a source frame has taken once it had begun.
+    hurried_frames: frames of a live call that were fitted by texels only, for want of time.
+    skipped_frames: frames that the source left out because the encoder was late.
     capture_ns: `time.monotonic_ns` at which each source frame was read.
     reach: whom the last packet could reach.
     """
@@ -50,6 +54,9 @@ class EncodeReport:
     reach: Reachability
     voice: str = "off"
     voice_bytes: int = 0
+    frame_ms: dict[str, float] = field(default_factory=dict)
+    hurried_frames: int = 0
+    skipped_frames: int = 0
 
 
 def report_of(
@@ -83,6 +90,9 @@ def report_of(
         reach=reach,
         voice=stats.voice,
         voice_bytes=stats.voice_bytes,
+        frame_ms=frame_times(stats.frame_ms),
+        hurried_frames=stats.hurried_frames,
+        skipped_frames=stats.next_index - captured,
     )
 
 

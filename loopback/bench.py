@@ -50,8 +50,12 @@ CALL_FIGURES = (
     *("frames", "shown_frames", "fps", "width", "height", "duration_s"),
     *("model_bytes", "frame_bytes", "frame_bps", "lost_packets", "lost_frames"),
     *("latency_ms.p50", "latency_ms.p99", "encoder_fps", "decoder_fps"),
+    *("hurried_frames", "skipped_frames"),
 )
-STAGES = ("encoder_ms.", "decoder_ms.", "encoder_cpu_ms.", "decoder_cpu_ms.")
+STAGES = (
+    *("encoder_ms.", "decoder_ms.", "encoder_cpu_ms.", "decoder_cpu_ms."),
+    *("encoder_frame_ms.", "decoder_frame_ms."),
+)
 # Figures that have a mean over clips.
 AVERAGED_FIGURES = (
     *("model_bytes", "frame_bps", "face_psnr_db", "face_psnr_p5_db", "full_psnr_db"),
@@ -188,6 +192,10 @@ def call_figures(result: CallResult, profile: str) -> dict[str, Any]:
         "decoder_ms": _stages(shown["stage_ms"]),
         "encoder_cpu_ms": _stages(sent["stage_cpu_ms"]),
         "decoder_cpu_ms": _stages(shown["stage_cpu_ms"]),
+        "encoder_frame_ms": _stages(sent["frame_ms"]),
+        "decoder_frame_ms": _stages(shown["frame_ms"]),
+        "hurried_frames": sent["hurried_frames"],
+        "skipped_frames": sent["skipped_frames"],
         "encoder_fps": _busy_fps(sent),
         "decoder_fps": _busy_fps(shown),
         "warnings": [*sent["warnings"], *shown["warnings"]],

@@ -6,6 +6,7 @@ from typing import Any
 from loopback.report import Cell, table
 
 ENDS = ("encoder", "decoder")
+FRAME_TIMES = ("median", "p95", "worst")
 
 
 def timings_tables(clips: Sequence[Mapping[str, Any]]) -> str:
@@ -22,7 +23,22 @@ def timings_table(clip: Mapping[str, Any]) -> str:
     process measured itself.
     """
     rows = [row for end in ENDS for row in _rows(clip, end)]
-    return table((clip["source"], "ms a frame", "CPU ms", "share %", "frames/s"), rows)
+    stages = table((clip["source"], "ms a frame", "CPU ms", "share %", "frames/s"), rows)
+    return f"{stages}\n\n{frames_table(clip)}"
+
+
+def frames_table(clip: Mapping[str, Any]) -> str:
+    """How long single frames take at each end, ms, and how many went without what.
+
+    Those of an encoder are of a live call, once it has begun; those of a decoder, all after the
+    first picture.
+    """
+    header = (clip["source"], "median ms", "95 % ms", "worst ms", "texels only", "left out")
+    times = [[clip[f"{end}_frame_ms"].get(name) for name in FRAME_TIMES] for end in ENDS]
+    missed: list[list[Cell]] = [[clip["hurried_frames"], clip["skipped_frames"]], [None, None]]
+    return table(
+        header, [[f"{e}, one frame", *t, *m] for e, t, m in zip(ENDS, times, missed, strict=True)]
+    )
 
 
 def _rows(clip: Mapping[str, Any], end: str) -> list[list[Cell]]:

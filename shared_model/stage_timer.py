@@ -1,8 +1,10 @@
-"""Time by stage of processing."""
+"""Time by stage of processing, and of single frames."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+
+import numpy as np
 
 
 class StageTimer:
@@ -33,3 +35,15 @@ class StageTimer:
     def mean_cpu_ms(self, frames: int) -> dict[str, float]:
         """Milliseconds of CPU time per frame of each stage, of the calling thread alone."""
         return {name: ns / 1e6 / max(frames, 1) for name, ns in self.cpu_ns.items()}
+
+    def whole_ns(self, but_for: str) -> int:
+        """Time of all stages but one, ns."""
+        return sum(ns for name, ns in self.total_ns.items() if name != but_for)
+
+
+def frame_times(times_ms: Sequence[float]) -> dict[str, float]:
+    """Median, 95th percentile and maximum of the times of frames, ms; empty if there is none."""
+    if not times_ms:
+        return {}
+    median, most = np.percentile(times_ms, [50, 95])
+    return {"median": float(median), "p95": float(most), "worst": float(max(times_ms))}

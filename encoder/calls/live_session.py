@@ -72,7 +72,6 @@ class LiveEncoder:
         self._realtime = realtime
         self._overload = OverloadController(1 / fps) if realtime else None
         self._frame_begin_s = 0.0
-        self._hurried_frames = 0
         lead = LEAD_PACKETS if realtime else LEAD_PACKETS_UNPACED
         updates = ModelUpdateSender(packets, stats, gop, fps, lead)
         self._search = open_landmark_search(stats, eye_crop_scale=WIDE_CROP_SCALE)
@@ -92,8 +91,12 @@ class LiveEncoder:
         was_started = self.started
         self._frame_begin_s = self._clock()
         self._encode(index, picture, next_frame)
-        if self._overload is not None and was_started:
-            self._overload.record_frame_time(self._clock() - self._frame_begin_s)
+        if not was_started:
+            return
+        passed_s = self._clock() - self._frame_begin_s
+        self._stats.frame_ms.append(1000 * passed_s)
+        if self._overload is not None:
+            self._overload.record_frame_time(passed_s)
 
     def end(self, frames: int) -> None:
         """See `CallSession`."""
@@ -104,9 +107,9 @@ class LiveEncoder:
         if not self.started:
             return
         self._model.end()
-        if self._hurried_frames:
+        if self._stats.hurried_frames:
             self._stats.warn(
-                f"{self._hurried_frames} of {frames} frames were fitted by texels only:"
+                f"{self._stats.hurried_frames} of {frames} frames were fitted by texels only:"
                 " there was no time for more in real time"
             )
         if excess := self._rate.overshoot_message:
@@ -169,9 +172,11 @@ class LiveEncoder:
         """Fit the face in source frame `index` and add it to the packet."""
         version, is_overloaded = self._model.version, self._is_overloaded
         sample = version.sample(picture, points)
+        if is_overloaded or not self._fits_layers:
+            sample = replace(sample, coarse=None)
         with self._stats.stage("fit"):
             fit = version.fit_texels if is_overloaded else version.fit
-            self._hurried_frames += is_overloaded
+            self._stats.hurried_frames += is_overloaded
             face = fit(sample, self._filler.initial_face)
         self._filler.fill_gap(index, self._packet_frames - 1, face)
         self._filler.add(face, sample)
@@ -208,6 +213,12 @@ class LiveEncoder:
     def _packet_frames(self) -> int:
         """How many frames the packet that is being filled takes."""
         return 1 if self._position.is_first else self._gop.frames_per_packet
+
+    @property
+    def _fits_layers(self) -> bool:
+        """Whether the next frame's layers are fitted: where time counts, in every second frame,
+        not in the last of a packet, which is coded in its time."""
+        return not self._realtime or len(self._filler) % 2 == 0
 
     @property
     def _is_packet_full(self) -> bool:

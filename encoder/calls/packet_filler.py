@@ -3,10 +3,15 @@
 from dataclasses import dataclass, replace
 from math import ceil
 
+import numpy as np
+from numpy.typing import NDArray
+
 from encoder.learning.incremental_modes import FaceSample
 from encoder.live_model.model_version import ModelVersion
 from shared_model.geometry import interpolate
 from shared_model.parameters import FaceParameters
+
+Array = NDArray[np.float64]
 
 # Share of the way to rest that a face goes from one coded frame to the next.
 REST_SHARE = 0.25
@@ -19,12 +24,14 @@ class _PendingFrame:
     sample: what the face was fitted to; None: there was nothing to fit to.
     repeats: the frame repeats the one before, since no face was visible.
     is_outdated: there are modes that the face has not been fitted with.
+    holds_layers: its layer coefficients are those of the frame before.
     """
 
     face: FaceParameters
     sample: FaceSample | None = None
     repeats: bool = False
     is_outdated: bool = False
+    holds_layers: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,9 +87,28 @@ class PacketFiller:
         return index == self.next_index
 
     def add(self, face: FaceParameters, sample: FaceSample) -> None:
-        """Add the next coded frame, with its face as fitted to `sample`."""
+        """Add the next coded frame, with its face as fitted to `sample`.
+
+        Frames before it whose samples have no picture of the layers get coefficients in between.
+        """
         self._face, self._is_interrupted = face, False
-        self._pending.append(_PendingFrame(face, sample))
+        holds_layers = sample.coarse is None
+        if not holds_layers:
+            self._spread_layers(face.layers)
+        self._pending.append(_PendingFrame(face, sample, holds_layers=holds_layers))
+
+    def _spread_layers(self, after: Array) -> None:
+        """Lead the layer coefficients of the newest frames to those of the next one."""
+        first = len(self._pending)
+        while first and self._pending[first - 1].holds_layers:
+            first -= 1
+        held = self._pending[first:]
+        for number, frame in enumerate(held, 1):
+            before = frame.face.layers
+            if len(before) == len(after):
+                between = before + number / (len(held) + 1) * (after - before)
+                face = replace(frame.face, layers=between)
+                self._pending[first + number - 1] = replace(frame, face=face)
 
     def add_rest(self, rest: FaceParameters) -> None:
         """Add the next coded frame while the camera is off: the face goes to rest, and stays.

@@ -20,6 +20,8 @@ class SessionStats:
     capture_ns: `time.monotonic_ns` at which each was; empty unless `keeps_times`.
     next_index: index of the source frame after the newest; a camera may have left some out.
     timer: time of each stage.
+    frame_ms: time that each source frame of a live call has taken once the call had begun.
+    hurried_frames: of these, how many were fitted by texels only, for want of time.
     """
 
     frames: int | None = None
@@ -35,6 +37,8 @@ class SessionStats:
     capture_ns: list[int] = field(default_factory=list)
     next_index: int = 0
     timer: StageTimer = field(default_factory=StageTimer)
+    frame_ms: list[float] = field(default_factory=list)
+    hurried_frames: int = 0
 
     def note_captured(self, index: int) -> None:
         """Count a source frame that has been read."""

@@ -98,9 +98,23 @@ class LayerFitter:
         object.__setattr__(self, "_smoothed", self._smooth() if self.start_sigma else None)
 
     def _smooth(self) -> "LayerFitter":
+        """The same of smooth pictures, half as large in each direction."""
         images = self.person, self.alpha, self.scene
-        person, alpha, scene = (blurred(each, self.start_sigma) for each in images)
-        return replace(self, person=person, alpha=alpha, scene=scene, start_sigma=0.0)
+        person, alpha, scene = (self._smoothed_half(each) for each in images)
+        fields = [_half(field) / 2 for field in self.fields]
+        changes = [_half(change) for change in self.changes]
+        return replace(
+            self,
+            person=person,
+            alpha=alpha,
+            scene=scene,
+            fields=np.array(fields, np.float32).reshape(-1, *scene.shape, 2),
+            changes=np.array(changes, np.float32).reshape(-1, *scene.shape),
+            start_sigma=0.0,
+        )
+
+    def _smoothed_half(self, image: Single) -> Single:
+        return _half(blurred(image, self.start_sigma))
 
     def fit(self, picture: Picture, parameters: FaceParameters, outline_px: Array) -> Array:
         """(k + c + s + l,) the coefficients of a frame (h, w, 3) uint8 BGR.
@@ -109,13 +123,15 @@ class LayerFitter:
         """
         luma, at = coarse_luma(picture), self._origins(parameters)
         weight = (~self.face_region(outline_px)).astype(np.float32)
-        if not self.follows_light:
-            return self._fit_motion(luma, at, weight)
-        light = self._fit_light(np.zeros(len(self.limits)), luma, at, weight)
-        if not light.any():
-            return np.append(self._fit_motion(luma, at, weight), light)
-        coefficients = self._fit_motion(unlit(luma, light_of(light)), at, weight)
-        return np.append(coefficients, self._fit_light(coefficients, luma, at, weight))
+        light = np.zeros(0)
+        if self.follows_light:
+            light = self._fit_light(np.zeros(len(self.limits)), luma, at, weight)
+        dimmed = unlit(luma, light_of(light)) if light.any() else luma
+        start = self._fit_start(dimmed, parameters, at, weight, outline_px)
+        coefficients = self._fit_motion(start, dimmed, at, weight)
+        if light.any():
+            light = self._fit_light(coefficients, luma, at, weight)
+        return np.append(coefficients, light)
 
     def _fit_light(self, coefficients: Array, luma: Single, at: Single, weight: Single) -> Array:
         """(2,) the light of a frame, by its scene if that is large enough."""
@@ -124,18 +140,30 @@ class LayerFitter:
         is_enough = behind.mean() > MIN_SCENE_SHARE
         return fit_light(drawn.picture, luma, behind if is_enough else weight)
 
-    def _fit_motion(self, luma: Single, at: Single, weight: Single) -> Array:
-        """(k + c + s,) the coefficients of a frame in the light of the layers."""
-        coefficients = np.zeros(len(self.limits))
+    def _fit_start(
+        self,
+        luma: Single,
+        parameters: FaceParameters,
+        at: Single,
+        weight: Single,
+        outline_px: Array,
+    ) -> Array:
+        """(k + c + s,) where the fit of a frame in the light of the layers begins."""
+        coefficients, smoothed = np.zeros(len(self.limits)), self._smoothed
         if self.scene_moves:
             behind = weight * (1 - sample(self.alpha, at))
             coefficients[-SCENE_COEFFICIENTS:] = fit_scene_motion(self.scene, luma, behind)
-        if not len(coefficients):
+        if smoothed is None:
             return coefficients
-        if self._smoothed is not None:
-            smooth = blurred(luma, self.start_sigma)
-            coefficients = self._smoothed._refined(coefficients, smooth, at, weight)
-        coefficients = self._refined(coefficients, luma, at, weight)
+        outside = (~smoothed.face_region(outline_px)).astype(np.float32)
+        smooth, at = self._smoothed_half(luma), smoothed._origins(parameters)
+        return smoothed._refined(coefficients, smooth, at, outside)
+
+    def _fit_motion(self, start: Array, luma: Single, at: Single, weight: Single) -> Array:
+        """(k + c + s,) the coefficients of a frame in the light of the layers."""
+        if not len(start):
+            return start
+        coefficients = self._refined(start, luma, at, weight)
         if self.start_sigma and self.scene_moves:
             return self._doubted(coefficients, luma, at, weight)
         return coefficients
@@ -237,6 +265,12 @@ class LayerFitter:
         changes = np.array([sample(change, at) for change in self.changes], np.float32)
         derivatives = -dot(basis, sample(self._gradients[2], at))
         return sample(self.scene, at), changes.reshape(-1, *shape), derivatives
+
+
+def _half(image: Single) -> Single:
+    """An image (h, w) or (h, w, c) half as large in each direction."""
+    size = -(-image.shape[1] // 2), -(-image.shape[0] // 2)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
 def flicker_ratio(samples: LayerSamples, fitter: LayerFitter, coefficients: Array) -> float:

@@ -163,10 +163,12 @@ def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink)
 
 def _encode_summary(report: "EncodeReport") -> str:
     busy_ms = sum(report.stage_ms.values())
+    times = report.frame_ms
+    frame = f", {times['p95']:.1f} at most in 95 of 100" if times else ""
     voice = f", voice {report.voice_bytes} bytes" if report.voice != "off" else ""
     return (
         f"{report.frames} frames of {report.width}x{report.height} at {report.fps:.2f}/s,"
         f" {report.coded_fps:.2f}/s coded: model {report.model_bytes} bytes,"
-        f" frames {report.frame_bytes} bytes{voice}; {busy_ms:.1f} ms a frame"
+        f" frames {report.frame_bytes} bytes{voice}; {busy_ms:.1f} ms a frame{frame}"
         f"{'' if report.reach == 'somebody' else '; nobody heard its end'}"
     )

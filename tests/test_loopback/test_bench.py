@@ -74,10 +74,17 @@ def test_timings_add_up_to_the_whole_of_each_end() -> None:
         "decoder_ms": {"render": 4.0},
         "encoder_cpu_ms": {"capture": 0.5, "track": 5.0},
         "decoder_cpu_ms": {"render": 3.0},
+        "encoder_frame_ms": {"median": 7.0, "p95": 9.0, "worst": 20.0},
+        "decoder_frame_ms": {},
+        "hurried_frames": 3,
+        "skipped_frames": 1,
         "encoder_fps": 125.0,
         "decoder_fps": 250.0,
     }
-    cells = [line.split() for line in timings_tables([clip]).splitlines()[2:]]
+    stages, frames = timings_tables([clip]).split("\n\n")
+    assert [line.split("  ")[-1].split() for line in frames.splitlines()[2:]] == [["1"], ["-"]]
+    assert "one frame  " in frames and "20.00" in frames
+    cells = [line.split() for line in stages.splitlines()[2:]]
     assert cells == [
         ["encoder,", "capture", "2.00", "0.50", "25.00", "-"],
         ["encoder,", "track", "6.00", "5.00", "75.00", "-"],
@@ -91,9 +98,11 @@ def test_an_end_that_took_no_time_has_no_shares() -> None:
     idle = {
         **{"encoder_ms": {"capture": 0.0}, "encoder_cpu_ms": {"capture": 0.0}},
         **{"decoder_ms": {}, "decoder_cpu_ms": {}, "encoder_fps": None, "decoder_fps": None},
+        **{"encoder_frame_ms": {}, "decoder_frame_ms": {}, "hurried_frames": 0},
+        "skipped_frames": 0,
     }
     text = timings_tables([{"source": name, **idle} for name in ("a", "b")])
-    first, second = text.split("\n\n")
+    first, _, second, _ = text.split("\n\n")
     assert first.startswith("a ") and second.startswith("b ")
     assert first.splitlines()[2].split() == ["encoder,", "capture", "0.00", "0.00", "-", "-"]
 
@@ -142,6 +151,9 @@ def test_bench_reports_every_figure(
     assert {"animate", "render"} <= set(clip["decoder_ms"])
     for end in ("encoder", "decoder"):
         assert set(clip[f"{end}_cpu_ms"]) == set(clip[f"{end}_ms"])
+    times = clip["decoder_frame_ms"]
+    assert 0 < times["median"] <= times["p95"] <= times["worst"]
+    assert clip["encoder_frame_ms"] == {} and clip["skipped_frames"] == 0
     figures = {name for name, value in flatten(clip) if isinstance(value, int | float)}
     assert all(map(is_figure, figures)) and figures.issuperset(CALL_FIGURES)
     assert report["mean"]["frame_bps"] == 800
