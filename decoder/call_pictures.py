@@ -77,10 +77,9 @@ class CallPictures:
 
     source: of the packets; None: what the options name.
     wants: whether to draw the picture of a source frame; who cannot draw all leaves some out.
-    While one picture is drawn, the next is prepared.  Attributes `stats`, `timer`, `playout` and
-    `frame_ms`, the time of each picture after the first, hold what the report needs.  Raises
-    `UserError` if the call cannot be read or drawn; with exit code 4 if its encoder leaves before
-    it has sent a face.
+    While one picture is drawn, the next is prepared.  Attributes `stats`, `timer` and `playout`
+    hold what the report needs.  Raises `UserError` if the call cannot be read or drawn; with exit
+    code 4 if its encoder leaves before it has sent a face.
     """
 
     def __init__(
@@ -92,7 +91,6 @@ class CallPictures:
         wants: Callable[[int], bool] = lambda index: True,
     ) -> None:
         self.playout, self.stats, self.timer = CallPlayout(), DecodeStats(), StageTimer()
-        self.frame_ms: list[float] = []
         self._drawn_ns = 0  # time of all stages until the newest picture was complete
         self._options, self._stop, self._stack = options, stop, ExitStack()
         self._wants = wants
@@ -173,7 +171,7 @@ class CallPictures:
         self._picture = self._scene.read_back(self.timer)
         before_ns, self._drawn_ns = self._drawn_ns, self.timer.whole_ns("write")
         if not is_first:
-            self.frame_ms.append((self._drawn_ns - before_ns) / 1e6)
+            self.stats.note_drawn((self._drawn_ns - before_ns) / 1e6)
         yield self._complete(frame)
 
     def _complete(self, frame: PlayoutFrame) -> DrawnFrame:

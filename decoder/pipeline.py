@@ -227,7 +227,7 @@ def _report(pictures: CallPictures) -> DecodeReport:
         warnings=tuple(warnings),
         voice=pictures.sender.voice,
         voice_bytes=playout.voice_bytes,
-        frame_ms=frame_times(pictures.frame_ms),
+        frame_ms=frame_times(stats.frame_ms),
     )
 
 

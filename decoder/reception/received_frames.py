@@ -29,6 +29,7 @@ class DecodeStats:
     damaged: number of packets that are damaged; damages: what was wrong with the first of them.
     shown_ns: for each picture its source frame and `time.monotonic_ns` when it was complete; empty
         unless `keeps_times`.
+    frame_ms: how long each picture after the first has taken, but for writing it; empty likewise.
     """
 
     model_bytes: int = 0
@@ -41,6 +42,7 @@ class DecodeStats:
     warnings: list[str] = field(default_factory=list)
     keeps_times: bool = False
     shown_ns: list[tuple[int, int]] = field(default_factory=list)
+    frame_ms: list[float] = field(default_factory=list)
 
     def note_damage(self, error: ProtocolError, playout: CallPlayout) -> None:
         """Add a damaged packet with the first frame that it can affect."""
@@ -58,6 +60,11 @@ class DecodeStats:
             self.shown_ns.append((frame.index, time.monotonic_ns()))
         self.lost_frames += frame.lost
         self.frozen_frames += frame.frozen and not frame.lost
+
+    def note_drawn(self, ms: float) -> None:
+        """Keep how long a picture has taken."""
+        if self.keeps_times:
+            self.frame_ms.append(ms)
 
     def note_received(self, data: bytes) -> None:
         """Count the bytes of a packet."""

@@ -35,10 +35,8 @@ class BackgroundPass:
         self._change: moderngl.Texture | None = None
         self._scene: moderngl.VertexArray | None = None
         self._scene_corners: moderngl.Buffer | None = None
-        self._last: tuple[bool, Array | None] = (
-            False,
-            None,
-        )  # whether the scene is not as it was set
+        # Whether the scene was drawn last with a change or light, and from where.
+        self._last: tuple[bool, Array | None] = False, None
 
     def set(self, moving: Picture, grid_px: Array, static: Picture | None) -> None:
         """See `Renderer.set_background`."""

@@ -94,7 +94,7 @@ class LiveEncoder:
         if not was_started:
             return
         passed_s = self._clock() - self._frame_begin_s
-        self._stats.frame_ms.append(1000 * passed_s)
+        self._stats.note_frame_time(passed_s)
         if self._overload is not None:
             self._overload.record_frame_time(passed_s)
 
@@ -216,8 +216,11 @@ class LiveEncoder:
 
     @property
     def _fits_layers(self) -> bool:
-        """Whether the next frame's layers are fitted: where time counts, in every second frame,
-        not in the last of a packet, which is coded in its time."""
+        """Whether the next frame's layers are fitted.
+
+        Where time counts, those of every second frame are, but not in the last of a packet, which
+        is coded in the same time.
+        """
         return not self._realtime or len(self._filler) % 2 == 0
 
     @property

@@ -20,7 +20,8 @@ class SessionStats:
     capture_ns: `time.monotonic_ns` at which each was; empty unless `keeps_times`.
     next_index: index of the source frame after the newest; a camera may have left some out.
     timer: time of each stage.
-    frame_ms: time that each source frame of a live call has taken once the call had begun.
+    frame_ms: time that each source frame of a live call has taken once the call had begun; empty
+        unless `keeps_times`.
     hurried_frames: of these, how many were fitted by texels only, for want of time.
     """
 
@@ -45,6 +46,11 @@ class SessionStats:
         self.captured, self.next_index = self.captured + 1, index + 1
         if self.keeps_times:
             self.capture_ns.append(time.monotonic_ns())
+
+    def note_frame_time(self, seconds: float) -> None:
+        """Keep the time that a source frame of a live call has taken."""
+        if self.keeps_times:
+            self.frame_ms.append(1000 * seconds)
 
     def stage(self, name: str) -> AbstractContextManager[None]:
         """Add the time that the `with` block takes to stage `name`."""

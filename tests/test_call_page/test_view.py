@@ -114,8 +114,9 @@ def test_another_page_in_the_same_browser_can_neither_watch_nor_steer(
             browser.wait("typeof found == 'object' && Object.keys(found).length == 3")
             found = browser.value("found")
             assert found == {"fetch": "refused", "img": "refused", "ws": "refused"}
-            # A frame that may not be shown has a page of the browser's, of another origin.
-            assert browser.value("frame.contentDocument") is None
+            # A frame is blank at first; one that may not be shown gets a page of the browser's, of
+            # another origin.
+            browser.wait("frame.contentDocument === null")
         elsewhere.shutdown()
     # It has not begun: nobody was let in.
     assert viewer.poll() is None

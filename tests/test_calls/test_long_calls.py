@@ -1,0 +1,14 @@
+"""What a call of hours keeps of its frames does not grow with them."""
+
+from decoder.reception.received_frames import DecodeStats
+from encoder.calls.session_stats import SessionStats
+
+
+def test_times_are_kept_only_for_a_report() -> None:
+    for keeps_times in (False, True):
+        sent, shown = SessionStats(keeps_times=keeps_times), DecodeStats(keeps_times=keeps_times)
+        sent.note_captured(0)
+        sent.note_frame_time(0.02)
+        shown.note_drawn(8.0)
+        kept = [sent.capture_ns, sent.frame_ms, shown.frame_ms]
+        assert [len(times) for times in kept] == [int(keeps_times)] * 3
