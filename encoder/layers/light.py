@@ -23,6 +23,9 @@ GAIN_LIMITS = (0.05, 20.0)
 # The light has changed if that leaves at most this share of the mean absolute residual, of which a
 # pixel counts at most so many grey levels.
 MAX_LEFT, MAX_GREY = 0.6, 48.0
+# Mean change, grey levels, up to which it is none, and from which on it is followed in full: in
+# between motion may look like it, and the scene would flicker.
+SMALL_CHANGE_GREY = 4.0, 8.0
 # Standard deviation of a picture without contrast, grey levels.
 NO_CONTRAST_GREY = 0.5
 # Frames that need a larger gain are left out of a sample if so many others are left.
@@ -45,7 +48,11 @@ def fit_light(drawn: Single, luma: Single, weight: Single) -> Array:
         float((np.minimum(np.abs(luma - picture), MAX_GREY) * weight).sum())
         for picture in (lit(drawn, light_of(found)), drawn)
     )
-    return found if after < MAX_LEFT * before else np.zeros(2)
+    if after >= MAX_LEFT * before:
+        return np.zeros(2)
+    low, high = SMALL_CHANGE_GREY
+    change = float(np.abs(lit(drawn, light_of(found)) - drawn).mean())
+    return found * min(max((change - low) / (high - low), 0.0), 1.0)
 
 
 def lit(picture: Single, light: Light) -> Single:
