@@ -32,7 +32,7 @@ class EncodeReport:
     stage_ms: mean time per frame of each stage, ms; stage_cpu_ms: CPU time of the thread that
         waits for it.
     frame_ms: `frame_times` of a live call: how long a source frame has taken once it had begun.
-    hurried_frames: frames of a live call that were fitted by texels only, for want of time.
+    overloaded_frames: frames of a live call that were fitted by texels only, for want of time.
     skipped_frames: frames that the source left out because the encoder was late.
     capture_ns: `time.monotonic_ns` at which each source frame was read.
     reach: whom the last packet could reach.
@@ -55,7 +55,7 @@ class EncodeReport:
     voice: str = "off"
     voice_bytes: int = 0
     frame_ms: dict[str, float] = field(default_factory=dict)
-    hurried_frames: int = 0
+    overloaded_frames: int = 0
     skipped_frames: int = 0
 
 
@@ -91,7 +91,7 @@ def report_of(
         voice=stats.voice,
         voice_bytes=stats.voice_bytes,
         frame_ms=frame_times(stats.frame_ms),
-        hurried_frames=stats.hurried_frames,
+        overloaded_frames=stats.overloaded_frames,
         skipped_frames=stats.next_index - captured,
     )
 

@@ -50,7 +50,7 @@ CALL_FIGURES = (
     *("frames", "shown_frames", "fps", "width", "height", "duration_s"),
     *("model_bytes", "frame_bytes", "frame_bps", "lost_packets", "lost_frames"),
     *("latency_ms.p50", "latency_ms.p99", "encoder_fps", "decoder_fps"),
-    *("hurried_frames", "skipped_frames"),
+    *("overloaded_frames", "skipped_frames"),
 )
 STAGES = (
     *("encoder_ms.", "decoder_ms.", "encoder_cpu_ms.", "decoder_cpu_ms."),
@@ -194,7 +194,7 @@ def call_figures(result: CallResult, profile: str) -> dict[str, Any]:
         "decoder_cpu_ms": _stages(shown["stage_cpu_ms"]),
         "encoder_frame_ms": _stages(sent["frame_ms"]),
         "decoder_frame_ms": _stages(shown["frame_ms"]),
-        "hurried_frames": sent["hurried_frames"],
+        "overloaded_frames": sent["overloaded_frames"],
         "skipped_frames": sent["skipped_frames"],
         "encoder_fps": _busy_fps(sent),
         "decoder_fps": _busy_fps(shown),

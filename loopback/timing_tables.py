@@ -35,7 +35,7 @@ def frames_table(clip: Mapping[str, Any]) -> str:
     """
     header = (clip["source"], "median ms", "95 % ms", "worst ms", "texels only", "left out")
     times = [[clip[f"{end}_frame_ms"].get(name) for name in FRAME_TIMES] for end in ENDS]
-    missed: list[list[Cell]] = [[clip["hurried_frames"], clip["skipped_frames"]], [None, None]]
+    missed: list[list[Cell]] = [[clip["overloaded_frames"], clip["skipped_frames"]], [None, None]]
     return table(
         header, [[f"{e}, one frame", *t, *m] for e, t, m in zip(ENDS, times, missed, strict=True)]
     )

@@ -107,9 +107,9 @@ class LiveEncoder:
         if not self.started:
             return
         self._model.end()
-        if self._stats.hurried_frames:
+        if self._stats.overloaded_frames:
             self._stats.warn(
-                f"{self._stats.hurried_frames} of {frames} frames were fitted by texels only:"
+                f"{self._stats.overloaded_frames} of {frames} frames were fitted by texels only:"
                 " there was no time for more in real time"
             )
         if excess := self._rate.overshoot_message:
@@ -171,12 +171,10 @@ class LiveEncoder:
     def _add(self, index: int, picture: Picture, points: Array) -> None:
         """Fit the face in source frame `index` and add it to the packet."""
         version, is_overloaded = self._model.version, self._is_overloaded
-        sample = version.sample(picture, points)
-        if is_overloaded or not self._fits_layers:
-            sample = replace(sample, coarse=None)
+        sample = version.sample(picture, points, self._fits_layers and not is_overloaded)
         with self._stats.stage("fit"):
             fit = version.fit_texels if is_overloaded else version.fit
-            self._stats.hurried_frames += is_overloaded
+            self._stats.overloaded_frames += is_overloaded
             face = fit(sample, self._filler.initial_face)
         self._filler.fill_gap(index, self._packet_frames - 1, face)
         self._filler.add(face, sample)

@@ -22,7 +22,7 @@ class SessionStats:
     timer: time of each stage.
     frame_ms: time that each source frame of a live call has taken once the call had begun; empty
         unless `keeps_times`.
-    hurried_frames: of these, how many were fitted by texels only, for want of time.
+    overloaded_frames: of these, how many were fitted by texels only, for want of time.
     """
 
     frames: int | None = None
@@ -39,7 +39,7 @@ class SessionStats:
     next_index: int = 0
     timer: StageTimer = field(default_factory=StageTimer)
     frame_ms: list[float] = field(default_factory=list)
-    hurried_frames: int = 0
+    overloaded_frames: int = 0
 
     def note_captured(self, index: int) -> None:
         """Count a source frame that has been read."""

@@ -19,6 +19,7 @@ from encoder.layers.scene_motion import (
     blurred,
     fit_scene_motion,
     gradient,
+    halved,
     is_explained,
     left_of,
     scene_basis,
@@ -101,8 +102,8 @@ class LayerFitter:
         """The same of smooth pictures, half as large in each direction."""
         images = self.person, self.alpha, self.scene
         person, alpha, scene = (self._smoothed_half(each) for each in images)
-        fields = [_half(field) / 2 for field in self.fields]
-        changes = [_half(change) for change in self.changes]
+        fields = [halved(field) / 2 for field in self.fields]
+        changes = [halved(change) for change in self.changes]
         return replace(
             self,
             person=person,
@@ -114,7 +115,7 @@ class LayerFitter:
         )
 
     def _smoothed_half(self, image: Single) -> Single:
-        return _half(blurred(image, self.start_sigma))
+        return halved(blurred(image, self.start_sigma))
 
     def fit(self, picture: Picture, parameters: FaceParameters, outline_px: Array) -> Array:
         """(k + c + s + l,) the coefficients of a frame (h, w, 3) uint8 BGR.
@@ -125,20 +126,16 @@ class LayerFitter:
         weight = (~self.face_region(outline_px)).astype(np.float32)
         light = np.zeros(0)
         if self.follows_light:
-            light = self._fit_light(np.zeros(len(self.limits)), luma, at, weight)
-        dimmed = unlit(luma, light_of(light)) if light.any() else luma
-        start = self._fit_start(dimmed, parameters, at, weight, outline_px)
-        coefficients = self._fit_motion(start, dimmed, at, weight)
+            alpha = sample(self.alpha, at)
+            at_rest = (1 - alpha) * self.scene + sample(self.person, at)
+            light = _fit_scene_light(at_rest, alpha, luma, weight)
+        normalised = unlit(luma, light_of(light)) if light.any() else luma
+        start = self._fit_start(normalised, parameters, at, weight, outline_px)
+        coefficients = self._fit_motion(start, normalised, at, weight)
         if light.any():
-            light = self._fit_light(coefficients, luma, at, weight)
+            drawn = self._drawn(at, coefficients)
+            light = _fit_scene_light(drawn.picture, drawn.alpha, luma, weight)
         return np.append(coefficients, light)
-
-    def _fit_light(self, coefficients: Array, luma: Single, at: Single, weight: Single) -> Array:
-        """(2,) the light of a frame, by its scene if that is large enough."""
-        drawn = self._drawn(at, coefficients)
-        behind = weight * (1 - drawn.alpha)
-        is_enough = behind.mean() > MIN_SCENE_SHARE
-        return fit_light(drawn.picture, luma, behind if is_enough else weight)
 
     def _fit_start(
         self,
@@ -267,10 +264,13 @@ class LayerFitter:
         return sample(self.scene, at), changes.reshape(-1, *shape), derivatives
 
 
-def _half(image: Single) -> Single:
-    """An image (h, w) or (h, w, c) half as large in each direction."""
-    size = -(-image.shape[1] // 2), -(-image.shape[0] // 2)
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
+def _fit_scene_light(picture: Single, alpha: Single, luma: Single, weight: Single) -> Array:
+    """(2,) the light of a frame, by its scene if that is large enough.
+
+    picture, alpha: (h, w) as drawn, and of the person.  luma, weight: (h, w) of the frame.
+    """
+    behind = weight * (1 - alpha)
+    return fit_light(picture, luma, behind if behind.mean() > MIN_SCENE_SHARE else weight)
 
 
 def flicker_ratio(samples: LayerSamples, fitter: LayerFitter, coefficients: Array) -> float:

@@ -186,11 +186,9 @@ def layer_distortion(
         total += rows @ rows.T
         face_pixels += int(region.sum())
     # Light is a component of its own: where it stays as it is, no other's error is to change it.
-    light = slice(len(fitter.limits), None)
-    apart = total.copy()
-    apart[light], apart[:, light] = 0, 0
-    apart[light, light] = total[light, light]
-    return apart / max(face_pixels, 1)
+    count = len(fitter.limits)
+    total[:count, count:] = total[count:, :count] = 0
+    return total / max(face_pixels, 1)
 
 
 def _with_person(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.layers.layer_samples import LayerSamples, coarse_luma
+from encoder.layers.scene import CLEAR_MATTE
 from shared_model.layers.light import PIVOT_GREY, SAME_LIGHT, UNIT_GAIN, UNIT_GREY, Light, light_of
 
 Array = NDArray[np.float64]
@@ -30,8 +31,6 @@ SMALL_CHANGE_GREY = 4.0, 8.0
 NO_CONTRAST_GREY = 0.5
 # Frames that need a larger gain are left out of a sample if so many others are left.
 MAX_SAMPLE_GAIN, MIN_SAMPLES = 2.0, 8
-# Matte from which on a pixel is the person's.
-PERSON_MATTE = 0.25
 
 
 def fit_light(drawn: Single, luma: Single, weight: Single) -> Array:
@@ -44,20 +43,27 @@ def fit_light(drawn: Single, luma: Single, weight: Single) -> Array:
         found = _by_moments(drawn, luma, trust)
         residual = luma - lit(drawn, light_of(found))
         trust = weight / (1 + (residual / ROBUST_GREY) ** 2)
+    relit = lit(drawn, light_of(found))
     after, before = (
         float((np.minimum(np.abs(luma - picture), MAX_GREY) * weight).sum())
-        for picture in (lit(drawn, light_of(found)), drawn)
+        for picture in (relit, drawn)
     )
     if after >= MAX_LEFT * before:
         return np.zeros(2)
     low, high = SMALL_CHANGE_GREY
-    change = float(np.abs(lit(drawn, light_of(found)) - drawn).mean())
+    change = float(np.abs(relit - drawn).mean())
     return found * min(max((change - low) / (high - low), 0.0), 1.0)
 
 
 def lit(picture: Single, light: Light) -> Single:
     """Grey levels of a picture in a light."""
     return np.asarray(light.gain * (picture - PIVOT_GREY) + PIVOT_GREY + light.offset, np.float32)
+
+
+def lit_picture(picture: Picture, light: Light) -> Picture:
+    """A picture (h, w, 3) uint8 BGR in a light."""
+    changed = np.clip(lit(picture.astype(np.float32), light), 0, 255)
+    return np.asarray(np.rint(changed), np.uint8)
 
 
 def unlit(picture: Single, light: Light) -> Single:
@@ -72,13 +78,13 @@ def in_newest_light(samples: LayerSamples) -> LayerSamples:
     """
     lumas = [coarse_luma(picture) for picture in samples.pictures]
     mattes = samples.mattes_at((lumas[0].shape[0], lumas[0].shape[1]))
-    behind = [(np.maximum(m, mattes[-1]) < PERSON_MATTE).astype(np.float32) for m in mattes]
+    behind = [(np.maximum(m, mattes[-1]) < CLEAR_MATTE).astype(np.float32) for m in mattes]
     lights = [
         light_of(fit_light(luma, lumas[-1], weight))
         for luma, weight in zip(lumas, behind, strict=True)
     ]
     pictures = [
-        picture if light == SAME_LIGHT else _as_picture(lit(picture.astype(np.float32), light))
+        picture if light == SAME_LIGHT else lit_picture(picture, light)
         for picture, light in zip(samples.pictures, lights, strict=True)
     ]
     bright = [number for number, light in enumerate(lights) if light.gain <= MAX_SAMPLE_GAIN]
@@ -86,10 +92,6 @@ def in_newest_light(samples: LayerSamples) -> LayerSamples:
     if len(bright) < MIN_SAMPLES:
         return relit
     return relit.chosen(sorted({samples.canonical, *bright}))
-
-
-def _as_picture(values: Single) -> Picture:
-    return np.asarray(np.rint(np.clip(values, 0, 255)), np.uint8)
 
 
 def _by_moments(drawn: Single, luma: Single, weight: Single) -> Array:

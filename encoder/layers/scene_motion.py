@@ -68,6 +68,12 @@ def blurred(image: Single, sigma: float) -> Single:
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.float32)
 
 
+def halved(image: Single) -> Single:
+    """An image (h, w) or (h, w, c) half as large in each direction."""
+    size = -(-image.shape[1] // 2), -(-image.shape[0] // 2)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
 def gradient(image: Single) -> Single:
     """(h, w, 2) central differences."""
     across = cv2.Sobel(image, cv2.CV_32F, 1, 0, ksize=3) / 8

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from encoder.coding.background import BackgroundImage
 from encoder.layers.layer_samples import coarse_luma
-from encoder.layers.light import fit_light, lit
+from encoder.layers.light import fit_light, lit, lit_picture
 from shared_model.layers.light import light_of
 
 Picture = NDArray[np.uint8]
@@ -27,5 +27,4 @@ def background_in_light(background: BackgroundImage, newest: Picture) -> Backgro
     light = light_of(fit_light(before, after, weight))
     if float(np.abs(lit(before, light) - before).mean()) < MIN_CHANGE_GREY:
         return None
-    changed = np.clip(lit(background.picture.astype(np.float32), light), 0, 255)
-    return replace(background, picture=np.rint(changed).astype(np.uint8))
+    return replace(background, picture=lit_picture(background.picture, light))

@@ -95,9 +95,13 @@ class ModelVersion:
         packet = replace(self.packet, call=call, sequence=first_packet % SEQUENCE_MODULUS)
         return replace(self, packet=packet, first_packet=first_packet)
 
-    def sample(self, picture: Picture, points: Array) -> FaceSample:
-        """A picture (h, w, 3) BGR and its landmarks (468, 3), pixels, ready to be fitted."""
-        coarse = None if self.frame_layers is None else shrunk(picture, COARSE_SIDE)
+    def sample(self, picture: Picture, points: Array, with_layers: bool = True) -> FaceSample:
+        """A picture (h, w, 3) BGR and its landmarks (468, 3), pixels, ready to be fitted.
+
+        with_layers: fit the layers around the face, too, where there are some.
+        """
+        has_layers = with_layers and self.frame_layers is not None
+        coarse = shrunk(picture, COARSE_SIDE) if has_layers else None
         crop = crop_face(picture, points, self.person.pixels_per_texel)
         return FaceSample(crop, points, coarse=coarse)
 

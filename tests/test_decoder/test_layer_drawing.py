@@ -1,79 +1,77 @@
 """What frames change of the layers is drawn, and drawn once."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 from heads import synthetic_head
+from numpy.typing import NDArray
 
 from decoder.rendering.renderer import Renderer
 from shared_model.geometry import Camera, pose_from_euler
 from shared_model.layers.light import Light
 from shared_model.layers.scene_motion import moved_corners
 
+Picture = NDArray[np.uint8]
+
 CAMERA = Camera(320, 240, 380.0)
+HEAD = synthetic_head(8, 10)
+# The head is out of the picture.
+AWAY = pose_from_euler(0, 0, 0, np.array([9000.0, 0, 700]))
+OPACITY = np.zeros((240, 320), np.uint8)
+OPACITY[80:160, 100:200] = 255
+
+
+@contextmanager
+def layers(still: Picture, behind: Picture) -> Iterator[Renderer]:
+    """A renderer with a rectangle of one picture before another."""
+    u, v = np.linspace(-0.5, 319.5, 21), np.linspace(-0.5, 239.5, 16)
+    with Renderer(CAMERA.width, CAMERA.height, HEAD) as renderer:
+        grid_px = np.stack(np.meshgrid(u, v), -1)
+        renderer.set_background(np.dstack([still, OPACITY]), grid_px, behind)
+        renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
+        yield renderer
 
 
 def test_a_change_is_added_to_both_layers_and_to_the_next_frame_no_more() -> None:
-    rng, head = np.random.default_rng(5), synthetic_head(8, 10)
+    rng = np.random.default_rng(5)
     still, behind = rng.integers(40, 200, (2, 240, 320, 3), dtype=np.uint8)
-    opacity = np.zeros((240, 320), np.uint8)
-    opacity[80:160, 100:200] = 255
-    u, v = np.linspace(-0.5, 319.5, 21), np.linspace(-0.5, 239.5, 16)
-    with Renderer(CAMERA.width, CAMERA.height, head) as renderer:
-        renderer.set_background(
-            np.dstack([still, opacity]), np.stack(np.meshgrid(u, v), -1), behind
-        )
-        renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
-        away = pose_from_euler(0, 0, 0, np.array([9000.0, 0, 700]))
-        expected = np.where(opacity[..., None], still, behind).astype(int)
+    with layers(still, behind) as renderer:
+        expected = np.where(OPACITY[..., None], still, behind).astype(int)
         change = np.full((6, 8, 3), 128, np.uint8)
         change += np.array([20, 0, 246], np.uint8)
-        picture = renderer.draw(CAMERA, away, head.vertices, change=change)
+        picture = renderer.draw(CAMERA, AWAY, HEAD.vertices, change=change)
         np.testing.assert_allclose(picture.astype(int), expected + np.array([20, 0, -10]), atol=1)
-        picture = renderer.draw(CAMERA, away, head.vertices)
+        picture = renderer.draw(CAMERA, AWAY, HEAD.vertices)
         np.testing.assert_allclose(picture.astype(int), expected, atol=1)
 
 
 @pytest.mark.parametrize("light", [Light(1.5, -20.0), Light(0.4, 0.0)])
 def test_light_is_on_both_layers_and_on_the_next_frame_no_more(light: Light) -> None:
-    rng, head = np.random.default_rng(7), synthetic_head(8, 10)
+    rng = np.random.default_rng(7)
     still, behind = rng.integers(0, 256, (2, 240, 320, 3), dtype=np.uint8)
-    opacity = np.zeros((240, 320), np.uint8)
-    opacity[80:160, 100:200] = 255
-    u, v = np.linspace(-0.5, 319.5, 21), np.linspace(-0.5, 239.5, 16)
-    away = pose_from_euler(0, 0, 0, np.array([9000.0, 0, 700]))
-    whole = np.where(opacity[..., None], still, behind).astype(float)
-    with Renderer(CAMERA.width, CAMERA.height, head) as renderer:
-        renderer.set_background(
-            np.dstack([still, opacity]), np.stack(np.meshgrid(u, v), -1), behind
-        )
-        renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
-        picture = renderer.draw(CAMERA, away, head.vertices, light=light)
+    whole = np.where(OPACITY[..., None], still, behind).astype(float)
+    with layers(still, behind) as renderer:
+        picture = renderer.draw(CAMERA, AWAY, HEAD.vertices, light=light)
         expected = light.gain * (whole - 128) + 128 + light.offset
         np.testing.assert_allclose(picture.astype(float), np.clip(expected, 0, 255), atol=1)
         dark = np.clip(light.gain * (behind.astype(float) - 128) + 128 + light.offset, 0, 255)
         np.testing.assert_allclose(renderer.draw_scene().astype(float), dark, atol=1)
-        picture = renderer.draw(CAMERA, away, head.vertices)
+        picture = renderer.draw(CAMERA, AWAY, HEAD.vertices)
         np.testing.assert_allclose(picture.astype(float), whole, atol=1)
 
 
 def test_the_scene_moves_behind_the_person_and_stands_still_again() -> None:
-    rng, head = np.random.default_rng(6), synthetic_head(8, 10)
+    rng = np.random.default_rng(6)
     still, behind = rng.integers(40, 200, (2, 240, 320, 3), dtype=np.uint8)
-    opacity = np.zeros((240, 320), np.uint8)
-    opacity[80:160, 100:200] = 255
-    u, v = np.linspace(-0.5, 319.5, 21), np.linspace(-0.5, 239.5, 16)
-    away = pose_from_euler(0, 0, 0, np.array([9000.0, 0, 700]))
     # 5 pixels to the right, 3 up.
     corners = moved_corners(320, 240, np.array([5, -3]) / 3.2)
     moved = np.roll(behind, (-3, 5), (0, 1))
-    with Renderer(CAMERA.width, CAMERA.height, head) as renderer:
-        renderer.set_background(
-            np.dstack([still, opacity]), np.stack(np.meshgrid(u, v), -1), behind
-        )
-        renderer.set_texture(np.zeros((16, 16, 3), dtype=np.uint8))
+    with layers(still, behind) as renderer:
         for scene_corners, expected in ((corners, moved), (None, behind)):
-            picture = renderer.draw(CAMERA, away, head.vertices, scene_corners=scene_corners)
-            whole = np.where(opacity[..., None], still, expected).astype(int)
+            picture = renderer.draw(CAMERA, AWAY, HEAD.vertices, scene_corners=scene_corners)
+            whole = np.where(OPACITY[..., None], still, expected).astype(int)
             np.testing.assert_allclose(
                 picture[10:-10, 10:-10].astype(int), whole[10:-10, 10:-10], atol=1
             )

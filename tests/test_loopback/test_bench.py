@@ -76,7 +76,7 @@ def test_timings_add_up_to_the_whole_of_each_end() -> None:
         "decoder_cpu_ms": {"render": 3.0},
         "encoder_frame_ms": {"median": 7.0, "p95": 9.0, "worst": 20.0},
         "decoder_frame_ms": {},
-        "hurried_frames": 3,
+        "overloaded_frames": 3,
         "skipped_frames": 1,
         "encoder_fps": 125.0,
         "decoder_fps": 250.0,
@@ -98,7 +98,7 @@ def test_an_end_that_took_no_time_has_no_shares() -> None:
     idle = {
         **{"encoder_ms": {"capture": 0.0}, "encoder_cpu_ms": {"capture": 0.0}},
         **{"decoder_ms": {}, "decoder_cpu_ms": {}, "encoder_fps": None, "decoder_fps": None},
-        **{"encoder_frame_ms": {}, "decoder_frame_ms": {}, "hurried_frames": 0},
+        **{"encoder_frame_ms": {}, "decoder_frame_ms": {}, "overloaded_frames": 0},
         "skipped_frames": 0,
     }
     text = timings_tables([{"source": name, **idle} for name in ("a", "b")])

@@ -16,12 +16,7 @@ from decoder.layer_motion import NO_CHANGE, LayerMotion
 from encoder.layers.displacement import dense, origins, pixel_grid, sample
 from encoder.layers.layer_fitter import flicker_ratio
 from encoder.layers.layer_model import LayerModel, learn_layers
-from encoder.layers.layer_samples import (
-    LayerSamples,
-    motion_with_head,
-    scaled_shape,
-    typical_frame,
-)
+from encoder.layers.layer_samples import LayerSamples, motion_with_head, scaled_shape, typical_frame
 from encoder.layers.person_picture import person_mask, with_headwear
 from encoder.layers.scene import find_scene, scene_motion, scene_picture
 from protocol.pictures.foreground_mask import FINE_MASK_SIDE
