@@ -1,7 +1,7 @@
 """First frames: the share of single pictures of new people in which a face is fitted right.
 
-Three ways to find it: the landmark network, the AAM from the network's pose, and the AAM from the
-eyes that Viola-Jones finds, without any network.
+Three ways to find it: the landmark network, the network weighed against a search of the AAM that
+starts where it ends, and the AAM from the eyes that Viola-Jones finds, without any network.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from aam.annotation.annotation_file import read_annotations
 from aam.annotation.landmark_schemes import IBUG_68, from_search
 from aam.annotation.landmark_search import StillLandmarks
-from aam.annotation.model_landmarks import ModelLandmarks, on_network_landmarks
+from aam.annotation.model_landmarks import ModelLandmarks
 from aam.annotation.still_fit import fit_still
 from aam.model import MultiResolutionModel
-from aam.search.find_face import find_face
+from aam.search.weighed_search import weighed_landmarks
 from encoder.detection.landmark_indices import FACE_OVAL, OUTER_EYE_CORNERS
 from encoder.runtime.parallel import parallel_map
 from shared_model.errors import UserError
@@ -105,8 +105,8 @@ def first_frames(
         if found is None:
             return None
         size = picture.shape[1], picture.shape[0]
-        pose = fit_still(generic_head(), size, from_search(found)).pose
-        return on_network_landmarks(model, find_face(model, picture, pose))
+        fit = fit_still(generic_head(), size, from_search(found))
+        return weighed_landmarks(model, picture, found, fit.pose, fit.shape)
 
     by_way = {
         WAYS[0]: points,

@@ -1,5 +1,6 @@
 """Training: what the modes explain, what the matrices predict, the same bytes each time, files."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,7 @@ from aam.model_file import read_model, write_model
 from aam.pca import principal_components
 from aam.search.find_face import find_face, find_from_eyes, find_in_window, is_explained
 from aam.search.search import METHODS, SearchOptions
+from aam.search.weighed_search import SEARCH_WEIGHT, weighed_landmarks
 from aam.training.cascade import NEAR_SHIFT, TURN_SIGMA_RAD, first_states
 from aam.training.faces import at_resolution, mirrored_face, read_faces, rescaled
 from aam.training.report import person_residuals, write_report
@@ -182,6 +184,39 @@ def test_landmarks_of_a_model_are_in_the_order_of_the_network(model: MultiResolu
     assert np.isnan(points[:, 2]).all()
     known = np.flatnonzero(np.isfinite(points[:, 0]))
     np.testing.assert_array_equal(known, np.sort(warp.landmark_index))
+
+
+def test_a_search_moves_landmarks_of_the_network_a_quarter_of_its_way(
+    model: MultiResolutionModel,
+) -> None:
+    warp, moved = model.warp(1), []
+    for face in STRANGERS:
+        points = np.full((468, 3), 7.0)
+        pose = warp.displaced(face.pose, np.array([0.0, 0.0, 0.0, 4.0, -3.0, 0.03]))
+        points[warp.landmark_index, :2] = warp.landmarks(face.shape, pose)
+        found = weighed_landmarks(model, face.window.picture, points, pose, face.shape)
+        true = warp.landmarks(face.shape, face.pose)
+        way, wanted = (
+            (each - points[warp.landmark_index, :2]).ravel()
+            for each in (found[warp.landmark_index, :2], true)
+        )
+        moved.append(way @ wanted / (wanted @ wanted))
+        assert (found[:, 2] == 7).all()
+        assert (np.delete(found, warp.landmark_index, axis=0) == 7).all()
+    assert 0.6 * SEARCH_WEIGHT < np.mean(moved) < 1.4 * SEARCH_WEIGHT
+
+
+def test_landmarks_stay_the_network_s_where_a_search_finds_nothing_better(
+    model: MultiResolutionModel,
+) -> None:
+    face, warp = STRANGERS[0], model.warp(1)
+    points = np.zeros((468, 3))
+    points[warp.landmark_index, :2] = warp.landmarks(face.shape, face.pose)
+    fine = model.levels[1]
+    still = replace(fine, cascade=0 * fine.cascade, additive=0 * fine.additive)
+    lame = replace(model, levels=(model.levels[0], still))
+    found = weighed_landmarks(lame, face.window.picture, points, face.pose, face.shape)
+    np.testing.assert_allclose(found, points, atol=1e-9)
 
 
 def test_a_model_is_the_same_bytes_each_time_and_reads_back(
