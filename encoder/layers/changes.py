@@ -1,6 +1,7 @@
 """Changes of the picture around the face that are no motion, such as those of the light.
 
-The principal components of what is left after motion, in luma, coded one after the other.
+The principal components of what is left after motion, in luma, coded one after the other.  And how
+much a drawn picture changes from frame to frame where the true one does not.
 """
 
 from dataclasses import dataclass
@@ -10,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.layers.layer_fitter import LayerFitter
-from encoder.layers.layer_samples import LayerSamples, coarse_luma
+from encoder.layers.layer_samples import LayerSamples
 from encoder.picture_coding.picture_encoder import EncodedPicture, encode_mode
 from encoder.picture_coding.quantiser_search import STEPS_PER_HALVING, finest_quantiser_within
+from encoder.runtime.parallel import parallel_map
 from protocol.pictures.layered_background import change_codec, change_shape
 from protocol.pictures.picture_codec import MAX_STEP_CODE, to_luma
 
@@ -29,6 +31,8 @@ FINEST_STEP_CODE = 12
 RELIABLE_SHARE, RELIABILITY_SIGMA = (0.3, 0.6), 2.0
 # Residuals of so many grey levels count half.
 ROBUST_GREY = 20.0
+# Matte from which on a pixel is the person's; the least change from frame to frame that counts.
+PERSON_MATTE, MIN_CHANGE_GREY = 0.5, 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,11 +106,40 @@ def _residuals(
 ) -> tuple[Single, Single]:
     """(n, rows, columns) what is left of each frame, and its weight: 0 in the face."""
     left, weights = [], []
-    frames = zip(samples.pictures, samples.faces, samples.outlines_px, coefficients, strict=True)
-    for picture, face, outline, own in frames:
-        residual = coarse_luma(picture) - fitter.draw(face, own)
-        weight = (~fitter.face_region(outline)).astype(np.float32)
-        weight /= 1 + (residual / ROBUST_GREY) ** 2
+    drawn = _drawn(samples, fitter, coefficients)
+    for frame, picture in zip(samples.coarse_frames(), drawn, strict=True):
+        residual = frame.luma - picture
+        weight = frame.outside / (1 + (residual / ROBUST_GREY) ** 2)
         left.append(cv2.resize(residual, shape[::-1], interpolation=cv2.INTER_AREA))
         weights.append(cv2.resize(weight, shape[::-1], interpolation=cv2.INTER_AREA))
     return np.array(left), np.array(weights)
+
+
+def _drawn(samples: LayerSamples, fitter: LayerFitter, coefficients: Array) -> list[Single]:
+    """(h, w) the coarse luma of each frame of a sample, as it is drawn."""
+    frames = list(zip(samples.coarse_frames(), coefficients, strict=True))
+    return parallel_map(
+        lambda each: fitter.draw_at(each[0].origins, each[1]), frames, samples.workers
+    )
+
+
+def flicker_ratio(samples: LayerSamples, fitter: LayerFitter, coefficients: Array) -> float:
+    """The change behind the person from one frame of a sample to the next, drawn over true.
+
+    coefficients: of each frame.  What the person moves over is left out.
+    """
+    frames, drawn = samples.coarse_frames(), _drawn(samples, fitter, coefficients)
+    pairs = [(frame.luma, picture) for frame, picture in zip(frames, drawn, strict=True)]
+    mattes = samples.mattes_at((fitter.scene.shape[0], fitter.scene.shape[1]))
+    covered = [
+        (matte > PERSON_MATTE) | (frame.outside == 0)
+        for matte, frame in zip(mattes, frames, strict=True)
+    ]
+    change = np.zeros(2)
+    for i in range(1, len(pairs)):
+        behind = ~covered[i - 1] & ~covered[i]
+        before, after = pairs[i - 1], pairs[i]
+        if behind.any():
+            change += [np.abs(b - a)[behind].mean() for a, b in zip(before, after, strict=True)]
+    true, shown = change / max(len(pairs) - 1, 1)
+    return float(shown / max(true, MIN_CHANGE_GREY))

@@ -47,8 +47,8 @@ def dot(first: Single, second: Single) -> Single:
 
 def sample(image: Single, at: Single) -> Single:
     """An image (h, w) or (h, w, c) at positions (..., 2), bilinearly; beyond it, its edge."""
-    mode = cv2.BORDER_REPLICATE
-    sampled = cv2.remap(image, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=mode)
+    mode, no_map = cv2.BORDER_REPLICATE, np.empty(0, np.float32)
+    sampled = cv2.remap(image, at, no_map, cv2.INTER_LINEAR, borderMode=mode)
     return np.asarray(sampled, np.float32)
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.layers.layer_fitter import LayerFitter
-from encoder.layers.layer_samples import LayerSamples, coarse_luma
+from encoder.layers.layer_samples import CoarseFrame, LayerSamples
+from encoder.runtime.parallel import parallel_map
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -36,9 +37,15 @@ def refined_fields(
     scale = np.sqrt((coefficients[:, :count] ** 2).mean(0)) + 1e-9
     normal = np.zeros((count, 2, points, count, 2, points))
     right = np.zeros((count, 2, points))
-    for i, own in enumerate(coefficients):
+    to_source = (fitter.scene.shape[1] / samples.size[0], fitter.scene.shape[0] / samples.size[1])
+
+    def equations(frame: tuple[CoarseFrame, Array]) -> tuple[Array, Array]:
+        return _normal_equations(*frame, fitter, np.array(to_source), (rows, columns))
+
+    frames = list(zip(samples.coarse_frames(), coefficients, strict=True))
+    each = parallel_map(equations, frames, samples.workers)
+    for own, (squares, products) in zip(coefficients, each, strict=True):
         unit = own[:count] / scale
-        squares, products = _normal_equations(i, samples, fitter, own, (rows, columns))
         normal += np.einsum("k,l,xypq->kxplyq", unit, unit, squares, optimize=True)
         right += unit[:, None, None] * products
     size = count * 2 * points
@@ -53,15 +60,18 @@ def refined_fields(
 
 
 def _normal_equations(
-    number: int, samples: LayerSamples, fitter: LayerFitter, own: Array, grid: tuple[int, int]
+    frame: CoarseFrame, own: Array, fitter: LayerFitter, to_source: Array, grid: tuple[int, int]
 ) -> tuple[Array, Array]:
-    """Of a frame whose coefficient is 1: (2, 2, points, points) and (2, points)."""
-    at, drawn, gradient = fitter.sensitivity(samples.faces[number], own)
-    residual = coarse_luma(samples.pictures[number]) - drawn
-    outside = ~fitter.face_region(samples.outlines_px[number])
-    weight = outside / (1 + (residual / ROBUST_GREY) ** 2)
+    """Of a frame whose coefficient is 1: (2, 2, points, points) and (2, points).
+
+    to_source: (2,) coarse pixels per source pixel.
+    """
+    at = frame.origins
+    drawn, gradient = fitter.sensitivity(at, own)
+    residual = frame.luma - drawn
+    weight = frame.outside / (1 + (residual / ROBUST_GREY) ** 2)
     # Grey levels per source pixel of displacement.
-    slope = -gradient * (np.array(drawn.shape[::-1]) / np.array(samples.size))
+    slope = -gradient * to_source
     used = np.flatnonzero((weight * (slope**2).sum(-1)).ravel() > MIN_SLOPE2)
     corners = list(_corner_shares(at.reshape(-1, 2)[used], drawn.shape, grid))
     slopes, weights = slope.reshape(-1, 2)[used], weight.ravel()[used]

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from encoder.layers.displacement import dense, dot, origins, sample
 from encoder.layers.layer_samples import (
-    LayerSamples,
+    CoarseFrame,
     coarse_luma,
     face_region,
     motion_with_head,
 )
 from encoder.layers.light import fit_light, lit, unlit
 from encoder.layers.scene_motion import (
+    ScenePyramid,
     blurred,
     fit_scene_motion,
     gradient,
@@ -24,6 +25,7 @@ from encoder.layers.scene_motion import (
     left_of,
     scene_basis,
     scene_origins,
+    scene_pyramid,
     solved,
 )
 from protocol.pictures.layered_background import SCENE_COEFFICIENTS
@@ -40,8 +42,6 @@ Picture = NDArray[np.uint8]
 STEPS, ROBUST_GREY = 3, 12.0
 # Share of a frame that must show the scene for it to tell the light alone.
 MIN_SCENE_SHARE = 0.1
-# Matte from which on a pixel is the person's; the least change from frame to frame that counts.
-PERSON_MATTE, MIN_CHANGE_GREY = 0.5, 0.05
 
 
 class _Drawn(NamedTuple):
@@ -90,12 +90,16 @@ class LayerFitter:
     follows_light: bool = False
     # Of person, alpha and scene, as `gradient` has them.
     _gradients: tuple[Single, Single, Single] = field(init=False, repr=False)
+    # Of a scene that moves.
+    _pyramid: ScenePyramid = field(init=False, repr=False)
     # What takes the first steps; None: the fitter itself.
     _smoothed: "LayerFitter | None" = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         gradients = gradient(self.person), gradient(self.alpha), gradient(self.scene)
         object.__setattr__(self, "_gradients", gradients)
+        pyramid = scene_pyramid(self.scene) if self.scene_moves else ()
+        object.__setattr__(self, "_pyramid", pyramid)
         object.__setattr__(self, "_smoothed", self._smooth() if self.start_sigma else None)
 
     def _smooth(self) -> "LayerFitter":
@@ -122,93 +126,96 @@ class LayerFitter:
 
         parameters: of the face.  outline_px: (n, 2) of the face, source pixels.
         """
-        luma, at = coarse_luma(picture), self._origins(parameters)
-        weight = (~self.face_region(outline_px)).astype(np.float32)
+        frame = self._placed(coarse_luma(picture), parameters, outline_px)
         light = np.zeros(0)
         if self.follows_light:
-            alpha = sample(self.alpha, at)
-            at_rest = (1 - alpha) * self.scene + sample(self.person, at)
-            light = _fit_scene_light(at_rest, alpha, luma, weight)
-        normalised = unlit(luma, light_of(light)) if light.any() else luma
-        start = self._fit_start(normalised, parameters, at, weight, outline_px)
-        coefficients = self._fit_motion(start, normalised, at, weight)
+            alpha = sample(self.alpha, frame.origins)
+            at_rest = (1 - alpha) * self.scene + sample(self.person, frame.origins)
+            light = _fit_scene_light(at_rest, alpha, frame)
+        normalised = frame
         if light.any():
-            drawn = self._drawn(at, coefficients)
-            light = _fit_scene_light(drawn.picture, drawn.alpha, luma, weight)
+            normalised = replace(frame, luma=unlit(frame.luma, light_of(light)))
+        smoothed, smooth = self._smoothed, None
+        if smoothed is not None:
+            luma = self._smoothed_half(normalised.luma)
+            smooth = smoothed._placed(luma, parameters, outline_px)
+        coefficients = self.fit_motion(normalised, smooth)
+        if light.any():
+            drawn = self._drawn(frame.origins, coefficients)
+            light = _fit_scene_light(drawn.picture, drawn.alpha, frame)
         return np.append(coefficients, light)
 
-    def _fit_start(
-        self,
-        luma: Single,
-        parameters: FaceParameters,
-        at: Single,
-        weight: Single,
-        outline_px: Array,
-    ) -> Array:
-        """(k + c + s,) where the fit of a frame in the light of the layers begins."""
-        coefficients, smoothed = np.zeros(len(self.limits)), self._smoothed
-        if self.scene_moves:
-            behind = weight * (1 - sample(self.alpha, at))
-            coefficients[-SCENE_COEFFICIENTS:] = fit_scene_motion(self.scene, luma, behind)
-        if smoothed is None:
-            return coefficients
-        outside = (~smoothed.face_region(outline_px)).astype(np.float32)
-        smooth, at = self._smoothed_half(luma), smoothed._origins(parameters)
-        return smoothed._refined(coefficients, smooth, at, outside)
+    def _placed(self, luma: Single, parameters: FaceParameters, outline_px: Array) -> CoarseFrame:
+        """A frame (h, w).  parameters, outline_px: see `fit`."""
+        outside = (~self.face_region(outline_px)).astype(np.float32)
+        return CoarseFrame(luma, self._origins(parameters), outside)
 
-    def _fit_motion(self, start: Array, luma: Single, at: Single, weight: Single) -> Array:
-        """(k + c + s,) the coefficients of a frame in the light of the layers."""
-        if not len(start):
-            return start
-        coefficients = self._refined(start, luma, at, weight)
+    def fit_motion(self, frame: CoarseFrame, smooth: CoarseFrame | None = None) -> Array:
+        """(k + c + s,) the coefficients of a frame in the light of the layers.
+
+        smooth: the same for the first steps, see `start_sigma`.
+        """
+        coefficients, smoothed = np.zeros(len(self.limits)), self._smoothed
+        if not len(coefficients):
+            return coefficients
+        if self.scene_moves:
+            behind = frame.outside * (1 - sample(self.alpha, frame.origins))
+            motion = fit_scene_motion(self._pyramid, frame.luma, behind)
+            coefficients[-SCENE_COEFFICIENTS:] = motion
+        if smoothed is not None and smooth is not None:
+            coefficients = smoothed._refined(coefficients, smooth)
+        coefficients = self._refined(coefficients, frame)
         if self.start_sigma and self.scene_moves:
-            return self._doubted(coefficients, luma, at, weight)
+            return self._doubted(coefficients, frame)
         return coefficients
 
-    def _refined(self, coefficients: Array, luma: Single, at: Single, weight: Single) -> Array:
-        """The coefficients of a frame after some Gauss-Newton steps.  weight: (h, w)."""
+    def _refined(self, coefficients: Array, frame: CoarseFrame) -> Array:
+        """The coefficients of a frame after some Gauss-Newton steps."""
+        moves = self._moves(frame.origins)
         for _ in range(STEPS):
-            drawn, jacobian = self._linearised(at, coefficients)
-            residual = luma - drawn
+            drawn = self._drawn(frame.origins, coefficients, moves)
+            residual = frame.luma - drawn.picture
             distrust = np.asarray(cv2.blur(residual, (3, 3)), np.float32) / ROBUST_GREY
-            step = solved(jacobian, residual, weight / (1 + distrust**2))
+            step = solved(self._slopes(drawn), residual, frame.outside / (1 + distrust**2))
             coefficients = np.clip(coefficients + step, *self.limits.T)
         return coefficients
 
-    def _doubted(self, coefficients: Array, luma: Single, at: Single, weight: Single) -> Array:
+    def _doubted(self, coefficients: Array, frame: CoarseFrame) -> Array:
         """The coefficients, with a scene at rest unless its motion explains much of a frame."""
         at_rest = coefficients.copy()
         at_rest[-SCENE_COEFFICIENTS:] = 0
-        moving, still = self._drawn(at, coefficients), self._drawn(at, at_rest)
-        behind = weight * (1 - moving.alpha)
-        left, before = (left_of(luma, each.picture, behind) for each in (moving, still))
+        moving, still = (self._drawn(frame.origins, own) for own in (coefficients, at_rest))
+        behind = frame.outside * (1 - moving.alpha)
+        left, before = (left_of(frame.luma, each.picture, behind) for each in (moving, still))
         return coefficients if is_explained(left, before) else at_rest
 
     def draw(self, parameters: FaceParameters, coefficients: Array) -> Single:
         """(h, w) the coarse luma of a frame, without the face."""
-        drawn = self._drawn(self._origins(parameters), coefficients[: len(self.limits)]).picture
-        return lit(drawn, light_of(coefficients[len(self.limits) :]))
+        return self.draw_at(self._origins(parameters), coefficients)
+
+    def draw_at(self, at: Single, coefficients: Array) -> Single:
+        """The same.  at: (h, w, 2) the origins of a frame, see `CoarseFrame`."""
+        motion, light = np.split(coefficients, [len(self.limits)])
+        return lit(self._drawn(at, motion).picture, light_of(light))
 
     def jacobian(self, parameters: FaceParameters, coefficients: Array) -> Single:
         """(k + c + s + l, h, w) grey levels of the coarse picture per unit of each coefficient."""
         motion, light = np.split(coefficients, [len(self.limits)])
-        drawn, rows = self._linearised(self._origins(parameters), motion)
+        layers = self._drawn(self._origins(parameters), motion)
+        drawn, rows = layers.picture, self._slopes(layers)
         if not self.follows_light:
             return rows
         by_light = UNIT_GAIN * (drawn - PIVOT_GREY), np.full_like(drawn, UNIT_GREY)
         return np.concatenate([light_of(light).gain * rows, by_light]).astype(np.float32)
 
-    def sensitivity(
-        self, parameters: FaceParameters, coefficients: Array
-    ) -> tuple[Single, Single, Single]:
-        """Where the person comes from, the coarse picture, and what moving the person changes.
+    def sensitivity(self, at: Single, coefficients: Array) -> tuple[Single, Single]:
+        """The coarse picture, and what moving the person changes.  at: see `draw_at`.
 
-        Returns (h, w, 2) coarse pixels, before the fields; (h, w) luma; and (h, w, 2) grey levels
-        per coarse pixel of the position at which the person is sampled.
+        Returns (h, w) luma and (h, w, 2) grey levels per coarse pixel of the position at which the
+        person is sampled.
         """
-        at = self._origins(parameters)
         drawn = self._drawn(at, coefficients)
-        return at, drawn.picture, self._slope(drawn)
+        return drawn.picture, self._slope(drawn)
 
     def face_region(self, outline_px: Array) -> NDArray[np.bool_]:
         """(h, w) where the coarse picture shows the face.  outline_px: see `fit`."""
@@ -219,13 +226,11 @@ class LayerFitter:
         shape = self.scene.shape[0], self.scene.shape[1]
         return origins(dense(motion, self.size, shape))
 
-    def _linearised(self, at: Single, coefficients: Array) -> tuple[Single, Single]:
-        """The picture and its derivatives (k + c + s, h, w).  at: see `_drawn`."""
-        drawn = self._drawn(at, coefficients)
+    def _slopes(self, drawn: _Drawn) -> Single:
+        """(k + c + s, h, w) the derivatives of a picture by its coefficients."""
         by_fields = -dot(drawn.moves, self._slope(drawn))
         by_scene = (1 - drawn.alpha) * drawn.moving
-        jacobian = np.concatenate([by_fields, drawn.changes, by_scene])
-        return drawn.picture, np.asarray(jacobian, np.float32)
+        return np.concatenate([by_fields, drawn.changes, by_scene]).astype(np.float32, copy=False)
 
     def _slope(self, drawn: _Drawn) -> Single:
         """(h, w, 2) the derivative of a picture by the position of the person."""
@@ -234,12 +239,21 @@ class LayerFitter:
         slope -= drawn.scene[..., None] * sample(of_alpha, drawn.at)
         return slope
 
-    def _drawn(self, at: Single, coefficients: Array) -> _Drawn:
-        """The picture with these coefficients.  The person comes from `at` (h, w, 2)."""
+    def _moves(self, at: Single) -> Single:
+        """(k, h, w, 2) see `_Drawn`."""
+        moves = np.empty((len(self.fields), *at.shape), np.float32)
+        for number, each in enumerate(self.fields):
+            moves[number] = sample(each, at)
+        return moves
+
+    def _drawn(self, at: Single, coefficients: Array, moves: Single | None = None) -> _Drawn:
+        """The picture with these coefficients.  The person comes from `at` (h, w, 2).
+
+        moves: see `_moves`.
+        """
         count, changed = len(self.fields), len(self.fields) + len(self.changes)
         scene, scene_changes, moving = self._moved_scene(coefficients[changed:])
-        moves = np.array([sample(each, at) for each in self.fields], np.float32)
-        moves = moves.reshape(-1, *at.shape)
+        moves = self._moves(at) if moves is None else moves
         at = at - np.tensordot(coefficients[:count].astype(np.float32), moves, 1)
         person, alpha = sample(self.person, at), sample(self.alpha, at)
         added = coefficients[count:changed].astype(np.float32)
@@ -264,33 +278,11 @@ class LayerFitter:
         return sample(self.scene, at), changes.reshape(-1, *shape), derivatives
 
 
-def _fit_scene_light(picture: Single, alpha: Single, luma: Single, weight: Single) -> Array:
+def _fit_scene_light(picture: Single, alpha: Single, frame: CoarseFrame) -> Array:
     """(2,) the light of a frame, by its scene if that is large enough.
 
-    picture, alpha: (h, w) as drawn, and of the person.  luma, weight: (h, w) of the frame.
+    picture, alpha: (h, w) as drawn, and of the person.
     """
-    behind = weight * (1 - alpha)
-    return fit_light(picture, luma, behind if behind.mean() > MIN_SCENE_SHARE else weight)
-
-
-def flicker_ratio(samples: LayerSamples, fitter: LayerFitter, coefficients: Array) -> float:
-    """The change behind the person from one frame of a sample to the next, drawn over true.
-
-    coefficients: of each frame.  What the person moves over is left out.
-    """
-    shape = fitter.scene.shape[0], fitter.scene.shape[1]
-    mattes = samples.mattes_at(shape)
-    frames = zip(samples.pictures, samples.faces, coefficients, strict=True)
-    pairs = [(coarse_luma(picture), fitter.draw(face, own)) for picture, face, own in frames]
-    covered = [
-        (matte > PERSON_MATTE) | fitter.face_region(outline)
-        for matte, outline in zip(mattes, samples.outlines_px, strict=True)
-    ]
-    change = np.zeros(2)
-    for i in range(1, len(pairs)):
-        behind = ~covered[i - 1] & ~covered[i]
-        before, after = pairs[i - 1], pairs[i]
-        if behind.any():
-            change += [np.abs(b - a)[behind].mean() for a, b in zip(before, after, strict=True)]
-    true, drawn = change / max(len(pairs) - 1, 1)
-    return float(drawn / max(true, MIN_CHANGE_GREY))
+    behind = frame.outside * (1 - alpha)
+    used = behind if behind.mean() > MIN_SCENE_SHARE else frame.outside
+    return fit_light(picture, frame.luma, used)

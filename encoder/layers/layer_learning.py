@@ -71,16 +71,17 @@ START_SIGMA = 3.0
 
 
 def layers_of_person(
-    frames: FittedFrames, follows_light: bool = False
+    frames: FittedFrames, follows_light: bool = False, workers: int | None = None
 ) -> tuple[LayerModel | None, str]:
     """The layers of a sample of frames; None and why, if there are none.
 
     follows_light: they are in the light of the newest frame, and follow that of later ones.
+    workers: see `parallel_map`.
     """
     path = find_segmentation_network()
     if path is None:
         return None, NO_NETWORK
-    samples = collect_samples(PersonSegmenter(path).matte, frames)
+    samples = collect_samples(PersonSegmenter(path).matte, frames, workers)
     if samples is None:
         return None, NO_PERSON
     if follows_light:

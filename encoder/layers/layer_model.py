@@ -7,17 +7,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.layers.changes import CodedChanges, learn_changes
+from encoder.layers.changes import CodedChanges, flicker_ratio, learn_changes
 from encoder.layers.displacement import dense
 from encoder.layers.field_refinement import refined_fields
 from encoder.layers.frame_layers import FrameLayers
-from encoder.layers.layer_fitter import LayerFitter, flicker_ratio
+from encoder.layers.layer_fitter import LayerFitter
 from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, luma_at, scaled_shape
 from encoder.layers.motion_fields import field_codes, motion_fields
 from encoder.layers.person_picture import person_mask, person_picture, with_headwear
 from encoder.layers.scene import SceneLayer, find_scene
 from encoder.picture_coding.picture_encoder import EncodedPicture, encode_picture
 from encoder.picture_coding.quantiser_search import STEPS_PER_HALVING, finest_quantiser_within
+from encoder.runtime.parallel import parallel_map
 from protocol.pictures.foreground_mask import Mask
 from protocol.pictures.layered_background import (
     FIELD_CODES_PER_PX,
@@ -277,6 +278,6 @@ def _calm_changes(coefficients: Array, changes: CodedChanges) -> int:
 
 
 def _fitted(fitter: LayerFitter, samples: LayerSamples) -> Array:
-    each = zip(samples.pictures, samples.faces, samples.outlines_px, strict=True)
-    rows: Sequence[Array] = [fitter.fit(*frame) for frame in each]
+    """(n, l) the coefficients of the frames of a sample, in the light of the layers."""
+    rows = parallel_map(fitter.fit_motion, samples.coarse_frames(), samples.workers)
     return np.array(rows).reshape(len(samples.faces), -1)

@@ -4,7 +4,7 @@ Everything is at two sizes: that of the coded pictures, and a coarse one at whic
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture.colour import luma_f32
-from encoder.layers.displacement import dense, pixel_grid, sample
+from encoder.layers.displacement import dense, origins, pixel_grid, sample
 from encoder.runtime.image_ops import hull_mask
+from encoder.runtime.parallel import parallel_map
 from protocol.pictures.picture_codec import to_luma
 from shared_model.animate import Face
 from shared_model.geometry import Camera
@@ -30,8 +31,6 @@ FindMatte = Callable[[Picture, Array], Single | None]
 PICTURE_SIDE, COARSE_SIDE = 640, 144
 # The most frames of a sample.
 MAX_SAMPLES = 48
-# Of a robust mean: scale of the Cauchy weights, grey levels, and passes.
-MEAN_SCALE_GREY, MEAN_PASSES = 12.0, 3
 # A pixel is known if the frames that show it weigh as much as so many.
 MIN_FRAMES = 0.75
 
@@ -58,6 +57,19 @@ class FittedFrames:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class CoarseFrame:
+    """What the layers are fitted to in a frame.
+
+    luma: (h, w).  origins: (h, w, 2) coarse pixels, where the person comes from in the canonical
+    picture by the motion of the head.  outside: (h, w) 0 in the face, else 1.
+    """
+
+    luma: Single
+    origins: Single
+    outside: Single
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class LayerSamples:
     """n frames of one person, the canonical one among them.
 
@@ -67,6 +79,7 @@ class LayerSamples:
     motion: (n, rows, columns, 2) source pixels: how the mesh moves with the head.
     canonical: number of the canonical frame.
     empty: (m, h, w, 3) uint8 BGR, pictures in which nobody is there.
+    workers: of what is learned from them, see `parallel_map`.
     """
 
     mesh: BackgroundMesh
@@ -78,11 +91,30 @@ class LayerSamples:
     motion: Array
     canonical: int
     empty: Picture
+    workers: int | None = None
+    _coarse: list[CoarseFrame] = field(init=False, default_factory=list, repr=False)
 
     def mattes_at(self, shape: tuple[int, int]) -> Single:
         """(n, h, w) the mattes at another size."""
-        size = shape[::-1]
-        return np.array([cv2.resize(m, size, interpolation=cv2.INTER_LINEAR) for m in self.mattes])
+        mattes = np.empty((len(self.mattes), *shape), np.float32)
+        for number, matte in enumerate(self.mattes):
+            mattes[number] = cv2.resize(matte, shape[::-1], interpolation=cv2.INTER_LINEAR)
+        return mattes
+
+    def coarse_frames(self) -> list[CoarseFrame]:
+        """The frames at the coarse size; they are made once."""
+        if self._coarse:
+            return self._coarse
+        shape = scaled_shape(self.size, COARSE_SIDE)
+
+        def coarse(number: int) -> CoarseFrame:
+            at = origins(dense(self.motion[number], self.size, shape))
+            outside = ~face_region(self.outlines_px[number], self.size, shape)
+            luma = coarse_luma(self.pictures[number])
+            return CoarseFrame(luma, at, outside.astype(np.float32))
+
+        self._coarse.extend(parallel_map(coarse, range(len(self.faces)), self.workers))
+        return self._coarse
 
     def chosen(self, numbers: Sequence[int]) -> "LayerSamples":
         """The same of some of the frames, the canonical one among them."""
@@ -99,8 +131,10 @@ class LayerSamples:
 
     def shrunk(self, longer: int) -> "LayerSamples":
         """The same with pictures whose longer side is at most `longer`."""
-        pictures = np.array([shrunk(picture, longer) for picture in self.pictures])
-        empty = np.array([shrunk(picture, longer) for picture in self.empty], np.uint8)
+        pictures, empty = (
+            np.array(parallel_map(lambda each: shrunk(each, longer), some, self.workers), np.uint8)
+            for some in (self.pictures, self.empty)
+        )
         return replace(self, pictures=pictures, empty=empty)
 
 
@@ -137,10 +171,13 @@ def typical_frame(faces: Sequence[FaceParameters]) -> int:
     return int(away.sum(1).argmin())
 
 
-def collect_samples(find_matte: FindMatte, frames: FittedFrames) -> LayerSamples | None:
+def collect_samples(
+    find_matte: FindMatte, frames: FittedFrames, workers: int | None = None
+) -> LayerSamples | None:
     """The sample of some frames; None if the canonical one shows no person.
 
     find_matte: as `PersonSegmenter.matte`.  Frames in which the person is not found are left out.
+    workers: see `LayerSamples`.
     """
     camera = frames.camera
     stride = -(-len(frames.pictures) // MAX_SAMPLES)
@@ -151,6 +188,10 @@ def collect_samples(find_matte: FindMatte, frames: FittedFrames) -> LayerSamples
         return None
     kept = list(found)
     mesh = reference_mesh(frames)
+
+    def move(number: int) -> Array:
+        return motion_with_head(mesh, frames.person, frames.faces[number])
+
     return LayerSamples(
         mesh,
         (camera.width, camera.height),
@@ -158,9 +199,10 @@ def collect_samples(find_matte: FindMatte, frames: FittedFrames) -> LayerSamples
         np.array(list(found.values())),
         tuple(frames.faces[i] for i in kept),
         np.array([frames.outlines_px[i] for i in kept]),
-        np.array([motion_with_head(mesh, frames.person, frames.faces[i]) for i in kept]),
+        np.array(parallel_map(move, kept, workers)),
         kept.index(frames.canonical),
         np.array([shrunk(picture, PICTURE_SIDE) for picture in frames.empty], np.uint8),
+        workers,
     )
 
 
@@ -169,14 +211,15 @@ def aligned(images: NDArray[Any], samples: LayerSamples, motions: Sequence[Array
 
     motions: (rows, columns, 2) source pixels, of the mesh in each frame.
     """
-    shape = images.shape[1:3]
-    grid = pixel_grid((shape[0], shape[1]))
-    return np.array(
-        [
-            sample(image, grid + dense(motion, samples.size, (shape[0], shape[1])))
-            for image, motion in zip(images, motions, strict=True)
-        ]
-    )
+    shape = images.shape[1], images.shape[2]
+    moved = np.empty(images.shape, np.float32)
+
+    def align(number: int) -> None:
+        at = pixel_grid(shape) + dense(motions[number], samples.size, shape)
+        moved[number] = sample(images[number], at)
+
+    parallel_map(align, range(len(images)), samples.workers)
+    return moved
 
 
 def reference_mesh(frames: FittedFrames) -> BackgroundMesh:
@@ -200,26 +243,3 @@ def face_region(
     """
     ratio = np.array(shape[::-1]) / np.array(size)
     return hull_mask((outline_px + 0.5) * ratio - 0.5, shape) > 0
-
-
-def robust_mean(pictures: NDArray[np.generic], weights: Single) -> Single:
-    """(h, w, 3) the mean of pictures (n, h, w, 3), outliers of less weight.
-
-    weights: (n, h, w) of the pixels.  Where all are 0 the mean is of no use.
-    """
-    mean = _weighted_mean(pictures, weights)
-    for _ in range(MEAN_PASSES - 1):
-        shares = []
-        for picture, weight in zip(pictures, weights, strict=True):
-            blue, green, red = np.moveaxis(picture.astype(np.float32) - mean, -1, 0)
-            away = (blue + green + red) / 3
-            shares.append(weight / (1 + (away / MEAN_SCALE_GREY) ** 2))
-        mean = _weighted_mean(pictures, np.array(shares))
-    return mean
-
-
-def _weighted_mean(pictures: NDArray[np.generic], weights: Single) -> Single:
-    total = np.zeros(pictures.shape[1:], np.float32)
-    for picture, weight in zip(pictures, weights, strict=True):
-        total += picture.astype(np.float32) * weight[..., None]
-    return np.asarray(total / np.maximum(weights.sum(0), 1e-6)[..., None])

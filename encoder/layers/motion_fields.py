@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.layers.displacement import dense, pixel_grid, sample
-from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, coarse_luma, face_region
+from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, face_region
 from protocol.pictures.layered_background import (
     MAX_FIELD_CODE,
     Codes,
@@ -62,7 +62,7 @@ def _codes(field: Array) -> Codes:
 
 def _own_motions(samples: LayerSamples) -> tuple[Array, Array]:
     """(n, rows, columns, 2) source pixels, own motion of each frame; (rows, columns) weights."""
-    lumas = [coarse_luma(picture) for picture in samples.pictures]
+    lumas = [frame.luma for frame in samples.coarse_frames()]
     shape = lumas[0].shape
     canonical = lumas[samples.canonical]
     confidence = _confidence(samples, canonical)

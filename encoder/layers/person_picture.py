@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.layers.displacement import dense, origins, pixel_grid, sample
-from encoder.layers.layer_samples import MIN_FRAMES, LayerSamples, aligned, face_region, robust_mean
+from encoder.layers.layer_samples import MIN_FRAMES, LayerSamples, aligned, face_region
 from encoder.layers.scene import SceneLayer
 from encoder.layers.scene_motion import blurred
+from encoder.runtime.robust_mean import robust_mean
 from protocol.pictures.foreground_mask import FINE_MASK_SIDE, Mask
 from shared_model.appearance import pull_push_fill
 from shared_model.layers.soft_mask import opacity
@@ -107,7 +108,7 @@ def person_picture(
     weights = np.maximum(weights, np.float32(MIN_WEIGHT) * inside)
     weights[samples.canonical] += 1e-3
     frames = aligned(samples.pictures, samples, motions)
-    mean = robust_mean(frames, weights)
+    mean = robust_mean(frames, weights, samples.workers)
     known = (weights.sum(0) > MIN_FRAMES) & drawn_region(mask, shape)
     alpha = opacity(mask, shape[1], shape[0]).astype(np.float32)
     soft = (alpha > SOFT_OPACITY[0]) & (alpha < 1)
@@ -132,7 +133,7 @@ def _unmixed(
     for number, (frame, motion) in enumerate(zip(frames, motions, strict=True)):
         at = pixel_grid(shape) + dense(motion, samples.size, shape)
         frame -= clear * sample(scene.picture, scene.origins(number, at, samples.size))
-    mean = robust_mean(frames, np.ones(frames.shape[:3], np.float32))
+    mean = robust_mean(frames, np.ones(frames.shape[:3], np.float32), samples.workers)
     return np.clip(mean / np.maximum(alpha, SOFT_OPACITY[0])[..., None], 0, 255)
 
 
@@ -178,7 +179,7 @@ def _layer_errors(
     shape = FINE_MASK_SIDE, FINE_MASK_SIDE
     small = np.array([_resized(picture) for picture in samples.pictures])
     frames = aligned(small, samples, motions)
-    person = robust_mean(frames, np.ones(frames.shape[:3], np.float32))
+    person = robust_mean(frames, np.ones(frames.shape[:3], np.float32), samples.workers)
     behind, total = _resized(scene.picture), np.zeros((2, *shape), np.float32)
     for number, (frame, motion) in enumerate(zip(frames, motions, strict=True)):
         at = pixel_grid(shape) + dense(motion, samples.size, shape)

@@ -4,7 +4,6 @@ Where the camera moves, the frames are moved back first: their motion is found b
 of the scene to them.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,14 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.layers.displacement import sample
-from encoder.layers.layer_samples import MIN_FRAMES, LayerSamples, coarse_luma, luma_at, robust_mean
+from encoder.layers.layer_samples import MIN_FRAMES, CoarseFrame, LayerSamples, luma_at
 from encoder.layers.scene_motion import (
     fit_scene_motion,
     is_explained,
     left_of,
     scene_basis,
     scene_origins,
+    scene_pyramid,
 )
+from encoder.runtime.parallel import parallel_map
+from encoder.runtime.robust_mean import robust_mean
 from shared_model.appearance import pull_push_fill
 from shared_model.layers.scene_motion import displacement_basis
 
@@ -57,8 +59,9 @@ class SceneLayer:
 def find_scene(samples: LayerSamples) -> SceneLayer:
     """The scene of a sample, at rest or moving."""
     still = scene_picture(samples)
-    motion = scene_motion(samples, still)
-    return SceneLayer(still if motion is None else scene_picture(samples, motion), motion)
+    motion = _scene_motion(samples, still)
+    moving = SceneLayer(scene_picture(samples, motion), motion)
+    return moving if _moves(samples, moving, still) else SceneLayer(still, None)
 
 
 def scene_picture(samples: LayerSamples, motion: Array | None = None) -> Single:
@@ -71,48 +74,78 @@ def scene_picture(samples: LayerSamples, motion: Array | None = None) -> Single:
     weights = np.maximum(1 - samples.mattes_at(shape) / CLEAR_MATTE, 0)
     pictures = samples.pictures
     if motion is not None:
-        pictures = np.array(list(map(_moved_back, pictures, motion)))
-        weights = np.array(list(map(_moved_back, weights, motion)))
+        pictures = _moved_back(pictures, motion, samples.workers)
+        weights = _moved_back(weights, motion, samples.workers)
     elif len(samples.empty):
         pictures = np.concatenate([pictures, samples.empty])
         weights = np.concatenate([weights, np.ones(samples.empty.shape[:3], np.float32)])
-    mean = robust_mean(pictures, weights)
+    mean = robust_mean(pictures, weights, samples.workers)
     return pull_push_fill(mean, weights.sum(0) > MIN_FRAMES)
 
 
-def scene_motion(samples: LayerSamples, still: Single) -> Array | None:
-    """(n, 4) how the scene moves in each frame; None if it stands still.
+def _scene_motion(samples: LayerSamples, still: Single) -> Array:
+    """(n, 4) how the scene moves in each frame, if it does.
 
-    still: the picture of the scene as if it did.
+    still: the picture of the scene as if it did not.
     """
-    lumas = [coarse_luma(picture) for picture in samples.pictures]
-    shape = lumas[0].shape[0], lumas[0].shape[1]
-    clear = (samples.mattes_at(shape) < CLEAR_MATTE).astype(np.float32)
-    at_rest = luma_at(still, shape)
+    frames, weights = samples.coarse_frames(), _clear(samples)
+    shape = weights.shape[1], weights.shape[2]
     # The mean of moving pictures is blurred.
-    first = clear[samples.canonical]
-    scene = first * lumas[samples.canonical] + (1 - first) * at_rest
-    motion = _fitted(scene, lumas, clear)
-    motion = _fitted(luma_at(scene_picture(samples, motion), shape), lumas, clear)
-    motion -= motion[samples.canonical]
-    scene, basis = luma_at(scene_picture(samples, motion), shape), scene_basis(shape)
-    moved = [sample(scene, scene_origins(basis, own)) for own in motion]
-    left, before = (
-        sum(map(left_of, lumas, drawn, clear)) for drawn in (moved, [at_rest] * len(lumas))
+    first = weights[samples.canonical]
+    luma = frames[samples.canonical].luma
+    scene = first * luma + (1 - first) * luma_at(still, shape)
+    motion = _fitted(scene, samples, weights)
+    motion = _fitted(luma_at(scene_picture(samples, motion), shape), samples, weights)
+    return np.asarray(motion - motion[samples.canonical])
+
+
+def _moves(samples: LayerSamples, scene: SceneLayer, still: Single) -> bool:
+    """Whether a scene that moves explains a sample better than one that stands still."""
+    assert scene.motion is not None
+    frames, weights = samples.coarse_frames(), _clear(samples)
+    shape = weights.shape[1], weights.shape[2]
+    picture, basis, at_rest = (
+        luma_at(scene.picture, shape),
+        scene_basis(shape),
+        luma_at(still, shape),
     )
-    return motion if is_explained(left, before) else None
+    moved = [sample(picture, scene_origins(basis, own)) for own in scene.motion]
+    left, before = (
+        sum(left_of(frame.luma, *each) for frame, *each in zip(frames, drawn, weights, strict=True))
+        for drawn in (moved, [at_rest] * len(frames))
+    )
+    return is_explained(left, before)
 
 
-def _fitted(scene: Single, lumas: Iterable[Single], weights: Iterable[Single]) -> Array:
-    each = zip(lumas, weights, strict=True)
-    return np.array([fit_scene_motion(scene, luma, weight) for luma, weight in each])
+def _clear(samples: LayerSamples) -> Single:
+    """(n, h, w) 1 where a frame shows the scene, else 0; at the coarse size."""
+    shape = samples.coarse_frames()[0].luma.shape
+    return (samples.mattes_at((shape[0], shape[1])) < CLEAR_MATTE).astype(np.float32)
 
 
-def _moved_back(image: NDArray[Any], motion: Array) -> NDArray[Any]:
-    """An image of a frame as the scene has it; 0 beyond the frame."""
-    height, width = image.shape[:2]
+def _fitted(scene: Single, samples: LayerSamples, weights: Single) -> Array:
+    """(n, 4) the motion of a scene (h, w) in each frame.  weights: (n, h, w) of the frames."""
+    pyramid = scene_pyramid(scene)
+    frames = list(zip(samples.coarse_frames(), weights, strict=True))
+
+    def fit(frame: tuple[CoarseFrame, Single]) -> Array:
+        return fit_scene_motion(pyramid, frame[0].luma, frame[1])
+
+    return np.array(parallel_map(fit, frames, samples.workers))
+
+
+def _moved_back(images: NDArray[Any], motion: Array, workers: int | None) -> NDArray[Any]:
+    """Images (n, ...) of the frames as the scene has them; 0 beyond the frame."""
+    height, width = images.shape[1:3]
     corners = np.array([[0.0, 0.0], [width - 1, 0], [0, height - 1]])
-    away = np.tensordot(motion, displacement_basis(width, height, corners), 1)
-    ends = (corners - away).astype(np.float32), corners.astype(np.float32)
-    matrix = cv2.getAffineTransform(ends[1], ends[0])
-    return np.asarray(cv2.warpAffine(image, matrix, (width, height), flags=cv2.INTER_LINEAR))
+    basis, moved = displacement_basis(width, height, corners), np.empty_like(images)
+
+    def move(number: int) -> None:
+        away = np.tensordot(motion[number], basis, 1)
+        ends = (corners - away).astype(np.float32), corners.astype(np.float32)
+        matrix = cv2.getAffineTransform(ends[1], ends[0])
+        size, flags = (width, height), cv2.INTER_LINEAR
+        moved[number] = cv2.warpAffine(images[number], matrix, size, flags=flags)
+
+    parallel_map(move, range(len(images)), workers)
+    return moved

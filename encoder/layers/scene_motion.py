@@ -11,6 +11,8 @@ from shared_model.layers.scene_motion import displacement_basis
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
+# A picture (h, w) and its gradient (h, w, 2) at each of `BLUR_SIGMAS`.
+ScenePyramid = tuple[tuple[Single, Single], ...]
 
 # Standard deviations of the kernels by which pictures are blurred, coarse pixels, and Gauss-Newton
 # steps at each.
@@ -39,12 +41,17 @@ def scene_origins(basis: Single, motion: Array) -> Single:
     return grid - np.tensordot(motion.astype(np.float32), basis, 1)
 
 
-def fit_scene_motion(scene: Single, luma: Single, weight: Single) -> Array:
-    """(4,) how the scene (h, w) moves in a frame.  luma, weight: (h, w) of the frame."""
-    motion, basis = np.zeros(4), scene_basis((scene.shape[0], scene.shape[1]))
-    for sigma in BLUR_SIGMAS:
-        picture, target = blurred(scene, sigma), blurred(luma, sigma)
-        slope = gradient(picture)
+def scene_pyramid(scene: Single) -> ScenePyramid:
+    """A scene (h, w) as `fit_scene_motion` takes it."""
+    pictures = [blurred(scene, sigma) for sigma in BLUR_SIGMAS]
+    return tuple((picture, gradient(picture)) for picture in pictures)
+
+
+def fit_scene_motion(scene: ScenePyramid, luma: Single, weight: Single) -> Array:
+    """(4,) how the scene moves in a frame.  luma, weight: (h, w) of the frame."""
+    motion, basis = np.zeros(4), scene_basis((luma.shape[0], luma.shape[1]))
+    for sigma, (picture, slope) in zip(BLUR_SIGMAS, scene, strict=True):
+        target = blurred(luma, sigma)
         for _ in range(STEPS):
             at = scene_origins(basis, motion)
             residual = np.asarray(target - sample(picture, at), np.float32)

@@ -206,7 +206,7 @@ class ModelTrainer:
 
     def _learn_layers(self, frames: FittedFrames) -> bytes:
         """The background with layers; empty if the person cannot be told from the scene."""
-        learned, _ = layers_of_person(frames, follows_light=True)
+        learned, _ = layers_of_person(frames, follows_light=True, workers=self._workers)
         if learned is None:
             return b""
         self._frame_layers = learned.frames.with_wide_limits()

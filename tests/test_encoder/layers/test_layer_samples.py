@@ -1,25 +1,15 @@
-"""The sample that layers are learned from: its means, and its light."""
+"""The sample that layers are learned from, and its light."""
 
 import numpy as np
 from heads import synthetic_head
 
-from encoder.layers.layer_samples import LayerSamples, robust_mean
+from encoder.layers.layer_samples import LayerSamples
 from encoder.layers.light import in_newest_light
 from shared_model.geometry import Camera, pose_from_euler
 from shared_model.layers.head_motion import make_background_mesh
 from shared_model.parameters import FaceParameters
 
 FRAMES, SIZE = 12, (160, 120)
-
-
-def test_outliers_count_little_in_a_robust_mean() -> None:
-    pictures = np.full((9, 2, 2, 3), 100, np.uint8)
-    pictures[4] = 250
-    mean = robust_mean(pictures, np.ones((9, 2, 2), np.float32))
-    assert np.abs(mean - 100).max() < 2
-    weights = np.ones((9, 2, 2), np.float32)
-    weights[:4] = weights[5:] = 0
-    assert np.abs(robust_mean(pictures, weights) - 250).max() < 1e-3
 
 
 def samples(gains: list[float]) -> LayerSamples:

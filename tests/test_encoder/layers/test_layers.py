@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from decoder.background_layers import load_background
 from decoder.layer_motion import NO_CHANGE, LayerMotion
+from encoder.layers.changes import flicker_ratio
 from encoder.layers.displacement import dense, origins, pixel_grid, sample
-from encoder.layers.layer_fitter import flicker_ratio
 from encoder.layers.layer_model import LayerModel, learn_layers
 from encoder.layers.layer_samples import LayerSamples, motion_with_head, scaled_shape, typical_frame
 from encoder.layers.person_picture import person_mask, with_headwear
-from encoder.layers.scene import find_scene, scene_motion, scene_picture
+from encoder.layers.scene import find_scene, scene_picture
 from protocol.pictures.foreground_mask import FINE_MASK_SIDE
 from protocol.pictures.layered_background import parse_layers
 from shared_model.animate import Face, Identity
@@ -95,6 +95,12 @@ def model() -> LayerModel:
     return learn_layers(FACE, samples(0 * LIGHT))
 
 
+def test_the_number_of_threads_changes_nothing(model: LayerModel) -> None:
+    alone = learn_layers(FACE, replace(samples(0 * LIGHT), workers=1))
+    assert np.array_equal(alone.coefficients, model.coefficients)
+    assert alone.encode(3000) == model.encode(3000)
+
+
 def around_the_face(error: Array) -> Array:
     """Errors (h, w), those in the face left out."""
     return np.asarray(error[picture_of(REST, 99)[1] < 0.5])
@@ -147,14 +153,13 @@ def test_a_camera_that_moves_takes_the_wall_along(model: LayerModel) -> None:
         pictures.append(alpha * picture_of(REST, sway)[0] + (1 - alpha) * moved)
     still = samples(0 * LIGHT)
     moving = replace(still, pictures=np.asarray(pictures, np.uint8))
-    motion = scene_motion(moving, scene_picture(moving))
-    assert motion is not None
+    scene = find_scene(moving)
+    assert scene.motion is not None
     # A unit is a hundredth of the longer side.
-    away_px = motion[:, :2] * 1.6 - shift_px
+    away_px = scene.motion[:, :2] * 1.6 - shift_px
     assert np.abs(away_px).max() < 0.5
-    scene = scene_picture(moving, motion)
-    assert np.abs(scene - WALL)[10:60, 10:-10].mean() < 6
-    assert scene_motion(still, scene_picture(still)) is None
+    assert np.abs(scene.picture - WALL)[10:60, 10:-10].mean() < 6
+    assert find_scene(still).motion is None
 
 
 def test_a_change_of_the_light_is_learned_and_follows_it() -> None:
