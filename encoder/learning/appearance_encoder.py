@@ -13,32 +13,29 @@ from encoder.appearance.masks import root_weight_and_support
 from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.appearance.texture_samples import TextureSamples
 from encoder.learning.orthogonal_residual import OrthogonalResidual
+from encoder.learning.step_search import INFEASIBLE_COST, best_candidate
 from encoder.picture_coding.image_budget import encode_picture_within
 from encoder.picture_coding.picture_encoder import EncodedPicture, encode_mode, encode_picture
 from protocol.pictures.picture_codec import MAX_STEP_CODE, ModeCodec, to_planes
 from protocol.pictures.probability_model import TEXTURE
 from protocol.pictures.weight_map import GRID_SIDE, encode_weight_map
+from protocol.runtime.jit import jit
 from shared_model.appearance import Atlas, filled_atlas
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-# Search of the quantiser step: start and stride, in steps of `picture_codec.step_size`.
+# Where the search of the quantiser step starts, in steps of `picture_codec.step_size`.
 INITIAL_STEP = 22
-SEARCH_STRIDE = 2
 # At the optimum the mean takes about this share of `NOMINAL_BYTES`; with fewer bytes the share
 # rises by this power, since few and coarse modes explain little of a short sample.
 TEXTURE_SHARE, NOMINAL_BYTES, SHARE_POWER, SHARE_ITERATIONS = 0.36, 7000, 0.8, 2
-# A finer step is tried if the optimum uses less than this share of the bytes.
-MIN_FILL = 0.96
 STEPS_PER_HALVING = 10
 # Bytes of a mode besides its picture: a length, a centre, a unit and a column of the basis.
 MODE_OVERHEAD_BYTES = 24
 # A mode must reduce the mean log2 residual energy by this much: its coefficient takes bits in
 # every frame packet.  At 800 bit/s .01 gave carphone .1 dB less, turn the same.
 MIN_MODE_GAIN = 0.006
-# Cost of a mean that exceeds the byte budget, plus its excess in bytes.
-INFEASIBLE_COST = 1e3
 MIN_MODE_ENERGY = 1e-3
 # Coarser steps tried for a mode that exceeds the free bytes, and the fewest bytes of a mode.
 LAST_MODE_BACKOFF = (0, 4, 8, 12, 16)
@@ -69,10 +66,12 @@ def encode_appearance(
     mask: Single,
     max_bytes: int,
     max_modes: int,
+    workers: int | None = None,
 ) -> CodedAppearance:
     """Encode mean and modes in `max_bytes` at the quantiser step of least residual.
 
     samples: of which modes are found.  mean: (k, 3) BGR.  mask: (k,) see `face_mask`.
+    workers: see `parallel_map`.
     """
     atlas_mean = filled_atlas(shape.atlas, mean)
     weight_map = encode_weight_map(cell_weights(shape.atlas, samples.weight))
@@ -94,41 +93,7 @@ def encode_appearance(
         max_bytes,
         max_modes,
     )
-    return _finalise(_search_step(coder))
-
-
-def _search_step(coder: "_AppearanceCoder") -> "_Candidate":
-    """The candidate of least cost: descent in strides from an estimate, then one step between.
-
-    That step is one finer if bytes are unused, else the nearest to the vertex of a parabola.
-    """
-    start = min(max(coder.initial_step(), SEARCH_STRIDE), MAX_STEP_CODE - SEARCH_STRIDE)
-    tried = [coder.encode(start), coder.encode(start - SEARCH_STRIDE)]
-    best = min(tried, key=_cost)
-    stride = SEARCH_STRIDE if best.step == start else -SEARCH_STRIDE
-    while 0 <= best.step + stride <= MAX_STEP_CODE:
-        tried.append(coder.encode(best.step + stride))
-        if tried[-1].cost >= best.cost:
-            break
-        best = tried[-1]
-    excess = {candidate.step - best.step: candidate.cost - best.cost for candidate in tried}
-    shift = _parabola_vertex(
-        excess.get(-SEARCH_STRIDE, INFEASIBLE_COST), excess.get(SEARCH_STRIDE, INFEASIBLE_COST)
-    )
-    if best.size_bytes < MIN_FILL * coder.max_bytes:
-        shift = -1
-    if not shift or best.step + shift < 0:
-        return best
-    return min(best, coder.encode(best.step + shift), key=_cost)
-
-
-def _parabola_vertex(before: float, after: float) -> int:
-    """Steps from the least of three costs, `SEARCH_STRIDE` apart, to the vertex of their parabola.
-
-    before, after: excess of the costs of the finer and the coarser neighbour, >= 0: the vertex lies
-        between the neighbours even if one of them is infeasible.
-    """
-    return round(SEARCH_STRIDE / 2 * (before - after) / max(before + after, 1e-9))
+    return _finalise(best_candidate(coder.encode, coder.initial_step(), max_bytes, workers))
 
 
 def cell_weights(atlas: Atlas, weight: Single) -> Array:
@@ -165,10 +130,6 @@ class _Candidate:
         """Bytes of the pictures, with the overhead of the modes."""
         modes = sum(mode.size_bytes + MODE_OVERHEAD_BYTES for mode in self.modes)
         return self.texture.size_bytes + modes
-
-
-def _cost(candidate: _Candidate) -> float:
-    return candidate.cost
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,7 +187,7 @@ class _AppearanceCoder:
         return _Candidate(texture, tuple(modes), codec, step, error + MIN_MODE_GAIN * len(modes))
 
     def _residual(self, texture: EncodedPicture) -> OrthogonalResidual:
-        frames = self.frames - self._weighted(texture.decoded) * self.visible[..., None]
+        frames = _without(self.frames, self._weighted(texture.decoded), self.visible)
         return OrthogonalResidual(frames.reshape(len(frames), -1))
 
     def _leading_image(self, residual: OrthogonalResidual) -> Single:
@@ -261,3 +222,17 @@ def _encode_mode_within(
         if mode.size_bytes <= max_bytes:
             return advanced, mode
     return None
+
+
+@jit
+def _without(frames: Single, mean: Single, visible: NDArray[np.bool_]) -> Single:
+    """Frames (t, k, 3) less a mean (k, 3) where a texel is visible (t, k)."""
+    left = np.empty_like(frames)
+    for frame in range(len(frames)):
+        for texel in range(len(mean)):
+            for channel in range(3):
+                value = frames[frame, texel, channel]
+                if visible[frame, texel]:
+                    value -= mean[texel, channel]
+                left[frame, texel, channel] = value
+    return left

@@ -144,7 +144,7 @@ def build_person_model(
     sharp = super_resolved(shape, samples, crops, sampled, workers)
     mean = mean_texture(shape, sharp, default_colours(face.head, shape.atlas))
     max_bytes = options.appearance_bytes
-    appearance = encode_appearance(shape, sharp, mean, mask, max_bytes, options.max_modes)
+    appearance = encode_appearance(shape, sharp, mean, mask, max_bytes, options.max_modes, workers)
     template = sampled_template(shape, samples, sharp, appearance)
     fitter = TexelFitter(face.head, face, shape, template, nominal_texels=options.nominal_texels)
     sampled = fit_samples(fitter, crops, sampled, workers)
