@@ -40,7 +40,9 @@ def state_words(
         return Words("is in another call", f"{name} is in another call.")
     if presence is Presence.LEFT and reach != Reachability.HAS_PEER:
         return Words("has left", f"{name} has left.")
-    is_silent = presence is Presence.SILENT and has_picture
+    # Whoever has been heard only begins a call, or was lost before the first picture.
+    is_gone = has_picture or reach == Reachability.NO_PEER
+    is_silent = presence is Presence.SILENT and is_gone
     if is_silent or reach == Reachability.NO_LINK:
         over = "" if has_picture else "Link lost, trying …"
         return Words("link lost, trying", over, is_trouble=True)

@@ -74,9 +74,9 @@ class _Drawing:
     def run(self) -> None:
         """Draw until the part is over."""
         source = self._open()
-        while not self._part.is_over.is_set():
+        while True:
             self._draw(source)
-            if self._options.place is None:
+            if self._options.place is None or self._part.is_over.is_set():
                 return
             if self._presence is not Presence.AWAITED:
                 self._presence = Presence.LEFT

@@ -24,6 +24,7 @@ RECEIVING = Receiving(Traffic(250, 6, 2.0), Presence.HERE, 0.02, 0.32)
         (False, False, LINKED, Presence.AWAITED, "answers"),
         (False, False, SENDING, Presence.HERE, "answers"),
         (True, False, LINKED, Presence.SILENT, "is calling"),
+        (True, False, SENDING, Presence.SILENT, "link lost, trying"),
         (True, True, LINKED, Presence.HERE, ""),
         (False, False, BUSY, Presence.AWAITED, "is in another call"),
         (True, True, SENDING, Presence.SILENT, "link lost, trying"),

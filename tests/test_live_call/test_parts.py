@@ -3,14 +3,25 @@
 from fractions import Fraction
 from multiprocessing import Pipe
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from decoder.call_pictures import CallOptions, open_source
 from decoder.sinks.frame_sink import open_sink
 from loopback.process_pair import free_port
-from risorius.live_call import sending_part
-from risorius.live_call.messages import LinkPlace, Record, SendingOptions, Trouble
+from protocol.link.interface import MessageCallback, PacketSource
+from protocol.relay.zenoh_relay import Relay, RelayOptions
+from risorius.live_call import drawing_part, sending_part
+from risorius.live_call.messages import (
+    DrawingOptions,
+    LinkPlace,
+    Record,
+    SendingOptions,
+    Trouble,
+)
+from risorius.live_call.packets.traffic_meter import MeteredSource
 from risorius.live_call.part_connection import PartConnection
 from shared_model.errors import UserError
 
@@ -67,3 +78,27 @@ def test_who_sends_waits_as_long_as_the_user_says(tmp_path: Path) -> None:
     ours, theirs = Pipe()
     with ours, pytest.raises(UserError, match=r"cannot reach .* within 0\.2 s"):
         sending_part.run(PartConnection(theirs), options)
+
+
+def test_who_draws_opens_no_other_link_once_the_call_is_over(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The other end would wait for whoever joins then."""
+    address, opened = f"127.0.0.1:{free_port()}", list[PacketSource]()
+    ours, theirs = Pipe()
+    part = PartConnection(theirs)
+
+    def open_and_note(options: CallOptions, say: MessageCallback) -> PacketSource:
+        opened.append(open_source(options, say))
+        return opened[-1]
+
+    def draw_and_hang_up(*arguments: Any) -> MeteredSource:
+        part.is_over.set()
+        return MeteredSource(*arguments)
+
+    monkeypatch.setattr("risorius.live_call.drawing_part.open_source", open_and_note)
+    monkeypatch.setattr("risorius.live_call.drawing_part.MeteredSource", draw_and_hang_up)
+    place = LinkPlace("anna-b", address, timeout_s=60)
+    with ours, Relay(RelayOptions((f"tcp/{address}",))):
+        drawing_part.run(part, DrawingOptions(place))
+    assert len(opened) == 1

@@ -1,6 +1,7 @@
 """The figures of a bench: what they mean, and that two real processes yield them."""
 
 import json
+import re
 import signal
 from pathlib import Path
 
@@ -113,14 +114,6 @@ def test_a_live_source_cannot_be_compared(source: str, tmp_path: Path) -> None:
         bench_clip(source, BenchSettings(), tmp_path / "a.mkv", lambda picture: None, pytest.fail)
 
 
-def test_the_end_that_fails_is_named_with_its_exit_code(
-    noise: Path, networks: Path, tmp_path: Path
-) -> None:
-    with pytest.raises(UserError, match=r"the encoder stopped with 3: .*no face found") as caught:
-        run_call(str(noise), tmp_path / "out.mkv", ["--no-pace"], limit_s=60)
-    assert caught.value.exit_code == 3
-
-
 def test_a_call_that_takes_too_long_is_ended(carphone: Path, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="did not end in time") as caught:
         run_call(str(carphone), tmp_path / "out.mkv", [], limit_s=0.5)
@@ -188,7 +181,8 @@ def test_a_clip_that_fails_does_not_cost_the_others(
     assert report["mean"]["frame_bps"] == 800
     assert bench_table(report["clips"]) in printed.out
     (failed,) = report["failed"]
-    assert failed["source"] == str(noise) and "no face found" in failed["error"]
+    assert failed["source"] == str(noise)
+    assert re.search("the encoder stopped with 3: .*no face found", failed["error"])
     assert f"warning: {noise} failed: " in printed.err
     last = printed.err.splitlines()[-1]
     assert str(tmp_path) in last and "report.json" in last

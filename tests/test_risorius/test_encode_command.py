@@ -101,7 +101,7 @@ def test_bits_that_a_call_cannot_use_are_said(
     assert "--model-bytes 100000 is more than this model can use" in size
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_stopped_encoder_leaves_a_whole_call(
     number: signal.Signals, start: Start, carphone: Path, tmp_path: Path
 ) -> None:
