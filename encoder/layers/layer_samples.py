@@ -15,6 +15,7 @@ from encoder.capture.colour import luma_f32
 from encoder.layers.displacement import dense, origins, pixel_grid, sample
 from encoder.runtime.image_ops import hull_mask
 from encoder.runtime.parallel import parallel_map
+from protocol.pictures.foreground_mask import FINE_MASK_SIDE
 from protocol.pictures.picture_codec import to_luma
 from shared_model.animate import Face
 from shared_model.geometry import Camera
@@ -92,7 +93,9 @@ class LayerSamples:
     canonical: int
     empty: Picture
     workers: int | None = None
+    # See `coarse_frames` and `small_pictures`.
     _coarse: list[CoarseFrame] = field(init=False, default_factory=list, repr=False)
+    _small: list[Single] = field(init=False, default_factory=list, repr=False)
 
     def mattes_at(self, shape: tuple[int, int]) -> Single:
         """(n, h, w) the mattes at another size."""
@@ -115,6 +118,12 @@ class LayerSamples:
 
         self._coarse.extend(parallel_map(coarse, range(len(self.faces)), self.workers))
         return self._coarse
+
+    def small_pictures(self) -> Single:
+        """(n, FINE_MASK_SIDE, FINE_MASK_SIDE, 3) the pictures; they are made once."""
+        if not self._small:
+            self._small.append(np.array(parallel_map(mask_sized, self.pictures, self.workers)))
+        return self._small[0]
 
     def chosen(self, numbers: Sequence[int]) -> "LayerSamples":
         """The same of some of the frames, the canonical one among them."""
@@ -151,6 +160,13 @@ def shrunk(picture: Picture, longer: int) -> Picture:
         return picture
     small = cv2.resize(picture, (columns, rows), interpolation=cv2.INTER_AREA)
     return np.asarray(small, np.uint8)
+
+
+def mask_sized(picture: NDArray[np.generic]) -> Single:
+    """(n, n, 3) a picture (h, w, 3) at the size of the mask, FINE_MASK_SIDE."""
+    size = FINE_MASK_SIDE, FINE_MASK_SIDE
+    small = cv2.resize(np.asarray(picture, np.float32), size, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.float32)
 
 
 def coarse_luma(picture: Picture) -> Single:
@@ -206,20 +222,30 @@ def collect_samples(
     )
 
 
-def aligned(images: NDArray[Any], samples: LayerSamples, motions: Sequence[Array]) -> Single:
-    """Images (n, h, w) or (n, h, w, c) of the frames, moved to the canonical one.
+def positions(samples: LayerSamples, motions: Sequence[Array], shape: tuple[int, int]) -> Single:
+    """(n, h, w, 2) where the pixels of the canonical picture are in pictures (h, w) of the frames.
 
     motions: (rows, columns, 2) source pixels, of the mesh in each frame.
     """
-    shape = images.shape[1], images.shape[2]
-    moved = np.empty(images.shape, np.float32)
 
-    def align(number: int) -> None:
-        at = pixel_grid(shape) + dense(motions[number], samples.size, shape)
-        moved[number] = sample(images[number], at)
+    def place(motion: Array) -> Single:
+        return pixel_grid(shape) + dense(motion, samples.size, shape)
 
-    parallel_map(align, range(len(images)), samples.workers)
-    return moved
+    return np.array(parallel_map(place, motions, samples.workers))
+
+
+def sampled(images: NDArray[Any], at: Single, workers: int | None) -> Single:
+    """(n, h', w') or (n, h', w', c) images (n, h, w) or (n, h, w, c) at positions (n, h', w', 2).
+
+    workers: see `parallel_map`.
+    """
+    values = np.empty((*at.shape[:3], *images.shape[3:]), np.float32)
+
+    def fill(number: int) -> None:
+        values[number] = sample(images[number], at[number])
+
+    parallel_map(fill, range(len(images)), workers)
+    return values
 
 
 def reference_mesh(frames: FittedFrames) -> BackgroundMesh:

@@ -14,11 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.layers.displacement import dense, origins, pixel_grid, sample
-from encoder.layers.layer_samples import MIN_FRAMES, LayerSamples, aligned, face_region
+from encoder.layers.layer_samples import (
+    MIN_FRAMES,
+    LayerSamples,
+    face_region,
+    mask_sized,
+    positions,
+    sampled,
+)
 from encoder.layers.scene import SceneLayer
 from encoder.layers.scene_motion import blurred
+from encoder.runtime.parallel import parallel_map
 from encoder.runtime.robust_mean import robust_mean
 from protocol.pictures.foreground_mask import FINE_MASK_SIDE, Mask
+from protocol.runtime.jit import jit
 from shared_model.appearance import pull_push_fill
 from shared_model.layers.soft_mask import opacity
 
@@ -43,6 +52,8 @@ EDGE_CELLS = 4
 # Where the person is drawn at least so softly, their picture is the one that gives the mean of the
 # frames together with the scene; fully from the second on.
 SOFT_OPACITY = 0.2, 0.3
+# Pixels that are sampled are taken in rows of so many.
+PIXELS_A_ROW = 256
 # The face is filled in up to this share of its width from its outline.
 FACE_MARGIN = 0.1
 # The greatest error of the person, of that of the scene, at which a cell moves with the head.
@@ -60,9 +71,10 @@ def with_headwear(samples: LayerSamples, scene: SceneLayer) -> LayerSamples:
     """
     shape = FINE_MASK_SIDE, FINE_MASK_SIDE
     motions = list(samples.motion)
-    share = np.median(aligned(samples.mattes_at(shape), samples, motions), 0)
+    at = positions(samples, motions, shape)
+    share = np.median(sampled(samples.mattes_at(shape), at, samples.workers), 0)
     person = np.asarray(share > PERSON_SHARE)
-    found = _headwear(person, *_layer_errors(samples, motions, scene))
+    found = _headwear(person, *_layer_errors(samples, at, scene))
     if not found.any():
         return samples
     side = samples.mattes.shape[1], samples.mattes.shape[2]
@@ -80,13 +92,14 @@ def person_mask(
 ) -> Mask:
     """(FINE_MASK_SIDE, FINE_MASK_SIDE) where the person is in the canonical picture.
 
-    motions: see `aligned`.  margin: how much better than the scene the person must explain a cell
+    motions: see `positions`.  margin: how much better than the scene the person must explain a cell
     near the outline, in `TRUST_GREY2`: the greater, the narrower is the mask.
     """
     shape = FINE_MASK_SIDE, FINE_MASK_SIDE
-    share = np.median(aligned(samples.mattes_at(shape), samples, motions), 0)
+    at = positions(samples, motions, shape)
+    share = np.median(sampled(samples.mattes_at(shape), at, samples.workers), 0)
     likely = share > PERSON_SHARE
-    of_scene, of_person = _layer_errors(samples, motions, scene)
+    of_scene, of_person = _layer_errors(samples, at, scene)
     smooth = of_scene - of_person
     kernel = np.ones((2 * REACH_CELLS + 1,) * 2, np.uint8)
     near = cv2.dilate(likely.astype(np.uint8), kernel) > cv2.erode(likely.astype(np.uint8), kernel)
@@ -99,40 +112,81 @@ def person_picture(
 ) -> Single:
     """(h, w, 3) BGR the person in the canonical picture, filled in around them and in the face.
 
-    motions: see `aligned`.
+    motions: see `positions`.
     """
     shape = samples.pictures.shape[1], samples.pictures.shape[2]
-    mattes = aligned(samples.mattes_at(shape), samples, motions)
-    weights = np.clip((mattes - MIN_MATTE) / (1 - MIN_MATTE), 0, 1).astype(np.float32)
-    inside = cv2.resize(mask.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
-    weights = np.maximum(weights, np.float32(MIN_WEIGHT) * inside)
-    weights[samples.canonical] += 1e-3
-    frames = aligned(samples.pictures, samples, motions)
-    mean = robust_mean(frames, weights, samples.workers)
-    known = (weights.sum(0) > MIN_FRAMES) & drawn_region(mask, shape)
     alpha = opacity(mask, shape[1], shape[0]).astype(np.float32)
-    soft = (alpha > SOFT_OPACITY[0]) & (alpha < 1)
-    share = soft * np.clip((alpha - SOFT_OPACITY[0]) / np.ptp(SOFT_OPACITY), 0, 1)
-    mean += share[..., None] * (_unmixed(frames, alpha, samples, motions, scene) - mean)
+    drawn, soft = drawn_region(mask, shape), (alpha > SOFT_OPACITY[0]) & (alpha < 1)
     covered = covered_region(samples.outlines_px[samples.canonical], samples.size, shape)
-    return pull_push_fill(mean, (known | soft) & ~covered)
+    picture, known = np.zeros((*shape, 3), np.float32), np.zeros(shape, bool)
+    used = (drawn | soft) & ~covered
+    if not used.any():
+        return picture
+    pixels = _in_rows(np.flatnonzero(used))
+    at, weights = _shown(samples, motions, mask, pixels)
+    frames = sampled(samples.pictures, at, samples.workers)
+    mean = robust_mean(frames, weights, samples.workers)
+    shown = (weights.sum(0) > MIN_FRAMES) & drawn.ravel()[pixels]
+    alpha, soft = alpha.ravel()[pixels], soft.ravel()[pixels]
+    if soft.any():
+        rows = _in_rows(np.flatnonzero(soft))
+        opaque = alpha.ravel()[rows]
+        share = np.clip((opaque - SOFT_OPACITY[0]) / np.ptp(SOFT_OPACITY), 0, 1)[..., None]
+        there = at.reshape(len(at), -1, 2)[:, rows]
+        own = frames.reshape(len(at), -1, 3)[:, rows]
+        mixed, flat = mean.reshape(-1, 3)[rows], mean.reshape(-1, 3)
+        mixed += share * (_unmixed(own, there, opaque, samples, scene) - mixed)
+        flat[rows] = mixed
+    picture.reshape(-1, 3)[pixels], known.ravel()[pixels] = mean, shown | soft
+    return pull_push_fill(picture, known)
+
+
+def _in_rows(numbers: NDArray[np.intp]) -> NDArray[np.intp]:
+    """(r, PIXELS_A_ROW) numbers (m,), the last one repeated."""
+    missing = -len(numbers) % PIXELS_A_ROW
+    return np.pad(numbers, (0, missing), mode="edge").reshape(-1, PIXELS_A_ROW)
+
+
+def _shown(
+    samples: LayerSamples, motions: Sequence[Array], mask: Mask, pixels: NDArray[np.intp]
+) -> tuple[Single, Single]:
+    """(n, h', w', 2) where pixels of the person's picture are in the frames; (n, h', w') weights.
+
+    motions: see `positions`.  pixels: (h', w') row-major numbers.
+    """
+    shape = samples.pictures.shape[1], samples.pictures.shape[2]
+    inside = cv2.resize(mask.astype(np.uint8), shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+
+    def shown(number: int) -> tuple[Single, Single]:
+        at = pixel_grid(shape) + dense(motions[number], samples.size, shape)
+        matte = cv2.resize(samples.mattes[number], shape[::-1], interpolation=cv2.INTER_LINEAR)
+        clear = sample(matte, at).ravel()[pixels]
+        weight = np.clip((clear - MIN_MATTE) / (1 - MIN_MATTE), 0, 1).astype(np.float32)
+        weight = np.maximum(weight, np.float32(MIN_WEIGHT) * inside.ravel()[pixels])
+        return at.reshape(-1, 2)[pixels], weight
+
+    each = parallel_map(shown, range(len(motions)), samples.workers)
+    at, weights = (np.array(parts) for parts in zip(*each, strict=True))
+    weights[samples.canonical] += 1e-3
+    return at, weights
 
 
 def _unmixed(
-    frames: Single,
-    alpha: Single,
-    samples: LayerSamples,
-    motions: Sequence[Array],
-    scene: SceneLayer,
+    frames: Single, at: Single, alpha: Single, samples: LayerSamples, scene: SceneLayer
 ) -> Single:
-    """(h, w, 3) what gives the mean of the frames if it is drawn over the scene.
+    """(h', w', 3) what gives the mean of the frames if it is drawn over the scene.
 
-    frames: (n, h, w, 3) aligned; they are overwritten.  alpha: (h, w) the opacity it is drawn with.
+    frames: (n, h', w', 3) what they have there; it is overwritten.  at: (n, h', w', 2) where that
+    is.  alpha: (h', w') the opacity it is drawn with.
     """
-    shape, clear = alpha.shape, 1 - alpha[..., None]
-    for number, (frame, motion) in enumerate(zip(frames, motions, strict=True)):
-        at = pixel_grid(shape) + dense(motion, samples.size, shape)
-        frame -= clear * sample(scene.picture, scene.origins(number, at, samples.size))
+    shape = samples.pictures.shape[1], samples.pictures.shape[2]
+    clear = 1 - alpha[..., None]
+
+    def take_scene(number: int) -> None:
+        behind = scene.origins(number, at[number], shape, samples.size)
+        frames[number] -= clear * sample(scene.picture, behind)
+
+    parallel_map(take_scene, range(len(frames)), samples.workers)
     mean = robust_mean(frames, np.ones(frames.shape[:3], np.float32), samples.workers)
     return np.clip(mean / np.maximum(alpha, SOFT_OPACITY[0])[..., None], 0, 255)
 
@@ -169,32 +223,40 @@ def _headwear(person: Mask, of_scene: Single, of_person: Single) -> Mask:
     return np.isin(parts, np.flatnonzero(far_cells >= HEADWEAR_FAR_CELLS)) & more
 
 
-def _layer_errors(
-    samples: LayerSamples, motions: Sequence[Array], scene: SceneLayer
-) -> tuple[Single, Single]:
+def _layer_errors(samples: LayerSamples, at: Single, scene: SceneLayer) -> tuple[Single, Single]:
     """(n, n) mean squared errors of the scene and of the person, smoothed, squared grey levels.
 
-    n: FINE_MASK_SIDE, in the canonical picture.  motions: see `aligned`.
+    n: FINE_MASK_SIDE, in the canonical picture.  at: its `positions`.
     """
-    shape = FINE_MASK_SIDE, FINE_MASK_SIDE
-    small = np.array([_resized(picture) for picture in samples.pictures])
-    frames = aligned(small, samples, motions)
+    frames = sampled(samples.small_pictures(), at, samples.workers)
     person = robust_mean(frames, np.ones(frames.shape[:3], np.float32), samples.workers)
-    behind, total = _resized(scene.picture), np.zeros((2, *shape), np.float32)
-    for number, (frame, motion) in enumerate(zip(frames, motions, strict=True)):
-        at = pixel_grid(shape) + dense(motion, samples.size, shape)
-        seen = sample(behind, scene.origins(number, at, samples.size))
-        for layer, drawn in enumerate((seen, person)):
-            total[layer] += np.minimum(((frame - drawn) ** 2).mean(-1), MAX_GREY2)
+    behind, shape = mask_sized(scene.picture), (FINE_MASK_SIDE, FINE_MASK_SIDE)
+
+    def errors(number: int) -> Single:
+        seen = sample(behind, scene.origins(number, at[number], shape, samples.size))
+        return _squared_errors(frames[number], seen, person)
+
+    total = np.zeros((2, *shape), np.float32)
+    for each in parallel_map(errors, range(len(frames)), samples.workers):
+        total += each
     of_scene, of_person = total / len(frames)
     return blurred(of_scene, SIGMA_CELLS), blurred(of_person, SIGMA_CELLS)
 
 
-def _resized(picture: NDArray[np.generic]) -> Single:
-    """(n, n, 3) a picture (h, w, 3) at the size of the mask."""
-    size = FINE_MASK_SIDE, FINE_MASK_SIDE
-    small = cv2.resize(np.asarray(picture, np.float32), size, interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.float32)
+@jit
+def _squared_errors(frame: Single, first: Single, second: Single) -> Single:
+    """(2, h, w) mean squared errors of two pictures of a frame, (h, w, 3) all, up to MAX_GREY2."""
+    errors = np.empty((2, *frame.shape[:2]), np.float32)
+    for layer in range(2):
+        picture = second if layer else first
+        for row in range(frame.shape[0]):
+            for column in range(frame.shape[1]):
+                blue = frame[row, column, 0] - picture[row, column, 0]
+                green = frame[row, column, 1] - picture[row, column, 1]
+                red = frame[row, column, 2] - picture[row, column, 2]
+                mean = (blue * blue + green * green + red * red) / np.float32(3)
+                errors[layer, row, column] = min(mean, np.float32(MAX_GREY2))
+    return errors
 
 
 def _whole(mask: Mask, max_hole_cells: int = MAX_HOLE_CELLS) -> Mask:

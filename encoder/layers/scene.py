@@ -23,6 +23,7 @@ from encoder.layers.scene_motion import (
 )
 from encoder.runtime.parallel import parallel_map
 from encoder.runtime.robust_mean import robust_mean
+from protocol.runtime.jit import jit
 from shared_model.appearance import pull_push_fill
 from shared_model.layers.scene_motion import displacement_basis
 
@@ -44,16 +45,33 @@ class SceneLayer:
     picture: Single
     motion: Array | None
 
-    def origins(self, number: int, at: Single, size: tuple[int, int]) -> Single:
+    def origins(
+        self, number: int, at: Single, shape: tuple[int, int], size: tuple[int, int]
+    ) -> Single:
         """Where positions in frame `number` come from in the picture of the scene.
 
-        at: (h, w, 2) pixels of a picture (h, w).  size: of the source, (width, height).
+        at: (..., 2) pixels of a picture of `shape`.  size: of the source, (width, height).
         """
         if self.motion is None:
             return at
-        ratio = np.array(at.shape[1::-1]) / np.array(size)
-        basis = displacement_basis(*size, (at + 0.5) / ratio - 0.5)
-        return np.asarray(at - np.tensordot(self.motion[number], basis, 1) * ratio, np.float32)
+        # The displacement is linear: that of three points tells that of all.
+        ratio = np.array(shape[::-1]) / np.array(size)
+        corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        basis = displacement_basis(*size, (corners + 0.5) / ratio - 0.5)
+        still, right, down = np.tensordot(self.motion[number], basis, 1) * ratio
+        return _moved_by(at.reshape(-1, 2), still, right - still, down - still).reshape(at.shape)
+
+
+@jit
+def _moved_by(at: Single, still: Array, right: Array, down: Array) -> Single:
+    """Positions (m, 2) less a displacement: that of (0, 0), its growth to the right and down."""
+    moved = np.empty_like(at)
+    for number in range(len(at)):
+        x, y = at[number]
+        for axis in range(2):
+            away = still[axis] + x * right[axis] + y * down[axis]
+            moved[number, axis] = at[number, axis] - away
+    return moved
 
 
 def find_scene(samples: LayerSamples) -> SceneLayer:
