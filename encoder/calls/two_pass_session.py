@@ -133,9 +133,8 @@ class TwoPassEncoder:
         head = head_with_surround()
         size = (self._capture.width, self._capture.height)
         with self._stats.stage("identity"):
-            identity, initial = fit_sequence(
-                head, size, list(smooth_landmarks(np.array(self._points)))
-            )
+            points = list(smooth_landmarks(np.array(self._points)))
+            identity, initial = fit_sequence(head, size, points, workers=None)
         start, gop = min(self._detection_of), self._gop
         held = hold_last_detection(self._detection_of, start, max(self._detection_of) + 1)
         packing = (gop.frames_per_packet, gop.frame_step)

@@ -31,6 +31,7 @@ from encoder.fitting.landmark_fit import (
 )
 from encoder.fitting.levenberg_marquardt import Equations
 from encoder.fitting.lip_closure import lip_closure_constraints
+from encoder.runtime.parallel import parallel_map
 from shared_model import geometry
 from shared_model.animate import identity_from_controls
 from shared_model.geometry import Camera
@@ -64,6 +65,7 @@ def fit_identity(
     landmarks: Sequence[Array],
     active: Sequence[int] | None = None,
     initial: IdentityFit | None = None,
+    workers: int | None = 1,
 ) -> IdentityFit:
     """Identity and focal length from all frames, with pose and actuators of each.
 
@@ -75,6 +77,7 @@ def fit_identity(
         nearly so, and the lips are constrained to meet at rest: the active actuators alone must be
         able to close a mouth that is open in the frames.
     initial: identity from other frames of the same person; fewer iterations are made from there.
+    workers: see `parallel_map`.
     """
     eau_sigma = _eau_prior_sigma(active)
     model = landmark_model(head)
@@ -89,7 +92,7 @@ def fit_identity(
             lips = lip_closure_constraints(
                 model.index, personal.neutral, model.neutral, model.aau, model.residual
             )
-        normal, right = _normal_equations(personal, fitted, landmarks, eau_sigma, lips)
+        normal, right = _normal_equations(personal, fitted, landmarks, eau_sigma, lips, workers)
         step = np.asarray(np.linalg.solve(normal, right), float)
         fitted = apply_identity_increment(head, fitted, step)
     return replace(fitted, information=normal if len(frames) == 1 else None)
@@ -121,20 +124,23 @@ def _normal_equations(
     landmarks: Sequence[Array],
     eau_sigma: Array,
     lips: tuple[Array, Array] | None,
+    workers: int | None,
 ) -> Equations:
     """Normal matrix and right side of a Gauss-Newton step, see `apply_identity_increment`.
 
     model: personalised.  eau_sigma: (EAUs,) of the prior.
-    lips: rows and residuals of constraints on AAUs and controls.
+    lips: rows and residuals of constraints on AAUs and controls.  workers: see `parallel_map`.
     """
+    frames = list(zip(fitted.frames, landmarks, strict=True))
+    each = parallel_map(
+        lambda frame: _frame_equations(model, fitted.camera, *frame), frames, workers
+    )
     shared = shared_parameter_count(fitted)
     size = shared + FACE_PARAMETERS * len(landmarks)
     normal, right = np.zeros((size, size)), np.zeros(size)
-    for number, (face, points_px) in enumerate(zip(fitted.frames, landmarks, strict=True)):
+    for number, (face, (block, block_right)) in enumerate(zip(fitted.frames, each, strict=True)):
         offset = shared + FACE_PARAMETERS * number
         own = slice(offset, offset + FACE_PARAMETERS)
-        rows, error = _identity_jacobian(model, fitted.camera, face, points_px)
-        block, block_right = rows @ rows.T, rows @ error
         normal[:shared, :shared] += block[:shared, :shared]
         normal[:shared, own] = block[:shared, shared:]
         normal[own, :shared] = block[shared:, :shared]
@@ -152,6 +158,14 @@ def _normal_equations(
     normal[np.arange(shared), np.arange(shared)] += precision
     right[:shared] -= precision * deviation
     return normal, right
+
+
+def _frame_equations(
+    model: LandmarkModel, camera: Camera, face: FaceParameters, points_px: Array
+) -> Equations:
+    """Of one frame, without priors; see `_identity_jacobian`."""
+    rows, error = _identity_jacobian(model, camera, face, points_px)
+    return rows @ rows.T, rows @ error
 
 
 def _shared_prior(fitted: IdentityFit) -> tuple[Array, Array]:

@@ -29,14 +29,15 @@ def fit_sequence(
     size: tuple[int, int],
     landmarks: Sequence[Array],
     initial: IdentityFit | None = None,
+    workers: int | None = 1,
 ) -> tuple[IdentityFit, list[FaceParameters]]:
     """One identity, and pose and actuators of every frame.
 
     size: (width, height) of the picture.  landmarks: (468, 3) of each frame, pixels.
-    initial: see `fit_identity`.
+    initial, workers: see `fit_identity`.
     """
     chosen = pick_diverse_frames(np.array(landmarks))
-    fitted = fit_identity(head, size, [landmarks[i] for i in chosen], initial=initial)
+    fitted = fit_identity(head, size, [landmarks[i] for i in chosen], None, initial, workers)
     model = personalise(landmark_model(head), fitted.identity.aau, fitted.control_mm)
     face = initial_parameters(model, fitted.camera, landmarks[0])
     faces = []

@@ -1,5 +1,6 @@
 """What fits and codes the layer coefficients of frames, for as long as a background is in use."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,8 @@ Picture = NDArray[np.uint8]
 
 # Largest coefficients of later frames, in the range of those of the sample.
 LIMIT_FACTOR = 2.0
+# Frames at which the distortion is measured.
+DISTORTION_FRAMES = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,3 +57,26 @@ class FrameLayers:
         """The same for a new model of the person; the canonical frame is the one it was before."""
         fitter = replace(self.fitter, face=frames.person, mesh=reference_mesh(frames))
         return replace(self, fitter=fitter)
+
+
+def layer_distortion(
+    fitter: LayerFitter,
+    faces: Sequence[FaceParameters],
+    outlines_px: Sequence[Array] | Array,
+    coefficients: Array,
+) -> Array:
+    """See `FrameLayers.distortion`; the mean over some of the frames.
+
+    faces, outlines_px, coefficients: of each frame.
+    """
+    total, face_pixels = np.zeros((coefficients.shape[1],) * 2), 0
+    chosen = range(0, len(coefficients), -(-len(coefficients) // DISTORTION_FRAMES))
+    for i in chosen:
+        region = fitter.face_region(outlines_px[i])
+        rows = fitter.jacobian(faces[i], coefficients[i])[:, ~region].astype(np.float64)
+        total += rows @ rows.T
+        face_pixels += int(region.sum())
+    # Light is a component of its own: where it stays as it is, no other's error is to change it.
+    count = len(fitter.limits)
+    total[:count, count:] = total[count:, :count] = 0
+    return total / max(face_pixels, 1)

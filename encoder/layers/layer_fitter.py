@@ -159,8 +159,8 @@ class LayerFitter:
         if not len(coefficients):
             return coefficients
         if self.scene_moves:
-            behind = frame.outside * (1 - sample(self.alpha, frame.origins))
-            motion = fit_scene_motion(self._pyramid, frame.luma, behind)
+            motion = frame.scene_motion
+            motion = self._scene_motion(frame) if motion is None else motion
             coefficients[-SCENE_COEFFICIENTS:] = motion
         if smoothed is not None and smooth is not None:
             coefficients = smoothed._refined(coefficients, smooth)
@@ -168,6 +168,14 @@ class LayerFitter:
         if self.start_sigma and self.scene_moves:
             return self._doubted(coefficients, frame)
         return coefficients
+
+    def with_scene_motion(self, frame: CoarseFrame) -> CoarseFrame:
+        """A frame with the scene's motion, for fits with this person and scene, whatever else."""
+        return replace(frame, scene_motion=self._scene_motion(frame)) if self.scene_moves else frame
+
+    def _scene_motion(self, frame: CoarseFrame) -> Array:
+        behind = frame.outside * (1 - sample(self.alpha, frame.origins))
+        return fit_scene_motion(self._pyramid, frame.luma, behind)
 
     def _refined(self, coefficients: Array, frame: CoarseFrame) -> Array:
         """The coefficients of a frame after some Gauss-Newton steps."""

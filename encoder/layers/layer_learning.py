@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from encoder.detection.segmentation import PersonSegmenter
 from encoder.detection.tflite import find_segmentation_network
-from encoder.layers.frame_layers import FrameLayers
+from encoder.layers.frame_layers import FrameLayers, layer_distortion
 from encoder.layers.layer_model import (
     LIGHT_SIGMA,
     LayerModel,
     coarse_fitter,
     encode_layers,
-    layer_distortion,
     learn_layers,
     with_fields,
 )

@@ -1,6 +1,5 @@
 """The layers around a person's face: learned from a sample, encoded, and fitted to frames."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -10,9 +9,15 @@ from numpy.typing import NDArray
 from encoder.layers.changes import CodedChanges, flicker_ratio, learn_changes
 from encoder.layers.displacement import dense
 from encoder.layers.field_refinement import refined_fields
-from encoder.layers.frame_layers import FrameLayers
+from encoder.layers.frame_layers import FrameLayers, layer_distortion
 from encoder.layers.layer_fitter import LayerFitter
-from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, luma_at, scaled_shape
+from encoder.layers.layer_samples import (
+    COARSE_SIDE,
+    CoarseFrame,
+    LayerSamples,
+    luma_at,
+    scaled_shape,
+)
 from encoder.layers.motion_fields import field_codes, motion_fields
 from encoder.layers.person_picture import person_mask, person_picture, with_headwear
 from encoder.layers.scene import SceneLayer, find_scene
@@ -33,7 +38,6 @@ from shared_model.animate import Face
 from shared_model.layers.head_motion import BackgroundMesh
 from shared_model.layers.layer_motion import fields_at_mesh
 from shared_model.layers.soft_mask import opacity
-from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -52,8 +56,6 @@ LIGHT_SIGMA = 2.0
 # The mask is made narrower as long as what is behind the person changes more as it is drawn than in
 # the frames: where the outline is a pixel off, the scene flickers.
 MASK_MARGINS, MAX_FLICKER = (0.0, 0.5, 1.0, 1.5), 1.0
-# Frames at which the distortion is measured.
-DISTORTION_FRAMES = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,6 +68,7 @@ class LayerModel:
     coefficients: (n, l) of the sample.
     distortion: (l, l) squared grey levels around the face per squared unit, for each pixel of the
         face.
+    workers: of what is encoded, see `parallel_map`.
     """
 
     scene: Single
@@ -76,6 +79,7 @@ class LayerModel:
     fitter: LayerFitter
     coefficients: Array
     distortion: Array
+    workers: int | None = 1
 
     @property
     def frames(self) -> FrameLayers:
@@ -90,26 +94,30 @@ class LayerModel:
         """The layered background, its pictures as fine as `max_bytes` for all of it allow."""
         follows = self.fitter.scene_moves, self.fitter.follows_light
         draft = LayeredBackground(self.mask, b"", b"", self.fields, self.changes, *follows)
-        return encode_layers((self.person, self.scene), draft, max_bytes)
+        return encode_layers((self.person, self.scene), draft, max_bytes, self.workers)
 
     def encode_rough(self, max_bytes: int) -> bytes:
         """The same without what frames change: for a base layer."""
         draft = LayeredBackground(self.mask, b"", b"", self.fields[:0])
-        return encode_layers((self.person, self.scene), draft, max_bytes)
+        return encode_layers((self.person, self.scene), draft, max_bytes, self.workers)
 
 
 def encode_layers(
-    pictures: tuple[Single, Single], draft: LayeredBackground, max_bytes: int
+    pictures: tuple[Single, Single],
+    draft: LayeredBackground,
+    max_bytes: int,
+    workers: int | None = 1,
 ) -> bytes:
     """A layered background, its pictures as fine as `max_bytes` for all of it allow.
 
     pictures: (h, w, 3) BGR of person and scene.  draft: all but these.
+    workers: see `parallel_map`.
     """
     # The length of the person's picture takes up to two bytes more than that of an empty one.
     free_bytes = max_bytes - len(serialise_layers(draft)) - 2
 
     def encoded(step: int) -> tuple[EncodedPicture, ...]:
-        return tuple(encode_picture(picture, step) for picture in pictures)
+        return tuple(parallel_map(lambda each: encode_picture(each, step), pictures, workers))
 
     person, scene = finest_quantiser_within(
         encoded,
@@ -134,32 +142,28 @@ def learn_layers(face: Face, samples: LayerSamples, follows_light: bool = False)
     coefficients = np.zeros((len(samples.faces), len(fields)))
     for _ in range(PASSES):
         fitter, _, _ = _with_person(face, samples, scene, fields, coefficients)
-        coefficients = _fitted(fitter, samples)
+        frames = _with_scene_motion(fitter, samples)
+        coefficients = _fitted(fitter, frames, samples.workers)
         for _ in range(FIELD_STEPS if len(fields) else 0):
             refined = refined_fields(fields / FIELD_CODES_PER_PX, samples, fitter, coefficients)
             fields = field_codes(refined)
             fitter = with_fields(fitter, fields)
-            coefficients = _fitted(fitter, samples)
+            coefficients = _fitted(fitter, frames, samples.workers)
     for margin in MASK_MARGINS:
         fitter, mask, person = _with_person(face, full, scene, fields, coefficients, margin)
-        coefficients = _fitted(fitter, samples)
+        frames = _with_scene_motion(fitter, samples)
+        coefficients = _fitted(fitter, frames, samples.workers)
         if flicker_ratio(samples, fitter, coefficients) <= MAX_FLICKER:
             break
-    changes = learn_changes(samples, fitter, coefficients)
-    fitter = _with_changes(fitter, changes.luma)
-    coefficients = _fitted(fitter, samples)
-    while (calm := _calm_changes(coefficients[:, len(fields) :], changes)) < len(changes.data):
-        changes = changes.first(calm)
-        fitter = _with_changes(fitter, changes.luma)
-        coefficients = _fitted(fitter, samples)
+    fitter, changes, coefficients = _with_calm_changes(fitter, samples, frames, coefficients)
     margin = LIMIT_MARGIN * np.ptp(coefficients, axis=0)
     limits = np.stack([coefficients.min(0) - margin, coefficients.max(0) + margin], 1)
     fitter = replace(fitter, limits=limits, follows_light=follows_light)
     coefficients = np.pad(coefficients, ((0, 0), (0, LIGHT_COEFFICIENTS * follows_light)))
     distortion = layer_distortion(fitter, samples.faces, samples.outlines_px, coefficients)
-    return LayerModel(
-        scene.picture, person, mask, fields, changes.data, fitter, coefficients, distortion
-    )
+    coded = mask, fields, changes.data
+    fitted = fitter, coefficients, distortion
+    return LayerModel(scene.picture, person, *coded, *fitted, samples.workers)
 
 
 def _told_apart(samples: LayerSamples) -> tuple[LayerSamples, SceneLayer]:
@@ -167,29 +171,6 @@ def _told_apart(samples: LayerSamples) -> tuple[LayerSamples, SceneLayer]:
     scene = find_scene(samples)
     more = with_headwear(samples, scene)
     return (samples, scene) if more is samples else (more, find_scene(more))
-
-
-def layer_distortion(
-    fitter: LayerFitter,
-    faces: Sequence[FaceParameters],
-    outlines_px: Sequence[Array] | Array,
-    coefficients: Array,
-) -> Array:
-    """See `LayerModel.distortion`; the mean over some of the frames.
-
-    faces, outlines_px, coefficients: of each frame.
-    """
-    total, face_pixels = np.zeros((coefficients.shape[1],) * 2), 0
-    chosen = range(0, len(coefficients), -(-len(coefficients) // DISTORTION_FRAMES))
-    for i in chosen:
-        region = fitter.face_region(outlines_px[i])
-        rows = fitter.jacobian(faces[i], coefficients[i])[:, ~region].astype(np.float64)
-        total += rows @ rows.T
-        face_pixels += int(region.sum())
-    # Light is a component of its own: where it stays as it is, no other's error is to change it.
-    count = len(fitter.limits)
-    total[:count, count:] = total[count:, :count] = 0
-    return total / max(face_pixels, 1)
 
 
 def _with_person(
@@ -268,6 +249,24 @@ def _with_changes(fitter: LayerFitter, changes: Single) -> LayerFitter:
     )
 
 
+def _with_calm_changes(
+    fitter: LayerFitter, samples: LayerSamples, frames: list[CoarseFrame], coefficients: Array
+) -> tuple[LayerFitter, CodedChanges, Array]:
+    """A fitter with the changes that it needs, these, and the coefficients (n, l) of a sample.
+
+    frames: of the sample.  coefficients: without changes.
+    """
+    changes = learn_changes(samples, fitter, coefficients)
+    fitter = _with_changes(fitter, changes.luma)
+    coefficients = _fitted(fitter, frames, samples.workers)
+    first = len(fitter.fields)
+    while (calm := _calm_changes(coefficients[:, first:], changes)) < len(changes.data):
+        changes = changes.first(calm)
+        fitter = _with_changes(fitter, changes.luma)
+        coefficients = _fitted(fitter, frames, samples.workers)
+    return fitter, changes, coefficients
+
+
 def _calm_changes(coefficients: Array, changes: CodedChanges) -> int:
     """How many changes there are before the first that stands for something else.
 
@@ -277,7 +276,10 @@ def _calm_changes(coefficients: Array, changes: CodedChanges) -> int:
     return int(wild.argmax()) if wild.any() else len(wild)
 
 
-def _fitted(fitter: LayerFitter, samples: LayerSamples) -> Array:
+def _with_scene_motion(fitter: LayerFitter, samples: LayerSamples) -> list[CoarseFrame]:
+    return parallel_map(fitter.with_scene_motion, samples.coarse_frames(), samples.workers)
+
+
+def _fitted(fitter: LayerFitter, frames: list[CoarseFrame], workers: int | None) -> Array:
     """(n, l) the coefficients of the frames of a sample, in the light of the layers."""
-    rows = parallel_map(fitter.fit_motion, samples.coarse_frames(), samples.workers)
-    return np.array(rows).reshape(len(samples.faces), -1)
+    return np.array(parallel_map(fitter.fit_motion, frames, workers)).reshape(len(frames), -1)

@@ -63,11 +63,13 @@ class CoarseFrame:
 
     luma: (h, w).  origins: (h, w, 2) coarse pixels, where the person comes from in the canonical
     picture by the motion of the head.  outside: (h, w) 0 in the face, else 1.
+    scene_motion: (4,) of the scene behind the person, where that is known.
     """
 
     luma: Single
     origins: Single
     outside: Single
+    scene_motion: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -147,6 +147,14 @@ def test_several_frames_determine_the_identity(head: Head) -> None:
     assert np.sqrt((left**2).mean()) < 0.6 * np.sqrt((before**2).mean())
 
 
+def test_the_number_of_threads_changes_no_identity(head: Head) -> None:
+    truths = [a_face(yaw, 0, 0) for yaw in (-20, 5, 20)]
+    seen = [seen_points(head, CAMERA, truth) for truth in truths]
+    alone, beside = (fit_identity(head, (640, 480), seen, workers=count) for count in (1, 3))
+    assert alone.camera == beside.camera
+    assert np.array_equal(alone.control_mm, beside.control_mm)
+
+
 def test_an_identity_is_recovered_from_an_initial_one(head: Head) -> None:
     aau = np.linspace(-0.8, 0.8, len(AAUS))
     truths = [a_face(yaw, 0, 0, jaw_drop=0.4) for yaw in (-20, -5, 8, 22)]
