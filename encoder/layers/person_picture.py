@@ -234,7 +234,7 @@ def _layer_errors(samples: LayerSamples, at: Single, scene: SceneLayer) -> tuple
 
     def errors(number: int) -> Single:
         seen = sample(behind, scene.origins(number, at[number], shape, samples.size))
-        return _squared_errors(frames[number], seen, person)
+        return squared_errors(frames[number], seen, person)
 
     total = np.zeros((2, *shape), np.float32)
     for each in parallel_map(errors, range(len(frames)), samples.workers):
@@ -244,7 +244,7 @@ def _layer_errors(samples: LayerSamples, at: Single, scene: SceneLayer) -> tuple
 
 
 @jit
-def _squared_errors(frame: Single, first: Single, second: Single) -> Single:
+def squared_errors(frame: Single, first: Single, second: Single) -> Single:
     """(2, h, w) mean squared errors of two pictures of a frame, (h, w, 3) all, up to MAX_GREY2."""
     errors = np.empty((2, *frame.shape[:2]), np.float32)
     for layer in range(2):

@@ -19,9 +19,13 @@ from encoder.coding.rdo_quantiser import code_packet
 from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.fitting.identity import TYPICAL_FOCAL_RATIO
 from encoder.fitting.landmark_fit import landmark_model
+from encoder.layers.displacement import pixel_grid
+from encoder.layers.person_picture import squared_errors
+from encoder.layers.scene import SceneLayer
 from encoder.learning.incremental_modes import ModeLearner
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.picture_coding.image_budget import encode_background_within
+from encoder.runtime.robust_mean import robust_mean
 from encoder.tracking.outlier_rejection import robust_residuals
 from protocol.frames.temporal_prediction import FramePredictor
 from protocol.pictures.picture_codec import decode_picture
@@ -60,7 +64,18 @@ def warm_up(head: Head, video: VideoFormat, gop: GopStructure, rng: np.random.Ge
     predictor = FramePredictor(transform.scale_codes, transform.reserved_modes)
     values = version.transform_faces([version.fit(samples[0])])
     code_packet(predictor, 0, gop.frames_per_packet, values, QUALITY, intra=True)
+    _load_loops_of_layers()
     ModeLearner(version.person).update(samples, version.fit_texels, BYTES, 1)
+
+
+def _load_loops_of_layers() -> None:
+    """In noise there is nobody to learn layers of."""
+    frames, weights = np.zeros((2, 4, 4, 3), np.float32), np.ones((2, 4, 4), np.float32)
+    robust_mean(frames.astype(np.uint8), weights, 1)
+    mean = robust_mean(frames, weights, 1)
+    squared_errors(frames[0], mean, mean)
+    moving = SceneLayer(mean, np.zeros((2, 4)))
+    moving.origins(0, pixel_grid((4, 4)), (4, 4), (8, 8))
 
 
 def compile_loops() -> None:

@@ -22,7 +22,8 @@ def robust_mean(
     weights: (n, h, w) of the pixels.  Where all are 0 the mean is of no use.
     workers: see `parallel_map`.
     """
-    mean = np.empty(pictures.shape[1:], np.float32)
+    # Of one layout, so that there is one compiled loop.
+    pictures, mean = np.ascontiguousarray(pictures), np.empty(pictures.shape[1:], np.float32)
     edges = np.linspace(0, len(mean), (workers or available_cores()) + 1).astype(int).tolist()
 
     def fill(part: tuple[int, int]) -> None:
