@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from encoder.layers.layer_fitter import LayerFitter
 from encoder.layers.layer_samples import CoarseFrame, LayerSamples
 from encoder.runtime.parallel import parallel_map
+from protocol.runtime.jit import jit
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -46,7 +47,7 @@ def refined_fields(
     each = parallel_map(equations, frames, samples.workers)
     for own, (squares, products) in zip(coefficients, each, strict=True):
         unit = own[:count] / scale
-        normal += np.einsum("k,l,xypq->kxplyq", unit, unit, squares, optimize=True)
+        add_fields(normal, unit, squares, columns)
         right += unit[:, None, None] * products
     size = count * 2 * points
     matrix = normal.reshape(size, size)
@@ -73,19 +74,71 @@ def _normal_equations(
     # Grey levels per source pixel of displacement.
     slope = -gradient * to_source
     used = np.flatnonzero((weight * (slope**2).sum(-1)).ravel() > MIN_SLOPE2)
-    corners = list(_corner_shares(at.reshape(-1, 2)[used], drawn.shape, grid))
+    corners, shares = zip(*_corner_shares(at.reshape(-1, 2)[used], drawn.shape, grid), strict=True)
     slopes, weights = slope.reshape(-1, 2)[used], weight.ravel()[used]
     weighted = slopes * weights[:, None]
     points = grid[0] * grid[1]
-    squares, products = np.zeros((2, 2, points * points)), np.zeros((2, points))
-    for axis, (a, share_a) in product((0, 1), corners):
-        left = weighted[:, axis] * share_a
-        products[axis] += np.bincount(a, left * residual.ravel()[used], points)
-        for other, (b, share_b) in product((0, 1)[axis:], corners):
-            values = left * slopes[:, other] * share_b
-            squares[axis, other] += np.bincount(a * points + b, values, points * points)
+    squares, products = np.zeros((2, 2, points, points)), np.zeros((2, points))
+    errors = residual.ravel()[used]
+    add_pixels(squares, products, np.array(corners), np.array(shares), weighted, slopes, errors)
     squares[1, 0] = squares[0, 1]
-    return squares.reshape(2, 2, points, points), products
+    return squares, products
+
+
+@jit
+def add_pixels(
+    squares: Array,
+    products: Array,
+    corners: NDArray[np.intp],
+    shares: Array,
+    weighted: Array,
+    slopes: Array,
+    errors: Single,
+) -> None:
+    """Add m pixels to the equations, see `_normal_equations`; those of [1, 0] are left out.
+
+    corners, shares: (4, m) see `_corner_shares`.  weighted: slopes (m, 2) times weights (m,).
+    """
+    points, pixels = products.shape[1], len(errors)
+    for axis in range(2):
+        for first in range(4):
+            sums = np.zeros(points)
+            for pixel in range(pixels):
+                left = weighted[pixel, axis] * shares[first, pixel]
+                sums[corners[first, pixel]] += left * errors[pixel]
+            products[axis] += sums
+            for other in range(axis, 2):
+                for second in range(4):
+                    # The second corner is as far from the first one for all pixels.
+                    sums[:] = 0
+                    for pixel in range(pixels):
+                        left = weighted[pixel, axis] * shares[first, pixel]
+                        value = left * slopes[pixel, other] * shares[second, pixel]
+                        sums[corners[first, pixel]] += value
+                    if pixels:
+                        away = corners[second, 0] - corners[first, 0]
+                        for point in range(max(0, -away), min(points, points - away)):
+                            squares[axis, other, point, point + away] += sums[point]
+
+
+@jit
+def add_fields(normal: Array, unit: Array, squares: Array, columns: int) -> None:
+    """Add a frame to the equations (k, 2, points, k, 2, points) of all fields.
+
+    unit: (k,) its coefficients.  squares: (2, 2, points, points) of a field whose coefficient is 1;
+    0 but for points next to each other, of a grid of so many columns.
+    """
+    count, points = len(unit), squares.shape[2]
+    for k in range(count):
+        for x in range(2):
+            for p in range(points):
+                for other in range(count):
+                    for y in range(2):
+                        for down in range(-1, 2):
+                            middle = p + down * columns
+                            for q in range(max(middle - 1, 0), min(middle + 2, points)):
+                                value = squares[x, y, p, q] * unit[other] * unit[k]
+                                normal[k, x, p, other, y, q] += value
 
 
 def _corner_shares(
