@@ -1,5 +1,6 @@
 """Segmentation of the caller from the background: MediaPipe's selfie segmentation network."""
 
+import threading
 from pathlib import Path
 
 import cv2
@@ -49,13 +50,14 @@ def segment_person(path: Path, frame: Frame, outline_px: Array) -> Mask | None:
 
 
 class PersonSegmenter:
-    """Finds the person with a given face; not for use by two threads at a time.
+    """Finds the person with a given face; each thread that uses it has a network of its own.
 
     path: of the network.  Raises `NetworkFilesMissing` if it cannot be read.
     """
 
     def __init__(self, path: Path) -> None:
-        self._network = TfliteNetwork(path)
+        self._path, self._of_thread = path, threading.local()
+        self._of_thread.network = TfliteNetwork(path)
 
     def matte(self, frame: Frame, outline_px: Array) -> Single | None:
         """(MATTE_SIDE, MATTE_SIDE) share 0..1 of the person; None if the network finds none there.
@@ -82,7 +84,9 @@ class PersonSegmenter:
     def share(self, frame: Frame) -> Single:
         """(MATTE_SIDE, MATTE_SIDE) share 0..1 of people in the cells of a frame."""
         size = (MATTE_SIDE, MATTE_SIDE)
-        cells = _probability(self._network, frame)
+        if not hasattr(self._of_thread, "network"):
+            self._of_thread.network = TfliteNetwork(self._path)
+        cells = _probability(self._of_thread.network, frame)
         return np.asarray(cv2.resize(cells, size, interpolation=cv2.INTER_AREA), np.float32)
 
 

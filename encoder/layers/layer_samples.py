@@ -194,14 +194,16 @@ def collect_samples(
 ) -> LayerSamples | None:
     """The sample of some frames; None if the canonical one shows no person.
 
-    find_matte: as `PersonSegmenter.matte`.  Frames in which the person is not found are left out.
-    workers: see `LayerSamples`.
+    find_matte: as `PersonSegmenter.matte`, called by several threads.  Frames in which the person
+    is not found are left out.  workers: see `LayerSamples`.
     """
     camera = frames.camera
     stride = -(-len(frames.pictures) // MAX_SAMPLES)
     chosen = sorted({frames.canonical, *range(0, len(frames.pictures), stride)})
-    mattes = {i: find_matte(frames.pictures[i], frames.outlines_px[i]) for i in chosen}
-    found = {i: matte for i, matte in mattes.items() if matte is not None}
+    mattes = parallel_map(
+        lambda i: find_matte(frames.pictures[i], frames.outlines_px[i]), chosen, workers
+    )
+    found = {i: matte for i, matte in zip(chosen, mattes, strict=True) if matte is not None}
     if frames.canonical not in found:
         return None
     kept = list(found)

@@ -20,6 +20,7 @@ from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.fitting.identity import TYPICAL_FOCAL_RATIO
 from encoder.fitting.landmark_fit import landmark_model
 from encoder.layers.displacement import pixel_grid
+from encoder.layers.field_refinement import add_fields, add_pixels
 from encoder.layers.person_picture import squared_errors
 from encoder.layers.scene import SceneLayer
 from encoder.learning.incremental_modes import ModeLearner
@@ -76,6 +77,10 @@ def _load_loops_of_layers() -> None:
     squared_errors(frames[0], mean, mean)
     moving = SceneLayer(mean, np.zeros((2, 4)))
     moving.origins(0, pixel_grid((4, 4)), (4, 4), (8, 8))
+    squares, products, pairs = np.zeros((2, 2, 4, 4)), np.zeros((2, 4)), np.zeros((2, 2))
+    corners, shares = np.zeros((4, 2), np.intp), np.zeros((4, 2))
+    add_pixels(squares, products, corners, shares, pairs, pairs, np.zeros(2, np.float32))
+    add_fields(np.zeros((1, 2, 4, 1, 2, 4)), np.ones(1), squares, 2)
 
 
 def compile_loops() -> None:
