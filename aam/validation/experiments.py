@@ -10,9 +10,7 @@ from aam.search.search import METHODS, SearchOptions
 from aam.training.train import TrainingOptions
 from aam.training.train import train as train_model
 from aam.validation import tables
-from aam.validation.action_units import recognise, show_faces
 from aam.validation.contenders import Contender, train_head, train_planar
-from aam.validation.expressed_faces import EXPRESSIONS, with_units
 from aam.validation.first_frames import FirstFrames, TruePicture, first_frames
 from aam.validation.model_experiments import mode_counts, specificity
 from aam.validation.plots import prediction_plot
@@ -20,6 +18,8 @@ from aam.validation.prediction_experiments import parameter_curves, pose_curves
 from aam.validation.samples import Sample, split_people
 from aam.validation.search_experiments import Generalisation, best_possible, generalisation
 from aam.validation.search_time import search_time
+from aam.validation.units.action_units import recognise, show_faces
+from aam.validation.units.expressed_faces import EXPRESSIONS, with_units
 
 Array = NDArray[np.float64]
 Tell = Callable[[str], None]
@@ -30,8 +30,8 @@ PARTS_OF_PAIR = frozenset({"model", "search", "speed", "prediction"})
 SEED = 1
 # Faces of the training set whose displacements are predicted.
 DISPLACED_FACES = 80
-# Faces on which expressions are drawn: to learn from, and of known and of new people to judge by.
-LEARNED_FACES, EXPRESSED_FACES = 150, 40
+# Faces of known and of new people on which expressions are drawn to judge by.
+EXPRESSED_FACES = 40
 DRAWN_INTENSITIES = (0.4, 1.0)
 # What is changed one by one (2.4.2 to 2.4.5), from the full frame, retinex, W_s as it is.
 VARIANTS = {
@@ -264,12 +264,11 @@ def unit_part(train: Sequence[Sample], test: Sequence[Sample], size: int) -> str
 
 
 def unit_tables(contender: Contender, train: Sequence[Sample], test: Sequence[Sample]) -> str:
-    """The tables of `unit_part` for a trained AAM."""
-    learned = _spread(train, min(LEARNED_FACES, len(train) // 2))
-    known = [each for each in train if each not in learned]
+    """The tables of `unit_part` for a trained AAM; learned are the faces that are not judged."""
+    known = _spread(train, min(EXPRESSED_FACES, len(train) // 2))
+    learned = [each for each in train if each not in known]
     shown, *judged = (
-        show_faces(contender, each)
-        for each in (learned, _spread(known, EXPRESSED_FACES), _spread(test, EXPRESSED_FACES))
+        show_faces(contender, each) for each in (learned, known, _spread(test, EXPRESSED_FACES))
     )
     dependent, independent = (recognise(shown, each) for each in judged)
     text = "## Action units\n"

@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 
-from aam.validation.action_units import Recognition
 from aam.validation.prediction_experiments import PredictionCurve
 from aam.validation.search_experiments import Generalisation
+from aam.validation.units.action_units import Recognition
 
 # Table 2.5: percent and degrees; Tables 3.3 and 3.4: recognition rates, percent.
 THESIS_POSE = {
@@ -92,4 +92,7 @@ def unit_table(dependent: Recognition, independent: Recognition) -> str:
         ["all", 86.1, rates[0], 76.2, rates[1], f"{100 * independent.false_alarms:.1f}", "-"]
     )
     head = ["unit", "thesis, known people", "here, known", "thesis, new people", "here, new"]
-    return table([*head, "false alarms, new, %", "correlation, new"], rows)
+    text = table([*head, "false alarms, new, %", "correlation, new"], rows)
+    text += "\nFalse alarms, % of what is shown (thesis 1.7 and 4.4): known people "
+    alarms = [f"{100 * each.false_of_shown:.1f}" for each in (dependent, independent)]
+    return text + f"{alarms[0]}, new {alarms[1]}.\n"

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from aam.search.search import METHODS, SearchOptions
 from aam.training.train import TrainingOptions
 from aam.validation import tables
-from aam.validation.action_units import Recognition, UnitResult, recognise, show_faces
 from aam.validation.contenders import Contender, errors, train_head, train_planar
 from aam.validation.experiments import (
     PARTS,
@@ -21,7 +20,6 @@ from aam.validation.experiments import (
     search_part,
     speed_part,
 )
-from aam.validation.expressed_faces import UNITS, with_units
 from aam.validation.first_frames import FirstFrames, TruePicture, common_shift
 from aam.validation.planar_warp import (
     MIRRORED,
@@ -35,6 +33,8 @@ from aam.validation.planar_warp import (
 from aam.validation.prediction_experiments import PredictionCurve
 from aam.validation.samples import Sample, split_people
 from aam.validation.search_experiments import Generalisation, generalisation
+from aam.validation.units.action_units import Recognition, UnitResult, recognise, show_faces
+from aam.validation.units.expressed_faces import UNITS, with_units
 from aam.warps import head_warp
 
 Array = NDArray[np.float64]
@@ -172,13 +172,15 @@ def test_recognition_counts_every_picture(pair: dict[str, Contender]) -> None:
     learned, judged = (show_faces(pair["head"], each) for each in (TRAIN[:4], TEST[:2]))
     assert learned.texture.shape == (4 * 17, len(pair["head"].levels[-1].texture.mean))
     both = recognise(learned, judged)
-    assert set(both) == {"thresholds", "linear", "SVM", "SVM of texture"}
+    assert set(both) == {"thresholds", "linear", "SVM", "SVM of texture", "SVM of gradients"}
     for found in both.values():
         assert found.units["AU26"].shown == found.units["AU1"].shown == 2 * 2 * 3
         assert found.units["Neutral"].shown == 2
         assert all(each.correct + each.missed == each.shown for each in found.units.values())
         assert set(found.correlation) == set(UNITS)
-    assert "| AU26 | 74.3 |" in tables.unit_table(both["linear"], both["thresholds"])
+    text = tables.unit_table(both["linear"], both["thresholds"])
+    assert "| AU26 | 74.3 |" in text
+    assert "(thesis 1.7 and 4.4): known people" in text
 
 
 def test_first_frames_without_a_face_are_not_right() -> None:
@@ -216,6 +218,7 @@ def test_rates_are_those_of_the_counts() -> None:
     found = Recognition(units, {"AU1": 0.5})
     assert found.rate == pytest.approx(0.7)
     assert found.false_alarms == pytest.approx(0.25)
+    assert found.false_of_shown == pytest.approx(0.1)
 
 
 def test_people_of_the_training_set_are_no_test() -> None:

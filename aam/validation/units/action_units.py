@@ -1,9 +1,8 @@
 """Recognition of action units (3.2): the EAUs that a search finds, against what was shown."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,8 +12,18 @@ from aam.search.find_face import find_in_window
 from aam.search.search import SearchOptions
 from aam.shape_space import SHAPE_RANGE, actuators
 from aam.validation.contenders import Contender, start_pose
-from aam.validation.expressed_faces import EXPRESSIONS, INTENSITIES, UNITS, with_units
 from aam.validation.samples import Sample
+from aam.validation.units.classifiers import (
+    Classifier,
+    by_folds,
+    components,
+    regressed,
+    scaled,
+    separated,
+)
+from aam.validation.units.expressed_faces import EXPRESSIONS, INTENSITIES, UNITS, with_units
+from aam.validation.units.gradient_histograms import gradient_histograms
+from aam.warps import head_warp
 from aam.window import FaceWindow, shrunk
 from encoder.runtime.parallel import parallel_map
 from shared_model.parameters import EAU_INDEX
@@ -23,13 +32,8 @@ Array = NDArray[np.float64]
 
 # How many strengths are tried at which a unit may count as shown.
 THRESHOLDS = 64
-# Of the linear classifier, for each picture; of the support vector machines, whose features have
-# unit variance: cost of an error, and width of the functions for each feature.
-RIDGE, SVM_COST, SVM_WIDTH = 0.6, 3.0, 0.3
-# Chosen by cross-validation over people of the training set, with the cost.
-TEXTURE_COMPONENTS = 50
-# Parts of the learned people, each judged by what was learned from the others.
-FOLDS = 4
+# Chosen by cross-validation over people of the training set.
+TEXTURE_COMPONENTS, GRADIENT_COMPONENTS = 50, 150
 # A unit's strength: mean of these EAUs, with their signs.
 STRENGTHS = {
     "AU1": (("eyebrow_inner", 1.0),),
@@ -77,6 +81,12 @@ class Recognition:
         units = [each for name, each in self.units.items() if name != "Neutral"]
         return sum(each.false for each in units) / sum(each.absent for each in units)
 
+    @property
+    def false_of_shown(self) -> float:
+        """Units found that are not there, of all units and neutral faces shown (Table 3.4)."""
+        false = sum(each.false for name, each in self.units.items() if name != "Neutral")
+        return false / sum(each.shown for each in self.units.values())
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownFaces:
@@ -86,7 +96,8 @@ class ShownFaces:
     strengths: (n, 6) of each unit in the EAUs found.  eau: (n, 14) three times the EAUs found, of
         their ranges.  combined: (n, m) c in standard deviations.
     texture: (n, k) what is there under the face found, its EAUs at rest: what an expression moves
-        stands where it has gone to.
+        stands where it has gone to.  gradients: (n, l) histograms of that of the full face, without
+        normalisation of its light.
     """
 
     shown: Array
@@ -95,6 +106,7 @@ class ShownFaces:
     eau: Array
     combined: Array
     texture: NDArray[np.float32]
+    gradients: NDArray[np.float32]
 
 
 def show_faces(contender: Contender, samples: Sequence[Sample]) -> ShownFaces:
@@ -126,53 +138,34 @@ def recognise(learned: ShownFaces, judged: ShownFaces) -> dict[str, Recognition]
     "thresholds": the EAUs themselves say how strong a unit is, as in the thesis.  "linear": ridge
     regression on EAUs and combined parameters.  "SVM": a support vector machine for each unit on
     the same, with radial basis functions.  "SVM of texture": on EAUs and principal components of
-    the texture.  A unit counts as found above a threshold that was chosen on the learned faces,
-    unit by unit, by machines that have not seen the people.
+    the texture.  "SVM of gradients": on these and components of the gradients.  A unit counts as
+    found above a threshold that was chosen on the learned faces, unit by unit, by machines that
+    have not seen the people.
     """
-    combined = _scaled(*(np.hstack([e.strengths, e.eau, e.combined]) for e in (learned, judged)))
-    texture = _components(learned.texture, judged.texture)
-    pairs = zip((learned, judged), texture, strict=True)
-    textured = _scaled(*(np.hstack([e.strengths, e.eau, own]) for e, own in pairs))
+    both = learned, judged
+    eau = [np.hstack([each.strengths, each.eau]) for each in both]
+    combined = _joined(eau, [each.combined for each in both])
+    texture = components(learned.texture, judged.texture, TEXTURE_COMPONENTS)
+    textured = _joined(eau, texture)
+    gradients = components(learned.gradients, judged.gradients, GRADIENT_COMPONENTS)
+    edged = _joined(textured, gradients)
+
+    def by(classifier: Classifier, rows: Sequence[Array]) -> tuple[Array, Array]:
+        return by_folds(classifier, *scaled(rows[0], rows[1]), learned.shown, learned.people)
+
     strengths = {
         "thresholds": (learned.strengths, judged.strengths),
-        "linear": _by_folds(_regressed, *combined, learned),
-        "SVM": _by_folds(_separated, *combined, learned),
-        "SVM of texture": _by_folds(_separated, *textured, learned),
+        "linear": by(regressed, combined),
+        "SVM": by(separated, combined),
+        "SVM of texture": by(separated, textured),
+        "SVM of gradients": by(separated, edged),
     }
     return {name: _judged(*pair, learned.shown, judged.shown) for name, pair in strengths.items()}
 
 
-def _scaled(known: Array, new: Array) -> tuple[Array, Array]:
-    scale = np.maximum(known.std(0), 1e-6)
-    return known / scale, new / scale
-
-
-def _components(
-    known: NDArray[np.float32], new: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Rows (n, k) of known and new textures along the first principal axes of the known ones."""
-    mean = known.mean(0)
-    _, axes = np.linalg.eigh((known - mean).T @ (known - mean))
-    chosen = axes[:, : -TEXTURE_COMPONENTS - 1 : -1]
-    return (known - mean) @ chosen, (new - mean) @ chosen
-
-
-# Learns from rows and the intensities shown; the strengths (n, 6) of other rows.
-_Classifier = Callable[[Array, Array, Array], Array]
-
-
-def _by_folds(
-    classifier: _Classifier, known: Array, new: Array, learned: ShownFaces
-) -> tuple[Array, Array]:
-    """Strengths of known rows, each by what was learned from other people, for thresholds; and of
-    new rows.
-    """
-    _, person = np.unique(learned.people, return_inverse=True)
-    fold, own = person % FOLDS, np.zeros(learned.shown.shape)
-    for number in range(FOLDS):
-        inside = fold == number
-        own[inside] = classifier(known[~inside], learned.shown[~inside], known[inside])
-    return own, classifier(known, learned.shown, new)
+def _joined(rows: Sequence[Array], others: Sequence[NDArray[np.floating]]) -> list[Array]:
+    """Features of the learned and of the judged faces, side by side."""
+    return [np.hstack([one, other]) for one, other in zip(rows, others, strict=True)]
 
 
 def _judged(known: Array, found: Array, taught: Array, shown: Array) -> Recognition:
@@ -191,37 +184,8 @@ def _judged(known: Array, found: Array, taught: Array, shown: Array) -> Recognit
     return Recognition(results, correlation)
 
 
-def _regressed(known: Array, taught: Array, new: Array) -> Array:
-    mean, level = known.mean(0), taught.mean(0)
-    rows = known - mean
-    system = rows.T @ rows + RIDGE * len(rows) * np.eye(rows.shape[1])
-    return np.asarray((new - mean) @ np.linalg.solve(system, rows.T @ (taught - level)) + level)
-
-
-def _separated(known: Array, taught: Array, new: Array) -> Array:
-    mean = known.mean(0)
-    rows, others = (np.asarray(each - mean, np.float32) for each in (known, new))
-    found = np.zeros((len(new), len(UNITS)))
-    for column in range(len(UNITS)):
-        is_shown = (taught[:, column] > 0).astype(np.int32)
-        machine = cv2.ml.SVM.create()
-        machine.setType(cv2.ml.SVM_C_SVC)
-        machine.setKernel(cv2.ml.SVM_RBF)
-        machine.setC(SVM_COST)
-        machine.setGamma(SVM_WIDTH / rows.shape[1])
-        # Both answers count alike, however often each is right.
-        machine.setClassWeights(
-            0.5 / np.maximum(np.bincount(is_shown, minlength=2) / len(rows), 0.01)
-        )
-        machine.train(rows, cv2.ml.ROW_SAMPLE, is_shown)
-        _, distance = machine.predict(others, flags=cv2.ml.STAT_MODEL_RAW_OUTPUT)
-        # Of the first class, 0, the distance is positive.
-        found[:, column] = -distance[:, 0]
-    return found
-
-
-# Strengths, EAUs, combined parameters and texture of a picture, see `ShownFaces`.
-_Features = tuple[Array, Array, Array, NDArray[np.float32]]
+# Strengths, EAUs, combined parameters, texture and gradients of a picture, see `ShownFaces`.
+_Features = tuple[Array, Array, Array, NDArray[np.float32], NDArray[np.float32]]
 
 
 def _features(contender: Contender, sample: Sample) -> _Features:
@@ -239,10 +203,12 @@ def _features(contender: Contender, sample: Sample) -> _Features:
     warp, rest = contender.warps[-1], fit.shape.copy()
     rest[-len(eau) :] = 0
     view = shrunk(FaceWindow(window.picture, np.zeros(2), 1.0), window_px(warp.size))
-    luma = normalised_luma(view, normalisation)
-    texture = texture_at(warp, luma, rest, view.pose_to_window(fit.pose))
+    pose, full = view.pose_to_window(fit.pose), head_warp(warp.size, "full")
+    texture = texture_at(warp, normalised_luma(view, normalisation), rest, pose)
+    whole = texture_at(full, normalised_luma(view, "none"), rest, pose)
+    gradients = gradient_histograms(warp.size, "full", whole)
     c = fit.results[-1].c / contender.levels[-1].deviations
-    return np.array(strengths), 3 * relative, c, texture
+    return np.array(strengths), 3 * relative, c, texture, gradients
 
 
 def _correlation(one: Array, other: Array) -> float:

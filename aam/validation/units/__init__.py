@@ -1,0 +1,1 @@
+"""Action units: faces that show them, and their recognition (3.2)."""

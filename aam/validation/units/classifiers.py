@@ -1,0 +1,82 @@
+"""Classifiers of action units: strengths of units from rows of features."""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# Of the linear classifier, for each picture; of the support vector machines, whose features have
+# unit variance: cost of an error, and width of the functions for each feature.  Chosen by
+# cross-validation over people of the training set.
+RIDGE, SVM_COST, SVM_WIDTH = 0.6, 3.0, 0.6
+# Parts of the learned people, each judged by what was learned from the others.
+FOLDS = 8
+
+# Learns from rows and the intensities shown (n, units); the strengths of other rows.
+Classifier = Callable[[Array, Array, Array], Array]
+
+
+def scaled(known: Array, new: Array) -> tuple[Array, Array]:
+    """Rows divided by the standard deviations of the known ones."""
+    scale = np.maximum(known.std(0), 1e-6)
+    return known / scale, new / scale
+
+
+def components(
+    known: NDArray[np.float32], new: NDArray[np.float32], count: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Rows (n, count) of known and new ones along the first principal axes of the known ones."""
+    mean = known.mean(0)
+    _, axes = np.linalg.eigh((known - mean).T @ (known - mean))
+    chosen = axes[:, : -count - 1 : -1]
+    return (known - mean) @ chosen, (new - mean) @ chosen
+
+
+def by_folds(
+    classifier: Classifier, known: Array, new: Array, taught: Array, people: NDArray[np.str_]
+) -> tuple[Array, Array]:
+    """Strengths of known rows, each by what was learned from other people, for thresholds; and of
+    new rows.
+
+    taught: intensities shown by the known rows, of these people.
+    """
+    names, person = np.unique(people, return_inverse=True)
+    fold, own = person % FOLDS, np.zeros(taught.shape)
+    for number in range(min(FOLDS, len(names))):
+        inside = fold == number
+        own[inside] = classifier(known[~inside], taught[~inside], known[inside])
+    return own, classifier(known, taught, new)
+
+
+def regressed(known: Array, taught: Array, new: Array) -> Array:
+    """Ridge regression of the intensities."""
+    mean, level = known.mean(0), taught.mean(0)
+    rows = known - mean
+    system = rows.T @ rows + RIDGE * len(rows) * np.eye(rows.shape[1])
+    return np.asarray((new - mean) @ np.linalg.solve(system, rows.T @ (taught - level)) + level)
+
+
+def separated(known: Array, taught: Array, new: Array) -> Array:
+    """A support vector machine for each unit, with radial basis functions."""
+    mean, units = known.mean(0), taught.shape[1]
+    rows, others = (np.asarray(each - mean, np.float32) for each in (known, new))
+    found = np.zeros((len(new), units))
+    for column in range(units):
+        is_shown = (taught[:, column] > 0).astype(np.int32)
+        machine = cv2.ml.SVM.create()
+        machine.setType(cv2.ml.SVM_C_SVC)
+        machine.setKernel(cv2.ml.SVM_RBF)
+        machine.setC(SVM_COST)
+        machine.setGamma(SVM_WIDTH / rows.shape[1])
+        # Both answers count alike, however often each is right.
+        machine.setClassWeights(
+            0.5 / np.maximum(np.bincount(is_shown, minlength=2) / len(rows), 0.01)
+        )
+        machine.train(rows, cv2.ml.ROW_SAMPLE, is_shown)
+        _, distance = machine.predict(others, flags=cv2.ml.STAT_MODEL_RAW_OUTPUT)
+        # Of the first class, 0, the distance is positive.
+        found[:, column] = -distance[:, 0]
+    return found
