@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from encoder.layers.displacement import dense, pixel_grid, sample
 from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, face_region
+from encoder.runtime.parallel import parallel_map
 from protocol.pictures.layered_background import (
     MAX_FIELD_CODE,
     Codes,
@@ -66,18 +67,20 @@ def _own_motions(samples: LayerSamples) -> tuple[Array, Array]:
     shape = lumas[0].shape
     canonical = lumas[samples.canonical]
     confidence = _confidence(samples, canonical)
-    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    motions, weights = [], []
-    for luma, motion in zip(lumas, samples.motion, strict=True):
+
+    def own_motion(number: int) -> tuple[Array, Array]:
+        luma, motion = lumas[number], samples.motion[number]
+        flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
         with_head = dense(motion, samples.size, (shape[0], shape[1]))
         moved = flow.calc(_bytes(canonical), _bytes(luma), with_head.copy())
         at = pixel_grid((shape[0], shape[1])) + np.asarray(moved, np.float32)
         error = sample(luma, at) - canonical
         distrust = np.asarray(cv2.blur(error, (3, 3)), np.float32) / MATCH_GREY
         weight = np.asarray(confidence / (1 + distrust**2), np.float32)
-        field, known = _smoothed(np.asarray(moved, np.float32) - with_head, weight, samples.size)
-        motions.append(field)
-        weights.append(known)
+        return _smoothed(np.asarray(moved, np.float32) - with_head, weight, samples.size)
+
+    each = parallel_map(own_motion, range(len(lumas)), samples.workers)
+    motions, weights = zip(*each, strict=True)
     return np.array(motions), np.mean(weights, 0)
 
 

@@ -24,7 +24,7 @@ from encoder.layers.layer_samples import (
 )
 from encoder.layers.scene import SceneLayer
 from encoder.layers.scene_motion import blurred
-from encoder.runtime.parallel import parallel_map
+from encoder.runtime.parallel import available_cores, parallel_map
 from encoder.runtime.robust_mean import robust_mean
 from protocol.pictures.foreground_mask import FINE_MASK_SIDE, Mask
 from protocol.runtime.jit import jit
@@ -72,7 +72,7 @@ def with_headwear(samples: LayerSamples, scene: SceneLayer) -> LayerSamples:
     shape = FINE_MASK_SIDE, FINE_MASK_SIDE
     motions = list(samples.motion)
     at = positions(samples, motions, shape)
-    share = np.median(sampled(samples.mattes_at(shape), at, samples.workers), 0)
+    share = _median(sampled(samples.mattes_at(shape), at, samples.workers), samples.workers)
     person = np.asarray(share > PERSON_SHARE)
     found = _headwear(person, *_layer_errors(samples, at, scene))
     if not found.any():
@@ -97,7 +97,7 @@ def person_mask(
     """
     shape = FINE_MASK_SIDE, FINE_MASK_SIDE
     at = positions(samples, motions, shape)
-    share = np.median(sampled(samples.mattes_at(shape), at, samples.workers), 0)
+    share = _median(sampled(samples.mattes_at(shape), at, samples.workers), samples.workers)
     likely = share > PERSON_SHARE
     of_scene, of_person = _layer_errors(samples, at, scene)
     smooth = of_scene - of_person
@@ -105,6 +105,12 @@ def person_mask(
     near = cv2.dilate(likely.astype(np.uint8), kernel) > cv2.erode(likely.astype(np.uint8), kernel)
     score = smooth / TRUST_GREY2 + 2 * share - 1
     return _whole(np.where(near, score > margin, likely))
+
+
+def _median(images: Single, workers: int | None) -> Single:
+    """(h, w) the median of images (n, h, w).  workers: see `parallel_map`."""
+    parts = np.array_split(images, workers or available_cores(), axis=1)
+    return np.concatenate(parallel_map(lambda part: np.median(part, 0), parts, workers))
 
 
 def person_picture(
