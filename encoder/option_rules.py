@@ -36,6 +36,7 @@ DEFAULT_OPTIONS: Options = {
     "bitrate": 800.0,
     "live": False,
     "low_delay": False,
+    "delay": 0.0,
     "fps": None,
     "startup_bitrate": None,
 }
@@ -71,6 +72,7 @@ RANGES: Mapping[str, Range] = {
     "bitrate": Range(0, 1e9, "bits a second", is_open=True),
     "startup_bitrate": Range(0, 1e9, "bits a second", is_open=True),
     "fps": Range(0, 1e9, "frames a second", is_open=True),
+    "delay": Range(0, 10, "seconds"),
     "model_bytes": Range(2000, 100_000, "bytes", is_integer=True),
     "max_frames": Range(1, 1e9, "frames", is_integer=True),
 }
@@ -109,6 +111,15 @@ def chosen_profile(options: Options, spelling: Spelling) -> str:
     _check_effects(options, spelling)
     _check_startup(options, spelling)
     return str(profile)
+
+
+def check_delay(delay_s: float, is_live: bool) -> None:
+    """Raise `UserError` if a call that is not live is to wait."""
+    if delay_s and not is_live:
+        raise UserError(
+            f"--delay {delay_s:g} is about live calls: a recorded source is looked at whole before"
+            " it is sent; add --live or leave out --delay"
+        )
 
 
 def available_profile() -> str:

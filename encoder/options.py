@@ -28,6 +28,8 @@ class EncodeOptions:
     fps: code about this many frames a second (default profile), see `gop_for_fps`; None: all.
     low_delay: packets of half as many frames (default profile).
     live: one pass, as if the source were a camera (default profile).
+    delay_s: a live call codes each frame this long after it has been seen, with what was learned
+        from those after it.
     pace: send at the source's own rate, as a camera would, instead of as fast as possible.
     connect_timeout_s: time limit for connecting.
     wait_for_peer_s: wait this long for a decoder before the first frame, beginning with the link;
@@ -52,6 +54,7 @@ class EncodeOptions:
     fps: float | None = None
     low_delay: bool = False
     live: bool = False
+    delay_s: float = 0.0
     tracking: TrackingOptions = field(default_factory=TrackingOptions)
     pace: bool = False
     max_frames: int | None = None

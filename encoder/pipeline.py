@@ -30,6 +30,7 @@ from encoder.coding.thin_link import LAYER_BYTES, THIN_BPS, startup_rate
 from encoder.live_model.learner import LocalLearner
 from encoder.live_model.learning_process import LearningProcess
 from encoder.live_model.other_face import OtherFace, ShownFace, version_of_picture
+from encoder.option_rules import check_delay
 from encoder.options import EncodeOptions
 from encoder.packet_sink import open_packet_sink
 from encoder.report import EncodeReport, report_of
@@ -64,6 +65,7 @@ def encode(
         if capture.is_fps_assumed:
             rate = f"{float(capture.fps):g} frames a second"
             stats.warn(f"{capture.name} states no usable frame rate: taken as {rate}")
+        check_delay(options.delay_s, options.live or capture.is_live)
         voice = _open_voice(options, stats)
         sink = open_packet_sink(options, stack, on_message)
         if options.profile == "thesis":
@@ -135,6 +137,7 @@ def encode_live(
             learner,
             realtime,
             _shown_face(callbacks.other_face, capture, gop, budget),
+            options.delay_s,
         )
         run_session(session, packets, options, capture, stats, callbacks)
 

@@ -76,6 +76,7 @@ class BenchSettings:
     pace: bool = True
     model_bytes: int | None = None
     live: bool = False
+    delay: float = 0.0
     startup_bitrate: float | None = None
     lids: bool = False
     refine: bool = True
@@ -86,6 +87,7 @@ class BenchSettings:
         options += ["--voice", "off", "--bitrate", str(self.bitrate)]
         options += ["--pace" if self.pace else "--no-pace"]
         options += ["--live"] if self.live else []
+        options += ["--delay", str(self.delay)] if self.delay else []
         options += ["--lids"] if self.lids else []
         options += [] if self.refine else ["--no-refine"]
         options += [] if self.fps is None else ["--fps", str(self.fps)]

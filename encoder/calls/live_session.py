@@ -1,12 +1,13 @@
 """The default profile of a live source, sending side: every frame is coded and sent as it comes.
 
-frame -> landmarks -> fit -> packet filled -> packet coded -> sent.  What happens to the model
-meanwhile stands in `model_lifecycle`.
+frame -> landmarks -> (delay) -> fit -> packet filled -> packet coded -> sent.  What happens to the
+model meanwhile stands in `model_lifecycle`.
 """
 
 import time
+from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +40,21 @@ Picture = NDArray[np.uint8]
 REFIT_TIME_SHARE, LAST_REFIT_TIME_SHARE = 0.9, 1.5
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _SeenFrame:
+    """A source frame that has been seen and is not coded yet.
+
+    picture: (h, w, 3) BGR, empty where the camera is off.
+    points: (468, 3) landmarks, pixels; None: no face was found.
+    """
+
+    index: int
+    picture: Picture
+    points: Array | None
+
+
 class LiveEncoder:
-    """A `CallSession` in the default profile that looks at no frame before it is sent.
+    """A `CallSession` in the default profile that looks at no frame before it comes.
 
     bitrate: bits per second of the frame packets.
     look_for_face_s: add a warning if there is no face after this many seconds of video.
@@ -48,6 +62,8 @@ class LiveEncoder:
     realtime: frames do not wait for the learner, and a call that falls behind its source fits faces
         by texels only.
     shown: whose face is shown; None: the caller's.
+    delay_s: frames wait so long, in the source's time, after they have been seen: models are
+        trained from those after them, too.
     clock: seconds from any origin.
     """
 
@@ -63,6 +79,7 @@ class LiveEncoder:
         learner: Learner,
         realtime: bool,
         shown: ShownFace | None = None,
+        delay_s: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         fps, coded_fps = float(capture.fps), float(gop.coded_fps(capture.fps))
@@ -72,6 +89,8 @@ class LiveEncoder:
         self._realtime = realtime
         self._overload = OverloadController(1 / fps) if realtime else None
         self._frame_begin_s = 0.0
+        self._delay_frames, self._seen = round(delay_s * fps), deque[_SeenFrame]()
+        self._first_index = 0  # of the call's source frames
         lead = LEAD_PACKETS if realtime else LEAD_PACKETS_UNPACED
         updates = ModelUpdateSender(packets, stats, gop, fps, lead)
         self._search = open_landmark_search(stats, eye_crop_scale=WIDE_CROP_SCALE)
@@ -84,14 +103,20 @@ class LiveEncoder:
     @property
     def started(self) -> bool:
         """See `CallSession`."""
+        return self._has_model or any(frame.points is not None for frame in self._seen)
+
+    @property
+    def _has_model(self) -> bool:
         return self._model.state is not ModelState.SEARCHING
 
     def frame(self, index: int, picture: Picture, next_frame: Picture | None = None) -> None:
         """See `CallSession`."""
-        was_started = self.started
+        had_model = self._has_model
         self._frame_begin_s = self._clock()
-        self._encode(index, picture, next_frame)
-        if not was_started:
+        self._see(index, picture, next_frame)
+        while self._seen and self._seen[0].index <= index - self._delay_frames:
+            self._encode(self._seen.popleft())
+        if not had_model:
             return
         passed_s = self._clock() - self._frame_begin_s
         self._stats.note_frame_time(passed_s)
@@ -100,11 +125,13 @@ class LiveEncoder:
 
     def end(self, frames: int) -> None:
         """See `CallSession`."""
+        while self._seen:
+            self._encode(self._seen.popleft())
         if len(self._filler):
             # By its last packet the call may reach a version whose modes are learned.
             self._send_packet()
         self.close()
-        if not self.started:
+        if not self._has_model:
             return
         self._model.end()
         if self._stats.overloaded_frames:
@@ -120,24 +147,43 @@ class LiveEncoder:
         """Leave what is being learned; for a call that ends by an error."""
         self._learner.close()
 
-    def _encode(self, index: int, picture: Picture, next_frame: Picture | None) -> None:
-        if self.started:
+    def _see(self, index: int, picture: Picture, next_frame: Picture | None) -> None:
+        """Find the face in a frame, to learn from it before it is coded."""
+        found = self._search.find(picture, next_frame) if picture.size else None
+        points = None if found is None else found.points
+        if points is not None:
+            self._model.add_frame(picture, points)
+            if self._realtime and self._delay_frames:
+                # The first update is trained while its frames wait.
+                self._begin(index)
+                self._model.train_if_due(self._position)
+        self._seen.append(_SeenFrame(index, picture, points))
+
+    def _encode(self, frame: _SeenFrame) -> None:
+        index, picture = frame.index, frame.picture
+        if not self._is_before_call(index):
             self._repeat_over_gap(index)
             self._packets.report_camera(bool(picture.size), index)
         if not picture.size:
             self._rest(index)
             return
-        found = self._search.find(picture, next_frame)
-        if found is None:
+        if frame.points is None:
             self._skip(index)
             return
-        self._model.add_frame(picture, found.points)
-        if not self.started:
+        self._begin(index)
+        if self._is_coded(index):
+            self._add(index, picture, frame.points)
+        self._model.train_if_due(self._position)
+
+    def _begin(self, index: int) -> None:
+        """Send the first version of the model, if source frame `index` has the first face."""
+        if not self._has_model:
             self._model.start(index)
             self._filler.start_at(index)
-        if self._is_coded(index):
-            self._add(index, picture, found.points)
-        self._model.train_if_due(self._position)
+            self._first_index = index
+
+    def _is_before_call(self, index: int) -> bool:
+        return not self._has_model or index < self._first_index
 
     def _repeat_over_gap(self, index: int) -> None:
         """Fill and send the packets that end before source frame `index`.
@@ -151,7 +197,7 @@ class LiveEncoder:
 
     def _rest(self, index: int) -> None:
         """The camera is off in source frame `index`."""
-        if not self.started:
+        if self._is_before_call(index):
             return
         version = self._model.version
         self._filler.fill_gap(index, self._packet_frames - 1)
@@ -161,7 +207,7 @@ class LiveEncoder:
 
     def _skip(self, index: int) -> None:
         """Source frame `index` shows no face."""
-        if not self.started:
+        if self._is_before_call(index):
             warn_of_long_search(index / self._fps, self._look_for_face_s, self._stats)
             return
         self._filler.fill_gap(index, self._packet_frames - 1)

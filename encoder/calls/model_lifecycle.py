@@ -1,12 +1,13 @@
 """The versions of a live call's model: when one is trained, announced and switched to.
 
-The first face makes the first version: shape and mean texture.  Between one model packet and the
+The first faces make the first version: shape and mean texture, and modes of a face that has been
+seen for a second before it is coded.  Between one model packet and the
 next, modes are learned and sent one by one; at times the whole model is trained again and sent as
 an update.
 
 | state | meanwhile | ends when | next |
 | --- | --- | --- | --- |
-| SEARCHING | no frame has shown a face | one does; the first version is sent | CODING |
+| SEARCHING | no frame shows a face | one is coded that does; the first version is sent | CODING |
 | CODING | modes are learned for the version in use | an update is due, the link idle | TRAINING |
 | TRAINING | the update is trained | it is done, the link idle | SENDING_LAYERS or ANNOUNCED |
 | SENDING_LAYERS | layers of the update are sent | enough are; its packet is sent | ANNOUNCED |
@@ -15,8 +16,7 @@ an update.
 | ENDED | nothing | | |
 
 Only an update that is sent in layers passes through SENDING_LAYERS.  The call may end in any state.
-Another face (`encoder.live_model.other_face`) is an update like others; while it is shown none of
-the caller's is sent.
+While another face (`encoder.live_model.other_face`), an update like others, is shown, none is sent.
 """
 
 from collections.abc import Mapping, Sequence
@@ -105,9 +105,8 @@ class ModelLifecycle:
         shown: ShownFace,
     ) -> None:
         self._capture, self._gop, self._budget = capture, gop, budget
-        self._shown = shown
-        self._updates, self._stats, self._learner = updates, stats, learner
-        self._realtime = realtime
+        self._updates, self._stats, self._shown = updates, stats, shown
+        self._learner, self._realtime = learner, realtime
         fps = float(capture.fps)
         self._frames = TrainingFrames(TRAINING_FRAMES_REALTIME if realtime else TRAINING_FRAMES)
         self._schedule = ModelSchedule(fps)
@@ -144,14 +143,16 @@ class ModelLifecycle:
         self._frames.offer(picture, points)
 
     def start(self, index: int) -> None:
-        """Train the first version from the frame added last, source frame `index`, and send it."""
+        """Train the first version from the frames so far, and send it; used from `index` on."""
         pictures, points = self._frames.sample()
         progressive, video = self._updates.progressive, self._capture.format
         first = pictures[0], points[0], video, self._gop, self._budget
         encode_background = self._learner.encode_background
         trainer = trainer_from(*first, progressive, self._realtime, encode_background)
-        version = trainer.bootstrap(pictures, points, index)
-        self._version = version
+        # In real time, and on a thin link, an update brings what takes long.
+        seen = 0 if self._realtime or progressive else self._frames.offered
+        share = self._schedule.first_share(seen)
+        self._version = version = trainer.bootstrap(pictures, points, index, share)
         self._updates.send_first(self._shown.begin(version, index))
         self._learner.begin(trainer)
         self._start_modes(version)
@@ -270,10 +271,9 @@ class ModelLifecycle:
     @property
     def _may_send_modes(self) -> bool:
         """Whether the link is for modes now."""
-        if self._updates.busy:
-            return False
-        if self._updates.progressive and self._next_version is not None:
-            # What is sent is of the update.
+        # In layers what is sent is of the update, once there is one.
+        is_of_update = self._updates.progressive and self._next_version is not None
+        if self._updates.busy or is_of_update:
             return False
         wait_s = self._updates.transmission_time_s(self._budget)
         return not self._is_update_waiting or wait_s >= UPDATE_WAIT_LIMIT_S

@@ -30,6 +30,12 @@ class ModelSchedule:
         """Whether to train an update after so many frames with a face."""
         return faces >= self._due[0][0] * self._fps
 
+    def first_share(self, faces: int) -> float | None:
+        """The share of the budget for the first version, which takes the place of an update that is
+        due after so many frames with a face; None: none is.
+        """
+        return self.take_update() if self.is_update_due(faces) else None
+
     def take_update(self) -> float:
         """Start the update that is due: the share of the budget that it takes."""
         self._last_s, share = self._due.pop(0)

@@ -99,15 +99,23 @@ class ModelTrainer:
         return self.__dict__ | {"_background_data": known}
 
     def bootstrap(
-        self, pictures: Sequence[Picture], points: Sequence[Array], start_frame: int
+        self,
+        pictures: Sequence[Picture],
+        points: Sequence[Array],
+        start_frame: int,
+        share: float | None = None,
     ) -> ModelVersion:
         """The first version, used from `start_frame` on: mean texture and background, no modes.
 
+        share: of the budget for a face that has been seen for long enough to have modes; None: it
+            has not.
         A progressive one is a base layer and nothing more: what else the first frame shows, the
         first update has, too, better and in as many bytes.
         """
-        appearance_bytes = int(BOOTSTRAP_SHARE * self._budget.appearance_bytes)
-        budget = replace(self._budget, appearance_bytes=appearance_bytes, max_modes=0)
+        appearance_bytes = int((share or BOOTSTRAP_SHARE) * self._budget.appearance_bytes)
+        budget = replace(self._budget, appearance_bytes=appearance_bytes)
+        if share is None:
+            budget = replace(budget, max_modes=0)
         if self._progressive:
             # A call over a thin link waits for this: it takes the background that fits alone.
             budget = replace(budget, background_bytes=0)
@@ -186,14 +194,16 @@ class ModelTrainer:
     def _background_for(self, number: int, budget: ModelBudget, frames: FittedFrames) -> bytes:
         """The background of version `number`; empty: the one before stays."""
         is_relit = number > 0 and self._relight(frames.pictures[-1])
-        if budget.background_bytes:
-            if isinstance(self._background, FirstLayers):
-                self._frame_layers = self._background.frame_layers(frames)
-            return self._encoded_background()
         learned = b""
-        if number > 0 and number in self._layer_updates:
+        # A person whose first version has modes has been seen for long enough.
+        is_known = number > 0 or budget.max_modes > 0
+        if is_known and number in self._layer_updates and not self._progressive:
             learned = self._learn_layers(frames)
-        return learned or (self._encoded_background() if is_relit else b"")
+        if learned or not (budget.background_bytes or is_relit):
+            return learned
+        if budget.background_bytes and isinstance(self._background, FirstLayers):
+            self._frame_layers = self._background.frame_layers(frames)
+        return self._encoded_background()
 
     def _relight(self, newest: Picture) -> bool:
         """Give a background without layers the light of a frame; whether it had another."""

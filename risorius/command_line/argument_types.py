@@ -56,6 +56,11 @@ def frame_rate(text: str) -> float:
     return _checked("fps", _number(text))
 
 
+def delay(text: str) -> float:
+    """How long the frames of a live call wait, seconds."""
+    return _checked("delay", _number(text))
+
+
 def model_bytes(text: str) -> int:
     """The size of a model packet."""
     return _checked("model_bytes", _integer(text))

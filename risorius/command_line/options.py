@@ -7,6 +7,7 @@ from encoder.option_rules import CHOICES
 from risorius.command_line.argument_types import (
     bitrate,
     count,
+    delay,
     frame_rate,
     model_bytes,
     parts,
@@ -25,6 +26,14 @@ def add_coding(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="default profile: encode a file in one pass, as if its frames came from a camera,"
         " instead of two",
+    )
+    parser.add_argument(
+        "--delay",
+        type=delay,
+        default=0.0,
+        metavar="S",
+        help="live, default profile: send each frame S seconds after it was seen, 0 to 10, with a"
+        " model that has been learned from those after it as well (default: %(default)g)",
     )
     parser.add_argument(
         "--startup-bitrate",

@@ -157,6 +157,7 @@ def _encode_options(arguments: argparse.Namespace, profile: str, link: CallLink)
         model_bytes=arguments.model_bytes,
         low_delay=arguments.low_delay,
         live=arguments.live,
+        delay_s=arguments.delay,
         voice=arguments.voice,
     )
 

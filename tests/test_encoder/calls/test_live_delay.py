@@ -1,0 +1,118 @@
+"""A live call that waits: its models are trained from frames after those that are coded."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import LIVE_MODEL_BYTES, without_layers
+
+from decoder.playout import Playout, PlayoutFrame
+from encoder.calls.live_session import LiveEncoder
+from encoder.calls.packet_sender import PacketSender
+from encoder.calls.session_stats import SessionStats
+from encoder.capture.video_source import open_source
+from encoder.coding.gop import gop_for_fps
+from encoder.coding.model_packet import budget_for
+from encoder.detection.tflite import find_segmentation_network
+from encoder.live_model.learner import LocalLearner
+from encoder.options import EncodeOptions
+from encoder.pipeline import encode
+from protocol.call_file import CallReader, CallWriter
+from protocol.frames.transform_coding import parse_transform
+from protocol.model_packet import ModelPacket
+from protocol.packets import ControlKind, ControlPacket, FramePacket, Packet, parse_packet
+from protocol.pictures.layered_background import is_layered
+from risorius.cli import main
+
+FPS, FRAMES = 25, 40
+
+
+def encode_with_delay(clip: Path, output: Path, delay_s: float, frames: int) -> list[Packet]:
+    options = EncodeOptions(
+        str(clip),
+        output,
+        live=True,
+        delay_s=delay_s,
+        model_bytes=LIVE_MODEL_BYTES,
+        max_frames=frames,
+    )
+    encode(options, lambda done, total: None, lambda: False)
+    return packets_of(output)
+
+
+def packets_of(path: Path) -> list[Packet]:
+    with CallReader(path) as reader:
+        return [parse_packet(data) for data in reader]
+
+
+def played(path: Path) -> list[PlayoutFrame]:
+    playout = Playout()
+    with CallReader(path) as reader:
+        return [frame for data in reader for frame in playout.receive(data)]
+
+
+def test_the_first_model_knows_what_follows(talking_clip: Path, tmp_path: Path) -> None:
+    path = tmp_path / "call.rzo"
+    packets = encode_with_delay(talking_clip, path, 1.2, FRAMES)
+    (model,) = (packet for packet in packets if isinstance(packet, ModelPacket))
+    assert any(parse_transform(model.profile_data).modes)
+    assert is_layered(model.background) == (find_segmentation_network() is not None)
+    frames = played(path)
+    assert [frame.index for frame in frames] == list(range(FRAMES))
+    assert frames[0].face.modes.any()
+    assert isinstance(packets[-1], ControlPacket) and packets[-1].kind is ControlKind.END
+
+
+def test_a_clip_that_is_shorter_than_the_delay_is_a_whole_call(
+    talking_clip: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "call.rzo"
+    with without_layers():
+        encode_with_delay(talking_clip, path, 10, 6)
+    assert [frame.index for frame in played(path)] == list(range(6))
+
+
+def test_in_real_time_the_model_is_sent_at_once_and_frames_when_they_have_waited(
+    talking_clip: Path, networks: Path, tmp_path: Path
+) -> None:
+    """Frames before the first face wait, too."""
+    path, before, delay = tmp_path / "call.rzo", 3, 20
+    with open_source(str(talking_clip)) as capture:
+        pictures = [picture for _, picture in capture][: FRAMES - before]
+        pictures = [np.full_like(pictures[0], 90)] * before + pictures
+        stats, sent = SessionStats(), list[tuple[bool, bool]]()
+        with CallWriter(path) as sink, without_layers():
+            packets = PacketSender(sink, stats)
+            gop, budget = gop_for_fps(capture.fps, None), budget_for("live", LIVE_MODEL_BYTES)
+            session = LiveEncoder(
+                capture,
+                packets,
+                stats,
+                budget,
+                800,
+                gop,
+                10,
+                LocalLearner(),
+                realtime=True,
+                delay_s=delay / FPS,
+            )
+            for index, picture in enumerate(pictures):
+                session.frame(index, picture)
+                sent.append((stats.model_bytes > 0, stats.frame_bytes > 0))
+                assert session.started == (index >= before)
+            session.end(FRAMES)
+    assert sent == [(index >= before, index >= before + delay) for index in range(FRAMES)]
+    first, second, *_ = packets_of(path)
+    assert isinstance(first, ModelPacket) and isinstance(second, FramePacket)
+    assert [frame.index for frame in played(path)] == list(range(FRAMES))
+
+
+def test_a_delay_of_a_recorded_call_is_refused(
+    talking_clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = ["encode", str(talking_clip), "-o", str(tmp_path / "call.rzo"), "--delay", "1"]
+    assert main(line) == 2
+    assert "--delay 1 is about live calls" in capsys.readouterr().err
+    assert main([*line, "--profile", "thesis"]) == 2
+    assert "--delay 1 is about the default profile" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
