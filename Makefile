@@ -14,7 +14,7 @@ PACKAGES := shared_model protocol encoder decoder aam loopback risorius
 # compiles all modules again.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: install demo test test-protocol coverage lint format lock clean
+.PHONY: install demo test test-protocol test-packages coverage lint format lock clean
 
 install: $(INSTALLED)
 
@@ -38,9 +38,11 @@ lint: $(INSTALLED)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# Types are checked by one core and links wait: the two go side by side.
+# Side by side: types are checked by one core, and tests of links wait.
 test: $(BROWSER)
-	$(MAKE) --jobs 2 lint test-protocol
+	$(MAKE) --jobs 3 lint test-protocol test-packages
+
+test-packages: $(INSTALLED)
 	$(PYTEST) --ignore=tests/test_protocol
 
 # Coverage is measured where it has to be whole: it takes half as long again.
