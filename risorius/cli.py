@@ -6,6 +6,7 @@ renderer.
 
 import argparse
 import errno
+import faulthandler
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -122,6 +123,9 @@ def _run(argv: Sequence[str] | None) -> int:
     # clip would give other bytes on another host.  Matrix products here are too small for threads.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     _open_streams()
+    # A crash of a library says where it happened.
+    if not faulthandler.is_enabled() and sys.__stderr__ is not None:
+        faulthandler.enable(sys.__stderr__)
     try:
         arguments = build_parser().parse_args(argv)
         command: Callable[[argparse.Namespace], int] = arguments.run

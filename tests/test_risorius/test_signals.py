@@ -1,8 +1,11 @@
-"""Signals: the first asks to stop, the second interrupts."""
+"""Signals: the first asks to stop, the second interrupts; a crash says where it happened."""
 
 import signal
+import subprocess
+import sys
 
 import pytest
+from conftest import ROOT
 
 from risorius.command_line.signals import StopOnSignal
 
@@ -68,3 +71,18 @@ def test_an_interrupt_that_gets_lost_is_still_the_answer() -> None:
 def test_before_the_first_frame_a_signal_interrupts() -> None:
     with StopOnSignal(), pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGTERM)
+
+
+def test_a_crash_says_where_it_happened() -> None:
+    code = (
+        "import os, signal\n"
+        "from risorius.cli import main\n"
+        "def crash():\n"
+        "    os.kill(os.getpid(), signal.SIGABRT)\n"
+        "main(['info', 'nosuch.rzo'])\n"
+        "crash()"
+    )
+    line = [sys.executable, "-c", code]
+    done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == -signal.SIGABRT
+    assert "Fatal Python error: Aborted" in done.stderr and "in crash" in done.stderr
