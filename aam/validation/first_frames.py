@@ -1,6 +1,6 @@
 """First frames: the share of single pictures of new people in which a face is fitted right.
 
-Three ways to find it: the landmark network, the network weighed against a search of the AAM that
+Three ways to find it: the landmark network, the network weighted against a search of the AAM that
 starts where it ends, and the AAM from the eyes that Viola-Jones finds, without any network.
 """
 
@@ -18,7 +18,7 @@ from aam.annotation.landmark_search import StillLandmarks
 from aam.annotation.model_landmarks import ModelLandmarks
 from aam.annotation.still_fit import fit_still
 from aam.model import MultiResolutionModel
-from aam.search.weighed_search import weighed_landmarks
+from aam.search.weighted_search import weighted_landmarks
 from encoder.detection.landmark_indices import FACE_OVAL, OUTER_EYE_CORNERS
 from encoder.runtime.parallel import parallel_map
 from shared_model.errors import UserError
@@ -106,7 +106,7 @@ def first_frames(
             return None
         size = picture.shape[1], picture.shape[0]
         fit = fit_still(generic_head(), size, from_search(found))
-        return weighed_landmarks(model, picture, found, fit.pose, fit.shape)
+        return weighted_landmarks(model, picture, found, fit.pose, fit.shape)
 
     by_way = {
         WAYS[0]: points,

@@ -114,8 +114,7 @@ class LiveEncoder:
         had_model = self._has_model
         self._frame_begin_s = self._clock()
         self._see(index, picture, next_frame)
-        while self._seen and self._seen[0].index <= index - self._delay_frames:
-            self._encode(self._seen.popleft())
+        self._encode_seen(index - self._delay_frames)
         if not had_model:
             return
         passed_s = self._clock() - self._frame_begin_s
@@ -125,8 +124,7 @@ class LiveEncoder:
 
     def end(self, frames: int) -> None:
         """See `CallSession`."""
-        while self._seen:
-            self._encode(self._seen.popleft())
+        self._encode_seen(frames)
         if len(self._filler):
             # By its last packet the call may reach a version whose modes are learned.
             self._send_packet()
@@ -158,6 +156,11 @@ class LiveEncoder:
                 self._begin(index)
                 self._model.train_if_due(self._position)
         self._seen.append(_SeenFrame(index, picture, points))
+
+    def _encode_seen(self, last: int) -> None:
+        """Encode the frames that wait, up to source frame `last`."""
+        while self._seen and self._seen[0].index <= last:
+            self._encode(self._seen.popleft())
 
     def _encode(self, frame: _SeenFrame) -> None:
         index, picture = frame.index, frame.picture

@@ -1,9 +1,8 @@
 """The versions of a live call's model: when one is trained, announced and switched to.
 
 The first faces make the first version: shape and mean texture, and modes of a face that has been
-seen for a second before it is coded.  Between one model packet and the
-next, modes are learned and sent one by one; at times the whole model is trained again and sent as
-an update.
+seen for a second before it is coded.  Between one model packet and the next, modes are learned and
+sent one by one; at times the whole model is trained again and sent as an update.
 
 | state | meanwhile | ends when | next |
 | --- | --- | --- | --- |
@@ -16,7 +15,7 @@ an update.
 | ENDED | nothing | | |
 
 Only an update that is sent in layers passes through SENDING_LAYERS.  The call may end in any state.
-While another face (`encoder.live_model.other_face`), an update like others, is shown, none is sent.
+Another face (`encoder.live_model.other_face`) is an update, too; the caller's wait until it goes.
 """
 
 from collections.abc import Mapping, Sequence

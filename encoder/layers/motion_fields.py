@@ -37,7 +37,7 @@ def motion_fields(samples: LayerSamples) -> Codes:
     """(k, rows, columns, 2) codes of the fields, see `LayeredBackground`; k may be 0."""
     motions, weight = _own_motions(samples)
     count = len(motions)
-    # A field is weighed by how much of the person is at each of its points.
+    # A field is weighted by how much of the person is at each of its points.
     root = np.sqrt(np.maximum(weight, 1e-3))[..., None]
     rows = ((motions - motions.mean(0)) * root).reshape(count, -1)
     _, sizes, axes = np.linalg.svd(rows, full_matrices=False)

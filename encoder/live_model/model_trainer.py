@@ -105,17 +105,16 @@ class ModelTrainer:
         start_frame: int,
         share: float | None = None,
     ) -> ModelVersion:
-        """The first version, used from `start_frame` on: mean texture and background, no modes.
+        """The first version, used from `start_frame` on: mean texture and background.
 
         share: of the budget for a face that has been seen for long enough to have modes; None: it
-            has not.
+            has not, and there are none.
         A progressive one is a base layer and nothing more: what else the first frame shows, the
         first update has, too, better and in as many bytes.
         """
         appearance_bytes = int((share or BOOTSTRAP_SHARE) * self._budget.appearance_bytes)
-        budget = replace(self._budget, appearance_bytes=appearance_bytes)
-        if share is None:
-            budget = replace(budget, max_modes=0)
+        max_modes = 0 if share is None else self._budget.max_modes
+        budget = replace(self._budget, appearance_bytes=appearance_bytes, max_modes=max_modes)
         if self._progressive:
             # A call over a thin link waits for this: it takes the background that fits alone.
             budget = replace(budget, background_bytes=0)

@@ -14,7 +14,7 @@ from aam.model_file import read_model, write_model
 from aam.pca import principal_components
 from aam.search.find_face import find_face, find_from_eyes, find_in_window, is_explained
 from aam.search.search import METHODS, SearchOptions
-from aam.search.weighed_search import SEARCH_WEIGHT, weighed_landmarks
+from aam.search.weighted_search import SEARCH_WEIGHT, weighted_landmarks
 from aam.training.cascade import NEAR_SHIFT, TURN_SIGMA_RAD, first_states
 from aam.training.faces import at_resolution, mirrored_face, read_faces, rescaled
 from aam.training.report import person_residuals, write_report
@@ -194,7 +194,7 @@ def test_a_search_moves_landmarks_of_the_network_a_quarter_of_its_way(
         points = np.full((468, 3), 7.0)
         pose = warp.displaced(face.pose, np.array([0.0, 0.0, 0.0, 4.0, -3.0, 0.03]))
         points[warp.landmark_index, :2] = warp.landmarks(face.shape, pose)
-        found = weighed_landmarks(model, face.window.picture, points, pose, face.shape)
+        found = weighted_landmarks(model, face.window.picture, points, pose, face.shape)
         true = warp.landmarks(face.shape, face.pose)
         way, wanted = (
             (each - points[warp.landmark_index, :2]).ravel()
@@ -215,7 +215,7 @@ def test_landmarks_stay_the_network_s_where_a_search_finds_nothing_better(
     fine = model.levels[1]
     still = replace(fine, cascade=0 * fine.cascade, additive=0 * fine.additive)
     lame = replace(model, levels=(model.levels[0], still))
-    found = weighed_landmarks(lame, face.window.picture, points, face.pose, face.shape)
+    found = weighted_landmarks(lame, face.window.picture, points, face.pose, face.shape)
     np.testing.assert_allclose(found, points, atol=1e-9)
 
 

@@ -4,10 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from call_contents import played
 from conftest import without_layers
 from shots import draw
 
-from decoder.playout import Playout, PlayoutFrame
+from decoder.playout import PlayoutFrame
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from encoder.tracking.trackers import TrackingOptions
@@ -53,20 +54,14 @@ def call_with_lids(film: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def called(film: str, path: Path, lids: bool) -> list[PlayoutFrame]:
-    return played(
+    return encoded_and_played(
         EncodeOptions(film, path, profile="thesis", tracking=TrackingOptions(eyelids=lids)), path
     )
 
 
-def played(options: EncodeOptions, path: Path) -> list[PlayoutFrame]:
+def encoded_and_played(options: EncodeOptions, path: Path) -> list[PlayoutFrame]:
     encode(options, lambda done, total: None, lambda: False)
-    return frames_of(path)
-
-
-def frames_of(path: Path) -> list[PlayoutFrame]:
-    playout = Playout()
-    with CallReader(path) as reader:
-        return [frame for data in reader for frame in playout.receive(data)]
+    return played(path)
 
 
 def closed(frame: PlayoutFrame) -> float:
@@ -76,7 +71,7 @@ def closed(frame: PlayoutFrame) -> float:
 def test_a_blink_arrives_with_the_lids_and_only_with_them(
     film: str, call_with_lids: Path, tmp_path: Path
 ) -> None:
-    frames = frames_of(call_with_lids)
+    frames = played(call_with_lids)
     # The networks see less of a drawn blink than of a real one.
     assert closed(frames[BLINK]) > closed(frames[2]) + 0.15
     assert closed(frames[-2]) < closed(frames[2]) + 0.1
@@ -101,7 +96,7 @@ def test_a_live_call_shows_the_first_blink_at_its_usual_rate(film: str, tmp_path
     path = tmp_path / "live.rzo"
     options = EncodeOptions(film, path, profile="default", live=True, bitrate=800.0)
     with without_layers():
-        lids = [closed(frame) for frame in played(options, path)]
+        lids = [closed(frame) for frame in encoded_and_played(options, path)]
     # At its height a mode that has just been learned may already show half of it.
     assert max(lids[BLINK - 2 : BLINK + 3]) > 0.7 and min(lids[BLINK - 2 : BLINK + 3]) > 0.5
     assert np.mean(lids[:4]) < 0.2 and np.mean(lids[-4:]) < 0.2

@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from call_contents import packets_of
 from conftest import LIVE_MODEL_BYTES, without_layers
 from numpy.typing import NDArray
 from videos import read_frames
@@ -23,13 +24,13 @@ from encoder.live_model.model_schedule import MODE_SPENDING_EXPONENT
 from encoder.live_model.model_version import RESERVED_MODES, ModelVersion
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
-from protocol.call_file import MAGIC, CallReader
+from protocol.call_file import MAGIC
 from protocol.call_records import serialise_records
 from protocol.frames.payload_coding import decode_payload
 from protocol.frames.temporal_prediction import FramePredictor
 from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
-from protocol.packets import FramePacket, LayerPacket, Packet, parse_packet, serialise
+from protocol.packets import FramePacket, LayerPacket, Packet, serialise
 from protocol.progressive_model import LayerBuffer
 
 # Light comes from one side once the first update is in use.
@@ -56,8 +57,7 @@ class Sent:
     frames: list[NDArray[np.int64]] = field(default_factory=list)
 
     def packets(self) -> list[Packet]:
-        with CallReader(self.path) as reader:
-            return [parse_packet(data) for data in reader]
+        return packets_of(self.path)
 
 
 @pytest.fixture(scope="module")

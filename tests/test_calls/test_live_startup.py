@@ -4,6 +4,7 @@ from itertools import combinations
 from pathlib import Path
 
 import pytest
+from call_contents import raw_packets
 from packets import sent_bytes
 from shots import draw, talking
 
@@ -15,7 +16,6 @@ from encoder.coding.progressive_model import BASE_LAYER_BYTES, UPDATE_BASE_LAYER
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from encoder.report import EncodeReport
-from protocol.call_file import CallReader
 from protocol.frames.transform_coding import parse_transform
 from protocol.limits import SEQUENCE_MODULUS
 from protocol.model_packet import ModelPacket
@@ -53,11 +53,6 @@ def call(clip: Path) -> Path:
     path = clip.with_name("call.rzo")
     encoded(clip, path, STARTUP)
     return path
-
-
-def raw_packets(path: Path) -> list[bytes]:
-    with CallReader(path) as reader:
-        return list(reader)
 
 
 def known_modes(model: ModelPacket) -> tuple[bytes, ...]:

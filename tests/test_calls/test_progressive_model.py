@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from call_contents import packets_of, raw_packets
 from packets import sent_bytes
 from shots import draw, talking
 from videos import read_frames
@@ -23,13 +24,13 @@ from encoder.coding.progressive_model import BASE_LAYER_BYTES
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode, first_and_second_pass
 from loopback.quality.video_quality import face_mask_finder, measure_quality
-from protocol.call_file import MAGIC, CallReader, CallWriter
+from protocol.call_file import MAGIC, CallWriter
 from protocol.call_records import serialise_records
 from protocol.entropy.varint import decode_varint
 from protocol.errors import ProtocolError
 from protocol.frames.transform_coding import parse_transform, serialise_transform
 from protocol.model_packet import ModelPacket
-from protocol.packets import FramePacket, LayerPacket, Packet, parse_packet, serialise
+from protocol.packets import FramePacket, LayerPacket, parse_packet, serialise
 from protocol.progressive_model import LayerBuffer
 from protocol.summary import summarise
 
@@ -96,15 +97,6 @@ def unlayered(encoder: TwoPassEncoder, clip: str) -> Path:
     return path
 
 
-def raw_packets(path: Path) -> list[bytes]:
-    with CallReader(path) as reader:
-        return list(reader)
-
-
-def packets(path: Path) -> list[Packet]:
-    return [parse_packet(data) for data in raw_packets(path)]
-
-
 def write(path: Path, sent: list[bytes]) -> Path:
     path.write_bytes(MAGIC + serialise_records(sent))
     return path
@@ -123,7 +115,7 @@ def face_psnr_db(clip: str, video: Path) -> float:
 
 
 def test_the_base_layer_is_small_and_has_no_modes(call: Path) -> None:
-    first, *rest = packets(call)
+    first, *rest = packets_of(call)
     assert isinstance(first, ModelPacket) and first.progressive
     assert len(raw_packets(call)[0]) <= BASE_LAYER_BYTES
     modes = parse_transform(first.profile_data).modes
@@ -133,18 +125,18 @@ def test_the_base_layer_is_small_and_has_no_modes(call: Path) -> None:
 
 def test_all_layers_make_the_model_of_a_call_without_layers(unpaced: Path, unlayered: Path) -> None:
     model, layers = None, LayerBuffer()
-    for packet in packets(unpaced):
+    for packet in packets_of(unpaced):
         if isinstance(packet, ModelPacket):
             model = packet
         elif isinstance(packet, LayerPacket):
             layers.add(packet)
     assert model is not None
-    refined, (expected, *_) = layers.apply(model), packets(unlayered)
+    refined, (expected, *_) = layers.apply(model), packets_of(unlayered)
     assert isinstance(expected, ModelPacket) and not expected.progressive
     assert refined.profile_data == expected.profile_data
     assert (refined.texture, refined.background) == (expected.texture, expected.background)
     frames = [
-        [p for p in packets(path) if isinstance(p, FramePacket)] for path in (unpaced, unlayered)
+        [p for p in packets_of(path) if isinstance(p, FramePacket)] for path in (unpaced, unlayered)
     ]
     assert frames[0] == frames[1]
 
@@ -202,7 +194,7 @@ def test_a_call_in_layers_has_the_psnr_of_one_without(
 
 def test_applying_layers_one_by_one_gives_the_same_texture(unpaced: Path, unlayered: Path) -> None:
     """Decoding modes one after the other is decoding all of them."""
-    first, *rest = packets(unpaced)
+    first, *rest = packets_of(unpaced)
     assert isinstance(first, ModelPacket)
     appearance, layers, model = AppearanceModel(first), LayerBuffer(), first
     assert not appearance.has_modes
@@ -211,7 +203,7 @@ def test_applying_layers_one_by_one_gives_the_same_texture(unpaced: Path, unlaye
             layers.add(packet)
             model = layers.apply(model)
             appearance.update(model)
-    expected = packets(unlayered)[0]
+    expected = packets_of(unlayered)[0]
     assert isinstance(expected, ModelPacket) and appearance.has_modes
     coefficients = np.linspace(-3, 3, len(parse_transform(expected.profile_data).modes))
     np.testing.assert_array_equal(
@@ -241,7 +233,7 @@ def test_a_damaged_layer_leaves_the_appearance_as_it_was(unpaced: Path, tmp_path
 def test_a_damaged_texture_is_reported_once_and_leaves_the_texture_as_it_was(
     unlayered: Path,
 ) -> None:
-    model = packets(unlayered)[0]
+    model = packets_of(unlayered)[0]
     assert isinstance(model, ModelPacket)
     appearance, damaged = AppearanceModel(model), replace(model, texture=b"RIFF no picture")
     before = appearance.synthesise(np.zeros(0)).copy()
@@ -252,7 +244,7 @@ def test_a_damaged_texture_is_reported_once_and_leaves_the_texture_as_it_was(
 
 
 def test_modes_before_a_damaged_one_are_used_and_not_decoded_again(unlayered: Path) -> None:
-    model = packets(unlayered)[0]
+    model = packets_of(unlayered)[0]
     assert isinstance(model, ModelPacket)
     transform = parse_transform(model.profile_data)
     assert len(transform.modes) > 1
@@ -281,7 +273,7 @@ def test_a_model_for_reenactment_has_all_layers(unpaced: Path, unlayered: Path) 
 def test_the_bytes_of_a_call_in_layers_add_up(call: Path) -> None:
     summary = summarise(call)
     sent = raw_packets(call)
-    assert summary.layer_packets == sum(isinstance(p, LayerPacket) for p in packets(call)) > 3
+    assert summary.layer_packets == sum(isinstance(p, LayerPacket) for p in packets_of(call)) > 3
     assert summary.model_packets == 1
     assert sum(summary.model_parts.values()) == summary.model_bytes
     assert min(summary.model_parts.values()) >= 0

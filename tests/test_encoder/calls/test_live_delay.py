@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from call_contents import packets_of, played
 from conftest import LIVE_MODEL_BYTES, without_layers
 
-from decoder.playout import Playout, PlayoutFrame
 from encoder.calls.live_session import LiveEncoder
 from encoder.calls.packet_sender import PacketSender
 from encoder.calls.session_stats import SessionStats
@@ -17,10 +17,10 @@ from encoder.detection.tflite import find_segmentation_network
 from encoder.live_model.learner import LocalLearner
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
-from protocol.call_file import CallReader, CallWriter
+from protocol.call_file import CallWriter
 from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
-from protocol.packets import ControlKind, ControlPacket, FramePacket, Packet, parse_packet
+from protocol.packets import ControlKind, ControlPacket, FramePacket, Packet
 from protocol.pictures.layered_background import is_layered
 from risorius.cli import main
 
@@ -38,17 +38,6 @@ def encode_with_delay(clip: Path, output: Path, delay_s: float, frames: int) -> 
     )
     encode(options, lambda done, total: None, lambda: False)
     return packets_of(output)
-
-
-def packets_of(path: Path) -> list[Packet]:
-    with CallReader(path) as reader:
-        return [parse_packet(data) for data in reader]
-
-
-def played(path: Path) -> list[PlayoutFrame]:
-    playout = Playout()
-    with CallReader(path) as reader:
-        return [frame for data in reader for frame in playout.receive(data)]
 
 
 def test_the_first_model_knows_what_follows(talking_clip: Path, tmp_path: Path) -> None:

@@ -4,11 +4,11 @@ from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 
+from call_contents import packets_of, played
 from conftest import LIVE_MODEL_BYTES, without_layers
 from shots import draw, talking
 
 from decoder.pipeline import DecodeOptions, decode
-from decoder.playout import Playout, PlayoutFrame
 from encoder.calls.live_session import LiveEncoder
 from encoder.calls.packet_sender import LEAD_PACKETS_UNPACED, PacketSender
 from encoder.calls.session_stats import SessionStats
@@ -22,10 +22,10 @@ from encoder.live_model.model_schedule import TRAINING_SCHEDULE
 from encoder.live_model.model_version import RESERVED_MODES
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
-from protocol.call_file import CallReader, CallWriter
+from protocol.call_file import CallWriter
 from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
-from protocol.packets import ControlKind, ControlPacket, FramePacket, parse_packet
+from protocol.packets import ControlKind, ControlPacket, FramePacket
 from protocol.pictures.layered_background import is_layered
 from shared_model.parameters import EAU_INDEX
 
@@ -37,18 +37,8 @@ def encode_live(clip: Path, output: Path, pace: bool = False) -> None:
     encode(options, lambda done, total: None, lambda: False)
 
 
-def raw_packets(path: Path) -> list[bytes]:
-    with CallReader(path) as reader:
-        return list(reader)
-
-
-def played(path: Path) -> list[PlayoutFrame]:
-    playout = Playout()
-    return [frame for data in raw_packets(path) for frame in playout.receive(data)]
-
-
 def test_an_update_is_announced_ahead_of_its_first_packet(live_call: Path) -> None:
-    packets = [parse_packet(data) for data in raw_packets(live_call)]
+    packets = packets_of(live_call)
     models = [(i, p) for i, p in enumerate(packets) if isinstance(p, ModelPacket)]
     assert [model.version for _, model in models] == [0, 1]
     (_, first), (place, update) = models
@@ -78,7 +68,7 @@ def test_an_update_announced_as_the_one_before_takes_effect_counts_its_single_fr
     draw(tmp_path / "slow.mkv", talking(7, fps=6))
     with without_layers():
         encode_live(tmp_path / "slow.mkv", tmp_path / "slow.rzo")
-    packets = [parse_packet(data) for data in raw_packets(tmp_path / "slow.rzo")]
+    packets = packets_of(tmp_path / "slow.rzo")
     models = [packet for packet in packets if isinstance(packet, ModelPacket)]
     assert len(models) == 3
     for before, after in pairwise(models):
@@ -133,9 +123,7 @@ def test_frames_that_a_camera_left_out_are_filled_and_a_camera_that_is_off_goes_
     shown = played(path)
     assert [frame.index for frame in shown] == list(range(end))
     assert not any(frame.frozen for frame in shown)
-    news = [
-        each for each in map(parse_packet, raw_packets(path)) if isinstance(each, ControlPacket)
-    ]
+    news = [each for each in packets_of(path) if isinstance(each, ControlPacket)]
     assert ControlPacket(0, ControlKind.CAMERA_OFF, off) in news
     jaw = [frame.face.eau[EAU_INDEX["jaw_drop"]] for frame in shown]
     assert max(jaw[:off]) > 0.2 and abs(jaw[-1]) < 0.05

@@ -17,6 +17,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from call_contents import packets_of
 from conftest import PROGRAM, ROOT, without_layers
 from numpy.typing import NDArray
 from shots import draw, talking
@@ -31,14 +32,12 @@ from encoder.learning.frame_sampler import TRAINING_FRAMES, UniformSubsampler
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode as encode_clip
 from loopback.quality.video_quality import face_mask_finder, measure_quality
-from protocol.call_file import CallReader, CallWriter
+from protocol.call_file import CallWriter
 from protocol.model_packet import ModelPacket
 from protocol.packets import (
     ControlKind,
     ControlPacket,
     FramePacket,
-    Packet,
-    parse_packet,
 )
 from protocol.summary import summarise
 from risorius.cli import main
@@ -92,13 +91,8 @@ def call(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def packets(path: Path) -> list[Packet]:
-    with CallReader(path) as reader:
-        return [parse_packet(data) for data in reader]
-
-
 def samples(path: Path) -> Iterator[TimedFace]:
-    first, *rest = packets(path)
+    first, *rest = packets_of(path)
     assert isinstance(first, ModelPacket)
     decoder, number = frame_decoder_for(first), 0
     for packet in rest:
@@ -138,7 +132,7 @@ def test_how_many_frames_had_no_face_is_said(call: Path) -> None:
 
 
 def test_a_lost_face_is_held_and_told(call: Path) -> None:
-    control = [packet for packet in packets(call) if isinstance(packet, ControlPacket)]
+    control = [packet for packet in packets_of(call) if isinstance(packet, ControlPacket)]
     kinds = [packet.kind for packet in control]
     assert kinds == [
         ControlKind.FACE_LOST,
@@ -247,7 +241,7 @@ def test_a_call_that_stops_while_it_is_sent_ends_where_it_stopped(
     call: Path, tmp_path: Path
 ) -> None:
     output, stats = tmp_path / "part.rzo", SessionStats()
-    model, *rest = packets(call)
+    model, *rest = packets_of(call)
     assert isinstance(model, ModelPacket)
     payloads = tuple(packet.payload for packet in rest if isinstance(packet, FramePacket))
     asked = iter([False, False, True])

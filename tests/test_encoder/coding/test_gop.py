@@ -6,22 +6,21 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from call_contents import packets_of, played
 from conftest import without_layers
 from hypothesis import given
 from hypothesis import strategies as st
 from shots import draw
 
 from decoder.pipeline import DecodeOptions, decode
-from decoder.playout import Playout, PlayoutFrame
 from encoder.coding.gop import FRAMES_PER_PACKET, GopStructure, gop_for_fps
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from encoder.report import EncodeReport
 from loopback.quality.video_quality import face_mask_finder, measure_quality
-from protocol.call_file import CallReader
 from protocol.limits import MAX_FRAME_STEP
 from protocol.model_packet import ModelPacket
-from protocol.packets import ControlPacket, FramePacket, Packet, parse_packet
+from protocol.packets import ControlPacket, FramePacket
 from protocol.summary import summarise
 from shared_model.parameters import EAU_INDEX
 
@@ -103,12 +102,6 @@ def encoded(
         return encode(options, lambda done, total: None, lambda: False)
 
 
-def played(path: Path) -> list[PlayoutFrame]:
-    playout = Playout()
-    with CallReader(path) as reader:
-        return [frame for data in reader for frame in playout.receive(data)]
-
-
 @pytest.mark.parametrize(("live", "fps", "step"), [(False, 12.5, 2), (True, 8, 3)])
 def test_every_kth_frame_is_coded_and_every_frame_is_drawn(
     clip: str, live: bool, fps: float, step: int, tmp_path: Path
@@ -143,11 +136,6 @@ def test_every_kth_frame_is_coded_and_every_frame_is_drawn(
     find_face_mask = face_mask_finder(pytest.fail)
     quality = measure_quality(clip, str(video), find_face_mask, lambda done, total: None)
     assert quality.face_psnr_db is not None and quality.face_psnr_db > (22 if live else 26)
-
-
-def packets_of(path: Path) -> list[Packet]:
-    with CallReader(path) as reader:
-        return [parse_packet(data) for data in reader]
 
 
 def test_a_target_rate_above_the_sources_codes_every_frame(clip: str, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""A search that starts at the landmark network's fit, weighed against the network.
+"""A search that starts at the landmark network's fit, weighted against the network.
 
 Both err, and not alike: the most probable landmarks lie between what the network has found and
 where a search goes from there, by the inverse of their error variances.
@@ -20,7 +20,7 @@ Picture = NDArray[np.uint8]
 SEARCH_WEIGHT = 0.25
 
 
-def weighed_landmarks(
+def weighted_landmarks(
     model: MultiResolutionModel, picture: Picture, points: Array, pose: Array, shape: Array
 ) -> Array:
     """(468, 3) landmarks between those of the network and those of a search at the finest level.
@@ -42,6 +42,6 @@ def weighed_landmarks(
     end = search(level, warp, luma, at, start, options)
     before = warp.landmarks(level.shape_of(start), pose)
     after = warp.landmarks(level.shape_of(end.c), window.pose_to_source(end.pose))
-    weighed = np.array(points)
-    weighed[warp.landmark_index, :2] += SEARCH_WEIGHT * (after - before)
-    return weighed
+    weighted = np.array(points)
+    weighted[warp.landmark_index, :2] += SEARCH_WEIGHT * (after - before)
+    return weighted

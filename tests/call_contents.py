@@ -1,0 +1,21 @@
+"""What call files hold, as tests read it: packets, and frames as they are played."""
+
+from pathlib import Path
+
+from decoder.playout import Playout, PlayoutFrame
+from protocol.call_file import CallReader
+from protocol.packets import Packet, parse_packet
+
+
+def raw_packets(path: Path) -> list[bytes]:
+    with CallReader(path) as reader:
+        return list(reader)
+
+
+def packets_of(path: Path) -> list[Packet]:
+    return [parse_packet(data) for data in raw_packets(path)]
+
+
+def played(path: Path) -> list[PlayoutFrame]:
+    playout = Playout()
+    return [frame for data in raw_packets(path) for frame in playout.receive(data)]
