@@ -65,10 +65,11 @@ def send(options: LinkOptions, log: Path, call: Path) -> None:
             lines.flush()
             for each in packets:
                 time.sleep(max(0.0, begun + each.sent_s - time.monotonic()))
+                sent_s = time.monotonic()
                 sink.send(each.data)
                 if packet_kind(each.data) is PacketKind.FRAME:
                     number, loss = each.number, sink.quality.loss
-                    _write(lines.write, t=time.monotonic(), what="sent", number=number, loss=loss)
+                    _write(lines.write, t=sent_s, what="sent", number=number, loss=loss)
                     lines.flush()
         _write(lines.write, t=time.monotonic(), what="ended", reach=sink.reachability)
 
