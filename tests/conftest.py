@@ -52,7 +52,9 @@ light = { side = 0.8 }
 
 cv2.setNumThreads(1)
 # No property test fails because the machine is busy.
-hypothesis.settings.register_profile("unhurried", deadline=None)
+hypothesis.settings.register_profile(
+    "unhurried", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
+)
 hypothesis.settings.load_profile("unhurried")
 
 Start = Callable[..., "subprocess.Popen[str]"]

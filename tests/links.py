@@ -4,6 +4,7 @@ import socket
 from dataclasses import replace
 
 from packets import MODEL
+from processes import LIMIT_S
 
 from protocol.link.interface import LinkOptions
 from protocol.link.zenoh_link import ZenohSource
@@ -11,7 +12,7 @@ from protocol.packets import ControlKind, ControlPacket, FramePacket, serialise
 
 END = serialise(ControlPacket(0, ControlKind.END, 100))
 MODEL_BYTES = serialise(replace(MODEL, sequence=0))
-WAIT_S = 20.0
+WAIT_S = LIMIT_S
 
 
 def frame(number: int) -> bytes:
@@ -31,7 +32,7 @@ def listening(endpoint: str, lossless: bool = True) -> LinkOptions:
 
 
 def connecting(endpoint: str, lossless: bool = True) -> LinkOptions:
-    return LinkOptions("test", connect=(endpoint,), lossless=lossless)
+    return LinkOptions("test", connect=(endpoint,), connect_timeout_s=WAIT_S, lossless=lossless)
 
 
 def received(source: ZenohSource) -> bytes | None:

@@ -5,6 +5,7 @@ from collections.abc import Awaitable, Callable
 from typing import Any
 
 import pytest
+from processes import LIMIT_S
 
 aiohttp = pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 
@@ -18,7 +19,6 @@ from risorius.call_page.messages import (  # noqa: E402
 from risorius.call_page.page_server import PageServer  # noqa: E402
 from shared_model.errors import UserError  # noqa: E402
 
-LIMIT_S = 20.0
 Test = Callable[[PageServer, Any], Awaitable[None]]
 
 

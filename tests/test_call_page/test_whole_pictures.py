@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from processes import LIMIT_S
 
 aiohttp = pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 
@@ -15,7 +16,6 @@ from risorius.call_page.messages import PictureMessage, Stream  # noqa: E402
 from risorius.call_page.page_server import PageServer  # noqa: E402
 from risorius.call_page.page_thread import PageThread, encoded_picture  # noqa: E402
 
-LIMIT_S = 30.0
 COUNT, STEP = 20, 12
 # Of noise: more than a connection takes before somebody reads.
 LARGE = 1080, 1920, 3

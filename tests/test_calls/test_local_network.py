@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 from conftest import PROGRAM, ROOT
+from processes import LIMIT_S
 
 from loopback.bad_wire import BadWire, Faults
 from loopback.network_namespace import obstacle
 
-LIMIT_S = 60.0
 THESIS = ("--profile", "thesis", "--max-frames", "8")
 
 pytestmark = pytest.mark.skipif(obstacle() is not None, reason=str(obstacle()))

@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 import yaml
 from conftest import PROGRAM, ROOT, Start
+from processes import LIMIT_S
 from videos import copy_frames
 
 from encoder.capture.video_source import open_source
@@ -21,7 +22,6 @@ from risorius.cli import build_parser
 
 COMPOSE = ROOT / "docker-compose.yml"
 DOCKERFILE = ROOT / "Dockerfile"
-LIMIT_S = 180.0
 PARTS = ("encoder", "router", "decoder")
 DEFAULT = re.compile(r"\$\{\w+:-([^}]*)\}")
 

@@ -5,16 +5,19 @@ import socket
 import sys
 import time
 from pathlib import Path
-from queue import Empty, SimpleQueue
+from queue import SimpleQueue
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from processes import LIMIT_S, until
 
 from loopback.bad_wire import BadWire, Faults
 from loopback.network_namespace import obstacle
 from protocol.discovery import (
     ANSWERS_PER_S,
+    GROUP,
+    PORT,
     QUESTION_BYTES,
     CallAnnouncer,
     CallWatch,
@@ -71,6 +74,29 @@ def test_answers_to_others_and_garbage_are_refused() -> None:
         parse_answer(answer, bytes(8), "h")
 
 
+def reaches_itself() -> bool:
+    """Whether what is sent to the group over loopback comes back."""
+    own = socket.inet_aton("127.0.0.1")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as group:
+        try:
+            group.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            group.bind((GROUP, PORT))
+            group.setsockopt(
+                socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, socket.inet_aton(GROUP) + own
+            )
+            group.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, own)
+            group.sendto(b"itself", (GROUP, PORT))
+            group.settimeout(1)
+            while group.recv(QUESTION_BYTES) != b"itself":
+                pass
+        except OSError:
+            return False
+    return True
+
+
+has_multicast = pytest.mark.skipif(not reaches_itself(), reason="loopback has no multicast here")
+
+
 @given(st.binary(max_size=40))
 def test_any_bytes_are_an_answer_or_none(data: bytes) -> None:
     try:
@@ -81,10 +107,12 @@ def test_any_bytes_are_an_answer_or_none(data: bytes) -> None:
 
 PROGRAM = """
 import sys
+from itertools import islice
 from protocol.discovery import CallAnnouncer, FoundCall, find_calls
 kind, *arguments = sys.argv[1:]
 if kind == "find":
-    for found in find_calls(float(arguments[0])):
+    # As soon as so many have answered: this may take long on a busy host.
+    for found in islice(find_calls(600), int(arguments[0])):
         print(found.call, found.address, found.is_encoder, found.needs_invitation, flush=True)
 else:
     with CallAnnouncer(FoundCall(arguments[0], "", 7447, kind == "encoder", kind == "encoder")):
@@ -101,17 +129,15 @@ def test_calls_are_found_on_a_local_network(tmp_path: Path) -> None:
     logs = [tmp_path / name for name in ("1", "2", "3")]
     addresses = [f"10.77.0.{number}" for number in (1, 2, 3)]
     with BadWire(addresses, Faults(), 1) as wire:
-        asked = (["encoder", "anna"], ["decoder", "bert"], ["find", "3"])
+        asked = (["encoder", "anna"], ["decoder", "bert"], ["find", "2"])
         processes = []
         for host, log, arguments in zip(wire.hosts, logs, asked, strict=True):
             with log.open("wb") as output:
                 process = host.run([*command, *arguments], output, environment)
             processes.append(process)
-            deadline = time.monotonic() + 30
-            while arguments[0] != "find" and b"ready" not in log.read_bytes():
-                assert time.monotonic() < deadline and process.poll() is None, log.read_text()
-                time.sleep(0.02)
-        assert processes[2].wait(30) == 0
+            if arguments[0] != "find":
+                until(lambda log=log: b"ready" in log.read_bytes())  # type: ignore[misc]
+        assert processes[2].wait(LIMIT_S) == 0, logs[2].read_text()
         for process in processes[:2]:
             process.kill()
             process.wait()
@@ -121,28 +147,28 @@ def test_calls_are_found_on_a_local_network(tmp_path: Path) -> None:
     ]
 
 
+@has_multicast
 def test_a_flood_of_questions_gets_few_answers() -> None:
     with (
         CallAnnouncer(ANNA, "127.0.0.1"),
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking,
     ):
-        found = list(find_calls(0.3, "127.0.0.1"))
-        if not found:
-            pytest.skip("loopback has no multicast here")
-        assert found == [FoundCall("anna", "127.0.0.1", 7447, True, False)]
+        found = next(find_calls(LIMIT_S, "127.0.0.1"))
+        assert found == FoundCall("anna", "127.0.0.1", 7447, True, False)
         asking.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
         begun = time.monotonic()
         for _ in range(500):
-            asking.sendto(serialise_question(NUMBER), ("239.255.116.34", 7448))
+            asking.sendto(serialise_question(NUMBER), (GROUP, PORT))
+        asking.settimeout(LIMIT_S)
+        answers = len([asking.recv(QUESTION_BYTES)])
         asking.settimeout(0.3)
-        answers = 0
         while True:
             try:
                 asking.recv(QUESTION_BYTES)
             except TimeoutError:
                 break
             answers += 1
-        assert 0 < answers <= ANSWERS_PER_S * (1 + time.monotonic() - begun)
+        assert answers <= ANSWERS_PER_S * (1 + time.monotonic() - begun)
 
 
 def test_a_closed_announcer_is_silent() -> None:
@@ -152,11 +178,11 @@ def test_a_closed_announcer_is_silent() -> None:
     assert list(find_calls(0.1, "127.0.0.1")) == []
 
 
+@has_multicast
 def test_a_call_that_answers_twice_is_found_once() -> None:
+    found = list[FoundCall]()
     with CallAnnouncer(ANNA, "127.0.0.1"), CallAnnouncer(ANNA, "127.0.0.1"):
-        found = list(find_calls(0.3, "127.0.0.1"))
-    if not found:
-        pytest.skip("loopback has no multicast here")
+        until(lambda: bool(found), lambda: found.extend(find_calls(0.3, "127.0.0.1")))
     assert found == [FoundCall("anna", "127.0.0.1", 7447, True, False)]
 
 
@@ -176,6 +202,7 @@ class ChangingAddress(OwnAddress):
         return self.address
 
 
+@has_multicast
 def test_who_has_another_address_says_so_to_those_who_wait_for_that_end() -> None:
     told, others = SimpleQueue[FoundCall](), SimpleQueue[FoundCall]()
     watch, *other_watches = (
@@ -189,10 +216,7 @@ def test_who_has_another_address_says_so_to_those_who_wait_for_that_end() -> Non
     own = ChangingAddress("0.0.0.0")
     with CallAnnouncer(ANNA, "127.0.0.1", own):
         own.address = "127.0.0.1"
-        try:
-            found = told.get(timeout=3)
-        except Empty:
-            pytest.skip("loopback has no multicast here")
+        found = told.get(timeout=LIMIT_S)
     for each in (watch, watch, *other_watches):
         each.close()
     assert (found.call, found.port, found.is_encoder) == ("anna", 7447, True) and others.empty()

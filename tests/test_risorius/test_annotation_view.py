@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from aam_faces import POSE, known_face, landmarks_of, write_csv, write_picture
 from conftest import PROGRAM, ROOT, Start
+from processes import LIMIT_S
 
 from aam.annotation.annotation_file import read_annotation
 from aam.shape_space import JAW_DROP, SHAPE_NAMES
@@ -25,7 +26,6 @@ from risorius.view.annotation_state import AnnotationFolder, description, shown
 from shared_model.errors import UserError
 
 NOSE_TIP = 4
-LIMIT_S = 60.0
 NOTHING: dict[str, Any] = {"landmarks": {}, "shape": {}, "pose": None, "weight": 8}
 
 

@@ -4,8 +4,7 @@ import json
 import signal
 import socket
 import subprocess
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from http.client import HTTPConnection
 from pathlib import Path
 from threading import Thread
@@ -17,6 +16,7 @@ import pytest
 from call_files import call_file
 from conftest import PROGRAM, ROOT, Start
 from numpy.typing import NDArray
+from processes import LIMIT_S, until
 
 from loopback.browser import Browser, find_browser
 from risorius.animation.animation_script import AnimationState
@@ -27,7 +27,6 @@ from shared_model.errors import UserError
 from shared_model.parameters import AAUS, EAU_INDEX, EAUS
 
 Picture = NDArray[np.uint8]
-LIMIT_S = 60.0
 
 
 class Server:
@@ -139,13 +138,6 @@ def test_a_query_adds_emotions_to_actuators() -> None:
     assert state.eau[EAU_INDEX["mouth_corners"]] == pytest.approx(0.9)
     assert state.eau[EAU_INDEX["jaw_drop"]] == pytest.approx(0.7)
     assert state.zoom == 2 and state.pose["yaw"] == 0
-
-
-def until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + LIMIT_S
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
 
 
 def test_of_one_page_only_the_newest_request_is_drawn_and_pages_take_turns() -> None:

@@ -11,6 +11,7 @@ from typing import cast
 
 import numpy as np
 import pytest
+from processes import LIMIT_S
 from shots import draw, talking
 
 from encoder.capture.video_source import open_source
@@ -26,8 +27,6 @@ from encoder.live_model.warm_up import frontal_landmarks
 from protocol.pictures.picture_codec import decode_picture
 from shared_model.geometry import Camera
 from shared_model.surround import head_with_surround
-
-LIMIT_S = 120
 
 
 def test_what_another_process_learns_is_what_this_one_learns(tmp_path: Path) -> None:

@@ -48,8 +48,8 @@ def test_an_encoder_that_is_killed_and_started_again_goes_on_with_the_call(
     program = (
         "import sys; from protocol.link.interface import LinkOptions\n"
         "from protocol.link.zenoh_link import ZenohSink\n"
-        "sink = ZenohSink(LinkOptions('test', connect=(sys.argv[1],)))\n"
-        "sink.wait_for_peer(20); sink.send(bytes.fromhex(sys.argv[2])); sys.stdin.read()"
+        "sink = ZenohSink(LinkOptions('test', connect=(sys.argv[1],), connect_timeout_s=600))\n"
+        "sink.wait_for_peer(600); sink.send(bytes.fromhex(sys.argv[2])); sys.stdin.read()"
     )
     command = [sys.executable, "-c", program, endpoint, MODEL_BYTES.hex()]
     for session in range(2):

@@ -1,6 +1,5 @@
 """A relay with certificates: who gets in, and what each may do there."""
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from datetime import UTC, datetime
@@ -10,7 +9,8 @@ from typing import Any
 
 import pytest
 import zenoh
-from links import MODEL_BYTES
+from links import MODEL_BYTES, WAIT_S
+from processes import until
 
 from loopback.process_pair import free_port
 from protocol.link import link_end
@@ -33,7 +33,6 @@ from protocol.security.link_security import KeyFile, LinkSecurity
 from protocol.security.tls_settings import tls_settings
 from shared_model.errors import UserError
 
-WAIT_S = 20.0
 PEERS = {
     "anna": ("one", PeerRole.CALLER),
     "bob": ("one", PeerRole.VIEWER),
@@ -83,13 +82,13 @@ def stack() -> Iterator[ExitStack]:
         yield stack
 
 
-def session(endpoint: str, keys: KeyFile | None) -> zenoh.Session:
+def session(endpoint: str, keys: KeyFile | None, timeout_s: float = WAIT_S) -> zenoh.Session:
     """Of a client that shows `keys`, which knows no rules."""
     settings: dict[str, Any] = {
         "mode": "client",
         "scouting/multicast/enabled": False,
         "connect/endpoints": [endpoint],
-        "connect/timeout_ms": 1000,
+        "connect/timeout_ms": round(1000 * timeout_s),
     }
     if keys is not None:
         settings["transport/link/tls"] = tls_settings(keys)
@@ -98,15 +97,6 @@ def session(endpoint: str, keys: KeyFile | None) -> zenoh.Session:
 
 def collector(received: Received, who: str) -> Callable[[zenoh.Sample], None]:
     return lambda sample: received.append((who, sample.payload.to_string()))
-
-
-def until(condition: Callable[[], bool], action: Callable[[], None]) -> None:
-    """Repeat `action` until `condition` holds."""
-    deadline = time.monotonic() + WAIT_S
-    while not condition():
-        assert time.monotonic() < deadline, "it took too long"
-        action()
-        time.sleep(0.02)
 
 
 def test_only_the_caller_publishes_and_only_the_invited_subscribe(
@@ -149,9 +139,9 @@ def test_who_shows_no_certificate_or_another_authoritys_does_not_get_in(
     others = authority(tmp_path / "others")
     mixed = KeyFile(keys["anna"].authority, others["anna"].certificate, others["anna"].private_key)
     for shown in (others["anna"], mixed, None):
-        with pytest.raises(zenoh.ZError), session(endpoint, shown) as intruder:
+        with pytest.raises(zenoh.ZError), session(endpoint, shown, 1) as intruder:
             # With TLS 1.3 a client may take a refused connection for an open one for a moment.
-            until(lambda: not list(intruder.info.routers_zid()), lambda: None)
+            until(lambda: not list(intruder.info.routers_zid()))
             raise zenoh.ZError("refused")
 
 
@@ -162,7 +152,7 @@ def test_a_caller_is_not_fooled_by_a_relay_of_another_authority(
     place = f"tls/127.0.0.1:{free_port()}"
     options = RelayOptions((place,), keys=others["relay"], peers=())
     with Relay(options), pytest.raises(zenoh.ZError):
-        session(place, keys["anna"])
+        session(place, keys["anna"], 1)
 
 
 def test_a_relay_says_that_it_is_there_to_those_who_may_ask(
@@ -224,19 +214,20 @@ def test_who_was_revoked_or_has_the_other_ends_certificate_is_told(
 
 
 def options_of(endpoint: str, keys: KeyFile) -> LinkOptions:
-    return LinkOptions("one", connect=(endpoint,), security=LinkSecurity(key_file=keys))
+    security = LinkSecurity(key_file=keys)
+    return LinkOptions("one", connect=(endpoint,), connect_timeout_s=WAIT_S, security=security)
 
 
 def test_a_relay_lists_its_calls(stack: ExitStack) -> None:
     place = f"tcp/127.0.0.1:{free_port()}"
     stack.enter_context(Relay(RelayOptions((place,))))
-    assert calls_at_relay(place, None) == []
+    assert calls_at_relay(place, None, WAIT_S) == []
     encoder, *decoders = [stack.enter_context(session(place, None)) for _ in range(3)]
     held = [encoder.declare_subscriber("u/anna", lambda sample: None)]
     held += [each.declare_subscriber("d/anna", lambda sample: None) for each in decoders]
     until(
         lambda: (
-            [(c.name, c.encoders, c.decoders) for c in calls_at_relay(place, None)]
+            [(c.name, c.encoders, c.decoders) for c in calls_at_relay(place, None, WAIT_S)]
             == [("anna", 1, 2)]
         ),
         lambda: None,
@@ -248,8 +239,8 @@ def test_with_certificates_it_lists_them_to_its_owner_alone(
 ) -> None:
     anna = stack.enter_context(session(endpoint, keys["anna"]))
     held = anna.declare_subscriber("u/one", lambda sample: None)
-    until(lambda: "one" in [c.name for c in calls_at_relay(endpoint, keys["relay"])], lambda: None)
-    assert calls_at_relay(endpoint, keys["bob"]) == []
+    until(lambda: "one" in [c.name for c in calls_at_relay(endpoint, keys["relay"], WAIT_S)])
+    assert calls_at_relay(endpoint, keys["bob"], WAIT_S) == []
     held.undeclare()  # type: ignore[no-untyped-call]
 
 
@@ -266,7 +257,7 @@ def test_an_end_that_listens_is_no_relay() -> None:
     place = f"tcp/127.0.0.1:{free_port()}"
     settings = {"mode": "peer", "scouting/multicast/enabled": False, "listen/endpoints": [place]}
     with zenoh.open(zenoh_config(settings)), pytest.raises(UserError, match="is no relay"):
-        calls_at_relay(place, None, timeout_s=1)
+        calls_at_relay(place, None, timeout_s=WAIT_S)
 
 
 def test_two_relays_pass_a_call_on(stack: ExitStack) -> None:
