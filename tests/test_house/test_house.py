@@ -17,7 +17,6 @@ MODULE_LINES, FUNCTION_LINES, PACKAGE_MODULES = 300, 40, 13
 LONGER_MODULES: dict[str, int] = {
     "tests/test_protocol/test_call_file.py": 353,
     "protocol/link/messages.py": 325,
-    "tests/test_loopback/test_bad_wire.py": 302,
     "tests/test_protocol/test_packets.py": 353,
     "tests/test_decoder/test_playout.py": 305,
     "tests/test_decoder/test_renderer.py": 334,
