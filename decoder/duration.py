@@ -3,9 +3,10 @@
 from contextlib import suppress
 from pathlib import Path
 
-from decoder.playout import Playout
+from decoder.reception.encoder_session import EncoderSession
 from protocol.call_file import CallReader
 from protocol.errors import ProtocolError
+from protocol.link.interface import Arrival
 from protocol.packets import ControlPacket, parse_packet
 
 
@@ -20,9 +21,9 @@ def count_frames(path: Path) -> int:
         last = parse_packet(packets[-1]) if reader.complete else None
         if isinstance(last, ControlPacket):
             return last.frame
-    playout, shown = Playout(), 0
+    session, shown = EncoderSession(), 0
     for packet in packets:
         with suppress(ProtocolError):
-            for _ in playout.receive(packet):
+            for _ in session.receive(Arrival(packet, 0.0)):
                 shown += 1
     return shown

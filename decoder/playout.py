@@ -74,7 +74,7 @@ class Playout:
         self.ended = self.joined_late = self.is_frozen = self.is_camera_off = False
         self.gone_at: int | None = None
         self.lost = self.late = self.unusable = self.before_join = 0
-        self._next = 0
+        self._begin = self._next = 0
         self._newest = -1  # number of the newest frame packet
         self._is_numbered = False  # numbers are those of the call, not only modulo 64
         self._last: TimedFace | None = None
@@ -154,6 +154,12 @@ class Playout:
 
     def _join_late(self) -> None:
         self.joined_late, self._next = True, -1
+
+    def _join_at(self, version: ModelVersion, frame: int) -> None:
+        """Begin with source frame `frame`, as a file says that does so."""
+        self._join_late()
+        self._begin = self._next = frame
+        self._newest, self._is_numbered = version.number_at(frame) - 1, True
 
     def _receive_frame(self, packet: FramePacket, exact: int | None) -> Iterator[PlayoutFrame]:
         number, newest = self._number(packet.sequence, exact), self._newest
@@ -246,7 +252,12 @@ class Playout:
         if packet.kind in (ControlKind.CAMERA_OFF, ControlKind.CAMERA_ON):
             self.is_camera_off = packet.kind is ControlKind.CAMERA_OFF
             return
-        yield from self._freeze_until(version.model.call, packet.frame)
+        if packet.kind is ControlKind.JOINED:
+            if following is None and self._last is None:
+                self._join_at(version, packet.frame)
+            return
+        begin = self._begin if packet.kind is ControlKind.END else 0
+        yield from self._freeze_until(version.model.call, begin + packet.frame)
         if packet.kind is ControlKind.END:
             self.ended = True
         elif packet.kind is ControlKind.FACE_LOST:
@@ -256,7 +267,7 @@ class Playout:
         else:
             self.is_frozen, self.gone_at = False, None
             # Without a face no packets were sent: their numbers are skipped.
-            if following is None and not self.joined_late:
+            if following is None and (self._is_numbered or not self.joined_late):
                 following = version.number_at(packet.frame)
             self._newest = max(self._newest, (following or 0) - 1)
 

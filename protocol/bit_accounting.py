@@ -92,6 +92,8 @@ class BitAccounting:
             transform = parse_transform(packet.profile_data)
             modes = transform.modes
             if self._model is None or packet.version > self._model.version:
+                # A call that is recorded from the middle on may begin with two models.
+                self._context = self._context or self._next_context
                 self._next_context = _FrameContext(transform, packet.sequence)
         if self._model is None or packet.version > self._model.version:
             # Frame packets of the version before may follow; those of older ones may not.
@@ -145,8 +147,10 @@ class BitAccounting:
             )
             total = sum(values.values())
             return {name: count / total for name, count in values.items()}
-        if self._next_context and self._next_context.packet_index(packet) < SEQUENCE_MODULUS // 2:
-            self._context, self._next_context = self._next_context, None
+        following = self._next_context
+        is_first = self._context is None
+        if following and (is_first or following.packet_index(packet) < SEQUENCE_MODULUS // 2):
+            self._context, self._next_context = following, None
             self._close_layers(self._model.version)
         context = self._context
         if context is None:

@@ -40,13 +40,16 @@ class PacketKind(IntEnum):
 class ControlKind(IntEnum):
     """The event that a control packet reports, with the meaning of its `frame`."""
 
-    END = 0  # the call is over; `frame` is its number of source frames
+    END = (
+        0  # the call is over; `frame` is its number of source frames, after JOINED those from there
+    )
     FACE_LOST = 1  # no face from source frame `frame` on
     FACE_FOUND = 2  # a face again from source frame `frame` on
     TIMES = 3  # a `TimesPacket`: when source frames from `frame` on are shown
     CAMERA_OFF = 4  # the camera is off from source frame `frame` on; the faces go to rest
     CAMERA_ON = 5  # it is on again from source frame `frame` on
     PERSON_GONE = 6  # the lost face's person is not there from source frame `frame` on
+    JOINED = 7  # a file begins with source frame `frame`, in the middle of the call
 
 
 @dataclass(frozen=True, slots=True)

@@ -87,7 +87,7 @@ def frames(count: int, first: int = 0, model: ModelPacket = FIRST) -> list[bytes
         places = np.arange(start, start + (PACKED if number else 1))
         start = int(places[-1]) + 1
         values = places[:, None] * speed
-        packet = code_packet(predictor, first + number, PACKED, values, 0, intra=number == 0)
+        packet = code_packet(predictor, (first + number) % 64, PACKED, values, 0, intra=number == 0)
         predictor.anchor = packet.frames[-1]
         packets.append(serialise(FramePacket((first + number) % 64, packet.payload)))
     return packets

@@ -54,6 +54,7 @@ GOLDEN: dict[str, Packet] = {
     "control_lost": ControlPacket(0, ControlKind.FACE_LOST, 0),
     "control_times": TimesPacket(0, 320, (9, 9, 9, 57, 56)),
     "control_camera": ControlPacket(2, ControlKind.CAMERA_OFF, 75),
+    "control_joined": ControlPacket(0, ControlKind.JOINED, 513),
     "control_found": ControlPacket(33, ControlKind.FACE_FOUND, 2**32 - 1),
 }
 

@@ -39,8 +39,12 @@ class VoiceSeparator:
     def _follow(self, packet: Packet, number: int | None) -> None:
         if isinstance(packet, ModelPacket):
             self._clock.add_model(packet, number)
-        elif isinstance(packet, ControlPacket) and packet.kind is ControlKind.FACE_FOUND:
+        elif not isinstance(packet, ControlPacket):
+            return
+        elif packet.kind is ControlKind.FACE_FOUND:
             self._clock.resume(packet.frame)
+        elif packet.kind is ControlKind.JOINED and number is None:
+            self._clock.join(packet.frame)
 
     def _split(self, packet: FramePacket, number: int | None) -> Packet | None:
         block, face = split_payload(self._clock.voice, packet.payload)

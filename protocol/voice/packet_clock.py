@@ -7,7 +7,7 @@ it is displaced.  Both ends follow the numbers of packets as docs/format.md spec
 
 from dataclasses import dataclass
 from fractions import Fraction
-from math import ceil
+from math import ceil, floor
 
 from protocol.call_parameters import CallParameters
 from protocol.frames.scalar_quantiser import THESIS_RATE_HZ
@@ -114,6 +114,24 @@ class PacketClock:
         call = self._models[-1].call
         per_frame = Fraction(SPEECH_FRAMES_PER_SECOND * call.fps_denominator, call.fps_numerator)
         return ceil(frame * per_frame)
+
+    def join(self, frame: int) -> None:
+        """Take source frame `frame` for the first one of the packet that follows."""
+        if self._models and not self._has_frames:
+            self._joined_late, self._newest = False, self._number_at(frame) - 1
+
+    def begins_call(self, number: int) -> bool:
+        """Whether packet `number` is the first of the call."""
+        model = self._of(number)
+        return not model.version and number == model.first
+
+    def first_frame(self, number: int) -> int:
+        """The first source frame that packet `number` shows."""
+        return ceil(self._of(number).first_frame(number))
+
+    def end_frame(self, number: int) -> int:
+        """The source frame after those of packet `number`, if it shows all its pictures."""
+        return floor(self._of(number).last_frame(number)) + 1
 
     def packets_until(self, frame: int) -> range:
         """Numbers after the newest packet's whose newest face is at or before source `frame`."""

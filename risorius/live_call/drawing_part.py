@@ -171,7 +171,7 @@ class _Drawing:
     def _note(self, arrival: Arrival) -> None:
         self._presence = Presence.HERE
         self._thinning.arrival_s = arrival.time_s
-        self.recorder.add(arrival.data)
+        self.recorder.add(arrival.data, arrival.number, arrival.session)
 
     def _show(self, frame: DrawnFrame) -> None:
         jpeg = encoded_picture(frame.picture)

@@ -30,14 +30,7 @@ from protocol.frames.temporal_prediction import PREDICTION_KINDS, FramePredictor
 from protocol.frames.transform_coding import serialise_transform
 from protocol.limits import MAX_IMAGE_BYTES, MAX_LAYER_BYTES
 from protocol.model_packet import ModelPacket
-from protocol.packets import (
-    ControlKind,
-    ControlPacket,
-    FramePacket,
-    LayerPacket,
-    Packet,
-    serialise,
-)
+from protocol.packets import ControlKind, ControlPacket, FramePacket, LayerPacket, Packet, serialise
 from protocol.progressive_model import stream_item
 from protocol.summary import summarise
 from risorius.commands.info import summary_table
@@ -61,6 +54,9 @@ def components() -> FrameTransform:
         np.zeros(len(MOVED), np.int8),
         np.full((len(MOVED), PREDICTION_KINDS), 28, np.uint8),
     )
+
+
+FIRST = replace(MODEL, call=DEFAULT, sequence=0, profile_data=serialise_transform(components()))
 
 
 def extensible_call() -> tuple[ModelPacket, list[bytes]]:
@@ -87,9 +83,7 @@ def payloads(sizes: tuple[float, ...]) -> list[bytes]:
 
 def accounts(frames: list[bytes]) -> BitAccounting:
     accounts = BitAccounting()
-    accounts.add(
-        replace(MODEL, call=DEFAULT, sequence=0, profile_data=serialise_transform(components()))
-    )
+    accounts.add(FIRST)
     for number, payload in enumerate(frames):
         accounts.add(FramePacket(number % 64, payload))
     return accounts
@@ -134,11 +128,9 @@ def test_a_component_is_shared_by_harm() -> None:
 
 def test_an_update_of_the_model_is_read_from_its_own_packet_on() -> None:
     sent = payloads((3.0, 1.0, 1.0))
-    extension = serialise_transform(components())
-    first = replace(MODEL, call=DEFAULT, sequence=0, profile_data=extension)
-    update = replace(first, version=1, version_count=2, sequence=len(sent))
+    update = replace(FIRST, version=1, version_count=2, sequence=len(sent))
     whole = BitAccounting()
-    whole.add(first)
+    whole.add(FIRST)
     for number, payload in enumerate(sent[:-1]):
         whole.add(FramePacket(number, payload))
     # Told a packet ahead, and once more for those who join late.
@@ -149,6 +141,18 @@ def test_an_update_of_the_model_is_read_from_its_own_packet_on() -> None:
         whole.add(update)
     once = accounts(sent).groups
     assert whole.groups == pytest.approx({name: 2 * count for name, count in once.items()})
+
+
+def test_frames_from_the_middle_of_a_call_are_read_with_the_model_before_its_update() -> None:
+    """The first has number 40 of its model, which an update follows from 50 on."""
+    found = BitAccounting()
+    found.add(FIRST)
+    found.add(ControlPacket(0, ControlKind.JOINED, 313))
+    other = replace(components(), scale_codes=np.zeros((len(MOVED), PREDICTION_KINDS), np.uint8))
+    update = replace(FIRST, sequence=50, version=1, version_count=2)
+    found.add(replace(update, profile_data=serialise_transform(other)))
+    found.add(FramePacket(42, payloads((3.0, 1.0, 1.0))[0]))
+    assert DAMAGED not in found.groups and found.groups["pose"] > 0
 
 
 def test_parts_of_the_model_add_up() -> None:
@@ -269,9 +273,8 @@ def test_a_damaged_transform_is_a_protocol_error() -> None:
 
 def test_a_summary_splits_a_call_of_the_default_profile(tmp_path: Path) -> None:
     path, sent = tmp_path / "call.rzo", payloads((3.0, 1.0, 1.0))
-    model = replace(MODEL, call=DEFAULT, sequence=0, profile_data=serialise_transform(components()))
     with CallWriter(path) as writer:
-        writer.send(serialise(model))
+        writer.send(serialise(FIRST))
         for number, payload in enumerate(sent):
             writer.send(serialise(FramePacket(number % 64, payload)))
         writer.send(serialise(ControlPacket(0, ControlKind.END, FRAMES)))

@@ -99,6 +99,33 @@ def test_who_joins_late_does_not_count_packets_from_the_start() -> None:
         assert clock.newest == number
 
 
+def test_who_joins_at_a_frame_knows_the_numbers_of_packets() -> None:
+    clock = clock_of(replace(FIRST, version=1))
+    clock.join(1 + 4 * 69)
+    assert clock.add_packet(70 % 64) == 70 and not clock.begins_call(70)
+    assert (clock.first_frame(70), clock.end_frame(70)) == (277, 281)
+    clock.join(0)
+    assert clock.newest == 70
+    clock.resume(400)
+    assert clock.newest == 99
+
+
+def test_without_a_model_nobody_joins() -> None:
+    clock = PacketClock()
+    clock.join(5)
+    assert clock.newest == -1
+
+
+def test_the_first_packet_of_a_call_is_that_of_its_first_model() -> None:
+    clock = clock_of()
+    clock.add_packet(0)
+    assert clock.begins_call(0) and not clock.begins_call(1)
+    assert (clock.first_frame(0), clock.end_frame(0)) == (0, 1)
+    clock.add_model(replace(FIRST, version=1, sequence=2))
+    clock.add_packet(2)
+    assert not clock.begins_call(2)
+
+
 def test_packets_are_due_when_their_newest_picture_is() -> None:
     clock = clock_of()
     assert clock.packets_until(8) == range(3)
