@@ -4,17 +4,20 @@ import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from conftest import ROOT, Start
 from processes import LIMIT_S, finish, first_line, one_line, wait_until
+from videos import EndlessVideo, endless_video
 
 from encoder.capture.video_source import open_source
 from loopback.process_pair import free_port
 
-THESIS = ("--profile", "thesis")
-NOBODY = "encode: nobody listens any more; sending on"
+WAIT = ("--wait", str(LIMIT_S))
+THESIS = ("--profile", "thesis", *WAIT)
+PROGRESS, NOBODY = "encode ", "encode: nobody listens any more; sending on"
 
 
 @pytest.fixture
@@ -29,6 +32,12 @@ def video(tmp_path: Path) -> Path:
     return tmp_path / "out.mkv"
 
 
+@pytest.fixture
+def endless(carphone: Path, tmp_path: Path) -> Iterator[EndlessVideo]:
+    with endless_video(carphone, tmp_path / "endless.y4m") as opened:
+        yield opened
+
+
 def wait_for_pictures(video: Path, decoder: subprocess.Popen[str]) -> None:
     """Wait until the decoder has written some."""
     part = video.with_suffix(".part.mkv")
@@ -36,11 +45,11 @@ def wait_for_pictures(video: Path, decoder: subprocess.Popen[str]) -> None:
 
 
 def going_on(
-    start: Start, clip: Path, endpoint: str, video: Path
+    start: Start, clip: EndlessVideo, endpoint: str, video: Path
 ) -> tuple[subprocess.Popen[str], subprocess.Popen[str]]:
     """Decoder and encoder of a call of which some pictures are written."""
     decoder = start("decode", "--listen", endpoint, "-o", video, "-q")
-    encoder = start("encode", clip, "--connect", endpoint, *THESIS, "-q")
+    encoder = start("encode", clip.path, "--connect", endpoint, *THESIS, "-q")
     wait_for_pictures(video, decoder)
     return decoder, encoder
 
@@ -99,9 +108,9 @@ def test_who_waits_says_for_whom_and_where_and_is_interrupted_at_once(
 
 
 def test_a_stopped_decoder_leaves_a_video_that_plays(
-    start: Start, carphone: Path, endpoint: str, video: Path
+    start: Start, endless: EndlessVideo, endpoint: str, video: Path
 ) -> None:
-    decoder, encoder = going_on(start, carphone, endpoint, video)
+    decoder, encoder = going_on(start, endless, endpoint, video)
     decoder.send_signal(signal.SIGINT)
     code, stderr = finish(decoder)
     assert code == 130 and "Traceback" not in stderr
@@ -111,9 +120,9 @@ def test_a_stopped_decoder_leaves_a_video_that_plays(
 
 
 def test_a_call_goes_on_by_itself_after_its_encoder_is_killed_and_started_again(
-    start: Start, carphone: Path, endpoint: str, video: Path
+    start: Start, carphone: Path, endless: EndlessVideo, endpoint: str, video: Path
 ) -> None:
-    decoder, encoder = going_on(start, carphone, endpoint, video)
+    decoder, encoder = going_on(start, endless, endpoint, video)
     encoder.kill()
     encoder.wait()
     again = start("encode", carphone, "--connect", endpoint, *THESIS, "-q", "--max-frames", "40")
@@ -128,7 +137,7 @@ def test_a_decoder_whose_encoder_leaves_without_a_face_fails(
     start: Start, noise: Path, networks: Path, endpoint: str
 ) -> None:
     decoder = start("decode", "--listen", endpoint, "-q")
-    encoder = start("encode", noise, "--connect", endpoint, "-q")
+    encoder = start("encode", noise, "--connect", endpoint, *WAIT, "-q")
     assert finish(encoder)[0] == 3
     code, stderr = finish(decoder)
     assert code == 4
@@ -136,37 +145,44 @@ def test_a_decoder_whose_encoder_leaves_without_a_face_fails(
 
 
 def news(stderr: str) -> list[str]:
-    """What was said after the first two lines; slow machines see lines of progress as well."""
-    return [line for line in stderr.splitlines()[2:] if "|" not in line]
+    """What was said besides lines of progress."""
+    return [line for line in stderr.splitlines() if not line.startswith(PROGRESS)]
 
 
 def test_an_encoder_whose_decoder_is_killed_sends_on_and_says_so(
-    start: Start, carphone: Path, endpoint: str, video: Path
+    start: Start, endless: EndlessVideo, endpoint: str, video: Path
 ) -> None:
-    encoder = start("encode", carphone, "--listen", endpoint, *THESIS)
+    encoder = start("encode", endless.path, "--listen", endpoint, *THESIS)
+    assert "not encrypted" in first_line(encoder)
+    assert "listening on" in first_line(encoder)
     decoder = start("decode", "--connect", endpoint, "-o", video)
     wait_for_pictures(video, decoder)
     decoder.kill()
+    while (line := first_line(encoder)) != NOBODY:
+        assert line.startswith(PROGRESS), line
+    endless.end()
     stdout, stderr = encoder.communicate(timeout=LIMIT_S)
     assert encoder.returncode == 0
-    assert news(stderr) == [NOBODY, "risorius: warning: nobody listened when the call ended"]
-    assert "120 frames of 176x144" in stdout and "nobody heard its end" in stdout
+    assert news(stderr) == ["risorius: warning: nobody listened when the call ended"]
+    assert f"{endless.count} frames of 176x144" in stdout and "nobody heard its end" in stdout
 
 
 def test_a_call_goes_on_by_itself_after_its_relay_is_started_again(
-    start: Start, carphone: Path, endpoint: str, video: Path
+    start: Start, endless: EndlessVideo, endpoint: str, video: Path
 ) -> None:
     relay = start("relay", "--listen", endpoint)
     assert first_line(relay) == f"relay: listening on {endpoint}"
-    encoder = start("encode", carphone, "--connect", endpoint, *THESIS, "-q")
+    encoder = start("encode", endless.path, "--connect", endpoint, *THESIS, "-q")
     decoder = start("decode", "--connect", endpoint, "-o", video, "-q")
     wait_for_pictures(video, decoder)
     relay.terminate()
     assert finish(relay)[0] == 0
     again = start("relay", "--listen", endpoint)
+    assert first_line(again) == f"relay: listening on {endpoint}"
+    endless.end()
     assert finish(encoder)[0] == 0
     assert finish(decoder)[0] == 0
-    assert count_pictures(video) == 120
+    assert count_pictures(video) == endless.count
     again.terminate()
     assert finish(again)[0] == 0
 
