@@ -14,8 +14,6 @@ from typing import Any
 from shared_model.errors import LINK_FAILED, UserError
 
 CALL = "bench"
-# How long the encoder may wait for the decoder to be there.
-PEER_WAIT_S = 30
 POLL_S = 0.05
 TERMINATION_GRACE_S = 5.0
 
@@ -54,7 +52,7 @@ def run_call(
     # The encoder waits for the decoder by itself, then it may go through the whole source first.
     options = {
         "decoder": ["--listen", endpoint, "-o", str(output), "--timeout", str(limit_s)],
-        "encoder": [source, "--connect", endpoint, "--wait", str(PEER_WAIT_S), *encoder_options],
+        "encoder": [source, "--connect", endpoint, "--wait", str(limit_s), *encoder_options],
     }
     processes: list[_Process] = []
     try:

@@ -28,8 +28,8 @@ from scripts.command import PROGRAM, run
 from scripts.relay_load.ends import PACKETS_PER_S
 from shared_model.errors import UserError
 
-# How long packets that are still on their way are waited for.
-GRACE_S = 1.0
+# For how long no packet may come until those that are still on their way are given up.
+PATIENCE_S = 1.0
 
 
 def main(argv: Sequence[str]) -> None:
@@ -49,7 +49,12 @@ def main(argv: Sequence[str]) -> None:
 
 
 def measure(
-    calls: int, subscribers: int, relays: int, seconds: float, scheme: str
+    calls: int,
+    subscribers: int,
+    relays: int,
+    seconds: float,
+    scheme: str,
+    patience_s: float = PATIENCE_S,
 ) -> dict[str, object]:
     """The figures of so many relays in a row; subscribers: of each call."""
     with ExitStack() as stack:
@@ -68,7 +73,7 @@ def measure(
         took_s = time.monotonic() - begun_s
         cores = [(_cpu_s(r.pid) - b) / took_s for r, b in zip(running, before, strict=True)]
         memory = max(_memory_bytes(relay.pid) for relay in running)
-        time.sleep(GRACE_S)
+        subscribing.stdin.write(f"{sent * subscribers} {patience_s}")
         subscribing.stdin.close()
         delays = json.loads(_line(subscribing))
     return {

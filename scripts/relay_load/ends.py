@@ -20,7 +20,7 @@ from protocol.packets import FramePacket, parse_packet, serialise
 # As long as a frame packet of 800 bit/s with SFrame, and as often.
 PACKET_BYTES, PACKETS_PER_S = 32, 3.125
 WARM_UP_S = 0.1
-NAP_S = 0.002
+NAP_S = 0.01
 _TIME = Struct(">d")
 
 
@@ -44,20 +44,23 @@ def send(endpoint: str, calls: int, seconds: float) -> None:
     while not select([sys.stdin], [], [], WARM_UP_S)[0]:
         for call, session in enumerate(sessions):
             session.put(f"d/{call}", _packet(0.0))
-    begun, busy_s, sent = time.monotonic(), time.process_time(), 0
-    while (elapsed_s := time.monotonic() - begun) < seconds:
-        while sent < int(elapsed_s * calls * PACKETS_PER_S):
-            call = order[sent % calls]
-            sessions[call].put(f"d/{call}", _packet(time.monotonic()))
-            sent += 1
-        time.sleep(NAP_S)
-    print(json.dumps([sent, time.process_time() - busy_s]), flush=True)
+    begun_s, busy_s = time.monotonic(), time.process_time()
+    count = int(seconds * calls * PACKETS_PER_S)
+    for number in range(count):
+        due_s = begun_s + (number + 1) / (calls * PACKETS_PER_S)
+        time.sleep(max(0.0, due_s - time.monotonic()))
+        call = order[number % calls]
+        sessions[call].put(f"d/{call}", _packet(time.monotonic()))
+    print(json.dumps([count, time.process_time() - busy_s]), flush=True)
     sys.stdin.read()
 
 
 def subscribe(endpoint: str, calls: int, subscribers: int) -> None:
-    """Parse all packets until standard input ends; print a line once each subscriber has one, and
-    at the end the delay of each packet, seconds."""
+    """Parse all packets; print a line once each subscriber has one.
+
+    Standard input ends with how many shall come, and for how long nothing may come until the others
+    are given up, seconds.  Then the delay of each packet is printed, seconds.
+    """
     delays: list[float] = []
     silent = set(range(calls * subscribers))
 
@@ -78,7 +81,12 @@ def subscribe(endpoint: str, calls: int, subscribers: int) -> None:
         session.declare_subscriber(f"d/{number % calls}", handler)
         _SESSIONS.append(session)
     print("ready", flush=True)
-    sys.stdin.read()
+    expected, patience_s = sys.stdin.read().split()
+    waited_s, came = 0.0, len(delays)
+    while len(delays) < int(expected) and waited_s < float(patience_s):
+        time.sleep(NAP_S)
+        waited_s = 0.0 if len(delays) > came else waited_s + NAP_S
+        came = len(delays)
     print(json.dumps(delays), flush=True)
 
 
@@ -98,7 +106,7 @@ def _session(endpoint: str) -> zenoh.Session:
         ("mode", "client"),
         ("scouting/multicast/enabled", False),
         ("connect/endpoints", [endpoint]),
-        ("connect/timeout_ms", 10_000),
+        ("connect/timeout_ms", 60_000),
         ("transport/link/tx/sequence_number_resolution", "8bit"),
     ):
         config.insert_json5(name, json.dumps(value))

@@ -6,12 +6,14 @@ import pty
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from conftest import PROGRAM, ROOT, Start
 from processes import LIMIT_S, error_line, finish, one_line, wait_until
+from videos import endless_video
 
 from protocol.call_file import CallReader
 from protocol.call_records import TruncatedCall
@@ -101,25 +103,32 @@ def test_bits_that_a_call_cannot_use_are_said(
     assert "--model-bytes 100000 is more than this model can use" in size
 
 
+@pytest.fixture
+def endless(carphone: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The demo clip over and over again."""
+    with endless_video(carphone, tmp_path_factory.mktemp("endless") / "pipe.y4m") as video:
+        yield video.path
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_stopped_encoder_leaves_a_whole_call(
-    number: signal.Signals, start: Start, carphone: Path, tmp_path: Path
+    number: signal.Signals, start: Start, endless: Path, tmp_path: Path
 ) -> None:
     call = tmp_path / "call.rzo"
     part = tmp_path / "call.rzo.part"
-    process = start("encode", carphone, "-o", call, "--profile", "thesis", "--pace", "-q")
+    process = start("encode", endless, "-o", call, "--profile", "thesis", "--pace", "-q")
     wait_until(lambda: part.exists() and count_packets(part) > 2, process)
     process.send_signal(number)
     code, stderr = finish(process)
     assert code == 130 and stderr == ""
     assert summarise(call).complete
-    assert 0 < summarise(call).frames < 120
+    assert summarise(call).frames > 0
 
 
-def test_a_closed_terminal_leaves_a_whole_call(carphone: Path, tmp_path: Path) -> None:
+def test_a_closed_terminal_leaves_a_whole_call(endless: Path, tmp_path: Path) -> None:
     call, part = tmp_path / "call.rzo", tmp_path / "call.rzo.part"
     terminal, stderr = pty.openpty()
-    line = [*PROGRAM, "encode", str(carphone), "-o", str(call), "--profile", "thesis", "--pace"]
+    line = [*PROGRAM, "encode", str(endless), "-o", str(call), "--profile", "thesis", "--pace"]
     process = subprocess.Popen(line, stderr=stderr, cwd=ROOT, text=True)
     os.close(stderr)
     try:
@@ -130,9 +139,10 @@ def test_a_closed_terminal_leaves_a_whole_call(carphone: Path, tmp_path: Path) -
         assert process.wait(LIMIT_S) == 130
     finally:
         process.kill()
-    assert summarise(call).complete and 0 < summarise(call).frames < 120
+    assert summarise(call).complete and summarise(call).frames > 0
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_an_encoder_that_trains_a_model_says_so_and_is_interrupted_at_once(
     carphone: Path, tmp_path: Path
 ) -> None:
@@ -144,13 +154,16 @@ def test_an_encoder_that_trains_a_model_says_so_and_is_interrupted_at_once(
         shown = b""
         while b"| 60/120" not in shown or not shown.endswith(b", training the model"):
             shown += os.read(terminal, 4096)
+        before_s = cpu_s(process.pid)
         process.send_signal(signal.SIGINT)
-        # Training takes twice as long at least.
-        assert process.wait(4) == 130
         # Beyond the end there is an error on Linux.
         with suppress(OSError):
             while more := os.read(terminal, 4096):
                 shown += more
+        os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
+        # Training takes several times as much; the time by the clock depends on other programs.
+        assert cpu_s(process.pid) - before_s < 4
+        assert process.wait() == 130
         assert shown.endswith(b"\r\nrisorius: interrupted: nothing was coded yet\r\n")
     finally:
         process.kill()
@@ -173,6 +186,12 @@ def test_without_the_landmark_networks_the_encoder_warns_and_goes_on(
     assert result.returncode == 0
     assert "Viola-Jones" in one_line(result.stderr)
     assert summarise(call).frames == 6
+
+
+def cpu_s(pid: int) -> float:
+    """What a process has used of the processor, also when it has just ended."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def count_packets(path: Path) -> int:
