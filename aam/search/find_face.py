@@ -1,4 +1,4 @@
-"""Search from coarse to fine in a picture, from a rough pose or from the eyes."""
+"""Search from coarse to fine in a picture, from the places of the eyes or from rough poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -46,34 +46,22 @@ def is_explained(model: MultiResolutionModel, fit: FaceFit) -> bool:
     return 1 - fit.error >= LEAST_EXPLAINED * model.levels[-1].contrast[0]
 
 
-def find_face(
-    model: MultiResolutionModel,
-    picture: Picture,
-    pose: Array,
-    options: SearchOptions | None = None,
-) -> FaceFit:
-    """The head of a model fitted to a face near a rough pose, from the mean shape.
+def find_from_eyes(model: MultiResolutionModel, picture: Picture, eyes_px: Array) -> FaceFit:
+    """The head of a model fitted to a face from the places of its eyes, as a detector finds them.
 
-    picture: (h, w, 3) or (h, w) uint8 BGR.  pose: (6,) of weak perspective, pixels of the picture.
-    """
-    window = face_window(picture, pose, window_px(model.sizes[-1]))
-    return _to_source(window, model, _find(model, window, [window.pose_to_window(pose)], options))
-
-
-def find_from_eyes(
-    model: MultiResolutionModel,
-    picture: Picture,
-    eyes_px: Array,
-    options: SearchOptions | None = None,
-) -> FaceFit:
-    """The same from the places of the eyes, as a detector finds them: several starts about them.
-
+    Searches start at the mean shape, at several poses about the eyes.
+    picture: (h, w, 3) or (h, w) uint8 BGR.
     eyes_px: (2, 2) middle of the right and of the left eye, pixels.
     """
     warp, mean = model.warp(0), model.levels[0].shape.mean
     window = face_window(picture, pose_from_eyes(warp, mean, eyes_px), window_px(model.sizes[-1]))
     starts = starts_at_eyes(warp, mean, window.to_window(eyes_px))
-    return _to_source(window, model, _find(model, window, starts, options))
+    warps = [model.warp(number) for number in range(len(model.levels))]
+    options = SearchOptions()
+    found = find_in_window(model.levels, warps, model.normalisation, window, starts, options)
+    pose = window.pose_to_source(found.pose)
+    landmarks = warps[-1].landmarks(found.shape, pose)
+    return FaceFit(pose, found.shape, landmarks, found.error, found.results)
 
 
 def starts_at_eyes(warp: Warp, shape: Array, eyes_px: Array) -> list[Array]:
@@ -94,7 +82,7 @@ def find_in_window(
     poses: Sequence[Array],
     options: SearchOptions,
 ) -> FaceFit:
-    """The same within a window; poses and landmarks in its pixels.
+    """The same within a window, from given poses; they and landmarks in its pixels.
 
     poses: each (p,), where searches start.  The one that leaves the least at the coarsest level
     goes on.
@@ -118,20 +106,3 @@ def find_in_window(
         shape = level.shape_of(results[-1].c)
     landmarks = warps[-1].landmarks(shape, pose)
     return FaceFit(pose, shape, landmarks, results[-1].error, tuple(results))
-
-
-def _find(
-    model: MultiResolutionModel,
-    window: FaceWindow,
-    poses: Sequence[Array],
-    options: SearchOptions | None,
-) -> FaceFit:
-    warps = [model.warp(number) for number in range(len(model.levels))]
-    chosen = options or SearchOptions()
-    return find_in_window(model.levels, warps, model.normalisation, window, poses, chosen)
-
-
-def _to_source(window: FaceWindow, model: MultiResolutionModel, found: FaceFit) -> FaceFit:
-    pose = window.pose_to_source(found.pose)
-    landmarks = model.warp(len(model.levels) - 1).landmarks(found.shape, pose)
-    return FaceFit(pose, found.shape, landmarks, found.error, found.results)
