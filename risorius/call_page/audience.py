@@ -12,6 +12,8 @@ from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 
 # Messages of each stream that may wait for one watcher: a packet's eight pictures come at once.
 MAX_WAITING = 24
+# How often it is looked whether anything still waits.
+NAP_S = 0.01
 
 Message = PictureMessage | SoundMessage | str
 
@@ -38,6 +40,11 @@ class Watcher:
             self._waiting.remove(same[0])
         self._waiting.append((key, message))
         self._arrived.set()
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether something has not been taken yet."""
+        return bool(self._waiting)
 
     def end(self) -> None:
         """Nothing comes any more, and what still waits is left out."""
@@ -91,6 +98,11 @@ class Audience:
         """Tell all that nothing comes any more."""
         for watcher in self._watchers:
             watcher.end()
+
+    async def emptied(self) -> None:
+        """Wait until all have taken what was sent to them."""
+        while any(watcher.is_waiting for watcher in self._watchers):
+            await asyncio.sleep(NAP_S)
 
     async def joined(self) -> None:
         """Wait for the first watcher."""

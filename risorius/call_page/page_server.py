@@ -28,6 +28,7 @@ from risorius.call_page.messages import (
 )
 
 BOUNDARY = "picture"
+PATIENCE_S = 0.5
 CommandCallback = Callable[[dict[str, Any]], None]
 CameraCallback = Callable[[PictureMessage], None]
 SoundCallback = Callable[[SoundMessage], None]
@@ -39,6 +40,7 @@ class PageServer:
     on_command: called with each command of a page; its `kind` is a string.
     on_camera, on_sound: called with each picture of a page's camera and each piece of sound of its
         microphone; of several pages one gives these at a time.  None: there are none.
+    patience_s: how long it takes at most for a picture that is on its way when it closes.
     """
 
     def __init__(
@@ -46,6 +48,7 @@ class PageServer:
         on_command: CommandCallback | None = None,
         on_camera: CameraCallback | None = None,
         on_sound: SoundCallback | None = None,
+        patience_s: float = PATIENCE_S,
     ) -> None:
         self.audience = Audience()
         self._on_command, self._on_camera, self._on_sound = on_command, on_camera, on_sound
@@ -53,7 +56,9 @@ class PageServer:
         self._page = (files("risorius.call_page") / "call.html").read_bytes()
         self._sockets: set[web.WebSocketResponse] = set()
         self._access = Access(0, random_token())
-        self._runner = web.AppRunner(self._application(), access_log=None, shutdown_timeout=0.5)
+        self._runner = web.AppRunner(
+            self._application(), access_log=None, shutdown_timeout=patience_s
+        )
 
     @property
     def address(self) -> str:

@@ -16,9 +16,9 @@ from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 from risorius.call_page.page_server import PageServer
 
 JPEG_QUALITY = 90
-# How often who waits for a page asks whether to stop, and how long the last pictures take to the
-# screen.
-NAP_S, LINGER_S = 0.1, 0.5
+# How often who waits for a page asks whether to stop, how long a slow page may take for the last
+# pictures, and these to the screen.
+NAP_S, LAST_S, LINGER_S = 0.1, 5.0, 0.5
 
 
 class PageThread:
@@ -72,6 +72,8 @@ class PageThread:
     def close(self) -> None:
         """Let the page show what it has, then end."""
         if self._joined.done():
+            with suppress(TimeoutError):
+                self._wait(asyncio.wait_for(self._server.audience.emptied(), LAST_S))
             time.sleep(LINGER_S)
         self._joined.cancel()
         self._wait(self._server.close())

@@ -50,7 +50,7 @@ def test_a_picture_on_its_way_when_the_call_ends_is_whole() -> None:
     noise = encoded_picture(np.random.default_rng(1).integers(0, 256, LARGE, np.uint8))
 
     async def read() -> bytes:
-        async with PageServer() as page, aiohttp.ClientSession() as client:
+        async with PageServer(patience_s=LIMIT_S) as page, aiohttp.ClientSession() as client:
             await page.open(0)
             async with client.get(page.address + "stream.mjpg") as answer:
                 for index in range(COUNT):
