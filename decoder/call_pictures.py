@@ -77,9 +77,9 @@ class CallPictures:
 
     source: of the packets; None: what the options name.
     wants: whether to draw the picture of a source frame; who cannot draw all leaves some out.
-    While one picture is drawn, the next is prepared.  Attributes `stats`, `timer` and `playout`
-    hold what the report needs.  Raises `UserError` if the call cannot be read or drawn; with exit
-    code 4 if its encoder leaves before it has sent a face.
+    While a graphics card draws one picture, the next is prepared.  Attributes `stats`, `timer` and
+    `playout` hold what the report needs.  Raises `UserError` if the call cannot be read or drawn;
+    with exit code 4 if its encoder leaves before it has sent a face.
     """
 
     def __init__(

@@ -1,5 +1,6 @@
 """The OpenGL context, and the programs, framebuffers and textures in it."""
 
+import os
 from importlib.resources import files
 from typing import Any
 
@@ -18,6 +19,10 @@ def create_context() -> moderngl.Context:
 
     Objects without references are freed when its `gc` is called.
     """
+    # Mesa's llvmpipe, which draws in software, shall draw in the caller's thread.  A thread of its
+    # own (in 22.3.6) still holds a fence's mutex when whoever reads the fence's count without it
+    # frees the fence: the unlocking then writes to memory that is something else's by now.
+    os.environ.setdefault("LP_NUM_THREADS", "0")
     try:
         context = moderngl.create_context(standalone=True, backend="egl")  # type: ignore[arg-type]
     except Exception as error:  # glcontext raises bare Exception, ImportError or OSError
