@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import MakeOnce, Start
-from processes import finish, first_line, one_line, wait_until
+from processes import LIMIT_S, finish, first_line, one_line, wait_until
 from shots import draw, talking
 from sounds import voiced_sound, write_wave
 
@@ -133,7 +133,9 @@ def knock(invitation: Invitation, first: "subprocess.Popen[str]") -> list[str]:
 
     Returns what the first end has said until then.
     """
-    place = LinkOptions(f"{invitation.call}-b", connect=(invitation.address,))
+    place = LinkOptions(
+        f"{invitation.call}-b", connect=(invitation.address,), connect_timeout_s=LIMIT_S
+    )
     with ZenohSink(replace(place, security=LinkSecurity(random_key()))):
         said = [first_line(first)]
         while "knocks" not in said[-1]:

@@ -131,8 +131,16 @@ def test_a_closed_terminal_leaves_a_whole_call(endless: Path, tmp_path: Path) ->
     line = [*PROGRAM, "encode", str(endless), "-o", str(call), "--profile", "thesis", "--pace"]
     process = subprocess.Popen(line, stderr=stderr, cwd=ROOT, text=True)
     os.close(stderr)
+    os.set_blocking(terminal, False)
+
+    def has_packets() -> bool:
+        # A terminal that is full would hold the encoder up.
+        with suppress(BlockingIOError):
+            os.read(terminal, 65536)
+        return part.exists() and count_packets(part) > 2
+
     try:
-        wait_until(lambda: part.exists() and count_packets(part) > 2, process)
+        wait_until(has_packets, process)
         # Nobody takes what is said from here on.
         os.close(terminal)
         process.send_signal(signal.SIGHUP)

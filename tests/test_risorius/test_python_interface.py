@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT
+from processes import LIMIT_S
 
 import risorius
 from loopback.process_pair import free_port
@@ -80,12 +81,12 @@ def test_a_call_over_a_network_is_opened_with_its_invitation(call: Path) -> None
     options = LinkOptions("anna", (invitation.address,), lossless=True, security=security)
 
     def send() -> None:
-        with ZenohSink(options) as sink, CallReader(call) as packets:
-            sink.wait_for_peer(60)
+        with CallReader(call) as packets:
+            sink.wait_for_peer(LIMIT_S)
             for packet in packets:
                 sink.send(packet)
 
-    with ThreadPoolExecutor(1) as background:
+    with ZenohSink(options) as sink, ThreadPoolExecutor(1) as background:
         sending = background.submit(send)
         with risorius.open_call(invite=str(invitation)) as opened:
             assert len(list(opened)) == 30 and opened.complete

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from threading import Barrier
 
 import pytest
+from processes import LIMIT_S
 
 from encoder.learning.step_search import INFEASIBLE_COST, best_candidate
 
@@ -48,7 +49,7 @@ def test_one_thread_tries_nothing_that_is_not_needed() -> None:
 
 
 def test_two_threads_encode_the_next_step_and_the_one_after_it_together() -> None:
-    coder, both = Coder(12.0), Barrier(2, timeout=60)
+    coder, both = Coder(12.0), Barrier(2, timeout=LIMIT_S)
 
     def encode(step: int) -> Coded:
         if step in (12, 10):

@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import pytest
+from processes import LIMIT_S
 
 from encoder.runtime.child_process import start_child
 
@@ -26,5 +27,5 @@ def test_a_child_says_what_it_has(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     process, connection = start_child("some_child", ["it's", "so"])
     with connection, connection.makefile() as file:
         said = file.read()
-    assert process.wait(60) == 0
+    assert process.wait(LIMIT_S) == 0
     assert said == '[[1], ["it\'s", "so"], true]'

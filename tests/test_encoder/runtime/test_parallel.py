@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 
 import pytest
+from processes import LIMIT_S
 from threadpoolctl import threadpool_info, threadpool_limits  # type: ignore[import-untyped]
 
 from encoder.runtime.parallel import (
@@ -80,7 +81,7 @@ def test_the_next_item_is_computed_while_an_item_is_in_use() -> None:
 
     found = []
     for number in prefetch(items()):
-        assert all(event.wait(10) for event in made[: number + 2])
+        assert all(event.wait(LIMIT_S) for event in made[: number + 2])
         found.append(number)
     assert found == [0, 1, 2, 3]
 
@@ -104,7 +105,7 @@ def test_closing_waits_for_the_item_under_way() -> None:
 
     reading = prefetch(items())
     next(reading)
-    begun.wait(10)
+    begun.wait(LIMIT_S)
     reading.close()
     assert done.is_set()
 
