@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 # What takes longer is stuck, however busy the machine is.
-LIMIT_S = 300.0
+LIMIT_S = 600.0
 # The first of the descriptors that cannot collide with 3 and 4.
 HIGH_FD = 20
 

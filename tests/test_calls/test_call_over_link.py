@@ -9,12 +9,14 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT, Start
-from processes import LIMIT_S, finish, first_line, one_line, wait_until
+from processes import LIMIT_S, error_line, finish, first_line, one_line, wait_until
 from videos import EndlessVideo, endless_video
 
 from encoder.capture.video_source import open_source
 from loopback.process_pair import free_port
+from risorius.cli import main
 
+Capture = pytest.CaptureFixture[str]
 WAIT = ("--wait", str(LIMIT_S))
 THESIS = ("--profile", "thesis", *WAIT)
 PROGRESS, NOBODY = "encode ", "encode: nobody listens any more; sending on"
@@ -59,36 +61,34 @@ def count_pictures(video: Path) -> int:
         return sum(1 for _ in capture)
 
 
-def test_a_port_in_use_is_a_failed_link(start: Start) -> None:
+def test_a_port_in_use_is_a_failed_link(capsys: Capture) -> None:
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
-        code, stderr = finish(start("decode", "--listen", f"tcp/127.0.0.1:{port}", "-q"))
-    assert code == 4
-    assert "in use" in one_line(stderr)
+        assert main(["decode", "--listen", f"tcp/127.0.0.1:{port}", "-q"]) == 4
+    assert "in use" in error_line(capsys)
 
 
-def test_a_decoder_without_a_caller_gives_up_when_told_to(start: Start, endpoint: str) -> None:
-    code, stderr = finish(start("decode", "--listen", endpoint, "--timeout", "0.5", "-q"))
-    assert code == 4
-    assert "no call came within 0.5 s" in one_line(stderr)
+def test_a_decoder_without_a_caller_gives_up_when_told_to(endpoint: str, capsys: Capture) -> None:
+    assert main(["decode", "--listen", endpoint, "--timeout", "0.5", "-q"]) == 4
+    assert "no call came within 0.5 s" in error_line(capsys)
 
 
-def test_an_encoder_without_a_decoder_gives_up(start: Start, carphone: Path, endpoint: str) -> None:
-    code, stderr = finish(start("encode", carphone, "--listen", endpoint, "--wait", "0.5", "-q"))
-    assert code == 4
-    assert "no decoder" in one_line(stderr)
+def test_an_encoder_without_a_decoder_gives_up(
+    carphone: Path, endpoint: str, capsys: Capture
+) -> None:
+    assert main(["encode", str(carphone), "--listen", endpoint, "--wait", "0.5", "-q"]) == 4
+    assert "no decoder" in error_line(capsys)
 
 
 @pytest.mark.parametrize("command", ["decode --timeout", "encode {} --wait"])
 def test_who_cannot_connect_gives_up_in_the_time_given(
-    command: str, start: Start, carphone: Path, endpoint: str
+    command: str, carphone: Path, endpoint: str, capsys: Capture
 ) -> None:
     line = command.format(carphone).split()
-    code, stderr = finish(start(*line, "0.5", "--connect", endpoint, "-q"))
-    assert code == 4
-    assert f"cannot reach {endpoint} within 0.5 s" in one_line(stderr)
+    assert main([*line, "0.5", "--connect", endpoint, "-q"]) == 4
+    assert f"cannot reach {endpoint} within 0.5 s" in error_line(capsys)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import MakeOnce, Start
-from processes import LIMIT_S, finish, first_line, one_line, wait_until
+from processes import LIMIT_S, finish, first_line, wait_until
 from shots import draw, talking
 from sounds import voiced_sound, write_wave
 
@@ -247,9 +247,3 @@ def test_nobody_at_the_address_is_a_failed_link(material: Material, start: Start
     page_of(caller)
     code, stderr = finish(caller)
     assert code == 4 and f"cannot reach {where}" in stderr
-
-
-def test_a_camera_that_is_not_there_is_one_line(start: Start) -> None:
-    caller = start("call", "--listen", f"127.0.0.1:{free_port()}", "--camera", "nosuch.mp4")
-    code, stderr = finish(caller)
-    assert code == 2 and one_line(stderr) == "risorius: cannot read nosuch.mp4: no such file"

@@ -16,10 +16,11 @@ import pytest
 from call_files import call_file
 from conftest import PROGRAM, ROOT, Start
 from numpy.typing import NDArray
-from processes import LIMIT_S, until
+from processes import LIMIT_S, one_line, until
 
 from loopback.browser import Browser, find_browser
 from risorius.animation.animation_script import AnimationState
+from risorius.cli import main
 from risorius.view.server import RequestQueue
 from risorius.view.view_state import page_description, state_from_query
 from shared_model.anatomy.expressions import EMOTIONS
@@ -185,14 +186,13 @@ def test_a_caller_is_shown_in_their_own_picture_and_may_be_reshaped(
     assert difference(rest, server.picture("cranial_width=1")) > 0.5
 
 
-def test_a_port_in_use_is_one_line_and_exit_code_4(start: Start) -> None:
+def test_a_port_in_use_is_one_line_and_exit_code_4(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        process = start("view", "--port", str(taken.getsockname()[1]))
-        stdout, stderr = process.communicate(timeout=LIMIT_S)
-    assert process.returncode == 4 and not stdout
-    assert len(stderr.splitlines()) == 1 and "another --port" in stderr
+        assert main(["view", "--port", str(taken.getsockname()[1])]) == 4
+    said = capsys.readouterr()
+    assert not said.out and "another --port" in one_line(said.err)
 
 
 def test_moving_a_slider_and_dragging_the_face_change_what_the_browser_shows(
