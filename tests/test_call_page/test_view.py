@@ -136,12 +136,12 @@ def test_the_voice_of_a_call_is_played_with_its_pictures(
     talking, call = tmp_path / "talking.mkv", tmp_path / "call.rzo"
     with open_source(str(carphone)) as capture:
         size = capture.width, capture.height
-        frames = [frame for _, frame in zip(range(40), capture, strict=False)]
+        frames = [frame for _, frame in zip(range(60), capture, strict=False)]
     # Slow, so that a busy browser has opened its sound long before the end.
-    with open_sink(talking, *size, Fraction(5, 2), "bt601", False, 8000) as sink:
+    with open_sink(talking, *size, Fraction(10), "bt601", False, 8000) as sink:
         for _, frame in frames:
             sink.write(frame)
-        sink.write_sound(voiced_sound(3200 * len(frames)))
+        sink.write_sound(voiced_sound(800 * len(frames)))
     assert main(["encode", str(talking), "-o", str(call), "--profile", "thesis", "-q"]) == 0
     viewer = start("decode", call, "--view", "-q")
     browser.call("Page.navigate", url=address_of(viewer))
