@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import MakeOnce, Start
 from numpy.typing import NDArray
-from processes import finish
+from processes import LIMIT_S, finish
 from sounds import voiced_sound
 
 from decoder.sinks.frame_sink import open_sink
@@ -74,7 +74,8 @@ def test_a_voice_goes_over_a_link_into_the_decoded_video(
     pytest.importorskip("webrtcvad")
     endpoint, decoded = f"tcp/127.0.0.1:{free_port()}", tmp_path / "out.mkv"
     decoder = start("decode", "--listen", endpoint, "-o", decoded, "-q")
-    encoder = start("encode", talking, "--connect", endpoint, "--profile", "thesis", "-q")
+    options = ("--profile", "thesis", "--wait", str(LIMIT_S), "-q")
+    encoder = start("encode", talking, "--connect", endpoint, *options)
     assert finish(encoder) == (0, "") and finish(decoder) == (0, "")
     *samples, rate_hz = sound_samples(decoded)
     assert rate_hz == RATE_HZ
