@@ -1,5 +1,6 @@
 """Processes of the program that a test starts: waiting for them, and reading their output."""
 
+import re
 import subprocess
 import time
 from collections.abc import Callable
@@ -10,11 +11,17 @@ if TYPE_CHECKING:
 
 # What takes longer is stuck, however busy the machine is: a test that passes never waits so long.
 LIMIT_S = 600.0
+PROGRESS = re.compile(r"\w+ (\d+ frames|\|[#.]*\| \d+/\d+) \d+/s")
+
+
+def without_progress(stderr: str) -> list[str]:
+    """The lines of stderr without those of progress, of which a slow host sees some."""
+    return [line for line in stderr.splitlines() if not PROGRESS.match(line)]
 
 
 def one_line(stderr: str) -> str:
-    """The text of stderr, which is a single line."""
-    lines = stderr.splitlines()
+    """The text of stderr, which is a single line besides progress."""
+    lines = without_progress(stderr)
     assert len(lines) == 1, stderr
     assert lines[0].startswith("risorius: ")
     return lines[0]

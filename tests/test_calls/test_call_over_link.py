@@ -9,7 +9,15 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT, Start
-from processes import LIMIT_S, error_line, finish, first_line, one_line, wait_until
+from processes import (
+    LIMIT_S,
+    error_line,
+    finish,
+    first_line,
+    one_line,
+    wait_until,
+    without_progress,
+)
 from videos import EndlessVideo, endless_video
 
 from encoder.capture.video_source import open_source
@@ -19,7 +27,7 @@ from risorius.cli import main
 Capture = pytest.CaptureFixture[str]
 WAIT = ("--wait", str(LIMIT_S))
 THESIS = ("--profile", "thesis", *WAIT)
-PROGRESS, NOBODY = "encode ", "encode: nobody listens any more; sending on"
+NOBODY = "encode: nobody listens any more; sending on"
 
 
 @pytest.fixture
@@ -144,11 +152,6 @@ def test_a_decoder_whose_encoder_leaves_without_a_face_fails(
     assert "its encoder left before it sent a face" in one_line(stderr)
 
 
-def news(stderr: str) -> list[str]:
-    """What was said besides lines of progress."""
-    return [line for line in stderr.splitlines() if not line.startswith(PROGRESS)]
-
-
 def test_an_encoder_whose_decoder_is_killed_sends_on_and_says_so(
     start: Start, endless: EndlessVideo, endpoint: str, video: Path
 ) -> None:
@@ -159,11 +162,11 @@ def test_an_encoder_whose_decoder_is_killed_sends_on_and_says_so(
     wait_for_pictures(video, decoder)
     decoder.kill()
     while (line := first_line(encoder)) != NOBODY:
-        assert line.startswith(PROGRESS), line
+        assert not without_progress(line), line
     endless.end()
     stdout, stderr = encoder.communicate(timeout=LIMIT_S)
     assert encoder.returncode == 0
-    assert news(stderr) == ["risorius: warning: nobody listened when the call ended"]
+    assert without_progress(stderr) == ["risorius: warning: nobody listened when the call ended"]
     assert f"{endless.count} frames of 176x144" in stdout and "nobody heard its end" in stdout
 
 
