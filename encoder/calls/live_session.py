@@ -5,14 +5,14 @@ model meanwhile stands in `model_lifecycle`.
 """
 
 import time
-from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from encoder.calls.face_search import open_landmark_search, warn_of_long_search
+from encoder.calls.frame_source import FrameDelay, SeenFrame
 from encoder.calls.model_lifecycle import ModelLifecycle, ModelState
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
 from encoder.calls.overload import OverloadController
@@ -29,6 +29,7 @@ from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget
 from encoder.coding.rate_control import OnlineRateController, RateTarget
 from encoder.detection.iris import WIDE_CROP_SCALE
+from encoder.learning.incremental_modes import FaceSample
 from encoder.live_model.learner import Learner
 from encoder.live_model.other_face import ShownFace
 
@@ -38,19 +39,6 @@ Picture = NDArray[np.uint8]
 # Frames that wait for their packet are fitted again with new modes until a frame has taken this
 # share of its time; the last one of a packet, after which it is too late.
 REFIT_TIME_SHARE, LAST_REFIT_TIME_SHARE = 0.9, 1.5
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _SeenFrame:
-    """A source frame that has been seen and is not coded yet.
-
-    picture: (h, w, 3) BGR, empty where the camera is off.
-    points: (468, 3) landmarks, pixels; None: no face was found.
-    """
-
-    index: int
-    picture: Picture
-    points: Array | None
 
 
 class LiveEncoder:
@@ -89,7 +77,7 @@ class LiveEncoder:
         self._realtime = realtime
         self._overload = OverloadController(1 / fps) if realtime else None
         self._frame_begin_s = 0.0
-        self._delay_frames, self._seen = round(delay_s * fps), deque[_SeenFrame]()
+        self._delay = FrameDelay(delay_s, fps)
         self._first_index = 0  # of the call's source frames
         lead = LEAD_PACKETS if realtime else LEAD_PACKETS_UNPACED
         updates = ModelUpdateSender(packets, stats, gop, fps, lead)
@@ -103,7 +91,12 @@ class LiveEncoder:
     @property
     def started(self) -> bool:
         """See `CallSession`."""
-        return self._has_model or any(frame.points is not None for frame in self._seen)
+        return self._has_model or self._delay.shows_face
+
+    @property
+    def _learns_ahead(self) -> bool:
+        """Whether models learn from frames that wait."""
+        return self._realtime and bool(self._delay)
 
     @property
     def _has_model(self) -> bool:
@@ -114,7 +107,8 @@ class LiveEncoder:
         had_model = self._has_model
         self._frame_begin_s = self._clock()
         self._see(index, picture, next_frame)
-        self._encode_seen(index - self._delay_frames)
+        for frame in self._delay.due(index):
+            self._encode(frame)
         if not had_model:
             return
         passed_s = self._clock() - self._frame_begin_s
@@ -124,7 +118,10 @@ class LiveEncoder:
 
     def end(self, frames: int) -> None:
         """See `CallSession`."""
-        self._encode_seen(frames)
+        # In a hurry, nothing more would be learned in real time.
+        for frame in self._delay.rest(self._clock if self._realtime else None):
+            self._frame_begin_s = self._clock()
+            self._encode(frame)
         if len(self._filler):
             # By its last packet the call may reach a version whose modes are learned.
             self._send_packet()
@@ -149,20 +146,25 @@ class LiveEncoder:
         """Find the face in a frame, to learn from it before it is coded."""
         found = self._search.find(picture, next_frame) if picture.size else None
         points = None if found is None else found.points
-        if points is not None:
-            self._model.add_frame(picture, points)
-            if self._realtime and self._delay_frames:
-                # The first update is trained while its frames wait.
-                self._begin(index)
-                self._model.train_if_due(self._position)
-        self._seen.append(_SeenFrame(index, picture, points))
+        self._delay.add(SeenFrame(index, picture, points, self._frame_begin_s))
+        if points is None:
+            return
+        self._model.add_frame(picture, points)
+        if self._learns_ahead:
+            # Updates are trained, and modes learned, while their frames wait.
+            self._begin(index)
+            self._model.train_if_due(self._position)
+            self._learn(index, lambda: self._model.version.sample(picture, points, False))
 
-    def _encode_seen(self, last: int) -> None:
-        """Encode the frames that wait, up to source frame `last`."""
-        while self._seen and self._seen[0].index <= last:
-            self._encode(self._seen.popleft())
+    def _learn(self, index: int, sample: Callable[[], FaceSample], may_start: bool = True) -> None:
+        """Learn modes from source frame `index`, and use those that are learned.
 
-    def _encode(self, frame: _SeenFrame) -> None:
+        sample, may_start: see `ModelLifecycle.learn_modes`.
+        """
+        if self._model.learn_modes(index, sample, may_start):
+            self._filler.mark_outdated()
+
+    def _encode(self, frame: SeenFrame) -> None:
         index, picture = frame.index, frame.picture
         if not self._is_before_call(index):
             self._repeat_over_gap(index)
@@ -227,10 +229,10 @@ class LiveEncoder:
             face = fit(sample, self._filler.initial_face)
         self._filler.fill_gap(index, self._packet_frames - 1, face)
         self._filler.add(face, sample)
-        # All frames of a packet have the modes that are there when it goes out.
-        may_start = self._realtime or self._is_packet_full
-        if self._model.learn_modes(index, replace(sample, face=face), may_start):
-            self._filler.mark_outdated()
+        if not self._learns_ahead:
+            # All frames of a packet have the modes that are there when it goes out.
+            may_start = self._realtime or self._is_packet_full
+            self._learn(index, lambda: replace(sample, face=face), may_start)
         with self._stats.stage("fit"):
             while self._may_refit and self._filler.refit_newest(self._model.version):
                 pass

@@ -18,7 +18,7 @@ Only an update that is sent in layers passes through SENDING_LAYERS.  The call m
 Another face (`encoder.live_model.other_face`) is an update, too; the caller's wait until it goes.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 from enum import StrEnum
@@ -157,10 +157,10 @@ class ModelLifecycle:
         self._start_modes(version)
         self._go_to(ModelState.CODING)
 
-    def learn_modes(self, index: int, sample: FaceSample, may_start: bool) -> bool:
+    def learn_modes(self, index: int, sample: Callable[[], FaceSample], may_start: bool) -> bool:
         """Learn modes from source frame `index`, and send those that are learned.
 
-        sample: the frame, with the face as the version in use has it.
+        sample: makes the frame's, with the face as the version in use has it, or without one.
         may_start: begin to learn now if it is time.
         Returns whether the version in use has modes that it had not.
         """
@@ -168,7 +168,8 @@ class ModelLifecycle:
             return False
         for_next = self._state is ModelState.SWITCHING
         if self._modes.wants_sample(index):
-            self._modes.add_sample(index, replace(sample, face=None) if for_next else sample)
+            made = sample()
+            self._modes.add_sample(index, replace(made, face=None) if for_next else made)
         if not self._may_send_modes:
             return False
         version = self._next_version if for_next else self._version

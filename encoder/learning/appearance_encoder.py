@@ -13,7 +13,7 @@ from encoder.appearance.masks import root_weight_and_support
 from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.appearance.texture_samples import TextureSamples
 from encoder.learning.orthogonal_residual import OrthogonalResidual
-from encoder.learning.step_search import INFEASIBLE_COST, best_candidate
+from encoder.learning.step_search import INFEASIBLE_COST, best_candidate, filling_candidate
 from encoder.picture_coding.image_budget import encode_picture_within
 from encoder.picture_coding.picture_encoder import EncodedPicture, encode_mode, encode_picture
 from protocol.pictures.picture_codec import MAX_STEP_CODE, ModeCodec, to_planes
@@ -67,11 +67,12 @@ def encode_appearance(
     max_bytes: int,
     max_modes: int,
     workers: int | None = None,
+    searches_step: bool = True,
 ) -> CodedAppearance:
     """Encode mean and modes in `max_bytes` at the quantiser step of least residual.
 
     samples: of which modes are found.  mean: (k, 3) BGR.  mask: (k,) see `face_mask`.
-    workers: see `parallel_map`.
+    workers: see `parallel_map`.  searches_step: else two steps are tried at most.
     """
     atlas_mean = filled_atlas(shape.atlas, mean)
     weight_map = encode_weight_map(cell_weights(shape.atlas, samples.weight))
@@ -93,7 +94,10 @@ def encode_appearance(
         max_bytes,
         max_modes,
     )
-    return _finalise(best_candidate(coder.encode, coder.initial_step(), max_bytes, workers))
+    start = coder.initial_step()
+    if not searches_step:
+        return _finalise(filling_candidate(coder.encode, start, max_bytes))
+    return _finalise(best_candidate(coder.encode, start, max_bytes, workers))
 
 
 def cell_weights(atlas: Atlas, weight: Single) -> Array:

@@ -100,6 +100,7 @@ class TrainingOptions:
     weight_mouth: multiply the weight of mouth and lips, see `mouth_weights`.
     nominal_texels: see `TexelFitter`.
     reference: index of the frame whose face is the reference.
+    searches_step: see `encode_appearance`.
     """
 
     texture_size: int
@@ -110,6 +111,7 @@ class TrainingOptions:
     weight_mouth: bool = False
     nominal_texels: int = NOMINAL_TEXELS
     reference: int = 0
+    searches_step: bool = True
 
 
 def build_person_model(
@@ -143,8 +145,16 @@ def build_person_model(
     samples = replace(samples, weight=weight)
     sharp = super_resolved(shape, samples, crops, sampled, workers)
     mean = mean_texture(shape, sharp, default_colours(face.head, shape.atlas))
-    max_bytes = options.appearance_bytes
-    appearance = encode_appearance(shape, sharp, mean, mask, max_bytes, options.max_modes, workers)
+    appearance = encode_appearance(
+        shape,
+        sharp,
+        mean,
+        mask,
+        options.appearance_bytes,
+        options.max_modes,
+        workers,
+        options.searches_step,
+    )
     template = sampled_template(shape, samples, sharp, appearance)
     fitter = TexelFitter(face.head, face, shape, template, nominal_texels=options.nominal_texels)
     sampled = fit_samples(fitter, crops, sampled, workers)

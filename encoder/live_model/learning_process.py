@@ -27,7 +27,11 @@ from encoder.live_model.model_version import ModelVersion
 from encoder.live_model.object_stream import ObjectStream
 from encoder.live_model.warm_up import warm_up
 from encoder.runtime.child_process import start_child
-from encoder.runtime.parallel import NICENESS, low_priority_executor, short_switch_interval
+from encoder.runtime.parallel import (
+    low_priority_executor,
+    lower_priority_of_process,
+    short_switch_interval,
+)
 from shared_model.surround import head_with_surround
 
 
@@ -147,8 +151,7 @@ class LearningProcess:
 def serve(descriptor: int) -> None:
     """Learn for the process at the other end of a socket until it is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with suppress(OSError):
-        os.nice(NICENESS)
+    lower_priority_of_process()
     # Modes are learned beside the training of an update: neither may hold the interpreter for long.
     with short_switch_interval():
         _Server(ObjectStream(socket.socket(fileno=descriptor))).run()

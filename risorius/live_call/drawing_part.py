@@ -9,6 +9,7 @@ import numpy as np
 
 from decoder.call_pictures import CallOptions, CallPictures, DrawnFrame, open_source
 from decoder.sound.sound_track import Samples, SoundTrack, open_sound_track
+from encoder.runtime.parallel import lower_priority_of_process
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
 from protocol.link.interface import Arrival, PacketSource
@@ -37,8 +38,6 @@ LOSS_S = 10
 SILENT_LEVEL = 30
 # The sound of so many source frames after the one that is drawn may be known already.
 MAX_AHEAD = 64
-# By how much the picture of oneself stands back behind the other parts of a call.
-SELF_NICENESS = 5
 # How long to wait before the next try of a link.
 RETRY_S = 1.0
 
@@ -49,7 +48,8 @@ def run(part: PartConnection, options: DrawingOptions) -> None:
     Raises `UserError` if the link cannot be made the first time.
     """
     if options.place is None:
-        os.nice(SELF_NICENESS)
+        # The picture of oneself stands back behind the other parts of a call.
+        lower_priority_of_process()
     drawing = _Drawing(part, options)
     part.in_background(drawing.obey)
     part.every_second(drawing.figures)

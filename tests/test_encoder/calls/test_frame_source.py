@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from encoder.calls.frame_source import FrameSource
+from encoder.calls.frame_source import FrameDelay, FrameSource, SeenFrame
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture, open_source
 
@@ -42,3 +42,17 @@ def test_what_was_read_before_a_stop_is_encoded(capture: Capture) -> None:
 
 def test_paced_frames_come_alone(capture: Capture) -> None:
     assert shades(capture, pace=True, max_frames=2) == [(0, 0, None), (1, 10, None)]
+
+
+def test_frames_wait_their_time_in_the_time_of_the_source() -> None:
+    delay, nothing = FrameDelay(0.5, fps=4), np.zeros((0, 0, 3), np.uint8)
+    due = []
+    for index in (0, 1, 3, 4):
+        points = np.zeros((468, 3)) if index == 3 else None
+        delay.add(SeenFrame(index, nothing, points, seen_s=0.0))
+        due.append([frame.index for frame in delay.due(index)])
+    assert due == [[], [], [0, 1], []] and delay.shows_face
+    # The clock is past the time of all that wait.
+    assert [frame.index for frame in delay.rest(lambda: 0.6)] == [3, 4]
+    assert not delay.shows_face and list(delay.rest(None)) == []
+    assert delay and not FrameDelay(0, fps=4)

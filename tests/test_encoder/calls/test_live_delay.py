@@ -20,7 +20,7 @@ from encoder.pipeline import encode
 from protocol.call_file import CallWriter
 from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
-from protocol.packets import ControlKind, ControlPacket, FramePacket, Packet
+from protocol.packets import ControlKind, ControlPacket, FramePacket, LayerPacket, Packet
 from protocol.pictures.layered_background import is_layered
 from risorius.cli import main
 
@@ -61,10 +61,10 @@ def test_a_clip_that_is_shorter_than_the_delay_is_a_whole_call(
     assert [frame.index for frame in played(path)] == list(range(6))
 
 
-def test_in_real_time_the_model_is_sent_at_once_and_frames_when_they_have_waited(
+def test_in_real_time_the_model_and_its_modes_are_sent_at_once_and_frames_when_they_have_waited(
     talking_clip: Path, networks: Path, tmp_path: Path
 ) -> None:
-    """Frames before the first face wait, too."""
+    """Frames before the first face wait, too.  Modes are learned from those that wait."""
     path, before, delay = tmp_path / "call.rzo", 3, 20
     with open_source(str(talking_clip)) as capture:
         pictures = [picture for _, picture in capture][: FRAMES - before]
@@ -91,8 +91,9 @@ def test_in_real_time_the_model_is_sent_at_once_and_frames_when_they_have_waited
                 assert session.started == (index >= before)
             session.end(FRAMES)
     assert sent == [(index >= before, index >= before + delay) for index in range(FRAMES)]
-    first, second, *_ = packets_of(path)
-    assert isinstance(first, ModelPacket) and isinstance(second, FramePacket)
+    kinds = [type(packet) for packet in packets_of(path)]
+    modes = kinds.index(FramePacket) - 1
+    assert modes > 0 and kinds[: modes + 1] == [ModelPacket] + modes * [LayerPacket]
     assert [frame.index for frame in played(path)] == list(range(FRAMES))
 
 

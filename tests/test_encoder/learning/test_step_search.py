@@ -6,7 +6,7 @@ from threading import Barrier
 import pytest
 from processes import LIMIT_S
 
-from encoder.learning.step_search import INFEASIBLE_COST, best_candidate
+from encoder.learning.step_search import INFEASIBLE_COST, best_candidate, filling_candidate
 
 MAX_BYTES = 1000
 
@@ -62,3 +62,26 @@ def test_two_threads_encode_the_next_step_and_the_one_after_it_together() -> Non
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_candidate_that_is_too_large_is_not_the_best(workers: int) -> None:
     assert best_candidate(Coder(10.0, finest=18), 16, MAX_BYTES, workers).step >= 18
+
+
+@pytest.mark.parametrize(
+    ("sizes", "tried", "best"),
+    [
+        ({16: 500, 8: 990}, [16, 8], 8),
+        ({16: 980}, [16], 16),
+        ({16: 1400, 20: 990}, [16, 20], 20),
+        ({16: 700, 12: 1100}, [16, 12], 16),
+    ],
+)
+def test_a_short_search_goes_to_the_step_that_should_use_all_bytes(
+    sizes: dict[int, int], tried: list[int], best: int
+) -> None:
+    steps: list[int] = []
+
+    def encode(step: int) -> Coded:
+        steps.append(step)
+        cost = step if sizes[step] <= MAX_BYTES else INFEASIBLE_COST
+        return Coded(step, cost, sizes[step])
+
+    assert filling_candidate(encode, 16, MAX_BYTES).step == best
+    assert steps == tried
