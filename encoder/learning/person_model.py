@@ -145,16 +145,7 @@ def build_person_model(
     samples = replace(samples, weight=weight)
     sharp = super_resolved(shape, samples, crops, sampled, workers)
     mean = mean_texture(shape, sharp, default_colours(face.head, shape.atlas))
-    appearance = encode_appearance(
-        shape,
-        sharp,
-        mean,
-        mask,
-        options.appearance_bytes,
-        options.max_modes,
-        workers,
-        options.searches_step,
-    )
+    appearance = _encode_appearance(shape, sharp, mean, mask, options, workers)
     template = sampled_template(shape, samples, sharp, appearance)
     fitter = TexelFitter(face.head, face, shape, template, nominal_texels=options.nominal_texels)
     sampled = fit_samples(fitter, crops, sampled, workers)
@@ -162,6 +153,18 @@ def build_person_model(
         fitted, face, reference, fitter, appearance, scale, shape, weight * mask, mask
     )
     return TrainedModel(person, crops, sampled)
+
+
+def _encode_appearance(
+    shape: ShapeFreeFrame,
+    sharp: TextureSamples,
+    mean: Single,
+    mask: Single,
+    options: TrainingOptions,
+    workers: int | None,
+) -> CodedAppearance:
+    most = options.appearance_bytes, options.max_modes
+    return encode_appearance(shape, sharp, mean, mask, *most, workers, options.searches_step)
 
 
 def _texel_frame(
