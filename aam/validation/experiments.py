@@ -63,15 +63,16 @@ def run_experiments(
     if {each.face.person for each in train} & {each.face.person for each in test}:
         raise ValueError("test has people of train")
     options = TrainingOptions(size=size)
-    pair: dict[str, Contender] = {}
-    if set(parts) & PARTS_OF_PAIR:
-        tell("training the AAM of the head and the 2D AAM")
-        pair = {"head": train_head(train, options), "2D": train_planar(train, options)}
+    pair = train_pair(train, options, tell) if set(parts) & PARTS_OF_PAIR else {}
     for part in parts:
         tell(part)
         match part:
-            case "model" | "search" | "speed":
-                text = pair_part(part, pair, train, test)
+            case "model":
+                text = model_part(pair, train, test)
+            case "search":
+                text = search_part(pair, train, test)
+            case "speed":
+                text = speed_part(pair, test)
             case "prediction":
                 text, plots = prediction_part(pair, train, test)
                 yield from plots.items()
@@ -86,17 +87,12 @@ def run_experiments(
         yield f"{part}.md", text
 
 
-def pair_part(
-    part: str, pair: dict[str, Contender], train: Sequence[Sample], test: Sequence[Sample]
-) -> str:
-    """One of the parts that compare the AAM of the head with the 2D AAM by a table alone."""
-    match part:
-        case "model":
-            return model_part(pair, train, test)
-        case "search":
-            return search_part(pair, train, test)
-        case _:
-            return speed_part(pair, test)
+def train_pair(
+    train: Sequence[Sample], options: TrainingOptions, tell: Tell
+) -> dict[str, Contender]:
+    """The AAM of the head and the 2D AAM."""
+    tell("training the AAM of the head and the 2D AAM")
+    return {"head": train_head(train, options), "2D": train_planar(train, options)}
 
 
 def model_part(pair: dict[str, Contender], train: Sequence[Sample], test: Sequence[Sample]) -> str:

@@ -27,6 +27,7 @@ from encoder.fitting.levenberg_marquardt import (
     Evaluation,
     levenberg_marquardt,
 )
+from encoder.runtime.cauchy_weight import cauchy_weight
 from encoder.runtime.image_ops import sample_bicubic
 from shared_model.animate import Face
 from shared_model.appearance import Atlas
@@ -282,4 +283,4 @@ def cauchy_loss(residual: Single, scale_grey: float = CAUCHY_SCALE_GREY) -> Sing
 
 def cauchy_weights(residual: Single, scale_grey: float = CAUCHY_SCALE_GREY) -> Single:
     """(k,) weights of iteratively reweighted least squares that minimise `cauchy_loss`."""
-    return np.asarray(1 / (1 + (residual / np.float32(scale_grey)) ** 2))
+    return cauchy_weight(residual, np.float32(scale_grey))

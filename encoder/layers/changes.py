@@ -14,6 +14,7 @@ from encoder.layers.layer_fitter import LayerFitter
 from encoder.layers.layer_samples import LayerSamples
 from encoder.picture_coding.picture_encoder import EncodedPicture, encode_mode
 from encoder.picture_coding.quantiser_search import STEPS_PER_HALVING, finest_quantiser_within
+from encoder.runtime.cauchy_weight import cauchy_weight
 from encoder.runtime.parallel import parallel_map
 from protocol.pictures.layered_background import change_codec, change_shape
 from protocol.pictures.picture_codec import MAX_STEP_CODE, to_luma
@@ -29,8 +30,8 @@ FINEST_STEP_CODE = 12
 # The share of a pixel's changes from which on one counts there, and fully; and the standard
 # deviation of the kernel that smooths it, pixels.
 RELIABLE_SHARE, RELIABILITY_SIGMA = (0.3, 0.6), 2.0
-# Residuals of so many grey levels count half.
-ROBUST_GREY = 20.0
+# Residuals of so many grey levels count half: more than elsewhere, for changes are large.
+CHANGE_GREY = 20.0
 # Matte from which on a pixel is the person's; the least change from frame to frame that counts.
 PERSON_MATTE, MIN_CHANGE_GREY = 0.5, 0.05
 
@@ -109,7 +110,7 @@ def _residuals(
     drawn = _drawn(samples, fitter, coefficients)
     for frame, picture in zip(samples.coarse_frames(), drawn, strict=True):
         residual = frame.luma - picture
-        weight = frame.outside / (1 + (residual / ROBUST_GREY) ** 2)
+        weight = cauchy_weight(residual, CHANGE_GREY, frame.outside)
         left.append(cv2.resize(residual, shape[::-1], interpolation=cv2.INTER_AREA))
         weights.append(cv2.resize(weight, shape[::-1], interpolation=cv2.INTER_AREA))
     return np.array(left), np.array(weights)

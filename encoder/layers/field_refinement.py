@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 
 from encoder.layers.layer_fitter import LayerFitter
 from encoder.layers.layer_samples import CoarseFrame, LayerSamples
+from encoder.runtime.cauchy_weight import cauchy_weight
 from encoder.runtime.parallel import parallel_map
 from protocol.runtime.jit import jit
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-# Residuals of so many grey levels count half.
-ROBUST_GREY = 12.0
 # Weight of the squared difference between neighbouring points, and of the squared step, against
 # the mean of the normal matrix' diagonal.
 SMOOTHNESS, DAMPING = 0.05, 0.02
@@ -70,7 +69,7 @@ def _normal_equations(
     at = frame.origins
     drawn, gradient = fitter.sensitivity(at, own)
     residual = frame.luma - drawn
-    weight = frame.outside / (1 + (residual / ROBUST_GREY) ** 2)
+    weight = cauchy_weight(residual, weight=frame.outside)
     # Grey levels per source pixel of displacement.
     slope = -gradient * to_source
     used = np.flatnonzero((weight * (slope**2).sum(-1)).ravel() > MIN_SLOPE2)

@@ -28,6 +28,7 @@ from encoder.layers.scene_motion import (
     scene_pyramid,
     solved,
 )
+from encoder.runtime.cauchy_weight import cauchy_weight
 from protocol.pictures.layered_background import SCENE_COEFFICIENTS
 from shared_model.animate import Face
 from shared_model.layers.head_motion import BackgroundMesh
@@ -38,8 +39,8 @@ Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
-# Gauss-Newton steps; residuals of so many grey levels count half.
-STEPS, ROBUST_GREY = 3, 12.0
+# Gauss-Newton steps.
+STEPS = 3
 # Share of a frame that must show the scene for it to tell the light alone.
 MIN_SCENE_SHARE = 0.1
 
@@ -183,8 +184,9 @@ class LayerFitter:
         for _ in range(STEPS):
             drawn = self._drawn(frame.origins, coefficients, moves)
             residual = frame.luma - drawn.picture
-            distrust = np.asarray(cv2.blur(residual, (3, 3)), np.float32) / ROBUST_GREY
-            step = solved(self._slopes(drawn), residual, frame.outside / (1 + distrust**2))
+            around = np.asarray(cv2.blur(residual, (3, 3)), np.float32)
+            weight = cauchy_weight(around, weight=frame.outside)
+            step = solved(self._slopes(drawn), residual, weight)
             coefficients = np.clip(coefficients + step, *self.limits.T)
         return coefficients
 

@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 
 from encoder.layers.layer_samples import LayerSamples, coarse_luma
 from encoder.layers.scene import CLEAR_MATTE
+from encoder.runtime.cauchy_weight import cauchy_weight
 from shared_model.layers.light import PIVOT_GREY, SAME_LIGHT, UNIT_GAIN, UNIT_GREY, Light, light_of
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]
 
-# Residuals of so many grey levels count half, in so many passes.
-ROBUST_GREY, PASSES = 12.0, 4
+# Passes in which residuals are weighted.
+PASSES = 4
 # The least and the largest gain.
 GAIN_LIMITS = (0.05, 20.0)
 # The light has changed if that leaves at most this share of the mean absolute residual, of which a
@@ -42,7 +43,7 @@ def fit_light(drawn: Single, luma: Single, weight: Single) -> Array:
     for _ in range(PASSES):
         found = _by_moments(drawn, luma, trust)
         residual = luma - lit(drawn, light_of(found))
-        trust = weight / (1 + (residual / ROBUST_GREY) ** 2)
+        trust = cauchy_weight(residual, weight=weight)
     relit = lit(drawn, light_of(found))
     after, before = (
         float((np.minimum(np.abs(luma - picture), MAX_GREY) * weight).sum())

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from encoder.layers.displacement import dense, pixel_grid, sample
 from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, face_region
+from encoder.runtime.cauchy_weight import cauchy_weight
 from encoder.runtime.parallel import parallel_map
 from protocol.pictures.layered_background import (
     MAX_FIELD_CODE,
@@ -75,8 +76,8 @@ def _own_motions(samples: LayerSamples) -> tuple[Array, Array]:
         moved = flow.calc(_bytes(canonical), _bytes(luma), with_head.copy())
         at = pixel_grid((shape[0], shape[1])) + np.asarray(moved, np.float32)
         error = sample(luma, at) - canonical
-        distrust = np.asarray(cv2.blur(error, (3, 3)), np.float32) / MATCH_GREY
-        weight = np.asarray(confidence / (1 + distrust**2), np.float32)
+        around = np.asarray(cv2.blur(error, (3, 3)), np.float32)
+        weight = np.asarray(cauchy_weight(around, MATCH_GREY, confidence), np.float32)
         return _smoothed(np.asarray(moved, np.float32) - with_head, weight, samples.size)
 
     each = parallel_map(own_motion, range(len(lumas)), samples.workers)

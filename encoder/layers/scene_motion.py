@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.layers.displacement import dot, pixel_grid, sample
+from encoder.runtime.cauchy_weight import cauchy_weight
 from shared_model.layers.scene_motion import displacement_basis
 
 Array = NDArray[np.float64]
@@ -17,8 +18,6 @@ ScenePyramid = tuple[tuple[Single, Single], ...]
 # Standard deviations of the kernels by which pictures are blurred, coarse pixels, and Gauss-Newton
 # steps at each.
 BLUR_SIGMAS, STEPS = (4.0, 1.5), 3
-# Residuals of so many grey levels count half.
-ROBUST_GREY = 12.0
 # The scene moves if that leaves at most this share of the squared residual behind the person, of
 # which a pixel counts at most so many squared grey levels.
 MAX_LEFT, MAX_GREY2 = 0.6, 400.0
@@ -55,7 +54,7 @@ def fit_scene_motion(scene: ScenePyramid, luma: Single, weight: Single) -> Array
         for _ in range(STEPS):
             at = scene_origins(basis, motion)
             residual = np.asarray(target - sample(picture, at), np.float32)
-            trust = weight / (1 + (residual / ROBUST_GREY) ** 2)
+            trust = cauchy_weight(residual, weight=weight)
             motion = motion + solved(-dot(basis, sample(slope, at)), residual, trust)
     return motion
 

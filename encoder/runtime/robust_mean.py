@@ -5,13 +5,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.runtime.cauchy_weight import HALF_WEIGHT_GREY
 from encoder.runtime.parallel import available_cores, parallel_map
 from protocol.runtime.jit import jit
 
 Single = NDArray[np.float32]
 
-# Scale of the Cauchy weights, grey levels, and passes.
-MEAN_SCALE_GREY, MEAN_PASSES = 12.0, 3
+# Passes: all but the first by Cauchy weights.
+MEAN_PASSES = 3
 
 
 def robust_mean(
@@ -39,7 +40,7 @@ def _robust_mean(
 ) -> None:
     """Rows `first` to `end` of a mean (h, w, 3), see `robust_mean`."""
     columns = pictures.shape[2]
-    one, three, scale = np.float32(1), np.float32(3), np.float32(MEAN_SCALE_GREY)
+    one, three, scale = np.float32(1), np.float32(3), np.float32(HALF_WEIGHT_GREY)
     total, trusted = np.empty((columns, 3), np.float32), np.empty(columns, np.float32)
     for row in range(first, end):
         for number in range(MEAN_PASSES):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from encoder.runtime.robust_mean import MEAN_PASSES, MEAN_SCALE_GREY, robust_mean
+from encoder.runtime.cauchy_weight import HALF_WEIGHT_GREY, cauchy_weight
+from encoder.runtime.robust_mean import MEAN_PASSES, robust_mean
 
 Single = NDArray[np.float32]
 
@@ -36,5 +37,6 @@ def by_numpy(pictures: Single, weights: Single) -> Single:
         total = np.maximum(trust.sum(0), np.float32(1e-6))
         mean = (pictures * trust[..., None]).sum(0) / total[..., None]
         blue, green, red = np.moveaxis(pictures - mean, -1, 0)
-        trust = weights / (1 + ((blue + green + red) / 3 / np.float32(MEAN_SCALE_GREY)) ** 2)
+        away = (blue + green + red) / 3
+        trust = cauchy_weight(away, np.float32(HALF_WEIGHT_GREY), weights)
     return np.asarray(mean, np.float32)
