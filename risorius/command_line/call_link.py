@@ -150,7 +150,8 @@ def read_link(request: LinkRequest, is_encoder: bool, wait_s: float) -> CallLink
     _check_certificate(request)
     invitation = _given_invitation(request)
     listen = tuple(map(parse_endpoint, request.listen))
-    if listen and invitation is None and _needs_key(request, listen):
+    wants_key = request.invite_file is not None or _needs_key(request, listen)
+    if listen and invitation is None and wants_key:
         invitation = _new_invitation(request, listen, tell)
     name = request.call or (DEFAULT_CALL if invitation is None else invitation.call)
     if invitation is not None and name != invitation.call:
@@ -250,7 +251,8 @@ def _new_invitation(request: LinkRequest, listen: Sequence[Endpoint], tell: Say)
     """The invitation of an end that listens, which is told, and written if that was asked for."""
     from protocol.security.private_file import write_private
 
-    place = next(place for place in listen if not place.is_loopback)
+    # On a loopback address one is made if a file is named for it.
+    place = next((place for place in listen if not place.is_loopback), listen[0])
     if not place.port:
         raise UserError("name a port to listen on: the invitation has to tell it")
     host = address_for_others() if place.is_any else place.host

@@ -106,6 +106,17 @@ def test_only_loopback_and_insecure_go_without_and_say_so_once(
     assert capsys.readouterr().err == ""
 
 
+def test_a_file_that_is_named_for_the_invitation_gets_one_on_this_host_too(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    path = tmp_path / "invitation"
+    link = link_of("--listen", "127.0.0.1:7447", "--invite-file", str(path))
+    assert capsys.readouterr().err.startswith(f"the invitation is in {path}")
+    invitation = parse_invitation(path.read_text())
+    assert invitation.address == "127.0.0.1:7447" and invitation.key == link.security.key
+    assert link_of("--invite-file", str(path)).security == link.security
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
