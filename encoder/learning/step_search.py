@@ -71,7 +71,7 @@ def best_candidate(
 def filling_candidate(encode: Callable[[int], Coded], start: int, max_bytes: int) -> Coded:
     """The better of two candidates at most: at `start`, and at the step that should use all bytes.
 
-    In half the time of `best_candidate`, which found the same step in four trainings of three.
+    In half the time of `best_candidate`, which found the same step in four updates of three people.
     """
     start = min(max(start, 0), MAX_STEP_CODE)
     first = encode(start)
