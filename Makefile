@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+COMPILED := $(VENV)/.compiled
 BROWSER := $(VENV)/.browser
 # Zenoh's threads, which coverage does not see, and compiled loops.
 NOT_COVERED := protocol/link/zenoh_link.py,protocol/link/zenoh_session.py,protocol/relay/zenoh_relay.py,protocol/runtime/*
@@ -16,13 +17,16 @@ export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: install demo test test-protocol test-packages coverage lint format lock clean
 
-install: $(INSTALLED)
+install: $(COMPILED)
 
 $(INSTALLED): requirements.lock pyproject.toml scripts/system_libraries.sh
 	sh scripts/system_libraries.sh $(PYTHON)
 	$(PYTHON) -m venv --clear $(VENV)
 	$(BIN)/python -m pip install --quiet --require-hashes --no-deps -r requirements.lock
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	touch $@
+
+$(COMPILED): $(INSTALLED)
 	$(BIN)/risorius compile
 	touch $@
 
@@ -30,7 +34,7 @@ $(BROWSER): scripts/system_libraries.sh | $(INSTALLED)
 	sh scripts/system_libraries.sh $(PYTHON) browser
 	touch $@
 
-demo: $(INSTALLED)
+demo: $(COMPILED)
 	$(BIN)/risorius demo --out out/demo
 
 lint: $(INSTALLED)
@@ -38,21 +42,21 @@ lint: $(INSTALLED)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-# Side by side: types are checked by one core, and tests of links wait.
-test: $(BROWSER)
+# Side by side: types are checked by one core while another compiles loops, and tests of links wait.
+test: $(INSTALLED)
 	$(MAKE) --jobs 3 lint test-protocol test-packages
 
-test-packages: $(INSTALLED)
+test-packages: $(COMPILED) $(BROWSER)
 	$(PYTEST) --ignore=tests/test_protocol
 
 # Coverage is measured where it has to be whole: it takes half as long again.
-test-protocol: $(INSTALLED)
+test-protocol: $(COMPILED)
 	$(PYTEST) --cov=protocol --cov-report= tests/test_protocol
 	$(BIN)/coverage report --include='protocol/*' \
 	    --omit='$(NOT_COVERED)' --fail-under=100
 
 # All tests, and what they cover of all packages.
-coverage: $(BROWSER)
+coverage: $(COMPILED) $(BROWSER)
 	$(PYTEST) --cov --cov-report=term
 
 format: $(INSTALLED)
