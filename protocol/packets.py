@@ -40,9 +40,7 @@ class PacketKind(IntEnum):
 class ControlKind(IntEnum):
     """The event that a control packet reports, with the meaning of its `frame`."""
 
-    END = (
-        0  # the call is over; `frame` is its number of source frames, after JOINED those from there
-    )
+    END = 0  # the call is over; `frame` is its number of source frames, or of those since JOINED
     FACE_LOST = 1  # no face from source frame `frame` on
     FACE_FOUND = 2  # a face again from source frame `frame` on
     TIMES = 3  # a `TimesPacket`: when source frames from `frame` on are shown

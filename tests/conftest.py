@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import ExitStack, contextmanager, redirect_stdout
 from itertools import islice
 from pathlib import Path
 
@@ -30,6 +30,7 @@ from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from loopback.clip_paths import CARPHONE, clip_path
+from loopback.process_pair import free_port
 from risorius.cli import main
 from shared_model.errors import UserError
 
@@ -232,6 +233,19 @@ def demo_run(carphone: Path, make_once: MakeOnce) -> Path:
 def shots(tmp_path_factory: pytest.TempPathFactory) -> Shots:
     """A few pictures of the generic head with their ground truth."""
     return draw_shots(tmp_path_factory.mktemp("shots"))
+
+
+@pytest.fixture
+def endpoint() -> str:
+    """Where nobody listens yet."""
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+@pytest.fixture
+def stack() -> Iterator[ExitStack]:
+    """Closes what is entered after the test."""
+    with ExitStack() as stack:
+        yield stack
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from concurrent.futures import Executor, Future
 from math import log2
 from typing import Generic, Protocol, TypeVar
 
+from encoder.picture_coding.quantiser_search import STEPS_PER_HALVING
 from encoder.runtime.parallel import worker_pool
 from protocol.pictures.picture_codec import MAX_STEP_CODE
 
@@ -12,8 +13,6 @@ from protocol.pictures.picture_codec import MAX_STEP_CODE
 SEARCH_STRIDE = 2
 # A finer step is tried if the optimum uses less than this share of the bytes.
 MIN_FILL = 0.96
-# Mean and modes take half as many bytes after so many steps.
-STEPS_PER_HALVING = 8
 # Cost of a mean that exceeds the byte budget, plus its excess in bytes.
 INFEASIBLE_COST = 1e3
 

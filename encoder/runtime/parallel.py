@@ -105,7 +105,7 @@ def lower_priority_of_process() -> None:
 
     Linux may share the cores among sessions (autogroup): niceness then orders no more than the
     threads of each, and a session has a niceness of its own.  With two busy threads of such a
-    process a frame of 16 ms takes 8 ms longer if only they are nice, .3 ms if the session is.
+    process a frame of 16 ms takes 8 ms longer if only they are nice, 1 ms if the session is.
     """
     with suppress(OSError):
         os.nice(NICENESS)

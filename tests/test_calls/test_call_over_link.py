@@ -21,19 +21,12 @@ from processes import (
 from videos import EndlessVideo, endless_video
 
 from encoder.capture.video_source import open_source
-from loopback.process_pair import free_port
 from risorius.cli import main
 
 Capture = pytest.CaptureFixture[str]
 WAIT = ("--wait", str(LIMIT_S))
 THESIS = ("--profile", "thesis", *WAIT)
 NOBODY = "encode: nobody listens any more; sending on"
-
-
-@pytest.fixture
-def endpoint() -> str:
-    """Where nobody listens yet."""
-    return f"tcp/127.0.0.1:{free_port()}"
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import json
 import random
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
 
 import pytest
@@ -26,17 +26,6 @@ KEY, OTHER_KEY = bytes(range(16)), bytes(16)
 CALL = "test"
 MODEL_BYTES = serialise(MODEL)
 FLOOD = 10_000
-
-
-@pytest.fixture
-def stack() -> Iterator[ExitStack]:
-    with ExitStack() as exits:
-        yield exits
-
-
-@pytest.fixture
-def endpoint() -> str:
-    return f"tcp/127.0.0.1:{free_port()}"
 
 
 def options(key: bytes | None, **place: tuple[str, ...]) -> LinkOptions:

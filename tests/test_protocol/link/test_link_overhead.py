@@ -3,7 +3,6 @@
 import select
 import socket
 import threading
-from collections.abc import Iterator
 from contextlib import ExitStack
 from statistics import mode
 
@@ -22,12 +21,6 @@ from links import (
 from protocol.link.interface import ZENOH_OVERHEAD_BYTES
 from protocol.link.link_protection import CHECKSUM_BYTES
 from protocol.link.zenoh_link import ZenohSink, ZenohSource
-
-
-@pytest.fixture
-def stack() -> Iterator[ExitStack]:
-    with ExitStack() as exits:
-        yield exits
 
 
 @pytest.mark.parametrize("listens", [True, False], ids=["listening", "connecting"])

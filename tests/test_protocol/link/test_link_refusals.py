@@ -1,7 +1,6 @@
 """Links that cannot be made, or are gone: one line says why."""
 
 import socket
-from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from threading import Event, Thread
@@ -15,17 +14,6 @@ from protocol.link.endpoints import Failure
 from protocol.link.zenoh_link import ZenohSink, ZenohSource
 from protocol.relay.zenoh_relay import Relay, RelayOptions
 from shared_model.errors import UserError
-
-
-@pytest.fixture
-def stack() -> Iterator[ExitStack]:
-    with ExitStack() as exits:
-        yield exits
-
-
-@pytest.fixture
-def endpoint() -> str:
-    return free_endpoint()
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
 from contextlib import ExitStack
 from time import monotonic
 
@@ -16,7 +15,6 @@ from links import (
     WAIT_S,
     connecting,
     frame,
-    free_endpoint,
     listening,
     received,
 )
@@ -28,17 +26,6 @@ from protocol.relay.zenoh_relay import Relay, RelayOptions
 from shared_model.errors import UserError
 
 NEWS = serialise(ControlPacket(0, ControlKind.FACE_FOUND, 0))
-
-
-@pytest.fixture
-def stack() -> Iterator[ExitStack]:
-    with ExitStack() as exits:
-        yield exits
-
-
-@pytest.fixture
-def endpoint() -> str:
-    return free_endpoint()
 
 
 def test_an_encoder_that_is_killed_and_started_again_goes_on_with_the_call(

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 
@@ -15,17 +14,6 @@ from packets import MODEL
 from protocol.link.zenoh_link import ZenohSink, ZenohSource
 from protocol.packets import LayerPacket, serialise
 from protocol.relay.zenoh_relay import Relay, RelayOptions
-
-
-@pytest.fixture
-def stack() -> Iterator[ExitStack]:
-    with ExitStack() as exits:
-        yield exits
-
-
-@pytest.fixture
-def endpoint() -> str:
-    return free_endpoint()
 
 
 def test_a_whole_call_arrives_in_order(stack: ExitStack, endpoint: str) -> None:

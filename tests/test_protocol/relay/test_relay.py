@@ -76,12 +76,6 @@ def endpoint(
         yield place
 
 
-@pytest.fixture
-def stack() -> Iterator[ExitStack]:
-    with ExitStack() as stack:
-        yield stack
-
-
 def session(endpoint: str, keys: KeyFile | None, timeout_s: float = WAIT_S) -> zenoh.Session:
     """Of a client that shows `keys`, which knows no rules."""
     settings: dict[str, Any] = {
