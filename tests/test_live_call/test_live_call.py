@@ -29,6 +29,7 @@ from decoder.pipeline import DecodeOptions, decode
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import open_source
 from loopback.process_pair import free_port
+from protocol.errors import ProtocolError
 from protocol.link.interface import LinkOptions, Reachability
 from protocol.link.zenoh_link import ZenohSink
 from protocol.security.invitation import Invitation, random_key
@@ -171,13 +172,24 @@ def switch_off(browser: Browser, watcher: Watcher, second: "subprocess.Popen[str
     wait_until(lambda: len(watcher.pictures) > seen + 10, second)
 
 
+def holds_packets(recording: Path) -> bool:
+    """Whether a recording, which may still be written, has more than two packets of faces."""
+    try:
+        return summarise(recording).frame_packets > 2
+    except ProtocolError:  # it has no model yet
+        return False
+
+
 def record_and_reload(browser: Browser, watcher: Watcher, second: Any, folder: Path) -> None:
     """Both sides are recorded, and the page comes back in the middle of it."""
+
+    def all_hold_packets() -> bool:
+        return all(map(holds_packets, folder.glob("anna-*")))
+
     browser.click("#record")
     browser.wait("el('record').getAttribute('aria-pressed') == 'true'")
     wait_until(lambda: len(list(folder.glob("anna-*"))) == 2, second)
-    seen = len(watcher.pictures)
-    wait_until(lambda: len(watcher.pictures) > seen + 18, second)
+    wait_until(all_hold_packets, second)
     browser.call("Page.reload")
     browser.wait("typeof players != 'undefined' && players[OTHER].shown > 10")
     assert browser.value("el('mute').getAttribute('aria-pressed')") == "true"
@@ -185,7 +197,7 @@ def record_and_reload(browser: Browser, watcher: Watcher, second: Any, folder: P
     wait_until(lambda: len(list(folder.glob("anna-*.rzo"))) == 2, second)
     for recording in folder.glob("anna-*.rzo"):
         summary = summarise(recording)
-        assert summary.complete and summary.frame_packets > 2 and summary.damaged_packets == 0
+        assert summary.complete and summary.damaged_packets == 0
         assert summary.voice == "1200"
         report = decode(DecodeOptions(recording), lambda done, total: None, lambda: False)
         assert report.complete and report.frames == summary.frames > 10
@@ -237,7 +249,8 @@ def test_two_people_see_and_hear_each_other_until_one_leaves_and_the_other_hangs
     code, told = finish(first)
     lines = said + told.splitlines()
     assert code == 0 and lines[-2:] == ["call: anna: is here", "call: anna: link lost, trying"]
-    assert lines.index("call: anna: is calling") < lines.index("call: anna: has left")
+    # "is calling" may be over before it is said.
+    assert lines.index("call: anna: is here") < lines.index("call: anna: has left")
     browser.wait("ended")
 
 
