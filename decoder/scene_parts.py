@@ -9,6 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,41 +105,70 @@ def _background(model: ModelPacket) -> tuple[int, int, bytes]:
     return model.call.width, model.call.height, model.background
 
 
-class PartsLoader:
-    """Decodes models in a thread of its own, each once, in the order in which they are asked for.
+@dataclass(eq=False, slots=True)
+class _Job:
+    """A model that is decoded or has been.  used: when it was asked for last, a count."""
 
+    model: ModelPacket
+    lane: ThreadPoolExecutor
+    parts: "Future[SceneParts]"
+    used: int
+
+    def done(self) -> SceneParts | None:
+        """The parts, if they are there."""
+        is_there = self.parts.done() and self.parts.exception() is None
+        return self.parts.result() if is_there else None
+
+
+class PartsLoader:
+    """Decodes models beside the frames, each once, in the order in which they are asked for.
+
+    Further layers of a model, whose frames may have come, do not wait for a model that follows:
+    they have a thread of their own.
     load: as `scene_parts`.
     """
 
     def __init__(
         self, load: Callable[[ModelPacket, SceneParts | None], SceneParts] = scene_parts
     ) -> None:
-        self._load, self._executor = load, ThreadPoolExecutor(1)
-        self._jobs: list[tuple[ModelPacket, Future[SceneParts]]] = []
+        self._load, self._uses = load, count()
+        self._of_models, self._of_layers = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
+        self._jobs: tuple[_Job, ...] = ()  # in the order in which they were begun
 
     def warm_up(self) -> None:
         """Do what takes long the first time, before a model is there."""
-        self._executor.submit(_warm_up)
+        self._of_models.submit(_warm_up)
 
     def request(self, model: ModelPacket) -> "Future[SceneParts]":
         """Begin to decode a model, unless that has been done."""
-        for known, job in reversed(self._jobs):
-            if known is model:
-                return job
-        job = self._executor.submit(self._decode, model)
-        self._jobs = [*self._jobs[1 - KEPT_MODELS :], (model, job)]
-        return job
+        for known in reversed(self._jobs):
+            if known.model is model:
+                known.used = next(self._uses)
+                return known.parts
+        kept = sorted(self._jobs, key=lambda job: job.used)[1 - KEPT_MODELS :]
+        lane = self._lane(model)
+        job = _Job(model, lane, lane.submit(self._decode, model), next(self._uses))
+        self._jobs = (*(each for each in self._jobs if each in kept), job)
+        return job.parts
 
     def get(self, model: ModelPacket) -> SceneParts:
         """The parts of a model; waits for them.  Raises `ProtocolError` as `scene_parts`."""
         return self.request(model).result()
 
     def close(self) -> None:
-        """End the thread."""
-        self._executor.shutdown(cancel_futures=True)
+        """End the threads."""
+        for lane in (self._of_models, self._of_layers):
+            lane.shutdown(cancel_futures=True)
+
+    def _lane(self, model: ModelPacket) -> ThreadPoolExecutor:
+        """The thread in which what the model builds on is there before it is decoded."""
+        alike = [job for job in self._jobs if is_same_model(job.model, model)]
+        if not alike or (alike[-1].lane is self._of_models and not alike[-1].parts.done()):
+            return self._of_models
+        return self._of_layers
 
     def _decode(self, model: ModelPacket) -> SceneParts:
-        before = [job.result() for _, job in self._jobs if job.done() and job.exception() is None]
+        before = [parts for job in self._jobs if (parts := job.done()) is not None]
         alike = [parts for parts in before if is_same_model(parts.model, model)]
         return self._load(model, [None, *before, *alike][-1])
 

@@ -1,13 +1,14 @@
 """Models are decoded beside the frames: each once, with what is known of those before."""
 
 from dataclasses import replace
+from threading import Event
 from typing import Any, cast
 
 import pytest
 from layer_streams import FIRST, WHOLE, learned_layers
 
 from decoder.model_versions import ModelVersions
-from decoder.scene_parts import PartsLoader, SceneParts
+from decoder.scene_parts import KEPT_MODELS, PartsLoader, SceneParts
 from protocol.errors import ProtocolError
 from protocol.model_packet import ModelPacket
 from protocol.progressive_model import LayerBuffer
@@ -24,6 +25,12 @@ def with_a_mode(model: ModelPacket) -> ModelPacket:
     for layer in learned_layers(b"mode"):
         layers.add(replace(layer, model_version=model.version))
     return layers.apply(model)
+
+
+def update_of(model: ModelPacket, number: int = 1) -> ModelPacket:
+    """The update `number` of a model."""
+    version = model.version + number
+    return replace(model, version=version, version_count=version + 1)
 
 
 def test_each_model_is_decoded_once_after_the_newest_that_is_the_same() -> None:
@@ -46,7 +53,51 @@ def test_each_model_is_decoded_once_after_the_newest_that_is_the_same() -> None:
         ]
     finally:
         loader.close()
-    assert asked == [(WHOLE, None), (other, WHOLE), (longer, WHOLE)]
+    assert [sum(model is each for model, _ in asked) for each in (WHOLE, longer, other)] == [1] * 3
+    assert asked[0] == (WHOLE, None) and (longer, WHOLE) in asked
+
+
+def test_the_model_in_use_is_kept_however_many_are_asked_for() -> None:
+    asked = list[ModelPacket]()
+
+    def load(model: ModelPacket, before: SceneParts | None) -> SceneParts:
+        asked.append(model)
+        return parts_of(model)
+
+    following = [update_of(WHOLE, number) for number in range(1, 3 * KEPT_MODELS)]
+    loader = PartsLoader(load)
+    try:
+        for model in (WHOLE, *following):
+            loader.request(model)
+            assert loader.get(WHOLE).model is WHOLE
+        assert loader.get(following[-1]).model is following[-1]
+    finally:
+        loader.close()
+    assert asked == [WHOLE, *following]
+
+
+def test_further_layers_do_not_wait_for_another_model() -> None:
+    has_more, update = Event(), update_of(WHOLE)
+
+    def load(model: ModelPacket, before: SceneParts | None) -> SceneParts:
+        if model.version == update.version:
+            assert has_more.wait(60)
+        return parts_of(model)
+
+    loader = PartsLoader(load)
+    try:
+        loader.get(WHOLE)
+        following = loader.request(update)
+        more_of_update = loader.request(with_a_mode(update))
+        longer = with_a_mode(WHOLE)
+        assert loader.get(longer).model is longer
+        assert not following.done() and not more_of_update.done()
+        has_more.set()
+        assert more_of_update.result().model.version == update.version
+        assert following.done()
+    finally:
+        has_more.set()
+        loader.close()
 
 
 def test_a_model_that_cannot_be_drawn_is_told_to_who_asks_and_left_out() -> None:
@@ -67,14 +118,12 @@ def test_a_model_that_cannot_be_drawn_is_told_to_who_asks_and_left_out() -> None
 
 
 def test_the_model_of_an_update_is_known_before_its_first_frame() -> None:
-    versions, number = ModelVersions(), WHOLE.version + 1
+    versions, update = ModelVersions(), replace(update_of(WHOLE), background=b"")
     versions.receive_model(WHOLE, 0)
     assert versions.next_model is None
-    versions.receive_model(
-        replace(WHOLE, version=number, version_count=number + 1, background=b""), 3
-    )
+    versions.receive_model(update, 3)
     following = versions.next_model
-    assert following is not None and following.version == number
+    assert following is not None and following.version == update.version
     assert following.background == WHOLE.background and following is versions.next_model
     versions.activate()
     assert versions.current is not None and versions.current.model is following
