@@ -42,7 +42,7 @@ Array = NDArray[np.float64]
 MAX_PICTURE_PX = 4096 * 4096
 # Narrower faces in the background picture are refused.
 MIN_FACE_WIDTH_PX = 4.0
-# The models that may be asked for again: those in use and to come, of the call and of another face.
+# The decoded models that may be asked for again: in use and to come, of the call and another face.
 KEPT_MODELS = 4
 # Side of the picture that the decoder is warmed up with.
 WARM_UP_PX = 64
@@ -107,7 +107,10 @@ def _background(model: ModelPacket) -> tuple[int, int, bytes]:
 
 @dataclass(eq=False, slots=True)
 class _Job:
-    """A model that is decoded or has been.  used: when it was asked for last, a count."""
+    """A model that is decoded or has been.
+
+    used: a count, when it was decoded or asked for last.
+    """
 
     model: ModelPacket
     lane: ThreadPoolExecutor
@@ -145,10 +148,12 @@ class PartsLoader:
             if known.model is model:
                 known.used = next(self._uses)
                 return known.parts
-        kept = sorted(self._jobs, key=lambda job: job.used)[1 - KEPT_MODELS :]
         lane = self._lane(model)
         job = _Job(model, lane, lane.submit(self._decode, model), next(self._uses))
-        self._jobs = (*(each for each in self._jobs if each in kept), job)
+        job.parts.add_done_callback(lambda _: setattr(job, "used", next(self._uses)))
+        done = [each for each in self._jobs if each.parts.done()]
+        dropped = sorted(done, key=lambda each: each.used)[:-KEPT_MODELS]
+        self._jobs = (*(each for each in self._jobs if each not in dropped), job)
         return job.parts
 
     def get(self, model: ModelPacket) -> SceneParts:
@@ -161,7 +166,7 @@ class PartsLoader:
             lane.shutdown(cancel_futures=True)
 
     def _lane(self, model: ModelPacket) -> ThreadPoolExecutor:
-        """The thread in which what the model builds on is there before it is decoded."""
+        """The thread in which the model is decoded after what it builds on."""
         alike = [job for job in self._jobs if is_same_model(job.model, model)]
         if not alike or (alike[-1].lane is self._of_models and not alike[-1].parts.done()):
             return self._of_models

@@ -100,6 +100,26 @@ def test_further_layers_do_not_wait_for_another_model() -> None:
         loader.close()
 
 
+def test_a_model_that_others_wait_to_build_on_is_kept() -> None:
+    asked, may_go_on, update = list[tuple[int, bool]](), Event(), update_of(WHOLE)
+
+    def load(model: ModelPacket, before: SceneParts | None) -> SceneParts:
+        asked.append((model.version, before is not None and before.model.version == model.version))
+        assert may_go_on.wait(60)
+        return parts_of(model)
+
+    loader = PartsLoader(load)
+    try:
+        # The same update, each time with other pictures of the model before.
+        waiting = [loader.request(replace(update)) for _ in range(2 * KEPT_MODELS)]
+        may_go_on.set()
+        assert waiting[-1].result().model.version == update.version
+    finally:
+        may_go_on.set()
+        loader.close()
+    assert asked == [(update.version, False), *[(update.version, True)] * (2 * KEPT_MODELS - 1)]
+
+
 def test_a_model_that_cannot_be_drawn_is_told_to_who_asks_and_left_out() -> None:
     def load(model: ModelPacket, before: SceneParts | None) -> SceneParts:
         if model is FIRST:
