@@ -70,8 +70,7 @@ class ShapeFreeFrame:
     def to_grid(self, positions: Single) -> Single:
         """(2, size, size) positions (k, 2) arranged as the whole atlas, nan at unused texels."""
         grid = np.full((2, self.atlas.size**2), np.nan, np.float32)
-        for flat, values in zip(grid, positions.T, strict=True):
-            flat[self.flat_index] = values
+        _scatter(grid, self.flat_index, positions)
         return grid.reshape(2, self.atlas.size, -1)
 
     def image_jacobian(
@@ -150,6 +149,13 @@ def _project(
 
 
 @jit
+def _scatter(grid: Single, indices: NDArray[np.intp], positions: Single) -> None:
+    """Write positions (k, 2) to a grid (2, n) at indices (k,)."""
+    for k in range(len(indices)):
+        grid[0, indices[k]], grid[1, indices[k]] = positions[k, 0], positions[k, 1]
+
+
+@jit
 def directional_jacobian(
     fields: Single, support: NDArray[np.intp], chosen: NDArray[np.intp], gradient: Single
 ) -> Single:
@@ -184,18 +190,30 @@ def warp_jacobian(grid: Single, indices: NDArray[np.intp]) -> Single:
     grid: (2, size, size) positions, see `ShapeFreeFrame.to_grid`.
     indices: (n,) of texels in the whole atlas, row-major.
     """
-    size = grid.shape[1]
     derivatives = np.empty((4, len(indices)), np.float32)
     for number in range(len(indices)):
-        row, column = divmod(indices[number], size)
-        left, right = max(column - 1, 0), min(column + 1, size - 1)
-        above, below = max(row - 1, 0), min(row + 1, size - 1)
-        for axis in range(2):
-            across = grid[axis, row, right] - grid[axis, row, left]
-            down = grid[axis, below, column] - grid[axis, above, column]
-            derivatives[axis, number] = across / np.float32(right - left)
-            derivatives[2 + axis, number] = down / np.float32(below - above)
+        row, column = divmod(indices[number], grid.shape[1])
+        ax, ay, bx, by = texel_jacobian(grid, row, column)
+        derivatives[0, number], derivatives[1, number] = ax, ay
+        derivatives[2, number], derivatives[3, number] = bx, by
     return derivatives
+
+
+@jit
+def texel_jacobian(
+    grid: Single, row: int, column: int
+) -> tuple[np.float32, np.float32, np.float32, np.float32]:
+    """What `warp_jacobian` has of one texel."""
+    size = grid.shape[1]
+    left, right = max(column - 1, 0), min(column + 1, size - 1)
+    above, below = max(row - 1, 0), min(row + 1, size - 1)
+    across, down = np.float32(right - left), np.float32(below - above)
+    return (
+        (grid[0, row, right] - grid[0, row, left]) / across,
+        (grid[1, row, right] - grid[1, row, left]) / across,
+        (grid[0, below, column] - grid[0, above, column]) / down,
+        (grid[1, below, column] - grid[1, above, column]) / down,
+    )
 
 
 @jit

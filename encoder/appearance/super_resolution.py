@@ -7,7 +7,7 @@ difference between picture and drawn texture is added back to the texels, a few 
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.appearance.shape_free import ShapeFreeFrame, warp_jacobian
+from encoder.appearance.shape_free import ShapeFreeFrame, texel_jacobian
 from encoder.capture.face_crop import Crop
 from encoder.runtime.bilinear import bilinear_weights
 from protocol.runtime.jit import jit
@@ -98,15 +98,7 @@ def inverse_warp(
     height, width = size
     atlas = shape_free.atlas
     sums, inside = _splat(positions, atlas.columns, atlas.rows, visible, height, width)
-    pixels = np.flatnonzero(sums[0] > 0.5)
-    weight, *moments = sums[:, pixels]
-    x, y, squares = (moment / weight for moment in moments)
-    variance = squares - (x**2 + y**2)
-    texels_per_pixel = np.sqrt(inside / max(len(pixels), 1))
-    smooth = np.flatnonzero(variance < (MAX_SPREAD_TEXELS * max(texels_per_pixel, 1.0)) ** 2)
-    return _refine_inverse(
-        shape_free, positions, pixels[smooth], np.stack([x[smooth], y[smooth]]), width
-    )
+    return _inverse(sums, inside, shape_free.to_grid(positions), width)
 
 
 @jit
@@ -143,22 +135,29 @@ def _splat(
     return sums, inside
 
 
-def _refine_inverse(
-    shape_free: ShapeFreeFrame, positions: Single, pixels: Indices, texels: Array, width: int
-) -> tuple[Indices, Single]:
-    """Improve texels (2, p) by one Newton step; returns the pixels where it converges, and theirs.
-
-    width: of the picture, pixels.
-    """
-    size = shape_free.atlas.size
-    grid = shape_free.to_grid(positions)
-    column, row = nearest = np.rint(texels).astype(np.intp)
-    index = row * size + column
-    ax, ay, bx, by = warp_jacobian(grid, index)
-    ex, ey = np.stack([pixels % width, pixels // width]) - grid.reshape(2, -1).take(index, axis=1)
-    determinant = ax * by - ay * bx
-    step = np.stack([ex * by - ey * bx, ax * ey - ay * ex]) / determinant
-    # A step that is not finite fails the comparison, too.
-    converged = np.flatnonzero((np.abs(step) < MAX_SPREAD_TEXELS).all(0))
-    refined = np.clip((nearest + step).take(converged, axis=1), 0, size - 1.001)
-    return pixels[converged], refined.T.astype(np.float32)
+@jit
+def _inverse(sums: Array, inside: int, grid: Single, width: int) -> tuple[Indices, Single]:
+    """See `inverse_warp`.  sums, inside: of `_splat`.  grid: positions, see `warp_jacobian`."""
+    size, count = grid.shape[1], 0
+    pixels, texels = np.empty(sums.shape[1], np.intp), np.empty((sums.shape[1], 2), np.float32)
+    covered = max((sums[0] > 0.5).sum(), 1)
+    spread = (MAX_SPREAD_TEXELS * max(np.sqrt(inside / covered), 1.0)) ** 2
+    for pixel in range(sums.shape[1]):
+        weight = sums[0, pixel]
+        if not weight > 0.5:
+            continue
+        x, y = sums[1, pixel] / weight, sums[2, pixel] / weight
+        if not sums[3, pixel] / weight - (x * x + y * y) < spread:
+            continue
+        column, row = int(np.rint(x)), int(np.rint(y))
+        ax, ay, bx, by = texel_jacobian(grid, row, column)
+        ex, ey = pixel % width - grid[0, row, column], pixel // width - grid[1, row, column]
+        determinant = ax * by - ay * bx
+        right, down = (ex * by - ey * bx) / determinant, (ax * ey - ay * ex) / determinant
+        # A step that is not finite fails the comparison, too.
+        if abs(right) < MAX_SPREAD_TEXELS and abs(down) < MAX_SPREAD_TEXELS:
+            pixels[count] = pixel
+            texels[count, 0] = min(max(column + right, 0), size - 1.001)
+            texels[count, 1] = min(max(row + down, 0), size - 1.001)
+            count += 1
+    return pixels[:count], texels[:count]

@@ -12,6 +12,7 @@ from encoder.appearance.texel_visibility import DEPTH_CELL_MM, visible_texels
 from encoder.capture.face_crop import Crop
 from encoder.runtime.image_ops import sample_bicubic
 from encoder.runtime.parallel import parallel_map
+from protocol.runtime.jit import jit
 from shared_model.appearance import pull_push_fill
 from shared_model.mesh import Head
 from shared_model.parameters import FaceParameters
@@ -82,12 +83,30 @@ def mean_texture(shape_free: ShapeFreeFrame, samples: TextureSamples, default: S
 
     default: (k, c) colours of texels that no frame shows; nan: filled from their surroundings.
     """
-    atlas, count = shape_free.atlas, samples.visible.sum(0)[:, None]
-    total = (samples.colours * samples.visible[..., None]).sum(0)
-    mean = np.where(count > 0, total / np.maximum(count, 1), default).astype(np.float32)
+    atlas = shape_free.atlas
+    mean = _mean_of_visible(samples.colours, samples.visible, default.astype(np.float32))
     at = atlas.rows, atlas.columns
     image = np.zeros((atlas.size, atlas.size, mean.shape[1]), np.float32)
     known = np.zeros(image.shape[:2], bool)
     known[at] = np.isfinite(mean[:, 0])
     image[at] = np.nan_to_num(mean)
     return pull_push_fill(image, known)[at]
+
+
+@jit
+def _mean_of_visible(colours: Single, visible: Bools, default: Single) -> Single:
+    """(k, c) mean of colours (t, k, c) where a texel is visible (t, k), nowhere: `default`."""
+    total, count = np.zeros_like(default), np.zeros(len(default), np.int64)
+    for frame in range(len(colours)):
+        for texel in range(len(default)):
+            if visible[frame, texel]:
+                count[texel] += 1
+                for channel in range(default.shape[1]):
+                    total[texel, channel] += colours[frame, texel, channel]
+    for texel in range(len(default)):
+        for channel in range(default.shape[1]):
+            if count[texel]:
+                total[texel, channel] = total[texel, channel] / np.float64(count[texel])
+            else:
+                total[texel, channel] = default[texel, channel]
+    return total

@@ -6,6 +6,8 @@ Deflation as in orthogonal matching pursuit: the leading direction of the residu
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.runtime.jit import jit
+
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
@@ -59,7 +61,7 @@ class OrthogonalResidual:
             (-frame_factors @ self._coefficients, self._modes),
         ):
             for factor, row in zip(factors, rows, strict=True):
-                direction += np.float32(factor) * row
+                _add_multiple(direction, np.float32(factor), row)
         return direction, float(values[-1] / max(values.sum(), 1e-9))
 
     def add_frame(self, frame: Single) -> None:
@@ -104,6 +106,13 @@ class OrthogonalResidual:
         self._residual_gram = np.asarray(
             self._frame_gram - self._coefficients @ self._projections.T, np.float64
         )
+
+
+@jit
+def _add_multiple(total: Single, factor: np.float32, row: Single) -> None:
+    """Add a multiple of a row (d,) to a total (d,), without an intermediate array."""
+    for k in range(len(total)):
+        total[k] += factor * row[k]
 
 
 def _inner_products(rows: list[Single], row: Single) -> Array:
