@@ -33,13 +33,24 @@ def create_context() -> moderngl.Context:
     return context
 
 
-def load_program(context: moderngl.Context, name: str) -> moderngl.Program:
-    """The program of the vertex and fragment shaders `name`."""
+def load_program(
+    context: moderngl.Context, name: str, defines: tuple[str, ...] = ()
+) -> moderngl.Program:
+    """The program of the vertex and fragment shaders `name`.
+
+    defines: names that are defined for the preprocessor.
+    """
     folder = files("decoder") / "shaders"
-    return context.program(
-        vertex_shader=(folder / f"{name}.vert").read_text(),
-        fragment_shader=(folder / f"{name}.frag").read_text(),
+    vertex, fragment = (
+        _with_defines((folder / f"{name}.{kind}").read_text(), defines) for kind in ("vert", "frag")
     )
+    return context.program(vertex_shader=vertex, fragment_shader=fragment)
+
+
+def _with_defines(source: str, defines: tuple[str, ...]) -> str:
+    """A shader with lines after its first one, which states its version."""
+    version, rest = source.split("\n", 1)
+    return "\n".join([version, *(f"#define {name}" for name in defines), rest])
 
 
 def write_uniform(program: moderngl.Program, name: str, matrix: Array) -> None:

@@ -121,20 +121,31 @@ def grid_triangles(rows: int, columns: int) -> Triangles:
     return np.stack([a, b, c, b, d, c], axis=-1).reshape(-1, 3)
 
 
-def opaque_triangles(
+def shown_triangles(
     triangles: Triangles, coordinates: NDArray[np.float32], picture: Picture
-) -> Triangles:
-    """Those of triangles (m, 3) on which a picture with alpha is not wholly transparent.
+) -> tuple[Triangles, Triangles]:
+    """Those of triangles (m, 3) on which a picture has no transparency; and those with some.
 
-    coordinates: (n, 2) of the vertices in the picture, 0..1.
+    Those on which it is wholly transparent are left out.
+    coordinates: (n, 2) of the vertices in the picture (h, w, 3) or (h, w, 4), 0..1.
     Returns at least one triangle.
     """
     if picture.shape[2] == 3:
-        return triangles
+        return triangles, triangles[:0]
     corners = coordinates[triangles] * (picture.shape[1], picture.shape[0])
-    # With bilinear interpolation the texels next to a triangle affect it.
-    ends = np.floor(corners.min(1)).astype(int) - 1, np.ceil(corners.max(1)).astype(int) + 1
+    # With bilinear interpolation the texels next to a triangle affect it; with several samples a
+    # pixel that it only touches takes its colour from beyond.
+    ends = np.floor(corners.min(1)).astype(int) - 2, np.ceil(corners.max(1)).astype(int) + 2
     (left, top), (right, bottom) = (np.clip(end, 0, picture.shape[1::-1]).T for end in ends)
-    count = np.pad((picture[..., 3] > 0).cumsum(0).cumsum(1), ((1, 0), (1, 0)))
-    inside = count[bottom, right] - count[top, right] - count[bottom, left] + count[top, left]
-    return triangles[inside > 0] if inside.any() else triangles[:1]
+    clear, dense = (
+        count[bottom, right] - count[top, right] - count[bottom, left] + count[top, left]
+        for count in (
+            np.pad(texels.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
+            for texels in (picture[..., 3] == 0, picture[..., 3] == 255)
+        )
+    )
+    area = (right - left) * (bottom - top)
+    is_solid, is_blended = dense == area, (dense < area) & (clear < area)
+    if not (is_solid | is_blended).any():
+        return triangles[:0], triangles[:1]
+    return triangles[is_solid], triangles[is_blended]
