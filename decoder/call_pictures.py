@@ -1,6 +1,8 @@
 """The pictures of a call, drawn one after the other: packets -> playout -> scene."""
 
+from collections import deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -16,7 +18,7 @@ from decoder.reception.call_playout import CallPlayout
 from decoder.reception.received_frames import DecodeStats, received_frames
 from decoder.reenactment import read_model, reenact
 from decoder.scene import Scene
-from decoder.scene_parts import PartsLoader
+from decoder.scene_parts import PartsLoader, SceneParts
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
@@ -35,6 +37,9 @@ from shared_model.parameters import FaceParameters
 from shared_model.stage_timer import StageTimer
 
 Picture = NDArray[np.uint8]
+
+# Frames by which a call file is read ahead of the picture: its models are decoded meanwhile.
+FRAMES_AHEAD = 128
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +77,20 @@ class DrawnFrame:
     time_s: Fraction
 
 
+@dataclass(frozen=True, slots=True)
+class _ReceivedFrame:
+    """A frame to draw.
+
+    sender: the newest model of its sender.
+    drawn, parts: the model that is drawn, and what is decoded of it in the background.
+    """
+
+    frame: PlayoutFrame
+    sender: ModelPacket
+    drawn: ModelPacket
+    parts: Future[SceneParts]
+
+
 class CallPictures:
     """Draws the pictures of one call; a context manager that can be iterated once.
 
@@ -96,6 +115,10 @@ class CallPictures:
         self._wants = wants
         self._target = read_model(options.face) if options.face else None
         self._source = self._stack.enter_context(source or open_source(options, on_message))
+        is_file = source is None and isinstance(options.call_file, Path)
+        self._frames_ahead = FRAMES_AHEAD if is_file else 0
+        self._received = deque[_ReceivedFrame]()
+        self._sender: ModelPacket | None = None  # of the newest frame that was drawn
         self._loader = PartsLoader()
         self._stack.callback(self._loader.close)
         if source is not None or options.call_file is None:
@@ -110,9 +133,10 @@ class CallPictures:
     @property
     def sender(self) -> CallParameters:
         """Parameters of the call.  Raises `UserError` if it has sent no model."""
-        if self.playout.model is None:
+        model = self._sender or self.playout.model
+        if model is None:
             raise _no_model_error(self._options, self.stats, self._source.ended)
-        return self.playout.model.call
+        return model.call
 
     @property
     def shown(self) -> CallParameters:
@@ -120,26 +144,29 @@ class CallPictures:
         return self.sender if self._target is None else self._target.call
 
     @property
+    def complete(self) -> bool:
+        """The call was drawn to its END packet."""
+        return self.playout.ended and not self._received
+
+    @property
     def trailing_bytes(self) -> int:
         """Bytes of a call file after the end of the call."""
         return self._source.trailing_bytes if isinstance(self._source, CallReader) else 0
 
     def __iter__(self) -> Iterator[DrawnFrame]:
-        for frame in received_frames(self._source, self.playout, self.stats, self._stop):
-            self._prepare_models()
-            if frame is None:
+        for received in self._frames():
+            if received is None:
                 yield from self._finished()
                 continue
+            frame, sender, target = received.frame, received.sender, received.drawn
             if not self._wants(frame.index):
                 continue
-            sender = self.playout.model
-            assert sender is not None
-            target = self._target or sender
+            self._sender = sender
             if self._scene is None or self._scene.model is not target:
                 yield from self._finished()
                 self._face = None
                 with self.timer.stage("model"):
-                    self._scene = self._change_scene(target)
+                    self._scene = self._change_scene(received)
             if frame.face is self._face:
                 yield from self._finished()
                 yield self._complete(frame)
@@ -151,6 +178,23 @@ class CallPictures:
         yield from self._finished()
         if self.playout.model is None:
             raise _no_model_error(self._options, self.stats, self._source.ended)
+
+    def _frames(self) -> Iterator[_ReceivedFrame | None]:
+        """The frames to draw; None before each wait for a packet of a live call."""
+        for frame in received_frames(self._source, self.playout, self.stats, self._stop):
+            self._prepare_models()
+            if frame is not None:
+                sender = self.playout.model
+                assert sender is not None
+                drawn = self._target or sender
+                parts = self._loader.request(drawn)
+                self._received.append(_ReceivedFrame(frame, sender, drawn, parts))
+            elif not self._frames_ahead:
+                yield None
+            while len(self._received) > self._frames_ahead:
+                yield self._received.popleft()
+        while self._received and not self._stop():
+            yield self._received.popleft()
 
     def close(self) -> None:
         """Free the scene; close the call file or leave the network."""
@@ -192,17 +236,17 @@ class CallPictures:
                 if model is not None:
                     self._loader.request(model)
 
-    def _change_scene(self, model: ModelPacket) -> Scene:
-        before = self._scene
+    def _change_scene(self, received: _ReceivedFrame) -> Scene:
+        before, model = self._scene, received.drawn
         try:
-            parts = self._loader.get(model)
+            parts = received.parts.result()
         except ProtocolError as error:
             drawn = self._options.face or call_name(self._options)
             raise UserError(f"cannot draw {drawn}: {error}") from error
         is_more = before is not None and is_same_model(before.model, model)
         noted = before.damages if before is not None and is_more else 0
         for damage in parts.damages[noted:]:
-            self.stats.note_damage(damage, self.playout)
+            self.stats.note_damage(damage, self.playout, received.frame.index)
         if before is not None and before.fits(parts):
             before.change(parts)
             return before

@@ -105,7 +105,7 @@ def decode(
             if not (frame.frozen and frame.lost):
                 progress(pictures.stats.pictures, total)
         output.finish()
-        if not pictures.playout.ended and (stop() or options.call_file is None):
+        if not pictures.complete and (stop() or options.call_file is None):
             pictures.stats.warnings += _unfinished(options, output.sink, stop())
         if excess := pictures.trailing_bytes:
             warning = f"{excess} bytes after the end of the call are left out"
@@ -201,7 +201,7 @@ def _unfinished(options: DecodeOptions, sink: FrameSink | None, stopped: bool) -
 def _report(pictures: CallPictures) -> DecodeReport:
     stats, playout = pictures.stats, pictures.playout
     frames, warnings = stats.pictures, stats.warnings
-    if not playout.ended and not warnings:
+    if not pictures.complete and not warnings:
         warnings.append("the call has no end: decoded up to its last packet")
     warnings += [f"damaged packet: {damage}" for damage in stats.damages]
     if more := stats.damaged - len(stats.damages):
@@ -223,7 +223,7 @@ def _report(pictures: CallPictures) -> DecodeReport:
         lost_frames=stats.lost_frames,
         before_join=playout.before_join,
         restarts=playout.restarts,
-        complete=playout.ended,
+        complete=pictures.complete,
         warnings=tuple(warnings),
         voice=pictures.sender.voice,
         voice_bytes=playout.voice_bytes,

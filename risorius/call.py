@@ -47,7 +47,7 @@ class Call:
     @property
     def complete(self) -> bool:
         """Whether the call has come to its end."""
-        return self._pictures.playout.ended
+        return self._pictures.complete
 
     def close(self) -> None:
         """Free the renderer; close the call file or leave the network."""

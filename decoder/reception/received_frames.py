@@ -44,12 +44,15 @@ class DecodeStats:
     shown_ns: list[tuple[int, int]] = field(default_factory=list)
     frame_ms: list[float] = field(default_factory=list)
 
-    def note_damage(self, error: ProtocolError, playout: CallPlayout) -> None:
-        """Add a damaged packet with the first frame that it can affect."""
+    def note_damage(
+        self, error: ProtocolError, playout: CallPlayout, frame: int | None = None
+    ) -> None:
+        """Add a damaged packet with the first frame that it can affect; None: the next one."""
         self.damaged += 1
         if self.damaged > MAX_DAMAGES_TOLD:
             return
-        model, frame = playout.model, max(playout.next_frame, 0)
+        model = playout.model
+        frame = max(playout.next_frame, 0) if frame is None else frame
         where = f", at frame {frame} ({frame / model.call.fps:.2f} s)" if model else ""
         self.damages.append(f"{error}{where}")
 

@@ -102,20 +102,38 @@ def small_head(monkeypatch: pytest.MonkeyPatch) -> Head:
     return head
 
 
-def test_no_picture_waits_for_the_next_packet(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    call = write_call(tmp_path / "call.rzo", [model(), *samples(), end()])
+def shown_before_packets(call: Path, is_stream: bool, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many pictures of a call had been shown before each wait for a packet."""
     source = Waited(call)
     monkeypatch.setattr(call_pictures, "open_source", lambda *_: source)
 
     def progress(done: int, total: int | None) -> None:
         source.shown = done
 
-    decode(DecodeOptions(call_file=call), progress, lambda: False)
+    with call.open("rb") as stream:
+        decode(DecodeOptions(call_file=stream if is_stream else call), progress, lambda: False)
+    return source.before_packet
+
+
+def test_no_picture_of_a_stream_waits_for_the_next_packet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    call = write_call(tmp_path / "call.rzo", [model(), *samples(), end()])
     # A sample, at every 2.997th frame, shows all frames up to its place.
     places = [int(number * FPS[0] / FPS[1] / 10) for number in range(len(samples()))]
-    assert source.before_packet == [0, 0, *(place + 1 for place in places)]
+    shown = shown_before_packets(call, True, monkeypatch)
+    assert shown == [0, 0, *(place + 1 for place in places)]
+
+
+def test_a_file_is_read_ahead_of_its_pictures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(call_pictures, "FRAMES_AHEAD", 10)
+    call = write_call(tmp_path / "call.rzo", [model(), *samples(), end()])
+    # Each picture but the last ones has its successor submitted when it is complete.
+    places = [int(number * FPS[0] / FPS[1] / 10) for number in range(len(samples()))]
+    shown = shown_before_packets(call, False, monkeypatch)
+    assert shown == [0, 0, *(max(0, place + 1 - 10 - 1) for place in places)]
 
 
 def test_call_becomes_one_picture_per_source_frame(tmp_path: Path) -> None:
