@@ -10,6 +10,7 @@ from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.capture.face_crop import Crop
 from encoder.detection.landmark_indices import FACE_OVAL, face_outline
 from encoder.runtime.image_ops import hull_mask, sample_bicubic
+from encoder.runtime.parallel import parallel_map
 from shared_model.appearance import Atlas
 from shared_model.mesh import OUTER_LIPS, PARTS, Head
 from shared_model.parameters import FaceParameters
@@ -61,14 +62,16 @@ def outline_coverage(
     crops: Sequence[Crop],
     faces: Sequence[FaceParameters],
     landmarks: Sequence[Array],
+    workers: int | None = None,
 ) -> Single:
     """(k,) share of the frames in which each texel lies within the outline of the landmarks.
 
     The outline is widened by `OUTLINE_MARGIN_PX`.
-    landmarks: of each frame, (468, >= 2) pixels.
+    landmarks: of each frame, (468, >= 2) pixels.  workers: see `parallel_map`.
     """
-    count = np.zeros(len(shape_free), np.float32)
-    for crop, face, points in zip(crops, faces, landmarks, strict=True):
+
+    def inside(view: tuple[Crop, FaceParameters, Array]) -> Single:
+        crop, face, points = view
         outline = face_outline(points)
         outward = outline - outline.mean(0)
         lengths = np.linalg.norm(outward, axis=1, keepdims=True)
@@ -76,7 +79,11 @@ def outline_coverage(
         height, width = crop.picture.shape[:2]
         mask = hull_mask(crop.to_crop_px(wider.astype(np.float32)), (height, width))
         positions = crop.to_crop_px(shape_free.positions(face))
-        count += sample_bicubic(mask, positions)[:, 0].clip(0, 1)
+        return sample_bicubic(mask, positions)[:, 0].clip(0, 1)
+
+    count = np.zeros(len(shape_free), np.float32)
+    for each in parallel_map(inside, zip(crops, faces, landmarks, strict=True), workers):
+        count += each
     return count / np.float32(max(len(crops), 1))
 
 

@@ -139,7 +139,7 @@ def build_person_model(
     if options.image_space_fit:
         sampled = fit_samples_in_image(face, shape, crops, sampled, sampled_landmarks, workers)
     samples = sample_faces(face, shape, crops, sampled, workers)
-    coverage = outline_coverage(shape, crops, sampled, sampled_landmarks)
+    coverage = outline_coverage(shape, crops, sampled, sampled_landmarks, workers)
     mask = np.maximum(face_mask(face.head, shape.atlas), coverage)
     weight = _texel_weight(face, shape, samples.weight, sampled, mask, options)
     samples = replace(samples, weight=weight)
@@ -247,5 +247,5 @@ def sampled_template(
     luma = np.where(
         samples.visible, to_luma(samples.colours), painted.mean + coefficients @ painted.modes
     )
-    regressed = np.linalg.lstsq(design, luma, rcond=None)[0].astype(np.float32)
+    regressed = (np.linalg.pinv(design) @ luma).astype(np.float32)
     return Template(regressed[0], regressed[1:], samples.weight)
