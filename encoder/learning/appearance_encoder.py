@@ -13,19 +13,13 @@ from encoder.appearance.masks import root_weight_and_support
 from encoder.appearance.shape_free import ShapeFreeFrame
 from encoder.appearance.texture_samples import TextureSamples
 from encoder.learning.orthogonal_residual import OrthogonalResidual
+from encoder.learning.sample_planes import weighted_planes, without_mean
 from encoder.learning.step_search import INFEASIBLE_COST, best_candidate, filling_candidate
 from encoder.picture_coding.image_budget import encode_picture_within
 from encoder.picture_coding.picture_encoder import EncodedPicture, encode_mode, encode_picture
-from protocol.pictures.picture_codec import (
-    MAX_STEP_CODE,
-    MODE_CHROMA_WEIGHT,
-    ModeCodec,
-    to_luma,
-    to_planes,
-)
+from protocol.pictures.picture_codec import MAX_STEP_CODE, ModeCodec, to_planes
 from protocol.pictures.probability_model import TEXTURE
 from protocol.pictures.weight_map import GRID_SIDE, encode_weight_map
-from protocol.runtime.jit import jit
 from shared_model.appearance import Atlas, filled_atlas
 
 Array = NDArray[np.float64]
@@ -88,9 +82,7 @@ def encode_appearance(
         no_modes = np.zeros((0, size, size, 3), np.float32)
         return CodedAppearance(texture, (), decoded, no_modes, ModeCodec(size, weight_map))
     root, support = root_weight_and_support(samples.weight * mask, mask)
-    frames = _weighted_planes(
-        samples.colours, to_luma(samples.colours), samples.visible, root[:, 0], MODE_CHROMA_WEIGHT
-    )
+    frames = weighted_planes(samples.colours, samples.visible, root[:, 0])
     coder = _AppearanceCoder(
         shape.atlas,
         samples.visible,
@@ -199,7 +191,7 @@ class _AppearanceCoder:
         return _Candidate(texture, tuple(modes), codec, step, error + MIN_MODE_GAIN * len(modes))
 
     def _residual(self, texture: EncodedPicture) -> OrthogonalResidual:
-        frames = _without(self.frames, self._weighted(texture.decoded), self.visible)
+        frames = without_mean(self.frames, self._weighted(texture.decoded), self.visible)
         return OrthogonalResidual(frames.reshape(len(frames), -1))
 
     def _leading_image(self, residual: OrthogonalResidual) -> Single:
@@ -234,34 +226,3 @@ def _encode_mode_within(
         if mode.size_bytes <= max_bytes:
             return advanced, mode
     return None
-
-
-@jit
-def _without(frames: Single, mean: Single, visible: NDArray[np.bool_]) -> Single:
-    """Frames (t, k, 3) less a mean (k, 3) where a texel is visible (t, k)."""
-    left = np.empty_like(frames)
-    for frame in range(len(frames)):
-        for texel in range(len(mean)):
-            for channel in range(3):
-                value = frames[frame, texel, channel]
-                if visible[frame, texel]:
-                    value -= mean[texel, channel]
-                left[frame, texel, channel] = value
-    return left
-
-
-@jit
-def _weighted_planes(
-    colours: Single, luma: Single, visible: NDArray[np.bool_], root: Single, chroma_weight: float
-) -> Single:
-    """(t, k, 3) the planes of colours (t, k, 3), see `to_planes`, times `root` (k,) where a texel
-    is visible (t, k), else 0.  luma: (t, k) of the colours."""
-    planes, chroma = np.zeros_like(colours), np.float32(chroma_weight)
-    for frame in range(len(colours)):
-        for texel in range(len(root)):
-            if visible[frame, texel]:
-                y = luma[frame, texel]
-                planes[frame, texel, 0] = y * root[texel]
-                planes[frame, texel, 1] = chroma * (colours[frame, texel, 0] - y) * root[texel]
-                planes[frame, texel, 2] = chroma * (colours[frame, texel, 2] - y) * root[texel]
-    return planes
