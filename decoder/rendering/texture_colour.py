@@ -76,8 +76,8 @@ class LocalColours:
         """A mode (size, size, 3), BGR, with colour where none has been sent."""
         planes = to_planes(mode, 1.0)
         expected = self._expected * blurred(planes[..., 0], COARSE)[..., None]
-        sent = blurred(np.linalg.norm(planes[..., 1:], axis=2), SENT_REACH)
-        limit = SENT_SHARE * blurred(np.linalg.norm(expected, axis=2), SENT_REACH)
+        sent = blurred(_strength(planes[..., 1:]), SENT_REACH)
+        limit = SENT_SHARE * blurred(_strength(expected), SENT_REACH)
         missing = np.clip(1 - sent / np.maximum(limit, np.float32(1e-3)), 0, 1)
         planes[..., 1:] += missing[..., None] * expected
         return from_planes(planes, 1.0)
@@ -101,6 +101,12 @@ def _parts(size: int) -> NDArray[np.int64]:
 def _ratio(planes: Single) -> Single:
     """Colour differences per unit of luma."""
     return np.asarray(planes[..., 1:] / np.maximum(planes[..., :1], MIN_LUMA), np.float32)
+
+
+def _strength(differences: Single) -> Single:
+    """(h, w) the lengths of two colour differences (h, w, 2)."""
+    blue, red = differences[..., 0], differences[..., 1]
+    return np.asarray(np.sqrt(blue * blue + red * red), np.float32)
 
 
 def blurred(planes: Single, sigma: float) -> Single:

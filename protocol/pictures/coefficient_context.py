@@ -225,6 +225,14 @@ def box_sum(values: Integers) -> Integers:
 
 def tile_sums(values: Integers) -> Integers:
     """(..., ceil(h / TILE), ceil(w / TILE)) sums over tiles of values (..., h, w)."""
-    height, width = values.shape[-2:]
-    rows, columns = range(0, height, TILE), range(0, width, TILE)
-    return np.asarray(np.add.reduceat(np.add.reduceat(values, rows, -2), columns, -1))
+    *others, height, width = values.shape
+    # Faster than `reduceat`.
+    rows = np.zeros((*others, -(-height // TILE), width), np.int64)
+    for first in range(TILE):
+        part = values[..., first::TILE, :]
+        rows[..., : part.shape[-2], :] += part
+    sums = np.zeros((*rows.shape[:-1], -(-width // TILE)), np.int64)
+    for first in range(TILE):
+        part = rows[..., first::TILE]
+        sums[..., : part.shape[-1]] += part
+    return sums
