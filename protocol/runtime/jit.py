@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any, TypeVar, cast
@@ -24,6 +25,7 @@ def jit(function: Function) -> Function:
     cached under a fingerprint of all that it is made from: Numba by itself does not notice what has
     changed in another file than the function's.
     """
+    _load_without_scipy()
     try:
         with _cache_folder(fingerprint(function)):
             compiled = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
@@ -31,6 +33,26 @@ def jit(function: Function) -> Function:
         # There is no folder that a cache can be written to.
         compiled = numba.njit(nogil=True, error_model="numpy")(function)
     return cast(Function, compiled)
+
+
+@cache
+def _load_without_scipy() -> None:
+    """Load Numba's array functions as if there were no SciPy.
+
+    They would load its linear algebra to see whether compiled loops can have it.  None does, and
+    that takes as long as loading the functions.
+    """
+    linear_algebra = cast(Any, import_module("numba.np.linalg"))
+    ensure_blas = linear_algebra.ensure_blas
+    linear_algebra.ensure_blas = _no_blas
+    try:
+        import_module("numba.np.arraymath")
+    finally:
+        linear_algebra.ensure_blas = ensure_blas
+
+
+def _no_blas() -> None:
+    raise ImportError("SciPy is not loaded for compiled loops")
 
 
 def fingerprint(function: Callable[..., object]) -> str:

@@ -1,5 +1,8 @@
 """Compiled functions give the results of the Python code, with or without a cache folder."""
 
+import subprocess
+import sys
+
 import numpy as np
 
 from protocol.runtime.jit import fingerprint, jit
@@ -47,3 +50,12 @@ def test_a_constant_of_another_module_changes_the_fingerprint() -> None:
 
     assert of(2.0, 1.0) == of(2.0, 1.0)
     assert len({of(2.0, 1.0), of(3.0, 1.0), of(2.0, 4.0)}) == 3
+
+
+def test_compiled_loops_do_without_scipy() -> None:
+    program = (
+        "import sys, numpy as np; from protocol.runtime.jit import jit;"
+        "assert jit(lambda values: values.sum())(np.ones(3)) == 3;"
+        "sys.exit('scipy.linalg' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
