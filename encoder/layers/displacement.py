@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from protocol.runtime.jit import jit
+
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
@@ -41,8 +43,41 @@ def _between_points(points: tuple[int, int], shape: tuple[int, int]) -> Single:
 
 
 def dot(first: Single, second: Single) -> Single:
-    """(...) the scalar products of vectors (..., 2), several times as fast as a sum over them."""
-    return first[..., 0] * second[..., 0] + first[..., 1] * second[..., 1]
+    """(k, h, w) the scalar products of vectors (k, h, w, 2) and (h, w, 2)."""
+    return _dot(first, second)
+
+
+@jit
+def _dot(first: Single, second: Single) -> Single:
+    products = np.empty(first.shape[:3], np.float32)
+    for number in range(len(first)):
+        for row in range(first.shape[1]):
+            for column in range(first.shape[2]):
+                products[number, row, column] = (
+                    first[number, row, column, 0] * second[row, column, 0]
+                    + first[number, row, column, 1] * second[row, column, 1]
+                )
+    return products
+
+
+def moved_back(at: Single, coefficients: Array, fields: Single) -> Single:
+    """Positions (h, w, 2) less the sum of fields (k, h, w, 2) times their coefficients (k,)."""
+    return _moved_back(at, coefficients.astype(np.float32), fields)
+
+
+@jit
+def _moved_back(at: Single, coefficients: Single, fields: Single) -> Single:
+    moved = np.empty_like(at)
+    for row in range(at.shape[0]):
+        total = np.zeros(at.shape[1:], np.float32)
+        for number in range(len(coefficients)):
+            for column in range(at.shape[1]):
+                for axis in range(2):
+                    total[column, axis] += coefficients[number] * fields[number, row, column, axis]
+        for column in range(at.shape[1]):
+            for axis in range(2):
+                moved[row, column, axis] = at[row, column, axis] - total[column, axis]
+    return moved
 
 
 def sample(image: Single, at: Single) -> Single:

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.layers.displacement import dense, dot, origins, sample
+from encoder.layers.displacement import dense, dot, moved_back, origins, sample
 from encoder.layers.layer_samples import (
     CoarseFrame,
     coarse_luma,
@@ -264,7 +264,7 @@ class LayerFitter:
         count, changed = len(self.fields), len(self.fields) + len(self.changes)
         scene, scene_changes, moving = self._moved_scene(coefficients[changed:])
         moves = self._moves(at) if moves is None else moves
-        at = at - np.tensordot(coefficients[:count].astype(np.float32), moves, 1)
+        at = moved_back(at, coefficients[:count], moves)
         person, alpha = sample(self.person, at), sample(self.alpha, at)
         added = coefficients[count:changed].astype(np.float32)
         own_changes = np.array([sample(change, at) for change in self.changes], np.float32)

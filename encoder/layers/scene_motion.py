@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.layers.displacement import dot, pixel_grid, sample
+from encoder.layers.displacement import dot, moved_back, pixel_grid, sample
 from encoder.runtime.cauchy_weight import cauchy_weight
 from shared_model.layers.scene_motion import displacement_basis
 
@@ -37,7 +37,7 @@ def scene_basis(shape: tuple[int, int]) -> Single:
 def scene_origins(basis: Single, motion: Array) -> Single:
     """(h, w, 2) where each pixel of a frame comes from in the picture of the scene."""
     grid = pixel_grid((basis.shape[1], basis.shape[2]))
-    return grid - np.tensordot(motion.astype(np.float32), basis, 1)
+    return moved_back(grid, motion, basis)
 
 
 def scene_pyramid(scene: Single) -> ScenePyramid:
