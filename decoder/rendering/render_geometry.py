@@ -14,6 +14,8 @@ Triangles = NDArray[np.int32]
 # Depth that is drawn before and behind the head's origin, but nothing nearer than NEAR_MM.
 DEPTH_RANGE_MM = 500.0
 NEAR_MM = 10.0
+# Depth in clip coordinates, -1 to 1, of what is behind that.
+FAR_DEPTH = 0.99999
 # A triangle whose normal has a smaller cosine with the viewing direction may be at the silhouette.
 GRAZING_COSINE = 0.7
 # Depth of the front teeth; behind them the light falls to 1 / e over the second distance.
@@ -53,6 +55,7 @@ def clip_from_head(camera: Camera, pose: Pose) -> Array:
 def expanded_silhouette(clip: Array, vertices: Array, camera: Camera, expansion_px: float) -> Array:
     """The matrix `clip`, scaled about the middle of the head: its outline is `expansion_px` wider.
 
+    Its depth is behind all of the head.
     vertices: (n, 3) float64, mm, head frame.
     """
     homogeneous = np.column_stack([vertices, np.ones(len(vertices))]) @ clip.T
@@ -62,7 +65,20 @@ def expanded_silhouette(clip: Array, vertices: Array, camera: Camera, expansion_
     factor = 1 + 2 * expansion_px * 2 / (np.array([camera.width, camera.height]) * (high - low))
     wide = clip.copy()
     wide[:2] = factor[:, None] * clip[:2] + ((1 - factor) * middle)[:, None] * clip[3]
+    wide[2] = FAR_DEPTH * clip[3]
     return wide
+
+
+def solid_first(head: Head) -> tuple[Triangles, int]:
+    """All triangles (m, 3), those of skin and surround without transparency first; their indices.
+
+    The others keep their order: transparent skin hides the inside of the head by its depth, but not
+    solid skin behind it, which is seen so from the side alone.
+    """
+    outside = np.isin(head.parts, [PARTS.index(part) for part in ("skin", "surround")])
+    solid = (outside & (head.opacity == 1))[head.triangles].all(1)
+    ordered = np.concatenate([head.triangles[solid], head.triangles[~solid]])
+    return np.ascontiguousarray(ordered, np.int32), 3 * int(solid.sum())
 
 
 def silhouette_candidates(head: Head) -> tuple[Triangles, NDArray[np.bool_]]:

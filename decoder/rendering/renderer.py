@@ -30,6 +30,7 @@ from decoder.rendering.render_geometry import (
     part_colours,
     silhouette_candidates,
     silhouette_triangles,
+    solid_first,
     teeth_falloff,
 )
 from shared_model.errors import UserError
@@ -69,7 +70,8 @@ class Renderer:
         self._background = BackgroundPass(self._context, size, samples)
         self._atlas: moderngl.Texture | None = None
         self._positions = self._context.buffer(reserve=12 * len(head.vertices), dynamic=True)
-        self._triangles = self._context.buffer(np.ascontiguousarray(head.triangles, dtype=np.int32))
+        triangles, self._solid = solid_first(head)
+        self._triangles = self._context.buffer(triangles)
         self._silhouette_triangles = self._context.buffer(
             reserve=head.triangles.nbytes, dynamic=True
         )
@@ -154,7 +156,7 @@ class Renderer:
         self._check(camera, vertices)
         if self._atlas is None:
             raise ValueError("no texture has been set, expected set_texture before draw")
-        with self._context as context:
+        with self._context:
             self._clear()
             self._background.draw(self._target, grid_px, change, scene_corners, light)
             self._write_pose(self._textured, camera, pose, vertices)
@@ -163,10 +165,7 @@ class Renderer:
             )
             self._textured.program["texture_is_shaded"] = mouth_shading is None
             self._use_atlas(self._atlas, camera, pose)
-            if expansion_px:
-                self._draw_silhouette(camera, pose, vertices, expansion_px)
-            context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE | moderngl.BLEND)
-            self._textured.render()
+            self._draw_head(camera, pose, vertices, expansion_px)
 
     def draw_scene(self) -> Picture:
         """The picture submitted last without person and head: (height, width, 3) uint8 BGR."""
@@ -267,17 +266,30 @@ class Renderer:
             atlas.filter = moderngl.LINEAR, moderngl.LINEAR
         atlas.use()
 
+    def _draw_head(self, camera: Camera, pose: Pose, vertices: Array, expansion_px: float) -> None:
+        """Draw solid skin first, and what it hides by its depth not at all."""
+        head = self._textured
+        self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+        if self._solid:
+            head.render(vertices=self._solid)
+        self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE | moderngl.BLEND)
+        if expansion_px:
+            self._draw_silhouette(camera, pose, vertices, expansion_px)
+        if self._solid < head.vertices:
+            head.render(first=self._solid, vertices=head.vertices - self._solid)
+
     def _draw_silhouette(
         self, camera: Camera, pose: Pose, vertices: Array, expansion_px: float
     ) -> None:
-        """Draw the triangles at the silhouette, expanded; the head then covers all but the edge."""
+        """Draw the triangles at the silhouette, expanded, behind all of the head."""
         clip, program = clip_from_head(camera, pose), self._textured.program
         expanded = expanded_silhouette(clip, vertices, camera, expansion_px)
         write_uniform(program, "clip_from_head", expanded)
-        self._context.enable_only(moderngl.CULL_FACE | moderngl.BLEND)
         triangles = silhouette_triangles(self._candidates, self._borders_gap, pose, vertices)
         self._silhouette_triangles.write(triangles)
+        self._target.depth_mask = False
         self._silhouette.render(vertices=triangles.size)
+        self._target.depth_mask = True
         write_uniform(program, "clip_from_head", clip)
 
     def _read(self) -> Picture:
