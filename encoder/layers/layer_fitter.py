@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.layers.displacement import dense, dot, moved_back, origins, sample
+from encoder.layers.displacement import dense, dot, less_scaled, moved_back, origins, sample
 from encoder.layers.layer_samples import (
     CoarseFrame,
     coarse_luma,
@@ -245,9 +245,7 @@ class LayerFitter:
     def _slope(self, drawn: _Drawn) -> Single:
         """(h, w, 2) the derivative of a picture by the position of the person."""
         of_person, of_alpha, _ = self._gradients
-        slope = sample(of_person, drawn.at)
-        slope -= drawn.scene[..., None] * sample(of_alpha, drawn.at)
-        return slope
+        return less_scaled(sample(of_person, drawn.at), drawn.scene, sample(of_alpha, drawn.at))
 
     def _moves(self, at: Single) -> Single:
         """(k, h, w, 2) see `_Drawn`."""
