@@ -17,7 +17,7 @@ from encoder.calls.model_lifecycle import ModelLifecycle, ModelState
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
 from encoder.calls.overload import OverloadController
 from encoder.calls.packet_coder import PacketCoder
-from encoder.calls.packet_filler import PacketFiller
+from encoder.calls.packet_filler import CODING_DELAY_S, PacketFiller
 from encoder.calls.packet_sender import (
     LEAD_PACKETS,
     LEAD_PACKETS_UNPACED,
@@ -35,10 +35,6 @@ from encoder.live_model.other_face import ShownFace
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
-
-# Frames that wait for their packet are fitted again with new modes until a frame has taken this
-# share of its time; the last one of a packet, after which it is too late.
-REFIT_TIME_SHARE, LAST_REFIT_TIME_SHARE = 0.9, 1.5
 
 
 class LiveEncoder:
@@ -85,6 +81,7 @@ class LiveEncoder:
         shown = shown or ShownFace()
         self._model = ModelLifecycle(capture, gop, budget, updates, stats, learner, realtime, shown)
         self._filler = PacketFiller(gop.frame_step)
+        self._held_frames = int(CODING_DELAY_S * coded_fps) if realtime else 0
         self._rate = OnlineRateController(RateTarget(bitrate, coded_fps, gop.frames_per_packet))
         self._coder = PacketCoder(self._rate)
 
@@ -122,7 +119,7 @@ class LiveEncoder:
         for frame in self._delay.rest(self._clock if self._realtime else None):
             self._frame_begin_s = self._clock()
             self._encode(frame)
-        if len(self._filler):
+        while len(self._filler):
             # By its last packet the call may reach a version whose modes are learned.
             self._send_packet()
         self.close()
@@ -196,8 +193,8 @@ class LiveEncoder:
         A camera leaves frames out if nobody takes them; these repeat the newest face.
         """
         step = self._gop.frame_step
-        while self._filler.next_index + step * (self._packet_frames - len(self._filler)) <= index:
-            self._filler.fill_gap(index, self._packet_frames)
+        while self._filler.next_index + step * (self._most_frames - len(self._filler)) <= index:
+            self._filler.fill_gap(index, self._most_frames)
             self._send_packet()
 
     def _rest(self, index: int) -> None:
@@ -205,7 +202,7 @@ class LiveEncoder:
         if self._is_before_call(index):
             return
         version = self._model.version
-        self._filler.fill_gap(index, self._packet_frames - 1)
+        self._filler.fill_gap(index, self._most_frames - 1)
         if self._filler.is_coded(index):
             self._filler.add_rest(version.rest())
             self._send_full_packet()
@@ -215,7 +212,7 @@ class LiveEncoder:
         if self._is_before_call(index):
             warn_of_long_search(index / self._fps, self._look_for_face_s, self._stats)
             return
-        self._filler.fill_gap(index, self._packet_frames - 1)
+        self._filler.fill_gap(index, self._most_frames - 1)
         self._filler.add_without_face(index)
         self._send_full_packet()
 
@@ -227,7 +224,7 @@ class LiveEncoder:
             fit = version.fit_texels if is_overloaded else version.fit
             self._stats.overloaded_frames += is_overloaded
             face = fit(sample, self._filler.initial_face)
-        self._filler.fill_gap(index, self._packet_frames - 1, face)
+        self._filler.fill_gap(index, self._most_frames - 1, face)
         self._filler.add(face, sample)
         if not self._learns_ahead:
             # All frames of a packet have the modes that are there when it goes out.
@@ -244,7 +241,8 @@ class LiveEncoder:
 
     def _send_packet(self) -> None:
         """Code and send the frames that wait, then switch to the next version if it is time."""
-        filled, number = self._filler.take(), self._coder.number
+        number, count = self._coder.number, self._position.packet_frames(self._gop)
+        filled = self._filler.take(count)
         self._packets.report_face(filled.visible, filled.start_frame)
         with self._stats.stage("code"):
             faces = self._model.coded_faces(filled.faces)
@@ -259,23 +257,25 @@ class LiveEncoder:
         return ahead >= 0 and ahead % self._gop.frame_step == 0
 
     @property
-    def _packet_frames(self) -> int:
-        """How many frames the packet that is being filled takes."""
-        return 1 if self._position.is_first else self._gop.frames_per_packet
+    def _most_frames(self) -> int:
+        """How many frames wait when the packet is coded: its own, and those that it waits for."""
+        position, own = self._position, self._position.packet_frames(self._gop)
+        has_next = not (position.is_first or self._model.switches_at(position.packet + 1))
+        return own + self._held_frames * has_next
 
     @property
     def _fits_layers(self) -> bool:
         """Whether the next frame's layers are fitted.
 
-        Where time counts, those of every second frame are, but not in the last of a packet, which
-        is coded in the same time.
+        Where time counts, those of every second frame are, but not where a packet is coded in the
+        same time.
         """
         return not self._realtime or len(self._filler) % 2 == 0
 
     @property
     def _is_packet_full(self) -> bool:
-        """Whether the packet that is being filled has all its frames."""
-        return len(self._filler) == self._packet_frames
+        """Whether the packet is to be coded now."""
+        return len(self._filler) == self._most_frames
 
     @property
     def _position(self) -> StreamPosition:
@@ -286,11 +286,8 @@ class LiveEncoder:
     @property
     def _may_refit(self) -> bool:
         """Whether there is time to fit a waiting frame again."""
-        if self._overload is None:
-            return True
         passed_s = self._clock() - self._frame_begin_s
-        share = LAST_REFIT_TIME_SHARE if self._is_packet_full else REFIT_TIME_SHARE
-        return not self._is_overloaded and passed_s < share / self._fps
+        return self._overload is None or self._overload.may_refit(passed_s, self._is_packet_full)
 
     @property
     def _is_overloaded(self) -> bool:

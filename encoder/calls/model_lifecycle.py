@@ -146,8 +146,7 @@ class ModelLifecycle:
         pictures, points = self._frames.sample()
         progressive, video = self._updates.progressive, self._capture.format
         first = pictures[0], points[0], video, self._gop, self._budget
-        encode_background = self._learner.encode_background
-        trainer = trainer_from(*first, progressive, self._realtime, encode_background)
+        trainer = trainer_from(*first, progressive, self._realtime, self._learner.encode_background)
         # In real time, and on a thin link, an update brings what takes long.
         seen = 0 if self._realtime or progressive else self._frames.offered
         share = self._schedule.first_share(seen)
@@ -225,6 +224,10 @@ class ModelLifecycle:
                 self._go_to(ModelState.ANNOUNCED)
         return switched
 
+    def switches_at(self, packet: int) -> bool:
+        """Whether frame packet `packet` is the first of another version."""
+        return self._next_version is not None and packet == self._next_version.first_packet
+
     def end(self) -> None:
         """End the call: no version follows."""
         if self._version is not None:
@@ -242,14 +245,13 @@ class ModelLifecycle:
             if not self._shown.is_other(following):
                 self._start_modes(following)
             self._go_to(ModelState.SWITCHING)
-        if packet != following.first_packet:
+        if not self.switches_at(packet):
             return False
         self._version, self._next_version = self._shown.switch(self._version, following), None
         self._go_to(ModelState.CODING)
         return True
 
     def _train_update(self) -> "Future[ModelVersion]":
-        """Begin to train the update that is due."""
         share = self._schedule.take_update()
         # While layers were sent more than one may have become due.
         while self._updates.progressive and self._schedule.is_update_due(self._frames.offered):
@@ -259,7 +261,6 @@ class ModelLifecycle:
             return self._learner.train(task)
 
     def _start_modes(self, version: ModelVersion) -> None:
-        """Learn the modes that a version lacks."""
         self._learner.start_modes(version)
         self._modes.start()
 
@@ -280,7 +281,6 @@ class ModelLifecycle:
 
     @property
     def _is_update_waiting(self) -> bool:
-        """Whether an update only waits for the link."""
         if self._training is not None:
             return self._training.done()
         is_due = self._schedule.is_update_due(self._frames.offered)

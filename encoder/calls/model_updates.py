@@ -27,12 +27,16 @@ class StreamPosition:
 
     packet: number of the next frame packet.
     frame: source frame that it begins with.
-    is_first: whether it is the first of its version, which holds one frame.
+    is_first: whether it is the first of its version.
     """
 
     packet: int
     frame: int
     is_first: bool
+
+    def packet_frames(self, gop: GopStructure) -> int:
+        """How many frames the next packet holds."""
+        return 1 if self.is_first else gop.frames_per_packet
 
     def after(self, packets: int, gop: GopStructure) -> tuple[int, int]:
         """Number and first source frame of the frame packet after so many."""

@@ -1,4 +1,4 @@
-"""Collects the coded frames of a live call until the next frame packet is full."""
+"""Collects the coded frames of a live call until their frame packet is coded."""
 
 from dataclasses import dataclass, replace
 from math import ceil
@@ -13,13 +13,15 @@ from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
 
+# In real time a packet is coded so long after its last frame: modes that its frames need come late.
+CODING_DELAY_S = 0.08
 # Share of the way to rest that a face goes from one coded frame to the next.
 REST_SHARE = 0.25
 
 
 @dataclass(frozen=True, slots=True)
 class _PendingFrame:
-    """A coded frame whose packet is not full.
+    """A coded frame whose packet is not coded.
 
     sample: what the face was fitted to; None: there was nothing to fit to.
     repeats: the frame repeats the one before, since no face was visible.
@@ -177,11 +179,11 @@ class PacketFiller:
         if self._face is not None:
             self._face = replace(self._face, modes=rest.modes, layers=rest.layers)
 
-    def take(self) -> FilledPacket:
-        """The frames that wait; the next packet begins after them."""
-        faces = tuple(frame.face for frame in self._pending)
-        visible = any(not frame.repeats for frame in self._pending)
+    def take(self, count: int) -> FilledPacket:
+        """The first `count` of the frames that wait, or all; the next packet begins after them."""
+        taken, self._pending = self._pending[:count], self._pending[count:]
+        faces = tuple(frame.face for frame in taken)
+        visible = any(not frame.repeats for frame in taken)
         filled = FilledPacket(self._start_frame, faces, visible)
         self._start_frame += len(faces) * self._frame_step
-        self._pending = []
         return filled
