@@ -115,8 +115,7 @@ def encode_live(
 ) -> None:
     """Fit, code and send every frame as it comes."""
     gop = _gop(options, capture)
-    pacer = _pacer(options, sink, gop, capture)
-    packets = PacketSender(sink, stats, pacer, capture.times, voice)
+    packets = PacketSender(sink, stats, _pacer(options, sink, gop, capture), capture.times, voice)
     # A source that waits for its reader can wait for the training, too.
     realtime = options.pace or capture.is_live
     with closing(LearningProcess(stats.warn) if realtime else LocalLearner()) as learner:
@@ -138,6 +137,7 @@ def encode_live(
             realtime,
             _shown_face(callbacks.other_face, capture, gop, budget),
             options.delay_s,
+            waits_for_modes=not (options.answered or options.low_delay),
         )
         run_session(session, packets, options, capture, stats, callbacks)
 

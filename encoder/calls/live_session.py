@@ -48,6 +48,7 @@ class LiveEncoder:
     shown: whose face is shown; None: the caller's.
     delay_s: frames wait so long, in the source's time, after they have been seen: models are
         trained from those after them, too.
+    waits_for_modes: in real time a packet is coded `CODING_DELAY_S` after its last frame.
     clock: seconds from any origin.
     """
 
@@ -64,6 +65,7 @@ class LiveEncoder:
         realtime: bool,
         shown: ShownFace | None = None,
         delay_s: float = 0.0,
+        waits_for_modes: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         fps, coded_fps = float(capture.fps), float(gop.coded_fps(capture.fps))
@@ -81,7 +83,7 @@ class LiveEncoder:
         shown = shown or ShownFace()
         self._model = ModelLifecycle(capture, gop, budget, updates, stats, learner, realtime, shown)
         self._filler = PacketFiller(gop.frame_step)
-        self._held_frames = int(CODING_DELAY_S * coded_fps) if realtime else 0
+        self._held_frames = int(CODING_DELAY_S * coded_fps) if realtime and waits_for_modes else 0
         self._rate = OnlineRateController(RateTarget(bitrate, coded_fps, gop.frames_per_packet))
         self._coder = PacketCoder(self._rate)
 
@@ -275,7 +277,7 @@ class LiveEncoder:
     @property
     def _is_packet_full(self) -> bool:
         """Whether the packet is to be coded now."""
-        return len(self._filler) == self._most_frames
+        return len(self._filler) >= self._most_frames
 
     @property
     def _position(self) -> StreamPosition:

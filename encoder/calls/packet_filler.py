@@ -13,7 +13,8 @@ from shared_model.parameters import FaceParameters
 
 Array = NDArray[np.float64]
 
-# In real time a packet is coded so long after its last frame: modes that its frames need come late.
+# Modes come about a tenth of a second after the frames that show what is missing: a packet may wait
+# so long after its last frame.
 CODING_DELAY_S = 0.08
 # Share of the way to rest that a face goes from one coded frame to the next.
 REST_SHARE = 0.25
