@@ -9,6 +9,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import BinaryIO, Self
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +17,7 @@ from decoder.playout import PlayoutFrame
 from decoder.reception.call_playout import CallPlayout
 from decoder.reception.received_frames import DecodeStats, received_frames
 from decoder.reenactment import read_model, reenact
-from decoder.scene import Scene, in_grey
+from decoder.scene import Scene
 from decoder.scene_parts import PartsLoader, SceneParts
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
@@ -120,8 +121,7 @@ class CallPictures:
         self._sender: ModelPacket | None = None  # of the newest frame that was drawn
         self._loader = PartsLoader()
         self._stack.callback(self._loader.close)
-        self._is_live = source is not None or options.call_file is None
-        if self._is_live:
+        if source is not None or options.call_file is None:
             # Meanwhile the encoder is looked for.
             self._loader.warm_up()
         self._scene: Scene | None = None
@@ -158,11 +158,11 @@ class CallPictures:
             if received is None:
                 yield from self._finished()
                 continue
-            frame, target = received.frame, received.drawn
+            frame, sender, target = received.frame, received.sender, received.drawn
             if not self._wants(frame.index):
                 continue
-            self._sender = sender = received.sender
-            if self._scene is None or self._is_to_change(self._scene, received):
+            self._sender = sender
+            if self._scene is None or self._scene.model is not target:
                 yield from self._finished()
                 self._face = None
                 with self.timer.stage("model"):
@@ -184,8 +184,9 @@ class CallPictures:
         for frame in received_frames(self._source, self.playout, self.stats, self._stop):
             self._prepare_models()
             if frame is not None:
-                assert self.playout.model is not None
-                sender, drawn = self.playout.model, self._target or self.playout.model
+                sender = self.playout.model
+                assert sender is not None
+                drawn = self._target or sender
                 parts = self._loader.request(drawn)
                 self._received.append(_ReceivedFrame(frame, sender, drawn, parts))
             elif not self._frames_ahead:
@@ -235,12 +236,6 @@ class CallPictures:
                 if model is not None:
                     self._loader.request(model)
 
-    def _is_to_change(self, scene: Scene, received: _ReceivedFrame) -> bool:
-        """Whether to draw another model now; a live frame does not wait for more of the same."""
-        shown, drawn = scene.model, received.drawn
-        may_wait = not self._is_live or not is_same_model(shown, drawn)
-        return shown is not drawn and (may_wait or received.parts.done())
-
     def _change_scene(self, received: _ReceivedFrame) -> Scene:
         before, model = self._scene, received.drawn
         try:
@@ -262,6 +257,11 @@ class CallPictures:
     def _close_scene(self) -> None:
         if self._scene is not None:
             self._scene.close()
+
+
+def in_grey(picture: Picture) -> Picture:
+    """The picture (h, w, 3) uint8 BGR without its colours."""
+    return np.asarray(cv2.cvtColor(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR))
 
 
 def open_source(options: CallOptions, on_message: MessageCallback) -> PacketSource:

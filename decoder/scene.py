@@ -163,11 +163,6 @@ class Scene:
         self._renderer.close()
 
 
-def in_grey(picture: Picture) -> Picture:
-    """The picture (h, w, 3) uint8 BGR without its colours."""
-    return np.asarray(cv2.cvtColor(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR))
-
-
 def edge_samples(width: int, height: int) -> int:
     """Colour samples per pixel of a picture of this size."""
     return SMALL_SAMPLES if width * height <= SMALL_PX else 0

@@ -2,7 +2,6 @@
 
 from itertools import count
 from pathlib import Path
-from threading import Event
 
 import cv2
 import numpy as np
@@ -13,7 +12,6 @@ from videos import read_frames
 
 from decoder import call_pictures, scene_parts
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
-from decoder.scene_parts import SceneParts
 from protocol.call_file import MAGIC, CallReader
 from protocol.call_parameters import CallParameters
 from protocol.call_records import serialise_records
@@ -104,17 +102,16 @@ def small_head(monkeypatch: pytest.MonkeyPatch) -> Head:
     return head
 
 
-def sample_places() -> list[int]:
-    return [int(number * FPS[0] / FPS[1] / 10) for number in range(len(samples()))]
-
-
 def shown_before_packets(call: Path, is_stream: bool, monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """How many pictures of a call had been shown before each wait for a packet."""
     source = Waited(call)
     monkeypatch.setattr(call_pictures, "open_source", lambda *_: source)
+
+    def progress(done: int, total: int | None) -> None:
+        source.shown = done
+
     with call.open("rb") as stream:
-        options = DecodeOptions(call_file=stream if is_stream else call)
-        decode(options, lambda done, _: setattr(source, "shown", done), lambda: False)
+        decode(DecodeOptions(call_file=stream if is_stream else call), progress, lambda: False)
     return source.before_packet
 
 
@@ -122,9 +119,10 @@ def test_no_picture_of_a_stream_waits_for_the_next_packet(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     call = write_call(tmp_path / "call.rzo", [model(), *samples(), end()])
-    shown = shown_before_packets(call, True, monkeypatch)
     # A sample, at every 2.997th frame, shows all frames up to its place.
-    assert shown == [0, 0, *(place + 1 for place in sample_places())]
+    places = [int(number * FPS[0] / FPS[1] / 10) for number in range(len(samples()))]
+    shown = shown_before_packets(call, True, monkeypatch)
+    assert shown == [0, 0, *(place + 1 for place in places)]
 
 
 def test_a_file_is_read_ahead_of_its_pictures(
@@ -132,8 +130,10 @@ def test_a_file_is_read_ahead_of_its_pictures(
 ) -> None:
     monkeypatch.setattr(call_pictures, "FRAMES_AHEAD", 10)
     call = write_call(tmp_path / "call.rzo", [model(), *samples(), end()])
+    # Each picture but the last ones has its successor submitted when it is complete.
+    places = [int(number * FPS[0] / FPS[1] / 10) for number in range(len(samples()))]
     shown = shown_before_packets(call, False, monkeypatch)
-    assert shown == [0, 0, *(max(0, place - 10) for place in sample_places())]
+    assert shown == [0, 0, *(max(0, place + 1 - 10 - 1) for place in places)]
 
 
 def test_call_becomes_one_picture_per_source_frame(tmp_path: Path) -> None:
@@ -162,31 +162,6 @@ def test_before_its_background_is_known_a_call_is_drawn_on_black(tmp_path: Path)
     first_shown, *_, last = read_frames(video)
     assert first_shown[-3, 3].max() < 10 and first_shown[..., 2].max() > 190
     assert last[-3, 3, 1] > 140
-
-
-def test_a_live_frame_does_not_wait_for_more_of_its_model(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    has_begun, may_go_on, corners = Event(), Event(), list[int]()
-
-    def load(model: ModelPacket, before: SceneParts | None) -> SceneParts:
-        if model.background:
-            has_begun.set()
-            assert may_go_on.wait(60)
-        return scene_parts.scene_parts(model, before)
-
-    loader = scene_parts.PartsLoader(load)
-    monkeypatch.setattr(call_pictures, "PartsLoader", lambda: loader)
-    before, *after = samples()
-    call = write_call(tmp_path / "call.rzo", [model(background=b""), before, model(), *after])
-    options, source = call_pictures.CallOptions(), CallReader(call)
-    with call_pictures.CallPictures(options, lambda: False, source=source) as pictures:
-        for frame in pictures:
-            corners.append(int(frame.picture[0, 0, 1]))
-            if frame.index == 20 and has_begun.wait(60):
-                may_go_on.set()
-                loader.close()  # waits for what has begun
-    assert not any(corners[:21]) and corners[-1] > 100
 
 
 def test_the_drawn_face_is_where_the_sent_pose_puts_it(tmp_path: Path, small_head: Head) -> None:
