@@ -232,8 +232,10 @@ class LiveEncoder:
             # All frames of a packet have the modes that are there when it goes out.
             may_start = self._realtime or self._is_packet_full
             self._learn(index, lambda: replace(sample, face=face), may_start)
+        version = self._model.version
+        refit = version.refit_modes if self._realtime else version.refit
         with self._stats.stage("fit"):
-            while self._may_refit and self._filler.refit_newest(self._model.version):
+            while self._may_refit and self._filler.refit_newest(refit):
                 pass
         self._send_full_packet()
 

@@ -4,8 +4,8 @@
 # longer.
 LAG_LIMIT_S, HOLD_OFF_S = 0.1, 1.0
 # Frames that wait for their packet are fitted again with new modes until a frame has taken this
-# share of its time; before a packet is coded, after which it is too late, until that one.
-REFIT_TIME_SHARE, LAST_REFIT_TIME_SHARE = 0.9, 1.5
+# share of its time; before a packet is coded, after which it is too late, all of it.
+REFIT_TIME_SHARE, LAST_REFIT_TIME_SHARE = 0.65, 1.0
 # The lag grows no larger: a camera drops the frames that are not fetched.
 MAX_LAG_S = 0.3
 

@@ -1,5 +1,6 @@
 """Collects the coded frames of a live call until their frame packet is coded."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import ceil
 
@@ -7,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.learning.incremental_modes import FaceSample
-from encoder.live_model.model_version import ModelVersion
 from shared_model.geometry import interpolate
 from shared_model.parameters import FaceParameters
 
@@ -153,9 +153,10 @@ class PacketFiller:
             replace(frame, is_outdated=frame.sample is not None) for frame in self._pending
         ]
 
-    def refit_newest(self, version: ModelVersion) -> bool:
-        """Fit the newest outdated face again with the modes of `version`; whether there was one.
+    def refit_newest(self, refit: Callable[[FaceSample, FaceParameters], FaceParameters]) -> bool:
+        """Fit the newest outdated face again with the newest modes; whether there was one.
 
+        refit: fits a face again to its sample.
         Frames after it that have nothing to be fitted to get its face, or only its modes.
         """
         outdated = (i for i in reversed(range(len(self._pending))) if self._pending[i].is_outdated)
@@ -164,7 +165,7 @@ class PacketFiller:
             return False
         frame = self._pending[at]
         assert frame.sample is not None
-        face = version.refit(frame.sample, frame.face)
+        face = refit(frame.sample, frame.face)
         self._pending[at] = replace(frame, face=face, is_outdated=False)
         for later in range(at + 1, len(self._pending)):
             frame = self._pending[later]

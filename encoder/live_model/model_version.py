@@ -132,8 +132,16 @@ class ModelVersion:
 
     def refit(self, sample: FaceSample, face: FaceParameters) -> FaceParameters:
         """A face that was fitted before the newest modes were learned, with these."""
-        start = replace(face, modes=_zero_padded(face.modes, len(self.transform.modes)))
+        start = self._with_newest_modes(face)
         return self.image_fitter.fit(sample.crop, start, face_outline(sample.landmarks))
+
+    def refit_modes(self, sample: FaceSample, face: FaceParameters) -> FaceParameters:
+        """The same in a quarter of the time: only the coefficients of modes change."""
+        start = self._with_newest_modes(face)
+        return self.image_fitter.fit_modes(sample.crop, start, face_outline(sample.landmarks))
+
+    def _with_newest_modes(self, face: FaceParameters) -> FaceParameters:
+        return replace(face, modes=_zero_padded(face.modes, len(self.transform.modes)))
 
     def transform_faces(self, faces: Sequence[FaceParameters]) -> Array:
         """(t, n) components of faces; modes that were learned after a fit are 0 in it."""

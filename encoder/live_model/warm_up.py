@@ -19,10 +19,11 @@ from encoder.coding.rdo_quantiser import code_packet
 from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.fitting.identity import TYPICAL_FOCAL_RATIO
 from encoder.fitting.landmark_fit import landmark_model
-from encoder.layers.displacement import pixel_grid
+from encoder.layers.displacement import dot, less_scaled, moved_back, pixel_grid
 from encoder.layers.field_refinement import add_fields, add_pixels
 from encoder.layers.person_picture import squared_errors
 from encoder.layers.scene import SceneLayer
+from encoder.layers.scene_motion import scene_basis, scene_origins
 from encoder.learning.incremental_modes import ModeLearner
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.picture_coding.image_budget import encode_background_within
@@ -79,6 +80,12 @@ def _load_loops_of_layers() -> None:
     squared_errors(frames[0], mean, mean)
     moving = SceneLayer(mean, np.zeros((2, 4)))
     moving.origins(0, pixel_grid((4, 4)), (4, 4), (8, 8))
+    basis, positions = scene_basis((4, 4)), np.zeros((4, 4, 2), np.float32)
+    scene_origins(basis, np.zeros(len(basis)))
+    for fields in (basis, basis.copy()):
+        dot(fields, positions)
+    moved_back(positions, np.zeros(len(fields)), fields)
+    less_scaled(positions, fields[0, ..., 0].copy(), positions)
     squares, products, pairs = np.zeros((2, 2, 4, 4)), np.zeros((2, 4)), np.zeros((2, 2))
     corners, shares = np.zeros((4, 2), np.intp), np.zeros((4, 2))
     add_pixels(squares, products, corners, shares, pairs, pairs, np.zeros(2, np.float32))

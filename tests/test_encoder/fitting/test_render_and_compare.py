@@ -88,6 +88,17 @@ def test_a_mode_added_later_is_fitted_like_the_others(shots: Shots) -> None:
     assert found.modes == pytest.approx(known.modes)
 
 
+def test_coefficients_alone_are_found_and_the_rest_of_the_face_stays(shots: Shots) -> None:
+    truth = replace(shots.faces[3], modes=np.array([0.8]))
+    picture, outline = whole(picture_of(shots, truth)), outline_of(shots, 3)
+    for before in (0.0, 1.5):
+        start = replace(truth, modes=np.array([before]))
+        found = fitter_of(shots).fit_modes(picture, start, outline)
+        assert found.modes == pytest.approx([0.8], abs=0.05)
+        assert found.pose is start.pose and found.eau is start.eau
+    assert fitter_of(shots).fit_modes(picture, truth, outline + 5000) is truth
+
+
 def test_adding_a_mode_does_not_change_the_original_fitter(shots: Shots) -> None:
     picture, before = picture_of(shots, shots.faces[3]), fitter_of(shots, 0)
     before.with_mode(MODE)

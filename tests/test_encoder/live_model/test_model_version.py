@@ -78,7 +78,8 @@ def test_a_face_that_was_fitted_before_a_mode_was_learned_has_none_of_it(
 ) -> None:
     version, sample = trained
     face, more = version.fit(sample), version.with_mode(mode_of(version))
-    assert len(more.refit(sample, face).modes) == len(face.modes) + 1
+    for refit in (more.refit, more.refit_modes):
+        assert len(refit(sample, face).modes) == len(face.modes) + 1
     coded = more.transform_faces([face])
     assert coded.shape == version.transform_faces([face]).shape
     assert np.abs(coded[:, -RESERVED_MODES:]).max() < 1e-12
