@@ -117,7 +117,7 @@ class _Job:
     parts: "Future[SceneParts]"
     used: int
 
-    def done(self) -> SceneParts | None:
+    def decoded(self) -> SceneParts | None:
         """The parts, if they are there."""
         is_there = self.parts.done() and self.parts.exception() is None
         return self.parts.result() if is_there else None
@@ -173,7 +173,7 @@ class PartsLoader:
         return self._of_layers
 
     def _decode(self, model: ModelPacket) -> SceneParts:
-        before = [parts for job in self._jobs if (parts := job.done()) is not None]
+        before = [parts for job in self._jobs if (parts := job.decoded()) is not None]
         alike = [parts for parts in before if is_same_model(parts.model, model)]
         return self._load(model, [None, *before, *alike][-1])
 

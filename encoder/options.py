@@ -27,7 +27,7 @@ class EncodeOptions:
         whole, at once.
     fps: code about this many frames a second (default profile), see `gop_for_fps`; None: all.
     low_delay: packets of half as many frames (default profile).
-    answered: whoever sees the live call answers: its packets are coded as soon as they are full.
+    two_way: one end of a conversation: packets of a live call are coded as soon as they are full.
     live: one pass, as if the source were a camera (default profile).
     delay_s: a live call codes each frame this long after it has been seen, with what was learned
         from those after it.
@@ -54,7 +54,7 @@ class EncodeOptions:
     startup_bitrate: float | None = None
     fps: float | None = None
     low_delay: bool = False
-    answered: bool = False
+    two_way: bool = False
     live: bool = False
     delay_s: float = 0.0
     tracking: TrackingOptions = field(default_factory=TrackingOptions)

@@ -137,7 +137,7 @@ def encode_live(
             realtime,
             _shown_face(callbacks.other_face, capture, gop, budget),
             options.delay_s,
-            waits_for_modes=not (options.answered or options.low_delay),
+            waits_for_modes=not (options.two_way or options.low_delay),
         )
         run_session(session, packets, options, capture, stats, callbacks)
 

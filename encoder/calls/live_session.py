@@ -265,7 +265,7 @@ class LiveEncoder:
         """How many frames wait when the packet is coded: its own, and those that it waits for."""
         position, own = self._position, self._position.packet_frames(self._gop)
         has_next = not (position.is_first or self._model.switches_at(position.packet + 1))
-        return own + self._held_frames * has_next
+        return own + (self._held_frames if has_next else 0)
 
     @property
     def _fits_layers(self) -> bool:

@@ -71,7 +71,7 @@ def levenberg_marquardt(
     equations: Equations | None = None
     for _ in range(iterations):
         equations = equations or at.equations()
-        trial = apply_step(best, _damped_step(equations, factor, damping, undamped))
+        trial = apply_step(best, damped_step(equations, factor, damping, undamped))
         tried = evaluate(trial)
         converged = abs(at.cost - tried.cost) < RELATIVE_TOLERANCE * at.cost
         if tried.cost <= at.cost:
@@ -84,7 +84,12 @@ def levenberg_marquardt(
     return best, at
 
 
-def _damped_step(equations: Equations, factor: float, damping: Damping, undamped: int) -> Array:
+def damped_step(equations: Equations, factor: float, damping: Damping, undamped: int) -> Array:
+    """The step (n,) that solves the equations, see `Evaluation`.
+
+    factor: share of the normal matrix's diagonal that is added to it, but for the last `undamped`
+    parameters.
+    """
     normal, right = equations
     share = np.full(len(normal), damping.relative_ridge)
     share[: len(normal) - undamped] += factor

@@ -19,7 +19,12 @@ from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import Crop
 from encoder.fitting.analysis_by_synthesis import PICTURE_DAMPING, cauchy_weights, image_gradients
 from encoder.fitting.increments import FACE_PARAMETERS, RIGID, apply_picture_step
-from encoder.fitting.levenberg_marquardt import Equations, Evaluation, levenberg_marquardt
+from encoder.fitting.levenberg_marquardt import (
+    Equations,
+    Evaluation,
+    damped_step,
+    levenberg_marquardt,
+)
 from encoder.runtime.bilinear import bilinear_weights
 from encoder.runtime.image_ops import hull_mask
 from protocol.runtime.jit import jit
@@ -51,8 +56,7 @@ class ImageFitter:
     """Renders the face of one person in luma, and fits it to pictures.
 
     mean: (size, size) luma of the texture.  modes: (m, size, size), per unit coefficient.
-    max_pixels: compared at most; of a larger face, every second, third, ... pixel of each row and
-        column is used.
+    max_pixels: compared at most; of a larger face, every n-th one of each row and column.
     """
 
     def __init__(
@@ -112,14 +116,9 @@ class ImageFitter:
         if not len(rendering.error):
             return start
         weights = _occlusion_weights(observation, rendering)[rendering.fragments.pixels]
-        root = np.sqrt(weights)
         rows = _sample_layers(rendering.texels, self._layers, self._size)[:, 1:]
-        rows *= (rendering.opacity * root)[:, None]
-        normal = (rows.T @ rows).astype(np.float64)
-        ridge = PICTURE_DAMPING.relative_ridge * np.diag(normal) + PICTURE_DAMPING.absolute_ridge
-        right = (rows.T @ (root * rendering.error)).astype(np.float64) + normal @ start.modes
-        solved = np.linalg.solve(normal + np.diag(ridge), right)
-        return replace(start, modes=np.asarray(solved, np.float64))
+        equations = _weighted_equations(rows, rendering, weights)
+        return replace(start, modes=damped_step(equations, 0.0, PICTURE_DAMPING, len(start.modes)))
 
     def _render(self, observation: "_Observation", face: FaceParameters) -> "_Rendering":
         rotation = matrix_from_quaternion(face.pose.rotation)
@@ -150,12 +149,7 @@ class ImageFitter:
 
         def equations() -> Equations:
             rows = self._jacobian(observation, rendering)
-            root = np.sqrt(weights)
-            rows *= (rendering.opacity * root)[:, None]
-            normal = (rows.T @ rows).astype(np.float64)
-            right = (rows.T @ (root * error)).astype(np.float64)
-            # Coefficients are solved for as values.
-            right += normal[:, FACE_PARAMETERS:] @ face.modes
+            normal, right = _weighted_equations(rows, rendering, weights)
             eau = np.arange(RIGID, FACE_PARAMETERS)
             precision = EAU_CHANGE_COST_GREY2 * float(weights.sum())
             normal[eau, eau] += precision
@@ -177,9 +171,8 @@ class ImageFitter:
         rows = np.empty((len(rendering.error), FACE_PARAMETERS + len(face.modes)), np.float32)
         rows[:, :RIGID] = rigid.T
         rows[:, RIGID:FACE_PARAMETERS] = self._eau_jacobian(fragments, face.eau, head_gradient).T
-        rows[:, FACE_PARAMETERS:] = _sample_layers(rendering.texels, self._layers, self._size)[
-            :, 1:
-        ]
+        layers = _sample_layers(rendering.texels, self._layers, self._size)
+        rows[:, FACE_PARAMETERS:] = layers[:, 1:]
         return rows
 
     def _eau_jacobian(self, fragments: Fragments, eau: Array, gradient: Single) -> Single:
@@ -266,6 +259,16 @@ class _Rendering:
     error: Single
 
 
+def _weighted_equations(rows: Single, rendering: _Rendering, weights: Single) -> Equations:
+    """Normal equations by rows (p, n), which are overwritten; coefficients, the last, as values."""
+    root = np.sqrt(weights)
+    rows *= (rendering.opacity * root)[:, None]
+    normal = (rows.T @ rows).astype(np.float64)
+    right = (rows.T @ (root * rendering.error)).astype(np.float64)
+    modes = rendering.face.modes
+    return normal, right + normal[:, len(normal) - len(modes) :] @ modes
+
+
 def _observe(
     crop: Crop, start: FaceParameters, outline_px: Array, max_pixels: int, is_still: bool = False
 ) -> _Observation:
@@ -276,9 +279,9 @@ def _observe(
     rows, columns = (slice(low[i], max(low[i], high[i])) for i in (1, 0))
     inside = hull_mask(outline - low, luma[rows, columns].shape) > 0
     step = max(1, int(np.ceil(np.sqrt(inside.sum() / max_pixels))))
-    planes = np.stack((luma,) if is_still else (luma, *image_gradients(luma)))
-    sampled = planes[:, rows, columns][:, ::step, ::step].reshape(len(planes), -1)
-    gradients = sampled[1:] * crop.scale.astype(np.float32)[: len(planes) - 1, None]
+    planes = (luma,) if is_still else (luma, *image_gradients(luma))
+    sampled = np.stack([plane[rows, columns][::step, ::step].ravel() for plane in planes])
+    gradients = sampled[1:] * crop.scale.astype(np.float32)[: len(sampled) - 1, None]
     inside = np.ascontiguousarray(inside[::step, ::step])
     return _Observation(crop, low, step, inside, sampled[0], gradients, start.eau)
 

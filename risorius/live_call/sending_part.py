@@ -100,7 +100,7 @@ class _Sent:
             security=options.place.security,
             bitrate=options.bitrate,
             low_delay=options.low_delay,
-            answered=True,
+            two_way=True,
             live=True,
         )
         self.stats, self._devices = SessionStats(keeps_times=False), devices

@@ -6,15 +6,11 @@ import numpy as np
 import pytest
 from call_contents import packets_of, played
 from conftest import LIVE_MODEL_BYTES, without_layers
+from live_encoders import live_encoder
 
-from encoder.calls.live_session import LiveEncoder
-from encoder.calls.packet_sender import PacketSender
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import open_source
-from encoder.coding.gop import gop_for_fps
-from encoder.coding.model_packet import budget_for
 from encoder.detection.tflite import find_segmentation_network
-from encoder.live_model.learner import LocalLearner
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from protocol.call_file import CallWriter
@@ -71,19 +67,8 @@ def test_in_real_time_the_model_and_its_modes_are_sent_at_once_and_frames_when_t
         pictures = [np.full_like(pictures[0], 90)] * before + pictures
         stats, sent = SessionStats(), list[tuple[bool, bool]]()
         with CallWriter(path) as sink, without_layers():
-            packets = PacketSender(sink, stats)
-            gop, budget = gop_for_fps(capture.fps, None), budget_for("live", LIVE_MODEL_BYTES)
-            session = LiveEncoder(
-                capture,
-                packets,
-                stats,
-                budget,
-                800,
-                gop,
-                10,
-                LocalLearner(),
-                realtime=True,
-                delay_s=delay / FPS,
+            session = live_encoder(
+                capture, sink, stats, LIVE_MODEL_BYTES, realtime=True, delay_s=delay / FPS
             )
             for index, picture in enumerate(pictures):
                 session.frame(index, picture)

@@ -6,18 +6,15 @@ from pathlib import Path
 
 from call_contents import packets_of, played
 from conftest import LIVE_MODEL_BYTES, without_layers
+from live_encoders import live_encoder
 from shots import draw, talking
 
 from decoder.pipeline import DecodeOptions, decode
-from encoder.calls.live_session import LiveEncoder
-from encoder.calls.packet_sender import LEAD_PACKETS_UNPACED, PacketSender
+from encoder.calls.packet_sender import LEAD_PACKETS_UNPACED
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.live_capture import NO_PICTURE, FrameMailbox, LiveCapture
 from encoder.capture.video_source import open_source
-from encoder.coding.gop import gop_for_fps
-from encoder.coding.model_packet import budget_for
 from encoder.detection.tflite import find_segmentation_network
-from encoder.live_model.learner import LocalLearner
 from encoder.live_model.model_schedule import TRAINING_SCHEDULE
 from encoder.live_model.model_version import RESERVED_MODES
 from encoder.options import EncodeOptions
@@ -109,11 +106,7 @@ def test_frames_that_a_camera_left_out_are_filled_and_a_camera_that_is_off_goes_
     capture = LiveCapture("camera", mailbox, Fraction(FPS))
     stats = SessionStats()
     with CallWriter(path) as sink, without_layers():
-        gop, budget = gop_for_fps(capture.fps, None), budget_for("live", None)
-        packets = PacketSender(sink, stats)
-        session = LiveEncoder(
-            capture, packets, stats, budget, 800, gop, 10, LocalLearner(), realtime=False
-        )
+        session = live_encoder(capture, sink, stats, None, realtime=False)
         for index in range(end):
             if index < off and index in pictures:
                 session.frame(index, pictures[index])

@@ -6,14 +6,10 @@ import numpy as np
 import pytest
 from call_contents import packets_of, played
 from conftest import LIVE_MODEL_BYTES, without_layers
+from live_encoders import live_encoder
 
-from encoder.calls.live_session import LiveEncoder
-from encoder.calls.packet_sender import PacketSender
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import open_source
-from encoder.coding.gop import gop_for_fps
-from encoder.coding.model_packet import budget_for
-from encoder.live_model.learner import LocalLearner
 from protocol.call_file import CallWriter
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, parse_packet
@@ -41,20 +37,10 @@ def encode(clip: Path, path: Path, missing: frozenset[int], waits: bool) -> tupl
     """The source frame during which each packet is sent, and the number of source frames."""
     with open_source(str(clip)) as capture:
         pictures = [picture for _, picture in capture]
-        gop, budget = gop_for_fps(capture.fps, None), budget_for("live", LIVE_MODEL_BYTES)
         with DatedWriter(path) as sink, without_layers():
             stats = SessionStats()
-            session = LiveEncoder(
-                capture,
-                PacketSender(sink, stats),
-                stats,
-                budget,
-                800,
-                gop,
-                10,
-                LocalLearner(),
-                realtime=True,
-                waits_for_modes=waits,
+            session = live_encoder(
+                capture, sink, stats, LIVE_MODEL_BYTES, realtime=True, waits_for_modes=waits
             )
             for index, picture in enumerate(pictures):
                 sink.now = index

@@ -1,0 +1,35 @@
+"""A live encoder that learns in its own process, as tests of calls drive it, frame by frame."""
+
+from encoder.calls.live_session import LiveEncoder
+from encoder.calls.packet_sender import PacketSender
+from encoder.calls.session_stats import SessionStats
+from encoder.capture.video_source import Capture
+from encoder.coding.gop import gop_for_fps
+from encoder.coding.model_packet import budget_for
+from encoder.live_model.learner import LocalLearner
+from protocol.link.interface import PacketSink
+
+
+def live_encoder(
+    capture: Capture,
+    sink: PacketSink,
+    stats: SessionStats,
+    model_bytes: int | None,
+    realtime: bool,
+    delay_s: float = 0.0,
+    waits_for_modes: bool = False,
+) -> LiveEncoder:
+    """An encoder of 800 bit/s; what it learns is there at once."""
+    return LiveEncoder(
+        capture,
+        PacketSender(sink, stats),
+        stats,
+        budget_for("live", model_bytes),
+        800,
+        gop_for_fps(capture.fps, None),
+        10,
+        LocalLearner(),
+        realtime,
+        delay_s=delay_s,
+        waits_for_modes=waits_for_modes,
+    )
