@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from decoder.rendering.closed_lids import ClosedLids
 from decoder.rendering.texture_colour import LocalColours
 from protocol.errors import ProtocolError
+from protocol.frames.frame_transform import MAX_MODES
 from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket
 from protocol.pictures.picture_codec import (
@@ -37,7 +38,7 @@ class AppearanceModel:
     """
 
     def __init__(self, model: ModelPacket) -> None:
-        self._modes: NDArray[np.float32]
+        self._modes: _ModeRows
         # The picture that could not be decoded; the modes after it depend on it.
         self._damaged: bytes | None = None
         self._has_surround = model.call.profile == "default"
@@ -72,20 +73,15 @@ class AppearanceModel:
                 f"{len(coded)} modes of {size}x{size}, limit {MAX_MODE_TEXELS} texels"
             )
         known = len(self._modes)
-        rows = [self._modes]
-        try:
-            for number, data in enumerate(coded[known:], known):
-                if data == self._damaged:
-                    break
-                self._damaged = data
-                image = self._codec.decode(f"mode {number}", data)
-                self._damaged = None
-                if self._colours is not None:
-                    image = self._colours.complete(image)
-                rows.append(self._to_atlas(image).reshape(1, -1))
-        finally:
-            # The codec has advanced by the modes decoded before the damaged one.
-            self._modes = np.concatenate(rows)
+        for number, data in enumerate(coded[known:], known):
+            if data == self._damaged:
+                break
+            self._damaged = data
+            image = self._codec.decode(f"mode {number}", data)
+            self._damaged = None
+            if self._colours is not None:
+                image = self._colours.complete(image)
+            self._modes = self._modes.with_row(self._to_atlas(image).ravel())
 
     def updated(self, model: ModelPacket) -> "tuple[AppearanceModel, ProtocolError | None]":
         """A copy after `update`, and what that raises."""
@@ -107,7 +103,7 @@ class AppearanceModel:
         self._colours = LocalColours(self._mean) if self._has_surround else None
         self._lids = ClosedLids(self._mean) if self._has_surround else None
         self._damaged = None
-        self._modes = np.zeros((0, mean.size), np.float32)
+        self._modes = _ModeRows(mean.size)
 
     def _to_atlas(self, image: NDArray[Any]) -> NDArray[np.float32]:
         """A decoded picture as an atlas of the head."""
@@ -131,13 +127,46 @@ class AppearanceModel:
     def _with_modes(self, coefficients: NDArray[np.float64]) -> NDArray[np.uint8]:
         if not coefficients.size:
             return self._mean
-        flat = coefficients[: len(self._modes)].astype(np.float32) @ self._modes
+        flat = coefficients[: len(self._modes)].astype(np.float32) @ self._modes.rows
         if self._colours is not None:
             return self._colours.texture(flat)
         flat += self._mean.ravel()
         # Adding 0.5 and truncating is faster than rounding.
         flat += np.float32(0.5)
         return np.asarray(np.clip(flat, 0, 255), np.uint8).reshape(self._mean.shape)
+
+
+class _ModeRows:
+    """The modes of one texture as rows (m, size) float32.
+
+    A model is drawn while further modes of it are decoded: with each one there are new rows.  They
+    share the memory of those before: to copy up to 48 MB takes longer than to decode a mode.
+    """
+
+    def __init__(self, size: int) -> None:
+        most = min(MAX_MODES, MAX_MODE_TEXELS * 3 // size)
+        self._memory = np.empty((most, size), np.float32)  # takes memory as it is written
+        self._written = [0]  # rows of the memory, of all that share it
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def rows(self) -> NDArray[np.float32]:
+        """The rows."""
+        return self._memory[: self._count]
+
+    def with_row(self, row: NDArray[np.float32]) -> "_ModeRows":
+        """These rows and one more (size,)."""
+        longer = copy(self)
+        if self._written[0] != self._count:
+            # Others have gone on from here already, as after a damaged mode.
+            longer._memory, longer._written = np.empty_like(self._memory), [self._count]
+            longer._memory[: self._count] = self.rows
+        longer._memory[self._count] = row
+        longer._count = longer._written[0] = self._count + 1
+        return longer
 
 
 def decode_image(name: str, data: bytes, limit_px: int = MAX_IMAGE_SIDE_PX) -> NDArray[np.uint8]:

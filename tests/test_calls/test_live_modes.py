@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from conftest import LIVE_MODEL_BYTES, without_layers
 from numpy.typing import NDArray
 from videos import read_frames
 
+from decoder.appearance import AppearanceModel
 from decoder.pipeline import DecodeOptions, decode
 from encoder.calls.model_lifecycle import NEXT_STATES, ModelLifecycle, ModelState
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
@@ -28,7 +29,7 @@ from protocol.call_file import MAGIC
 from protocol.call_records import serialise_records
 from protocol.frames.payload_coding import decode_payload
 from protocol.frames.temporal_prediction import FramePredictor
-from protocol.frames.transform_coding import parse_transform
+from protocol.frames.transform_coding import parse_transform, serialise_transform
 from protocol.model_packet import ModelPacket
 from protocol.packets import FramePacket, LayerPacket, Packet, serialise
 from protocol.progressive_model import LayerBuffer
@@ -211,6 +212,31 @@ def test_learned_modes_make_the_picture_better(sent: Sent, clip: Path, tmp_path:
     with_them = late_face_psnr_db(wanted, drawn(packets, tmp_path / "all.rzo"))
     assert with_them > late_face_psnr_db(wanted, drawn(without, tmp_path / "bare.rzo")) + 4
     assert with_them > 32
+
+
+@pytest.mark.parametrize("sent", [None], ids=["whole"], indirect=True)
+def test_modes_added_to_a_model_that_is_drawn_do_not_change_it(sent: Sent) -> None:
+    model = next(packet for packet in sent.packets() if isinstance(packet, ModelPacket))
+    transform = parse_transform(model.profile_data)
+    known = len(transform.modes) - transform.reserved_modes
+    one, other = transform.modes[0], sent.modes[0][0]
+
+    def with_more(*modes: bytes) -> ModelPacket:
+        missing = (b"",) * (transform.reserved_modes - len(modes))
+        all_modes = transform.modes[:known] + modes + missing
+        return replace(model, profile_data=serialise_transform(replace(transform, modes=all_modes)))
+
+    drawn = AppearanceModel(model)
+    longer, _ = drawn.updated(with_more(one))
+    # Three go on from models that another has gone on from: as where one is decoded again.
+    added = ((), (one,), (one,), (other,), (one, other))
+    updated = [drawn.updated(with_more(*modes))[0] for modes in added[2:]]
+    coefficients = np.linspace(-3, 3, known + 2)
+    for appearance, modes in zip((drawn, longer, *updated), added, strict=True):
+        expected = AppearanceModel(with_more(*modes))
+        np.testing.assert_array_equal(
+            appearance.synthesise(coefficients), expected.synthesise(coefficients)
+        )
 
 
 def test_frames_without_the_face_repeat_the_one_before_however_it_is_found_again(
