@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.background_layers import BackgroundLayers
+from decoder.rendering.layer_colours import NO_CHANGE
 from protocol.pictures.layered_background import LIGHT_COEFFICIENTS, SCENE_COEFFICIENTS
 from shared_model.layers.head_motion import BackgroundMesh
 from shared_model.layers.layer_motion import fields_at_mesh, own_motion
@@ -12,9 +13,6 @@ from shared_model.layers.scene_motion import moved_corners
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
-
-# The grey level of a change that stands for no change.
-NO_CHANGE = 128
 
 
 class LayerMotion:

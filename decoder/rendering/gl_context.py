@@ -33,24 +33,13 @@ def create_context() -> moderngl.Context:
     return context
 
 
-def load_program(
-    context: moderngl.Context, name: str, defines: tuple[str, ...] = ()
-) -> moderngl.Program:
-    """The program of the vertex and fragment shaders `name`.
-
-    defines: names that are defined for the preprocessor.
-    """
+def load_program(context: moderngl.Context, name: str) -> moderngl.Program:
+    """The program of the vertex and fragment shaders `name`."""
     folder = files("decoder") / "shaders"
-    vertex, fragment = (
-        _with_defines((folder / f"{name}.{kind}").read_text(), defines) for kind in ("vert", "frag")
+    return context.program(
+        vertex_shader=(folder / f"{name}.vert").read_text(),
+        fragment_shader=(folder / f"{name}.frag").read_text(),
     )
-    return context.program(vertex_shader=vertex, fragment_shader=fragment)
-
-
-def _with_defines(source: str, defines: tuple[str, ...]) -> str:
-    """A shader with lines after its first one, which states its version."""
-    version, rest = source.split("\n", 1)
-    return "\n".join([version, *(f"#define {name}" for name in defines), rest])
 
 
 def write_uniform(program: moderngl.Program, name: str, matrix: Array) -> None:
@@ -61,10 +50,10 @@ def write_uniform(program: moderngl.Program, name: str, matrix: Array) -> None:
 
 
 def create_framebuffer(
-    context: moderngl.Context, size: tuple[int, int], samples: int, with_depth: bool = True
+    context: moderngl.Context, size: tuple[int, int], samples: int
 ) -> moderngl.Framebuffer:
     """A framebuffer of `size` (width, height), pixels, with `samples` colour samples per pixel."""
-    depth = context.depth_renderbuffer(size, samples=samples) if with_depth else None
+    depth = context.depth_renderbuffer(size, samples=samples)
     return context.framebuffer([context.renderbuffer(size, 4, samples=samples)], depth)
 
 

@@ -7,9 +7,9 @@ Texture coordinates: pixel (row i, column j) of an atlas of n x n pixels has its
 u = (j + 0.5) / n, v = (i + 0.5) / n, v down; beyond the outermost centres the edge is repeated.
 """
 
-from types import TracebackType
 from typing import Any
 
+import cv2
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -67,14 +67,15 @@ class Renderer:
             self._resolved = create_framebuffer(self._context, size, 0) if samples else self._target
         except moderngl.Error as error:
             raise UserError(f"cannot draw pictures of {width}x{height} here: {error}") from error
-        self._background = BackgroundPass(self._context, size, samples)
+        # Read as it is drawn and converted after: GL takes four times as long to leave alpha out.
+        self._read_px = np.empty((height, width, 4), np.uint8)
+        self._background = BackgroundPass(self._context, size)
         self._atlas: moderngl.Texture | None = None
         self._positions = self._context.buffer(reserve=12 * len(head.vertices), dynamic=True)
         triangles, self._solid = solid_first(head)
         self._triangles = self._context.buffer(triangles)
-        self._silhouette_triangles = self._context.buffer(
-            reserve=head.triangles.nbytes, dynamic=True
-        )
+        silhouette_bytes = head.triangles.nbytes
+        self._silhouette_triangles = self._context.buffer(reserve=silhouette_bytes, dynamic=True)
         self._textured, self._silhouette = self._head_arrays()
         self._candidates, self._borders_gap = silhouette_candidates(head)
         self._shaded: moderngl.VertexArray | None = None
@@ -83,12 +84,7 @@ class Renderer:
     def __enter__(self) -> "Renderer":
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *exception: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -157,15 +153,14 @@ class Renderer:
         if self._atlas is None:
             raise ValueError("no texture has been set, expected set_texture before draw")
         with self._context:
-            self._clear()
+            self._clear(with_colour=not self._background.covers)
             self._background.draw(self._target, grid_px, change, scene_corners, light)
-            self._write_pose(self._textured, camera, pose, vertices)
-            self._textured.program["mouth_shading"] = (
-                1.0 if mouth_shading is None else mouth_shading
-            )
+            clip = self._write_pose(self._textured, camera, pose, vertices)
+            inside = 1.0 if mouth_shading is None else mouth_shading
+            self._textured.program["mouth_shading"] = inside
             self._textured.program["texture_is_shaded"] = mouth_shading is None
             self._use_atlas(self._atlas, camera, pose)
-            self._draw_head(camera, pose, vertices, expansion_px)
+            self._draw_head(clip, camera, pose, vertices, expansion_px)
 
     def draw_scene(self) -> Picture:
         """The picture submitted last without person and head: (height, width, 3) uint8 BGR."""
@@ -195,8 +190,7 @@ class Renderer:
             array = self._shaded_array(as_float32(normals), as_float32(colours / 255))
             self._clear(0.12)
             self._write_pose(array, camera, pose, vertices)
-            rotation = matrix_from_quaternion(pose.rotation)
-            write_uniform(array.program, "camera_from_head", rotation)
+            write_uniform(array.program, "camera_from_head", matrix_from_quaternion(pose.rotation))
             context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
             array.render()
             return self._read()
@@ -236,26 +230,29 @@ class Renderer:
 
     def _check(self, camera: Camera, vertices: Array) -> None:
         if (camera.width, camera.height) != (self.width, self.height):
-            raise ValueError(
-                f"camera is {camera.width}x{camera.height}, expected {self.width}x{self.height}"
-            )
+            size = f"{camera.width}x{camera.height}"
+            raise ValueError(f"camera is {size}, expected {self.width}x{self.height}")
         if vertices.shape != self.head.vertices.shape:
-            raise ValueError(
-                f"vertices have shape {vertices.shape}, expected {self.head.vertices.shape}"
-            )
+            expected = self.head.vertices.shape
+            raise ValueError(f"vertices have shape {vertices.shape}, expected {expected}")
 
-    def _clear(self, grey: float = 0.0) -> None:
-        self._target.use()
+    def _clear(self, grey: float = 0.0, with_colour: bool = True) -> None:
+        self._target.color_mask = (with_colour,) * 4
         self._target.clear(grey, grey, grey, 1.0)
+        self._target.color_mask = (True,) * 4
+        self._target.use()
         # Clip y points down, which turns counter-clockwise into clockwise.
         self._context.front_face = "cw"
         self._context.cull_face = "back"
 
     def _write_pose(
         self, array: moderngl.VertexArray, camera: Camera, pose: Pose, vertices: Array
-    ) -> None:
+    ) -> Array:
+        """Set the pose of the head; returns `clip_from_head`."""
+        clip = clip_from_head(camera, pose)
         self._positions.write(as_float32(vertices))
-        write_uniform(array.program, "clip_from_head", clip_from_head(camera, pose))
+        write_uniform(array.program, "clip_from_head", clip)
+        return clip
 
     def _use_atlas(self, atlas: moderngl.Texture, camera: Camera, pose: Pose) -> None:
         atlas_px = ATLAS_MM * camera.focal_px / max(float(pose.translation_mm[2]), NEAR_MM)
@@ -266,7 +263,9 @@ class Renderer:
             atlas.filter = moderngl.LINEAR, moderngl.LINEAR
         atlas.use()
 
-    def _draw_head(self, camera: Camera, pose: Pose, vertices: Array, expansion_px: float) -> None:
+    def _draw_head(
+        self, clip: Array, camera: Camera, pose: Pose, vertices: Array, expansion_px: float
+    ) -> None:
         """Draw solid skin first, and what it hides by its depth not at all."""
         head = self._textured
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
@@ -274,15 +273,15 @@ class Renderer:
             head.render(vertices=self._solid)
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE | moderngl.BLEND)
         if expansion_px:
-            self._draw_silhouette(camera, pose, vertices, expansion_px)
+            self._draw_silhouette(clip, camera, pose, vertices, expansion_px)
         if self._solid < head.vertices:
             head.render(first=self._solid, vertices=head.vertices - self._solid)
 
     def _draw_silhouette(
-        self, camera: Camera, pose: Pose, vertices: Array, expansion_px: float
+        self, clip: Array, camera: Camera, pose: Pose, vertices: Array, expansion_px: float
     ) -> None:
         """Draw the triangles at the silhouette, expanded, behind all of the head."""
-        clip, program = clip_from_head(camera, pose), self._textured.program
+        program = self._textured.program
         expanded = expanded_silhouette(clip, vertices, camera, expansion_px)
         write_uniform(program, "clip_from_head", expanded)
         triangles = silhouette_triangles(self._candidates, self._borders_gap, pose, vertices)
@@ -295,6 +294,5 @@ class Renderer:
     def _read(self) -> Picture:
         if self._target is not self._resolved:
             self._context.copy_framebuffer(self._resolved, self._target)
-        data = bytearray(self.height * self.width * 3)
-        self._resolved.read_into(data, components=3, alignment=1)
-        return np.frombuffer(data, np.uint8).reshape(self.height, self.width, 3)
+        self._resolved.read_into(self._read_px, components=4)
+        return np.asarray(cv2.cvtColor(self._read_px, cv2.COLOR_BGRA2BGR), np.uint8)
