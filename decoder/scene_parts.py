@@ -21,6 +21,7 @@ from decoder.rendering.render_geometry import NEAR_MM
 from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import AAU_STEP, EAU_STEP, RESIDUAL_STEP_MM, values_from_codes
 from protocol.model_packet import ModelPacket
+from protocol.pictures.foreground_mask import decode_mask
 from protocol.pictures.picture_codec import decode_picture, serialise_picture_header
 from protocol.pictures.probability_model import TEXTURE
 from protocol.progressive_model import is_same_model
@@ -179,8 +180,9 @@ class PartsLoader:
 
 
 def _warm_up() -> None:
-    """Read the head, and decode a picture of zeros: that loads the compiled loops."""
+    """Read the head, and decode a mask and a picture of zeros: that loads the compiled loops."""
     residual_basis(head_with_surround())
+    decode_mask(b"")
     header = serialise_picture_header(TEXTURE, WARM_UP_PX, WARM_UP_PX, b"")
     with suppress(ProtocolError):
         decode_picture("warm-up", header + bytes([0]))

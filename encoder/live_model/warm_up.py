@@ -30,6 +30,7 @@ from encoder.picture_coding.image_budget import encode_background_within
 from encoder.runtime.robust_mean import robust_mean
 from encoder.tracking.outlier_rejection import robust_residuals
 from protocol.frames.temporal_prediction import FramePredictor
+from protocol.pictures.foreground_mask import decode_mask
 from protocol.pictures.picture_codec import decode_picture
 from shared_model.geometry import Camera, camera_from_head, pixel_from_camera, pose_from_euler
 from shared_model.mesh import Head
@@ -104,6 +105,7 @@ def compile_loops() -> None:
             warm_up(head_with_surround(), capture.format, gop, rng)
     # Of the decoder.
     decode_picture("noise", encode_background_within(noise, BYTES))
+    decode_mask(b"")
     # Of the thesis profile's filter; the other loops are those of the default one.
     points, state = 4, 7
     jacobian = np.zeros((2 * points, 2 * state))[:, :state]

@@ -2,15 +2,15 @@
 
 Tables of model packets, residual shapes, weight maps, foreground masks and the lowpass subbands of
 pictures are coded with these models.  A context adapts fast at first and at a constant rate after
-`_MAX_COUNT` bits.  The arithmetic is in integers; encoder and decoder run the same code.
+`MAX_COUNT` bits.  The arithmetic is in integers; encoder and decoder run the same code.
 """
 
 from protocol.entropy.integer_codes import code_bits
 from protocol.entropy.range_coder import PROBABILITY_ONE, BitCoder
 
 # Bits after which the adaptation rate of a context stays the same.
-_MAX_COUNT = 60
-_MIN_PROBABILITY = 96
+MAX_COUNT = 60
+MIN_PROBABILITY = 96
 
 
 class AdaptiveBits:
@@ -29,8 +29,8 @@ class AdaptiveBits:
         bit = coder.code_bit(bit, zero)
         target = 0 if bit else PROBABILITY_ONE
         zero += (target - zero) * 2 // (2 * count + 4)
-        self._zero[context] = min(max(zero, _MIN_PROBABILITY), PROBABILITY_ONE - _MIN_PROBABILITY)
-        if count < _MAX_COUNT:
+        self._zero[context] = min(max(zero, MIN_PROBABILITY), PROBABILITY_ONE - MIN_PROBABILITY)
+        if count < MAX_COUNT:
             self._counts[context] = count + 1
         return bit
 

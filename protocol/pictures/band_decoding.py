@@ -1,7 +1,6 @@
 """Decoding of one subband in compiled loops.
 
 They read the same symbols as `plane_decoding.ArrayBandDecoder` and let other threads run meanwhile.
-The range decoder's registers are (code, range, position).
 """
 
 from dataclasses import dataclass
@@ -9,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.entropy.range_coder import (
-    LEAST_RANGE,
-    PROBABILITY_BITS,
-    PROBABILITY_ONE,
-    RangeDecoder,
-)
+from protocol.entropy.compiled_decoding import Bytes, Integers, read_bit
+from protocol.entropy.range_coder import PROBABILITY_ONE, RangeDecoder
 from protocol.pictures.coefficient_coding import LONGEST, STEP_OUTPUTS, UNARY_LIMIT
-from protocol.pictures.coefficient_context import context_offsets
+from protocol.pictures.coefficient_context import (
+    SMALL_BAND,
+    TILE,
+    context_offsets,
+    tile_grid,
+)
 from protocol.pictures.probability_model import BandPosition, probability_models
 from protocol.pictures.symbol_prediction import (
     PASSES,
@@ -29,8 +29,6 @@ from protocol.pictures.symbol_prediction import (
 )
 from protocol.runtime.jit import jit
 
-Bytes = NDArray[np.uint8]
-Integers = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 _STEP_OUTPUTS = np.array(STEP_OUTPUTS)
@@ -44,25 +42,21 @@ class CompiledBandDecoder:
 
     coder: RangeDecoder
 
-    def tile_flags(self, position: BandPosition, context_bands: Integers) -> Integers:
+    def band(self, position: BandPosition, context_bands: Integers) -> Integers:
         """See `plane_decoding.BandDecoder`."""
-        tiles, _ = context_offsets(context_bands.shape[1], context_bands.shape[2])
-        predictor = make_predictor(probability_models().tiles, tiles)
-        with self.coder.registers() as (data, registers):
-            return _flags(data, registers, context_bands, _fields(position), predictor)
-
-    def coefficients(
-        self, position: BandPosition, context_bands: Integers, active: Bools, tile_flags: Integers
-    ) -> Integers:
-        """See `plane_decoding.BandDecoder`."""
-        of_magnitudes, of_signs = context_offsets(*active.shape)
+        shape = context_bands.shape[1:]
+        grid = tile_grid(shape)
+        of_tiles, _ = context_offsets(*grid)
+        of_magnitudes, of_signs = context_offsets(*shape)
         models = probability_models()
         with self.coder.registers() as (data, registers):
-            values, is_valid = _coefficients(
+            values, is_valid = _band(
                 data,
                 registers,
-                (context_bands, active, tile_flags),
+                context_bands,
                 _fields(position),
+                grid,
+                make_predictor(models.tiles, of_tiles),
                 make_predictor(models.sizes, of_magnitudes),
                 make_predictor(models.signs, of_signs),
             )
@@ -84,6 +78,44 @@ def _fields(position: BandPosition) -> Integers:
 
 
 @jit
+def _band(
+    data: Bytes,
+    registers: Integers,
+    context_bands: Integers,
+    band: Integers,
+    grid: tuple[int, int],
+    of_tiles: Predictor,
+    of_magnitudes: Predictor,
+    of_signs: Predictor,
+) -> tuple[Integers, bool]:
+    """The coefficients (h, w), and whether all are within their limits.  grid: of tiles."""
+    shape = context_bands.shape[1], context_bands.shape[2]
+    flags = np.ones(grid, np.int64)
+    if grid[0] * grid[1] * TILE**2 > SMALL_BAND:
+        flags = _flags(data, registers, _tile_sums(context_bands, grid), band, of_tiles)
+    active, flags_around = np.empty(shape, np.bool_), np.empty(shape, np.int64)
+    for i in range(grid[0]):
+        for j in range(grid[1]):
+            around = flags[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2].sum()
+            tile = slice(i * TILE, (i + 1) * TILE), slice(j * TILE, (j + 1) * TILE)
+            active[tile], flags_around[tile] = flags[i, j] > 0, around
+    context = context_bands, active, flags_around
+    return _coefficients(data, registers, context, band, of_magnitudes, of_signs)
+
+
+@jit
+def _tile_sums(context_bands: Integers, grid: tuple[int, int]) -> Integers:
+    """(len(ContextBand), *grid) sums of magnitudes over tiles."""
+    count, height, width = context_bands.shape
+    sums = np.zeros((count, grid[0], grid[1]), np.int64)
+    for k in range(count):
+        for i in range(height):
+            for j in range(width):
+                sums[k, i // TILE, j // TILE] += abs(context_bands[k, i, j])
+    return sums
+
+
+@jit
 def _flags(
     data: Bytes,
     registers: Integers,
@@ -100,7 +132,7 @@ def _flags(
         here = slice(starts[number], starts[number + 1])
         predict(predictor, band, number, grids, shape, rows[here], columns[here], p0[here])
         for k in range(starts[number], starts[number + 1]):
-            flags[rows[k], columns[k]] = _bit(data, registers, p0[k, 0])
+            flags[rows[k], columns[k]] = read_bit(data, registers, p0[k, 0])
         add_to_context(rows[here], columns[here], flags, grids, values)
     return flags
 
@@ -136,7 +168,7 @@ def _coefficients(
         predict(of_signs, band, number, value_grids, shape, *signed, sign_p0[: len(nonzero)])
         for index in range(len(nonzero)):
             k = nonzero[index]
-            is_negative = _bit(data, registers, sign_p0[index, 0])
+            is_negative = read_bit(data, registers, sign_p0[index, 0])
             coefficients[rows[k], columns[k]] = -magnitudes[k] if is_negative else magnitudes[k]
         add_to_context(*signed, coefficients, magnitude_grids, value_grids)
     return coefficients, True
@@ -146,32 +178,14 @@ def _coefficients(
 def _magnitude(data: Bytes, registers: Integers, p0: Integers) -> int:
     """A magnitude; p0: (outputs,), see `probability_model.ProbabilityModels`."""
     for reached in range(UNARY_LIMIT):
-        if not _bit(data, registers, p0[_STEP_OUTPUTS[reached]]):
+        if not read_bit(data, registers, p0[_STEP_OUTPUTS[reached]]):
             return reached
     length = 0
-    while _bit(data, registers, PROBABILITY_ONE // 2):
+    while read_bit(data, registers, PROBABILITY_ONE // 2):
         length += 1
         if length > LONGEST:
             return _TOO_LARGE
     excess = 1
     for _ in range(length):
-        excess = 2 * excess + _bit(data, registers, PROBABILITY_ONE // 2)
+        excess = 2 * excess + read_bit(data, registers, PROBABILITY_ONE // 2)
     return UNARY_LIMIT + excess - 1
-
-
-@jit
-def _bit(data: Bytes, registers: Integers, zero: int) -> int:
-    """The next bit, which is 0 with probability `zero` / 65536, see `RangeDecoder.code_bit`."""
-    split = (registers[1] >> PROBABILITY_BITS) * zero
-    bit = int(registers[0] >= split)
-    if bit:
-        registers[0] -= split
-        registers[1] -= split
-    else:
-        registers[1] = split
-    while registers[1] < LEAST_RANGE:
-        byte = int(data[registers[2]]) if registers[2] < len(data) else 0
-        registers[0] = registers[0] << 8 | byte
-        registers[1] <<= 8
-        registers[2] += 1
-    return bit

@@ -199,6 +199,12 @@ def context_offsets(height: int, width: int) -> tuple[ContextOffsets, ContextOff
     return magnitudes, ContextOffsets(_SIGN_SUMS, across, count)
 
 
+def tile_grid(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Rows and columns of the tiles of a band of this shape (h, w)."""
+    height, width = shape
+    return -(-height // TILE), -(-width // TILE)
+
+
 def upsample(values: Integers, factor: int, shape: tuple[int, ...]) -> Integers:
     """Values (h, w), each repeated `factor` times along both axes, cropped or padded to `shape`."""
     return crop_or_pad(np.repeat(np.repeat(values, factor, 0), factor, 1), shape)

@@ -5,6 +5,8 @@ the picture.  The context of a cell is six neighbours that are coded before it; 
 the mask count as background (0).
 """
 
+from importlib.util import find_spec
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -59,10 +61,19 @@ def encode_mask(mask: Mask) -> bytes:
 def decode_mask(data: bytes, side: int = MASK_SIDE) -> Mask:
     """The mask (side, side) in `data`.  Raises `ProtocolError` if it is damaged."""
     coder = RangeDecoder(data)
-    mask = _code(coder, np.zeros((side, side), np.bool_))
+    mask = _decode(coder, side)
     if coder.unread_bytes:
         raise ProtocolError(f"background: mask: {coder.unread_bytes} bytes too many")
     return mask
+
+
+def _decode(coder: RangeDecoder, side: int) -> Mask:
+    if find_spec("numba") is None:
+        return _code(coder, np.zeros((side, side), np.bool_))
+    # Imported where used: Numba takes more than a second.
+    from protocol.entropy.compiled_decoding import decode_bit_map
+
+    return decode_bit_map(coder, side, np.array(_CONTEXT_OFFSETS)).astype(np.bool_)
 
 
 def _code(coder: BitCoder, mask: Mask) -> Mask:

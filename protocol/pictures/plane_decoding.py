@@ -21,6 +21,7 @@ from protocol.pictures.coefficient_context import (
     TILE,
     CoefficientContext,
     box_sum,
+    tile_grid,
     tile_sums,
     upsample,
 )
@@ -35,20 +36,10 @@ Bools = NDArray[np.bool_]
 class BandDecoder(Protocol):
     """Reads the symbols of a subband."""
 
-    def tile_flags(self, position: BandPosition, context_bands: Integers) -> Integers:
-        """(rows, columns) 1 for each tile that may have nonzero coefficients.
+    def band(self, position: BandPosition, context_bands: Integers) -> Integers:
+        """The coefficients (h, w), after the flags of the band's tiles, if it has any.
 
-        context_bands: (len(ContextBand), rows, columns) sums over tiles.
-        """
-        ...
-
-    def coefficients(
-        self, position: BandPosition, context_bands: Integers, active: Bools, tile_flags: Integers
-    ) -> Integers:
-        """The coefficients (h, w); those that are not `active` (h, w) are zero.
-
-        context_bands: (len(ContextBand), h, w).  tile_flags: (h, w) number of flagged tiles among
-        the nine around a position.
+        context_bands: (len(ContextBand), h, w).
         Raises `ValueError` if a magnitude is too large.
         """
         ...
@@ -61,8 +52,21 @@ class ArrayBandDecoder:
     sequence: PictureSequence
     coder: RangeDecoder
 
-    def tile_flags(self, position: BandPosition, context_bands: Integers) -> Integers:
+    def band(self, position: BandPosition, context_bands: Integers) -> Integers:
         """See `BandDecoder`."""
+        shape = context_bands.shape[1:]
+        grid = tile_grid(shape)
+        flags = np.ones(grid, np.int64)
+        if grid[0] * grid[1] * TILE**2 > SMALL_BAND:
+            flags = self._tile_flags(position, tile_sums(np.abs(context_bands)))
+        active, around = (upsample(each, TILE, shape) for each in (flags, box_sum(flags)))
+        return self._coefficients(position, context_bands, active > 0, around)
+
+    def _tile_flags(self, position: BandPosition, context_bands: Integers) -> Integers:
+        """(rows, columns) 1 for each tile that may have nonzero coefficients.
+
+        context_bands: (len(ContextBand), rows, columns) sums over tiles.
+        """
         grid = context_bands.shape[1:]
         flags = np.zeros(grid, np.int64)
         context = CoefficientContext(context_bands, np.ones(grid, bool), np.zeros(grid, np.int64))
@@ -72,10 +76,13 @@ class ArrayBandDecoder:
             flags[coding_pass.rows, coding_pass.columns] = bits
         return flags
 
-    def coefficients(
+    def _coefficients(
         self, position: BandPosition, context_bands: Integers, active: Bools, tile_flags: Integers
     ) -> Integers:
-        """See `BandDecoder`."""
+        """The coefficients (h, w); those that are not `active` (h, w) are zero.
+
+        tile_flags: (h, w) number of flagged tiles among the nine around a position.
+        """
         band = np.zeros(active.shape, np.int64)
         context = CoefficientContext(context_bands, active, tile_flags)
         for coding_pass in context.passes():
@@ -106,15 +113,7 @@ class _PlaneDecoder:
         return code_lowpass_band(self.coder, integers, context, empty)
 
     def band(self, position: BandPosition, context_bands: Integers) -> Integers:
-        shape = context_bands.shape[1:]
-        sums = tile_sums(np.abs(context_bands))
-        grid = sums.shape[1:]
-        if grid[0] * grid[1] * TILE**2 <= SMALL_BAND:
-            flags = np.ones(grid, np.int64)
-        else:
-            flags = self.bands.tile_flags(position, sums)
-        active, around = (upsample(each, TILE, shape) for each in (flags, box_sum(flags)))
-        return self.bands.coefficients(position, context_bands, active > 0, around)
+        return self.bands.band(position, context_bands)
 
 
 def band_decoder(sequence: PictureSequence, coder: RangeDecoder) -> BandDecoder:
