@@ -1,5 +1,6 @@
 """Arrays for drawing the head and its background: matrices, selected triangles, colours."""
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -148,17 +149,18 @@ def shown_triangles(
     """
     if picture.shape[2] == 3:
         return triangles, triangles[:0]
-    corners = coordinates[triangles] * (picture.shape[1], picture.shape[0])
+    first, second, third = coordinates[triangles.T] * (picture.shape[1], picture.shape[0])
+    # Faster than minimum and maximum along the axis of the corners.
+    least = np.minimum(np.minimum(first, second), third)
+    most = np.maximum(np.maximum(first, second), third)
     # With bilinear interpolation the texels next to a triangle affect it; with several samples a
     # pixel that it only touches takes its colour from beyond.
-    ends = np.floor(corners.min(1)).astype(int) - 2, np.ceil(corners.max(1)).astype(int) + 2
+    ends = np.floor(least).astype(int) - 2, np.ceil(most).astype(int) + 2
     (left, top), (right, bottom) = (np.clip(end, 0, picture.shape[1::-1]).T for end in ends)
+    alpha = np.ascontiguousarray(picture[..., 3])
     clear, dense = (
         count[bottom, right] - count[top, right] - count[bottom, left] + count[top, left]
-        for count in (
-            np.pad(texels.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
-            for texels in (picture[..., 3] == 0, picture[..., 3] == 255)
-        )
+        for count in (cv2.integral((alpha == value).astype(np.uint8)) for value in (0, 255))
     )
     area = (right - left) * (bottom - top)
     is_solid, is_blended = dense == area, (dense < area) & (clear < area)
