@@ -32,7 +32,10 @@ class EncodeReport:
     stage_ms: mean time per frame of each stage, ms; stage_cpu_ms: CPU time of the thread that
         waits for it.
     frame_ms: `frame_times` of a live call: how long a source frame has taken once it had begun.
-    overloaded_frames: frames of a live call that were fitted by texels only, for want of time.
+    overloaded_frames: frames of a live call at which something was left out for want of time.
+    overload_levels: of these, how many there were at each `WorkLevel`.
+    omitted_frames: of these, how many were not looked at.
+    worst_lag_ms: the largest lag of a live call behind its source.
     skipped_frames: frames that the source left out because the encoder was late.
     capture_ns: `time.monotonic_ns` at which each source frame was read.
     reach: whom the last packet could reach.
@@ -56,6 +59,9 @@ class EncodeReport:
     voice_bytes: int = 0
     frame_ms: dict[str, float] = field(default_factory=dict)
     overloaded_frames: int = 0
+    overload_levels: dict[str, int] = field(default_factory=dict)
+    omitted_frames: int = 0
+    worst_lag_ms: float = 0.0
     skipped_frames: int = 0
 
 
@@ -91,7 +97,10 @@ def report_of(
         voice=stats.voice,
         voice_bytes=stats.voice_bytes,
         frame_ms=frame_times(stats.frame_ms),
-        overloaded_frames=stats.overloaded_frames,
+        overloaded_frames=sum(stats.overload_levels.values()),
+        overload_levels=stats.overload_levels,
+        omitted_frames=stats.omitted_frames,
+        worst_lag_ms=1000 * stats.worst_lag_s,
         skipped_frames=stats.next_index - captured,
     )
 

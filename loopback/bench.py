@@ -50,11 +50,11 @@ CALL_FIGURES = (
     *("frames", "shown_frames", "fps", "width", "height", "duration_s"),
     *("model_bytes", "frame_bytes", "frame_bps", "lost_packets", "lost_frames"),
     *("latency_ms.p50", "latency_ms.p99", "encoder_fps", "decoder_fps"),
-    *("overloaded_frames", "skipped_frames"),
+    *("overloaded_frames", "omitted_frames", "worst_lag_ms", "skipped_frames"),
 )
 STAGES = (
     *("encoder_ms.", "decoder_ms.", "encoder_cpu_ms.", "decoder_cpu_ms."),
-    *("encoder_frame_ms.", "decoder_frame_ms."),
+    *("encoder_frame_ms.", "decoder_frame_ms.", "overload_levels."),
 )
 # Figures that have a mean over clips.
 AVERAGED_FIGURES = (
@@ -197,6 +197,9 @@ def call_figures(result: CallResult, profile: str) -> dict[str, Any]:
         "encoder_frame_ms": _stages(sent["frame_ms"]),
         "decoder_frame_ms": _stages(shown["frame_ms"]),
         "overloaded_frames": sent["overloaded_frames"],
+        "overload_levels": sent["overload_levels"],
+        "omitted_frames": sent["omitted_frames"],
+        "worst_lag_ms": rounded(sent["worst_lag_ms"], 1),
         "skipped_frames": sent["skipped_frames"],
         "encoder_fps": _busy_fps(sent),
         "decoder_fps": _busy_fps(shown),

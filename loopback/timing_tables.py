@@ -30,12 +30,16 @@ def timings_table(clip: Mapping[str, Any]) -> str:
 def frames_table(clip: Mapping[str, Any]) -> str:
     """How long single frames take at each end, ms, and how many went without what.
 
-    Those of an encoder are of a live call, once it has begun; those of a decoder, all after the
-    first picture.
+    Those of an encoder are of a live call, once it has begun, with the number of those in which
+    something was left out in haste, of those among them that were not looked at, the largest lag,
+    and the number of frames that the source left out.  Those of a decoder are all after the first
+    picture.
     """
-    header = (clip["source"], "median ms", "95 % ms", "worst ms", "texels only", "left out")
+    missed_names = ("in haste", "not looked at", "lag ms", "left out")
+    header = (clip["source"], "median ms", "95 % ms", "worst ms", *missed_names)
     times = [[clip[f"{end}_frame_ms"].get(name) for name in FRAME_TIMES] for end in ENDS]
-    missed: list[list[Cell]] = [[clip["overloaded_frames"], clip["skipped_frames"]], [None, None]]
+    figures = ("overloaded_frames", "omitted_frames", "worst_lag_ms", "skipped_frames")
+    missed: list[list[Cell]] = [[clip[name] for name in figures], [None] * len(figures)]
     return table(
         header, [[f"{e}, one frame", *t, *m] for e, t, m in zip(ENDS, times, missed, strict=True)]
     )

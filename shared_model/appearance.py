@@ -40,6 +40,11 @@ class Atlas:
         gathered = vertices[self.corners]
         return np.asarray(np.einsum("kc,kcd->kd", self.weights, gathered))
 
+    def subset(self, kept: NDArray[np.bool_]) -> "Atlas":
+        """An atlas of the same size with the texels `kept` (k,) alone."""
+        at = self.rows[kept], self.columns[kept]
+        return Atlas(self.size, *at, self.corners[kept], self.weights[kept])
+
 
 @lru_cache(maxsize=8)
 def atlas_of(head: Head, size: int) -> Atlas:

@@ -1,5 +1,7 @@
 """A live encoder that learns in its own process, as tests of calls drive it, frame by frame."""
 
+from collections.abc import Callable
+
 from encoder.calls.live_session import LiveEncoder
 from encoder.calls.packet_sender import PacketSender
 from encoder.calls.session_stats import SessionStats
@@ -18,8 +20,12 @@ def live_encoder(
     realtime: bool,
     delay_s: float = 0.0,
     waits_for_modes: bool = False,
+    clock: Callable[[], float] = lambda: 0.0,
 ) -> LiveEncoder:
-    """An encoder of 800 bit/s; what it learns is there at once."""
+    """An encoder of 800 bit/s; what it learns is there at once.
+
+    clock: by which it may be late; one that stands still unless it is given.
+    """
     return LiveEncoder(
         capture,
         PacketSender(sink, stats),
@@ -32,4 +38,5 @@ def live_encoder(
         realtime,
         delay_s=delay_s,
         waits_for_modes=waits_for_modes,
+        clock=clock,
     )

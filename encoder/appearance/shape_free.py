@@ -4,6 +4,7 @@ Analysis by synthesis (thesis 2.4.3) compares pictures in this frame: a texel is
 skin in every picture, whatever the pose and expression.
 """
 
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,6 +49,16 @@ class ShapeFreeFrame:
 
     def __len__(self) -> int:
         return len(self.on_face)
+
+    def subset(self, kept: NDArray[np.bool_]) -> "ShapeFreeFrame":
+        """The same of the texels `kept` (k,) alone."""
+        frame = copy(self)
+        frame.atlas, frame.flat_index = self.atlas.subset(kept), self.flat_index[kept]
+        frame.on_face = self.on_face[kept]
+        frame._neutral = np.ascontiguousarray(self._neutral[:, kept])
+        frame._fields = np.ascontiguousarray(self._fields[:, :, kept])
+        frame._support = support_ranges((frame._fields != 0).any(1))
+        return frame
 
     def project(self, face: FaceParameters) -> "ProjectedTexels":
         """The texels at this pose and expression, in the camera's axes and in the picture."""

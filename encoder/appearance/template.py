@@ -18,3 +18,7 @@ class Template:
     mean: Single
     modes: Single
     weight: Single
+
+    def subset(self, kept: NDArray[np.bool_]) -> "Template":
+        """The template of the texels `kept` (k,) alone."""
+        return Template(self.mean[kept], self.modes[:, kept], self.weight[kept])

@@ -7,6 +7,7 @@ model meanwhile stands in `model_lifecycle`.
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from encoder.calls.face_search import open_landmark_search, warn_of_long_search
 from encoder.calls.frame_source import FrameDelay, SeenFrame
 from encoder.calls.model_lifecycle import ModelLifecycle, ModelState
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
-from encoder.calls.overload import OverloadController
+from encoder.calls.overload import MAX_CAMERA_LAG_S, OverloadController, haste_message
 from encoder.calls.packet_coder import PacketCoder
 from encoder.calls.packet_filler import CODING_DELAY_S, PacketFiller
 from encoder.calls.packet_sender import (
@@ -43,8 +44,8 @@ class LiveEncoder:
     bitrate: bits per second of the frame packets.
     look_for_face_s: add a warning if there is no face after this many seconds of video.
     learner: trains and learns; one that is done at once gives the same bytes for the same source.
-    realtime: frames do not wait for the learner, and a call that falls behind its source fits faces
-        by texels only.
+    realtime: frames do not wait for the learner, and a call that falls behind its source leaves
+        work out, see `encoder.calls.overload`.
     shown: whose face is shown; None: the caller's.
     delay_s: frames wait so long, in the source's time, after they have been seen: models are
         trained from those after them, too.
@@ -71,10 +72,10 @@ class LiveEncoder:
         fps, coded_fps = float(capture.fps), float(gop.coded_fps(capture.fps))
         self._packets, self._stats, self._gop, self._fps = packets, stats, gop, fps
         self._look_for_face_s, self._clock = look_for_face_s, clock
-        self._learner = learner
-        self._realtime = realtime
-        self._overload = OverloadController(1 / fps) if realtime else None
-        self._frame_begin_s = 0.0
+        self._learner, self._realtime = learner, realtime
+        max_lag_s = MAX_CAMERA_LAG_S if capture.is_live else inf
+        self._overload = OverloadController(1 / fps if realtime else inf, max_lag_s)
+        self._frame_begin_s, self._seen_index = 0.0, 0
         self._delay = FrameDelay(delay_s, fps)
         self._first_index = 0  # of the call's source frames
         lead = LEAD_PACKETS if realtime else LEAD_PACKETS_UNPACED
@@ -103,17 +104,18 @@ class LiveEncoder:
 
     def frame(self, index: int, picture: Picture, next_frame: Picture | None = None) -> None:
         """See `CallSession`."""
-        had_model = self._has_model
+        had_model, level = self._has_model, self._overload.level
         self._frame_begin_s = self._clock()
-        self._see(index, picture, next_frame)
+        is_omitted = bool(picture.size) and self._is_omitted(index)
+        if not is_omitted:
+            self._see(index, picture, next_frame)
         for frame in self._delay.due(index):
             self._encode(frame)
         if not had_model:
             return
         passed_s = self._clock() - self._frame_begin_s
-        self._stats.note_frame_time(passed_s)
-        if self._overload is not None:
-            self._overload.record_frame_time(passed_s)
+        lag_s = self._overload.record_frame_time(passed_s)
+        self._stats.note_frame(passed_s, lag_s, level, is_omitted)
 
     def end(self, frames: int) -> None:
         """See `CallSession`."""
@@ -128,11 +130,8 @@ class LiveEncoder:
         if not self._has_model:
             return
         self._model.end()
-        if self._stats.overloaded_frames:
-            self._stats.warn(
-                f"{self._stats.overloaded_frames} of {frames} frames were fitted by texels only:"
-                " there was no time for more in real time"
-            )
+        if haste := haste_message(self._stats.level_frames, self._stats.worst_lag_s):
+            self._stats.warn(haste)
         if excess := self._rate.overshoot_message:
             self._stats.warn(excess)
         self._packets.end(frames)
@@ -143,6 +142,7 @@ class LiveEncoder:
 
     def _see(self, index: int, picture: Picture, next_frame: Picture | None) -> None:
         """Find the face in a frame, to learn from it before it is coded."""
+        self._seen_index = index
         found = self._search.find(picture, next_frame) if picture.size else None
         points = None if found is None else found.points
         self._delay.add(SeenFrame(index, picture, points, self._frame_begin_s))
@@ -220,18 +220,18 @@ class LiveEncoder:
 
     def _add(self, index: int, picture: Picture, points: Array) -> None:
         """Fit the face in source frame `index` and add it to the packet."""
-        version, is_overloaded = self._model.version, self._is_overloaded
-        sample = version.sample(picture, points, self._fits_layers and not is_overloaded)
+        version, level = self._model.version, self._overload.level
+        sample = version.sample(picture, points, self._fits_layers, level)
         with self._stats.stage("fit"):
-            fit = version.fit_texels if is_overloaded else version.fit
-            self._stats.overloaded_frames += is_overloaded
-            face = fit(sample, self._filler.initial_face)
+            face = version.fit(sample, self._filler.initial_face, level)
         self._filler.fill_gap(index, self._most_frames - 1, face)
         self._filler.add(face, sample)
         if not self._learns_ahead:
             # All frames of a packet have the modes that are there when it goes out.
             may_start = self._realtime or self._is_packet_full
-            self._learn(index, lambda: replace(sample, face=face), may_start)
+            # A mode of half the resolution would blur the face.
+            whole = version.sample if level.halves_resolution else lambda *_: sample
+            self._learn(index, lambda: replace(whole(picture, points, False), face=face), may_start)
         version = self._model.version
         refit = version.refit_modes if self._realtime else version.refit
         with self._stats.stage("fit"):
@@ -255,6 +255,12 @@ class LiveEncoder:
         self._packets.send_frames(number, payload, duration_s)
         if self._model.on_packet_sent(self._position):
             self._filler.reset_coefficients(self._model.version.rest())
+
+    def _is_omitted(self, index: int) -> bool:
+        """Whether source frame `index` is not looked at, for haste, though the one before was."""
+        if not self._has_model or index - self._seen_index > self._gop.frame_step:
+            return False
+        return self._overload.level.omits(self._position.frames_to_last(index, self._gop))
 
     def _is_coded(self, index: int) -> bool:
         ahead = index - self._filler.next_index
@@ -291,9 +297,4 @@ class LiveEncoder:
     def _may_refit(self) -> bool:
         """Whether there is time to fit a waiting frame again."""
         passed_s = self._clock() - self._frame_begin_s
-        return self._overload is None or self._overload.may_refit(passed_s, self._is_packet_full)
-
-    @property
-    def _is_overloaded(self) -> bool:
-        """Whether to leave out what can be left out."""
-        return self._overload is not None and not self._overload.has_headroom
+        return self._overload.may_refit(passed_s, self._is_packet_full)

@@ -38,6 +38,12 @@ class StreamPosition:
         """How many frames the next packet holds."""
         return 1 if self.is_first else gop.frames_per_packet
 
+    def frames_to_last(self, index: int, gop: GopStructure) -> int:
+        """How many coded frames come after source frame `index` in its packet."""
+        most = gop.frames_per_packet
+        place = (index - self.frame) // gop.frame_step + most - self.packet_frames(gop)
+        return most - 1 - place % most
+
     def after(self, packets: int, gop: GopStructure) -> tuple[int, int]:
         """Number and first source frame of the frame packet after so many."""
         frames = packets * gop.frames_per_packet

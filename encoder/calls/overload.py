@@ -1,29 +1,46 @@
-"""Overload control of a live call: whether it keeps up with its source."""
+"""Overload control of a live call: which of its work it leaves out while it lags."""
 
-# A call that lags more than this leaves out what it can until it has caught up, and for so much
-# longer.
-LAG_LIMIT_S, HOLD_OFF_S = 0.1, 1.0
+from collections.abc import Mapping
+from math import inf
+
+from encoder.live_model.work_level import WorkLevel
+
+# A call that lags more than this goes a level up, and another one if it lags no less so much later.
+LAG_LIMIT_S, RESPONSE_S = 0.1, 0.25
+# A call that has lagged less than the first for the second goes a level down.
+CAUGHT_UP_S, HOLD_OFF_S = 0.05, 1.0
 # Frames that wait for their packet are fitted again with new modes until a frame has taken this
 # share of its time; before a packet is coded, after which it is too late, all of it.
 REFIT_TIME_SHARE, LAST_REFIT_TIME_SHARE = 0.65, 1.0
-# The lag grows no larger: a camera drops the frames that are not fetched.
-MAX_LAG_S = 0.3
+# The lag behind a camera grows no larger: it drops the frames that are not fetched.
+MAX_CAMERA_LAG_S = 0.3
+
+# What a report says is done at a level, besides what is done at those before.
+WORDS = {
+    WorkLevel.NO_IMAGE_FIT: "fitted by texels only",
+    WorkLevel.ONE_ITERATION: "in one iteration",
+    WorkLevel.HALF_THE_FRAMES: "every second one skipped",
+    WorkLevel.HALF_RESOLUTION: "at half the resolution",
+}
 
 
 class OverloadController:
-    """Adds up how much longer frames take than they may.
+    """Sets the level of work by how much longer frames take than they may.
 
-    period_s: from frame to frame.
+    period_s: from frame to frame; infinite: they may take any time.
+    max_lag_s: the lag grows no larger.
     """
 
-    def __init__(self, period_s: float) -> None:
-        self._period_s = period_s
-        self._lag_s = self._hold_off_s = 0.0
+    def __init__(self, period_s: float, max_lag_s: float = inf) -> None:
+        self._period_s, self._max_lag_s = period_s, max_lag_s
+        self._level = WorkLevel.FULL
+        self._lag_s = self._checked_lag_s = 0.0
+        self._since_check_s, self._caught_up_s = inf, 0.0
 
     @property
-    def has_headroom(self) -> bool:
-        """Whether the next frame may take its full time."""
-        return self._hold_off_s <= 0
+    def level(self) -> WorkLevel:
+        """Of the next frame."""
+        return self._level
 
     def may_refit(self, passed_s: float, is_last: bool) -> bool:
         """Whether there is time to fit a waiting frame again.
@@ -31,12 +48,36 @@ class OverloadController:
         passed_s: that the frame has taken.  is_last: its packet is coded next.
         """
         share = LAST_REFIT_TIME_SHARE if is_last else REFIT_TIME_SHARE
-        return self.has_headroom and passed_s < share * self._period_s
+        return self._level.fits_image and passed_s < share * self._period_s
 
-    def record_frame_time(self, seconds: float) -> None:
-        """Account for a frame that took this long."""
-        lag_s = self._lag_s + seconds - self._period_s
-        self._lag_s = min(max(0.0, lag_s), MAX_LAG_S)
-        self._hold_off_s -= self._period_s
+    def record_frame_time(self, seconds: float) -> float:
+        """Account for a frame that took this long; the lag after it, seconds."""
+        self._lag_s = min(max(0.0, self._lag_s + seconds - self._period_s), self._max_lag_s)
+        self._since_check_s += self._period_s
+        self._caught_up_s = self._caught_up_s + self._period_s if self._lag_s < CAUGHT_UP_S else 0.0
         if self._lag_s > LAG_LIMIT_S:
-            self._hold_off_s = HOLD_OFF_S
+            self._raise_unless_falling()
+        elif self._level and self._caught_up_s >= HOLD_OFF_S:
+            self._level = WorkLevel(self._level - 1)
+            self._checked_lag_s = self._caught_up_s = 0.0
+        return self._lag_s
+
+    def _raise_unless_falling(self) -> None:
+        if self._since_check_s < RESPONSE_S:
+            return
+        is_falling = self._lag_s < self._checked_lag_s
+        self._checked_lag_s, self._since_check_s = self._lag_s, 0.0
+        if not is_falling and self._level is not max(WorkLevel):
+            self._level = WorkLevel(self._level + 1)
+
+
+def haste_message(level_frames: Mapping[WorkLevel, int], worst_lag_s: float) -> str | None:
+    """A warning of what was left out for want of time, and how often; None: nothing."""
+    hurried = {level: count for level, count in level_frames.items() if level and count}
+    if not hurried:
+        return None
+    parts = ", ".join(f"{WORDS[level]} {hurried[level]}" for level in sorted(hurried))
+    return (
+        f"{sum(hurried.values())} of {sum(level_frames.values())} frames were encoded in haste, the"
+        f" call up to {1000 * worst_lag_s:.0f} ms late: {parts}"
+    )

@@ -1,9 +1,11 @@
 """Counts, stage times and warnings of one call on the sending side."""
 
 import time
+from collections import Counter
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
+from encoder.live_model.work_level import WorkLevel
 from shared_model.stage_timer import StageTimer
 
 
@@ -20,9 +22,11 @@ class SessionStats:
     capture_ns: `time.monotonic_ns` at which each was; empty unless `keeps_times`.
     next_index: index of the source frame after the newest; a camera may have left some out.
     timer: time of each stage.
-    frame_ms: time that each source frame of a live call has taken once the call had begun; empty
-        unless `keeps_times`.
-    overloaded_frames: of these, how many were fitted by texels only, for want of time.
+    frame_ms: time that each source frame of a live call has taken once the call had begun, but for
+        omitted ones; empty unless `keeps_times`.
+    level_frames: how many source frames of a live call there were at each level of work.
+    omitted_frames: of these, how many were not looked at.
+    worst_lag_s: the largest lag of a live call behind its source.
     """
 
     frames: int | None = None
@@ -39,7 +43,18 @@ class SessionStats:
     next_index: int = 0
     timer: StageTimer = field(default_factory=StageTimer)
     frame_ms: list[float] = field(default_factory=list)
-    overloaded_frames: int = 0
+    level_frames: Counter[WorkLevel] = field(default_factory=Counter)
+    omitted_frames: int = 0
+    worst_lag_s: float = 0.0
+
+    @property
+    def overload_levels(self) -> dict[str, int]:
+        """How many source frames there were at each level of work but the full one.
+
+        Empty if the call is not live.
+        """
+        levels = [level for level in WorkLevel if level and self.level_frames]
+        return {level.label: self.level_frames[level] for level in levels}
 
     def note_captured(self, index: int) -> None:
         """Count a source frame that has been read."""
@@ -47,9 +62,15 @@ class SessionStats:
         if self.keeps_times:
             self.capture_ns.append(time.monotonic_ns())
 
-    def note_frame_time(self, seconds: float) -> None:
-        """Keep the time that a source frame of a live call has taken."""
-        if self.keeps_times:
+    def note_frame(self, seconds: float, lag_s: float, level: WorkLevel, is_omitted: bool) -> None:
+        """Count a source frame of a live call, and keep the time that it has taken.
+
+        lag_s: of the call after it.
+        """
+        self.level_frames[level] += 1
+        self.worst_lag_s = max(self.worst_lag_s, lag_s)
+        self.omitted_frames += is_omitted
+        if self.keeps_times and not is_omitted:
             self.frame_ms.append(1000 * seconds)
 
     def stage(self, name: str) -> AbstractContextManager[None]:

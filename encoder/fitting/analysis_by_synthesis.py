@@ -122,27 +122,29 @@ class TexelFitter:
         stride = max(1, round(np.sqrt(len(shape) / nominal_texels)))
         atlas = shape.atlas
         self._residual_sigma_grey, self._cauchy_scale_grey = RESIDUAL_SIGMA_GREY, CAUCHY_SCALE_GREY
-        sampled: Mask = (atlas.rows % stride == 0) & (atlas.columns % stride == 0)
-        self._sampled = sampled
-        subset = Atlas(
-            atlas.size,
-            atlas.rows[sampled],
-            atlas.columns[sampled],
-            atlas.corners[sampled],
-            atlas.weights[sampled],
-        )
-        self._cell_mm = cell_mm * stride
-        self.shape = ShapeFreeFrame(face, subset, shape.camera)
-        self.template = Template(
-            template.mean[sampled], template.modes[:, sampled], template.weight[sampled]
-        )
+        sampled = every_nth_texel(atlas, stride)
+        self._sampled, self._stride, self._cell_mm = sampled, stride, cell_mm * stride
+        self.shape = ShapeFreeFrame(face, atlas.subset(sampled), shape.camera)
+        self.template = template.subset(sampled)
+        self._halved: Self | None = None
 
     def with_mode(self, mode: Single) -> Self:
         """A copy whose template has one more mode, luma (k,) of all texels."""
         fitter, template = copy(self), self.template
         modes = np.concatenate([template.modes, mode[None, self._sampled]])
-        fitter.template = replace(template, modes=modes)
+        fitter.template, fitter._halved = replace(template, modes=modes), None
         return fitter
+
+    @property
+    def halved(self) -> Self:
+        """A fitter of half the rows and columns of texels, for pictures of half the resolution."""
+        if self._halved is None:
+            fitter, stride = copy(self), 2 * self._stride
+            kept = every_nth_texel(self.shape.atlas, stride)
+            fitter.shape, fitter.template = self.shape.subset(kept), self.template.subset(kept)
+            fitter._stride, fitter._cell_mm = stride, 2 * self._cell_mm
+            self._halved = fitter
+        return self._halved
 
     def set_noise_level(self, residual_sigma_grey: float) -> None:
         """Set the standard deviation of residuals: less noise needs less evidence of a motion."""
@@ -253,6 +255,11 @@ class _TexelEvaluation(Evaluation):
     """samples: (k, 3) luma of the texels and its gradients."""
 
     samples: Single
+
+
+def every_nth_texel(atlas: Atlas, stride: int) -> Mask:
+    """(k,) whether each texel is in every n-th row and column."""
+    return np.asarray((atlas.rows % stride == 0) & (atlas.columns % stride == 0))
 
 
 def solve_coefficients(template: Template, luma: Single, weights: Single) -> Array:

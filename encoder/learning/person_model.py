@@ -47,8 +47,8 @@ WIDE_OPEN_EAUS = {"jaw_drop": 0.6, "upper_lip_raise": 0.5, "lower_lip_lower": 0.
 DISOCCLUSION_SHARE = 0.5
 
 
-# Levenberg-Marquardt steps of a frame's fit.
-FRAME_FIT_STEPS = 3
+# Levenberg-Marquardt iterations of a frame's fit.
+FRAME_FIT_ITERATIONS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +71,19 @@ class PersonModel:
     weight: Single
     mask: Single
 
-    def fit_texels(self, crop: Crop, initial: FaceParameters) -> FaceParameters:
-        """The face of a frame, near `initial`, fitted in the shape-free frame."""
-        return self.texel_fitter.fit_crop(crop, initial, FRAME_FIT_STEPS)
+    def fit_texels(
+        self,
+        crop: Crop,
+        initial: FaceParameters,
+        iterations: int = FRAME_FIT_ITERATIONS,
+        halved: bool = False,
+    ) -> FaceParameters:
+        """The face of a frame, near `initial`, fitted in the shape-free frame.
+
+        halved: the crop has half the resolution; half the rows and columns of texels are fitted.
+        """
+        fitter = self.texel_fitter.halved if halved else self.texel_fitter
+        return fitter.fit_crop(crop, initial, iterations)
 
     def image_fitter(self, max_pixels: int = MAX_PIXELS) -> ImageFitter:
         """Renders the appearance as a decoder does.  max_pixels: see `ImageFitter`."""

@@ -19,6 +19,7 @@ from encoder.layers.frame_layers import FrameLayers
 from encoder.layers.layer_samples import COARSE_SIDE, shrunk
 from encoder.learning.incremental_modes import FaceSample, LearnedMode
 from encoder.learning.person_model import PersonModel
+from encoder.live_model.work_level import WorkLevel
 from protocol.frames.frame_transform import (
     MAX_MODES,
     FrameTransform,
@@ -95,21 +96,36 @@ class ModelVersion:
         packet = replace(self.packet, call=call, sequence=first_packet % SEQUENCE_MODULUS)
         return replace(self, packet=packet, first_packet=first_packet)
 
-    def sample(self, picture: Picture, points: Array, with_layers: bool = True) -> FaceSample:
+    def sample(
+        self,
+        picture: Picture,
+        points: Array,
+        with_layers: bool = True,
+        level: WorkLevel = WorkLevel.FULL,
+    ) -> FaceSample:
         """A picture (h, w, 3) BGR and its landmarks (468, 3), pixels, ready to be fitted.
 
         with_layers: fit the layers around the face, too, where there are some.
+        level: at which it will be fitted.
         """
-        has_layers = with_layers and self.frame_layers is not None
+        has_layers = with_layers and level.fits_image and self.frame_layers is not None
         coarse = shrunk(picture, COARSE_SIDE) if has_layers else None
-        crop = crop_face(picture, points, self.person.pixels_per_texel)
-        return FaceSample(crop, points, coarse=coarse)
+        scale = self.person.pixels_per_texel * (2 if level.halves_resolution else 1)
+        return FaceSample(crop_face(picture, points, scale), points, coarse=coarse)
 
-    def fit(self, sample: FaceSample, initial: FaceParameters | None = None) -> FaceParameters:
+    def fit(
+        self,
+        sample: FaceSample,
+        initial: FaceParameters | None = None,
+        level: WorkLevel = WorkLevel.FULL,
+    ) -> FaceParameters:
         """The face in a sample, by texels, then by the pixels of the picture.
 
         initial: the face in the frame before; None: not known.
+        level: of the sample.
         """
+        if not level.fits_image:
+            return self.fit_texels(sample, initial, level)
         outline = face_outline(sample.landmarks)
         face = self.image_fitter.fit(sample.crop, self.fit_texels(sample, initial), outline)
         if self.frame_layers is None or sample.coarse is None:
@@ -117,16 +133,21 @@ class ModelVersion:
         return self.frame_layers.fitted(sample.coarse, face, outline)
 
     def fit_texels(
-        self, sample: FaceSample, initial: FaceParameters | None = None
+        self,
+        sample: FaceSample,
+        initial: FaceParameters | None = None,
+        level: WorkLevel = WorkLevel.FULL,
     ) -> FaceParameters:
         """The face in a sample, by landmarks, then by texels in the shape-free frame.
 
-        initial: see `fit`; the layers stay where they were.
+        initial, level: see `fit`; the layers stay where they were.
         """
         camera = self.packet.call.camera
         start = initial or initial_parameters(self.landmarks, camera, sample.landmarks)
         by_landmarks = fit_with_eyelids(self.landmarks, camera, sample.landmarks, start)
-        by_texels = self.person.fit_texels(sample.crop, by_landmarks)
+        by_texels = self.person.fit_texels(
+            sample.crop, by_landmarks, level.texel_iterations, level.halves_resolution
+        )
         face = with_averaged_eyelids(by_landmarks, by_texels)
         return replace(face, layers=start.layers)
 

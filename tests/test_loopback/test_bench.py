@@ -78,13 +78,15 @@ def test_timings_add_up_to_the_whole_of_each_end() -> None:
         "encoder_frame_ms": {"median": 7.0, "p95": 9.0, "worst": 20.0},
         "decoder_frame_ms": {},
         "overloaded_frames": 3,
+        "omitted_frames": 2,
+        "worst_lag_ms": 80.0,
         "skipped_frames": 1,
         "encoder_fps": 125.0,
         "decoder_fps": 250.0,
     }
     stages, frames = timings_tables([clip]).split("\n\n")
     assert [line.split("  ")[-1].split() for line in frames.splitlines()[2:]] == [["1"], ["-"]]
-    assert "one frame  " in frames and "20.00" in frames
+    assert "one frame  " in frames and "20.00" in frames and "80.00" in frames
     cells = [line.split() for line in stages.splitlines()[2:]]
     assert cells == [
         ["encoder,", "capture", "2.00", "0.50", "25.00", "-"],
@@ -100,7 +102,7 @@ def test_an_end_that_took_no_time_has_no_shares() -> None:
         **{"encoder_ms": {"capture": 0.0}, "encoder_cpu_ms": {"capture": 0.0}},
         **{"decoder_ms": {}, "decoder_cpu_ms": {}, "encoder_fps": None, "decoder_fps": None},
         **{"encoder_frame_ms": {}, "decoder_frame_ms": {}, "overloaded_frames": 0},
-        "skipped_frames": 0,
+        **{"omitted_frames": 0, "worst_lag_ms": 0.0, "skipped_frames": 0},
     }
     text = timings_tables([{"source": name, **idle} for name in ("a", "b")])
     first, _, second, _ = text.split("\n\n")

@@ -1,5 +1,6 @@
 """A live call that waits: its models are trained from frames after those that are coded."""
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -68,7 +69,13 @@ def test_in_real_time_the_model_and_its_modes_are_sent_at_once_and_frames_when_t
         stats, sent = SessionStats(), list[tuple[bool, bool]]()
         with CallWriter(path) as sink, without_layers():
             session = live_encoder(
-                capture, sink, stats, LIVE_MODEL_BYTES, realtime=True, delay_s=delay / FPS
+                capture,
+                sink,
+                stats,
+                LIVE_MODEL_BYTES,
+                realtime=True,
+                delay_s=delay / FPS,
+                clock=time.monotonic,
             )
             for index, picture in enumerate(pictures):
                 session.frame(index, picture)

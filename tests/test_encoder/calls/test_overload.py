@@ -1,15 +1,50 @@
-"""A live call that lags behind its source is overloaded for a while, one that keeps up is not."""
+"""A live call that lags leaves out more and more, in the stated order; others nothing."""
 
-from encoder.calls.overload import HOLD_OFF_S, LAG_LIMIT_S, OverloadController
+from collections import Counter
+from itertools import pairwise
+
+import pytest
+
+from encoder.calls.overload import (
+    HOLD_OFF_S,
+    LAG_LIMIT_S,
+    MAX_CAMERA_LAG_S,
+    RESPONSE_S,
+    WORDS,
+    OverloadController,
+    haste_message,
+)
+from encoder.live_model.work_level import WorkLevel
 
 PERIOD_S = 0.04
+# What a frame takes at each level, of its period, where the call needs one level or another.
+COSTS = {
+    WorkLevel.NO_IMAGE_FIT: (1.3, 0.9, 0.8, 0.4, 0.35),
+    WorkLevel.ONE_ITERATION: (1.6, 1.2, 0.9, 0.45, 0.4),
+    WorkLevel.HALF_THE_FRAMES: (2.4, 1.8, 1.6, 0.8, 0.7),
+    WorkLevel.HALF_RESOLUTION: (3.4, 2.6, 2.2, 1.1, 0.9),
+}
 
 
-def test_frames_in_time_leave_headroom() -> None:
-    controller = OverloadController(PERIOD_S)
-    for _ in range(1000):
-        controller.record_frame_time(PERIOD_S)
-        assert controller.has_headroom
+def levels_of(
+    controller: OverloadController, costs: tuple[float, ...], frames: int
+) -> list[WorkLevel]:
+    """The level of each frame, if frames take these shares of their period, by level."""
+    levels = []
+    for _ in range(frames):
+        levels.append(controller.level)
+        controller.record_frame_time(costs[controller.level] * PERIOD_S)
+    return levels
+
+
+def test_frames_in_time_are_done_in_full() -> None:
+    assert set(levels_of(OverloadController(PERIOD_S), (1.0,), 1000)) == {WorkLevel.FULL}
+
+
+def test_a_call_that_need_not_keep_up_is_never_in_haste() -> None:
+    controller = OverloadController(float("inf"))
+    controller.record_frame_time(1e6)
+    assert controller.level is WorkLevel.FULL and controller.may_refit(1e6, is_last=False)
 
 
 def test_one_long_frame_is_no_overload() -> None:
@@ -18,33 +53,69 @@ def test_one_long_frame_is_no_overload() -> None:
         controller.record_frame_time(PERIOD_S + 0.9 * LAG_LIMIT_S)
         for _ in range(4):
             controller.record_frame_time(PERIOD_S / 4)
-        assert controller.has_headroom
+        assert controller.level is WorkLevel.FULL
 
 
-def test_a_call_that_lags_is_overloaded_for_a_while_after_catching_up() -> None:
+@pytest.mark.parametrize("needed", COSTS)
+def test_a_call_goes_up_level_by_level_to_the_one_that_it_needs(needed: WorkLevel) -> None:
+    levels = levels_of(OverloadController(PERIOD_S), COSTS[needed], 40)
+    assert levels == sorted(levels)
+    assert list(dict.fromkeys(levels)) == [level for level in WorkLevel if level <= needed]
+    quickest = RESPONSE_S / PERIOD_S
+    assert all(levels.count(level) >= quickest - 1 for level in WorkLevel if 0 < level < needed)
+
+
+def test_a_call_that_has_caught_up_comes_back_level_by_level() -> None:
     controller = OverloadController(PERIOD_S)
-    for _ in range(13):
-        assert controller.has_headroom
-        controller.record_frame_time(1.2 * PERIOD_S)
-    overloaded_frames = 0
-    while not controller.has_headroom and overloaded_frames < 1000:
-        controller.record_frame_time(PERIOD_S / 2)
-        overloaded_frames += 1
-    assert HOLD_OFF_S <= overloaded_frames * PERIOD_S <= HOLD_OFF_S + 2 * LAG_LIMIT_S + PERIOD_S
+    levels_of(controller, COSTS[WorkLevel.HALF_THE_FRAMES], 60)
+    levels = levels_of(controller, (0.5,) * len(WorkLevel), 200)
+    assert levels == sorted(levels, reverse=True) and levels[-1] is WorkLevel.FULL
+    for level in (WorkLevel.NO_IMAGE_FIT, WorkLevel.ONE_ITERATION):
+        assert abs(levels.count(level) * PERIOD_S - HOLD_OFF_S) <= 2 * PERIOD_S
 
 
-def test_the_lag_of_a_long_halt_is_limited() -> None:
+def test_a_call_that_is_a_little_too_slow_is_in_haste_now_and_then() -> None:
     controller = OverloadController(PERIOD_S)
-    controller.record_frame_time(60.0)
-    for _ in range(round((HOLD_OFF_S + 1) / PERIOD_S)):
-        controller.record_frame_time(PERIOD_S / 2)
-    assert controller.has_headroom
+    levels = levels_of(controller, (1.05, 0.8, 0.7, 0.4, 0.3), round(60 / PERIOD_S))
+    assert max(levels) is WorkLevel.NO_IMAGE_FIT
+    assert 0.25 < levels.count(WorkLevel.FULL) / len(levels) < 0.75
 
 
-def test_a_call_that_goes_on_lagging_stays_overloaded() -> None:
-    controller = OverloadController(PERIOD_S)
-    for _ in range(30):
-        controller.record_frame_time(1.2 * PERIOD_S)
-    for _ in range(1000):
-        controller.record_frame_time(1.1 * PERIOD_S)
-        assert not controller.has_headroom
+def test_the_lag_behind_a_camera_is_limited() -> None:
+    controller = OverloadController(PERIOD_S, MAX_CAMERA_LAG_S)
+    assert controller.record_frame_time(60.0) == MAX_CAMERA_LAG_S
+    levels = levels_of(controller, (0.5,) * len(WorkLevel), round((HOLD_OFF_S + 1) / PERIOD_S))
+    assert levels[-1] is WorkLevel.FULL and max(levels) is WorkLevel.NO_IMAGE_FIT
+
+
+def test_a_call_that_can_never_keep_up_stays_at_the_last_level() -> None:
+    levels = levels_of(OverloadController(PERIOD_S, MAX_CAMERA_LAG_S), (2.0,) * 5, 500)
+    assert set(levels[100:]) == {WorkLevel.HALF_RESOLUTION}
+
+
+@pytest.mark.parametrize("level", WorkLevel)
+def test_no_level_omits_two_frames_in_a_row_or_the_last_of_a_packet(level: WorkLevel) -> None:
+    omitted = [level.omits(to_last) for to_last in reversed(range(8))]
+    assert not omitted[-1] and not any(a and b for a, b in pairwise(omitted))
+    assert any(omitted) == (level >= WorkLevel.HALF_THE_FRAMES)
+
+
+def test_every_level_does_less_than_the_one_before() -> None:
+    work = [
+        (level.fits_image, level.texel_iterations, not level.omits(1), not level.halves_resolution)
+        for level in WorkLevel
+    ]
+    assert all(
+        sum(a > b for a, b in zip(more, less, strict=True)) == 1
+        and sum(a < b for a, b in zip(more, less, strict=True)) == 0
+        for more, less in pairwise(work)
+    )
+
+
+def test_the_warning_says_what_was_left_out_and_how_often() -> None:
+    assert haste_message(Counter({WorkLevel.FULL: 9}), 0.0) is None
+    frames = Counter(dict(zip(WorkLevel, (50, 4, 3, 2, 1), strict=True)))
+    message = haste_message(frames, 0.28)
+    assert message is not None and "10 of 60 frames" in message and "280 ms late" in message
+    parts = [f"{WORDS[level]} {count}" for level, count in sorted(frames.items()) if level]
+    assert message.endswith(", ".join(parts))

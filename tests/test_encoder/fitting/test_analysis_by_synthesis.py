@@ -115,6 +115,21 @@ def test_a_mode_added_later_is_fitted_like_the_others(shots: Shots, shape: Shape
     assert len(fewer.template.modes) == 1
 
 
+def test_a_quarter_of_the_texels_finds_the_face_in_half_the_picture(
+    shots: Shots, shape: ShapeFreeFrame
+) -> None:
+    row = np.asarray(np.random.default_rng(5).normal(size=len(shape)) * 3, np.float32)
+    truth, fitter = shots.faces[4], refiner_of(shots, shape, 4)
+    crop = crop_face(shots.pictures[4], np.nan_to_num(shots.points[4], nan=160.0), 2.0)
+    for each in (fitter, fitter.with_mode(row)):
+        halved = each.halved
+        assert 0.2 < len(halved.shape) / len(each.shape) < 0.3
+        assert len(halved.template.modes) == len(each.template.modes)
+        found = halved.fit_crop(crop, astray(truth, 9), 4, MOVED)
+        assert angle_deg(found.pose, truth.pose) < 0.6
+        assert np.abs((found.eau - truth.eau)[MOVED]).max() < 0.12
+
+
 def test_an_occluding_hand_hardly_changes_the_fit(shots: Shots, shape: ShapeFreeFrame) -> None:
     picture, truth = shots.pictures[3].copy(), shots.faces[3]
     picture[150:190, 100:150] = (40, 200, 40)
