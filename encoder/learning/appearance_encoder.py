@@ -40,6 +40,9 @@ MIN_MODE_ENERGY = 1e-3
 # Coarser steps tried for a mode that exceeds the free bytes, and the fewest bytes of a mode.
 LAST_MODE_BACKOFF = (0, 4, 8, 12, 16)
 MIN_MODE_BYTES = 40
+# Where bytes run out, carphone and foreman want 1.6 and 2.5 times as many modes as fit; others few
+# more.
+MORE_MODES = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,13 +69,12 @@ def encode_appearance(
     mask: Single,
     max_bytes: int,
     max_modes: int,
-    workers: int | None = None,
     searches_step: bool = True,
 ) -> CodedAppearance:
     """Encode mean and modes in `max_bytes` at the quantiser step of least residual.
 
     samples: of which modes are found.  mean: (k, 3) BGR.  mask: (k,) see `face_mask`.
-    workers: see `parallel_map`.  searches_step: else two steps are tried at most.
+    searches_step: else two quantiser steps are tried at most.
     """
     atlas_mean = filled_atlas(shape.atlas, mean)
     weight_map = encode_weight_map(cell_weights(shape.atlas, samples.weight))
@@ -94,10 +96,8 @@ def encode_appearance(
         max_bytes,
         max_modes,
     )
-    start = coder.initial_step()
-    if not searches_step:
-        return _finalise(filling_candidate(coder.encode, start, max_bytes))
-    return _finalise(best_candidate(coder.encode, start, max_bytes, workers))
+    search = best_candidate if searches_step else filling_candidate
+    return _finalise(search(coder.encode, coder.initial_step(), max_bytes))
 
 
 def cell_weights(atlas: Atlas, weight: Single) -> Array:
@@ -121,6 +121,7 @@ class _Candidate:
     """A mean and modes coded at one quantiser step, not yet written.
 
     cost: mean log2 of the frames' residual energy, plus `MIN_MODE_GAIN` for each mode.
+    wanted_bytes: of the pictures, with the overhead of the modes, if there were no limit.
     """
 
     texture: EncodedPicture
@@ -128,6 +129,7 @@ class _Candidate:
     mode_codec: ModeCodec
     step: int
     cost: float
+    wanted_bytes: float
 
     @property
     def size_bytes(self) -> int:
@@ -173,22 +175,25 @@ class _AppearanceCoder:
         free_bytes = self.max_bytes - texture.size_bytes
         error = residual.mean_log_energy if free_bytes >= 0 else INFEASIBLE_COST - free_bytes
         modes: list[EncodedPicture] = []
+        wanted = _WantedBytes(texture.size_bytes)
         while len(modes) < self.max_modes:
             image = self._leading_image(residual)
             encoded = _encode_mode_within(codec, image, step, free_bytes - MODE_OVERHEAD_BYTES)
+            wanted.add(encoded, step)
             if encoded is None:
                 break
-            row = self._weighted(encoded[1].decoded).ravel()
+            row = self._weighted(encoded.mode.decoded).ravel()
             if float(row @ row) < MIN_MODE_ENERGY:
                 break
             residual.add_mode(row)
             if error - residual.mean_log_energy < MIN_MODE_GAIN:
                 break
             error = residual.mean_log_energy
-            codec, mode = encoded
+            codec, mode = encoded.codec, encoded.mode
             free_bytes -= mode.size_bytes + MODE_OVERHEAD_BYTES
             modes.append(mode)
-        return _Candidate(texture, tuple(modes), codec, step, error + MIN_MODE_GAIN * len(modes))
+        cost = error + MIN_MODE_GAIN * len(modes)
+        return _Candidate(texture, tuple(modes), codec, step, cost, wanted.estimate)
 
     def _residual(self, texture: EncodedPicture) -> OrthogonalResidual:
         frames = without_mean(self.frames, self._weighted(texture.decoded), self.visible)
@@ -216,13 +221,50 @@ def _finalise(candidate: _Candidate) -> CodedAppearance:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _EncodedMode:
+    """A mode, the step that it is coded with, and the codec's state after it."""
+
+    mode: EncodedPicture
+    step: int
+    codec: ModeCodec
+
+
+class _WantedBytes:
+    """What a mean and modes would take at a step if bytes were not limited.
+
+    texture_bytes: of the mean.
+    """
+
+    def __init__(self, texture_bytes: int) -> None:
+        self._texture_bytes = texture_bytes
+        self._modes: list[int] = []
+        self._is_limited = False
+
+    def add(self, encoded: _EncodedMode | None, step: int) -> None:
+        """Note the next mode; one that there are no bytes for is None or coarser than `step`."""
+        if encoded is None or encoded.step != step:
+            self._is_limited = True
+        else:
+            self._modes.append(encoded.mode.size_bytes + MODE_OVERHEAD_BYTES)
+
+    @property
+    def estimate(self) -> float:
+        """Bytes of the mean and of all modes; if there were more, half as many again."""
+        modes = sum(self._modes)
+        if not self._is_limited:
+            return self._texture_bytes + modes
+        return max(self._texture_bytes / TEXTURE_SHARE, self._texture_bytes + MORE_MODES * modes)
+
+
 def _encode_mode_within(
     codec: ModeCodec, image: Single, step: int, max_bytes: int
-) -> tuple[ModeCodec, EncodedPicture] | None:
-    """A mode within `max_bytes`, at a coarser step if need be, and the codec state after it."""
+) -> _EncodedMode | None:
+    """A mode within `max_bytes`, at a coarser step if need be."""
     for backoff in LAST_MODE_BACKOFF if max_bytes >= MIN_MODE_BYTES else ():
         advanced = codec.copy()
-        mode = encode_mode(advanced, image, min(step + backoff, MAX_STEP_CODE))
+        tried = min(step + backoff, MAX_STEP_CODE)
+        mode = encode_mode(advanced, image, tried)
         if mode.size_bytes <= max_bytes:
-            return advanced, mode
+            return _EncodedMode(mode, tried, advanced)
     return None

@@ -155,7 +155,7 @@ def build_person_model(
     samples = replace(samples, weight=weight)
     sharp = super_resolved(shape, samples, crops, sampled, workers)
     mean = mean_texture(shape, sharp, default_colours(face.head, shape.atlas))
-    appearance = _encode_appearance(shape, sharp, mean, mask, options, workers)
+    appearance = _encode_appearance(shape, sharp, mean, mask, options)
     template = sampled_template(shape, samples, sharp, appearance)
     fitter = TexelFitter(face.head, face, shape, template, nominal_texels=options.nominal_texels)
     sampled = fit_samples(fitter, crops, sampled, workers)
@@ -171,10 +171,9 @@ def _encode_appearance(
     mean: Single,
     mask: Single,
     options: TrainingOptions,
-    workers: int | None,
 ) -> CodedAppearance:
     most = options.appearance_bytes, options.max_modes
-    return encode_appearance(shape, sharp, mean, mask, *most, workers, options.searches_step)
+    return encode_appearance(shape, sharp, mean, mask, *most, options.searches_step)
 
 
 def _texel_frame(

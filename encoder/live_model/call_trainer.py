@@ -47,5 +47,4 @@ def trainer_from(
         workers=1 if realtime else None,
         layer_updates=layer_updates,
         encode_background=encode_background,
-        searches_step=not realtime,
     )

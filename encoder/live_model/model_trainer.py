@@ -69,7 +69,6 @@ class ModelTrainer:
     layer_updates: numbers of the versions that bring layers.
     encode_background: encodes it while the first version is trained: each takes as long as many
         frames.  Where that fails it is encoded after the training.
-    searches_step: see `encode_appearance`.
     """
 
     def __init__(
@@ -83,12 +82,11 @@ class ModelTrainer:
         workers: int | None,
         layer_updates: frozenset[int] = LAYER_UPDATES,
         encode_background: EncodeBackground = encoded_in_a_thread,
-        searches_step: bool = True,
     ) -> None:
         self._head, self._video, self._gop = head, video, gop
         self._background, self._budget = background, budget
         self._progressive, self._workers = progressive, workers
-        self._layer_updates, self._searches_step = layer_updates, searches_step
+        self._layer_updates = layer_updates
         self._identity: IdentityFit | None = None  # of the version before
         self._frame_layers: FrameLayers | None = None  # of the background in use
         self._background_data: Future[bytes] | bytes | None = None
@@ -244,7 +242,7 @@ class ModelTrainer:
             weight_disoccluded=True,
             weight_mouth=True,
             nominal_texels=FIT_TEXELS,
-            searches_step=self._searches_step,
+            searches_step=False,
         )
         return build_person_model(
             identity,

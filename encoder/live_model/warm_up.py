@@ -60,9 +60,7 @@ def warm_up(head: Head, video: VideoFormat, gop: GopStructure, rng: np.random.Ge
         BUDGETS["live"], appearance_bytes=BYTES, background_bytes=BYTES, max_modes=MODES
     )
     background = BackgroundImage(pictures[0])
-    trainer = ModelTrainer(
-        head, video, gop, background, budget, progressive=False, workers=1, searches_step=False
-    )
+    trainer = ModelTrainer(head, video, gop, background, budget, progressive=False, workers=1)
     version = trainer.train(budget, pictures, [points] * FRAMES, 0)
     samples = [version.sample(picture, points) for picture in pictures]
     transform = version.padded_transform

@@ -1,12 +1,17 @@
 """Search of the quantiser step of an appearance model."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from threading import Barrier
 
 import pytest
-from processes import LIMIT_S
 
-from encoder.learning.step_search import INFEASIBLE_COST, best_candidate, filling_candidate
+from encoder.learning.step_search import (
+    INFEASIBLE_COST,
+    MAX_TRIALS,
+    best_candidate,
+    filling_candidate,
+)
+from protocol.pictures.picture_codec import MAX_STEP_CODE
 
 MAX_BYTES = 1000
 
@@ -15,73 +20,73 @@ MAX_BYTES = 1000
 class Coded:
     step: int
     cost: float
-    size_bytes: int
+    wanted_bytes: float
+    size_bytes: int = 0
 
 
 class Coder:
-    """Costs are least at a step; finer ones than `finest` are too large."""
+    """Bytes halve every eight steps; cost is least at a step.
 
-    def __init__(self, least: float, finest: int = 0) -> None:
+    fits: the finest step whose bytes are not too many, by `size_at_fit`.
+    """
+
+    def __init__(self, fits: int, least: int, size_at_fit: float = 990.0) -> None:
         self.steps: list[int] = []
-        self._least, self._finest = least, finest
+        self._fits, self._least, self._size_at_fit = fits, least, size_at_fit
 
     def __call__(self, step: int) -> Coded:
         self.steps.append(step)
-        if step < self._finest:
-            return Coded(step, INFEASIBLE_COST, MAX_BYTES + 1)
-        return Coded(step, abs(step - self._least) ** 1.5, MAX_BYTES)
+        size = self._size_at_fit * 2 ** ((self._fits - step) / 8)
+        return Coded(step, abs(step - self._least), size, round(size))
 
 
-@pytest.mark.parametrize("workers", [1, 2, 5])
-@pytest.mark.parametrize("start", [8, 15, 16, 24])
-def test_the_least_cost_is_found_from_any_start_by_any_number_of_threads(
-    workers: int, start: int
+@pytest.mark.parametrize("least", [13, 14, 15])
+@pytest.mark.parametrize("start", [0, 5, 14, 15, 16, 30, MAX_STEP_CODE])
+def test_the_least_cost_is_found_from_any_start_and_no_step_is_tried_twice(
+    start: int, least: int
 ) -> None:
-    coder = Coder(15.2)
-    assert best_candidate(coder, start, MAX_BYTES, workers).step == 15
+    coder = Coder(fits=15, least=least)
+    assert best_candidate(coder, start, MAX_BYTES).step == least
     assert len(coder.steps) == len(set(coder.steps))
 
 
-def test_one_thread_tries_nothing_that_is_not_needed() -> None:
-    coder = Coder(15.9)
-    best_candidate(coder, 16, MAX_BYTES, workers=1)
-    assert coder.steps == [16, 14, 18]
-
-
-def test_two_threads_encode_the_next_step_and_the_one_after_it_together() -> None:
-    coder, both = Coder(12.0), Barrier(2, timeout=LIMIT_S)
-
-    def encode(step: int) -> Coded:
-        if step in (12, 10):
-            both.wait()
-        return coder(step)
-
-    assert best_candidate(encode, 16, MAX_BYTES, workers=2).step == 12
-
-
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_candidate_that_is_too_large_is_not_the_best(workers: int) -> None:
-    assert best_candidate(Coder(10.0, finest=18), 16, MAX_BYTES, workers).step >= 18
-
-
 @pytest.mark.parametrize(
-    ("sizes", "tried", "best"),
-    [
-        ({16: 500, 8: 990}, [16, 8], 8),
-        ({16: 980}, [16], 16),
-        ({16: 1400, 20: 990}, [16, 20], 20),
-        ({16: 700, 12: 1100}, [16, 12], 16),
-    ],
+    ("start", "steps"), [(15, [15]), (16, [16, 15]), (30, [30, 15]), (10, [10, 15])]
 )
-def test_a_short_search_goes_to_the_step_that_should_use_all_bytes(
-    sizes: dict[int, int], tried: list[int], best: int
+def test_a_short_search_ends_with_the_step_that_should_use_all_bytes(
+    start: int, steps: list[int]
 ) -> None:
-    steps: list[int] = []
+    coder = Coder(fits=15, least=15)
+    assert filling_candidate(coder, start, MAX_BYTES).step == 15
+    assert coder.steps == steps
+
+
+def test_no_more_steps_are_tried_than_may_be_where_estimates_mislead() -> None:
+    def misleading(step: int) -> Coded:
+        tried.append(step)
+        return Coded(step, -float(step), MAX_BYTES + 1)
+
+    tried: list[int] = []
+    best_candidate(misleading, 10, MAX_BYTES)
+    assert len(tried) == MAX_TRIALS
+
+
+@pytest.mark.parametrize("size", [1, 10 * MAX_BYTES])
+@pytest.mark.parametrize("start", [-3, 0, MAX_STEP_CODE, MAX_STEP_CODE + 3])
+def test_the_search_ends_at_the_limits_of_the_steps(start: int, size: int) -> None:
+    def constant(step: int) -> Coded:
+        assert 0 <= step <= MAX_STEP_CODE
+        return Coded(step, 1.0, size)
+
+    best_candidate(constant, start, MAX_BYTES)
+
+
+def test_a_candidate_that_is_too_large_is_not_the_best() -> None:
+    finer: Callable[[int], Coded] = Coder(fits=18, least=10)
 
     def encode(step: int) -> Coded:
-        steps.append(step)
-        cost = step if sizes[step] <= MAX_BYTES else INFEASIBLE_COST
-        return Coded(step, cost, sizes[step])
+        coded = finer(step)
+        cost = INFEASIBLE_COST if coded.wanted_bytes > MAX_BYTES else coded.cost
+        return Coded(step, cost, coded.wanted_bytes)
 
-    assert filling_candidate(encode, 16, MAX_BYTES).step == best
-    assert steps == tried
+    assert best_candidate(encode, 16, MAX_BYTES).step == 18
