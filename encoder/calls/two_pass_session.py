@@ -35,7 +35,7 @@ from encoder.layers.layer_learning import layers_of_person
 from encoder.layers.layer_model import LayerModel
 from encoder.layers.layer_samples import COARSE_SIDE, FittedFrames, shrunk, typical_frame
 from encoder.learning.absence import AbsenceWatch
-from encoder.learning.frame_sampler import UniformSubsampler
+from encoder.learning.frame_sampler import DENSE_FRAMES, UniformSubsampler
 from encoder.learning.person_model import TrainedModel, TrainingOptions, build_person_model
 from encoder.runtime.parallel import worker_pool
 from protocol.call_parameters import CallParameters
@@ -103,7 +103,8 @@ class TwoPassEncoder:
         self._points: list[Array] = []  # landmarks of each detection
         self._detection_of: dict[int, int] = {}  # by source frame
         self._frames = 0
-        self._sampler, self._absence = UniformSubsampler[Picture](), AbsenceWatch()
+        self._sampler = UniformSubsampler[Picture](dense_frames=DENSE_FRAMES)
+        self._absence = AbsenceWatch()
         self._model: _CallModel | None = None
         self._faces: dict[int, FaceParameters] = {}  # by detection
 

@@ -28,7 +28,7 @@ from encoder.calls.session_stats import SessionStats
 from encoder.calls.two_pass_session import EncodedCall, hold_last_detection, send_call
 from encoder.coding.gop import FRAMES_PER_PACKET
 from encoder.fitting.sequence_fit import pick_diverse_frames, smooth_landmarks
-from encoder.learning.frame_sampler import TRAINING_FRAMES, UniformSubsampler
+from encoder.learning.frame_sampler import DENSE_FRAMES, TRAINING_FRAMES, UniformSubsampler
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode as encode_clip
 from loopback.quality.video_quality import face_mask_finder, measure_quality
@@ -282,6 +282,20 @@ def test_a_sample_is_spread_over_a_source_of_any_length(count: int) -> None:
     assert numbers[0] == 0 and numbers[-1] >= 0.97 * (count - 1) - 1
     assert len(set(np.diff(numbers))) <= 1
     assert len(made) < 15 * TRAINING_FRAMES
+
+
+@pytest.mark.parametrize(
+    ("count", "kept", "stride"),
+    [(DENSE_FRAMES - 1, DENSE_FRAMES - 1, 1), (DENSE_FRAMES, DENSE_FRAMES // 2, 2), (120, 60, 2)],
+)
+def test_no_two_frames_in_a_row_are_learned_from_unless_there_are_few(
+    count: int, kept: int, stride: int
+) -> None:
+    sampler = UniformSubsampler[int](TRAINING_FRAMES, DENSE_FRAMES)
+    for number in range(count):
+        sampler.offer(number, lambda number=number: number)  # type: ignore[misc]
+    numbers = [number for number, _ in sampler.frames]
+    assert numbers == list(range(0, stride * kept, stride))
 
 
 def test_smoothing_calms_noise_and_keeps_the_length() -> None:
