@@ -4,10 +4,10 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import BinaryIO, Self
+from typing import Self
 
 import cv2
 import numpy as np
@@ -15,23 +15,17 @@ from numpy.typing import NDArray
 
 from decoder.playout import PlayoutFrame
 from decoder.reception.call_playout import CallPlayout
-from decoder.reception.received_frames import DecodeStats, received_frames
+from decoder.reception.call_source import CallOptions, call_name, open_source
+from decoder.reception.received_frames import DecodeStats, Waiting, received_frames
 from decoder.reenactment import read_model, reenact
 from decoder.scene import Scene
 from decoder.scene_parts import PartsLoader, SceneParts
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
-from protocol.link.interface import (
-    CONNECT_TIMEOUT_S,
-    LinkOptions,
-    MessageCallback,
-    PacketSource,
-    ignore_message,
-)
+from protocol.link.interface import MessageCallback, PacketSource, ignore_message
 from protocol.model_packet import ModelPacket
 from protocol.progressive_model import is_same_model
-from protocol.security.link_security import LinkSecurity
 from shared_model.errors import LINK_FAILED, UserError
 from shared_model.parameters import FaceParameters
 from shared_model.stage_timer import StageTimer
@@ -40,26 +34,8 @@ Picture = NDArray[np.uint8]
 
 # Frames by which a call file is read ahead of the picture: its models are decoded meanwhile.
 FRAMES_AHEAD = 128
-
-
-@dataclass(frozen=True, slots=True)
-class CallOptions:
-    """The source of a call, and the person that is drawn.
-
-    call_file: a recorded call, or an open stream of one; None: over the network.
-    listen, connect: endpoints (HOST:PORT, tcp/HOST:PORT); call: name of the call.
-    security: what protects the call over the network.
-    connect_timeout_s: time limit for connecting.
-    face: call file whose person is drawn instead; None: the call's own.
-    """
-
-    call_file: Path | BinaryIO | None = None
-    listen: tuple[str, ...] = ()
-    connect: tuple[str, ...] = ()
-    call: str = "call"
-    connect_timeout_s: float = CONNECT_TIMEOUT_S
-    face: Path | None = None
-    security: LinkSecurity = field(default_factory=LinkSecurity)
+# Frames of a live call that may wait to be drawn while packets are taken.
+MAX_WAITING = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,21 +59,29 @@ class _ReceivedFrame:
 
     sender: the newest model of its sender.
     drawn, parts: the model that is drawn, and what is decoded of it in the background.
+    time_s: see `DrawnFrame`.
+    arrival_s: `time.monotonic` when the newest packet before it came.
     """
 
     frame: PlayoutFrame
     sender: ModelPacket
     drawn: ModelPacket
     parts: Future[SceneParts]
+    time_s: Fraction
+    arrival_s: float
 
 
 class CallPictures:
     """Draws the pictures of one call; a context manager that can be iterated once.
 
-    source: of the packets; None: what the options name.
+    Packets of a live call are taken between two pictures, too: so what they bring of a model is
+    decoded while the frames before it are drawn.
+
+    source: of the packets, waits no longer than it is asked to; None: what the options name.
     wants: whether to draw the picture of a source frame; who cannot draw all leaves some out.
     While a graphics card draws one picture, the next is prepared.  Attributes `stats`, `timer` and
-    `playout` hold what the report needs.  Raises `UserError` if the call cannot be read or drawn;
+    `playout` hold what the report needs; `arrival_s`: `time.monotonic` when the packet came whose
+    pictures are drawn.  Raises `UserError` if the call cannot be read or drawn;
     with exit code 4 if its encoder leaves before it has sent a face.
     """
 
@@ -115,18 +99,20 @@ class CallPictures:
         self._wants = wants
         self._target = read_model(options.face) if options.face else None
         self._source = self._stack.enter_context(source or open_source(options, on_message))
-        is_file = source is None and isinstance(options.call_file, Path)
+        self._is_live = source is not None or options.call_file is None
+        is_file = isinstance(options.call_file, Path) and not self._is_live
         self._frames_ahead = FRAMES_AHEAD if is_file else 0
         self._received = deque[_ReceivedFrame]()
+        self.arrival_s: float | None = None
         self._sender: ModelPacket | None = None  # of the newest frame that was drawn
         self._loader = PartsLoader()
         self._stack.callback(self._loader.close)
-        if source is not None or options.call_file is None:
+        if self._is_live:
             # Meanwhile the encoder is looked for.
             self._loader.warm_up()
         self._scene: Scene | None = None
         self._stack.callback(self._close_scene)
-        self._submitted: PlayoutFrame | None = None
+        self._submitted: _ReceivedFrame | None = None
         self._face: FaceParameters | None = None  # of the frame before, as long as it looks so
         self._picture: Picture | None = None  # of the newest frame that is complete
 
@@ -159,6 +145,7 @@ class CallPictures:
                 yield from self._finished()
                 continue
             frame, sender, target = received.frame, received.sender, received.drawn
+            self.arrival_s = received.arrival_s
             if not self._wants(frame.index):
                 continue
             self._sender = sender
@@ -169,32 +156,44 @@ class CallPictures:
                     self._scene = self._change_scene(received)
             if frame.face is self._face:
                 yield from self._finished()
-                yield self._complete(frame)
+                yield self._complete(received)
                 continue
             prepared = self._scene.prepare(reenact(frame, sender, target), self.timer)
             yield from self._finished()
             self._scene.submit(prepared, self.timer)
-            self._submitted, self._face = frame, frame.face
+            self._submitted, self._face = received, frame.face
         yield from self._finished()
         if self.playout.model is None:
             raise _no_model_error(self._options, self.stats, self._source.ended)
 
     def _frames(self) -> Iterator[_ReceivedFrame | None]:
         """The frames to draw; None before each wait for a packet of a live call."""
-        for frame in received_frames(self._source, self.playout, self.stats, self._stop):
+        packets = self._source, self.playout, self.stats
+        for frame in received_frames(*packets, self._stop, self._frames_to_draw):
             self._prepare_models()
             if frame is not None:
-                sender = self.playout.model
-                assert sender is not None
-                drawn = self._target or sender
-                parts = self._loader.request(drawn)
-                self._received.append(_ReceivedFrame(frame, sender, drawn, parts))
+                self._received.append(self._with_model(frame))
+            elif self._is_live and self._received:
+                yield self._received.popleft()
             elif not self._frames_ahead:
                 yield None
-            while len(self._received) > self._frames_ahead:
+            while not self._is_live and len(self._received) > self._frames_ahead:
                 yield self._received.popleft()
         while self._received and not self._stop():
             yield self._received.popleft()
+
+    def _frames_to_draw(self) -> Waiting:
+        """Whether frames of a live call wait to be drawn."""
+        if not self._is_live or not self._received:
+            return Waiting.NONE
+        return Waiting.SOME if len(self._received) < MAX_WAITING else Waiting.MANY
+
+    def _with_model(self, frame: PlayoutFrame) -> _ReceivedFrame:
+        sender = self.playout.model
+        assert sender is not None
+        drawn = self._target or sender
+        time_s, arrival_s = self.playout.time_s(frame.index), self.stats.arrival_s
+        return _ReceivedFrame(frame, sender, drawn, self._loader.request(drawn), time_s, arrival_s)
 
     def close(self) -> None:
         """Free the scene; close the call file or leave the network."""
@@ -210,24 +209,24 @@ class CallPictures:
         """The picture that is being drawn, if there is one."""
         if self._scene is None or self._submitted is None:
             return
-        frame, self._submitted = self._submitted, None
+        received, self._submitted = self._submitted, None
         is_first = self._picture is None
         self._picture = self._scene.read_back(self.timer)
         before_ns, self._drawn_ns = self._drawn_ns, self.timer.whole_ns("write")
         if not is_first:
             self.stats.note_drawn((self._drawn_ns - before_ns) / 1e6)
-        yield self._complete(frame)
+        yield self._complete(received)
 
-    def _complete(self, frame: PlayoutFrame) -> DrawnFrame:
-        """`frame` with the newest picture."""
+    def _complete(self, received: _ReceivedFrame) -> DrawnFrame:
+        """A frame with the newest picture."""
         assert self._picture is not None
+        frame = received.frame
         self.stats.note_shown(frame)
         is_held = frame.lost and frame.frozen
         picture = in_grey(self._picture) if is_held else self._picture
         if frame.presence < 1 and self._scene is not None:
             picture = self._scene.without_person(picture, frame.presence)
-        time_s = self.playout.time_s(frame.index)
-        return DrawnFrame(frame.index, picture, frame.frozen, frame.lost, time_s)
+        return DrawnFrame(frame.index, picture, frame.frozen, frame.lost, received.time_s)
 
     def _prepare_models(self) -> None:
         """Begin to decode what has been received of models."""
@@ -262,34 +261,6 @@ class CallPictures:
 def in_grey(picture: Picture) -> Picture:
     """The picture (h, w, 3) uint8 BGR without its colours."""
     return np.asarray(cv2.cvtColor(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR))
-
-
-def open_source(options: CallOptions, on_message: MessageCallback) -> PacketSource:
-    """The call file or the network, whichever the options name.  Raises `UserError`.
-
-    on_message: called with a line when the link waits for an encoder.
-    """
-    if options.call_file is not None:
-        return CallReader(options.call_file)
-    from protocol.link.zenoh_link import ZenohSource
-
-    link = LinkOptions(
-        options.call,
-        options.listen,
-        options.connect,
-        options.connect_timeout_s,
-        security=options.security,
-    )
-    return ZenohSource(link, on_message)
-
-
-def call_name(options: CallOptions) -> str:
-    """The name of the call in messages."""
-    if options.call_file is None:
-        return f"call {options.call}"
-    if isinstance(options.call_file, Path):
-        return str(options.call_file)
-    return "the call in the stream"
 
 
 def _no_model_error(options: CallOptions, stats: DecodeStats, ended: bool) -> UserError:

@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-from decoder.call_pictures import CallOptions, CallPictures, DrawnFrame
+from decoder.call_pictures import CallPictures, DrawnFrame
 from decoder.duration import count_frames
 from decoder.reception.call_playout import CallPlayout
+from decoder.reception.call_source import CallOptions
 from decoder.reception.received_frames import DecodeStats
 from decoder.sinks.frame_sink import FrameSink, ThreadedSink, check_sink, keeps_times, open_sink
 from decoder.sinks.video_file import TIMED

@@ -8,7 +8,8 @@ from typing import BinaryIO, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.call_pictures import CallOptions, CallPictures
+from decoder.call_pictures import CallPictures
+from decoder.reception.call_source import CallOptions
 from protocol.endpoint import parse_endpoint
 from protocol.errors import ProtocolError
 from protocol.security.invitation import parse_invitation

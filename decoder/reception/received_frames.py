@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from enum import Enum
 
 from decoder.playout import PlayoutFrame
 from decoder.reception.call_playout import CallPlayout
@@ -18,6 +19,14 @@ POLL_S = 0.1
 MAX_DAMAGES_TOLD = 5
 
 
+class Waiting(Enum):
+    """How many frames wait to be drawn: NONE, SOME or so MANY that no packet is taken meanwhile."""
+
+    NONE = 0
+    SOME = 1
+    MANY = 2
+
+
 @dataclass(slots=True)
 class DecodeStats:
     """Counts, times and warnings of one call on the receiving side.
@@ -30,6 +39,7 @@ class DecodeStats:
     shown_ns: for each picture its source frame and `time.monotonic_ns` when it was complete; empty
         unless `keeps_times`.
     frame_ms: how long each picture after the first has taken, but for writing it; empty likewise.
+    arrival_s: `time.monotonic` when the newest packet came.
     """
 
     model_bytes: int = 0
@@ -43,6 +53,7 @@ class DecodeStats:
     keeps_times: bool = False
     shown_ns: list[tuple[int, int]] = field(default_factory=list)
     frame_ms: list[float] = field(default_factory=list)
+    arrival_s: float = 0.0
 
     def note_damage(
         self, error: ProtocolError, playout: CallPlayout, frame: int | None = None
@@ -84,16 +95,19 @@ def received_frames(
     playout: CallPlayout,
     stats: DecodeStats,
     stop: Callable[[], bool],
+    waiting: Callable[[], Waiting] = lambda: Waiting.NONE,
 ) -> Iterator[PlayoutFrame | None]:
     """The faces of the call's source frames; None before each wait for a packet.
 
+    waiting: where frames wait to be drawn packets are not waited for.
     Damaged packets are counted and skipped.
     """
-    for arrival in _arrivals(source, playout, stats, stop):
+    for arrival in _arrivals(source, playout, stats, stop, waiting):
         if arrival is None:
             frames = playout.poll(time.monotonic())
         else:
             stats.note_received(arrival.data)
+            stats.arrival_s = arrival.time_s
             frames = playout.receive(arrival)
         yield from _undamaged(frames, playout, stats, stop)
         if playout.ended:
@@ -122,13 +136,21 @@ def _undamaged(
 
 
 def _arrivals(
-    source: PacketSource, playout: CallPlayout, stats: DecodeStats, stop: Callable[[], bool]
+    source: PacketSource,
+    playout: CallPlayout,
+    stats: DecodeStats,
+    stop: Callable[[], bool],
+    waiting: Callable[[], Waiting],
 ) -> Iterator[Arrival | None]:
     """What comes; None when nothing has for a while or a packet is no longer waited for."""
     while not stop() and not source.ended:
+        while waiting() is Waiting.MANY and not stop():
+            yield None
         release_s, wait_s = playout.release_s, POLL_S
         if release_s is not None:
             wait_s = min(max(release_s - time.monotonic(), 0.0), POLL_S)
+        if waiting() is Waiting.SOME:
+            wait_s = 0.0
         try:
             arrival = source.receive(wait_s)
         except TruncatedCall as error:

@@ -7,7 +7,8 @@ from threading import Lock
 
 import numpy as np
 
-from decoder.call_pictures import CallOptions, CallPictures, DrawnFrame, open_source
+from decoder.call_pictures import CallPictures, DrawnFrame
+from decoder.reception.call_source import CallOptions, open_source
 from decoder.sound.sound_track import Samples, SoundTrack, open_sound_track
 from encoder.runtime.parallel import lower_priority_of_process
 from protocol.call_file import CallReader
@@ -166,11 +167,11 @@ class _Drawing:
         assert pictures is not None
         if self._sound is not None:
             self._speak(self._sound, pictures, index)
+        self._thinning.arrival_s = pictures.arrival_s
         return self._thinning.wants(index, pictures.sender.fps)
 
     def _note(self, arrival: Arrival) -> None:
         self._presence = Presence.HERE
-        self._thinning.arrival_s = arrival.time_s
         self.recorder.add(arrival.data, arrival.number, arrival.session)
 
     def _show(self, frame: DrawnFrame) -> None:

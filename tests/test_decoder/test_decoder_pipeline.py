@@ -1,5 +1,6 @@
 """A recorded call becomes a video of the source's size, rate and length, however it ends."""
 
+from fractions import Fraction
 from itertools import count
 from pathlib import Path
 
@@ -11,7 +12,10 @@ from numpy.typing import NDArray
 from videos import read_frames
 
 from decoder import call_pictures, scene_parts
+from decoder.call_pictures import CallPictures
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
+from decoder.reception.call_source import CallOptions
+from decoder.reception.received_frames import POLL_S
 from protocol.call_file import MAGIC, CallReader
 from protocol.call_parameters import CallParameters
 from protocol.call_records import serialise_records
@@ -84,9 +88,11 @@ class Waited(CallReader):
     def __init__(self, path: Path) -> None:
         super().__init__(path)
         self.before_packet: list[int] = []
+        self.waits: list[float | None] = []
 
     def receive(self, timeout_s: float | None = None) -> Arrival | None:
         self.before_packet.append(self.shown)
+        self.waits.append(timeout_s)
         return super().receive(timeout_s)
 
 
@@ -134,6 +140,25 @@ def test_a_file_is_read_ahead_of_its_pictures(
     places = [int(number * FPS[0] / FPS[1] / 10) for number in range(len(samples()))]
     shown = shown_before_packets(call, False, monkeypatch)
     assert shown == [0, 0, *(max(0, place + 1 - 10 - 1) for place in places)]
+
+
+def test_packets_of_a_live_call_are_taken_between_its_pictures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(call_pictures, "MAX_WAITING", 7)
+    source = Waited(write_call(tmp_path / "call.rzo", [model(), *samples(), end()]))
+    taken = list[int]()
+    with CallPictures(CallOptions(), lambda: False, source=source) as pictures:
+        for frame in pictures:
+            source.shown += 1
+            taken.append(len(source.before_packet))
+            assert frame.index == source.shown - 1
+            assert frame.time_s == frame.index * Fraction(FPS[1], FPS[0])
+            assert pictures.arrival_s is not None
+    assert len(taken) == FRAMES
+    # One packet, of three frames, with each picture until enough of them wait.
+    assert taken[:6] == [3, 4, 5, 6, 6, 7]
+    assert source.waits[:4] == [POLL_S] * 3 + [0] and set(source.waits) == {0, POLL_S}
 
 
 def test_call_becomes_one_picture_per_source_frame(tmp_path: Path) -> None:
