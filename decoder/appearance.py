@@ -1,5 +1,6 @@
 """The appearance model (thesis eq. 2.17): mean texture and modes, decoded from a model packet."""
 
+from collections.abc import Callable
 from copy import copy
 from itertools import takewhile
 from typing import Any
@@ -31,19 +32,24 @@ MAX_CODED_SIDE_PX = 1024
 MAX_MODE_TEXELS = 4 * 1024 * 1024
 
 
+def go_on() -> None:
+    """Wait for nothing."""
+
+
 class AppearanceModel:
     """The texture of each frame: mean + modes x coefficients (eq. 2.17).
 
+    give_way: see `update`.
     Raises `ProtocolError` if an image of the model packet is damaged or of another size.
     """
 
-    def __init__(self, model: ModelPacket) -> None:
+    def __init__(self, model: ModelPacket, give_way: Callable[[], None] = go_on) -> None:
         self._modes: _ModeRows
         # The picture that could not be decoded; the modes after it depend on it.
         self._damaged: bytes | None = None
         self._has_surround = model.call.profile == "default"
         self._load_texture(model)
-        self.update(model)
+        self.update(model, give_way)
 
     @property
     def has_modes(self) -> bool:
@@ -55,9 +61,10 @@ class AppearanceModel:
         """Whether the texture changes from frame to frame: by modes, or as the eyes close."""
         return self._lids is not None or self.has_modes
 
-    def update(self, model: ModelPacket) -> None:
+    def update(self, model: ModelPacket, give_way: Callable[[], None] = go_on) -> None:
         """Decode what further layers have added to the model.
 
+        give_way: called before each mode; waits while what is more urgent is decoded.
         Raises `ProtocolError` as the constructor does, once for each damaged picture.
         """
         if model.texture != self._texture:
@@ -76,6 +83,7 @@ class AppearanceModel:
         for number, data in enumerate(coded[known:], known):
             if data == self._damaged:
                 break
+            give_way()
             self._damaged = data
             image = self._codec.decode(f"mode {number}", data)
             self._damaged = None
@@ -83,12 +91,14 @@ class AppearanceModel:
                 image = self._colours.complete(image)
             self._modes = self._modes.with_row(self._to_atlas(image).ravel())
 
-    def updated(self, model: ModelPacket) -> "tuple[AppearanceModel, ProtocolError | None]":
+    def updated(
+        self, model: ModelPacket, give_way: Callable[[], None] = go_on
+    ) -> "tuple[AppearanceModel, ProtocolError | None]":
         """A copy after `update`, and what that raises."""
         other = copy(self)
         other._codec = self._codec.copy()
         try:
-            other.update(model)
+            other.update(model, give_way)
         except ProtocolError as error:
             return other, error
         return other, None

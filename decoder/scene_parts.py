@@ -10,11 +10,12 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import count
+from threading import Condition
 
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.appearance import AppearanceModel
+from decoder.appearance import AppearanceModel, go_on
 from decoder.background_layers import BackgroundLayers, load_background
 from decoder.layer_motion import LayerMotion
 from decoder.rendering.render_geometry import NEAR_MM
@@ -66,20 +67,26 @@ class SceneParts:
     damages: tuple[ProtocolError, ...] = ()
 
 
-def scene_parts(model: ModelPacket, before: SceneParts | None = None) -> SceneParts:
+def scene_parts(
+    model: ModelPacket,
+    before: SceneParts | None = None,
+    give_way: Callable[[], None] = go_on,
+) -> SceneParts:
     """Decode a model.
 
     before: parts of an earlier model; what has not changed since is taken over.
+    give_way: called before each picture; waits while what is more urgent is decoded.
     Raises `ProtocolError` if the model cannot be drawn.
     """
     if before is not None and is_same_model(before.model, model):
-        return _with_more_layers(before, model)
+        return _with_more_layers(before, model, give_way)
     camera, head = model.call.camera, head_of(model)
     check_size(camera)
     face = face_from_model(model, head)
     rest = face.animate(values_from_codes(model.reference_eau, EAU_STEP))
     check_reference(camera, model.reference_pose, head, rest)
-    appearance = AppearanceModel(model)
+    appearance = AppearanceModel(model, give_way)
+    give_way()
     if before is not None and _background(before.model) == _background(model):
         layers = before.layers
     else:
@@ -88,9 +95,11 @@ def scene_parts(model: ModelPacket, before: SceneParts | None = None) -> ScenePa
     return SceneParts(model, head, face, appearance, mesh, layers, LayerMotion(mesh, layers))
 
 
-def _with_more_layers(before: SceneParts, model: ModelPacket) -> SceneParts:
+def _with_more_layers(
+    before: SceneParts, model: ModelPacket, give_way: Callable[[], None]
+) -> SceneParts:
     """The parts with further layers of the same model; those that are damaged are left out."""
-    appearance, damage = before.appearance.updated(model)
+    appearance, damage = before.appearance.updated(model, give_way)
     damages = before.damages if damage is None else (*before.damages, damage)
     parts = replace(before, model=model, appearance=appearance, damages=damages)
     if model.background == before.model.background:
@@ -104,6 +113,9 @@ def _with_more_layers(before: SceneParts, model: ModelPacket) -> SceneParts:
 
 def _background(model: ModelPacket) -> tuple[int, int, bytes]:
     return model.call.width, model.call.height, model.background
+
+
+LoadParts = Callable[[ModelPacket, SceneParts | None, Callable[[], None]], SceneParts]
 
 
 @dataclass(eq=False, slots=True)
@@ -128,15 +140,14 @@ class PartsLoader:
     """Decodes models beside the frames, each once, in the order in which they are asked for.
 
     Further layers of a model, whose frames may have come, do not wait for a model that follows:
-    they have a thread of their own.
+    they have a thread of their own, to which that of the model gives way between two pictures.
     load: as `scene_parts`.
     """
 
-    def __init__(
-        self, load: Callable[[ModelPacket, SceneParts | None], SceneParts] = scene_parts
-    ) -> None:
+    def __init__(self, load: LoadParts = scene_parts) -> None:
         self._load, self._uses = load, count()
         self._of_models, self._of_layers = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
+        self._layers_asked, self._changed = 0, Condition()  # for layers not decoded yet
         self._jobs: tuple[_Job, ...] = ()  # in the order in which they were begun
 
     def warm_up(self) -> None:
@@ -150,7 +161,11 @@ class PartsLoader:
                 known.used = next(self._uses)
                 return known.parts
         lane = self._lane(model)
-        job = _Job(model, lane, lane.submit(self._decode, model), next(self._uses))
+        if lane is self._of_layers:
+            self._count_layers(1)
+        job = _Job(model, lane, lane.submit(self._decode, model, lane), next(self._uses))
+        if lane is self._of_layers:
+            job.parts.add_done_callback(lambda _: self._count_layers(-1))
         job.parts.add_done_callback(lambda _: setattr(job, "used", next(self._uses)))
         done = [each for each in self._jobs if each.parts.done()]
         dropped = sorted(done, key=lambda each: each.used)[:-KEPT_MODELS]
@@ -163,7 +178,7 @@ class PartsLoader:
 
     def close(self) -> None:
         """End the threads."""
-        for lane in (self._of_models, self._of_layers):
+        for lane in (self._of_layers, self._of_models):
             lane.shutdown(cancel_futures=True)
 
     def _lane(self, model: ModelPacket) -> ThreadPoolExecutor:
@@ -173,10 +188,21 @@ class PartsLoader:
             return self._of_models
         return self._of_layers
 
-    def _decode(self, model: ModelPacket) -> SceneParts:
+    def _count_layers(self, more: int) -> None:
+        with self._changed:
+            self._layers_asked += more
+            self._changed.notify_all()
+
+    def _give_way(self) -> None:
+        """Wait while further layers are decoded."""
+        with self._changed:
+            self._changed.wait_for(lambda: not self._layers_asked)
+
+    def _decode(self, model: ModelPacket, lane: ThreadPoolExecutor) -> SceneParts:
         before = [parts for job in self._jobs if (parts := job.decoded()) is not None]
         alike = [parts for parts in before if is_same_model(parts.model, model)]
-        return self._load(model, [None, *before, *alike][-1])
+        give_way = self._give_way if lane is self._of_models else go_on
+        return self._load(model, [None, *before, *alike][-1], give_way)
 
 
 def _warm_up() -> None:

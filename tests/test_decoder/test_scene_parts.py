@@ -1,5 +1,6 @@
 """Models are decoded beside the frames: each once, with what is known of those before."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from threading import Event
 from typing import Any, cast
@@ -12,6 +13,8 @@ from decoder.scene_parts import KEPT_MODELS, PartsLoader, SceneParts
 from protocol.errors import ProtocolError
 from protocol.model_packet import ModelPacket
 from protocol.progressive_model import LayerBuffer
+
+GiveWay = Callable[[], None]
 
 
 def parts_of(model: ModelPacket) -> SceneParts:
@@ -36,7 +39,7 @@ def update_of(model: ModelPacket, number: int = 1) -> ModelPacket:
 def test_each_model_is_decoded_once_after_the_newest_that_is_the_same() -> None:
     asked = list[tuple[ModelPacket, ModelPacket | None]]()
 
-    def load(model: ModelPacket, before: SceneParts | None) -> SceneParts:
+    def load(model: ModelPacket, before: SceneParts | None, give_way: GiveWay) -> SceneParts:
         asked.append((model, before.model if before else None))
         return parts_of(model)
 
@@ -60,7 +63,7 @@ def test_each_model_is_decoded_once_after_the_newest_that_is_the_same() -> None:
 def test_the_model_in_use_is_kept_however_many_are_asked_for() -> None:
     asked = list[ModelPacket]()
 
-    def load(model: ModelPacket, before: SceneParts | None) -> SceneParts:
+    def load(model: ModelPacket, before: SceneParts | None, give_way: GiveWay) -> SceneParts:
         asked.append(model)
         return parts_of(model)
 
@@ -79,7 +82,7 @@ def test_the_model_in_use_is_kept_however_many_are_asked_for() -> None:
 def test_further_layers_do_not_wait_for_another_model() -> None:
     has_more, update = Event(), update_of(WHOLE)
 
-    def load(model: ModelPacket, before: SceneParts | None) -> SceneParts:
+    def load(model: ModelPacket, before: SceneParts | None, give_way: GiveWay) -> SceneParts:
         if model.version == update.version:
             assert has_more.wait(60)
         return parts_of(model)
@@ -100,10 +103,39 @@ def test_further_layers_do_not_wait_for_another_model() -> None:
         loader.close()
 
 
+def test_a_model_that_follows_gives_way_to_further_layers() -> None:
+    is_asked, may_end, update = Event(), Event(), update_of(WHOLE)
+    done = list[ModelPacket]()
+
+    def load(model: ModelPacket, before: SceneParts | None, give_way: GiveWay) -> SceneParts:
+        if model is update:
+            assert is_asked.wait(60)
+            give_way()
+        elif model is longer:
+            assert may_end.wait(60)
+        done.append(model)
+        return parts_of(model)
+
+    longer, loader = with_a_mode(WHOLE), PartsLoader(load)
+    try:
+        loader.get(WHOLE)
+        following, layers = loader.request(update), loader.request(longer)
+        is_asked.set()
+        with pytest.raises(TimeoutError):
+            following.result(0.1)
+        may_end.set()
+        assert layers.result().model is longer and following.result().model is update
+    finally:
+        is_asked.set()
+        may_end.set()
+        loader.close()
+    assert done == [WHOLE, longer, update]
+
+
 def test_a_model_that_others_wait_to_build_on_is_kept() -> None:
     asked, may_go_on, update = list[tuple[int, bool]](), Event(), update_of(WHOLE)
 
-    def load(model: ModelPacket, before: SceneParts | None) -> SceneParts:
+    def load(model: ModelPacket, before: SceneParts | None, give_way: GiveWay) -> SceneParts:
         asked.append((model.version, before is not None and before.model.version == model.version))
         assert may_go_on.wait(60)
         return parts_of(model)
@@ -121,7 +153,7 @@ def test_a_model_that_others_wait_to_build_on_is_kept() -> None:
 
 
 def test_a_model_that_cannot_be_drawn_is_told_to_who_asks_and_left_out() -> None:
-    def load(model: ModelPacket, before: SceneParts | None) -> SceneParts:
+    def load(model: ModelPacket, before: SceneParts | None, give_way: GiveWay) -> SceneParts:
         if model is FIRST:
             raise ProtocolError("damaged")
         assert before is None
