@@ -24,10 +24,7 @@ from shared_model.stage_timer import StageTimer
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-# In pictures up to this size, lips and teeth are a pixel thick and multisampling is cheap.
-SMALL_PX = 352 * 288
-SMALL_SAMPLES = 4
-# Antialiasing blends the outline of the face with the background; drawn wider by so much, the face
+# The outline of the face fades into the background over a pixel; drawn wider by so much, the face
 # reaches its contour in the background picture.
 EDGE_EXPANSION_PX = 0.7
 
@@ -55,7 +52,7 @@ class Scene:
     def __init__(self, parts: SceneParts) -> None:
         size = parts.model.call.width, parts.model.call.height
         self._empty: Picture | None = None  # the frame submitted last without the person
-        self._renderer = Renderer(*size, parts.head, edge_samples(*size))
+        self._renderer = Renderer(*size, parts.head)
         self._own_face = self._face = parts.face
         self._show(parts)
         self._show_background()
@@ -161,11 +158,6 @@ class Scene:
     def close(self) -> None:
         """Free the renderer."""
         self._renderer.close()
-
-
-def edge_samples(width: int, height: int) -> int:
-    """Colour samples per pixel of a picture of this size."""
-    return SMALL_SAMPLES if width * height <= SMALL_PX else 0
 
 
 def pushed_before_camera(pose: Pose, vertices: Array) -> Pose:

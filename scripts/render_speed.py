@@ -16,7 +16,7 @@ import numpy as np
 from decoder.background_layers import BackgroundLayers
 from decoder.layer_motion import LayerMotion
 from decoder.rendering.renderer import Renderer
-from decoder.scene import EDGE_EXPANSION_PX, edge_samples
+from decoder.scene import EDGE_EXPANSION_PX
 from protocol.pictures.layered_background import SCENE_COEFFICIENTS, change_shape, field_shape
 from scripts.command import run
 from shared_model.animate import Face, Identity
@@ -58,7 +58,7 @@ def measure_stages_ms(width: int, height: int, layered: bool) -> np.ndarray:
     motion = LayerMotion(background_mesh, layers)
     coefficients = rng.normal(0, 0.2, FIELDS + CHANGES + SCENE_COEFFICIENTS)
     times = np.zeros((FRAMES + 5, len(STAGES) + 1))
-    with Renderer(width, height, head, edge_samples(width, height)) as renderer:
+    with Renderer(width, height, head) as renderer:
         renderer.set_texture(atlas)
         renderer.set_background(layers.moving, background_mesh.grid_px, layers.static)
         for row, phase in zip(times, np.linspace(0, 6.28, len(times)), strict=True):

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shared_model.geometry import Camera, matrix_from_quaternion
-from shared_model.mesh import PARTS, Head, inside_mouth, open_edges
+from shared_model.mesh import PARTS, Head
 from shared_model.parameters import Pose
 
 Array = NDArray[np.float64]
@@ -15,10 +15,6 @@ Triangles = NDArray[np.int32]
 # Depth that is drawn before and behind the head's origin, but nothing nearer than NEAR_MM.
 DEPTH_RANGE_MM = 500.0
 NEAR_MM = 10.0
-# Depth in clip coordinates, -1 to 1, of what is behind that.
-FAR_DEPTH = 0.99999
-# A triangle whose normal has a smaller cosine with the viewing direction may be at the silhouette.
-GRAZING_COSINE = 0.7
 # Depth of the front teeth; behind them the light falls to 1 / e over the second distance.
 FRONT_TEETH_MM, TEETH_FADE_MM = 12.0, 8.0
 # BGR of the parts of the untextured head.
@@ -53,23 +49,6 @@ def clip_from_head(camera: Camera, pose: Pose) -> Array:
     return clip_from_camera @ camera_from_head
 
 
-def expanded_silhouette(clip: Array, vertices: Array, camera: Camera, expansion_px: float) -> Array:
-    """The matrix `clip`, scaled about the middle of the head: its outline is `expansion_px` wider.
-
-    Its depth is behind all of the head.
-    vertices: (n, 3) float64, mm, head frame.
-    """
-    homogeneous = np.column_stack([vertices, np.ones(len(vertices))]) @ clip.T
-    flat = homogeneous[:, :2] / homogeneous[:, 3:]
-    low, high = flat.min(0), flat.max(0)
-    middle = (low + high) / 2
-    factor = 1 + 2 * expansion_px * 2 / (np.array([camera.width, camera.height]) * (high - low))
-    wide = clip.copy()
-    wide[:2] = factor[:, None] * clip[:2] + ((1 - factor) * middle)[:, None] * clip[3]
-    wide[2] = FAR_DEPTH * clip[3]
-    return wide
-
-
 def solid_first(head: Head) -> tuple[Triangles, int]:
     """All triangles (m, 3), those of skin and surround without transparency first; their indices.
 
@@ -80,42 +59,6 @@ def solid_first(head: Head) -> tuple[Triangles, int]:
     solid = (outside & (head.opacity == 1))[head.triangles].all(1)
     ordered = np.concatenate([head.triangles[solid], head.triangles[~solid]])
     return np.ascontiguousarray(ordered, np.int32), 3 * int(solid.sum())
-
-
-def silhouette_candidates(head: Head) -> tuple[Triangles, NDArray[np.bool_]]:
-    """(m, 3) the triangles that may be at the silhouette, and (m,) whether each borders a gap.
-
-    A gap is where the head is transparent or ends.  Transparent skin hides the inside of the head
-    by its depth, which the expanded silhouette is drawn without: neither is a candidate.
-    """
-    opacity = head.opacity[head.triangles]
-    inside = inside_mouth(head)[head.triangles[:, 0]]
-    triangles = head.triangles[(opacity.max(1) > 0) & ~inside]
-    blended = head.triangles[opacity.min(1) < 1]
-    at_ends = triangles[np.isin(triangles, open_edges(triangles)).any(1)]
-    gaps = np.concatenate([blended, at_ends])
-    return triangles, np.asarray(np.isin(triangles, gaps).any(1))
-
-
-def silhouette_triangles(
-    triangles: Triangles, borders_gap: NDArray[np.bool_], pose: Pose, vertices: Array
-) -> Triangles:
-    """Those of triangles (m, 3) at the silhouette of a posed head: at a grazing angle, or at a gap.
-
-    borders_gap: (m,), see `silhouette_candidates`.
-    vertices: (n, 3) float64, mm, head frame.
-    """
-    # Coordinates first, triangles last: faster sums.
-    corners = vertices.astype(np.float32).T[:, triangles.T]
-    first, second, third = corners.transpose(1, 0, 2)
-    ahead, behind = second - first, third - first
-    normals = ahead[[1, 2, 0]] * behind[[2, 0, 1]] - ahead[[2, 0, 1]] * behind[[1, 2, 0]]
-    camera_mm = -pose.translation_mm @ matrix_from_quaternion(pose.rotation)
-    towards = camera_mm.astype(np.float32)[:, None] - first
-    facing = (normals * towards).sum(0)
-    aslant = facing**2 < GRAZING_COSINE**2 * (normals**2).sum(0) * (towards**2).sum(0)
-    chosen: Triangles = triangles[(facing > 0) & (aslant | borders_gap)]
-    return chosen
 
 
 def teeth_falloff(head: Head) -> Array:
@@ -136,6 +79,12 @@ def grid_triangles(rows: int, columns: int) -> Triangles:
     corner = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
     a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, :-1], corner[1:, 1:]
     return np.stack([a, b, c, b, d, c], axis=-1).reshape(-1, 3)
+
+
+def grid_quads(count: int) -> Triangles:
+    """(2 * count, 3) two triangles for each of `count` quadrilaterals of four vertices."""
+    first = 4 * np.arange(count, dtype=np.int32)[:, None, None]
+    return (first + np.array([(0, 1, 2), (0, 2, 3)], np.int32)).reshape(-1, 3)
 
 
 def shown_triangles(

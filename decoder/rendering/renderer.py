@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.rendering.background_pass import BackgroundPass
+from decoder.rendering.edge_pass import EdgePass
 from decoder.rendering.gl_context import (
     as_float32,
     create_context,
@@ -26,10 +27,7 @@ from decoder.rendering.gl_context import (
 from decoder.rendering.render_geometry import (
     NEAR_MM,
     clip_from_head,
-    expanded_silhouette,
     part_colours,
-    silhouette_candidates,
-    silhouette_triangles,
     solid_first,
     teeth_falloff,
 )
@@ -54,7 +52,7 @@ class Renderer:
 
     width, height: size of the picture, pixels.
     head: topology, texture coordinates and opacity of what is drawn.
-    samples: colour samples per pixel, 0 for one; more smooth the silhouette and take time.
+    samples: colour samples per pixel, 0 for one; more smooth all edges and take time.
     Raises `UserError` where there is no EGL.  Use as a context manager or call `close`.
     """
 
@@ -74,10 +72,8 @@ class Renderer:
         self._positions = self._context.buffer(reserve=12 * len(head.vertices), dynamic=True)
         triangles, self._solid = solid_first(head)
         self._triangles = self._context.buffer(triangles)
-        silhouette_bytes = head.triangles.nbytes
-        self._silhouette_triangles = self._context.buffer(reserve=silhouette_bytes, dynamic=True)
-        self._textured, self._silhouette = self._head_arrays()
-        self._candidates, self._borders_gap = silhouette_candidates(head)
+        self._textured = self._head_array()
+        self._edges = EdgePass(self._context, size, head)
         self._shaded: moderngl.VertexArray | None = None
         self._attributes: moderngl.Buffer | None = None
 
@@ -144,7 +140,8 @@ class Renderer:
         vertices: (n, 3) float64, mm, head frame, as many as the head has.
         grid_px: (rows, columns, 2) the warped mesh of the background, pixels; None: unchanged.
         mouth_shading: light inside the mouth, less on molars; None: the texture includes it.
-        expansion_px: how far the colours of the face extend beyond its outline, pixels.
+        expansion_px: how far the colours of the face extend beyond its outline, pixels; if at
+            all, edges are smooth, see `edge_strips`.
         change: (h, w, 3) uint8 BGR, added to both layers of the background less 128; None: nothing.
         scene_corners: see `scene_motion.moved_corners`; None: the scene stands still.
         light: on both layers; None: as it is in them.
@@ -155,12 +152,15 @@ class Renderer:
         with self._context:
             self._clear(with_colour=not self._background.covers)
             self._background.draw(self._target, grid_px, change, scene_corners, light)
-            clip = self._write_pose(self._textured, camera, pose, vertices)
+            clip = clip_from_head(camera, pose)
+            self._write_pose(self._textured, clip, vertices)
+            if expansion_px:
+                self._edges.set(clip, vertices, mouth_shading, expansion_px)
             inside = 1.0 if mouth_shading is None else mouth_shading
             self._textured.program["mouth_shading"] = inside
             self._textured.program["texture_is_shaded"] = mouth_shading is None
             self._use_atlas(self._atlas, camera, pose)
-            self._draw_head(clip, camera, pose, vertices, expansion_px)
+            self._draw_head(with_edges=expansion_px > 0)
 
     def draw_scene(self) -> Picture:
         """The picture submitted last without person and head: (height, width, 3) uint8 BGR."""
@@ -189,14 +189,13 @@ class Renderer:
         with self._context as context:
             array = self._shaded_array(as_float32(normals), as_float32(colours / 255))
             self._clear(0.12)
-            self._write_pose(array, camera, pose, vertices)
+            self._write_pose(array, clip_from_head(camera, pose), vertices)
             write_uniform(array.program, "camera_from_head", matrix_from_quaternion(pose.rotation))
             context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
             array.render()
             return self._read()
 
-    def _head_arrays(self) -> tuple[moderngl.VertexArray, moderngl.VertexArray]:
-        """All triangles, and those in `_silhouette_triangles`."""
+    def _head_array(self) -> moderngl.VertexArray:
         context, head = self._context, self.head
         attributes = np.column_stack(
             [head.texture_coordinates, head.opacity, inside_mouth(head), teeth_falloff(head)]
@@ -206,12 +205,7 @@ class Renderer:
             (self._positions, "3f", "position_mm"),
             (context.buffer(as_float32(attributes)), "2f 1f 1f 1f", *names),
         ]
-        program = load_program(context, "head")
-        whole, silhouette = (
-            context.vertex_array(program, content, triangles)
-            for triangles in (self._triangles, self._silhouette_triangles)
-        )
-        return whole, silhouette
+        return context.vertex_array(load_program(context, "head"), content, self._triangles)
 
     def _shaded_array(self, normals: Any, colours: Any) -> moderngl.VertexArray:
         attributes = np.concatenate([normals, colours], axis=1)
@@ -245,14 +239,9 @@ class Renderer:
         self._context.front_face = "cw"
         self._context.cull_face = "back"
 
-    def _write_pose(
-        self, array: moderngl.VertexArray, camera: Camera, pose: Pose, vertices: Array
-    ) -> Array:
-        """Set the pose of the head; returns `clip_from_head`."""
-        clip = clip_from_head(camera, pose)
+    def _write_pose(self, array: moderngl.VertexArray, clip: Array, vertices: Array) -> None:
         self._positions.write(as_float32(vertices))
         write_uniform(array.program, "clip_from_head", clip)
-        return clip
 
     def _use_atlas(self, atlas: moderngl.Texture, camera: Camera, pose: Pose) -> None:
         atlas_px = ATLAS_MM * camera.focal_px / max(float(pose.translation_mm[2]), NEAR_MM)
@@ -263,33 +252,19 @@ class Renderer:
             atlas.filter = moderngl.LINEAR, moderngl.LINEAR
         atlas.use()
 
-    def _draw_head(
-        self, clip: Array, camera: Camera, pose: Pose, vertices: Array, expansion_px: float
-    ) -> None:
+    def _draw_head(self, with_edges: bool) -> None:
         """Draw solid skin first, and what it hides by its depth not at all."""
         head = self._textured
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
         if self._solid:
             head.render(vertices=self._solid)
+        if with_edges:
+            self._edges.draw_outline(self._target)
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE | moderngl.BLEND)
-        if expansion_px:
-            self._draw_silhouette(clip, camera, pose, vertices, expansion_px)
         if self._solid < head.vertices:
             head.render(first=self._solid, vertices=head.vertices - self._solid)
-
-    def _draw_silhouette(
-        self, clip: Array, camera: Camera, pose: Pose, vertices: Array, expansion_px: float
-    ) -> None:
-        """Draw the triangles at the silhouette, expanded, behind all of the head."""
-        program = self._textured.program
-        expanded = expanded_silhouette(clip, vertices, camera, expansion_px)
-        write_uniform(program, "clip_from_head", expanded)
-        triangles = silhouette_triangles(self._candidates, self._borders_gap, pose, vertices)
-        self._silhouette_triangles.write(triangles)
-        self._target.depth_mask = False
-        self._silhouette.render(vertices=triangles.size)
-        self._target.depth_mask = True
-        write_uniform(program, "clip_from_head", clip)
+        if with_edges:
+            self._edges.draw_contours(self._target)
 
     def _read(self) -> Picture:
         if self._target is not self._resolved:

@@ -46,6 +46,7 @@ IMPORTERS = {
     "numba": {"protocol/runtime/jit.py"},
     "moderngl": {
         "decoder/rendering/background_pass.py",
+        "decoder/rendering/edge_pass.py",
         "decoder/rendering/gl_context.py",
         "decoder/rendering/renderer.py",
     },
