@@ -57,7 +57,9 @@ def best_candidate(encode: Callable[[int], Coded], start: int, max_bytes: int) -
         too_fine, fits = (step, fits) if octaves > 0 else (too_fine, step)
         if log2(MIN_FILL) <= octaves <= 0:
             break
-        step = min(max(step + ceil(STEPS_PER_HALVING * octaves), too_fine + 1), fits - 1)
+        # A candidate that runs out of bytes tells little of how much coarser the right one is.
+        stride = ceil(STEPS_PER_HALVING * octaves) if octaves <= 0 or len(tried) == 1 else 1
+        step = min(max(step + stride, too_fine + 1), fits - 1)
     best = _least(tried)
     while best.step and best.step - 1 not in tried:
         tried[best.step - 1] = encode(best.step - 1)
