@@ -8,7 +8,7 @@ the model has been received.
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import count
 from threading import Condition
 
@@ -126,9 +126,8 @@ class _Job:
     """
 
     model: ModelPacket
-    lane: ThreadPoolExecutor
-    parts: "Future[SceneParts]"
     used: int
+    parts: "Future[SceneParts]" = field(default_factory=Future)
 
     def decoded(self) -> SceneParts | None:
         """The parts, if they are there."""
@@ -147,7 +146,8 @@ class PartsLoader:
     def __init__(self, load: LoadParts = scene_parts) -> None:
         self._load, self._uses = load, count()
         self._of_models, self._of_layers = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
-        self._layers_asked, self._changed = 0, Condition()  # for layers not decoded yet
+        # Layers that are decoded or could be; for any thread.
+        self._layers_asked, self._is_closed, self._changed = 0, False, Condition()
         self._jobs: tuple[_Job, ...] = ()  # in the order in which they were begun
 
     def warm_up(self) -> None:
@@ -160,16 +160,17 @@ class PartsLoader:
             if known.model is model:
                 known.used = next(self._uses)
                 return known.parts
-        lane = self._lane(model)
-        if lane is self._of_layers:
-            self._count_layers(1)
-        job = _Job(model, lane, lane.submit(self._decode, model, lane), next(self._uses))
-        if lane is self._of_layers:
-            job.parts.add_done_callback(lambda _: self._count_layers(-1))
+        alike = [job for job in self._jobs if is_same_model(job.model, model)]
+        job = _Job(model, next(self._uses))
         job.parts.add_done_callback(lambda _: setattr(job, "used", next(self._uses)))
         done = [each for each in self._jobs if each.parts.done()]
         dropped = sorted(done, key=lambda each: each.used)[:-KEPT_MODELS]
         self._jobs = (*(each for each in self._jobs if each not in dropped), job)
+        if alike:
+            # Not after models that were asked for meanwhile.
+            alike[-1].parts.add_done_callback(lambda _: self._start(job, self._of_layers))
+        else:
+            self._start(job, self._of_models)
         return job.parts
 
     def get(self, model: ModelPacket) -> SceneParts:
@@ -178,19 +179,25 @@ class PartsLoader:
 
     def close(self) -> None:
         """End the threads."""
+        with self._changed:
+            self._is_closed = True
         for lane in (self._of_layers, self._of_models):
             lane.shutdown(cancel_futures=True)
 
-    def _lane(self, model: ModelPacket) -> ThreadPoolExecutor:
-        """The thread in which the model is decoded after what it builds on."""
-        alike = [job for job in self._jobs if is_same_model(job.model, model)]
-        if not alike or (alike[-1].lane is self._of_models and not alike[-1].parts.done()):
-            return self._of_models
-        return self._of_layers
-
-    def _count_layers(self, more: int) -> None:
+    def _start(self, job: _Job, lane: ThreadPoolExecutor) -> None:
+        """Let a thread decode the model of a job, what that builds on being decoded."""
         with self._changed:
-            self._layers_asked += more
+            if self._is_closed:
+                return
+            is_layers = lane is self._of_layers
+            self._layers_asked += is_layers
+            task = lane.submit(self._run, job, go_on if is_layers else self._give_way)
+        if is_layers:
+            task.add_done_callback(lambda _: self._end_layers())
+
+    def _end_layers(self) -> None:
+        with self._changed:
+            self._layers_asked -= 1
             self._changed.notify_all()
 
     def _give_way(self) -> None:
@@ -198,11 +205,13 @@ class PartsLoader:
         with self._changed:
             self._changed.wait_for(lambda: not self._layers_asked)
 
-    def _decode(self, model: ModelPacket, lane: ThreadPoolExecutor) -> SceneParts:
-        before = [parts for job in self._jobs if (parts := job.decoded()) is not None]
-        alike = [parts for parts in before if is_same_model(parts.model, model)]
-        give_way = self._give_way if lane is self._of_models else go_on
-        return self._load(model, [None, *before, *alike][-1], give_way)
+    def _run(self, job: _Job, give_way: Callable[[], None]) -> None:
+        before = [parts for each in self._jobs if (parts := each.decoded()) is not None]
+        alike = [parts for parts in before if is_same_model(parts.model, job.model)]
+        try:
+            job.parts.set_result(self._load(job.model, [None, *before, *alike][-1], give_way))
+        except Exception as error:  # for whoever asks for the parts
+            job.parts.set_exception(error)
 
 
 def _warm_up() -> None:

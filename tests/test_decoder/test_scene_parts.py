@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from threading import Event
+from threading import Event, Timer
 from typing import Any, cast
 
 import pytest
@@ -101,6 +101,46 @@ def test_further_layers_do_not_wait_for_another_model() -> None:
     finally:
         has_more.set()
         loader.close()
+
+
+def test_layers_of_a_model_that_is_decoded_do_not_wait_for_one_asked_for_before_them() -> None:
+    may_begin, may_go_on = Event(), Event()
+    update, longer = update_of(WHOLE), with_a_mode(WHOLE)
+
+    def load(model: ModelPacket, before: SceneParts | None, give_way: GiveWay) -> SceneParts:
+        assert (may_go_on if model is update else may_begin).wait(60)
+        return parts_of(model)
+
+    loader = PartsLoader(load)
+    try:
+        whole, following, layers = map(loader.request, (WHOLE, update, longer))
+        may_begin.set()
+        assert whole.result().model is WHOLE and layers.result().model is longer
+        assert not following.done()
+        may_go_on.set()
+        assert following.result().model is update
+    finally:
+        may_begin.set()
+        may_go_on.set()
+        loader.close()
+
+
+def test_a_loader_that_is_closed_begins_nothing_more(caplog: pytest.LogCaptureFixture) -> None:
+    has_begun, asked = Event(), list[ModelPacket]()
+
+    def load(model: ModelPacket, before: SceneParts | None, give_way: GiveWay) -> SceneParts:
+        asked.append(model)
+        has_begun.set()
+        assert is_closing.wait(60)
+        return parts_of(model)
+
+    loader, is_closing = PartsLoader(load), Event()
+    for model in (WHOLE, update_of(WHOLE), with_a_mode(WHOLE)):
+        loader.request(model)
+    assert has_begun.wait(60)
+    Timer(0.1, is_closing.set).start()
+    loader.close()
+    assert asked == [WHOLE] and not caplog.records
 
 
 def test_a_model_that_follows_gives_way_to_further_layers() -> None:
