@@ -49,16 +49,20 @@ def clip_from_head(camera: Camera, pose: Pose) -> Array:
     return clip_from_camera @ camera_from_head
 
 
-def solid_first(head: Head) -> tuple[Triangles, int]:
-    """All triangles (m, 3), those of skin and surround without transparency first; their indices.
+def drawing_order(head: Head) -> tuple[Triangles, tuple[int, int, int]]:
+    """All triangles (m, 3) in the order in which they are drawn; and where in it kinds of them end.
 
-    The others keep their order: transparent skin hides the inside of the head by its depth, but not
-    solid skin behind it, which is seen so from the side alone.
+    Those of skin and surround without transparency; with some; wholly transparent ones.  These hide
+    the inside of the head, which comes last, by their depth.  Ends are counted in indices.
     """
-    outside = np.isin(head.parts, [PARTS.index(part) for part in ("skin", "surround")])
-    solid = (outside & (head.opacity == 1))[head.triangles].all(1)
-    ordered = np.concatenate([head.triangles[solid], head.triangles[~solid]])
-    return np.ascontiguousarray(ordered, np.int32), 3 * int(solid.sum())
+    is_skin = np.isin(head.parts, [PARTS.index(part) for part in ("skin", "surround")])
+    outside = np.asarray(is_skin[head.triangles].all(1))
+    opacity = head.opacity[head.triangles]
+    is_solid, is_clear = outside & (opacity.min(1) == 1), outside & (opacity.max(1) == 0)
+    kinds = is_solid, outside & ~is_solid & ~is_clear, is_clear, ~outside
+    ordered = np.concatenate([head.triangles[kind] for kind in kinds])
+    solid, blended, clear = np.cumsum([3 * int(kind.sum()) for kind in kinds[:3]]).tolist()
+    return np.ascontiguousarray(ordered, np.int32), (solid, blended, clear)
 
 
 def teeth_falloff(head: Head) -> Array:

@@ -27,8 +27,8 @@ from decoder.rendering.gl_context import (
 from decoder.rendering.render_geometry import (
     NEAR_MM,
     clip_from_head,
+    drawing_order,
     part_colours,
-    solid_first,
     teeth_falloff,
 )
 from shared_model.errors import UserError
@@ -70,9 +70,14 @@ class Renderer:
         self._background = BackgroundPass(self._context, size)
         self._atlas: moderngl.Texture | None = None
         self._positions = self._context.buffer(reserve=12 * len(head.vertices), dynamic=True)
-        triangles, self._solid = solid_first(head)
+        triangles, self._kinds = drawing_order(head)
         self._triangles = self._context.buffer(triangles)
         self._textured = self._head_array()
+        depth, places = (
+            load_program(self._context, "depth"),
+            [(self._positions, "3f", "position_mm")],
+        )
+        self._depth = self._context.vertex_array(depth, places, self._triangles)
         self._edges = EdgePass(self._context, size, head)
         self._shaded: moderngl.VertexArray | None = None
         self._attributes: moderngl.Buffer | None = None
@@ -154,6 +159,7 @@ class Renderer:
             self._background.draw(self._target, grid_px, change, scene_corners, light)
             clip = clip_from_head(camera, pose)
             self._write_pose(self._textured, clip, vertices)
+            write_uniform(self._depth.program, "clip_from_head", clip)
             if expansion_px:
                 self._edges.set(clip, vertices, mouth_shading, expansion_px)
             inside = 1.0 if mouth_shading is None else mouth_shading
@@ -254,15 +260,21 @@ class Renderer:
 
     def _draw_head(self, with_edges: bool) -> None:
         """Draw solid skin first, and what it hides by its depth not at all."""
-        head = self._textured
+        head, (solid, blended, clear) = self._textured, self._kinds
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
-        if self._solid:
-            head.render(vertices=self._solid)
+        _render(head, 0, solid)
         if with_edges:
             self._edges.draw_outline(self._target)
         self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE | moderngl.BLEND)
-        if self._solid < head.vertices:
-            head.render(first=self._solid, vertices=head.vertices - self._solid)
+        _render(head, solid, blended)
+        self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
+        self._target.color_mask = (False,) * 4
+        self._target.use()
+        _render(self._depth, blended, clear)
+        self._target.color_mask = (True,) * 4
+        self._target.use()
+        self._context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE | moderngl.BLEND)
+        _render(head, clear, head.vertices)
         if with_edges:
             self._edges.draw_contours(self._target)
 
@@ -271,3 +283,9 @@ class Renderer:
             self._context.copy_framebuffer(self._resolved, self._target)
         self._resolved.read_into(self._read_px, components=4)
         return np.asarray(cv2.cvtColor(self._read_px, cv2.COLOR_BGRA2BGR), np.uint8)
+
+
+def _render(array: moderngl.VertexArray, first: int, end: int) -> None:
+    """Draw the triangles of indices first to end."""
+    if first < end:
+        array.render(first=first, vertices=end - first)
