@@ -79,5 +79,5 @@ def haste_message(level_frames: Mapping[WorkLevel, int], worst_lag_s: float) -> 
     parts = ", ".join(f"{WORDS[level]} {hurried[level]}" for level in sorted(hurried))
     return (
         f"{sum(hurried.values())} of {sum(level_frames.values())} frames were encoded in haste, the"
-        f" call up to {1000 * worst_lag_s:.0f} ms late: {parts}"
+        f" work on them up to {1000 * worst_lag_s:.0f} ms late: {parts}"
     )
