@@ -2,7 +2,8 @@
 
 For both eyes it takes twice as long as the face mesh for the whole face.  Most of the time eyelids
 rest, and people shut both eyes: the network sees one eye in each frame, and the other one as well
-if that looks different from when it was seen last, or if the first one has opened or closed.
+if that looks different from when it was seen last, or if the first one has opened or closed.  One
+that is not seen opens and closes by as much as the other: lids that move in turn would take bits.
 """
 
 from collections.abc import Sequence
@@ -24,6 +25,10 @@ Frame = NDArray[np.uint8]
 # with both by up to .06, and 52 to 81 % of the eyes were seen.
 MAX_CHANGE, MAX_APERTURE_CHANGE = 0.15, 0.02
 COMPARED = slice(12, 52)
+# By how much an eye that rests may open with the other one.
+OPENING_LIMITS = 0.67, 1.5
+# An aperture below this is that of a closed eye, widths of the eye.
+MIN_APERTURE = 0.01
 # Contrast below this, grey levels, is noise.
 MIN_CONTRAST_GREY = 4.0
 
@@ -45,6 +50,15 @@ class _SeenEye:
         """Distance of the eyelids, in widths of the eye."""
         across = self.contour[1:8].mean(0) - self.contour[9:16].mean(0)
         return float(np.linalg.norm(across) / np.linalg.norm(self.contour[0] - self.contour[8]))
+
+    def opened(self, ratio: float) -> "_SeenEye":
+        """The eye with another aperture, a multiple of its own: lids move away from its corners."""
+        across = self.contour[8] - self.contour[0]
+        along = across / np.linalg.norm(across)
+        offset = self.contour - self.contour[0]
+        on_axis = (offset @ along)[:, None] * along
+        factor = float(np.clip(ratio, *OPENING_LIMITS))
+        return replace(self, contour=self.contour[0] + on_axis + factor * (offset - on_axis))
 
     def looks_like(self, luma: Single) -> bool:
         """Whether a crop shows much the same, but for the brightness."""
@@ -69,13 +83,17 @@ class EyelidTracker:
         self._seen = None
 
     def replace_eyelids(self, frame: Frame, points: Array) -> Array:
-        """See `IrisLandmarker.replace_eyelids`.  A contour that is not new moves with the eye."""
+        """See `IrisLandmarker.replace_eyelids`.  A contour that is not new moves with the eye.
+
+        Its lids move with those of the other eye.
+        """
         views = self._landmarker.views(frame, points)
         lumas = [luma_f32(view.crop) for view in views]
         before, side = self._seen, self._resting_side
         first = self._see(views[1 - side], lumas[1 - side])
         if before is not None and self._rests(before, side, first, lumas[side]):
-            second = replace(before[side], is_old=True)
+            ratio = first.aperture / max(before[1 - side].aperture, MIN_APERTURE)
+            second = replace(before[side].opened(ratio), is_old=True)
         else:
             second = self._see(views[side], lumas[side])
         self._seen = (first, second) if side else (second, first)

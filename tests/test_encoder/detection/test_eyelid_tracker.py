@@ -111,6 +111,14 @@ def test_lids_that_look_the_same_are_still_seen_if_the_other_eye_opens(eyes: Dra
     assert set(eyes.seen) == {0, 1}
 
 
+def test_an_eye_that_rests_opens_with_the_other(eyes: DrawnEyes) -> None:
+    tracker = tracker_at_rest(eyes)
+    eyes.apertures = [OPEN + 0.01, OPEN + 0.01]
+    found = lids_of(tracker.replace_eyelids(FRAME, landmarks()))
+    assert len(eyes.seen) == 1
+    assert found == pytest.approx([48 * (OPEN + 0.01)] * 2)
+
+
 def test_an_eye_that_rests_moves_with_the_head(eyes: DrawnEyes) -> None:
     tracker = tracker_at_rest(eyes)
     before = tracker.replace_eyelids(FRAME, landmarks())
