@@ -35,8 +35,7 @@ class EncodeReport:
     overloaded_frames: frames of a live call at which something was left out for want of time.
     overload_levels: of these, how many there were at each `WorkLevel`.
     omitted_frames: of these, how many were not looked at.
-    worst_lag_ms: the most that work on the frames of a live call was behind, without the first
-        frame and the reading of frames.
+    worst_lag_ms: the largest lag of a live call behind its source, see `SessionStats.worst_lag_s`.
     skipped_frames: frames that the source left out because the encoder was late.
     capture_ns: `time.monotonic_ns` at which each source frame was read.
     reach: whom the last packet could reach.

@@ -65,8 +65,9 @@ class FrameSource:
             if item is None or (self.max_frames is not None and item[0] >= self.max_frames):
                 return
             if self.pace:
-                due = start + self.capture.times.time_s(item[0])
-                time.sleep(max(0.0, due - time.monotonic()))
+                early_s = start + self.capture.times.time_s(item[0]) - time.monotonic()
+                time.sleep(max(0.0, early_s))
+                self.stats.note_lag(-early_s)
             self.stats.note_captured(item[0])
             yield item
 

@@ -12,6 +12,8 @@ CAUGHT_UP_S, HOLD_OFF_S = 0.05, 1.0
 # Frames that wait for their packet are fitted again with new modes until a frame has taken this
 # share of its time; before a packet is coded, after which it is too late, all of it.
 REFIT_TIME_SHARE, LAST_REFIT_TIME_SHARE = 0.65, 1.0
+# A call that is later than this at any time says so even if it leaves nothing out.
+LATE_S = 1.0
 # The lag behind a camera grows no larger: it drops the frames that are not fetched.
 MAX_CAMERA_LAG_S = 0.3
 
@@ -72,12 +74,11 @@ class OverloadController:
 
 
 def haste_message(level_frames: Mapping[WorkLevel, int], worst_lag_s: float) -> str | None:
-    """A warning of what was left out for want of time, and how often; None: nothing."""
+    """A warning of what was left out for want of time, and how often, or of a long lag alone."""
     hurried = {level: count for level, count in level_frames.items() if level and count}
+    late = f"the call up to {1000 * worst_lag_s:.0f} ms late"
     if not hurried:
-        return None
+        return f"no frame was encoded in haste, but {late}" if worst_lag_s > LATE_S else None
     parts = ", ".join(f"{WORDS[level]} {hurried[level]}" for level in sorted(hurried))
-    return (
-        f"{sum(hurried.values())} of {sum(level_frames.values())} frames were encoded in haste, the"
-        f" work on them up to {1000 * worst_lag_s:.0f} ms late: {parts}"
-    )
+    frames = f"{sum(hurried.values())} of {sum(level_frames.values())} frames"
+    return f"{frames} were encoded in haste, {late}: {parts}"

@@ -26,7 +26,8 @@ class SessionStats:
         omitted ones; empty unless `keeps_times`.
     level_frames: how many source frames of a live call there were at each level of work.
     omitted_frames: of these, how many were not looked at.
-    worst_lag_s: the largest lag of a live call behind its source.
+    worst_lag_s: the largest lag of a live call behind its source: how late a frame was taken from a
+        paced one, and what work on frames takes too long, added up after the first.
     """
 
     frames: int | None = None
@@ -68,10 +69,14 @@ class SessionStats:
         lag_s: of the call after it.
         """
         self.level_frames[level] += 1
-        self.worst_lag_s = max(self.worst_lag_s, lag_s)
+        self.note_lag(lag_s)
         self.omitted_frames += is_omitted
         if self.keeps_times and not is_omitted:
             self.frame_ms.append(1000 * seconds)
+
+    def note_lag(self, seconds: float) -> None:
+        """Note how far a live call is behind its source."""
+        self.worst_lag_s = max(self.worst_lag_s, seconds)
 
     def stage(self, name: str) -> AbstractContextManager[None]:
         """Add the time that the `with` block takes to stage `name`."""

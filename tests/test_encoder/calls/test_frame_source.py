@@ -1,5 +1,6 @@
 """Recorded frames come with the ones after them; nobody waits for those of a live source."""
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -42,6 +43,17 @@ def test_what_was_read_before_a_stop_is_encoded(capture: Capture) -> None:
 
 def test_paced_frames_come_alone(capture: Capture) -> None:
     assert shades(capture, pace=True, max_frames=2) == [(0, 0, None), (1, 10, None)]
+
+
+def test_a_paced_source_notes_how_late_its_frames_are_taken(capture: Capture) -> None:
+    stats, held_s = SessionStats(), 5 / float(capture.fps)
+    frames = FrameSource(capture, stats, lambda: False, pace=True).frames()
+    next(frames)
+    taken_s = time.monotonic()
+    while time.monotonic() < taken_s + held_s:
+        pass
+    next(frames)
+    assert stats.worst_lag_s >= held_s - 1 / float(capture.fps)
 
 
 def test_frames_wait_their_time_in_the_time_of_the_source() -> None:
