@@ -34,25 +34,18 @@ class LandmarkSearch:
 
 
 def open_landmark_search(
-    stats: SessionStats,
-    refine_eyelids: bool = True,
-    eye_crop_scale: float = TRAINED_CROP_SCALE,
-    alternates_eyes: bool = False,
+    stats: SessionStats, refine_eyelids: bool = True, eye_crop_scale: float = TRAINED_CROP_SCALE
 ) -> LandmarkSearch:
     """A search with the installed networks.
 
-    refine_eyelids, eye_crop_scale, alternates_eyes: see `LandmarkTracker`.
+    refine_eyelids, eye_crop_scale: see `LandmarkTracker`.
     Raises `UserError` if the networks are missing.
     """
     try:
         folder = find_network_folder()
         detector = BlazeFaceDetector(folder)
         tracker = LandmarkTracker(
-            folder,
-            detector,
-            refine_eyelids=refine_eyelids,
-            eye_crop_scale=eye_crop_scale,
-            alternates_eyes=alternates_eyes,
+            folder, detector, refine_eyelids=refine_eyelids, eye_crop_scale=eye_crop_scale
         )
     except NetworkFilesMissing as error:
         raise UserError(f"{error}; without them use --profile thesis") from error

@@ -80,7 +80,7 @@ class LiveEncoder:
         self._first_index = 0  # of the call's source frames
         lead = LEAD_PACKETS if realtime else LEAD_PACKETS_UNPACED
         updates = ModelUpdateSender(packets, stats, gop, fps, lead)
-        self._search = open_landmark_search(stats, True, WIDE_CROP_SCALE, realtime)
+        self._search = open_landmark_search(stats, eye_crop_scale=WIDE_CROP_SCALE)
         shown = shown or ShownFace()
         self._model = ModelLifecycle(capture, gop, budget, updates, stats, learner, realtime, shown)
         self._filler = PacketFiller(gop.frame_step)

@@ -4,7 +4,6 @@ For both eyes the network takes longer than the face mesh for the whole face, bu
 blink closes the eyelids about half as far as in reality.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,8 +25,6 @@ _MARGIN_POINTS = (*range(1, 8), *range(9, 16))
 # separate open from closed eyes better in small or coarse pictures and behind glasses, but leave
 # the margins of closed eyelids further apart.
 TRAINED_CROP_SCALE, WIDE_CROP_SCALE = 2.3, 2.6
-# Pixels of a crop from those of its mirror image.
-FLIP = np.array([[-1.0, 0, INPUT_PX - 1], [0, 1, 0], [0, 0, 1]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,21 +39,6 @@ class EyeLandmarks:
     contours: Array
 
 
-@dataclass(frozen=True, slots=True)
-class EyeView:
-    """One eye as the network sees it: as if it were the subject's right eye.
-
-    crop: (INPUT_PX, INPUT_PX, 3) BGR.  pixel_from_crop: (2, 3) affine map to pixels of the frame.
-    """
-
-    crop: Frame
-    pixel_from_crop: Array
-
-    def to_frame(self, points: Array) -> Array:
-        """Points (n, 2) of the crop, pixels, as pixels of the frame."""
-        return np.asarray(points @ self.pixel_from_crop[:, :2].T + self.pixel_from_crop[:, 2])
-
-
 class IrisLandmarker:
     """Runs the iris network on the eyes of a face whose face-mesh landmarks are known.
 
@@ -67,40 +49,28 @@ class IrisLandmarker:
     def __init__(self, folder: Path, crop_scale: float = TRAINED_CROP_SCALE) -> None:
         self._network, self._crop_scale = TfliteNetwork(folder / IRIS), crop_scale
 
-    def views(self, frame: Frame, points: Array) -> tuple[EyeView, EyeView]:
-        """The right and the left eye in `frame` (h, w, 3) BGR; points: (468, 3), pixels."""
-        right, left = (
-            EyeView(crop_roi(frame, roi, INPUT_PX), roi.pixel_from_crop(INPUT_PX))
-            for roi in (_eye_roi(points, side, self._crop_scale) for side in range(2))
-        )
-        # The network was trained on the subject's right eye: the left eye is mirrored.
-        return right, EyeView(np.ascontiguousarray(left.crop[:, ::-1]), left.pixel_from_crop @ FLIP)
-
-    def contour(self, view: EyeView) -> Array:
-        """(71, 2) the contour of one eye, see `EyeLandmarks`, pixels of its crop."""
-        return _points(self._network.run(view.crop, low=0.0)[3 * CONTOUR_POINTS])
-
     def find(self, frame: Frame, points: Array) -> EyeLandmarks:
         """The eyes in `frame` (h, w, 3) uint8 BGR; points: (468, 3) landmarks, pixels."""
-        views = self.views(frame, points)
-        outputs = self._network.run_all([view.crop for view in views], low=0.0)
+        rois = [_eye_roi(points, side, self._crop_scale) for side in range(2)]
+        crops = [crop_roi(frame, roi, INPUT_PX) for roi in rois]
+        maps = [roi.pixel_from_crop(INPUT_PX) for roi in rois]
+        # The network was trained on the subject's right eye: the left eye is mirrored.
+        crops[1] = np.ascontiguousarray(crops[1][:, ::-1])
+        maps[1] = maps[1] @ np.array([[-1.0, 0, INPUT_PX - 1], [0, 1, 0], [0, 0, 1]])
+        outputs = self._network.run_all(crops, low=0.0)
         irises, contours = (
-            np.array([view.to_frame(_points(raw)) for raw, view in zip(rows, views, strict=True)])
+            np.array([_points(raw, back) for raw, back in zip(rows, maps, strict=True)])
             for rows in (outputs[3 * IRIS_POINTS], outputs[3 * CONTOUR_POINTS])
         )
         return EyeLandmarks(irises, contours)
 
     def replace_eyelids(self, frame: Frame, points: Array) -> Array:
         """(468, 3) landmarks, pixels: `points` with the eyelid margins that this network finds."""
-        return with_eyelid_margins(points, self.find(frame, points).contours)
-
-
-def with_eyelid_margins(points: Array, contours: Sequence[Array] | Array) -> Array:
-    """(468, 3) landmarks with the eyelid margins of two contours (71, 2), pixels."""
-    replaced = points.copy()
-    for margin, contour in zip(EYELID_MARGINS, contours, strict=True):
-        replaced[list(margin), :2] = contour[list(_MARGIN_POINTS)]
-    return replaced
+        replaced = points.copy()
+        contours = self.find(frame, points).contours
+        for margin, contour in zip(EYELID_MARGINS, contours, strict=True):
+            replaced[list(margin), :2] = contour[list(_MARGIN_POINTS)]
+        return replaced
 
 
 def _eye_roi(points: Array, side: int, crop_scale: float) -> RotatedRoi:
@@ -113,6 +83,7 @@ def _eye_roi(points: Array, side: int, crop_scale: float) -> RotatedRoi:
     )
 
 
-def _points(raw: NDArray[np.float32]) -> Array:
-    """(n, 2) pixels of the crop, from a network's output (3 n,)."""
-    return raw.astype(np.float64).reshape(-1, 3)[:, :2] - 0.5
+def _points(raw: NDArray[np.float32], pixel_from_crop: Array) -> Array:
+    """(n, 2) pixels of the frame, from a network's output (3 n,)."""
+    flat = raw.astype(np.float64).reshape(-1, 3)[:, :2] - 0.5
+    return np.asarray(flat @ pixel_from_crop[:, :2].T + pixel_from_crop[:, 2])

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.detector import FaceDetector
-from encoder.detection.eyelid_tracker import EyelidTracker
 from encoder.detection.iris import TRAINED_CROP_SCALE, IrisLandmarker
 from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.detection.roi import RotatedRoi, crop_roi, roi_from_detection, roi_from_landmarks
@@ -82,7 +81,6 @@ class LandmarkTracker:
     min_score: score of landmarks below which the face is lost.
     refine_eyelids: take the eyelids from the iris network, see `IrisLandmarker.replace_eyelids`.
     eye_crop_scale: see `IrisLandmarker`.
-    alternates_eyes: see `EyelidTracker`; otherwise both eyes are measured in every frame.
     """
 
     def __init__(
@@ -92,13 +90,9 @@ class LandmarkTracker:
         min_score: float = 0.5,
         refine_eyelids: bool = True,
         eye_crop_scale: float = TRAINED_CROP_SCALE,
-        alternates_eyes: bool = False,
     ) -> None:
         self._mesh = FaceMesh(folder)
-        self._eyes: EyelidTracker | None = None
-        if refine_eyelids:
-            landmarker = IrisLandmarker(folder, eye_crop_scale)
-            self._eyes = EyelidTracker(landmarker, alternates_eyes)
+        self._eyes = IrisLandmarker(folder, eye_crop_scale) if refine_eyelids else None
         self._detector = detector
         self._min_score = min_score
         self._roi: RotatedRoi | None = None
@@ -155,8 +149,6 @@ class LandmarkTracker:
 
     def _redetect(self, frame: Frame) -> Landmarks | None:
         """Search the whole frame, unless the backoff says to skip it."""
-        if self._eyes is not None:
-            self._eyes.reset()
         if self._backoff:
             self._backoff -= 1
             return None
