@@ -13,13 +13,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.playout import PlayoutFrame
-from decoder.reception.call_playout import CallPlayout
-from decoder.reception.call_source import CallOptions, call_name, open_source
-from decoder.reception.received_frames import DecodeStats, Waiting, received_frames
-from decoder.reenactment import read_model, reenact
-from decoder.scene import Scene
-from decoder.scene_parts import PartsLoader, SceneParts
+from decoder.playout.call_playout import CallPlayout
+from decoder.playout.call_source import CallOptions, call_name, open_source
+from decoder.playout.playout import PlayoutFrame
+from decoder.playout.received_frames import DecodeStats, Waiting, received_frames
+from decoder.scene.reenactment import read_model, reenact
+from decoder.scene.scene import Scene
+from decoder.scene.scene_parts import PartsLoader, SceneParts
 from protocol.call_file import CallReader
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import BinaryIO
 
 from decoder.call_pictures import CallPictures, DrawnFrame
-from decoder.duration import count_frames
-from decoder.reception.call_playout import CallPlayout
-from decoder.reception.call_source import CallOptions
-from decoder.reception.received_frames import DecodeStats
+from decoder.playout.call_playout import CallPlayout
+from decoder.playout.call_source import CallOptions
+from decoder.playout.duration import count_frames
+from decoder.playout.received_frames import DecodeStats
 from decoder.sinks.frame_sink import FrameSink, ThreadedSink, check_sink, keeps_times, open_sink
 from decoder.sinks.video_file import TIMED
 from decoder.sound.sound_track import Samples, SoundTrack, open_sound_track

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from decoder.playout import Playout
+from decoder.playout.playout import Playout
 from protocol.call_file import CallReader
 from protocol.errors import ProtocolError
 from protocol.limits import SEQUENCE_MODULUS

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.call_pictures import CallPictures
-from decoder.reception.call_source import CallOptions
+from decoder.playout.call_source import CallOptions
 from protocol.endpoint import parse_endpoint
 from protocol.errors import ProtocolError
 from protocol.security.invitation import parse_invitation

@@ -17,7 +17,7 @@ def call_info(path: Path) -> CallSummary:
         if summary.complete:
             return summary
         # Only now: a whole call says how many frames it has.
-        from decoder.duration import count_frames
+        from decoder.playout.duration import count_frames
 
         return summarise(path, count_frames(path))
     except ProtocolError as error:

@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.playout import PlayoutFrame
-from decoder.reenactment import read_model
-from decoder.scene import Scene
-from decoder.scene_parts import scene_parts
+from decoder.playout.playout import PlayoutFrame
+from decoder.scene.reenactment import read_model
+from decoder.scene.scene import Scene
+from decoder.scene.scene_parts import scene_parts
 from encoder.coding.model_packet import reference_face
 from protocol.errors import ProtocolError
 from risorius.animation.animate import open_actor

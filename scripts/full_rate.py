@@ -15,9 +15,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.playout import PlayoutFrame
-from decoder.scene import Scene
-from decoder.scene_parts import scene_parts
+from decoder.playout.playout import PlayoutFrame
+from decoder.scene.scene import Scene
+from decoder.scene.scene_parts import scene_parts
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import Capture, open_source
 from encoder.coding.model_packet import budget_for, build_thesis_model_packet, call_parameters

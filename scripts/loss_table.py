@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from decoder.playout import PlayoutFrame
-from decoder.reception.call_playout import CallPlayout
-from decoder.scene import Scene
-from decoder.scene_parts import scene_parts
+from decoder.playout.call_playout import CallPlayout
+from decoder.playout.playout import PlayoutFrame
+from decoder.scene.scene import Scene
+from decoder.scene.scene_parts import scene_parts
 from encoder.capture.video_source import open_source
 from loopback.quality.psnr import psnr_db, squared_error
 from loopback.quality.video_quality import Mask, Picture, TrackedFaceMask

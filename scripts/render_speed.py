@@ -13,10 +13,10 @@ from itertools import product
 
 import numpy as np
 
-from decoder.background_layers import BackgroundLayers
-from decoder.layer_motion import LayerMotion
 from decoder.rendering.renderer import Renderer
-from decoder.scene import EDGE_EXPANSION_PX
+from decoder.scene.background_layers import BackgroundLayers
+from decoder.scene.layer_motion import LayerMotion
+from decoder.scene.scene import EDGE_EXPANSION_PX
 from protocol.pictures.layered_background import SCENE_COEFFICIENTS, change_shape, field_shape
 from scripts.command import run
 from shared_model.animate import Face, Identity

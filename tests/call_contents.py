@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from decoder.playout import Playout, PlayoutFrame
+from decoder.playout.playout import Playout, PlayoutFrame
 from protocol.call_file import CallReader
 from protocol.packets import Packet, parse_packet
 

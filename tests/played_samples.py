@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from decoder.playout import Playout, PlayoutFrame
+from decoder.playout.playout import Playout, PlayoutFrame
 from protocol.call_parameters import CallParameters
 from protocol.frames.scalar_quantiser import encode_thesis
 from protocol.model_packet import ModelPacket

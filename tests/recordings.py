@@ -6,9 +6,9 @@ from pathlib import Path
 
 from layer_streams import BASE, PACKED, frames
 
-from decoder.duration import count_frames
-from decoder.playout import PlayoutFrame
-from decoder.reception.call_playout import CallPlayout
+from decoder.playout.call_playout import CallPlayout
+from decoder.playout.duration import count_frames
+from decoder.playout.playout import PlayoutFrame
 from protocol.call_file import CallReader
 from protocol.link.interface import Arrival
 from protocol.packets import ControlKind, ControlPacket, serialise

@@ -7,7 +7,7 @@ import numpy as np
 from layered_vectors import decoded_layers
 from numpy.typing import NDArray
 
-from decoder.playout import Playout
+from decoder.playout.playout import Playout
 from protocol.frames.payload_coding import parse_payload
 from protocol.frames.temporal_prediction import MAX_SCALE_CODE, FramePredictor
 from protocol.model_packet import ModelPacket

@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.playout import PlayoutFrame
-from decoder.reenactment import read_model
+from decoder.playout.playout import PlayoutFrame
 from decoder.rendering.renderer import Renderer
-from decoder.scene import Scene
-from decoder.scene_parts import face_from_model, head_of, scene_parts
+from decoder.scene.reenactment import read_model
+from decoder.scene.scene import Scene
+from decoder.scene.scene_parts import face_from_model, head_of, scene_parts
 from decoder.sinks.frame_sink import open_sink
 from protocol.errors import ProtocolError
 from protocol.model_packet import ModelPacket

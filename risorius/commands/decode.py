@@ -205,8 +205,8 @@ def _frames_to_compare(arguments: argparse.Namespace) -> int | None:
 
     Raises `UserError` if the pictures of the call cannot be compared with the source's.
     """
-    from decoder.duration import count_frames
-    from decoder.reenactment import read_model
+    from decoder.playout.duration import count_frames
+    from decoder.scene.reenactment import read_model
     from encoder.capture.video_source import open_source
     from loopback.quality.video_quality import check_size
 

@@ -8,7 +8,7 @@ from threading import Lock
 import numpy as np
 
 from decoder.call_pictures import CallPictures, DrawnFrame
-from decoder.reception.call_source import CallOptions, open_source
+from decoder.playout.call_source import CallOptions, open_source
 from decoder.sound.sound_track import Samples, SoundTrack, open_sound_track
 from encoder.runtime.parallel import lower_priority_of_process
 from protocol.call_file import CallReader

@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from decoder.reception.call_playout import CallPlayout
-from decoder.scene_parts import scene_parts
+from decoder.playout.call_playout import CallPlayout
+from decoder.scene.scene_parts import scene_parts
 from loopback.report import Cell, table
 from protocol.call_file import CallReader
 from protocol.errors import ProtocolError

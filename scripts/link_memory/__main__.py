@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from itertools import cycle
 from pathlib import Path
 
-from decoder.reception.call_playout import CallPlayout
+from decoder.playout.call_playout import CallPlayout
 from loopback.bad_wire import Faults, Lane
 from protocol.call_file import CallReader
 from protocol.errors import ProtocolError

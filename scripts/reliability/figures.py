@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from decoder.playout import PlayoutFrame
-from decoder.reception.call_playout import CallPlayout
-from decoder.scene_parts import face_from_model, head_of
+from decoder.playout.call_playout import CallPlayout
+from decoder.playout.playout import PlayoutFrame
+from decoder.scene.scene_parts import face_from_model, head_of
 from loopback.simulated_link import SentPacket
 from protocol.errors import ProtocolError
 from protocol.link.interface import Arrival

@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import risorius
-from decoder.appearance import AppearanceModel
-from decoder.playout import PlayoutFrame
-from decoder.reenactment import read_model
-from decoder.scene import Scene
-from decoder.scene_parts import scene_parts
+from decoder.playout.playout import PlayoutFrame
+from decoder.scene.appearance import AppearanceModel
+from decoder.scene.reenactment import read_model
+from decoder.scene.scene import Scene
+from decoder.scene.scene_parts import scene_parts
 from decoder.sinks.frame_sink import open_sink
 from protocol.model_packet import ModelPacket
 from scripts.command import run, warn

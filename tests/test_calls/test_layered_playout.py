@@ -19,7 +19,7 @@ from layer_streams import (
     pieces,
 )
 
-from decoder.playout import Playout, PlayoutFrame
+from decoder.playout.playout import Playout, PlayoutFrame
 from protocol.errors import ProtocolError
 from protocol.frames.transform_coding import parse_transform
 from protocol.model_packet import ModelPacket

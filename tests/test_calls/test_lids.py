@@ -8,7 +8,7 @@ from call_contents import played
 from conftest import without_layers
 from shots import draw
 
-from decoder.playout import PlayoutFrame
+from decoder.playout.playout import PlayoutFrame
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from encoder.tracking.trackers import TrackingOptions

@@ -15,8 +15,8 @@ from conftest import LIVE_MODEL_BYTES, without_layers
 from numpy.typing import NDArray
 from videos import read_frames
 
-from decoder.appearance import AppearanceModel
 from decoder.pipeline import DecodeOptions, decode
+from decoder.scene.appearance import AppearanceModel
 from encoder.calls.model_lifecycle import NEXT_STATES, ModelLifecycle, ModelState
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
 from encoder.coding.rate_control import OnlineRateController

@@ -9,7 +9,7 @@ from packets import sent_bytes
 from shots import draw, talking
 
 from decoder.pipeline import DecodeOptions, decode
-from decoder.playout import Playout
+from decoder.playout.playout import Playout
 from encoder.calls.model_updates import MIN_ITEMS_BEFORE_SWITCH, lead_packets
 from encoder.calls.packet_sender import LEAD_PACKETS
 from encoder.coding.progressive_model import BASE_LAYER_BYTES, UPDATE_BASE_LAYER_BYTES

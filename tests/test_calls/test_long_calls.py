@@ -1,6 +1,6 @@
 """What a call of hours keeps of its frames does not grow with them."""
 
-from decoder.reception.received_frames import DecodeStats
+from decoder.playout.received_frames import DecodeStats
 from encoder.calls.session_stats import SessionStats
 from encoder.live_model.work_level import WorkLevel
 

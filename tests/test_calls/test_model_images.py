@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from decoder.appearance import MAX_CODED_SIDE_PX, decode_image
+from decoder.scene.appearance import MAX_CODED_SIDE_PX, decode_image
 from encoder.picture_coding.picture_encoder import encode_picture
 from protocol.entropy.varint import encode_varint
 from protocol.errors import ProtocolError

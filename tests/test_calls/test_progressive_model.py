@@ -11,9 +11,9 @@ from packets import sent_bytes
 from shots import draw, talking
 from videos import read_frames
 
-from decoder.appearance import AppearanceModel
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
-from decoder.reenactment import read_model
+from decoder.scene.appearance import AppearanceModel
+from decoder.scene.reenactment import read_model
 from encoder.calls.packet_sender import PacketSender
 from encoder.calls.session_callbacks import SessionCallbacks
 from encoder.calls.session_stats import SessionStats

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from packets import MODEL
 from videos import read_frames
 
-from decoder.playout import PlayoutFrame
-from decoder.reenactment import read_model, reenact
+from decoder.playout.playout import PlayoutFrame
+from decoder.scene.reenactment import read_model, reenact
 from protocol.call_file import MAGIC, CallReader
 from protocol.call_records import serialise_records
 from protocol.frames.scalar_quantiser import motion_from_pose

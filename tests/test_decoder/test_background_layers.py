@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from decoder.background_layers import load_background
+from decoder.scene.background_layers import load_background
 from encoder.coding.background import BackgroundImage
 from protocol.errors import ProtocolError
 from protocol.pictures.foreground_mask import MASK_SIDE, serialise_background

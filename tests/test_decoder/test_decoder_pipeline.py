@@ -11,11 +11,12 @@ from heads import synthetic_head
 from numpy.typing import NDArray
 from videos import read_frames
 
-from decoder import call_pictures, scene_parts
+from decoder import call_pictures
 from decoder.call_pictures import CallPictures
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
-from decoder.reception.call_source import CallOptions
-from decoder.reception.received_frames import POLL_S
+from decoder.playout.call_source import CallOptions
+from decoder.playout.received_frames import POLL_S
+from decoder.scene import scene_parts
 from protocol.call_file import MAGIC, CallReader
 from protocol.call_parameters import CallParameters
 from protocol.call_records import serialise_records

@@ -2,7 +2,7 @@
 
 from played_samples import control, model, play, sample
 
-from decoder.playout import Playout
+from decoder.playout.playout import Playout
 from protocol.packets import ControlKind, ControlPacket, serialise
 
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from played_samples import REFERENCE, control, face, jaw, model, play, sample
 
-from decoder.playout import FADE_S, Playout
+from decoder.playout.playout import FADE_S, Playout
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import thesis_sample_count

@@ -9,11 +9,11 @@ import pytest
 from layer_streams import BASE, PACKED, frames
 from studio import REST
 
-from decoder.playout import Playout, PlayoutFrame
-from decoder.reception.arrival_clock import MAX_WAIT_S, MIN_WAIT_S, ArrivalClock
-from decoder.reception.call_playout import CallPlayout
-from decoder.reception.encoder_session import SILENCE_S, EncoderSession
-from decoder.reception.received_frames import MAX_DAMAGES_TOLD, DecodeStats
+from decoder.playout.arrival_clock import MAX_WAIT_S, MIN_WAIT_S, ArrivalClock
+from decoder.playout.call_playout import CallPlayout
+from decoder.playout.encoder_session import SILENCE_S, EncoderSession
+from decoder.playout.playout import Playout, PlayoutFrame
+from decoder.playout.received_frames import MAX_DAMAGES_TOLD, DecodeStats
 from loopback.simulated_link import SentPacket, SimulatedLink, arrivals
 from protocol.errors import ProtocolError
 from protocol.link.interface import Arrival

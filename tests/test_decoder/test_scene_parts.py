@@ -8,8 +8,8 @@ from typing import Any, cast
 import pytest
 from layer_streams import FIRST, WHOLE, learned_layers
 
-from decoder.model_versions import ModelVersions
-from decoder.scene_parts import KEPT_MODELS, PartsLoader, SceneParts
+from decoder.playout.model_versions import ModelVersions
+from decoder.scene.scene_parts import KEPT_MODELS, PartsLoader, SceneParts
 from protocol.errors import ProtocolError
 from protocol.model_packet import ModelPacket
 from protocol.progressive_model import LayerBuffer

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from layer_streams import BASE, PACKED, frames
 
-from decoder.reception.call_playout import CallPlayout
+from decoder.playout.call_playout import CallPlayout
 from encoder.sound.voice_packer import VoicePacker
 from loopback.simulated_link import SentPacket, SimulatedLink, arrivals
 from protocol.link.interface import Arrival

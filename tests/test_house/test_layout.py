@@ -86,7 +86,13 @@ PROTOCOL_PACKAGES = (
     "link",
     "relay",
 )
-ORDERED = {"encoder": ENCODER_PACKAGES, "protocol": PROTOCOL_PACKAGES}
+# The decoder's in the order of the data; each may import those before it.
+DECODER_PACKAGES = ("sound", "playout", "rendering", "scene", "sinks")
+ORDERED = {
+    "encoder": ENCODER_PACKAGES,
+    "protocol": PROTOCOL_PACKAGES,
+    "decoder": DECODER_PACKAGES,
+}
 
 
 def modules() -> list[Path]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from decoder.reception.call_source import CallOptions, open_source
+from decoder.playout.call_source import CallOptions, open_source
 from decoder.sinks.frame_sink import open_sink
 from loopback.process_pair import free_port
 from protocol.link.interface import MessageCallback, PacketSource

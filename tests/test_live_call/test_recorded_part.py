@@ -19,7 +19,7 @@ from recordings import (
 )
 
 from decoder.pipeline import DecodeOptions, decode
-from decoder.reception.call_playout import CallPlayout
+from decoder.playout.call_playout import CallPlayout
 from protocol.frames.frame_times import TimesPacket
 from protocol.link.interface import Arrival
 from protocol.packets import (

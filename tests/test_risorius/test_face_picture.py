@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from decoder.reenactment import read_model
+from decoder.scene.reenactment import read_model
 from risorius.cli import main
 from risorius.face_picture import GENERIC, face_picture
 from shared_model.errors import UserError

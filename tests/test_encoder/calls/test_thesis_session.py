@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from packets import MODEL
 
-from decoder.playout import Playout, PlayoutFrame
+from decoder.playout.playout import Playout, PlayoutFrame
 from encoder.calls.packet_sender import LEAD_PACKETS, PacketSender
 from encoder.calls.session_stats import SessionStats
 from encoder.calls.thesis_session import FixedRateSender

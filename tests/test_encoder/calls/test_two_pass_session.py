@@ -21,7 +21,7 @@ from call_contents import packets_of
 from conftest import PROGRAM, ROOT, without_layers
 from shots import draw, talking
 
-from decoder.frame_decoder import TimedFace, frame_decoder_for
+from decoder.playout.frame_decoder import TimedFace, frame_decoder_for
 from encoder.calls.packet_sender import PacketSender
 from encoder.calls.session_stats import SessionStats
 from encoder.calls.two_pass_session import EncodedCall, hold_last_detection, send_call

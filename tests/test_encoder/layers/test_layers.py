@@ -11,9 +11,9 @@ import pytest
 from heads import synthetic_head
 from numpy.typing import NDArray
 
-from decoder.background_layers import load_background
-from decoder.layer_motion import LayerMotion
 from decoder.rendering.layer_colours import NO_CHANGE
+from decoder.scene.background_layers import load_background
+from decoder.scene.layer_motion import LayerMotion
 from encoder.layers.changes import flicker_ratio
 from encoder.layers.displacement import dense, origins, pixel_grid, sample
 from encoder.layers.layer_model import LayerModel, learn_layers

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from packets import MODEL
 
-from decoder.playout import Playout
+from decoder.playout.playout import Playout
 from protocol.frames.scalar_quantiser import sent_eaus
 from protocol.link.delivery.model_cache import ModelCache
 from protocol.packets import (

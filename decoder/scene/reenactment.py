@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from decoder.playout import PlayoutFrame
+from decoder.playout.playout import PlayoutFrame
 from protocol.call_file import CallReader
 from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import motion_from_pose, pose_from_motion

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from decoder.frame_decoder import TimedFace
+from decoder.playout.frame_decoder import TimedFace
 from shared_model.geometry import (
     Array,
     conjugate,

@@ -6,8 +6,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import Enum
 
-from decoder.playout import PlayoutFrame
-from decoder.reception.call_playout import CallPlayout
+from decoder.playout.call_playout import CallPlayout
+from decoder.playout.playout import PlayoutFrame
 from protocol.call_records import TruncatedCall
 from protocol.errors import ProtocolError
 from protocol.link.interface import Arrival, PacketSource

@@ -15,10 +15,10 @@ from threading import Condition
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.appearance import AppearanceModel, go_on
-from decoder.background_layers import BackgroundLayers, load_background
-from decoder.layer_motion import LayerMotion
 from decoder.rendering.render_geometry import NEAR_MM
+from decoder.scene.appearance import AppearanceModel, go_on
+from decoder.scene.background_layers import BackgroundLayers, load_background
+from decoder.scene.layer_motion import LayerMotion
 from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import AAU_STEP, EAU_STEP, RESIDUAL_STEP_MM, values_from_codes
 from protocol.model_packet import ModelPacket

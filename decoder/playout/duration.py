@@ -3,7 +3,7 @@
 from contextlib import suppress
 from pathlib import Path
 
-from decoder.reception.encoder_session import EncoderSession
+from decoder.playout.encoder_session import EncoderSession
 from protocol.call_file import CallReader
 from protocol.errors import ProtocolError
 from protocol.link.interface import Arrival

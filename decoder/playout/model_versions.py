@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from decoder.frame_decoder import FrameDecoder, frame_decoder_for
+from decoder.playout.frame_decoder import FrameDecoder, frame_decoder_for
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
 from protocol.model_packet import ModelPacket

@@ -9,11 +9,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
-from decoder.concealment import SmoothReturn
-from decoder.model_versions import picture_of
-from decoder.playout import PlayoutFrame
-from decoder.reception.arrival_clock import MAX_WAIT_S
-from decoder.reception.encoder_session import EncoderSession
+from decoder.playout.arrival_clock import MAX_WAIT_S
+from decoder.playout.concealment import SmoothReturn
+from decoder.playout.encoder_session import EncoderSession
+from decoder.playout.model_versions import picture_of
+from decoder.playout.playout import PlayoutFrame
 from decoder.sound.call_speech import CallSpeech
 from decoder.sound.speech_frames import SpeechFrames
 from protocol.link.interface import Arrival

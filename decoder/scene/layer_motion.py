@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.background_layers import BackgroundLayers
 from decoder.rendering.layer_colours import NO_CHANGE
+from decoder.scene.background_layers import BackgroundLayers
 from protocol.pictures.layered_background import LIGHT_COEFFICIENTS, SCENE_COEFFICIENTS
 from shared_model.layers.head_motion import BackgroundMesh
 from shared_model.layers.layer_motion import fields_at_mesh, own_motion

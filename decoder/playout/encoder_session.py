@@ -3,9 +3,9 @@
 from collections import deque
 from collections.abc import Iterator
 
-from decoder.playout import Playout, PlayoutFrame
-from decoder.reception.arrival_clock import MAX_WAIT_S, ArrivalClock
-from decoder.reception.jitter_buffer import MAX_HELD, JitterBuffer, NumberedPacket
+from decoder.playout.arrival_clock import MAX_WAIT_S, ArrivalClock
+from decoder.playout.jitter_buffer import MAX_HELD, JitterBuffer, NumberedPacket
+from decoder.playout.playout import Playout, PlayoutFrame
 from decoder.sound.voice_separator import VoiceSeparator
 from protocol.errors import ProtocolError
 from protocol.limits import FIRST_WINDOW, SEQUENCE_MODULUS

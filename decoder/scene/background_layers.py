@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.appearance import decode_image
+from decoder.scene.appearance import decode_image
 from protocol.pictures.foreground_mask import Mask, parse_background
 from protocol.pictures.layered_background import (
     FIELD_CODES_PER_PX,

@@ -3,7 +3,7 @@
 Coded faces are less frequent than source frames; the faces between two coded ones are interpolated.
 Before the first coded face and after the last, the nearest one is repeated; while the encoder has
 lost the face, its last one is repeated (a frozen face).  A live call is therefore delayed by the
-time between two coded faces.  Where packets are lost the face is concealed (`decoder.concealment`).
+time between two coded faces.  Where packets are lost the face is concealed (`concealment`).
 """
 
 from collections.abc import Iterator
@@ -13,9 +13,9 @@ from math import ceil
 
 import numpy as np
 
-from decoder.concealment import bridge
-from decoder.frame_decoder import TimedFace
-from decoder.model_versions import ModelVersion, ModelVersions
+from decoder.playout.concealment import bridge
+from decoder.playout.frame_decoder import TimedFace
+from decoder.playout.model_versions import ModelVersion, ModelVersions
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
 from protocol.frames.frame_times import FrameClock, TimesPacket

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.playout import PlayoutFrame
+from decoder.playout.playout import PlayoutFrame
 from decoder.rendering.mouth_shading import mouth_shading
 from decoder.rendering.render_geometry import NEAR_MM
 from decoder.rendering.renderer import Renderer
-from decoder.scene_parts import SceneParts
+from decoder.scene.scene_parts import SceneParts
 from protocol.model_packet import ModelPacket
 from shared_model.geometry import camera_from_head
 from shared_model.layers.head_motion import warp
