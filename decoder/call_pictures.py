@@ -13,10 +13,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.playout.call_playout import CallPlayout
-from decoder.playout.call_source import CallOptions, call_name, open_source
+from decoder.playout.call_source import CallSource, call_name, open_packet_source
 from decoder.playout.playout import PlayoutFrame
 from decoder.playout.received_frames import DecodeStats, Waiting, received_frames
+from decoder.playout.receiver import Receiver
 from decoder.scene.reenactment import read_model, reenact
 from decoder.scene.scene import Scene
 from decoder.scene.scene_parts import PartsLoader, SceneParts
@@ -57,17 +57,13 @@ class DrawnFrame:
 class _ReceivedFrame:
     """A frame to draw.
 
-    sender: the newest model of its sender.
     drawn, parts: the model that is drawn, and what is decoded of it in the background.
-    time_s: see `DrawnFrame`.
     arrival_s: `time.monotonic` when the newest packet before it came.
     """
 
     frame: PlayoutFrame
-    sender: ModelPacket
     drawn: ModelPacket
     parts: Future[SceneParts]
-    time_s: Fraction
     arrival_s: float
 
 
@@ -80,25 +76,26 @@ class CallPictures:
     source: of the packets, waits no longer than it is asked to; None: what the options name.
     wants: whether to draw the picture of a source frame; who cannot draw all leaves some out.
     While a graphics card draws one picture, the next is prepared.  Attributes `stats`, `timer` and
-    `playout` hold what the report needs; `arrival_s`: `time.monotonic` when the packet came whose
+    `receiver` hold what the report needs; `arrival_s`: `time.monotonic` when the packet came whose
     pictures are drawn.  Raises `UserError` if the call cannot be read or drawn;
     with exit code 4 if its encoder leaves before it has sent a face.
     """
 
     def __init__(
         self,
-        options: CallOptions,
+        options: CallSource,
         stop: Callable[[], bool],
         on_message: MessageCallback = ignore_message,
         source: PacketSource | None = None,
         wants: Callable[[int], bool] = lambda index: True,
     ) -> None:
-        self.playout, self.stats, self.timer = CallPlayout(), DecodeStats(), StageTimer()
+        self.stats, self.timer = DecodeStats(), StageTimer()
+        self.receiver = Receiver(on_damage=self._note_damage)
         self._drawn_ns = 0  # time of all stages until the newest picture was complete
         self._options, self._stop, self._stack = options, stop, ExitStack()
         self._wants = wants
         self._target = read_model(options.face) if options.face else None
-        self._source = self._stack.enter_context(source or open_source(options, on_message))
+        self._source = self._stack.enter_context(source or open_packet_source(options, on_message))
         self._is_live = source is not None or options.call_file is None
         is_file = isinstance(options.call_file, Path) and not self._is_live
         self._frames_ahead = FRAMES_AHEAD if is_file else 0
@@ -119,7 +116,7 @@ class CallPictures:
     @property
     def sender(self) -> CallParameters:
         """Parameters of the call.  Raises `UserError` if it has sent no model."""
-        model = self._sender or self.playout.model
+        model = self._sender or self.receiver.model
         if model is None:
             raise _no_model_error(self._options, self.stats, self._source.ended)
         return model.call
@@ -132,7 +129,7 @@ class CallPictures:
     @property
     def complete(self) -> bool:
         """The call was drawn to its END packet."""
-        return self.playout.ended and not self._received
+        return self.receiver.ended and not self._received
 
     @property
     def trailing_bytes(self) -> int:
@@ -144,11 +141,11 @@ class CallPictures:
             if received is None:
                 yield from self._finished()
                 continue
-            frame, sender, target = received.frame, received.sender, received.drawn
+            frame, target = received.frame, received.drawn
             self.arrival_s = received.arrival_s
             if not self._wants(frame.index):
                 continue
-            self._sender = sender
+            self._sender = frame.model
             if self._scene is None or self._scene.model is not target:
                 yield from self._finished()
                 self._face = None
@@ -158,27 +155,27 @@ class CallPictures:
                 yield from self._finished()
                 yield self._complete(received)
                 continue
-            prepared = self._scene.prepare(reenact(frame, sender, target), self.timer)
+            prepared = self._scene.prepare(reenact(frame.face, frame.model, target), self.timer)
             yield from self._finished()
             self._scene.submit(prepared, self.timer)
             self._submitted, self._face = received, frame.face
         yield from self._finished()
-        if self.playout.model is None:
+        if self.receiver.model is None:
             raise _no_model_error(self._options, self.stats, self._source.ended)
 
     def _frames(self) -> Iterator[_ReceivedFrame | None]:
         """The frames to draw; None before each wait for a packet of a live call."""
-        packets = self._source, self.playout, self.stats
-        for frame in received_frames(*packets, self._stop, self._frames_to_draw):
+        packets = self._source, self.receiver, self.stats
+        for frames in received_frames(*packets, self._stop, self._frames_to_draw):
             self._prepare_models()
-            if frame is not None:
-                self._received.append(self._with_model(frame))
-            elif self._is_live and self._received:
+            self._received += map(self._with_model, frames)
+            if self._is_live:
+                yield self._received.popleft() if self._received else None
+                continue
+            while len(self._received) > self._frames_ahead and not self._stop():
                 yield self._received.popleft()
-            elif not self._frames_ahead:
+            if not self._frames_ahead:
                 yield None
-            while not self._is_live and len(self._received) > self._frames_ahead:
-                yield self._received.popleft()
         while self._received and not self._stop():
             yield self._received.popleft()
 
@@ -189,11 +186,11 @@ class CallPictures:
         return Waiting.SOME if len(self._received) < MAX_WAITING else Waiting.MANY
 
     def _with_model(self, frame: PlayoutFrame) -> _ReceivedFrame:
-        sender = self.playout.model
-        assert sender is not None
-        drawn = self._target or sender
-        time_s, arrival_s = self.playout.time_s(frame.index), self.stats.arrival_s
-        return _ReceivedFrame(frame, sender, drawn, self._loader.request(drawn), time_s, arrival_s)
+        drawn = self._target or frame.model
+        return _ReceivedFrame(frame, drawn, self._loader.request(drawn), self.stats.arrival_s)
+
+    def _note_damage(self, error: ProtocolError) -> None:
+        self.stats.note_damage(error, self.receiver)
 
     def close(self) -> None:
         """Free the scene; close the call file or leave the network."""
@@ -226,12 +223,12 @@ class CallPictures:
         picture = in_grey(self._picture) if is_held else self._picture
         if frame.presence < 1 and self._scene is not None:
             picture = self._scene.without_person(picture, frame.presence)
-        return DrawnFrame(frame.index, picture, frame.frozen, frame.lost, received.time_s)
+        return DrawnFrame(frame.index, picture, frame.frozen, frame.lost, frame.time_s)
 
     def _prepare_models(self) -> None:
         """Begin to decode what has been received of models."""
         if self._target is None:
-            for model in (self.playout.model, self.playout.next_model):
+            for model in (self.receiver.model, self.receiver.next_model):
                 if model is not None:
                     self._loader.request(model)
 
@@ -245,7 +242,7 @@ class CallPictures:
         is_more = before is not None and is_same_model(before.model, model)
         noted = before.damages if before is not None and is_more else 0
         for damage in parts.damages[noted:]:
-            self.stats.note_damage(damage, self.playout, received.frame.index)
+            self.stats.note_damage(damage, self.receiver, received.frame.index)
         if before is not None and before.fits(parts):
             before.change(parts)
             return before
@@ -263,7 +260,7 @@ def in_grey(picture: Picture) -> Picture:
     return np.asarray(cv2.cvtColor(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR))
 
 
-def _no_model_error(options: CallOptions, stats: DecodeStats, ended: bool) -> UserError:
+def _no_model_error(options: CallSource, stats: DecodeStats, ended: bool) -> UserError:
     """The error of a call without a model.  ended: the call has ended; else the user stopped it."""
     if stats.damages or options.call_file is not None or not ended:
         reasons = [*stats.damages, *stats.warnings, "it has no model packet"]

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import BinaryIO
 
 from decoder.call_pictures import CallPictures, DrawnFrame
-from decoder.playout.call_playout import CallPlayout
-from decoder.playout.call_source import CallOptions
+from decoder.playout.call_source import CallSource
 from decoder.playout.duration import count_frames
 from decoder.playout.received_frames import DecodeStats
+from decoder.playout.receiver import Receiver
 from decoder.sinks.frame_sink import FrameSink, ThreadedSink, check_sink, keeps_times, open_sink
 from decoder.sinks.video_file import TIMED
 from decoder.sound.sound_track import Samples, SoundTrack, open_sound_track
@@ -24,7 +24,7 @@ PlayCallback = Callable[[float, int, Samples], None]
 
 
 @dataclass(frozen=True, slots=True)
-class DecodeOptions(CallOptions):
+class DecodeOptions(CallSource):
     """What to decode and where to put it.
 
     output: video file, image pattern, or an open stream for YUV4MPEG2; None: only measured.
@@ -118,7 +118,7 @@ def _open_sink(
     output: Path | BinaryIO, pictures: CallPictures, sound: SoundTrack | None
 ) -> FrameSink:
     sender, shown = pictures.sender, pictures.shown
-    fps, is_variable = sender.exact_fps, not pictures.playout.is_constant_rate
+    fps, is_variable = sender.exact_fps, not pictures.receiver.shown.playout.clock.is_constant
     if is_variable and not keeps_times(output):
         pictures.stats.warnings.append(
             "the frame rate of the source varies, that of"
@@ -160,7 +160,7 @@ class _Output:
         if self.sink is not None:
             with self._pictures.timer.stage("write"):
                 self.sink.write(frame.picture, frame.time_s)
-        self._give(self._pictures.playout.speech.known_until)
+        self._give(self._pictures.receiver.speech.known_until)
 
     def finish(self) -> None:
         """Give the rest of the voice, as long as there are pictures."""
@@ -170,7 +170,7 @@ class _Output:
         sender = self._pictures.sender
         self._start_s = first.index / sender.fps
         if self._path is not None or self._play is not None:
-            self._sound = open_sound_track(self._pictures.playout.speech, sender, first.index)
+            self._sound = open_sound_track(self._pictures.receiver.speech, sender, first.index)
         if self._path is not None:
             opened = _open_sink(self._path, self._pictures, self._sound)
             self.sink = self._stack.enter_context(ThreadedSink(opened))
@@ -200,46 +200,47 @@ def _unfinished(options: DecodeOptions, sink: FrameSink | None, stopped: bool) -
 
 
 def _report(pictures: CallPictures) -> DecodeReport:
-    stats, playout = pictures.stats, pictures.playout
+    stats, receiver, counts = pictures.stats, pictures.receiver, pictures.receiver.counts
     frames, warnings = stats.pictures, stats.warnings
     if not pictures.complete and not warnings:
         warnings.append("the call has no end: decoded up to its last packet")
     warnings += [f"damaged packet: {damage}" for damage in stats.damages]
     if more := stats.damaged - len(stats.damages):
         warnings.append(f"damaged packets: {more} more")
-    warnings += _loss_warnings(playout, stats)
+    warnings += _loss_warnings(receiver, stats)
     return DecodeReport(
         frames=frames,
         fps=pictures.sender.fps,
         width=pictures.shown.width,
         height=pictures.shown.height,
-        model_bytes=stats.model_bytes,
-        frame_bytes=stats.frame_bytes - playout.voice_bytes,
+        model_bytes=counts.model_bytes,
+        frame_bytes=counts.frame_bytes - counts.voice_bytes,
         stage_ms=pictures.timer.mean_ms(frames),
         stage_cpu_ms=pictures.timer.mean_cpu_ms(frames),
         shown_ns=tuple(stats.shown_ns),
-        lost_packets=playout.lost,
-        late_packets=playout.late,
+        lost_packets=counts.lost,
+        late_packets=counts.late,
         frozen_frames=stats.frozen_frames,
         lost_frames=stats.lost_frames,
-        before_join=playout.before_join,
-        restarts=playout.restarts,
+        before_join=receiver.first.playout.before_join,
+        restarts=counts.restarts,
         complete=pictures.complete,
         warnings=tuple(warnings),
         voice=pictures.sender.voice,
-        voice_bytes=playout.voice_bytes,
+        voice_bytes=counts.voice_bytes,
         frame_ms=frame_times(stats.frame_ms),
     )
 
 
-def _loss_warnings(playout: CallPlayout, stats: DecodeStats) -> Iterator[str]:
-    if playout.joined_late:
+def _loss_warnings(receiver: Receiver, stats: DecodeStats) -> Iterator[str]:
+    first, counts = receiver.first.playout, receiver.counts
+    if first.joined_late:
         missed = stats.shown_ns[0][0] if stats.shown_ns else 0
         yield f"joined a call under way: the {missed} frames before are missing"
-    if playout.before_join:
-        yield f"joined a call under way: {playout.before_join} pictures are from before it joined"
-    if playout.restarts:
-        yield f"the encoder has started again: {playout.restarts} times"
+    if first.before_join:
+        yield f"joined a call under way: {first.before_join} pictures are from before it joined"
+    if counts.restarts:
+        yield f"the encoder has started again: {counts.restarts} times"
     if stats.lost_frames:
         share = f"{stats.lost_frames} of {stats.pictures} pictures"
-        yield f"{playout.lost} frame packets did not come in time: {share} stand for lost ones"
+        yield f"{counts.lost} frame packets did not come in time: {share} stand for lost ones"

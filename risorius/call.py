@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from decoder.call_pictures import CallPictures
-from decoder.playout.call_source import CallOptions
+from decoder.playout.call_source import CallSource
 from protocol.endpoint import parse_endpoint
 from protocol.errors import ProtocolError
 from protocol.security.invitation import parse_invitation
@@ -32,7 +32,7 @@ class TimedPicture(NamedTuple):
 class Call:
     """A call that is decoded while it is iterated; a context manager that can be iterated once."""
 
-    def __init__(self, options: CallOptions) -> None:
+    def __init__(self, options: CallSource) -> None:
         self._pictures = CallPictures(options, lambda: False)
 
     def __iter__(self) -> Iterator[TimedPicture]:
@@ -75,13 +75,13 @@ def open_call(
     if source is not None and (named := [name for name, value in link.items() if value]):
         raise UserError(f"{named[0]} does not go with a call file; leave out {named[0]}")
     path = Path(source) if isinstance(source, str) else source
-    options = CallOptions(path, listen, connect, call or DEFAULT_CALL, face=face)
+    options = CallSource(path, listen, connect, call or DEFAULT_CALL, face=face)
     return Call(_protected(options, call, invite, insecure))
 
 
 def _protected(
-    options: CallOptions, call: str | None, invite: str | None, insecure: bool
-) -> CallOptions:
+    options: CallSource, call: str | None, invite: str | None, insecure: bool
+) -> CallSource:
     """The options with name, key and, if none is given, place of the invitation.
 
     call: the name that was asked for.

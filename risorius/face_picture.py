@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.playout.playout import PlayoutFrame
 from decoder.scene.reenactment import read_model
 from decoder.scene.scene import Scene
 from decoder.scene.scene_parts import scene_parts
@@ -51,7 +50,7 @@ def _person_of(path: Path) -> Picture:
     except ProtocolError as error:
         raise UserError(f"cannot draw {path}: {error}") from error
     with closing(Scene(parts)) as scene:
-        return scene.draw(PlayoutFrame(0, reference_face(model), frozen=False), StageTimer())
+        return scene.draw(reference_face(model), StageTimer())
 
 
 def _generic_head() -> Picture:

@@ -15,7 +15,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.playout.playout import PlayoutFrame
 from decoder.scene.scene import Scene
 from decoder.scene.scene_parts import scene_parts
 from decoder.sinks.frame_sink import open_sink
@@ -83,7 +82,7 @@ def tracked_renderings(
         last = face or last
         assert last is not None
         shown = FaceParameters(last.pose, last.eau)
-        yield frame, scene.draw(PlayoutFrame(index, shown, face is None), StageTimer())
+        yield frame, scene.draw(shown, StageTimer())
 
 
 def relit(rendered: Picture, original: Picture, face: Mask) -> Picture:

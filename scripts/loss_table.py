@@ -11,13 +11,13 @@ the share of packets that came after their frames were shown.
 
 import argparse
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from decoder.playout.call_playout import CallPlayout
 from decoder.playout.playout import PlayoutFrame
+from decoder.playout.receiver import Receiver
 from decoder.scene.scene import Scene
 from decoder.scene.scene_parts import scene_parts
 from encoder.capture.video_source import open_source
@@ -26,7 +26,6 @@ from loopback.quality.video_quality import Mask, Picture, TrackedFaceMask
 from loopback.report import Cell, table
 from loopback.simulated_link import SentPacket, SimulatedLink, arrivals, sent_packets
 from protocol.link.interface import Arrival
-from protocol.model_packet import ModelPacket
 from scripts.command import run
 from shared_model.stage_timer import StageTimer
 
@@ -49,14 +48,6 @@ MODES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Played:
-    """A frame as it was shown, and the model that it was shown by."""
-
-    frame: PlayoutFrame
-    model: ModelPacket
-
-
 class FacePsnr:
     """PSNR of faces against their source pictures; equal faces are drawn once."""
 
@@ -68,9 +59,9 @@ class FacePsnr:
         self._known: dict[int, list[tuple[PlayoutFrame, float]]] = {}
         self._scene: Scene | None = None
 
-    def mean_db(self, played: Sequence[Played]) -> float:
+    def mean_db(self, played: Sequence[PlayoutFrame]) -> float:
         """Mean over the frames whose source shows a face."""
-        found = [self._psnr_db(each) for each in played if each.frame.index < len(self._masks)]
+        found = [self._psnr_db(each) for each in played if each.index < len(self._masks)]
         return float(np.nanmean(found))
 
     def close(self) -> None:
@@ -78,8 +69,7 @@ class FacePsnr:
         if self._scene is not None:
             self._scene.close()
 
-    def _psnr_db(self, played: Played) -> float:
-        frame = played.frame
+    def _psnr_db(self, frame: PlayoutFrame) -> float:
         mask = self._masks[frame.index]
         if mask is None:
             return float("nan")
@@ -87,14 +77,14 @@ class FacePsnr:
         for other, figure in known:
             if _is_same(other, frame):
                 return figure
-        known.append((frame, self._drawn_db(played, self._originals[frame.index], mask)))
+        known.append((frame, self._drawn_db(frame, self._originals[frame.index], mask)))
         return known[-1][1]
 
-    def _drawn_db(self, played: Played, original: Picture, mask: Mask) -> float:
-        if self._scene is None or self._scene.model is not played.model:
+    def _drawn_db(self, frame: PlayoutFrame, original: Picture, mask: Mask) -> float:
+        if self._scene is None or self._scene.model is not frame.model:
             self.close()
-            self._scene = Scene(scene_parts(played.model))
-        picture = self._scene.draw(played.frame, StageTimer())
+            self._scene = Scene(scene_parts(frame.model))
+        picture = self._scene.draw(frame.face, StageTimer())
         return psnr_db(squared_error(original, picture)[mask])
 
 
@@ -109,20 +99,14 @@ def _is_same(one: PlayoutFrame, other: PlayoutFrame) -> bool:
     return all(np.array_equal(first, second) for first, second in pairs)
 
 
-def play(playout: CallPlayout, arriving: Sequence[Arrival]) -> Iterator[Played]:
+def play(receiver: Receiver, arriving: Sequence[Arrival]) -> Iterator[PlayoutFrame]:
     """The frames of the call, each when it is due."""
-
-    def shown(frames: Iterator[PlayoutFrame]) -> Iterator[Played]:
-        for frame in frames:
-            assert playout.model is not None
-            yield Played(frame, playout.model)
-
     for arrival in arriving:
-        while (due_s := playout.release_s) is not None and due_s < arrival.time_s:
-            yield from shown(playout.poll(due_s))
-        yield from shown(playout.receive(arrival))
-    while (due_s := playout.release_s) is not None:
-        yield from shown(playout.poll(due_s))
+        while (due_s := receiver.release_s) is not None and due_s < arrival.time_s:
+            yield from receiver.poll(due_s)
+        yield from receiver.receive(arrival)
+    while (due_s := receiver.release_s) is not None:
+        yield from receiver.poll(due_s)
 
 
 def main(argv: Sequence[str]) -> None:
@@ -135,7 +119,7 @@ def main(argv: Sequence[str]) -> None:
     parser.add_argument("--seeds", type=int, default=4, metavar="N", help="patterns for each row")
     options = parser.parse_args(argv)
     sent = sent_packets(options.call)
-    clean = list(play(CallPlayout(), arrivals(sent, SimulatedLink(), 0)))
+    clean = list(play(Receiver(), arrivals(sent, SimulatedLink(), 0)))
     faces = FacePsnr(options.source, len(clean))
     try:
         clean_db = faces.mean_db(clean)
@@ -162,12 +146,12 @@ def _row(
         change = list[float]()
         lost = late = 0
         for seed in range(seeds):
-            playout = CallPlayout() if waits else CallPlayout(max_wait_s=0.0)
+            receiver = Receiver() if waits else Receiver(max_wait_s=0.0)
             lossy = replace(link, repeats=repeats, loss=link.loss**copies)
-            shown = list(play(playout, arrivals(sent, lossy, seed)))
+            shown = list(play(receiver, arrivals(sent, lossy, seed)))
             change.append(faces.mean_db(shown) - clean_db)
-            lost += sum(each.frame.lost for each in shown)
-            late += playout.late
+            lost += sum(each.lost for each in shown)
+            late += receiver.counts.late
         cells.append(round(float(np.mean(change)), 2))
     return [*cells, f"{lost / seeds:.1f}", f"{late / seeds:.1f}"]
 

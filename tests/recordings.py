@@ -6,9 +6,9 @@ from pathlib import Path
 
 from layer_streams import BASE, PACKED, frames
 
-from decoder.playout.call_playout import CallPlayout
 from decoder.playout.duration import count_frames
 from decoder.playout.playout import PlayoutFrame
+from decoder.playout.receiver import Receiver
 from protocol.call_file import CallReader
 from protocol.link.interface import Arrival
 from protocol.packets import ControlKind, ControlPacket, serialise
@@ -31,7 +31,7 @@ def recorded(path: Path) -> list[bytes]:
 
 def shown(path: Path) -> list[PlayoutFrame]:
     """The faces of a call file, which has to be whole."""
-    playout = CallPlayout()
+    playout = Receiver()
     faces = [each for data in recorded(path) for each in playout.receive(Arrival(data, 0.0))]
     assert playout.ended
     return faces

@@ -10,7 +10,7 @@ from protocol.security.link_security import LinkSecurity
 
 
 @dataclass(frozen=True, slots=True)
-class CallOptions:
+class CallSource:
     """The source of a call, and the person that is drawn.
 
     call_file: a recorded call, or an open stream of one; None: over the network.
@@ -29,7 +29,7 @@ class CallOptions:
     security: LinkSecurity = field(default_factory=LinkSecurity)
 
 
-def open_source(options: CallOptions, on_message: MessageCallback) -> PacketSource:
+def open_packet_source(options: CallSource, on_message: MessageCallback) -> PacketSource:
     """The call file or the network, whichever the options name.  Raises `UserError`.
 
     on_message: called with a line when the link waits for an encoder.
@@ -48,7 +48,7 @@ def open_source(options: CallOptions, on_message: MessageCallback) -> PacketSour
     return ZenohSource(link, on_message)
 
 
-def call_name(options: CallOptions) -> str:
+def call_name(options: CallSource) -> str:
     """The name of the call in messages."""
     if options.call_file is None:
         return f"call {options.call}"

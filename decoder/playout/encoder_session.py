@@ -1,7 +1,6 @@
 """What is received of one start of an encoder: its packets in order, with the times to wait."""
 
 from collections import deque
-from collections.abc import Iterator
 
 from decoder.playout.arrival_clock import MAX_WAIT_S, ArrivalClock
 from decoder.playout.jitter_buffer import MAX_HELD, JitterBuffer, NumberedPacket
@@ -10,7 +9,7 @@ from decoder.sound.voice_separator import VoiceSeparator
 from protocol.errors import ProtocolError
 from protocol.limits import FIRST_WINDOW, SEQUENCE_MODULUS
 from protocol.link.interface import Arrival
-from protocol.packets import ControlPacket, FramePacket, Packet, parse_packet
+from protocol.packets import ControlPacket, FramePacket, Packet
 
 # After so long a silence the last face is shown for the frames that do not come.  What comes within
 # that time, of a link that was away or of a slow encoder, is shown late but whole.
@@ -26,31 +25,51 @@ class EncoderSession:
 
     def __init__(self, max_wait_s: float = MAX_WAIT_S) -> None:
         self.playout, self.clock = Playout(), ArrivalClock(max_wait_s)
-        self.voice, self.buffer = VoiceSeparator(), JitterBuffer(self._deadline_s)
+        self.voice, self._buffer = VoiceSeparator(), JitterBuffer(self._deadline_s)
         self.offset: int | None = None
         self._newest = -1
         self._heard_s = 0.0  # when the newest frame packet arrived
-        self._early: deque[Arrival] = deque()  # packets that wait for the model
+        self._at_once: deque[tuple[Packet, int | None]] = deque()  # packets without an order
+        self._early: deque[NumberedPacket] = deque()  # packets that wait for the model
 
-    def receive(self, arrival: Arrival) -> Iterator[PlayoutFrame]:
-        """The frames of this session that can be shown after an arrival.
+    @property
+    def release_s(self) -> float | None:
+        """When a packet's turn comes if none arrives before; None: not known."""
+        return self._buffer.release_s
 
-        Raises `ProtocolError` as `Playout.receive`.
-        """
-        packet = parse_packet(arrival.data)
-        is_ordered = isinstance(packet, FramePacket | ControlPacket)
-        if arrival.number is None or not is_ordered:
-            yield from self._receive(self.voice.receive(packet, arrival.number), arrival.number)
+    def enter(self, packet: Packet, arrival: Arrival) -> None:
+        """Enter a packet as it arrives.  Raises `ProtocolError` if its voice is damaged."""
+        if arrival.number is None or not isinstance(packet, FramePacket | ControlPacket):
+            face = self.voice.receive(packet, arrival.number)
+            if face is not None:
+                self._at_once.append((face, arrival.number))
         elif len(self._early) < MAX_HELD:
-            self._early.append(arrival)
-        while self._early and self.playout.model is not None:
-            yield from self._receive_ordered(self._early.popleft())
+            self._early.append(NumberedPacket(arrival.number, packet, arrival.time_s))
 
-    def poll(self, now_s: float) -> Iterator[PlayoutFrame]:
-        """The frames that can be shown at `now_s`.  Raises `ProtocolError`."""
-        while item := self.buffer.take(now_s):
-            yield from self._receive(item.packet, item.number)
-            self.buffer.is_idle = self.playout.is_frozen
+    def is_ready(self, now_s: float) -> bool:
+        """Whether it is a packet's turn at `now_s`."""
+        if self._at_once or (self._early and self.playout.model is not None):
+            return True
+        return self._buffer.is_ready(now_s)
+
+    def take(self, now_s: float) -> list[PlayoutFrame]:
+        """The frames of the packet whose turn it is, if it is one's.
+
+        Raises `ProtocolError` if that packet is damaged or contradicts the call.
+        """
+        if self._at_once:
+            return self.playout.receive_packet(*self._at_once.popleft())
+        while self._early and self.playout.model is not None:
+            self._put_in_order(self._early.popleft())
+        if not self._buffer.is_ready(now_s):
+            return []
+        item = self._buffer.take()
+        if item.packet is None:
+            return []
+        try:
+            return self.playout.receive_packet(item.packet, item.number)
+        finally:
+            self._buffer.is_idle = self.playout.is_frozen
 
     def frame_due(self, now_s: float) -> int | None:
         """The source frame that a silence since the newest packet has reached; None: not known.
@@ -63,23 +82,17 @@ class EncoderSession:
             return None
         return int((self.playout.time_s(self._newest) + silent_s) * model.call.fps)
 
-    def _receive(self, packet: Packet | None, number: int | None) -> Iterator[PlayoutFrame]:
-        """As `receive`, of what comes next; None: of a packet without a face."""
-        if packet is not None:
-            yield from self.playout.receive_packet(packet, number)
-
-    def _receive_ordered(self, arrival: Arrival) -> Iterator[PlayoutFrame]:
-        """As `receive`, of a packet with a number, once there is a model."""
-        packet, number = parse_packet(arrival.data), arrival.number
-        assert isinstance(packet, FramePacket | ControlPacket) and number is not None
+    def _put_in_order(self, item: NumberedPacket) -> None:
+        """Enter a packet with a number, once there is a model."""
+        packet = item.packet
+        assert packet is not None
         if isinstance(packet, FramePacket):
-            self._note(number, packet, arrival.time_s)
-        elif self.buffer.next is None:
-            self.buffer.start(number)
-        face = self.voice.receive(packet, number)
+            self._note(item.number, packet, item.arrival_s)
+        elif self._buffer.next is None:
+            self._buffer.start(item.number)
+        face = self.voice.receive(packet, item.number)
         assert face is None or isinstance(face, FramePacket | ControlPacket)
-        self.buffer.add(NumberedPacket(number, face, arrival.time_s))
-        yield from self.poll(arrival.time_s)
+        self._buffer.add(NumberedPacket(item.number, face, item.arrival_s))
 
     def _note(self, number: int, packet: FramePacket, arrival_s: float) -> None:
         if number % SEQUENCE_MODULUS != packet.sequence:
@@ -87,9 +100,9 @@ class EncoderSession:
         self.clock.note(self.playout.time_s(number), arrival_s, number < self._newest)
         if number > self._newest:
             self._newest, self._heard_s = number, arrival_s
-        if self.buffer.next is None:
+        if self._buffer.next is None:
             first = self.playout.next_number
-            self.buffer.start(first if first <= number <= first + FIRST_WINDOW else number)
+            self._buffer.start(first if first <= number <= first + FIRST_WINDOW else number)
 
     def _deadline_s(self, number: int) -> float:
         expected_s = self.clock.expected_s(self.playout.time_s(number))

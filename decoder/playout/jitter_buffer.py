@@ -64,11 +64,17 @@ class JitterBuffer:
         oldest_s = min(item.arrival_s for item in self._held)
         return max(self._deadline_s(first.number - 1), oldest_s + REORDER_S)
 
-    def take(self, now_s: float) -> NumberedPacket | None:
-        """The next packet in order, None while it is waited for; a late one comes at once."""
+    def is_ready(self, now_s: float) -> bool:
+        """Whether the next packet in order is there, or those before it are no longer waited for.
+
+        A late packet is ready at once.
+        """
         release_s = self.release_s
-        if release_s is None or now_s < release_s or self.next is None:
-            return None
+        return release_s is not None and now_s >= release_s
+
+    def take(self) -> NumberedPacket:
+        """The next packet in order of those that are there."""
+        assert self.next is not None
         item = self._held.pop(0)
         is_frame = not isinstance(item.packet, ControlPacket)
         self.next = max(self.next, item.number + is_frame)

@@ -6,7 +6,6 @@ lost the face, its last one is repeated (a frozen face).  A live call is therefo
 time between two coded faces.  Where packets are lost the face is concealed (`concealment`).
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import ceil
@@ -15,7 +14,7 @@ import numpy as np
 
 from decoder.playout.concealment import bridge
 from decoder.playout.frame_decoder import TimedFace
-from decoder.playout.model_versions import ModelVersion, ModelVersions
+from decoder.playout.received_models import ReceivedModel, ReceivedModels
 from protocol.call_parameters import CallParameters
 from protocol.errors import ProtocolError
 from protocol.frames.frame_times import FrameClock, TimesPacket
@@ -42,6 +41,8 @@ FADE_S = 0.3
 class PlayoutFrame:
     """The face of source frame `index`.
 
+    model: the model that it was decoded by.
+    time_s: when the frame is shown, seconds from the start of the source.
     lost: its packet is missing; the face is concealed.
     frozen: it repeats an older face: the encoder had none there, or too much is lost.
     presence: 1 to 0: how much of the person to draw; less than 1 after they have left.
@@ -49,7 +50,9 @@ class PlayoutFrame:
 
     index: int
     face: FaceParameters
-    frozen: bool
+    model: ModelPacket
+    time_s: Fraction
+    frozen: bool = False
     lost: bool = False
     presence: float = 1.0
 
@@ -78,47 +81,47 @@ class Playout:
         self._newest = -1  # number of the newest frame packet
         self._is_numbered = False  # numbers are those of the call, not only modulo 64
         self._last: TimedFace | None = None
-        self._versions = ModelVersions()
+        self._models = ReceivedModels()
         self._repaired: FaceParameters | None = None
 
     @property
     def model(self) -> ModelPacket | None:
         """See the class."""
-        return self._versions.current.model if self._versions.current else None
+        return self._models.current.model if self._models.current else None
 
     @property
     def next_model(self) -> ModelPacket | None:
         """The update that has been received for later frames, with all its pictures."""
-        return self._versions.next_model
+        return self._models.next_model
 
     @property
     def next_frame(self) -> int:
         """The source frame to show next; less than 0 before it is known."""
         return self._next
 
-    def receive(self, data: bytes) -> Iterator[PlayoutFrame]:
+    def receive(self, data: bytes) -> list[PlayoutFrame]:
         """The frames that can be shown after the packet `data`, perhaps none.
 
-        The packet takes effect as the iterator is consumed.
         Raises `ProtocolError` if the packet is damaged or contradicts the call.
         """
-        yield from self.receive_packet(parse_packet(data))
+        return self.receive_packet(parse_packet(data))
 
-    def receive_packet(self, packet: Packet, number: int | None = None) -> Iterator[PlayoutFrame]:
+    def receive_packet(self, packet: Packet, number: int | None = None) -> list[PlayoutFrame]:
         """As `receive`.  number: see `Arrival`; None: the packet's 6 bits tell."""
-        version = self._versions.current
+        version = self._models.current
         if isinstance(packet, ModelPacket):
             self._receive_model(packet, number)
         elif isinstance(packet, LayerPacket):
-            self._versions.receive_layer(packet)
+            self._models.receive_layer(packet)
         elif isinstance(packet, TimesPacket):
             self.clock.receive(packet)
         elif version is None:
             self.unusable += 1
         elif isinstance(packet, FramePacket):
-            yield from self._receive_frame(packet, number)
+            return self._receive_frame(packet, number)
         else:
-            yield from self._receive_control(version, packet, number)
+            return self._receive_control(version, packet, number)
+        return []
 
     @property
     def next_number(self) -> int:
@@ -127,10 +130,14 @@ class Playout:
 
     def time_s(self, number: int) -> float:
         """Time in the call of the last face of frame packet `number`, once there is a model."""
-        current, update = self._versions.current, self._versions.update
+        current, update = self._models.current, self._models.update
         assert current is not None
         version = update if update is not None and number >= update.first else current
         return float(version.decoder.newest_frame(number - version.first)) / version.model.call.fps
+
+    def time_of(self, frame: int, model: ModelPacket) -> Fraction:
+        """The time of source frame `frame`, not before the one asked for last, seconds."""
+        return self.clock.time_s(frame, model.call.exact_fps)
 
     def skip_to(self, index: int) -> None:
         """Do not show the source frames before `index` any more."""
@@ -142,7 +149,7 @@ class Playout:
         return repaired
 
     def _receive_model(self, packet: ModelPacket, first: int | None) -> None:
-        is_first = self._versions.current is None
+        is_first = self._models.current is None
         if first is None:
             newest = packet.sequence if is_first else self._newest
             first = newest + (packet.sequence - newest) % SEQUENCE_MODULUS
@@ -150,40 +157,42 @@ class Playout:
             self._newest = first - 1
             if packet.version:
                 self._join_late()
-        self._versions.receive_model(packet, first)
+        self._models.receive_model(packet, first)
 
     def _join_late(self) -> None:
         self.joined_late, self._next = True, -1
 
-    def _join_at(self, version: ModelVersion, frame: int) -> None:
+    def _join_at(self, version: ReceivedModel, frame: int) -> None:
         """Begin with source frame `frame`, as a file says that does so."""
         self._join_late()
         self._begin = self._next = frame
         self._newest, self._is_numbered = version.number_at(frame) - 1, True
 
-    def _receive_frame(self, packet: FramePacket, exact: int | None) -> Iterator[PlayoutFrame]:
+    def _receive_frame(self, packet: FramePacket, exact: int | None) -> list[PlayoutFrame]:
         number, newest = self._number(packet.sequence, exact), self._newest
         if number <= newest:
             self._receive_late(number, packet)
-            return
-        if self._versions.update is not None and number >= self._versions.update.first:
-            self._activate_update(self._versions.update)
-        version = self._versions.current
+            return []
+        if self._models.update is not None and number >= self._models.update.first:
+            self._activate_update(self._models.update)
+        version = self._models.current
         assert version is not None
         coded = version.decoder.decode(number - version.first, packet.payload)
         self.lost += number - newest - 1
         self._newest = number
+        frames = list[PlayoutFrame]()
         for place, timed in enumerate(coded):
             is_gap = place == 0 and number - newest > 1
-            yield from self._frames_until(version.model.call, timed, is_gap)
+            frames += self._frames_until(version.model, timed, is_gap)
             frozen = self.is_frozen and self._last is not None
             face = self._last.face if frozen and self._last else timed.face
             self._last = TimedFace(timed.timestamp, face)
+        return frames
 
     def _receive_late(self, number: int, packet: FramePacket) -> None:
         """Let what was decoded without this packet become exact."""
         self.late += 1
-        version = self._versions.current
+        version = self._models.current
         assert version is not None
         if number < version.first:
             return
@@ -193,7 +202,7 @@ class Playout:
             if self._next > newest.timestamp:
                 self._repaired = newest.face
 
-    def _activate_update(self, update: ModelVersion) -> None:
+    def _activate_update(self, update: ReceivedModel) -> None:
         """Decode frame packets by `update` from now on."""
         assert self.model is not None
         ratio = update.model.call.focal_px / self.model.call.focal_px
@@ -203,11 +212,11 @@ class Playout:
                 with_focal_change(self._last.face, ratio), modes=np.zeros(0), layers=np.zeros(0)
             )
             self._last = replace(self._last, face=face)
-        self._versions.activate()
+        self._models.activate()
 
     def _number(self, sequence: int, exact: int | None) -> int:
         """The packet's number in the call, by the number that the link knows or by its 6 bits."""
-        version = self._versions.current
+        version = self._models.current
         assert version is not None
         if exact is not None:
             self._is_numbered = True
@@ -223,41 +232,44 @@ class Playout:
         return number
 
     def _frames_until(
-        self, call: CallParameters, timed: TimedFace, is_gap: bool
-    ) -> Iterator[PlayoutFrame]:
+        self, model: ModelPacket, timed: TimedFace, is_gap: bool
+    ) -> list[PlayoutFrame]:
         """Source frames after those shown before, up to the time of `timed`."""
-        before = self._last
+        before, frames = self._last, list[PlayoutFrame]()
         if self._next < 0:
             self._next = ceil(timed.timestamp)
-        self._check_gap(call, timed.timestamp)
+        self._check_gap(model.call, timed.timestamp)
         while self._next <= timed.timestamp:
-            index = self._next
-            self._next += 1
+            index, self._next = self._next, self._next + 1
+            time_s = self.time_of(index, model)
             if self.is_frozen and before is not None:
-                yield self._repeated(call, index, before.face)
+                frame = self._repeated(model, index, time_s, before.face)
             elif before is None or index <= before.timestamp:
                 self.before_join += is_gap and index < timed.timestamp
-                yield PlayoutFrame(index, timed.face, index < call.start_frame)
+                is_early = index < model.call.start_frame
+                frame = PlayoutFrame(index, timed.face, model, time_s, is_early)
             elif is_gap and index < timed.timestamp:
                 face, is_held = bridge(before, timed, index)
-                yield PlayoutFrame(index, face, is_held, lost=True)
+                frame = PlayoutFrame(index, face, model, time_s, is_held, lost=True)
             else:
                 fraction = (index - before.timestamp) / (timed.timestamp - before.timestamp)
                 face = interpolate(before.face, timed.face, float(fraction))
-                yield PlayoutFrame(index, face, frozen=False)
+                frame = PlayoutFrame(index, face, model, time_s)
+            frames.append(frame)
+        return frames
 
     def _receive_control(
-        self, version: ModelVersion, packet: ControlPacket, following: int | None
-    ) -> Iterator[PlayoutFrame]:
+        self, version: ReceivedModel, packet: ControlPacket, following: int | None
+    ) -> list[PlayoutFrame]:
         if packet.kind in (ControlKind.CAMERA_OFF, ControlKind.CAMERA_ON):
             self.is_camera_off = packet.kind is ControlKind.CAMERA_OFF
-            return
+            return []
         if packet.kind is ControlKind.JOINED:
             if following is None and self._last is None:
                 self._join_at(version, packet.frame)
-            return
+            return []
         begin = self._begin if packet.kind is ControlKind.END else 0
-        yield from self._freeze_until(version.model.call, begin + packet.frame)
+        frames = self._frozen_until(version.model, begin + packet.frame)
         if packet.kind is ControlKind.END:
             self.ended = True
         elif packet.kind is ControlKind.FACE_LOST:
@@ -270,23 +282,28 @@ class Playout:
             if following is None and (self._is_numbered or not self.joined_late):
                 following = version.number_at(packet.frame)
             self._newest = max(self._newest, (following or 0) - 1)
+        return frames
 
-    def _freeze_until(self, call: CallParameters, end: int) -> Iterator[PlayoutFrame]:
+    def _frozen_until(self, model: ModelPacket, end: int) -> list[PlayoutFrame]:
         """The last face for every source frame before `end`."""
         if self._last is None or (self.joined_late and not self._is_numbered):
-            return
-        self._check_gap(call, end)
-        while self._next < end:
-            index = self._next
-            self._next += 1
-            yield self._repeated(call, index, self._last.face)
+            return []
+        self._check_gap(model.call, end)
+        first, self._next = self._next, max(self._next, end)
+        return [
+            self._repeated(model, index, self.time_of(index, model), self._last.face)
+            for index in range(first, end)
+        ]
 
-    def _repeated(self, call: CallParameters, index: int, face: FaceParameters) -> PlayoutFrame:
+    def _repeated(
+        self, model: ModelPacket, index: int, time_s: Fraction, face: FaceParameters
+    ) -> PlayoutFrame:
         """A frame that shows an older face; a person who has left fades."""
-        if self.gone_at is None or not self.is_frozen:
-            return PlayoutFrame(index, face, self.is_frozen)
-        presence = max(0.0, 1 - (index + 1 - self.gone_at) / max(1.0, FADE_S * call.fps))
-        return PlayoutFrame(index, face, self.is_frozen, presence=presence)
+        presence = 1.0
+        if self.gone_at is not None and self.is_frozen:
+            fade = max(1.0, FADE_S * model.call.fps)
+            presence = max(0.0, 1 - (index + 1 - self.gone_at) / fade)
+        return PlayoutFrame(index, face, model, time_s, self.is_frozen, presence=presence)
 
     def _check_gap(self, call: CallParameters, end: int | Fraction) -> None:
         if end - self._next > MAX_FROZEN_S * call.fps:

@@ -2,16 +2,14 @@
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import Enum
 
-from decoder.playout.call_playout import CallPlayout
 from decoder.playout.playout import PlayoutFrame
+from decoder.playout.receiver import Receiver
 from protocol.call_records import TruncatedCall
 from protocol.errors import ProtocolError
-from protocol.link.interface import Arrival, PacketSource
-from protocol.packets import PacketKind, packet_kind
+from protocol.link.interface import PacketSource
 
 # Interval at which a decoder that waits for packets calls `stop`.
 POLL_S = 0.1
@@ -31,7 +29,6 @@ class Waiting(Enum):
 class DecodeStats:
     """Counts, times and warnings of one call on the receiving side.
 
-    frame_bytes: payload of frame packets, with the voice in them.
     pictures: number of pictures shown.
     frozen_frames: pictures that repeat an older face because the encoder had none.
     lost_frames: pictures in place of those whose packets are lost.
@@ -42,8 +39,6 @@ class DecodeStats:
     arrival_s: `time.monotonic` when the newest packet came.
     """
 
-    model_bytes: int = 0
-    frame_bytes: int = 0
     pictures: int = 0
     frozen_frames: int = 0
     lost_frames: int = 0
@@ -56,14 +51,14 @@ class DecodeStats:
     arrival_s: float = 0.0
 
     def note_damage(
-        self, error: ProtocolError, playout: CallPlayout, frame: int | None = None
+        self, error: ProtocolError, receiver: Receiver, frame: int | None = None
     ) -> None:
         """Add a damaged packet with the first frame that it can affect; None: the next one."""
         self.damaged += 1
         if self.damaged > MAX_DAMAGES_TOLD:
             return
-        model = playout.model
-        frame = max(playout.next_frame, 0) if frame is None else frame
+        model = receiver.model
+        frame = max(receiver.next_frame, 0) if frame is None else frame
         where = f", at frame {frame} ({frame / model.call.fps:.2f} s)" if model else ""
         self.damages.append(f"{error}{where}")
 
@@ -80,84 +75,45 @@ class DecodeStats:
         if self.keeps_times:
             self.frame_ms.append(ms)
 
-    def note_received(self, data: bytes) -> None:
-        """Count the bytes of a packet."""
-        with suppress(ProtocolError):
-            kind = packet_kind(data)
-            if kind in (PacketKind.MODEL, PacketKind.LAYER):
-                self.model_bytes += len(data) - 1
-            elif kind is PacketKind.FRAME:
-                self.frame_bytes += len(data) - 1
-
 
 def received_frames(
     source: PacketSource,
-    playout: CallPlayout,
+    receiver: Receiver,
     stats: DecodeStats,
     stop: Callable[[], bool],
     waiting: Callable[[], Waiting] = lambda: Waiting.NONE,
-) -> Iterator[PlayoutFrame | None]:
-    """The faces of the call's source frames; None before each wait for a packet.
+) -> Iterator[list[PlayoutFrame]]:
+    """The faces of the call's source frames, after each packet and each wait for one.
 
     waiting: where frames wait to be drawn packets are not waited for.
     Damaged packets are counted and skipped.
     """
-    for arrival in _arrivals(source, playout, stats, stop, waiting):
-        if arrival is None:
-            frames = playout.poll(time.monotonic())
-        else:
-            stats.note_received(arrival.data)
-            stats.arrival_s = arrival.time_s
-            frames = playout.receive(arrival)
-        yield from _undamaged(frames, playout, stats, stop)
-        if playout.ended:
-            return
-        yield None
-    # Nothing more can come: what waits need not wait any longer.
-    while not stop() and playout.release_s is not None:
-        yield from _undamaged(playout.poll(playout.release_s), playout, stats, stop)
-
-
-def _undamaged(
-    frames: Iterator[PlayoutFrame],
-    playout: CallPlayout,
-    stats: DecodeStats,
-    stop: Callable[[], bool],
-) -> Iterator[PlayoutFrame]:
-    while not stop():
+    while not stop() and not source.ended and not receiver.ended:
+        if waiting() is Waiting.MANY:
+            yield receiver.poll(time.monotonic())
+            continue
         try:
-            frame = next(frames, None)
-        except ProtocolError as error:
-            stats.note_damage(error, playout)
-            return
-        if frame is None:
-            return
-        yield frame
-
-
-def _arrivals(
-    source: PacketSource,
-    playout: CallPlayout,
-    stats: DecodeStats,
-    stop: Callable[[], bool],
-    waiting: Callable[[], Waiting],
-) -> Iterator[Arrival | None]:
-    """What comes; None when nothing has for a while or a packet is no longer waited for."""
-    while not stop() and not source.ended:
-        while waiting() is Waiting.MANY and not stop():
-            yield None
-        release_s, wait_s = playout.release_s, POLL_S
-        if release_s is not None:
-            wait_s = min(max(release_s - time.monotonic(), 0.0), POLL_S)
-        if waiting() is Waiting.SOME:
-            wait_s = 0.0
-        try:
-            arrival = source.receive(wait_s)
+            arrival = source.receive(_wait_s(receiver, waiting()))
         except TruncatedCall as error:
             stats.warnings.append(str(error))
-            return
+            break
         except ProtocolError as error:
-            stats.note_damage(error, playout)
+            stats.note_damage(error, receiver)
             continue
-        if arrival is not None or not source.ended:
-            yield arrival
+        if arrival is not None:
+            stats.arrival_s = arrival.time_s
+            yield receiver.receive(arrival)
+        elif not source.ended:
+            yield receiver.poll(time.monotonic())
+    # Nothing more can come: what waits need not wait any longer.
+    while not stop() and not receiver.ended and receiver.release_s is not None:
+        yield receiver.poll(receiver.release_s)
+
+
+def _wait_s(receiver: Receiver, waiting: Waiting) -> float:
+    """How long to wait for a packet: until another one is no longer waited for, at most."""
+    if waiting is Waiting.SOME:
+        return 0.0
+    if receiver.release_s is None:
+        return POLL_S
+    return min(max(receiver.release_s - time.monotonic(), 0.0), POLL_S)

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from decoder.playout.playout import PlayoutFrame
 from protocol.call_file import CallReader
 from protocol.errors import ProtocolError
 from protocol.frames.scalar_quantiser import motion_from_pose, pose_from_motion
@@ -50,15 +49,14 @@ def read_model(path: Path) -> ModelPacket:
     raise UserError(f"{path} has no model packet: nobody to draw")
 
 
-def reenact(frame: PlayoutFrame, source: ModelPacket, target: ModelPacket) -> PlayoutFrame:
-    """The frame of the call of `source`, played by the face of `target`.
+def reenact(face: FaceParameters, source: ModelPacket, target: ModelPacket) -> FaceParameters:
+    """A face of the call of `source`, played by the face of `target`.
 
     Motion is relative to the reference pose of either.  Actuators apply to any face; modes belong
     to one caller, so the target has its mean texture unless both are the same model.
     """
     if is_same_model(target, source):
-        return frame
-    face = frame.face
+        return face
     motion = motion_from_pose(face.pose, source.reference_pose)
     pose = pose_from_motion(motion, target.reference_pose)
-    return replace(frame, face=FaceParameters(pose, face.eau, modes=np.zeros(0)))
+    return FaceParameters(pose, face.eau, modes=np.zeros(0))

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.playout.playout import PlayoutFrame
 from decoder.rendering.mouth_shading import mouth_shading
 from decoder.rendering.render_geometry import NEAR_MM
 from decoder.rendering.renderer import Renderer
@@ -18,7 +17,7 @@ from protocol.model_packet import ModelPacket
 from shared_model.geometry import camera_from_head
 from shared_model.layers.head_motion import warp
 from shared_model.layers.light import Light
-from shared_model.parameters import LIDS, Pose
+from shared_model.parameters import LIDS, FaceParameters, Pose
 from shared_model.stage_timer import StageTimer
 
 Array = NDArray[np.float64]
@@ -96,28 +95,28 @@ class Scene:
         """Draw the caller with `aau` (len(AAUS),) added to their own AAUs from now on."""
         self._face = self._own_face.with_aau_offset(aau)
 
-    def draw(self, frame: PlayoutFrame, timer: StageTimer) -> Picture:
+    def draw(self, face: FaceParameters, timer: StageTimer) -> Picture:
         """The picture of one frame, (height, width, 3) uint8 BGR."""
-        self.submit(self.prepare(frame, timer), timer)
+        self.submit(self.prepare(face, timer), timer)
         return self.read_back(timer)
 
-    def prepare(self, frame: PlayoutFrame, timer: StageTimer) -> FrameState:
+    def prepare(self, face: FaceParameters, timer: StageTimer) -> FrameState:
         """Compute the state of a frame; the renderer may draw another one at the same time."""
         texture = None
         if self._parts.appearance.changes:
             with timer.stage("texture"):
-                lids = frame.face.eau[LIDS]
-                texture = self._parts.appearance.synthesise(frame.face.modes, lids)
+                lids = face.eau[LIDS]
+                texture = self._parts.appearance.synthesise(face.modes, lids)
         with timer.stage("animate"):
-            vertices = self._face.animate(frame.face.eau)
+            vertices = self._face.animate(face.eau)
         with timer.stage("warp"):
-            pose = pushed_before_camera(frame.face.pose, vertices)
-            own_motion = self._parts.motion.own_motion(frame.face.layers)
+            pose = pushed_before_camera(face.pose, vertices)
+            own_motion = self._parts.motion.own_motion(face.layers)
             grid_px = warp(self._parts.mesh, pose, vertices, own_motion)
             shading = mouth_shading(self._parts.head, vertices) if self._shade_mouth else None
-            change = self._parts.motion.change(frame.face.layers)
-            corners = self._parts.motion.scene_corners(frame.face.layers)
-            light = self._parts.motion.light(frame.face.layers)
+            change = self._parts.motion.change(face.layers)
+            corners = self._parts.motion.scene_corners(face.layers)
+            light = self._parts.motion.light(face.layers)
         return FrameState(texture, pose, vertices, grid_px, shading, change, corners, light)
 
     def submit(self, state: FrameState, timer: StageTimer) -> None:

@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.playout.playout import PlayoutFrame
 from decoder.rendering.renderer import Renderer
 from decoder.scene.reenactment import read_model
 from decoder.scene.scene import Scene
@@ -189,8 +188,7 @@ class CallerActor:
     def draw(self, state: AnimationState, geometry: FrameGeometry) -> Picture:
         """As the decoder draws a frame of a call."""
         self._scene.set_aau_offset(state.aau)
-        frame = PlayoutFrame(0, FaceParameters(geometry.pose, state.eau), frozen=False)
-        return self._scene.draw(frame, self._timer)
+        return self._scene.draw(FaceParameters(geometry.pose, state.eau), self._timer)
 
     def close(self) -> None:
         """Free the renderer."""

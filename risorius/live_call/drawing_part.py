@@ -8,7 +8,7 @@ from threading import Lock
 import numpy as np
 
 from decoder.call_pictures import CallPictures, DrawnFrame
-from decoder.playout.call_source import CallOptions, open_source
+from decoder.playout.call_source import CallSource, open_packet_source
 from decoder.sound.sound_track import Samples, SoundTrack, open_sound_track
 from encoder.runtime.parallel import lower_priority_of_process
 from protocol.call_file import CallReader
@@ -100,9 +100,10 @@ class _Drawing:
             silent = last_s is not None and time.monotonic() - last_s > SILENT_S
             self._presence = Presence.SILENT if silent else Presence.HERE
         covered_s, is_camera_off = 0.0, False
-        if pictures is not None and (model := pictures.playout.model) is not None:
-            covered_s, is_camera_off = packet_s(model.call), pictures.playout.is_camera_off
-            self._losses.append((pictures.playout.lost, traffic.packets))
+        if pictures is not None and (model := pictures.receiver.model) is not None:
+            receiver, covered_s = pictures.receiver, packet_s(model.call)
+            is_camera_off = receiver.heard.playout.is_camera_off
+            self._losses.append((receiver.counts.lost, traffic.packets))
         return Receiving(traffic, self._presence, self._lost_share, covered_s, is_camera_off)
 
     def _do(self, message: ToDrawer) -> None:
@@ -121,13 +122,13 @@ class _Drawing:
         if place is None:
             assert self._options.stream is not None
             return StampedSource(CallReader(os.fdopen(self._options.stream, "rb")))
-        options = CallOptions(
+        options = CallSource(
             connect=(place.connect,),
             call=place.name,
             connect_timeout_s=place.timeout_s,
             security=place.security,
         )
-        return open_source(options, self._part.tell_of_link)
+        return open_packet_source(options, self._part.tell_of_link)
 
     def _open_again(self) -> PacketSource:
         while True:
@@ -144,14 +145,14 @@ class _Drawing:
             self._losses.clear()
         source = MeteredSource(opened, self._meter, self._note)
         self._thinning = Thinning(self._options.fps, time.monotonic)
-        options, stop = CallOptions(), self._part.is_over.is_set
+        options, stop = CallSource(), self._part.is_over.is_set
         self._sound = None
         try:
             with CallPictures(options, stop, source=source, wants=self._wants) as pictures:
                 self._pictures = pictures
                 for frame in pictures:
                     if self._sound is None:
-                        speech = pictures.playout.speech
+                        speech = pictures.receiver.speech
                         self._sound = open_sound_track(speech, pictures.sender, frame.index)
                         self._sound_start = frame.index
                     self._show(frame)
@@ -186,7 +187,7 @@ class _Drawing:
         first = self._sound_start
         start_s = first / pictures.sender.fps + sound.written / sound.rate_hz
         most = index + 1 - first + MAX_AHEAD
-        samples = sound.take(most, pictures.playout.speech.received_until)
+        samples = sound.take(most, pictures.receiver.speech.received_until)
         heard = samples[leading_silence(samples) :]
         if len(heard):
             start_s += (len(samples) - len(heard)) / sound.rate_hz

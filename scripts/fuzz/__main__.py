@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from decoder.playout.call_playout import CallPlayout
+from decoder.playout.receiver import Receiver
 from decoder.scene.scene_parts import scene_parts
 from loopback.report import Cell, table
 from protocol.call_file import CallReader
@@ -199,24 +199,19 @@ def _sending_end(packets: Sequence[bytes], now_s: float) -> DeliverySender:
 
 
 def _play(model: bytes, data: bytes) -> None:
-    playout = CallPlayout()
+    receiver = Receiver()
     is_frame = isinstance(parse_packet(data), FramePacket)
     number = data[0] % SEQUENCE_MODULUS if is_frame else None
     for arrival in (Arrival(model, 0.0, 0, 0), Arrival(data, 0.1, 0, number)):
-        for _ in playout.receive(arrival):
-            pass
+        receiver.receive(arrival)
 
 
 def _read_file(data: bytes) -> None:
     errors = list[ProtocolError]()
-    playout = CallPlayout()
+    receiver = Receiver(on_damage=errors.append)
     with CallReader(io.BytesIO(data)) as reader:
         for packet in reader.undamaged(errors.append):
-            try:
-                for _ in playout.receive(Arrival(packet, 0.0)):
-                    pass
-            except ProtocolError as error:
-                errors.append(error)
+            receiver.receive(Arrival(packet, 0.0))
     if errors:
         raise errors[0]
 

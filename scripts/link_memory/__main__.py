@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from itertools import cycle
 from pathlib import Path
 
-from decoder.playout.call_playout import CallPlayout
+from decoder.playout.receiver import Receiver
 from loopback.bad_wire import Faults, Lane
 from protocol.call_file import CallReader
 from protocol.errors import ProtocolError
@@ -54,7 +54,7 @@ class LongCall:
         self._lanes = {down: Lane(self.faults, seed) for down, seed in ((True, 1), (False, 2))}
         self._sender = DeliverySender(b"encoder1", False, lambda session: None)
         self._receiver = DeliveryReceiver(b"decoder1", lambda session: None)
-        self._playout = CallPlayout()
+        self._playout = Receiver()
         self._run(3)
         self._sender.send(serialise(replace(self.model, sequence=0)))
         self._payloads = cycle(self.frames[1:])
@@ -117,8 +117,8 @@ class LongCall:
             if not is_first and not isinstance(packet, FramePacket):
                 continue
             try:
-                self.shown += sum(1 for _ in self._playout.receive(arrival))
-                self.shown += sum(1 for _ in self._playout.poll(self.now_s))
+                self.shown += len(self._playout.receive(arrival))
+                self.shown += len(self._playout.poll(self.now_s))
             except ProtocolError:
                 self.damaged += 1
 

@@ -28,13 +28,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from decoder.playout.playout import PlayoutFrame
 from encoder.coding.thin_link import startup_rate
 from loopback.bad_wire import BadWire, end
 from loopback.network_namespace import obstacle
 from loopback.report import table, write_json
 from loopback.simulated_link import sent_packets
 from scripts.command import PROGRAM, run
-from scripts.loss_table import FacePsnr, Played
+from scripts.loss_table import FacePsnr
 from scripts.reliability.clips import long_enough
 from scripts.reliability.figures import (
     arrivals_of,
@@ -235,7 +236,7 @@ def measure(
         "link_rate_bps": met and met["rate_bps"],
         "up_s": _finite((met["t"] if met else float("inf")) - started_s),
         "first_s": _finite(first_s - met["t"]) if met else None,
-        "lost": sum(each.frame.lost for each in shown),
+        "lost": sum(each.lost for each in shown),
         "back_bps": _rate_bps(traffic["bytes_by_second"][DECODER]),
         "forward_bps": _rate_bps(traffic["bytes_by_second"][ENCODER]),
         **dict.fromkeys(("change_db", "ways_ms", "back_s", "step")),
@@ -254,7 +255,9 @@ def measure(
     return figures
 
 
-def _change_db(shown: Sequence[Played], clean: Sequence[Played], clip: Path, faces: Faces) -> float:
+def _change_db(
+    shown: Sequence[PlayoutFrame], clean: Sequence[PlayoutFrame], clip: Path, faces: Faces
+) -> float:
     if clip not in faces:
         faces[clip] = FacePsnr(str(clip), len(clean))
     return faces[clip].mean_db(shown) - faces[clip].mean_db(clean)

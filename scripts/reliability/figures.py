@@ -1,22 +1,19 @@
 """Figures of a measured call, from the logs of its ends."""
 
 import json
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from decoder.playout.call_playout import CallPlayout
 from decoder.playout.playout import PlayoutFrame
+from decoder.playout.receiver import Receiver
 from decoder.scene.scene_parts import face_from_model, head_of
 from loopback.simulated_link import SentPacket
-from protocol.errors import ProtocolError
 from protocol.link.interface import Arrival
 from protocol.packets import PacketKind, packet_kind
-from scripts.loss_table import Played
 from shared_model.geometry import pixel_from_head
 
 Line = dict[str, Any]
@@ -67,32 +64,24 @@ def _is_frame(line: Line) -> bool:
     return is_packet and packet_kind(bytes.fromhex(line["data"])) is PacketKind.FRAME
 
 
-def played(arrivals: Sequence[Arrival]) -> tuple[list[Played], float]:
+def played(arrivals: Sequence[Arrival]) -> tuple[list[PlayoutFrame], float]:
     """What a decoder shows of arrivals, and when the first picture can be drawn."""
-    playout, shown, first_s, now_s = CallPlayout(), list[Played](), float("inf"), float("-inf")
+    receiver = Receiver(on_damage=lambda error: None)
+    shown, first_s, now_s = list[PlayoutFrame](), float("inf"), float("-inf")
     for arrival in arrivals:
         # Frame packets that came before the model have waited for it.
         now_s = max(now_s, arrival.time_s)
-        while (due_s := playout.release_s) is not None and due_s < arrival.time_s:
-            shown += _shown(playout, playout.poll(due_s))
-        shown += _shown(playout, playout.receive(arrival))
+        while (due_s := receiver.release_s) is not None and due_s < arrival.time_s:
+            shown += receiver.poll(due_s)
+        shown += receiver.receive(arrival)
         if shown:
             first_s = min(first_s, now_s)
-    while (due_s := playout.release_s) is not None:
-        shown += _shown(playout, playout.poll(due_s))
+    while (due_s := receiver.release_s) is not None:
+        shown += receiver.poll(due_s)
     return shown, first_s
 
 
-def _shown(playout: CallPlayout, frames: Iterator[PlayoutFrame]) -> list[Played]:
-    shown = list[Played]()
-    with suppress(ProtocolError):
-        for frame in frames:
-            assert playout.model is not None
-            shown.append(Played(frame, playout.model))
-    return shown
-
-
-def largest_step_px(shown: Sequence[Played]) -> float:
+def largest_step_px(shown: Sequence[PlayoutFrame]) -> float:
     """The farthest that a point of the face moves from one picture to the next."""
     if not shown:
         return 0.0
@@ -100,8 +89,7 @@ def largest_step_px(shown: Sequence[Played]) -> float:
     face, camera = face_from_model(model, head_of(model)), model.call.camera
     points = face.at_vertices(np.arange(0, len(face.neutral), 7))
     places = [
-        pixel_from_head(camera, each.frame.face.pose, points.animate(each.frame.face.eau))
-        for each in shown
+        pixel_from_head(camera, each.face.pose, points.animate(each.face.eau)) for each in shown
     ]
     steps = [np.linalg.norm(b - a, axis=1).max() for a, b in pairwise(places)]
     return float(max(steps, default=0.0))

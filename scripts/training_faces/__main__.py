@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import risorius
-from decoder.playout.playout import PlayoutFrame
 from decoder.scene.appearance import AppearanceModel
 from decoder.scene.reenactment import read_model
 from decoder.scene.scene import Scene
@@ -72,9 +71,9 @@ def draw(random: np.random.Generator, model: ModelPacket, output: Path) -> None:
         with open_sink(output, call.width, call.height, FPS) as sink:
             for number in range(FRAMES):
                 pose = moved(model.reference_pose, turn[number], shift[number])
-                frame = PlayoutFrame(number, FaceParameters(pose, eau[number]), frozen=False)
+                face = FaceParameters(pose, eau[number])
                 texture = skin.at(eau[number], swing[number])
-                scene.submit(replace(scene.prepare(frame, timer), texture=texture), timer)
+                scene.submit(replace(scene.prepare(face, timer), texture=texture), timer)
                 sink.write(filmed(random, scene.read_back(timer), noise, blur))
     finally:
         scene.close()

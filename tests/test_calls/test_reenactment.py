@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from packets import MODEL
 from videos import read_frames
 
-from decoder.playout.playout import PlayoutFrame
 from decoder.scene.reenactment import read_model, reenact
 from protocol.call_file import MAGIC, CallReader
 from protocol.call_records import serialise_records
@@ -47,30 +46,27 @@ TARGET = replace(
 )
 
 
-def frame(modes: NDArray[np.float64] | None = None) -> PlayoutFrame:
+def face(modes: NDArray[np.float64] | None = None) -> FaceParameters:
     pose = pose_from_euler(4, -12, 3, np.array([30.0, -25.0, 640.0]))
     eau = np.linspace(0, 0.5, len(EAUS))
-    return PlayoutFrame(
-        7, FaceParameters(pose, eau, np.zeros(0) if modes is None else modes), False
-    )
+    return FaceParameters(pose, eau, np.zeros(0) if modes is None else modes)
 
 
 def test_the_other_moves_from_their_own_reference_as_the_sender_does() -> None:
-    sent = frame()
+    sent = face()
     shown = reenact(sent, MODEL, TARGET)
-    before = motion_from_pose(sent.face.pose, MODEL.reference_pose)
-    after = motion_from_pose(shown.face.pose, TARGET.reference_pose)
+    before = motion_from_pose(sent.pose, MODEL.reference_pose)
+    after = motion_from_pose(shown.pose, TARGET.reference_pose)
     np.testing.assert_allclose(after, before, atol=1e-6)
-    np.testing.assert_array_equal(shown.face.eau, sent.face.eau)
-    assert (shown.index, shown.frozen) == (sent.index, sent.frozen)
+    np.testing.assert_array_equal(shown.eau, sent.eau)
 
 
 def test_the_sources_appearance_is_not_drawn() -> None:
-    assert reenact(frame(np.ones(4)), MODEL, TARGET).face.modes.size == 0
+    assert reenact(face(np.ones(4)), MODEL, TARGET).modes.size == 0
 
 
 def test_a_callers_own_face_is_unchanged() -> None:
-    sent = frame(np.ones(4))
+    sent = face(np.ones(4))
     assert reenact(sent, MODEL, replace(MODEL)) is sent
 
 
@@ -137,7 +133,7 @@ def test_reserved_modes_of_a_call_are_drawn(tmp_path: Path) -> None:
     path.write_bytes(MAGIC + serialise_records(serialise(packet) for packet in packets))
     worn = read_model(path)
     assert parse_transform(worn.profile_data).modes == (*KNOWN, *LEARNED, b"")
-    sent = frame(np.ones(5))
+    sent = face(np.ones(5))
     assert reenact(sent, WHOLE, worn) is sent
 
 

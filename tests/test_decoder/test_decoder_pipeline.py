@@ -14,7 +14,7 @@ from videos import read_frames
 from decoder import call_pictures
 from decoder.call_pictures import CallPictures
 from decoder.pipeline import DecodeOptions, DecodeReport, decode
-from decoder.playout.call_source import CallOptions
+from decoder.playout.call_source import CallSource
 from decoder.playout.received_frames import POLL_S
 from decoder.scene import scene_parts
 from protocol.call_file import MAGIC, CallReader
@@ -112,7 +112,7 @@ def small_head(monkeypatch: pytest.MonkeyPatch) -> Head:
 def shown_before_packets(call: Path, is_stream: bool, monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """How many pictures of a call had been shown before each wait for a packet."""
     source = Waited(call)
-    monkeypatch.setattr(call_pictures, "open_source", lambda *_: source)
+    monkeypatch.setattr(call_pictures, "open_packet_source", lambda *_: source)
 
     def progress(done: int, total: int | None) -> None:
         source.shown = done
@@ -149,7 +149,7 @@ def test_packets_of_a_live_call_are_taken_between_its_pictures(
     monkeypatch.setattr(call_pictures, "MAX_WAITING", 7)
     source = Waited(write_call(tmp_path / "call.rzo", [model(), *samples(), end()]))
     taken = list[int]()
-    with CallPictures(CallOptions(), lambda: False, source=source) as pictures:
+    with CallPictures(CallSource(), lambda: False, source=source) as pictures:
         for frame in pictures:
             source.shown += 1
             taken.append(len(source.before_packet))

@@ -8,7 +8,7 @@ from typing import Any, cast
 import pytest
 from layer_streams import FIRST, WHOLE, learned_layers
 
-from decoder.playout.model_versions import ModelVersions
+from decoder.playout.received_models import ReceivedModels
 from decoder.scene.scene_parts import KEPT_MODELS, PartsLoader, SceneParts
 from protocol.errors import ProtocolError
 from protocol.model_packet import ModelPacket
@@ -211,7 +211,7 @@ def test_a_model_that_cannot_be_drawn_is_told_to_who_asks_and_left_out() -> None
 
 
 def test_the_model_of_an_update_is_known_before_its_first_frame() -> None:
-    versions, update = ModelVersions(), replace(update_of(WHOLE), background=b"")
+    versions, update = ReceivedModels(), replace(update_of(WHOLE), background=b"")
     versions.receive_model(WHOLE, 0)
     assert versions.next_model is None
     versions.receive_model(update, 3)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from layer_streams import BASE, PACKED, frames
 
-from decoder.playout.call_playout import CallPlayout
+from decoder.playout.receiver import Receiver
 from encoder.sound.voice_packer import VoicePacker
 from loopback.simulated_link import SentPacket, SimulatedLink, arrivals
 from protocol.link.interface import Arrival
@@ -54,17 +54,17 @@ def sent() -> list[SentPacket]:
     return [*found, SentPacket(end, COUNT * PACKET_S, COUNT + len(rest))]
 
 
-def play(playout: CallPlayout, arriving: Iterator[Arrival]) -> int:
+def play(playout: Receiver, arriving: Iterator[Arrival]) -> int:
     """The number of pictures shown."""
     shown = 0
     for arrival in arriving:
         while (due_s := playout.release_s) is not None and due_s < arrival.time_s:
-            shown += len(list(playout.poll(due_s)))
-        shown += len(list(playout.receive(arrival)))
+            shown += len(playout.poll(due_s))
+        shown += len(playout.receive(arrival))
     return shown
 
 
-def heard(playout: CallPlayout, first: int, end: int) -> list[bytes | None]:
+def heard(playout: Receiver, first: int, end: int) -> list[bytes | None]:
     """Speech frames of the call; None: silent.  All must have been received."""
     found = [playout.speech.get(k) for k in range(first, end)]
     assert None not in found
@@ -74,14 +74,14 @@ def heard(playout: CallPlayout, first: int, end: int) -> list[bytes | None]:
 @pytest.mark.parametrize("seed", range(3))
 def test_speech_is_in_its_place_whatever_the_order_of_packets(seed: int) -> None:
     link = SimulatedLink(loss=0.2, jitter_s=0.3, duplicates=0.2)
-    playout = CallPlayout()
+    playout = Receiver()
     assert play(playout, iter(arrivals(sent(), link, seed))) == FRAMES
     count = SPEECH_FRAMES_PER_SECOND * FRAMES // round(BASE.call.fps)
     assert heard(playout, 0, count) == [spoken(k) for k in range(count)]
 
 
 def test_packets_before_their_model_keep_their_speech() -> None:
-    playout = CallPlayout()
+    playout = Receiver()
     model, *packets = sent()
     early = [Arrival(each.data, each.sent_s, 0, each.number) for each in packets[:3]]
     assert play(playout, iter(early)) == 0
@@ -90,13 +90,13 @@ def test_packets_before_their_model_keep_their_speech() -> None:
 
 
 def test_the_end_after_the_rest_of_the_speech_is_not_waited_for() -> None:
-    playout = CallPlayout()
+    playout = Receiver()
     assert play(playout, iter(arrivals(sent(), SimulatedLink(), 0))) == FRAMES
-    assert playout.ended and playout.lost == 0
+    assert playout.ended and playout.counts.lost == 0
 
 
 def test_a_restarted_encoder_goes_on_speaking_where_the_call_would_be() -> None:
-    playout = CallPlayout()
+    playout = Receiver()
     again_s = 8.0
     order = [Arrival(e.data, e.sent_s, 0, e.number) for e in sent()[:6]]
     order += [Arrival(e.data, again_s + e.sent_s, 1, e.number) for e in sent()[:6]]
@@ -110,7 +110,7 @@ def test_a_restarted_encoder_goes_on_speaking_where_the_call_would_be() -> None:
 
 
 def test_a_restarted_encoder_with_another_codec_is_silent() -> None:
-    playout = CallPlayout()
+    playout = Receiver()
     order = [Arrival(e.data, e.sent_s, 0, e.number) for e in sent()[:4]]
     play(playout, iter(order))
     model = parse_packet(sent()[0].data)
@@ -124,7 +124,7 @@ def test_a_restarted_encoder_with_another_codec_is_silent() -> None:
 
 
 def test_speech_that_nobody_takes_is_forgotten() -> None:
-    playout = CallPlayout(kept_speech_s=1)
+    playout = Receiver(kept_speech_s=1)
     assert play(playout, iter(arrivals(sent(), SimulatedLink(), 0))) == FRAMES
     count = SPEECH_FRAMES_PER_SECOND * FRAMES // round(BASE.call.fps)
     kept = [k for k in range(count) if playout.speech.get(k) is not None]
@@ -132,7 +132,7 @@ def test_speech_that_nobody_takes_is_forgotten() -> None:
 
 
 def test_the_last_words_before_a_pause_are_kept_until_it_ends() -> None:
-    playout = CallPlayout(kept_speech_s=0)
+    playout = Receiver(kept_speech_s=0)
     spoken_until = 3
     for each in sent()[: 1 + spoken_until]:
         play(playout, iter([Arrival(each.data, each.sent_s, 0, each.number)]))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from decoder.playout.call_source import CallOptions, open_source
+from decoder.playout.call_source import CallSource, open_packet_source
 from decoder.sinks.frame_sink import open_sink
 from loopback.process_pair import free_port
 from protocol.link.interface import MessageCallback, PacketSource
@@ -88,15 +88,15 @@ def test_who_draws_opens_no_other_link_once_the_call_is_over(
     ours, theirs = Pipe()
     part = PartConnection(theirs)
 
-    def open_and_note(options: CallOptions, say: MessageCallback) -> PacketSource:
-        opened.append(open_source(options, say))
+    def open_and_note(options: CallSource, say: MessageCallback) -> PacketSource:
+        opened.append(open_packet_source(options, say))
         return opened[-1]
 
     def draw_and_hang_up(*arguments: Any) -> MeteredSource:
         part.is_over.set()
         return MeteredSource(*arguments)
 
-    monkeypatch.setattr("risorius.live_call.drawing_part.open_source", open_and_note)
+    monkeypatch.setattr("risorius.live_call.drawing_part.open_packet_source", open_and_note)
     monkeypatch.setattr("risorius.live_call.drawing_part.MeteredSource", draw_and_hang_up)
     place = LinkPlace("anna-b", address, timeout_s=60)
     with ours, Relay(RelayOptions((f"tcp/{address}",))):

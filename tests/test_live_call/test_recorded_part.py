@@ -19,7 +19,7 @@ from recordings import (
 )
 
 from decoder.pipeline import DecodeOptions, decode
-from decoder.playout.call_playout import CallPlayout
+from decoder.playout.receiver import Receiver
 from protocol.frames.frame_times import TimesPacket
 from protocol.link.interface import Arrival
 from protocol.packets import (
@@ -45,11 +45,11 @@ def test_a_recording_shows_what_the_call_shows_from_any_packet_on(
     stops: bool, live_call: Path, tmp_path: Path
 ) -> None:
     """The first three packets do without the prediction from those before."""
-    packets, call, playout = recorded(live_call), shown(live_call), CallPlayout()
+    packets, call, playout = recorded(live_call), shown(live_call), Receiver()
     is_frame = [packet_kind(packet) is PacketKind.FRAME for packet in packets]
     before = [0]  # frames of the call before each packet
     for packet in packets:
-        before.append(before[-1] + len(list(playout.receive(Arrival(packet, 0.0)))))
+        before.append(before[-1] + len(playout.receive(Arrival(packet, 0.0))))
     for begin in range(2, len(packets) - 7, 2):
         path = tmp_path / f"{begin}.rzo"
         end = begin + 6 if stops else len(packets)
@@ -185,9 +185,9 @@ def test_a_voice_is_heard_when_it_was_spoken(recorder: CallRecorder, tmp_path: P
     recorder.add(voiced(sent[81], replace(spoken, has_face=False)))
     recorder.close()
     assert check_whole(path) == range(first_frame(80), first_frame(82))
-    playout = CallPlayout()
+    playout = Receiver()
     for data in recorded(path):
-        list(playout.receive(Arrival(data, 0.0)))
+        playout.receive(Arrival(data, 0.0))
     begin = int(first_frame(80) * 25 / FIRST.call.fps)
     heard = [playout.speech.get(index) for index in range(begin - 10, begin + 40)]
     assert sum(frame in spoken.frames for frame in heard) == 12

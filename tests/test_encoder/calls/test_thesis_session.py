@@ -109,7 +109,7 @@ def test_who_joins_after_an_update_gets_the_pictures_that_stayed(tmp_path: Path)
     assert isinstance(packet, ModelPacket) and packet.version == 1
     assert packet.texture == MODEL.texture and packet.background == MODEL.background
     playout = Playout()
-    assert not list(playout.receive(whole))
+    assert not playout.receive(whole)
     assert playout.model == packet
 
 

@@ -11,7 +11,7 @@ from protocol.progressive_model import LayerBuffer
 
 
 @dataclass(frozen=True, slots=True)
-class ModelVersion:
+class ReceivedModel:
     """A model packet with its layers, and what decodes its frame packets.
 
     first: number in the call of its first frame packet.
@@ -26,16 +26,16 @@ class ModelVersion:
         return self.first + self.decoder.packet_index_at(frame)
 
 
-class ModelVersions:
-    """The versions of one encoder's model.
+class ReceivedModels:
+    """The models of one encoder.
 
     current: the version in use, None before a model packet.
     update: the version that is activated by the frame packet with its number; None: there is none.
     """
 
     def __init__(self) -> None:
-        self.current: ModelVersion | None = None
-        self.update: ModelVersion | None = None
+        self.current: ReceivedModel | None = None
+        self.update: ReceivedModel | None = None
         self._layers = LayerBuffer()
         self._completed: tuple[tuple[ModelPacket, ModelPacket], ModelPacket] | None = None
 
@@ -61,13 +61,13 @@ class ModelVersions:
         Raises `ProtocolError` if the packet is damaged or of another call.
         """
         if self.current is None:
-            self.current = ModelVersion(packet, frame_decoder_for(packet), first)
+            self.current = ReceivedModel(packet, frame_decoder_for(packet), first)
             self.current = self._with_layers(self.current)
             return
         known = (self.update or self.current).model
         if packet.version > known.version:
             check_update(known.call, packet.call)
-            self.update = ModelVersion(packet, frame_decoder_for(packet), first)
+            self.update = ReceivedModel(packet, frame_decoder_for(packet), first)
             self.update = self._with_layers(self.update)
         elif self.current.model.with_missing_pictures_from(packet) != self.current.model:
             # A decoder that joined at an update receives the pictures before it later.
@@ -96,7 +96,7 @@ class ModelVersions:
         self.current, self.update = replace(self.update, model=completed), None
         self._layers.drop_before(self.current.model.version)
 
-    def _with_layers(self, version: ModelVersion) -> ModelVersion:
+    def _with_layers(self, version: ReceivedModel) -> ReceivedModel:
         return replace(version, model=self._layers.apply(version.model))
 
 
@@ -112,5 +112,5 @@ def picture_of(call: CallParameters) -> tuple[int, int, int, int]:
     return call.width, call.height, call.fps_numerator, call.fps_denominator
 
 
-def _with_pictures(version: ModelVersion, other: ModelPacket) -> ModelVersion:
+def _with_pictures(version: ReceivedModel, other: ModelPacket) -> ReceivedModel:
     return replace(version, model=version.model.with_missing_pictures_from(other))
