@@ -70,4 +70,4 @@ lock:
 
 clean:
 	rm -rf $(VENV) build out *.egg-info .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache
-	find $(PACKAGES) tests scripts -name __pycache__ -type d -exec rm -rf {} +
+	find $(PACKAGES) benchmarks assets tests -name __pycache__ -type d -exec rm -rf {} +

@@ -4,7 +4,7 @@ An MLP has one hidden layer.  Weights and inputs are integers and all sums stay 
 so floating-point arithmetic is exact and both ends find the same probabilities.  The tables of
 logarithms and of the sigmoid come from `log2` and `exp`; no value lies within 3e-4 of a rounding
 boundary.  The weights are part of the format: other weights need other format numbers.
-`scripts/train_probability_model.py` trains them.
+`assets/train_probability_model.py` trains them.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
 """Frames of Codec2 on the wire, see docs/format.md.
 
 Mode 700C goes as it is.  In mode 1200 what is frequent has the shorter codes.
-`scripts/train_voice_codes` made them; protocol/data/README.md says from which speech.
+`assets/train_voice_codes` made them; protocol/data/README.md says from which speech.
 """
 
 from dataclasses import dataclass

@@ -23,10 +23,10 @@ def add_animate(added: "Commands") -> None:
         added,
         "animate",
         "draw an animation script and write down the truth of it",
-        "The script is a TOML file of key frames (docs/animate.md; four in scripts/animations).\n"
+        "The script is a TOML file of key frames (docs/animate.md; four in examples/animations).\n"
         "Next to the video a JSON file says where everything was in every picture.",
-        "  risorius animate scripts/animations/talking.toml -o talking.mkv\n"
-        "  risorius animate scripts/animations/emotions.toml --call anna.rzo -o anna.mp4\n",
+        "  risorius animate examples/animations/talking.toml -o talking.mkv\n"
+        "  risorius animate examples/animations/emotions.toml --call anna.rzo -o anna.mp4\n",
     )
     parser.add_argument("script", type=Path, metavar="SCRIPT", help="animation script (.toml)")
     parser.add_argument(

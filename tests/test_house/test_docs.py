@@ -11,7 +11,7 @@ DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 # `encoder/fitting/identity.py` and the like.
 FILE = re.compile(
-    r"`((?:shared_model|protocol|encoder|decoder|aam|loopback|risorius|scripts|tests)/[\w./]+\.\w+)`"
+    r"`((?:shared_model|protocol|encoder|decoder|aam|loopback|risorius|benchmarks|assets|scripts|tests)/[\w./]+\.\w+)`"
 )
 
 

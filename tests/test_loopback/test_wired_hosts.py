@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from processes import until
 
+from benchmarks.bad_wire import main
 from loopback.bad_wire import BadWire, Faults, Host, end
 from loopback.network_namespace import obstacle
-from scripts.bad_wire import main
 
 pytestmark = pytest.mark.skipif(obstacle() is not None, reason=str(obstacle()))
 
@@ -239,7 +239,7 @@ def test_the_command_kills_and_runs_again(
 
 def test_the_command_says_in_one_line_what_is_wrong() -> None:
     found = subprocess.run(
-        [sys.executable, "-m", "scripts.bad_wire", "--loss", "100", "true", "true"],
+        [sys.executable, "-m", "benchmarks.bad_wire", "--loss", "100", "true", "true"],
         cwd=Path(__file__).parents[2],
         capture_output=True,
         text=True,

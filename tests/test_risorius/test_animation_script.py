@@ -13,7 +13,7 @@ from shared_model.anatomy.expressions import EMOTIONS
 from shared_model.errors import UserError
 from shared_model.parameters import AAUS, EAU_INDEX
 
-SCRIPTS = sorted((Path(__file__).resolve().parents[2] / "scripts/animations").glob("*.toml"))
+SCRIPTS = sorted((Path(__file__).resolve().parents[2] / "examples/animations").glob("*.toml"))
 TWO_KEYS = {
     "seconds": 2,
     "key": [

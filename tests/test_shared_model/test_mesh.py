@@ -267,7 +267,7 @@ def test_lips_and_mouth_bag_stay_joined(head: Head) -> None:
 
 
 def test_stored_fields_are_those_of_the_model(head: Head) -> None:
-    # If this fails: python -m scripts.build_head --fields-only
+    # If this fails: python -m assets.build_head --fields-only
     up, down = eau_fields(head.vertices, head.triangles, head.parts, head.landmarks)
     aau = aau_fields(head.vertices, head.parts, head.landmarks)
     for stored, computed in ((head.eau_up, up), (head.eau_down, down), (head.aau, aau)):

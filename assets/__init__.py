@@ -1,0 +1,1 @@
+"""What makes the data that both ends hold: the head, its texture atlas, tables of probabilities."""

@@ -1,0 +1,1 @@
+"""What measures: each figure of the documents has its command here, `python -m benchmarks NAME`."""

@@ -1,0 +1,257 @@
+"""Measures how late a live call is seen and heard: camera to screen, microphone to loudspeaker.
+
+    python -m benchmarks call_delay --seconds 60 [--low-delay]
+    python -m benchmarks call_delay --clips seen.mp4 other.mp4
+    python -m benchmarks call_delay --one-way
+    python -m benchmarks call_delay --minutes 10
+
+Two ends on this host's loopback; a headless Chromium shows one of them.  The source is a clip whose
+mouth opens at known times and sounds just then: a clock that a model of the face transmits.  With
+--clips the ends have these two for cameras, and the page shows the first; nothing is known of their
+mouths.  With --one-way the end with the page has a camera that sees nobody: about as much work as
+if each end had a host of its own.  Prints a line of JSON:
+
+    pictures_per_s   shown by the page
+    delay_ms         median and 95th percentile from the moment a frame was taken to its picture
+    stages_ms        the same of each part of the delay:
+        packet       until the newest picture of its packet was taken
+        coded        until that packet had come: queue, fit and code of the encoder, and the link
+        drawn        until the picture was drawn, and a JPEG file
+        page         until the page had got it
+        playout      until it was shown: JPEG decoded, and the wait for its turn
+    first_ms         the same of the first picture of each packet, for which all others wait
+    sound_late_ms    by how much the sound that is played follows the mouth: more than 0, it is late
+        null: not known, as one of them is not found again
+    minutes_late_ms  the same in the first and in the last minute of more than two
+    match            how well mouth and sound on the page correlate with those of the source
+"""
+
+import argparse
+import asyncio
+import json
+import subprocess
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import aiohttp
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.call_delay.clip import SECONDS, is_open, write_clip, write_empty_clip
+from benchmarks.command import PROGRAM, run
+from loopback.browser import Browser, find_browser
+from loopback.process_pair import free_port
+from shared_model.errors import UserError
+
+# How long the two ends may take until they see each other, and how long the face then settles.
+START_S, SETTLE_S = 180.0, 12.0
+STEP_S, COARSE_S = 0.005, 0.05
+# With less correlation a lag is not known.
+MIN_MATCH = 0.5
+# Times of arrival that differ by less are of one packet.
+SAME_MS = 5.0
+MINUTE_S = 60.0
+# Notes what the page shows and plays when: [ms since 1970, brightness of the mouth, frame, when it
+# was drawn, how long its packet was there then, when it came] and [ms since 1970, loudness].
+NOTES = """
+window.seen = []; window.heard = [];
+const small = document.createElement("canvas"); small.width = small.height = 24;
+const brush = small.getContext("2d", {willReadFrequently: true});
+const player = players[OTHER], tick = player.tick.bind(player);
+player.tick = () => {
+  const before = player.shown;
+  tick();
+  if (player.shown === before) return;
+  const {width, height} = player.canvas;
+  brush.drawImage(player.canvas, width / 2 - height / 6, height * 0.55, height / 3, height * 0.3,
+    0, 0, 24, 24);
+  const data = brush.getImageData(0, 0, 24, 24).data;
+  let sum = 0;
+  for (let i = 0; i < data.length; i += 4) sum += data[i] + data[i + 1] + data[i + 2];
+  const [, , ...stages] = player.log[player.log.length - 1];
+  seen.push([performance.timeOrigin + performance.now(), sum, player.index, ...stages]);
+};
+if (voice.node) {
+  const tap = new AudioWorkletNode(voice.context, "ear", {numberOfOutputs: 0, channelCount: 1,
+    channelCountMode: "explicit"});
+  voice.node.connect(tap);
+  tap.port.onmessage = ({data}) => {
+    const stamp = voice.context.getOutputTimestamp();
+    const at = stamp.performanceTime + 1000 * (data.context - stamp.contextTime);
+    let square = 0;
+    for (const value of data.samples) square += value * value;
+    heard.push([performance.timeOrigin + at, Math.sqrt(square / data.samples.length)]);
+  };
+}
+"""
+
+
+def main(argv: Sequence[str]) -> None:
+    """Print the figures of one call."""
+    parser = argparse.ArgumentParser(
+        prog="call_delay", description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    length = parser.add_mutually_exclusive_group()
+    length.add_argument("--seconds", type=float, default=60.0, help="to measure")
+    length.add_argument("--minutes", type=float, help="the same in minutes")
+    parser.add_argument("--clips", nargs=2, type=Path, metavar=("SEEN", "OTHER"))
+    parser.add_argument("--one-way", action="store_true", help="the end with the page sees nobody")
+    parser.add_argument("--low-delay", action="store_true", help="packets of four pictures")
+    options = parser.parse_args(argv)
+    program = find_browser()
+    if program is None:
+        raise UserError("Chromium is not installed")
+    with TemporaryDirectory() as name:
+        folder, more = Path(name), ["--low-delay"] if options.low_delay else []
+        cameras = options.clips or [write_clip(folder)] * 2
+        if options.one_way:
+            cameras = [cameras[0], write_empty_clip(folder)]
+        seconds = options.seconds if options.minutes is None else MINUTE_S * options.minutes
+        notes = measure(folder, program, cameras, more, seconds)
+        print(json.dumps(figures(*notes, knows_mouth=not options.clips)))
+
+
+def measure(
+    folder: Path, program: str, cameras: Sequence[Path], more: Sequence[str], seconds: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """What the page notes in a call of so many seconds, see `figures`.
+
+    cameras: of the end that is seen, and of the one whose page is looked at.  more: options.
+    """
+    with ExitStack() as stack:
+        where = f"127.0.0.1:{free_port()}"
+        sender = _end(stack, ["--listen", where, "--camera", str(cameras[0]), *more])
+        page = _end(stack, [where, "--camera", str(cameras[1]), *more])
+        flags = "--autoplay-policy=no-user-gesture-required"
+        browser = stack.enter_context(Browser(program, folder / "browser", 900, 760, flags))
+        browser.call("Page.navigate", url=page)
+        browser.wait("typeof players != 'undefined' && players[OTHER].shown > 0", START_S)
+        time.sleep(SETTLE_S)
+        browser.value(NOTES)
+        time.sleep(seconds)
+        begun_ms, fps = asyncio.run(_begun(sender))
+        seen, heard = np.array(browser.value("seen")), np.array(browser.value("heard"))
+        seen[:, 2] = begun_ms + 1000 / fps * seen[:, 2]
+        return seen, heard, begun_ms
+
+
+def figures(
+    seen: NDArray[np.float64], heard: NDArray[np.float64], begun_ms: float, knows_mouth: bool = True
+) -> dict[str, object]:
+    """The figures from what a page has shown and played.
+
+    seen: (n, 6) ms since 1970, brightness of the mouth, when it was taken and drawn, how long its
+    packet was there then, and when it came to the page.  heard: (n, 2) ms since 1970, loudness.
+    begun_ms: when the clip began.
+    """
+    span_s = (seen[-1, 0] - seen[0, 0]) / 1000
+    stages, is_first = stages_ms(seen), np.diff(packets(seen), prepend=-1) > 0
+    found: dict[str, object] = {
+        "pictures_per_s": round((len(seen) - 1) / span_s, 1),
+        "delay_ms": _percentiles(seen[:, 0] - seen[:, 2]),
+        "stages_ms": {name: _percentiles(each) for name, each in stages.items()},
+        "first_ms": {name: _percentiles(each[is_first]) for name, each in stages.items()},
+    }
+    if not knows_mouth:
+        return found
+    late_ms, match = sound_late_ms(seen, heard, begun_ms)
+    found |= {"sound_late_ms": late_ms, "match": match}
+    if span_s > 2 * MINUTE_S:
+        minutes = list[int | None]()
+        for begin_ms in (seen[0, 0], seen[-1, 0] - 1000 * MINUTE_S):
+            of_minute = [minute_of(notes, begin_ms) for notes in (seen, heard)]
+            minutes.append(sound_late_ms(of_minute[0], of_minute[1], begun_ms)[0])
+        found["minutes_late_ms"] = minutes
+    return found
+
+
+def minute_of(notes: NDArray[np.float64], begin_ms: float) -> NDArray[np.float64]:
+    """The notes (n, k) of a minute from a time on, ms."""
+    after_ms = notes[:, 0] - begin_ms
+    return notes[(after_ms >= 0) & (after_ms < 1000 * MINUTE_S)]
+
+
+def sound_late_ms(
+    seen: NDArray[np.float64], heard: NDArray[np.float64], begun_ms: float
+) -> tuple[int | None, list[float]]:
+    """By how much the sound follows the mouth, and how well either is found; see `figures`."""
+    picture_s, seen_match = lag_s((seen[:, 0] - begun_ms) / 1000, -seen[:, 1])
+    sound_s, heard_match = lag_s((heard[:, 0] - begun_ms) / 1000, heard[:, 1])
+    # The clip is repeated: so is a lag.
+    late_s = (sound_s - picture_s + SECONDS / 2) % SECONDS - SECONDS / 2
+    match = [round(seen_match, 2), round(heard_match, 2)]
+    return round(1000 * late_s) if min(match) >= MIN_MATCH else None, match
+
+
+def stages_ms(seen: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """The parts (n,) of the delay of each picture, see above.  seen: see `figures`."""
+    shown, taken, made, waited, came = seen[:, [0, 2, 3, 4, 5]].T
+    arrived, packet = made - waited, packets(seen)
+    newest = np.array([taken[packet == each].max() for each in range(packet[-1] + 1)])[packet]
+    return {
+        "packet": newest - taken,
+        "coded": arrived - newest,
+        "drawn": waited,
+        "page": came - made,
+        "playout": shown - came,
+    }
+
+
+def packets(seen: NDArray[np.float64]) -> NDArray[np.int64]:
+    """The number (n,) of each picture's packet, from 0 on.  seen: see `figures`."""
+    arrived = seen[:, 3] - seen[:, 4]
+    # Pictures of one packet have come at the same time, to the rounding of the times.
+    return np.cumsum(np.diff(arrived, prepend=arrived[0]) > SAME_MS)
+
+
+def _percentiles(values: NDArray[np.float64]) -> list[int]:
+    return [round(float(np.percentile(values, each))) for each in (50, 95)]
+
+
+def lag_s(time_s: NDArray[np.float64], level: NDArray[np.float64]) -> tuple[float, float]:
+    """By how much a level (n,) noted at times (n,) follows the mouth of the clip, and how well.
+
+    The clip may have begun long before the first frame that was encoded.
+    """
+
+    def match(each_s: float) -> float:
+        return float(np.corrcoef(is_open(time_s - each_s), level)[0, 1])
+
+    coarse_s = max(np.arange(0, SECONDS, COARSE_S), key=match)
+    best_s = max(np.arange(coarse_s - COARSE_S, coarse_s + COARSE_S, STEP_S), key=match)
+    return float(best_s), match(best_s)
+
+
+async def _begun(page: str) -> tuple[float, float]:
+    """When the camera of an end has begun, ms since 1970, and its rate, as its page is told."""
+    headers = {"Origin": page.rsplit("/", 2)[0]}
+    async with (
+        aiohttp.ClientSession() as client,
+        client.ws_connect(f"{page}ws", headers=headers, max_msg_size=0) as socket,
+    ):
+        async for message in socket:
+            if message.type is aiohttp.WSMsgType.TEXT:
+                told = json.loads(message.data)
+                if told["kind"] == "costs" and told["begun_ms"]:
+                    return float(told["begun_ms"]), float(told["fps"])
+    raise UserError("the other end has not begun")
+
+
+def _end(stack: ExitStack, arguments: list[str]) -> str:
+    """Start one end of a call, which is ended with the stack; returns the address of its page."""
+    process = stack.enter_context(
+        subprocess.Popen([*PROGRAM, "call", *arguments], stderr=subprocess.PIPE, text=True)
+    )
+    stack.callback(process.terminate)
+    assert process.stderr is not None
+    for line in process.stderr:
+        if "page is at" in line:
+            return line.split()[-1]
+    raise UserError("an end of the call did not start")
+
+
+if __name__ == "__main__":
+    run(main)

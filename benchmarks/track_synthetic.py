@@ -1,0 +1,209 @@
+"""Synthetic pose and expression (thesis 5.3.1): python -m benchmarks track_synthetic CALL...
+
+Renders the person of each call file (thesis profile) with moving pose and expression, tracks the
+video with the whole tracker and with each part left out, and prints RMS errors (eq. 5.1) in
+Markdown.  --out takes the sequences, figures.json and charts.
+"""
+
+import argparse
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.command import run, warn
+from benchmarks.line_charts import Chart, draw_charts
+from encoder.capture.video_source import open_source
+from encoder.tracking.trackers import TRACKED_EAUS, FaceTracker, TrackingOptions, open_tracker
+from risorius.animation.animate import AnimateOptions, animate
+from shared_model.geometry import euler_deg
+from shared_model.mesh import generic_head
+from shared_model.parameters import EAU_INDEX, THESIS_EAUS, FaceParameters
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+ANGLES = ("pitch", "yaw", "roll")
+THESIS_RMSE = (3.395, 4.565, 2.552, 0.095, 0.122, 0.256, 0.105)
+FPS, KEY_S = 25, 0.2
+# Track -> (amplitude, period in s).  Periods have no common multiple within the sequence, so that
+# extremes meet in many ways.
+POSE = {"yaw": (40.0, 6.1), "pitch": (25.0, 4.7), "roll": (30.0, 7.3)}
+EAUS = {
+    "jaw_drop": (0.8, 1.7),
+    "mouth_corners": (0.8, 2.3),
+    "eyebrow_middle": (0.8, 3.1),
+    "eyebrow_inner": (0.8, 2.7),
+}
+LIGHT = {"brightness": (0.15, 5.0), "side": (0.4, 8.3)}
+
+CONFIGURATIONS: Mapping[str, TrackingOptions] = {
+    "all parts": TrackingOptions(tracker="full"),
+    "without EKF": TrackingOptions(tracker="full", without=frozenset({"ekf"})),
+    "without ABS": TrackingOptions(tracker="full", without=frozenset({"abs"})),
+    "without KLT": TrackingOptions(tracker="full", without=frozenset({"klt"})),
+    "identity of the first frame": TrackingOptions(refine_identity=False),
+    "without network after frame 1": TrackingOptions(
+        tracker="full", without=frozenset({"network"})
+    ),
+    "no network at all (Viola-Jones)": TrackingOptions("haar", "full"),
+    "retinex": TrackingOptions(normalise="retinex"),
+    "visible half mirrored": TrackingOptions(step="mirrored"),
+    "prediction matrix": TrackingOptions(step="matrix"),
+    "network alone, each frame": TrackingOptions(tracker="single"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedValues:
+    """(t, 7) tracked angles and EAUs, nan where the face was lost; the fitted focal length."""
+
+    values: Array
+    focal_px: float
+
+
+def main(arguments: Sequence[str]) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("call", nargs="+", type=Path)
+    parser.add_argument("--out", type=Path, default=Path("out/tracking"))
+    parser.add_argument("--frames", type=int, default=600)
+    parser.add_argument("--only", nargs="+", default=list(CONFIGURATIONS), metavar="CONFIGURATION")
+    options = parser.parse_args(arguments)
+    options.out.mkdir(parents=True, exist_ok=True)
+    script = options.out / "calibration.toml"
+    script.write_text(calibration_script(options.frames / FPS))
+    figures: dict[str, dict[str, Any]] = {}
+    for call in options.call:
+        video, truth = render_sequence(script, call, options.out)
+        found = {name: track_video(video, CONFIGURATIONS[name]) for name in options.only}
+        figures[call.stem] = {name: errors(f, truth) for name, f in found.items()}
+        write_charts(options.out / call.stem, truth, found)
+        (options.out / "figures.json").write_text(json.dumps(figures, indent=1))
+    print(error_table(figures))
+
+
+def calibration_script(seconds: float) -> str:
+    """An animation script (docs/animate.md) whose tracks are sinusoids, neutral at time 0."""
+    lines = [f"seconds = {seconds}", f"fps = {FPS}", "noise = 2.0"]
+    for time_s in np.arange(0, seconds, KEY_S):
+
+        def swing(tracks: Mapping[str, tuple[float, float]], about: Mapping[str, float]) -> str:
+            values = {
+                name: about.get(name, 0.0) + a * np.sin(2 * np.pi * time_s / period)  # noqa: B023
+                for name, (a, period) in tracks.items()
+            }
+            # A jaw only opens: it swings from shut to its amplitude.
+            if "jaw_drop" in tracks:
+                a, period = tracks["jaw_drop"]
+                values["jaw_drop"] = a * np.sin(np.pi * time_s / period) ** 2  # noqa: B023
+            return ", ".join(f"{name} = {value:.4f}" for name, value in values.items())
+
+        lines += [
+            "[[key]]",
+            f"time = {time_s:.3f}",
+            f"pose = {{ {swing(POSE, {})} }}",
+            f"eau = {{ {swing(EAUS, {})} }}",
+            f"light = {{ {swing(LIGHT, {'brightness': 1.0})} }}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def render_sequence(script: Path, call: Path, out: Path) -> tuple[Path, dict[str, Any]]:
+    """The sequence of one call, rendered unless it exists, and its ground truth."""
+    video = out / f"{call.stem}.mkv"
+    if not video.exists():
+        animate(AnimateOptions(script, video, call_file=call), lambda *_: None, lambda: False)
+    return video, json.loads(video.with_suffix(".json").read_text())
+
+
+def track_video(video: Path, options: TrackingOptions) -> TrackedValues:
+    """Track a video from its first frame."""
+    with open_source(str(video)) as capture:
+        size, elapsed_s = (capture.width, capture.height), float(1 / capture.fps)
+        tracker = open_tracker(options, generic_head(), size, TRACKED_EAUS, elapsed_s, warn)
+        values = [_values(track_frame(tracker, frame)) for _, frame in capture]
+    try:
+        focal_px = tracker.fitted.camera.focal_px
+    except ValueError:
+        focal_px = float("nan")
+    return TrackedValues(np.array(values), focal_px)
+
+
+def track_frame(tracker: FaceTracker, frame: Picture) -> FaceParameters | None:
+    """The face in the next frame; adopts a refined identity when one is ready."""
+    face = tracker.update(frame)
+    refined = tracker.take_refined_identity()
+    if refined is not None:
+        tracker.adopt(refined)
+    return face
+
+
+def _values(face: FaceParameters | None) -> Array:
+    if face is None:
+        return np.full(len(ANGLES) + len(THESIS_EAUS), np.nan)
+    return np.array([*euler_deg(face.pose), *(face.eau[EAU_INDEX[n]] for n in THESIS_EAUS)])
+
+
+def ground_truth_values(truth: Mapping[str, Any]) -> Array:
+    """(t, 7) angles in degrees and EAUs."""
+    at = [truth["eaus"].index(name) for name in THESIS_EAUS]
+    rows = [[*f["pitch_yaw_roll_deg"], *np.array(f["eau"])[at]] for f in truth["frames"]]
+    return np.asarray(rows, np.float64)
+
+
+def errors(tracked: TrackedValues, truth: Mapping[str, Any]) -> dict[str, Any]:
+    """RMS errors, their standard deviation, the share of lost frames and the focal length's error.
+
+    The definition of a neutral face differs by a constant between models; the standard deviation
+    does not contain it.
+    """
+    truth_values = ground_truth_values(truth)
+    error = tracked.values[: len(truth_values)] - truth_values[: len(tracked.values)]
+    error[:, :3] = (error[:, :3] + 180) % 360 - 180
+    focal = truth["frames"][0]["focal_px"]
+    return {
+        "rmse": np.sqrt(np.nanmean(error**2, axis=0)).tolist(),
+        "about_mean": np.nanstd(error, axis=0).tolist(),
+        "lost": float(np.isnan(error[:, 0]).mean()),
+        "focal_percent": 100 * (tracked.focal_px / focal - 1),
+    }
+
+
+def error_table(figures: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
+    """A table of the errors of each configuration and call, their mean, and the thesis' errors."""
+    names = [*ANGLES, *(name.replace("_", " ") for name in THESIS_EAUS), "lost %", "focal %"]
+    lines = ["| | caller | " + " | ".join(names) + " |", "|---" * (len(names) + 2) + "|"]
+    lines.append(f"| thesis | | {_cells(THESIS_RMSE)} | | |")
+    for name in next(iter(figures.values())):
+        rows = {caller: of[name] for caller, of in figures.items()}
+        for caller, row in rows.items():
+            cells = f"{_cells(row['rmse'])} | {100 * row['lost']:.1f} | {row['focal_percent']:+.1f}"
+            lines.append(f"| {name} | {caller} | {cells} |")
+        for what, key in (("mean", "rmse"), ("mean, less offset", "about_mean")):
+            mean = np.mean([row[key] for row in rows.values()], axis=0)
+            lines.append(f"| {name} | {what} | {_cells(mean)} | | |")
+    return "\n".join(lines)
+
+
+def _cells(row: Sequence[float]) -> str:
+    return " | ".join(f"{v:.2f}" if i < 3 else f"{v:.3f}" for i, v in enumerate(row))
+
+
+def write_charts(stem: Path, truth: Mapping[str, Any], found: Mapping[str, TrackedValues]) -> None:
+    """Charts as Fig. 5.6 (angles) and Fig. 5.7 (EAUs), of the first configuration."""
+    name, first = next(iter(found.items()))
+    expected, time_s = ground_truth_values(truth), np.array([f["time_s"] for f in truth["frames"]])
+    titles = [*(f"{a}, degrees" for a in ANGLES), *(n.replace("_", " ") for n in THESIS_EAUS)]
+    charts = [Chart(title, (expected[:, k], first.values[:, k])) for k, title in enumerate(titles)]
+    for part, panels in (("pose", charts[:3]), ("expression", charts[3:])):
+        picture = draw_charts(panels, time_s, ("true", name))
+        cv2.imwrite(str(stem.with_name(f"{stem.name}-{part}.png")), picture)
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,97 @@
+"""The synthetic experiment's script and its error measures; its charts."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.line_charts import Chart, draw_charts
+from benchmarks.measure_tracking import jitter
+from benchmarks.track_synthetic import (
+    EAUS,
+    POSE,
+    TrackedValues,
+    calibration_script,
+    error_table,
+    errors,
+    ground_truth_values,
+)
+from risorius.animation.animation_script import parse_script
+from shared_model import parameters
+from shared_model.parameters import EAU_INDEX
+
+TRUTH = {
+    "eaus": [eau.name for eau in parameters.EAUS],
+    "frames": [
+        {
+            "pitch_yaw_roll_deg": [step, 2 * step, -step],
+            "eau": [0.01 * step] * len(parameters.EAUS),
+            "focal_px": 800.0,
+        }
+        for step in range(20)
+    ],
+}
+
+
+def test_the_sequence_starts_at_rest_and_goes_to_its_ends() -> None:
+    script = parse_script(tomllib.loads(calibration_script(24)), Path())
+    assert script.frames == 600
+    moments = [script.at(t) for t in np.arange(0, 24, 0.04)]
+    assert moments[0].eau == pytest.approx(np.zeros(len(moments[0].eau)))
+    for name, (most, _) in POSE.items():
+        values = [moment.pose[name] for moment in moments]
+        assert values[0] == 0
+        assert max(values) == pytest.approx(most, rel=0.03)
+        assert min(values) == pytest.approx(-most, rel=0.03)
+    for name, (most, _) in EAUS.items():
+        values = [moment.eau[EAU_INDEX[name]] for moment in moments]
+        assert max(values) == pytest.approx(most, rel=0.03)
+        assert min(values) == pytest.approx(0 if name == "jaw_drop" else -most, rel=0.03)
+
+
+def test_the_truth_has_no_error() -> None:
+    figures = errors(TrackedValues(ground_truth_values(TRUTH), 800.0), TRUTH)
+    assert figures["rmse"] == pytest.approx([0] * 7)
+    assert figures["lost"] == 0 and figures["focal_percent"] == 0
+
+
+def test_an_offset_counts_but_not_about_the_mean() -> None:
+    figures = errors(TrackedValues(ground_truth_values(TRUTH) + 0.5, 840.0), TRUTH)
+    assert figures["rmse"] == pytest.approx([0.5] * 7)
+    assert figures["about_mean"] == pytest.approx([0] * 7)
+    assert figures["focal_percent"] == pytest.approx(5)
+
+
+def test_angles_are_compared_round_the_circle() -> None:
+    turned = ground_truth_values(TRUTH)
+    turned[:, 2] += 359
+    assert errors(TrackedValues(turned, 800.0), TRUTH)["rmse"][2] == pytest.approx(1)
+
+
+def test_frames_without_a_face_are_counted_and_left_out() -> None:
+    values = ground_truth_values(TRUTH)
+    values[5:10] = np.nan
+    figures = errors(TrackedValues(values, 800.0), TRUTH)
+    assert figures["lost"] == 0.25 and figures["rmse"] == pytest.approx([0] * 7)
+
+
+def test_the_table_has_the_thesis_and_every_caller() -> None:
+    figures = errors(TrackedValues(ground_truth_values(TRUTH), 800.0), TRUTH)
+    table = error_table({"anna": {"all parts": figures}, "otto": {"all parts": figures}})
+    assert "| thesis | | 3.40 | 4.57 | 2.55 | 0.095" in table
+    assert "| all parts | anna |" in table and "| all parts | otto |" in table
+
+
+def test_even_motion_does_not_jitter() -> None:
+    assert jitter(np.outer(np.arange(10.0), [1, 2, 3])) == pytest.approx([0, 0, 0])
+
+
+def test_charts_have_room_for_gaps_and_all_panels() -> None:
+    time_s = np.arange(50) / 25
+    curve = np.sin(time_s)
+    broken = np.where((time_s > 0.5) & (time_s < 1), np.nan, curve)
+    one = draw_charts([Chart("a", (curve, broken))], time_s, ("true", "found"))
+    two = draw_charts([Chart("a", (curve, broken))] * 2, time_s, ("true", "found"))
+    assert two.shape[0] - one.shape[0] > 100 and two.shape[1] == one.shape[1]
+    assert (one < 250).any()
