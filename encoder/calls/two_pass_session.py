@@ -33,7 +33,7 @@ from encoder.fitting.render_and_compare import ImageFitter
 from encoder.fitting.sequence_fit import fit_sequence, smooth_landmarks
 from encoder.layers.layer_learning import layers_of_person
 from encoder.layers.layer_model import LayerModel
-from encoder.layers.layer_samples import COARSE_SIDE, FittedFrames, shrunk, typical_frame
+from encoder.layers.layer_samples import FittedFrames, coarse_picture, typical_frame
 from encoder.learning.absence import AbsenceWatch
 from encoder.learning.frame_sampler import DENSE_FRAMES, UniformSubsampler
 from encoder.learning.person_model import TrainedModel, TrainingOptions, build_person_model
@@ -204,7 +204,7 @@ class TwoPassEncoder:
                 with self._stats.stage("crop"):
                     crop = crop_face(picture, self._points[detection], person.pixels_per_texel)
                 in_flight.append(
-                    (detection, pool.submit(fit, detection, crop, shrunk(picture, COARSE_SIDE)))
+                    (detection, pool.submit(fit, detection, crop, coarse_picture(picture)))
                 )
             for each in in_flight:
                 self._collect(*each)

@@ -7,12 +7,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.capture.colour import luma_f32
 from encoder.layers.displacement import dense, dot, less_scaled, moved_back, origins, sample
 from encoder.layers.layer_samples import (
     CoarseFrame,
-    coarse_luma,
     face_region,
     motion_with_head,
+    shrunk,
 )
 from encoder.layers.light import fit_light, lit, unlit
 from encoder.layers.scene_motion import (
@@ -127,7 +128,8 @@ class LayerFitter:
 
         parameters: of the face.  outline_px: (n, 2) of the face, source pixels.
         """
-        frame = self._placed(coarse_luma(picture), parameters, outline_px)
+        luma = luma_f32(shrunk(picture, (self.scene.shape[0], self.scene.shape[1])))
+        frame = self._placed(luma, parameters, outline_px)
         light = np.zeros(0)
         if self.follows_light:
             alpha = sample(self.alpha, frame.origins)

@@ -25,6 +25,7 @@ from encoder.layers.layer_samples import (
     FittedFrames,
     collect_samples,
     reference_mesh,
+    scaled_shape,
     shrunk,
 )
 from encoder.layers.light import in_newest_light
@@ -147,8 +148,8 @@ def first_layers(frame: Picture, outline_px: Array, matte: Single) -> FirstLayer
     outline_px: (k, 2) of the face, pixels.  matte: (s, s) 0..1, of the person.
     """
     size = frame.shape[1], frame.shape[0]
-    picture = shrunk(frame, PICTURE_SIDE).astype(np.float32)
-    shape = picture.shape[0], picture.shape[1]
+    shape = scaled_shape(size, PICTURE_SIDE)
+    picture = shrunk(frame, shape).astype(np.float32)
     cells = (FINE_MASK_SIDE, FINE_MASK_SIDE)
     mask = np.asarray(cv2.resize(matte, cells, interpolation=cv2.INTER_LINEAR) > PERSON_SHARE)
     share = cv2.resize(matte, shape[::-1], interpolation=cv2.INTER_LINEAR)

@@ -115,7 +115,7 @@ class LayerSamples:
         def coarse(number: int) -> CoarseFrame:
             at = origins(dense(self.motion[number], self.size, shape))
             outside = ~face_region(self.outlines_px[number], self.size, shape)
-            luma = coarse_luma(self.pictures[number])
+            luma = luma_f32(shrunk(self.pictures[number], shape))
             return CoarseFrame(luma, at, outside.astype(np.float32))
 
         self._coarse.extend(parallel_map(coarse, range(len(self.faces)), self.workers))
@@ -141,27 +141,35 @@ class LayerSamples:
         )
 
     def shrunk(self, longer: int) -> "LayerSamples":
-        """The same with pictures whose longer side is at most `longer`."""
+        """The same with pictures of the source shrunk to a longer side of at most `longer`."""
+        shape = scaled_shape(self.size, longer)
         pictures, empty = (
-            np.array(parallel_map(lambda each: shrunk(each, longer), some, self.workers), np.uint8)
+            np.array(parallel_map(lambda each: shrunk(each, shape), some, self.workers), np.uint8)
             for some in (self.pictures, self.empty)
         )
         return replace(self, pictures=pictures, empty=empty)
 
 
 def scaled_shape(size: tuple[int, int], longer: int) -> tuple[int, int]:
-    """Rows and columns of pictures of `size` (width, height), shrunk to a longer side."""
+    """Rows and columns of source pictures of `size` (width, height), shrunk to a longer side.
+
+    Pictures that are laid over each other all have the shape that this gives for the *source*: that
+    of a picture which is shrunk already can round to another one.
+    """
     ratio = min(1.0, longer / max(size))
     return max(2, round(size[1] * ratio)), max(2, round(size[0] * ratio))
 
 
-def shrunk(picture: Picture, longer: int) -> Picture:
-    """A picture (h, w, 3), its longer side at most `longer`."""
-    rows, columns = scaled_shape((picture.shape[1], picture.shape[0]), longer)
-    if (rows, columns) == picture.shape[:2]:
+def shrunk(picture: Picture, shape: tuple[int, int]) -> Picture:
+    """A picture (h, w, 3) of these rows and columns, see `scaled_shape`."""
+    if shape == picture.shape[:2]:
         return picture
-    small = cv2.resize(picture, (columns, rows), interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.uint8)
+    return np.asarray(cv2.resize(picture, shape[::-1], interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def coarse_picture(picture: Picture) -> Picture:
+    """A source picture (h, w, 3) at the coarse size."""
+    return shrunk(picture, scaled_shape((picture.shape[1], picture.shape[0]), COARSE_SIDE))
 
 
 def mask_sized(picture: NDArray[np.generic]) -> Single:
@@ -169,11 +177,6 @@ def mask_sized(picture: NDArray[np.generic]) -> Single:
     size = FINE_MASK_SIDE, FINE_MASK_SIDE
     small = cv2.resize(np.asarray(picture, np.float32), size, interpolation=cv2.INTER_AREA)
     return np.asarray(small, np.float32)
-
-
-def coarse_luma(picture: Picture) -> Single:
-    """(h, w) the luma of a picture at the coarse size."""
-    return luma_f32(shrunk(picture, COARSE_SIDE))
 
 
 def luma_at(picture: Single, shape: tuple[int, int]) -> Single:
@@ -208,20 +211,22 @@ def collect_samples(
         return None
     kept = list(found)
     mesh = reference_mesh(frames)
+    size = camera.width, camera.height
+    shape = scaled_shape(size, PICTURE_SIDE)
 
     def move(number: int) -> Array:
         return motion_with_head(mesh, frames.person, frames.faces[number])
 
     return LayerSamples(
         mesh,
-        (camera.width, camera.height),
-        np.array([shrunk(frames.pictures[i], PICTURE_SIDE) for i in kept]),
+        size,
+        np.array([shrunk(frames.pictures[i], shape) for i in kept]),
         np.array(list(found.values())),
         tuple(frames.faces[i] for i in kept),
         np.array([frames.outlines_px[i] for i in kept]),
         np.array(parallel_map(move, kept, workers)),
         kept.index(frames.canonical),
-        np.array([shrunk(picture, PICTURE_SIDE) for picture in frames.empty], np.uint8),
+        np.array([shrunk(picture, shape) for picture in frames.empty], np.uint8),
         workers,
     )
 

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.layers.layer_samples import LayerSamples, coarse_luma
+from encoder.capture.colour import luma_f32
+from encoder.layers.layer_samples import COARSE_SIDE, LayerSamples, scaled_shape, shrunk
 from encoder.layers.scene import CLEAR_MATTE
 from encoder.runtime.cauchy_weight import cauchy_weight
 from shared_model.layers.light import PIVOT_GREY, SAME_LIGHT, UNIT_GAIN, UNIT_GREY, Light, light_of
@@ -77,8 +78,9 @@ def in_newest_light(samples: LayerSamples) -> LayerSamples:
 
     Where enough are left, frames that were too dark for it to tell much are left out.
     """
-    lumas = [coarse_luma(picture) for picture in samples.pictures]
-    mattes = samples.mattes_at((lumas[0].shape[0], lumas[0].shape[1]))
+    shape = scaled_shape(samples.size, COARSE_SIDE)
+    lumas = [luma_f32(shrunk(picture, shape)) for picture in samples.pictures]
+    mattes = samples.mattes_at(shape)
     behind = [(np.maximum(m, mattes[-1]) < CLEAR_MATTE).astype(np.float32) for m in mattes]
     lights = [
         light_of(fit_light(luma, lumas[-1], weight))

@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.capture.colour import luma_f32
 from encoder.coding.background import BackgroundImage
-from encoder.layers.layer_samples import coarse_luma
+from encoder.layers.layer_samples import coarse_picture, shrunk
 from encoder.layers.light import fit_light, lit, lit_picture
 from shared_model.layers.light import light_of
 
@@ -19,7 +20,9 @@ MIN_CHANGE_GREY = 6.0
 
 def background_in_light(background: BackgroundImage, newest: Picture) -> BackgroundImage | None:
     """The background in the light of a frame (h, w, 3) BGR; None if it has about that light."""
-    before, after = coarse_luma(background.picture), coarse_luma(newest)
+    coarse = coarse_picture(newest)
+    shape = coarse.shape[0], coarse.shape[1]
+    before, after = luma_f32(shrunk(background.picture, shape)), luma_f32(coarse)
     weight = np.ones_like(before)
     if background.foreground is not None:
         person = background.foreground.astype(np.float32)

@@ -16,7 +16,7 @@ from encoder.fitting.eyelids import fit_with_eyelids, with_averaged_eyelids
 from encoder.fitting.landmark_fit import LandmarkModel, initial_parameters
 from encoder.fitting.render_and_compare import ImageFitter
 from encoder.layers.frame_layers import FrameLayers
-from encoder.layers.layer_samples import COARSE_SIDE, shrunk
+from encoder.layers.layer_samples import coarse_picture
 from encoder.learning.incremental_modes import FaceSample, LearnedMode
 from encoder.learning.person_model import PersonModel
 from encoder.live_model.work_level import WorkLevel
@@ -109,7 +109,7 @@ class ModelVersion:
         level: at which it will be fitted.
         """
         has_layers = with_layers and level.fits_image and self.frame_layers is not None
-        coarse = shrunk(picture, COARSE_SIDE) if has_layers else None
+        coarse = coarse_picture(picture) if has_layers else None
         scale = self.person.pixels_per_texel * (2 if level.halves_resolution else 1)
         return FaceSample(crop_face(picture, points, scale), points, coarse=coarse)
 

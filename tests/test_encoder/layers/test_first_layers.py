@@ -8,8 +8,9 @@ import pytest
 from heads import synthetic_head
 from numpy.typing import NDArray
 
+from encoder.capture.colour import luma_f32
 from encoder.layers.layer_learning import FirstLayers, body_fields, first_layers
-from encoder.layers.layer_samples import FittedFrames, coarse_luma
+from encoder.layers.layer_samples import FittedFrames, coarse_picture
 from protocol.pictures.layered_background import parse_layers
 from shared_model.animate import Face, Identity
 from shared_model.geometry import Camera, pose_from_euler
@@ -88,7 +89,7 @@ def test_the_light_is_followed_and_the_body_in_it(layers: FirstLayers, body_righ
     assert abs(own[0] / 2 - body_right) < 2 and not own[4:8].any()
     found = light_of(own[-2:])
     assert found.gain == pytest.approx(0.7, abs=0.04)
-    luma = coarse_luma(picture)
+    luma = luma_f32(coarse_picture(picture))
     drawn, dark = known.fitter.draw(REST, own), known.fitter.draw(REST, np.zeros(10))
     outside = ~known.fitter.face_region(OUTLINE)
     assert np.abs(luma - drawn)[outside].mean() < 0.3 * np.abs(luma - dark)[outside].mean()

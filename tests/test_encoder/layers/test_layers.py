@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 import pytest
 from heads import synthetic_head
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from decoder.rendering.layer_colours import NO_CHANGE
@@ -17,7 +19,14 @@ from decoder.scene.layer_motion import LayerMotion
 from encoder.layers.changes import flicker_ratio
 from encoder.layers.displacement import dense, origins, pixel_grid, sample
 from encoder.layers.layer_model import LayerModel, learn_layers
-from encoder.layers.layer_samples import LayerSamples, motion_with_head, scaled_shape, typical_frame
+from encoder.layers.layer_samples import (
+    COARSE_SIDE,
+    PICTURE_SIDE,
+    LayerSamples,
+    motion_with_head,
+    scaled_shape,
+    typical_frame,
+)
 from encoder.layers.person_picture import person_mask, with_headwear
 from encoder.layers.scene import find_scene, scene_picture
 from protocol.pictures.foreground_mask import FINE_MASK_SIDE
@@ -290,3 +299,40 @@ def test_what_is_drawn_in_other_places_from_frame_to_frame_flickers(model: Layer
     )
     assert still == 0
     assert true < wild > 1
+
+
+def enlarged(width: int, height: int) -> LayerSamples:
+    """The sample of a source of this size that shows the same, as near as its pixels allow."""
+    small, ratio = samples(0 * LIGHT), width / CAMERA.width
+    camera = Camera(width, height, CAMERA.focal_px * ratio)
+    mesh = make_background_mesh(camera, REST.pose, HEAD, HEAD.vertices)
+    size = scaled_shape((width, height), PICTURE_SIDE)[::-1]
+    return replace(
+        small,
+        mesh=mesh,
+        size=(width, height),
+        pictures=np.array([cv2.resize(each, size) for each in small.pictures]),
+        outlines_px=small.outlines_px * ratio,
+        motion=np.array([motion_with_head(mesh, FACE, REST)] * FRAMES),
+        empty=np.zeros((0, *size[::-1], 3), np.uint8),
+    )
+
+
+@pytest.mark.parametrize("size", [(300, 228), (304, 225), (646, 482)])
+def test_layers_are_learned_of_sizes_whose_coarse_copies_round_differently(
+    size: tuple[int, int],
+) -> None:
+    twice = scaled_shape(scaled_shape(scaled_shape(size, PICTURE_SIDE)[::-1], 288)[::-1], 144)
+    assert twice != scaled_shape(size, 144)
+    learned = learn_layers(FACE, enlarged(*size))
+    assert len(learned.fields) == 1
+
+
+@settings(max_examples=60)
+@given(st.integers(32, 4096), st.integers(32, 4096))
+def test_pictures_that_are_laid_over_each_other_have_one_shape(width: int, height: int) -> None:
+    whole = enlarged(width, height).chosen([0])
+    for each in (whole, whole.shrunk(288)):
+        (frame,) = each.coarse_frames()
+        assert frame.luma.shape == frame.outside.shape == frame.origins.shape[:2]
+        assert frame.luma.shape == scaled_shape((width, height), COARSE_SIDE)
