@@ -38,11 +38,9 @@ class EncoderSession:
         return self._buffer.release_s
 
     def enter(self, packet: Packet, arrival: Arrival) -> None:
-        """Enter a packet as it arrives.  Raises `ProtocolError` if its voice is damaged."""
+        """Enter a packet as it arrives."""
         if arrival.number is None or not isinstance(packet, FramePacket | ControlPacket):
-            face = self.voice.receive(packet, arrival.number)
-            if face is not None:
-                self._at_once.append((face, arrival.number))
+            self._at_once.append((packet, arrival.number))
         elif len(self._early) < MAX_HELD:
             self._early.append(NumberedPacket(arrival.number, packet, arrival.time_s))
 
@@ -58,7 +56,9 @@ class EncoderSession:
         Raises `ProtocolError` if that packet is damaged or contradicts the call.
         """
         if self._at_once:
-            return self.playout.receive_packet(*self._at_once.popleft())
+            packet, number = self._at_once.popleft()
+            face = self.voice.receive(packet, number)
+            return [] if face is None else self.playout.receive_packet(face, number)
         while self._early and self.playout.model is not None:
             self._put_in_order(self._early.popleft())
         if not self._buffer.is_ready(now_s):

@@ -142,3 +142,16 @@ def test_the_last_words_before_a_pause_are_kept_until_it_ends() -> None:
     play(playout, iter(later))
     assert playout.speech.known_until == known
     assert playout.speech.get(known) == (spoken(known) or b"")
+
+
+@pytest.mark.parametrize("is_numbered", [False, True], ids=["file", "link"])
+def test_the_bytes_of_the_voice_are_counted_of_files_and_links(is_numbered: bool) -> None:
+    playout, packets = Receiver(), sent()
+    numbers = [each.number if is_numbered else None for each in packets]
+    play(playout, (Arrival(p.data, p.sent_s, 0, n) for p, n in zip(packets, numbers, strict=True)))
+    payloads = [
+        each.data[1:] for each in packets if isinstance(parse_packet(each.data), FramePacket)
+    ]
+    silent = sum(len(data) - 1 for data in frames(COUNT, model=BASE))
+    assert playout.counts.frame_bytes == sum(map(len, payloads))
+    assert playout.counts.frame_bytes - playout.counts.voice_bytes == silent
