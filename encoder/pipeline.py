@@ -9,6 +9,7 @@ Each is a session of `encoder.calls`; thesis and live ones are a `CallSession`.
 
 from collections.abc import Callable
 from contextlib import ExitStack, closing
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,9 @@ from encoder.calls.session_callbacks import Progress, SessionCallbacks
 from encoder.calls.session_stats import SessionStats
 from encoder.calls.thesis_session import ThesisEncoder
 from encoder.calls.two_pass_session import TwoPassEncoder, send_call
-from encoder.capture.video_source import Capture, open_source
+from encoder.capture.live_capture import by_arrival
+from encoder.capture.spooled_pipe import spooled
+from encoder.capture.video_source import Capture, is_pipe, open_source
 from encoder.coding.gop import GopStructure, gop_for_fps
 from encoder.coding.model_packet import ModelBudget, budget_for
 from encoder.coding.pacer import MIN_FRAGMENT_BYTES, LayerPacer
@@ -61,10 +64,13 @@ def encode(
     with ExitStack() as stack:
         stack.enter_context(one_blas_thread())
         stack.enter_context(short_switch_interval())
-        capture = stack.enter_context(open_source(options.source))
-        if capture.is_fps_assumed:
-            rate = f"{float(capture.fps):g} frames a second"
-            stats.warn(f"{capture.name} states no usable frame rate: taken as {rate}")
+        if is_pipe(options.source) and options.profile == "default" and not options.live:
+            on_message("what comes through the pipe is read to its end first; --live: as it comes")
+            options = replace(options, source=stack.enter_context(spooled(options.source)))
+        capture = open_source(options.source)
+        if capture.is_live and options.profile == "default":
+            capture = by_arrival(capture)
+        stack.enter_context(capture)
         check_delay(options.delay_s, options.live or capture.is_live)
         voice = _open_voice(options, stats)
         sink = open_packet_sink(options, stack, on_message)
@@ -74,6 +80,8 @@ def encode(
             encode_live(options, capture, sink, stats, callbacks, voice)
         else:
             encode_two_pass(options, capture, sink, stats, callbacks, voice)
+        for note in capture.notes:
+            stats.warn(note)
         # A link tells only now whether the end has been heard.
         sink.close()
         return report_of(options, capture, stats, sink.reachability)

@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterator
 from fractions import Fraction
 from threading import Condition, Thread
 
-import cv2
 import numpy as np
 
 from encoder.capture.frame_times import FrameTimes
+from encoder.capture.picture_size import MAX_PICTURE_PX, letterboxed, reduced
 from encoder.capture.video_source import Capture, Frame, open_source
 
 # Stands for a frame while the camera is off.
@@ -26,8 +26,6 @@ NAP_S = 0.1
 STALL_S = 0.5
 # By how much a frame of a file may come after its time and still keep it.
 MAX_LATE_S = 0.25
-# A picture taken from a camera file or device has at most so many pixels; larger ones are reduced.
-MAX_PICTURE_PX = 640 * 480
 
 
 class FrameMailbox:
@@ -112,13 +110,22 @@ class _FirstPicture:
 class LiveCapture(Capture):
     """The frames of a mailbox as a source, see above; waits for the first one.
 
+    origin: the source whose frames the mailbox gets, if that is one.
     Raises `UserError` if the mailbox is closed before.
     """
 
-    def __init__(self, name: str, mailbox: FrameMailbox, fps: Fraction) -> None:
-        self._mailbox = mailbox
+    def __init__(
+        self, name: str, mailbox: FrameMailbox, fps: Fraction, origin: Capture | None = None
+    ) -> None:
+        self._mailbox, self._origin = mailbox, origin
         self._start_s: float | None = None
-        super().__init__(name, _FirstPicture(mailbox), FrameTimes(fps), None, is_live=True)
+        matrix = "bt601" if origin is None else origin.colour_matrix
+        super().__init__(name, _FirstPicture(mailbox), FrameTimes(fps), None, True, matrix)
+
+    @property
+    def notes(self) -> list[str]:
+        """See `Capture`."""
+        return [] if self._origin is None else self._origin.notes
 
     @property
     def start_s(self) -> float | None:
@@ -126,7 +133,7 @@ class LiveCapture(Capture):
         return self._start_s
 
     def __iter__(self) -> Iterator[tuple[int, Frame]]:
-        """Yield (index, frame); frames of another size are brought to that of the first."""
+        """Yield (index, frame); frames of another size are fitted into that of the first."""
         upcoming = 0
         while (taken := self._mailbox.take()) is not None:
             time_s, picture = taken
@@ -145,10 +152,7 @@ class LiveCapture(Capture):
             pass
 
     def _fitted(self, picture: Frame) -> Frame:
-        if not picture.size or picture.shape[:2] == (self.height, self.width):
-            return picture
-        resized = cv2.resize(picture, (self.width, self.height), interpolation=cv2.INTER_AREA)
-        return np.asarray(resized, dtype=np.uint8)
+        return letterboxed(picture, self.width, self.height) if picture.size else picture
 
 
 def read_camera(
@@ -157,11 +161,13 @@ def read_camera(
     capture: Capture,
     repeat: bool,
     on_start: Callable[[float], None] = lambda start_s: None,
+    max_pixels: int = MAX_PICTURE_PX,
 ) -> Thread:
     """Start a thread that puts the frames of an open source into a mailbox, each at its time.
 
     An error of the source is raised by who takes frames out of the mailbox.
     repeat: begin a file again at its end.  on_start: called with the time of each beginning.
+    max_pixels: larger pictures are reduced.
     """
 
     def work() -> None:
@@ -169,11 +175,11 @@ def read_camera(
         try:
             with capture:
                 on_start(start_s)
-                start_s = _read_all(capture, mailbox, start_s)
+                start_s = _read_all(capture, mailbox, start_s, max_pixels)
             while repeat and not capture.is_live and not mailbox.is_closed:
                 with open_source(source) as again:
                     on_start(start_s)
-                    start_s = _read_all(again, mailbox, start_s)
+                    start_s = _read_all(again, mailbox, start_s, max_pixels)
             mailbox.close()
         except BaseException as error:
             # Whatever it is, who waits for a frame would wait for ever.
@@ -184,7 +190,19 @@ def read_camera(
     return thread
 
 
-def _read_all(capture: Capture, mailbox: FrameMailbox, start_s: float) -> float:
+def by_arrival(capture: Capture) -> LiveCapture:
+    """A live source with its frames counted by the time at which they come.
+
+    A camera that gives fewer frames than it says, as in the dark, is shown at the pace of the
+    world.  Closing the result closes `capture`.
+    """
+    mailbox = FrameMailbox(capture.fps)
+    size = capture.width * capture.height
+    read_camera(capture.name, mailbox, capture, repeat=False, max_pixels=size)
+    return LiveCapture(capture.name, mailbox, capture.fps, capture)
+
+
+def _read_all(capture: Capture, mailbox: FrameMailbox, start_s: float, max_pixels: int) -> float:
     """Put in the frames; returns when one more would be due.
 
     A file that is read more slowly than it plays falls behind the clock, and not the call with it.
@@ -197,15 +215,6 @@ def _read_all(capture: Capture, mailbox: FrameMailbox, start_s: float) -> float:
         if mailbox.is_closed:
             break
         now_s = time.monotonic()
-        mailbox.put(reduced(picture), now_s if capture.is_live else max(due_s, now_s - MAX_LATE_S))
+        taken_s = now_s if capture.is_live else max(due_s, now_s - MAX_LATE_S)
+        mailbox.put(reduced(picture, max_pixels), taken_s)
     return max(due_s + float(1 / capture.fps), time.monotonic() - MAX_LATE_S)
-
-
-def reduced(picture: Frame) -> Frame:
-    """The picture with at most `MAX_PICTURE_PX` pixels, its sides even."""
-    height, width = picture.shape[:2]
-    scale = (MAX_PICTURE_PX / (height * width)) ** 0.5
-    if scale >= 1:
-        return picture
-    size = 2 * round(scale * width / 2), 2 * round(scale * height / 2)
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)

@@ -1,8 +1,6 @@
-"""Sources of frames that OpenCV opens: video file, image sequence, camera, network stream."""
+"""Sources of frames: video file, pipe, image sequence, camera, network stream."""
 
-import math
 import os
-import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
@@ -10,13 +8,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-import av
-import cv2
 import numpy as np
-from av.container import InputContainer
-from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
+from encoder.capture.camera import Camera
 from encoder.capture.frame_times import (
     DEFAULT_FPS,
     FrameTimes,
@@ -24,17 +19,17 @@ from encoder.capture.frame_times import (
     frame_times,
     is_usable_fps,
 )
+from encoder.capture.image_sequence import ImageSequence
+from encoder.capture.video_file import VideoFile
 from shared_model.errors import UserError
 
 Frame = NDArray[np.uint8]
 
-_OPEN_TIMEOUT_MS = 10_000
-# FFmpeg's number of the colour matrix BT.709, as in ITU-T H.273.
-_BT709 = 1
-_NUMBER_FIELD = re.compile(r"%0?\d*d")
+# Names of standard input.
+STANDARD_INPUT = ("-", "/dev/stdin")
 
 
-class _Reader(Protocol):
+class Reader(Protocol):
     """Reads frames one by one; `read` returns None at the end."""
 
     def read(self) -> Frame | None: ...
@@ -66,7 +61,7 @@ class Capture:
     def __init__(
         self,
         name: str,
-        reader: _Reader,
+        reader: Reader,
         times: FrameTimes,
         frame_count: int | None,
         is_live: bool,
@@ -91,6 +86,20 @@ class Capture:
     def format(self) -> VideoFormat:
         """Size and rate of the frames."""
         return VideoFormat(self.width, self.height, self.fps, self.colour_matrix)
+
+    @property
+    def notes(self) -> list[str]:
+        """One line for each thing about the frames read so far that a user should know."""
+        notes = []
+        if self.is_fps_assumed:
+            rate = f"{float(self.fps):g} frames a second"
+            notes.append(f"{self.name} states no usable frame rate: taken as {rate}")
+        if isinstance(self._reader, VideoFile):
+            notes += [f"{self.name}: {note}" for note in self._reader.notes]
+            if unread := self._reader.unread:
+                frames = "frame" if unread == 1 else "frames"
+                notes.append(f"{self.name} is damaged: {unread} {frames} could not be read")
+        return notes
 
     def __iter__(self) -> Iterator[tuple[int, Frame]]:
         """Yield (index, frame): frame (height, width, 3) uint8, BGR.
@@ -128,159 +137,60 @@ class Capture:
         self.close()
 
 
-class _VideoReader:
-    """Frames of a `cv2.VideoCapture`."""
-
-    def __init__(self, video: cv2.VideoCapture) -> None:
-        self._video = video
-
-    def read(self) -> Frame | None:
-        ok, frame = self._video.read()
-        return np.asarray(frame, dtype=np.uint8) if ok else None
-
-    def close(self) -> None:
-        self._video.release()
-
-
-class _SequenceReader:
-    """Frames from image files."""
-
-    def __init__(self, paths: list[Path]) -> None:
-        self._paths = iter(paths)
-
-    def read(self) -> Frame | None:
-        path = next(self._paths, None)
-        if path is None:
-            return None
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
-        if image is None:
-            raise UserError(f"{path} is not a readable image")
-        return np.asarray(image, dtype=np.uint8)
-
-    def close(self) -> None:
-        pass
-
-
 def open_source(source: str) -> Capture:
     """Open a video file, an image sequence pattern (frame_%04d.png), a camera index or a URL.
 
+    Also a pipe, or "-" for standard input: it is read as it comes, and once only.
     Raises `UserError`, one line, if there is nothing to read.
     """
-    _silence_opencv()
-    if source.isdecimal():
-        return _open_video(source, cv2.VideoCapture(int(source)), "camera {} does not open")
-    if "://" in source and not source.startswith("file://"):
-        return _open_stream(source)
     if not source:
         raise UserError("the name of the source is empty; give a video file or a camera's number")
+    if source.isdecimal():
+        camera = Camera(int(source))
+        rate = FrameTimes(exact_fps(camera.stated_fps))
+        is_assumed = not is_usable_fps(camera.stated_fps)
+        return Capture(source, camera, rate, None, True, is_fps_assumed=is_assumed)
+    if "://" in source and not source.startswith("file://"):
+        video = VideoFile(source, source, is_remote=True, is_file=False)
+        return _video_capture(source, video, is_live=video.frame_count is None)
     path = Path(source.removeprefix("file://"))
-    if source == "-" and not path.exists():
-        raise UserError("a source is not read from standard input; give the name of a file")
     if "%" in path.name and not path.exists():
-        return _open_sequence(path)
+        images = ImageSequence(path)
+        return Capture(str(path), images, FrameTimes(DEFAULT_FPS), images.frame_count, False)
+    if is_pipe(source):
+        name, address = _pipe_names(source)
+        return _video_capture(name, VideoFile(name, address, is_file=False))
+    _check_file(path)
+    return _video_capture(str(path), VideoFile(str(path), str(path)))
+
+
+def is_pipe(source: str) -> bool:
+    """Whether a source can be read only once: standard input, or a named pipe."""
+    path = Path(source.removeprefix("file://"))
+    return (source in STANDARD_INPUT and not path.is_file()) or path.is_fifo()
+
+
+def _pipe_names(source: str) -> tuple[str, str]:
+    """The name of a pipe for messages, and its address for FFmpeg."""
+    if source in STANDARD_INPUT:
+        return "standard input", "pipe:0"
+    path = source.removeprefix("file://")
+    return path, path
+
+
+def _check_file(path: Path) -> None:
+    """Raise `UserError` if a file cannot be opened."""
     if not path.exists():
         raise UserError(f"cannot read {path}: no such file")
     if path.is_dir():
         raise UserError(f"{path} is a folder; give a pattern such as {path}/frame_%04d.png")
     if not os.access(path, os.R_OK):
         raise UserError(f"cannot read {path}: no permission")
-    video = cv2.VideoCapture(str(path))
-    return _open_video(str(path), video, "{} is not a video OpenCV can read", *read_tags(path))
 
 
-def read_tags(path: Path) -> tuple[str, tuple[Fraction, ...]]:
-    """What OpenCV does not tell of a video file: colour matrix, and times of all frames in seconds.
-
-    The matrix is that of the tag: bt709 or bt601; bt601 also for files without a tag or with
-    another matrix, for pipes and for devices.  OpenCV converts BT.2020 pictures to the RGB of
-    BT.709 by itself.  The times are empty where the container has not all of them.
-    """
-    # A pipe or device can be read only once.
-    if not path.is_file():
-        return "bt601", ()
-    try:
-        with av.open(str(path), metadata_errors="ignore") as container:
-            if not container.streams.video:
-                return "bt601", ()
-            stream = container.streams.video[0]
-            context = stream.codec_context
-            matrix = "bt709" if context and context.colorspace == _BT709 else "bt601"
-            return matrix, _times_s(container, stream)
-    except av.FFmpegError:
-        return "bt601", ()
-
-
-def _times_s(container: InputContainer, stream: VideoStream) -> tuple[Fraction, ...]:
-    """The presentation times of a stream's frames, seconds, in coding order; or none."""
-    times_s: list[Fraction] = []
-    for packet in container.demux(stream):
-        if not packet.size or packet.is_discard:
-            continue
-        if packet.pts is None or packet.time_base is None:
-            return ()
-        times_s.append(packet.pts * packet.time_base)
-    return tuple(times_s)
-
-
-def _silence_opencv() -> None:
-    """Stop FFmpeg and OpenCV from writing to the terminal: `UserError` says it in one line."""
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-
-
-def _open_stream(url: str) -> Capture:
-    options = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _OPEN_TIMEOUT_MS]
-    options += [cv2.CAP_PROP_READ_TIMEOUT_MSEC, _OPEN_TIMEOUT_MS]
-    video = cv2.VideoCapture(url, cv2.CAP_FFMPEG, options)
-    return _open_video(url, video, "{} does not answer or is not a video stream")
-
-
-def _open_video(
-    name: str,
-    video: cv2.VideoCapture,
-    error_text: str,
-    colour_matrix: str = "bt601",
-    times_s: tuple[Fraction, ...] = (),
-) -> Capture:
-    if not video.isOpened():
-        raise UserError(error_text.format(name))
-    is_remote = name.isdecimal() or "://" in name
-    if name.isdecimal():
-        # A queue in the driver adds latency.
-        video.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-    count = video.get(cv2.CAP_PROP_FRAME_COUNT)
-    frame_count = int(count) if math.isfinite(count) and 0 < count < 2**31 else None
-    stated_fps = video.get(cv2.CAP_PROP_FPS)
-    times = frame_times(times_s, exact_fps(stated_fps))
+def _video_capture(name: str, video: VideoFile, is_live: bool = False) -> Capture:
+    times = frame_times(video.time_stamps.times_s, exact_fps(video.stated_fps))
     # Without a rate a container may still have times.
-    is_assumed = not is_usable_fps(stated_fps) and times == FrameTimes(DEFAULT_FPS)
-    is_live = is_remote and frame_count is None
-    reader = _VideoReader(video)
-    return Capture(
-        name, reader, times, len(times_s) or frame_count, is_live, colour_matrix, is_assumed
-    )
-
-
-def _open_sequence(pattern: Path) -> Capture:
-    """Read numbered images, the lowest number first, at the default rate."""
-    paths = _sequence_paths(pattern)
-    times = FrameTimes(DEFAULT_FPS)
-    return Capture(str(pattern), _SequenceReader(paths), times, len(paths), is_live=False)
-
-
-def _sequence_paths(pattern: Path) -> list[Path]:
-    fields = _NUMBER_FIELD.findall(pattern.name)
-    if len(fields) != 1 or pattern.name.count("%") != 1:
-        raise UserError(f"{pattern}: a sequence pattern has one number, such as frame_%04d.png")
-    before, after = pattern.name.split(fields[0])
-    shape = re.compile(re.escape(before) + r"(\d+)" + re.escape(after))
-    matches = map(shape.fullmatch, os.listdir(pattern.parent) if pattern.parent.is_dir() else [])
-    numbers = sorted({int(m[1]) for m in matches if m and pattern.name % int(m[1]) == m[0]})
-    if not numbers:
-        raise UserError(f"{pattern}: no file matches this pattern")
-    for expected, number in enumerate(numbers, start=numbers[0]):
-        if number != expected:
-            raise UserError(
-                f"{pattern.parent / (pattern.name % expected)} is missing in the sequence"
-            )
-    return [pattern.parent / (pattern.name % number) for number in numbers]
+    is_assumed = not is_usable_fps(video.stated_fps) and times == FrameTimes(DEFAULT_FPS)
+    matrix = video.colour_matrix
+    return Capture(name, video, times, video.frame_count, is_live, matrix, is_assumed)

@@ -15,7 +15,10 @@ from risorius.command_line.argument_types import (
     seconds,
 )
 
-SOURCE_HELP = "video file, image pattern (frame_%%04d.png), camera index or URL (rtsp://...)"
+SOURCE_HELP = (
+    "video file, image pattern (frame_%%04d.png), camera index, URL (rtsp://...)"
+    " or -: standard input"
+)
 
 
 def add_coding(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,8 @@ from typing import Any, Self
 import cv2
 import numpy as np
 
-from encoder.capture.live_capture import FrameMailbox, LiveCapture, read_camera, reduced
+from encoder.capture.live_capture import FrameMailbox, LiveCapture, read_camera
+from encoder.capture.picture_size import reduced
 from encoder.capture.video_source import Capture, open_source
 from encoder.sound.file_microphone import FileMicrophone
 from encoder.sound.live_speech import LiveSpeech, Samples

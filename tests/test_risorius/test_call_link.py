@@ -177,7 +177,7 @@ def test_an_invitation_to_a_relay_is_drawn(tmp_path: Path, capsys: Capture) -> N
         ("call --listen :{busy}", 4, "the port is in use"),
         ("call --listen :9 --port {busy}", 4, "the port is in use; try another --port"),
         ("call --listen :9 --camera none.mp4", 2, "cannot read none.mp4: no such file"),
-        ("call --listen :9 --camera {text}", 2, "is not a video OpenCV can read"),
+        ("call --listen :9 --camera {text}", 2, "is not a video that can be read"),
     ],
 )
 def test_nothing_is_handed_over_before_it_is_checked(

@@ -207,7 +207,6 @@ def test_an_error_of_machine_code_is_not_taken_for_an_interrupt(
     ("line", "reason"),
     [
         (["info", "-"], "info does not read standard input"),
-        (["encode", "-", "-o", "a.rzo"], "not read from standard input"),
         (["encode", "", "-o", "a.rzo"], "the name of the source is empty"),
     ],
 )
@@ -221,6 +220,23 @@ def test_what_is_no_file_name_is_not_called_a_missing_file(
     monkeypatch.chdir(tmp_path)
     assert main(line) == 2
     assert reason in error_line(capsys)
+
+
+def test_an_empty_standard_input_is_said(tmp_path: Path) -> None:
+    line = [*PROGRAM, "encode", "-", "-o", str(tmp_path / "a.rzo")]
+    done = subprocess.run(line, stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1] == "risorius: nothing came from standard input"
+    assert not (tmp_path / "a.rzo").exists()
+
+
+def test_a_call_of_standard_input_is_that_of_the_file(carphone: Path, tmp_path: Path) -> None:
+    calls = tmp_path / "piped.rzo", tmp_path / "file.rzo"
+    for call, source in zip(calls, ("-", str(carphone)), strict=True):
+        line = [*PROGRAM, "encode", source, "-o", str(call), "--max-frames", "10", "-q"]
+        with carphone.open("rb") as file:
+            subprocess.run(line, stdin=file, check=True)
+    assert calls[0].read_bytes() == calls[1].read_bytes()
 
 
 def test_an_interrupted_animation_has_the_truth_of_its_pictures(tmp_path: Path) -> None:

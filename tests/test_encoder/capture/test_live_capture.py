@@ -1,5 +1,6 @@
 """A camera by the clock: late frames are left out, early ones too, and time goes on."""
 
+import time
 from fractions import Fraction
 from pathlib import Path
 
@@ -8,15 +9,16 @@ import numpy as np
 import pytest
 
 from decoder.sinks.frame_sink import open_sink
+from encoder.capture.frame_times import FrameTimes
 from encoder.capture.live_capture import (
-    MAX_PICTURE_PX,
     NO_PICTURE,
     FrameMailbox,
     LiveCapture,
+    by_arrival,
     read_camera,
-    reduced,
 )
-from encoder.capture.video_source import Frame, open_source
+from encoder.capture.picture_size import MAX_PICTURE_PX, reduced
+from encoder.capture.video_source import Capture, Frame, open_source
 from shared_model.errors import UserError
 
 FPS = Fraction(25)
@@ -142,3 +144,36 @@ def test_large_pictures_are_reduced_and_small_ones_stay() -> None:
     assert large.shape[0] % 2 == large.shape[1] % 2 == 0
     small = picture(1)
     assert reduced(small) is small
+
+
+def test_a_picture_of_another_shape_is_not_stretched() -> None:
+    mailbox = FrameMailbox(FPS)
+    mailbox.put(picture(0, 48, 96), 0.0)
+    capture = LiveCapture("camera", mailbox, FPS)
+    mailbox.put(picture(200, 96, 48), 0.0)
+    _, upright = next(iter(capture))
+    assert upright.shape == (48, 96, 3)
+    assert (upright[:, 36:60] == 200).all()
+    assert not upright[:, :35].any() and not upright[:, 61:].any()
+
+
+def test_frames_of_a_live_source_are_counted_by_their_arrival() -> None:
+    """Ten pictures, one every 120 ms, of a source that states 25 a second."""
+
+    class SlowReader:
+        count = 0
+
+        def read(self) -> Frame | None:
+            self.count += 1
+            if self.count > 1:
+                time.sleep(0.12)
+            return None if self.count > 11 else picture(self.count)
+
+        def close(self) -> None:
+            pass
+
+    slow = Capture("camera", SlowReader(), FrameTimes(FPS), None, is_live=True)
+    with by_arrival(slow) as capture:
+        indices = [index for index, _ in capture]
+    assert 6 <= len(indices) <= 11
+    assert indices[-1] - indices[0] == pytest.approx(3 * (len(indices) - 1), abs=4)

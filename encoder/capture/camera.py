@@ -1,0 +1,35 @@
+"""Frames of a camera of this host, read by OpenCV."""
+
+import os
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from shared_model.errors import UserError
+
+Frame = NDArray[np.uint8]
+
+
+class Camera:
+    """An open camera.  stated_fps: by its driver.  Raises `UserError` if it does not open."""
+
+    def __init__(self, number: int) -> None:
+        # What OpenCV and its FFmpeg write to the terminal is said in one line.
+        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        self._video = cv2.VideoCapture(number)
+        if not self._video.isOpened():
+            raise UserError(f"camera {number} does not open")
+        # A queue in the driver adds latency.
+        self._video.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+        self.stated_fps = float(self._video.get(cv2.CAP_PROP_FPS))
+
+    def read(self) -> Frame | None:
+        """The next picture (h, w, 3) uint8 BGR; None when it gives none any more."""
+        ok, frame = self._video.read()
+        return np.asarray(frame, dtype=np.uint8) if ok else None
+
+    def close(self) -> None:
+        """Release the device."""
+        self._video.release()

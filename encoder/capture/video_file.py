@@ -1,0 +1,186 @@
+"""Frames of a video file, a pipe or a network stream, read by PyAV as they are to be shown.
+
+Interlaced pictures are deinterlaced, those of high dynamic range are tone-mapped, the display
+matrix is applied, and pictures of another size than the first are fitted into that.
+"""
+
+from collections.abc import Iterator
+from itertools import chain
+from typing import Any
+
+import av
+import numpy as np
+from av.container import InputContainer
+from av.stream import Disposition
+from av.video.frame import VideoFrame
+from av.video.reformatter import VideoReformatter
+from av.video.stream import VideoStream
+from numpy.typing import NDArray
+
+from encoder.capture.deinterlacer import Deinterlacer
+from encoder.capture.frame_times import is_usable_fps
+from encoder.capture.orientation import orientation_of
+from encoder.capture.picture_size import letterboxed
+from encoder.capture.time_stamps import TimeStamps, read_time_stamps
+from encoder.capture.tone_mapping import HLG, PQ, ToneMapper
+from shared_model.errors import UserError
+
+Frame = NDArray[np.uint8]
+
+# How long a network stream may take to open, and to give something, seconds.
+TIMEOUT_S = 10.0
+# FFmpeg's number of the colour matrix BT.709, as in ITU-T H.273.
+_BT709 = 1
+_TRANSFER_NAMES = {PQ: "PQ", HLG: "HLG"}
+
+
+def open_container(name: str, address: str, is_remote: bool = False) -> InputContainer:
+    """The container at an address, opened for reading.  Raises `UserError` with its name."""
+    timeout = TIMEOUT_S if is_remote else None
+    try:
+        return av.open(address, metadata_errors="ignore", timeout=timeout)
+    except (av.FFmpegError, OSError) as error:
+        if is_remote:
+            raise UserError(f"{name} does not answer or is not a video stream") from error
+        raise UserError(f"{name} is not a video that can be read") from error
+
+
+def video_stream(container: InputContainer, name: str) -> VideoStream:
+    """The container's video: the one it shows, else the largest.  Raises `UserError`."""
+    streams = [each for each in container.streams.video if not _is_cover(each)]
+    if streams:
+        return max(streams, key=_rank)
+    if container.streams.audio:
+        raise UserError(f"{name} has sound only, no video")
+    raise UserError(f"{name} has no video")
+
+
+def _is_cover(stream: VideoStream) -> bool:
+    return bool(stream.disposition & Disposition.attached_pic)
+
+
+def _display_matrix(frame: VideoFrame) -> bytes | None:
+    data: Any = frame.side_data.get("DISPLAYMATRIX")
+    return None if data is None else bytes(data)
+
+
+def _rank(stream: VideoStream) -> tuple[bool, int]:
+    return bool(stream.disposition & Disposition.default), stream.width * stream.height
+
+
+class VideoFile:
+    """Opens a video and reads its frames one by one.
+
+    name, address: for messages, and for FFmpeg.  is_remote: it comes from the network.
+    is_file: it can be read several times.
+    stated_fps: frame rate by the container; 0: none.
+    time_stamps: of the frames, see `TimeStamps`.
+    frame_count: number of frames by the container, of which some may be unreadable; None: unknown.
+    colour_matrix: see `Capture`.
+    unread: frames that could not be read so far.
+    notes: one line for each thing that is done to the pictures so far.
+    Raises `UserError` if it has no video.
+    """
+
+    def __init__(
+        self, name: str, address: str, is_remote: bool = False, is_file: bool = True
+    ) -> None:
+        self._container = open_container(name, address, is_remote)
+        self._stream = video_stream(self._container, name)
+        self._stream.thread_type = "AUTO"
+        self.stated_fps = float(self._stream.guessed_rate or 0)
+        self.unread, self.notes = 0, list[str]()
+        self._size: tuple[int, int] | None = None  # rows, columns of the first picture
+        self._reformatter = VideoReformatter()
+        self._mapper: ToneMapper | None = None
+        frames = self._decoded()
+        first = next(frames, None)
+        self._frames = chain([] if first is None else [first], frames)
+        self.time_stamps = TimeStamps()
+        if is_file and first is not None:
+            self._read_time_stamps(name, address, first)
+        self.frame_count = len(self.time_stamps.times_s) or self._stated_count()
+        matrix = first.colorspace if first is not None else self._stream.codec_context.colorspace
+        self.colour_matrix = "bt709" if matrix == _BT709 else "bt601"
+
+    def read(self) -> Frame | None:
+        """The next picture (h, w, 3) uint8 BGR; None after the last."""
+        frame = next(self._frames, None)
+        return None if frame is None else self._picture(frame)
+
+    def close(self) -> None:
+        """Close the container."""
+        self._container.close()
+
+    def _read_time_stamps(self, name: str, address: str, first: VideoFrame) -> None:
+        with open_container(name, address) as container:
+            stamps = read_time_stamps(container, video_stream(container, name))
+        if stamps.times_s and first.pts is not None and first.time_base is not None:
+            # A recording may begin between two key frames.
+            stamps = stamps.starting_at(first.pts * first.time_base)
+        self.time_stamps, self.unread = stamps, self.unread + stamps.missing
+        if stamps.jumps:
+            self._note("time stamps jump: pictures follow each other as if they did not")
+
+    def _stated_count(self) -> int | None:
+        if self._stream.frames:
+            return self._stream.frames
+        duration_s = float((self._container.duration or 0) / av.time_base)
+        is_known = is_usable_fps(self.stated_fps) and duration_s > 0
+        return round(duration_s * self.stated_fps) or None if is_known else None
+
+    def _decoded(self) -> Iterator[VideoFrame]:
+        """All frames in the order in which they are shown."""
+        deinterlacer: Deinterlacer | None = None
+        for frame in self._readable():
+            if deinterlacer is None and frame.interlaced_frame:
+                deinterlacer = Deinterlacer()
+                self._note("interlaced pictures are deinterlaced (bwdif)")
+            if deinterlacer is None:
+                yield frame
+            else:
+                yield from deinterlacer.add(frame)
+        if deinterlacer is not None:
+            yield from deinterlacer.rest()
+
+    def _readable(self) -> Iterator[VideoFrame]:
+        """The frames that can be read; damaged packets are passed over."""
+        packets = self._container.demux(self._stream)
+        while True:
+            try:
+                packet = next(packets, None)
+            except av.FFmpegError:
+                # What follows cannot be told apart any more.
+                packet = None
+            if packet is None:
+                return
+            try:
+                yield from packet.decode()
+            except av.FFmpegError:
+                self.unread += 1
+
+    def _picture(self, frame: VideoFrame) -> Frame:
+        transfer = frame.color_trc
+        if transfer in _TRANSFER_NAMES:
+            if self._mapper is None:
+                self._mapper = ToneMapper(transfer)
+                name = _TRANSFER_NAMES[transfer]
+                self._note(f"pictures of high dynamic range ({name}) are tone-mapped")
+            picture = self._mapper.apply(self._converted(frame, "rgb48le"))
+        else:
+            picture = np.asarray(self._converted(frame, "bgr24"), np.uint8)
+        picture = orientation_of(_display_matrix(frame)).apply(picture)
+        if self._size is None:
+            self._size = picture.shape[0], picture.shape[1]
+        elif picture.shape[:2] != self._size:
+            rows, columns = self._size
+            self._note(f"the size of the pictures changes: all are fitted into {columns}x{rows}")
+            picture = letterboxed(picture, columns, rows)
+        return picture
+
+    def _converted(self, frame: VideoFrame, pixel_format: str) -> NDArray[Any]:
+        return self._reformatter.reformat(frame, format=pixel_format).to_ndarray()
+
+    def _note(self, line: str) -> None:
+        if line not in self.notes:
+            self.notes.append(line)
