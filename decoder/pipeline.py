@@ -12,6 +12,7 @@ from decoder.playout.duration import count_frames
 from decoder.playout.received_frames import DecodeStats
 from decoder.playout.receiver import Receiver
 from decoder.sinks.frame_sink import FrameSink, ThreadedSink, check_sink, keeps_times, open_sink
+from decoder.sinks.source_pixels import in_source_size
 from decoder.sinks.video_file import TIMED
 from decoder.sound.sound_track import Samples, SoundTrack, open_sound_track
 from protocol.call_parameters import CallParameters
@@ -37,7 +38,7 @@ class DecodeOptions(CallSource):
 class DecodeReport:
     """What was decoded.
 
-    frames: pictures shown; fps: of the source; width, height: of the pictures.
+    frames: pictures shown; fps: of the source; width, height: of the pictures that are written.
     model_bytes, frame_bytes: payload bytes of the packets received.  voice, voice_bytes: its codec,
         one of `VOICES`, and its share of the frame packets, which `frame_bytes` does not count.
     stage_ms: mean time per frame of each stage, ms; stage_cpu_ms: CPU time of the thread that
@@ -130,8 +131,8 @@ def _open_sink(
             f"without the voice ({sender.voice}): pip install '.[voice]' to hear it"
         )
     rate_hz = sound.rate_hz if sound is not None else None
-    size = shown.width, shown.height
-    return open_sink(output, *size, fps, shown.colour_matrix, is_variable, rate_hz)
+    size, aspect = shown.source_size, shown.sample_aspect
+    return open_sink(output, *size, fps, shown.colour_matrix, is_variable, rate_hz, aspect)
 
 
 class _Output:
@@ -159,7 +160,8 @@ class _Output:
             self._open(frame)
         if self.sink is not None:
             with self._pictures.timer.stage("write"):
-                self.sink.write(frame.picture, frame.time_s)
+                picture = in_source_size(frame.picture, self._pictures.shown.source_size)
+                self.sink.write(picture, frame.time_s)
         self._give(self._pictures.receiver.speech.known_until)
 
     def finish(self) -> None:
@@ -211,8 +213,8 @@ def _report(pictures: CallPictures) -> DecodeReport:
     return DecodeReport(
         frames=frames,
         fps=pictures.sender.fps,
-        width=pictures.shown.width,
-        height=pictures.shown.height,
+        width=pictures.shown.source_size[0],
+        height=pictures.shown.source_size[1],
         model_bytes=counts.model_bytes,
         frame_bytes=counts.frame_bytes - counts.voice_bytes,
         stage_ms=pictures.timer.mean_ms(frames),

@@ -67,7 +67,7 @@ def encode(
         if is_pipe(options.source) and options.profile == "default" and not options.live:
             on_message("what comes through the pipe is read to its end first; --live: as it comes")
             options = replace(options, source=stack.enter_context(spooled(options.source)))
-        capture = open_source(options.source)
+        capture = open_source(options.source, square_pixels=True)
         if capture.is_live and options.profile == "default":
             capture = by_arrival(capture)
         stack.enter_context(capture)
@@ -261,7 +261,7 @@ def second_pass(
     def second_half(done: int) -> None:
         callbacks.progress((count + done) // 2, count)
 
-    with open_source(options.source) as capture:
+    with open_source(options.source, square_pixels=True) as capture:
         source = FrameSource(capture, stats, callbacks.stop)
         encoder.fit_frames(source.second_pass(count, second_half))
     if not encoder.faces_fitted:

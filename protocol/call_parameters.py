@@ -16,6 +16,7 @@ from protocol.limits import (
     VOICE_NUMBERS,
     VOICES,
 )
+from protocol.sample_aspect import check_aspect, source_size
 from shared_model.geometry import Camera
 
 PROFILES = ("thesis", "default")
@@ -27,7 +28,7 @@ class CallParameters:
     """The parameters that stay the same throughout a call.
 
     profile: one of `PROFILES`.
-    width, height: size of the source picture, pixels.
+    width, height: size of the pictures of the call, pixels.
     fps_numerator, fps_denominator: frame rate of the source, frames per second.
     focal_px: focal length, pixels; rounded to single precision.
     frames_per_packet: coded frames in one frame packet (default profile).
@@ -37,6 +38,8 @@ class CallParameters:
     colour_matrix: one of `COLOUR_MATRICES`, the matrix of the source's Y'CbCr; bt601 if the source
         states none or is RGB.
     voice: one of `VOICES`, the codec of the speech in the frame packets; off: the call is silent.
+    sample_aspect: sample aspect ratio of the source, width of a pixel over its height, see
+        `sample_aspect`.
     """
 
     profile: str
@@ -51,6 +54,7 @@ class CallParameters:
     has_eyelids: bool = False
     colour_matrix: str = "bt601"
     voice: str = "off"
+    sample_aspect: Fraction = Fraction(1)
 
     def __post_init__(self) -> None:
         if self.profile not in PROFILES:
@@ -61,6 +65,7 @@ class CallParameters:
             )
         if self.voice not in VOICES:
             raise ValueError(f"voice is {self.voice!r}, expected one of {VOICES}")
+        check_aspect(self.sample_aspect)
         check_int("width", self.width, 1, MAX_SIDE_PX)
         check_int("height", self.height, 1, MAX_SIDE_PX)
         check_int("fps numerator", self.fps_numerator, 1, MAX_FPS_TERM)
@@ -89,6 +94,11 @@ class CallParameters:
     def exact_fps(self) -> Fraction:
         """Frame rate of the source, frames per second; the mean of one that varies."""
         return Fraction(self.fps_numerator, self.fps_denominator)
+
+    @property
+    def source_size(self) -> tuple[int, int]:
+        """Width and height of the source picture, pixels."""
+        return source_size(self.width, self.height, self.sample_aspect)
 
     @property
     def camera(self) -> Camera:

@@ -30,6 +30,7 @@ from protocol.limits import (
     SEQUENCE_MODULUS,
     VOICE_NUMBERS,
 )
+from protocol.sample_aspect import aspect_of
 from protocol.shape_residual_coding import parse_residual, serialise_residual
 from shared_model.geometry import normalise
 from shared_model.parameters import AAUS, EAUS, Pose
@@ -43,9 +44,10 @@ DEFAULT_FORMAT = 17
 PROGRESSIVE_FORMAT = 18
 EXTENSIBLE_FORMAT = 19
 VOICE_FORMAT = 20
+ASPECT_FORMAT = 21
 _THESIS_FORMATS = THESIS_FORMAT, EYELIDS_FORMAT
 _DEFAULT_FORMATS = DEFAULT_FORMAT, PROGRESSIVE_FORMAT, EXTENSIBLE_FORMAT
-FORMATS = (*_THESIS_FORMATS, *_DEFAULT_FORMATS, VOICE_FORMAT)
+FORMATS = (*_THESIS_FORMATS, *_DEFAULT_FORMATS, VOICE_FORMAT, ASPECT_FORMAT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,8 +132,8 @@ class ModelPacket:
 # Keys of the map, one letter each because they are sent.
 _KEYS = ("p", "s", "r", "f", "n", "o", "l", "a", "d", "q", "t", "e", "b", "x", "m")
 # Further keys; each format has so many of them.
-_FURTHER_KEYS = ("k", "y", "g", "i", "v")
-_DEFAULTS: tuple[Any, ...] = (1, False, False, False, 0)
+_FURTHER_KEYS = ("k", "y", "g", "i", "v", "z")
+_DEFAULTS: tuple[Any, ...] = (1, False, False, False, 0, (1, 1))
 _FURTHER_KEY_COUNT = {
     THESIS_FORMAT: 0,
     EYELIDS_FORMAT: 4,
@@ -139,10 +141,13 @@ _FURTHER_KEY_COUNT = {
     PROGRESSIVE_FORMAT: 2,
     EXTENSIBLE_FORMAT: 3,
     VOICE_FORMAT: 5,
+    ASPECT_FORMAT: 6,
 }
 
 
 def _format_of(packet: ModelPacket) -> int:
+    if packet.call.sample_aspect != 1:
+        return ASPECT_FORMAT
     if packet.call.voice != "off":
         return VOICE_FORMAT
     if packet.call.has_eyelids:
@@ -181,6 +186,7 @@ def _model_fields(packet: ModelPacket) -> dict[str, Any]:
         packet.extensible,
         call.has_eyelids,
         VOICE_NUMBERS[call.voice],
+        call.sample_aspect.as_integer_ratio(),
     )
     return dict(zip(_keys(format_number), values, strict=False))
 
@@ -229,7 +235,10 @@ def _model_from_fields(sequence: int, format_number: int, fields: Any) -> ModelP
         raise ValueError(f"no map of the fields {','.join(keys)}")
     profile, size, fps, focal, packing, start, versions, aau, residual, *rest = fields.values()
     rotation, translation, eau, background, texture, profile_data, *further = rest
-    step, progressive, extensible, has_eyelids, voice = (*further, *_DEFAULTS[len(further) :])
+    step, progressive, extensible, has_eyelids, voice, aspect = (
+        *further,
+        *_DEFAULTS[len(further) :],
+    )
     check_int("profile and matrix", profile, 0, len(PROFILES) * len(COLOUR_MATRICES) - 1)
     matrix, profile = divmod(profile, len(PROFILES))
     width, height = _pair("size", size)
@@ -249,6 +258,7 @@ def _model_from_fields(sequence: int, format_number: int, fields: Any) -> ModelP
             has_eyelids,
             COLOUR_MATRICES[matrix],
             voice_of(voice),
+            aspect_of(*_pair("sample aspect ratio", aspect)),
         ),
         aau=_codes_from_bytes("aau", aau),
         reference_rotation=rotation,

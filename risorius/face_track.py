@@ -89,8 +89,8 @@ def track(
     Raises `UserError` if the source cannot be read or shows no face.
     """
     times, faces, confidence, warnings = list[float](), list[Array](), list[float](), list[str]()
-    # Reading ahead ends before the capture is closed: OpenCV hangs or crashes otherwise.
-    with open_source(source) as capture, closing(_frames(capture)) as frames:
+    # Reading ahead ends before the capture is closed.
+    with open_source(source, square_pixels=True) as capture, closing(_frames(capture)) as frames:
         size, frame_s = (capture.width, capture.height), float(1 / capture.fps)
         options = TrackingOptions(eyelids=True, refine_identity=False)
         active = range(len(EAUS))

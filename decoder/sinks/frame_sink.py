@@ -59,6 +59,7 @@ def open_sink(
     matrix: str = "bt601",
     is_variable: bool = False,
     sound_rate_hz: int | None = None,
+    sample_aspect: Fraction = Fraction(1),
 ) -> FrameSink:
     """The sink for `path`: .mkv, .avi, .mp4, .mov, images such as out/%04d.png, or a stream.
 
@@ -69,16 +70,18 @@ def open_sink(
         always RGB.
     is_variable: pictures have times of their own and `fps` is the mean, see `keeps_times`.
     sound_rate_hz: samples per second of the sound track of a video file; None: it has none.
+    sample_aspect: width of a pixel over its height, stated in the file where its kind can.
     Raises `UserError` if the kind of file is unknown or it cannot be written, `ValueError` for an
     unknown matrix.
     """
     if not isinstance(path, Path):
-        return Y4mStream(path, width, height, fps, matrix)
+        return Y4mStream(path, width, height, fps, matrix, sample_aspect)
     check_sink(path)
     if "%" in path.name:
         return ImageSequence(path)
     is_timed = is_variable and keeps_times(path)
-    return VideoFile(path, width, height, fps, matrix, is_timed, sound_rate_hz)
+    size = width, height
+    return VideoFile(path, *size, fps, matrix, is_timed, sound_rate_hz, sample_aspect)
 
 
 def keeps_times(output: Path | BinaryIO) -> bool:

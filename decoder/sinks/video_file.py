@@ -20,6 +20,7 @@ from av.video.reformatter import (
 from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
+from decoder.sinks import matroska_aspect
 from decoder.sinks.sound_stream import SoundStream
 from decoder.sinks.y4m_stream import LUMA_SPAN, LUMA_WEIGHTS
 from protocol.frames.frame_times import TICKS_PER_FRAME
@@ -67,6 +68,7 @@ class VideoFile:
 
     is_variable: pictures have times of their own, and `fps` is the mean rate.
     sound_rate_hz: samples per second of the sound track; None: the file has none.
+    sample_aspect: width of a pixel over its height.
     """
 
     def __init__(
@@ -78,6 +80,7 @@ class VideoFile:
         matrix: str,
         is_variable: bool = False,
         sound_rate_hz: int | None = None,
+        sample_aspect: Fraction = Fraction(1),
     ) -> None:
         self._path, self._shape = path, (height, width, 3)
         self._part = path.with_name(f"{path.stem}.part{path.suffix}")
@@ -86,10 +89,18 @@ class VideoFile:
         self._luma = LUMA_SPAN * np.array([weights], np.float32)
         self._next_pts, self._is_open, self._replaces = 0, True, True
         self._is_variable = is_variable
+        is_matroska = path.suffix.lower() == ".mkv" and sample_aspect != 1
+        self._writes_aspect = sample_aspect if is_matroska else None
         with _as_user_error(path), ExitStack() as undo:
             undo.callback(self._remove_part)
-            self._container = undo.enter_context(av.open(str(self._part), "w"))
+            options = {} if self._writes_aspect is None else matroska_aspect.CONTAINER_OPTIONS
+            opened = av.open(str(self._part), "w", container_options=options)
+            self._container = undo.enter_context(opened)
             self._stream = self._add_stream(width, height, fps, is_variable)
+            if sample_aspect != 1:
+                self._stream.codec_context.sample_aspect_ratio = sample_aspect
+            if self._writes_aspect is not None:
+                matroska_aspect.make_room(self._stream)
             self._sound = (
                 None
                 if sound_rate_hz is None
@@ -140,6 +151,9 @@ class VideoFile:
                 self._container.mux(self._stream.encode(None))
                 if self._sound is not None:
                     self._sound.finish()
+            if self._next_pts and self._writes_aspect is not None:
+                height, width, _ = self._shape
+                matroska_aspect.state_aspect(self._part, width, height, self._writes_aspect)
         finally:
             if not self._next_pts:
                 self._remove_part()

@@ -26,12 +26,19 @@ class Y4mStream:
     """
 
     def __init__(
-        self, stream: BinaryIO, width: int, height: int, fps: Fraction, colour_matrix: str
+        self,
+        stream: BinaryIO,
+        width: int,
+        height: int,
+        fps: Fraction,
+        colour_matrix: str,
+        sample_aspect: Fraction = Fraction(1),
     ) -> None:
         self._stream, self._shape = stream, (height, width, 3)
         self._ycbcr_from_bgr = ycbcr_from_bgr(colour_matrix)
         rate = f"{fps.numerator}:{fps.denominator}"
-        self._write(f"YUV4MPEG2 W{width} H{height} F{rate} Ip A1:1 C444\n".encode())
+        aspect = f"{sample_aspect.numerator}:{sample_aspect.denominator}"
+        self._write(f"YUV4MPEG2 W{width} H{height} F{rate} Ip A{aspect} C444\n".encode())
 
     def write(self, picture: Picture, time_s: Fraction | None = None) -> None:
         """Write one picture; the format has a constant rate.

@@ -119,8 +119,9 @@ class LiveCapture(Capture):
     ) -> None:
         self._mailbox, self._origin = mailbox, origin
         self._start_s: float | None = None
-        matrix = "bt601" if origin is None else origin.colour_matrix
-        super().__init__(name, _FirstPicture(mailbox), FrameTimes(fps), None, True, matrix)
+        super().__init__(name, _FirstPicture(mailbox), FrameTimes(fps), None, is_live=True)
+        if origin is not None:
+            self.colour_matrix, self.sample_aspect = origin.colour_matrix, origin.sample_aspect
 
     @property
     def notes(self) -> list[str]:
@@ -177,7 +178,7 @@ def read_camera(
                 on_start(start_s)
                 start_s = _read_all(capture, mailbox, start_s, max_pixels)
             while repeat and not capture.is_live and not mailbox.is_closed:
-                with open_source(source) as again:
+                with open_source(source, square_pixels=True) as again:
                     on_start(start_s)
                     start_s = _read_all(again, mailbox, start_s, max_pixels)
             mailbox.close()

@@ -1,8 +1,12 @@
-"""Pictures brought to the size that a call has: fitted in with borders, or reduced."""
+"""Pictures brought to the size that a call has: fitted in with borders, stretched, or reduced."""
+
+from fractions import Fraction
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from protocol.sample_aspect import square_size
 
 Frame = NDArray[np.uint8]
 
@@ -23,6 +27,15 @@ def letterboxed(picture: Frame, width: int, height: int) -> Frame:
     fitted = cv2.resize(picture, (columns, rows), interpolation=method)
     framed[top : top + rows, left : left + columns] = fitted
     return framed
+
+
+def in_square_pixels(picture: Frame, aspect: Fraction) -> Frame:
+    """A picture (h, w, 3) of this sample aspect ratio as a call has it."""
+    height, width = picture.shape[:2]
+    size = square_size(width, height, aspect)
+    if size == (width, height):
+        return picture
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
 def reduced(picture: Frame, max_pixels: int = MAX_PICTURE_PX) -> Frame:

@@ -5,6 +5,7 @@ matrix is applied, and pictures of another size than the first are fitted into t
 """
 
 from collections.abc import Iterator
+from fractions import Fraction
 from itertools import chain
 from typing import Any
 
@@ -20,9 +21,10 @@ from numpy.typing import NDArray
 from encoder.capture.deinterlacer import Deinterlacer
 from encoder.capture.frame_times import is_usable_fps
 from encoder.capture.orientation import orientation_of
-from encoder.capture.picture_size import letterboxed
+from encoder.capture.picture_size import in_square_pixels, letterboxed
 from encoder.capture.time_stamps import TimeStamps, read_time_stamps
 from encoder.capture.tone_mapping import HLG, PQ, ToneMapper
+from protocol.sample_aspect import is_stretched, usable_aspect
 from shared_model.errors import UserError
 
 Frame = NDArray[np.uint8]
@@ -72,18 +74,23 @@ class VideoFile:
     """Opens a video and reads its frames one by one.
 
     name, address: for messages, and for FFmpeg.  is_remote: it comes from the network.
-    is_file: it can be read several times.
+    is_file: it can be read several times.  square_pixels: pictures are as a call has them.
     stated_fps: frame rate by the container; 0: none.
     time_stamps: of the frames, see `TimeStamps`.
     frame_count: number of frames by the container, of which some may be unreadable; None: unknown.
-    colour_matrix: see `Capture`.
+    colour_matrix, sample_aspect: see `Capture`.
     unread: frames that could not be read so far.
     notes: one line for each thing that is done to the pictures so far.
     Raises `UserError` if it has no video.
     """
 
     def __init__(
-        self, name: str, address: str, is_remote: bool = False, is_file: bool = True
+        self,
+        name: str,
+        address: str,
+        is_remote: bool = False,
+        is_file: bool = True,
+        square_pixels: bool = False,
     ) -> None:
         self._container = open_container(name, address, is_remote)
         self._stream = video_stream(self._container, name)
@@ -102,6 +109,8 @@ class VideoFile:
         self.frame_count = len(self.time_stamps.times_s) or self._stated_count()
         matrix = first.colorspace if first is not None else self._stream.codec_context.colorspace
         self.colour_matrix = "bt709" if matrix == _BT709 else "bt601"
+        self.sample_aspect = self._aspect(first)
+        self._square_pixels = square_pixels
 
     def read(self) -> Frame | None:
         """The next picture (h, w, 3) uint8 BGR; None after the last."""
@@ -121,6 +130,16 @@ class VideoFile:
         self.time_stamps, self.unread = stamps, self.unread + stamps.missing
         if stamps.jumps:
             self._note("time stamps jump: pictures follow each other as if they did not")
+
+    def _aspect(self, first: VideoFrame | None) -> Fraction:
+        stream = self._stream
+        stated = stream.sample_aspect_ratio or stream.codec_context.sample_aspect_ratio
+        if first is None:
+            return Fraction(1)
+        width, height = first.width, first.height
+        if stated and orientation_of(_display_matrix(first)).is_transposed:
+            stated, width, height = 1 / stated, height, width
+        return usable_aspect(stated, width, height)
 
     def _stated_count(self) -> int | None:
         if self._stream.frames:
@@ -176,6 +195,10 @@ class VideoFile:
             rows, columns = self._size
             self._note(f"the size of the pictures changes: all are fitted into {columns}x{rows}")
             picture = letterboxed(picture, columns, rows)
+        if self._square_pixels and is_stretched(self.sample_aspect):
+            aspect = self.sample_aspect
+            self._note(f"pixels of {aspect.numerator}:{aspect.denominator} are coded as squares")
+            picture = in_square_pixels(picture, aspect)
         return picture
 
     def _converted(self, frame: VideoFrame, pixel_format: str) -> NDArray[Any]:

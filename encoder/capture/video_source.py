@@ -21,6 +21,7 @@ from encoder.capture.frame_times import (
 )
 from encoder.capture.image_sequence import ImageSequence
 from encoder.capture.video_file import VideoFile
+from protocol.sample_aspect import source_size
 from shared_model.errors import UserError
 
 Frame = NDArray[np.uint8]
@@ -39,12 +40,18 @@ class Reader(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class VideoFormat:
-    """Size and frame rate of a source, see `Capture`."""
+    """What the pictures of a source are, see `Capture`."""
 
     width: int
     height: int
     fps: Fraction
     colour_matrix: str
+    sample_aspect: Fraction = Fraction(1)
+
+    @property
+    def source_size(self) -> tuple[int, int]:
+        """Width and height of the source, if the pictures have square pixels."""
+        return source_size(self.width, self.height, self.sample_aspect)
 
 
 class Capture:
@@ -56,6 +63,7 @@ class Capture:
     is_live: whether frames arrive in real time and without a known end.
     colour_matrix: of a file's Y'CbCr, see `protocol.packets.CallParameters`.
     is_fps_assumed: whether the source states no usable frame rate, so that it is a default.
+    sample_aspect: width of a pixel of the source over its height.
     """
 
     def __init__(
@@ -67,9 +75,11 @@ class Capture:
         is_live: bool,
         colour_matrix: str = "bt601",
         is_fps_assumed: bool = False,
+        sample_aspect: Fraction = Fraction(1),
     ) -> None:
         self.name, self.times, self.frame_count, self.is_live = name, times, frame_count, is_live
         self.colour_matrix, self.is_fps_assumed = colour_matrix, is_fps_assumed
+        self.sample_aspect = sample_aspect
         self._reader = reader
         self._first = reader.read()
         if self._first is None:
@@ -84,8 +94,9 @@ class Capture:
 
     @property
     def format(self) -> VideoFormat:
-        """Size and rate of the frames."""
-        return VideoFormat(self.width, self.height, self.fps, self.colour_matrix)
+        """Of the frames as delivered."""
+        matrix = self.colour_matrix
+        return VideoFormat(self.width, self.height, self.fps, matrix, self.sample_aspect)
 
     @property
     def notes(self) -> list[str]:
@@ -137,10 +148,11 @@ class Capture:
         self.close()
 
 
-def open_source(source: str) -> Capture:
+def open_source(source: str, square_pixels: bool = False) -> Capture:
     """Open a video file, an image sequence pattern (frame_%04d.png), a camera index or a URL.
 
     Also a pipe, or "-" for standard input: it is read as it comes, and once only.
+    square_pixels: pictures whose pixels are not square are stretched, see `sample_aspect`.
     Raises `UserError`, one line, if there is nothing to read.
     """
     if not source:
@@ -151,7 +163,7 @@ def open_source(source: str) -> Capture:
         is_assumed = not is_usable_fps(camera.stated_fps)
         return Capture(source, camera, rate, None, True, is_fps_assumed=is_assumed)
     if "://" in source and not source.startswith("file://"):
-        video = VideoFile(source, source, is_remote=True, is_file=False)
+        video = VideoFile(source, source, True, False, square_pixels)
         return _video_capture(source, video, is_live=video.frame_count is None)
     path = Path(source.removeprefix("file://"))
     if "%" in path.name and not path.exists():
@@ -159,9 +171,9 @@ def open_source(source: str) -> Capture:
         return Capture(str(path), images, FrameTimes(DEFAULT_FPS), images.frame_count, False)
     if is_pipe(source):
         name, address = _pipe_names(source)
-        return _video_capture(name, VideoFile(name, address, is_file=False))
+        return _video_capture(name, VideoFile(name, address, False, False, square_pixels))
     _check_file(path)
-    return _video_capture(str(path), VideoFile(str(path), str(path)))
+    return _video_capture(str(path), VideoFile(str(path), str(path), False, True, square_pixels))
 
 
 def is_pipe(source: str) -> bool:
@@ -192,5 +204,5 @@ def _video_capture(name: str, video: VideoFile, is_live: bool = False) -> Captur
     times = frame_times(video.time_stamps.times_s, exact_fps(video.stated_fps))
     # Without a rate a container may still have times.
     is_assumed = not is_usable_fps(video.stated_fps) and times == FrameTimes(DEFAULT_FPS)
-    matrix = video.colour_matrix
-    return Capture(name, video, times, video.frame_count, is_live, matrix, is_assumed)
+    matrix, aspect = video.colour_matrix, video.sample_aspect
+    return Capture(name, video, times, video.frame_count, is_live, matrix, is_assumed, aspect)

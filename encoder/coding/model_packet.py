@@ -92,6 +92,7 @@ def call_parameters(
         start_frame=start_frame,
         frame_step=frame_step,
         colour_matrix=video.colour_matrix,
+        sample_aspect=video.sample_aspect,
     )
 
 

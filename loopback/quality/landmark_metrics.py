@@ -84,7 +84,7 @@ def correlation(first: Array, second: Array) -> float | None:
 def _tracked_points(source: str, max_frames: int | None) -> Iterator[Array]:
     tracker = open_landmark_tracker()
     nothing = np.full((LANDMARK_COUNT, 2), np.nan)
-    with open_source(source) as capture:
+    with open_source(source, square_pixels=True) as capture:
         for index, frame in capture:
             if index == max_frames:
                 return

@@ -2,12 +2,15 @@
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from fractions import Fraction
 from itertools import zip_longest
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.capture.picture_size import in_square_pixels
 from encoder.capture.video_source import Capture, open_source
 from encoder.detection.landmark_indices import face_outline
 from encoder.detection.landmarks import open_landmark_tracker
@@ -95,7 +98,7 @@ def measure_quality(
                 )
             error = squared_error(original[1], copy[1])
             full.append(psnr_db(error))
-            mask = find_face_mask(original[1])
+            mask = _in_source_pixels(find_face_mask, original[1], originals.sample_aspect)
             if mask is not None and mask.any():
                 face.append(psnr_db(error[mask]))
             if regions is not None:
@@ -118,6 +121,16 @@ def source_frame_count(source: str, expected: int) -> int:
 def face_oval_mask(points_px: NDArray[np.floating], height: int, width: int) -> Mask:
     """The mask inside the face's outline.  points_px: (468 or more, 2 or more), pixels."""
     return hull_mask(face_outline(points_px), (height, width)) > 0
+
+
+def _in_source_pixels(find: FaceMaskFinder, picture: Picture, aspect: Fraction) -> Mask | None:
+    """The mask of the face in a picture of this sample aspect ratio, found in square pixels."""
+    square = in_square_pixels(picture, aspect)
+    mask = find(square)
+    if mask is None or square is picture:
+        return mask
+    size = picture.shape[1], picture.shape[0]
+    return cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
 
 
 def check_size(originals: Capture, copy: str, width: int, height: int) -> None:

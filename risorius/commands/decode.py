@@ -215,7 +215,7 @@ def _frames_to_compare(arguments: argparse.Namespace) -> int | None:
         if path is None or path == STANDARD:
             return None
         call = read_model(path).call
-        check_size(originals, str(path), call.width, call.height)
+        check_size(originals, str(path), *call.source_size)
     return _common_frames(arguments.source, count_frames(path))
 
 

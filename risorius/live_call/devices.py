@@ -42,7 +42,7 @@ class Devices:
         self._source: Capture | None = None
         fps = BROWSER_FPS
         if options.camera != BROWSER:
-            self._source = open_source(options.camera)
+            self._source = open_source(options.camera, square_pixels=True)
             fps = min(self._source.fps, MAX_FPS)
         self._mailbox, self.fps = FrameMailbox(fps), fps
         self._capture: LiveCapture | None = None

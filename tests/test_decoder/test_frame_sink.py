@@ -1,6 +1,7 @@
 """Decoded pictures are unchanged in the files, whatever ends the recording."""
 
 from fractions import Fraction
+from io import BytesIO
 from pathlib import Path
 
 import av
@@ -296,3 +297,31 @@ def test_a_video_where_no_file_can_be_made_is_said_in_one_line() -> None:
         pytest.skip("no file system here that takes no files")
     with pytest.raises(UserError, match=r"cannot write /proc/out\.mkv: [^/]*$"):
         open_sink(proc / "out.mkv", 64, 48, Fraction(25))
+
+
+@pytest.mark.parametrize(
+    ("name", "aspect"),
+    [
+        ("o.mkv", Fraction(2)),
+        ("o.mkv", Fraction(1, 2)),
+        ("o.mp4", Fraction(16, 11)),
+        ("o.mov", Fraction(12, 11)),
+    ],
+)
+def test_the_sample_aspect_ratio_is_stated(tmp_path: Path, name: str, aspect: Fraction) -> None:
+    size, rate = (64, 48), Fraction(25)
+    path = tmp_path / name
+    with open_sink(path, *size, rate, sample_aspect=aspect, sound_rate_hz=8000) as sink:
+        for value in (50, 200):
+            sink.write(np.full((48, 64, 3), value, np.uint8))
+        sink.write_sound(np.zeros(640, np.int16))
+    with av.open(str(path)) as container:
+        stream = container.streams.video[0]
+        assert stream.sample_aspect_ratio == aspect and (stream.width, stream.height) == size
+        assert [frame.rotation for frame in container.decode(stream)] == [0, 0]
+
+
+def test_a_stream_states_the_sample_aspect_ratio() -> None:
+    stream = BytesIO()
+    open_sink(stream, 64, 48, Fraction(25), sample_aspect=Fraction(16, 11))
+    assert b" A16:11 " in stream.getvalue()

@@ -35,6 +35,7 @@ MAY_IMPORT = {
 IMPORTERS = {
     "ai_edge_litert": {"encoder/detection/tflite.py"},
     "av": {
+        "decoder/sinks/matroska_aspect.py",
         "decoder/sinks/sound_stream.py",
         "decoder/sinks/video_file.py",
         "decoder/sound/speech_decoder.py",

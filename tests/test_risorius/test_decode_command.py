@@ -176,7 +176,7 @@ def test_a_call_and_its_video_go_through_pipes(call: Path, tmp_path: Path) -> No
     assert done.returncode == 0
     assert b"30 frames of 176x144" in done.stderr
     header, *frames = video.read_bytes().split(b"FRAME\n")
-    assert header == b"YUV4MPEG2 W176 H144 F30000:1001 Ip A1:1 C444\n"
+    assert header == b"YUV4MPEG2 W176 H144 F30000:1001 Ip A128:117 C444\n"
     assert [len(frame) for frame in frames] == 30 * [3 * 176 * 144]
 
 

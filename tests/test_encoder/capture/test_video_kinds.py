@@ -480,3 +480,38 @@ def test_an_empty_pipe_is_said(tmp_path: Path) -> None:
     ):
         pass
     thread.join()
+
+
+def write_stretched(path: Path, aspect: Fraction, degrees: int = 0) -> None:
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25, options={"crf": "5"})
+        stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv444p"
+        stream.codec_context.sample_aspect_ratio = aspect
+        stream.set_display_rotation(degrees)
+        for picture in PICTURES:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        container.mux(stream.encode(None))
+
+
+@pytest.mark.parametrize(
+    ("aspect", "degrees", "size"),
+    [
+        (Fraction(2), 0, (128, 48)),
+        (Fraction(2), 90, (48, 128)),
+        (Fraction(1, 2), 0, (64, 96)),
+        (Fraction(12, 11), 0, (64, 48)),
+    ],
+)
+def test_pixels_that_are_not_square_are_stretched_for_who_asks(
+    tmp_path: Path, aspect: Fraction, degrees: int, size: tuple[int, int]
+) -> None:
+    write_stretched(tmp_path / "v.mp4", aspect, degrees)
+    found, capture = read(tmp_path / "v.mp4")
+    assert capture.sample_aspect == (1 / aspect if degrees else aspect)
+    assert found[0].shape[:2] == (SIZE if degrees else SIZE[::-1])
+    with open_source(str(tmp_path / "v.mp4"), square_pixels=True) as square:
+        pictures = [frame for _, frame in square]
+        assert (square.width, square.height) == size
+        assert square.format.source_size == (found[0].shape[1], found[0].shape[0])
+    assert {picture.shape for picture in pictures} == {(size[1], size[0], 3)}
+    assert len(square.notes) == (size not in (SIZE, SIZE[::-1]))
