@@ -19,10 +19,10 @@ from encoder.calls.face_search import open_landmark_search
 from encoder.calls.frame_source import FrameSource, dropping_frames
 from encoder.calls.live_session import LiveEncoder
 from encoder.calls.packet_sender import PacketSender
+from encoder.calls.recorded_session import RecordedEncoder, send_call
 from encoder.calls.session_callbacks import Progress, SessionCallbacks
 from encoder.calls.session_stats import SessionStats
 from encoder.calls.thesis_session import ThesisEncoder
-from encoder.calls.two_pass_session import TwoPassEncoder, send_call
 from encoder.capture.live_capture import by_arrival
 from encoder.capture.spooled_pipe import spooled
 from encoder.capture.video_source import Capture, is_pipe, open_source
@@ -212,7 +212,7 @@ def first_and_second_pass(
     capture: Capture,
     stats: SessionStats,
     callbacks: SessionCallbacks,
-) -> TwoPassEncoder:
+) -> RecordedEncoder:
     """Go through the whole source twice: the encoder is ready for any bitrate.
 
     Raises `UserError` if the source shows no face, and `KeyboardInterrupt` if it was stopped before
@@ -231,9 +231,9 @@ def first_pass(
     capture: Capture,
     stats: SessionStats,
     callbacks: SessionCallbacks,
-) -> TwoPassEncoder:
+) -> RecordedEncoder:
     """Landmarks of every frame, then the model of the person."""
-    encoder = TwoPassEncoder(capture, stats, _gop(options, capture))
+    encoder = RecordedEncoder(capture, stats, _gop(options, capture))
     source = FrameSource(capture, stats, callbacks.stop, options.max_frames)
     callbacks.on_preparing("first pass")
 
@@ -244,13 +244,13 @@ def first_pass(
     if callbacks.stop():
         raise KeyboardInterrupt
     callbacks.on_preparing("training the model")
-    encoder.build_model(budget_for("default", options.model_bytes))
+    encoder.build_models(budget_for("default", options.model_bytes))
     callbacks.on_preparing("")
     return encoder
 
 
 def second_pass(
-    encoder: TwoPassEncoder,
+    encoder: RecordedEncoder,
     options: EncodeOptions,
     stats: SessionStats,
     callbacks: SessionCallbacks,

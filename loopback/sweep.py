@@ -16,9 +16,9 @@ import numpy as np
 
 from decoder.pipeline import DecodeOptions, decode
 from encoder.calls.packet_sender import PacketSender
+from encoder.calls.recorded_session import RecordedEncoder, send_call
 from encoder.calls.session_callbacks import SessionCallbacks
 from encoder.calls.session_stats import SessionStats
-from encoder.calls.two_pass_session import TwoPassEncoder, send_call
 from encoder.capture.video_source import open_source
 from encoder.options import EncodeOptions
 from encoder.pipeline import first_and_second_pass
@@ -106,7 +106,7 @@ def measure_curve(
 
 
 def measure_point(
-    encoder: TwoPassEncoder,
+    encoder: RecordedEncoder,
     stats: SessionStats,
     rate: float,
     source: str,
@@ -225,7 +225,7 @@ def _trained_encoder(
     source: str,
     settings: SweepSettings,
     progress: AbstractContextManager[Callable[[int, int | None], None]],
-) -> tuple[TwoPassEncoder, SessionStats]:
+) -> tuple[RecordedEncoder, SessionStats]:
     options = EncodeOptions(source=source, profile="default", max_frames=settings.max_frames)
     stats = SessionStats()
     with open_source(source) as capture, progress as shown:

@@ -1,4 +1,4 @@
-"""Finds the landmarks in each frame; counts and reports the frames without a face."""
+"""Finds the landmarks of one face in each frame; reports what is missing or ambiguous."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,27 +6,48 @@ from numpy.typing import NDArray
 from encoder.calls.session_stats import SessionStats
 from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.iris import TRAINED_CROP_SCALE
-from encoder.detection.landmarks import Landmarks, LandmarkTracker
+from encoder.detection.landmarks import FaceMesh, Landmarks, LandmarkTracker
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
+from encoder.person.followed_face import FollowedFace
+from encoder.person.scene_cuts import CutDetector
 from encoder.tracking.detection_measurement import warn_of_several_faces
 from shared_model.errors import UserError
 
 Picture = NDArray[np.uint8]
 
+SWITCHED = "another face is followed: the one before never moved, or is much smaller"
+
 
 class LandmarkSearch:
-    """A landmark tracker whose time, misses and ambiguities are noted in the session's report."""
+    """A landmark tracker whose time, misses and ambiguities are noted in the session's report.
 
-    def __init__(self, tracker: LandmarkTracker, stats: SessionStats) -> None:
-        self._tracker, self._stats = tracker, stats
+    followed: which of several faces is meant.
+    is_cut: there is a cut before the newest frame.  has_switched: from the newest frame on it is
+        another face.
+    """
+
+    def __init__(
+        self, tracker: LandmarkTracker, stats: SessionStats, followed: FollowedFace
+    ) -> None:
+        self._tracker, self._stats, self._followed = tracker, stats, followed
+        self._cuts = CutDetector()
+        self.is_cut = self.has_switched = False
 
     def find(self, picture: Picture, next_frame: Picture | None) -> Landmarks | None:
-        """The landmarks of the largest face in `picture`; None where there is none.
+        """The landmarks of the face that is followed in `picture`; None where there is none.
 
         next_frame: see `LandmarkTracker.update`.
         """
         with self._stats.stage("landmarks"):
+            self.is_cut, self.has_switched = self._cuts.is_cut(picture), False
+            if self.is_cut:
+                self._tracker.set_roi(None)
             found = self._tracker.update(picture, next_frame)
+            better = None if found is None else self._followed.look(picture, found.points)
+            if better is not None:
+                self._tracker.set_roi(better)
+                found, self.has_switched = self._tracker.update(picture, next_frame), True
+                self._stats.warn(SWITCHED)
         warn_of_several_faces(self._tracker.face_count, self._stats.warn)
         if found is None:
             self._stats.lost_frames += 1
@@ -49,7 +70,7 @@ def open_landmark_search(
         )
     except NetworkFilesMissing as error:
         raise UserError(f"{error}; without them use --profile thesis") from error
-    return LandmarkSearch(tracker, stats)
+    return LandmarkSearch(tracker, stats, FollowedFace(detector, FaceMesh(folder)))
 
 
 def warn_of_long_search(seconds: float, limit_s: float, stats: SessionStats) -> None:

@@ -99,12 +99,14 @@ class SeenFrame:
     picture: (h, w, 3) BGR, empty where the camera is off.
     points: (468, 3) landmarks, pixels; None: no face was found.
     seen_s: when, by the call's clock.
+    is_other: from this frame on it is the face of somebody else.
     """
 
     index: int
     picture: Picture
     points: Array | None
     seen_s: float
+    is_other: bool = False
 
 
 class FrameDelay:

@@ -33,9 +33,14 @@ from encoder.detection.iris import WIDE_CROP_SCALE
 from encoder.learning.incremental_modes import FaceSample
 from encoder.live_model.learner import Learner
 from encoder.live_model.other_face import ShownFace
+from encoder.person.person_watch import PersonWatch, Verdict
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
+
+# Frames that are left out until it is known whose face they have; a face that is turned away for
+# longer is taken for the same.
+MAX_HELD_FRAMES = 4
 
 
 class LiveEncoder:
@@ -81,6 +86,7 @@ class LiveEncoder:
         lead = LEAD_PACKETS if realtime else LEAD_PACKETS_UNPACED
         updates = ModelUpdateSender(packets, stats, gop, fps, lead)
         self._search = open_landmark_search(stats, eye_crop_scale=WIDE_CROP_SCALE)
+        self._watch, self._undecided = PersonWatch(), 0
         shown = shown or ShownFace()
         self._model = ModelLifecycle(capture, gop, budget, updates, stats, learner, realtime, shown)
         self._filler = PacketFiller(gop.frame_step)
@@ -143,17 +149,33 @@ class LiveEncoder:
     def _see(self, index: int, picture: Picture, next_frame: Picture | None) -> None:
         """Find the face in a frame, to learn from it before it is coded."""
         self._seen_index = index
-        found = self._search.find(picture, next_frame) if picture.size else None
-        points = None if found is None else found.points
-        self._delay.add(SeenFrame(index, picture, points, self._frame_begin_s))
+        points, is_other = self._find(picture, next_frame) if picture.size else (None, False)
+        self._delay.add(SeenFrame(index, picture, points, self._frame_begin_s, is_other))
         if points is None:
             return
+        if is_other and self._has_model:
+            self._model.change_person()
         self._model.add_frame(picture, points)
         if self._learns_ahead:
             # Updates are trained, and modes learned, while their frames wait.
             self._begin(index)
             self._model.train_if_due(self._position)
             self._learn(index, lambda: self._model.version.sample(picture, points, False))
+
+    def _find(self, picture: Picture, next_frame: Picture | None) -> tuple[Array | None, bool]:
+        """The landmarks of the face in a frame, None where there is none or it is not known whose
+        it is; and whether from this frame on it is somebody else's."""
+        found = self._search.find(picture, next_frame)
+        if found is None:
+            self._watch.miss()
+            return None, False
+        verdict = self._watch.judge(picture, found.points, self._search.is_cut)
+        if self._search.has_switched:
+            self._watch.begin()
+            verdict = Verdict.OTHER
+        self._undecided = self._undecided + 1 if verdict is Verdict.UNDECIDED else 0
+        is_held = 0 < self._undecided <= MAX_HELD_FRAMES
+        return None if is_held else found.points, verdict is Verdict.OTHER
 
     def _learn(self, index: int, sample: Callable[[], FaceSample], may_start: bool = True) -> None:
         """Learn modes from source frame `index`, and use those that are learned.
@@ -175,7 +197,10 @@ class LiveEncoder:
             self._skip(index)
             return
         self._begin(index)
-        if self._is_coded(index):
+        if self._model.has_stranger:
+            # The version in use would put on the face of the one before.
+            self._skip(index)
+        elif self._is_coded(index):
             self._add(index, picture, frame.points)
         self._model.train_if_due(self._position)
 

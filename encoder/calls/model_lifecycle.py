@@ -16,6 +16,7 @@ sent one by one; at times the whole model is trained again and sent as an update
 
 Only an update that is sent in layers passes through SENDING_LAYERS.  The call may end in any state.
 Another face (`encoder.live_model.other_face`) is an update, too; the caller's wait until it goes.
+So is the first version of somebody else who sits down where the caller sat.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -115,6 +116,8 @@ class ModelLifecycle:
         self._training: Future[ModelVersion] | None = None
         self._version: ModelVersion | None = None
         self._next_version: ModelVersion | None = None
+        # Somebody else is in the picture: their first version is to be trained, or is announced.
+        self._is_stranger = self._is_stranger_announced = False
 
     @property
     def state(self) -> ModelState:
@@ -136,6 +139,17 @@ class ModelLifecycle:
     def coded_faces(self, faces: Sequence[FaceParameters]) -> Sequence[FaceParameters]:
         """What is coded of the caller's faces."""
         return self._shown.faces(faces, self.version)
+
+    @property
+    def has_stranger(self) -> bool:
+        """Whether the version in use is not of the person who is in the picture."""
+        return self._is_stranger or self._is_stranger_announced
+
+    def change_person(self) -> None:
+        """From the next frame on somebody else is in the picture."""
+        self._frames.forget()
+        self._schedule = ModelSchedule(float(self._capture.fps))
+        self._is_stranger = True
 
     def add_frame(self, picture: Picture, points: Array) -> None:
         """Take a frame (h, w, 3) BGR with its landmarks (468, 3), pixels, to train from."""
@@ -163,7 +177,7 @@ class ModelLifecycle:
         may_start: begin to learn now if it is time.
         Returns whether the version in use has modes that it had not.
         """
-        if self._shown.is_hidden:
+        if self._shown.is_hidden or self.has_stranger:
             return False
         for_next = self._state is ModelState.SWITCHING
         if self._modes.wants_sample(index):
@@ -192,6 +206,9 @@ class ModelLifecycle:
         if self._shown.is_wanted:
             self._show_other(position)
             return
+        if self._is_stranger:
+            self._follow_person(position)
+            return
         is_back = self._shown.worn is not None
         is_due = is_back or self._schedule.is_update_due(self._frames.offered)
         if self._state is ModelState.CODING and is_due:
@@ -200,6 +217,23 @@ class ModelLifecycle:
         if self._training is not None and self._training.done():
             update, self._training = self._training.result(), None
             self._send_update(self._shown.with_background(update), position)
+
+    def _follow_person(self, position: StreamPosition) -> None:
+        """Announce the first version of somebody else, instead of an update of the one before."""
+        if self._state not in (ModelState.CODING, ModelState.TRAINING):
+            return
+        if self._state is ModelState.CODING:
+            self._go_to(ModelState.TRAINING)
+        self._training, self._is_stranger = None, False
+        pictures, points = self._frames.sample()
+        first = pictures[0], points[0], self._capture.format, self._gop, self._budget
+        pace = self._updates.progressive, self._realtime, self._learner.encode_background
+        with self._stats.stage("train"):
+            trainer = trainer_from(*first, *pace, self._shown.next_number)
+            version = trainer.follow(pictures, points)
+        self._learner.begin(trainer)
+        self._is_stranger_announced = True
+        self._send_update(version, position)
 
     def _show_other(self, position: StreamPosition) -> None:
         """Announce the other face, instead of an update that is being trained."""
@@ -248,6 +282,7 @@ class ModelLifecycle:
         if not self.switches_at(packet):
             return False
         self._version, self._next_version = self._shown.switch(self._version, following), None
+        self._is_stranger_announced = False
         self._go_to(ModelState.CODING)
         return True
 

@@ -1,13 +1,11 @@
-"""The default profile of a recorded source, sending side: two passes over the frames, then the
-whole call is coded and sent.
+"""One person's part of a recorded call: its frames are seen twice, then the whole part is coded.
 
-First pass: landmarks of every frame.  Between the passes: one identity and one appearance model for
-the whole call.  Second pass: the face in every frame that is coded, fitted with that model.
+First pass: landmarks of every frame.  Between the passes: one identity and one appearance model.
+Second pass: the face in every frame that is coded, fitted with that model.
 """
 
-import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from concurrent.futures import Future
 from dataclasses import dataclass
 from itertools import takewhile
@@ -15,17 +13,14 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.calls.face_search import open_landmark_search
-from encoder.calls.packet_sender import PacketSender
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.face_crop import Crop, crop_face
-from encoder.capture.frame_times import FrameTimes
 from encoder.capture.video_source import Capture
 from encoder.coding.background import Background, BackgroundImage
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget, build_model_packet, call_parameters
 from encoder.coding.progressive_model import LayeredModel, split_into_layers
-from encoder.coding.rate_control import RateTarget, code_call, packet_bits, packet_spans
+from encoder.coding.rate_control import RateTarget, code_call, packet_bits
 from encoder.coding.transform import transform_call
 from encoder.detection.landmark_indices import face_outline
 from encoder.fitting.quantised_identity import quantised_identity
@@ -53,13 +48,14 @@ MAX_IN_FLIGHT = 32
 
 @dataclass(frozen=True, slots=True)
 class EncodedCall:
-    """A whole call.
+    """A whole call, or one person's part of one.
 
     model: the model packet that is sent first.
     layers: what is sent of the model between frame packets; None: nothing.
     payloads: of the frame packets.
     frames: number of source frames.  lost: those without a face.  empty: those without anybody, if
         it is known what is behind the person.
+    last_face: source frame of the last coded face.
     """
 
     model: ModelPacket
@@ -68,6 +64,7 @@ class EncodedCall:
     lost: frozenset[int]
     empty: frozenset[int] = frozenset()
     layers: LayeredModel | None = None
+    last_face: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,15 +87,13 @@ class _CallModel:
 
 
 class TwoPassEncoder:
-    """Encodes a source that can be read twice.
+    """Encodes the frames of one person, in a source that can be read twice.
 
-    Call `frame` with every frame, `build_model`, `fit_frames` with every frame again, then `encode`
-    at one bitrate or several.  Raises `UserError` as `open_landmark_search` does.
+    Call `take` or `miss` with every frame, `build_model`, `fit_frames` with every frame again, then
+    `encode` at one bitrate or several.
     """
 
     def __init__(self, capture: Capture, stats: SessionStats, gop: GopStructure) -> None:
-        # Eyelids are fitted with the person's own appearance, in the second pass.
-        self._search = open_landmark_search(stats, refine_eyelids=False)
         self._capture, self._stats, self._gop = capture, stats, gop
         self._points: list[Array] = []  # landmarks of each detection
         self._detection_of: dict[int, int] = {}  # by source frame
@@ -118,16 +113,22 @@ class TwoPassEncoder:
         """Number of faces that `fit_frames` has fitted."""
         return len(self._faces)
 
-    def frame(self, index: int, picture: Picture, next_frame: Picture | None = None) -> None:
-        """First pass over source frame `index`.  next_frame: see `LandmarkTracker.update`."""
-        found = self._search.find(picture, next_frame)
+    @property
+    def first_face(self) -> int:
+        """Source frame of the first face."""
+        return min(self._detection_of)
+
+    def take(self, index: int, picture: Picture, points: Array) -> None:
+        """First pass: source frame `index` has a face with these landmarks (468, 3), pixels."""
         self._frames = index + 1
-        if found is None:
-            self._absence.look(index, picture)
-            return
         self._detection_of[index] = len(self._points)
         self._sampler.offer(len(self._points), lambda: picture)
-        self._points.append(found.points)
+        self._points.append(points)
+
+    def miss(self, index: int, picture: Picture) -> None:
+        """First pass: source frame `index` has no face."""
+        self._frames = index + 1
+        self._absence.look(index, picture)
 
     def build_model(self, budget: ModelBudget) -> None:
         """Between the passes: identity and appearance of the person."""
@@ -238,9 +239,10 @@ class TwoPassEncoder:
         lost = frozenset(set(range(start, frames)) - set(self._detection_of))
         empty = lost & self._absence.empty if model.layers is not None else frozenset[int]()
         if not progressive:
-            return EncodedCall(packet, payloads, frames, lost, empty)
+            return EncodedCall(packet, payloads, frames, lost, empty, last_face=stopped_at - 1)
         layers = split_into_layers(packet, model.trained.person.appearance.mean, model.background)
-        return EncodedCall(layers.base, payloads, frames, lost, empty, layers)
+        base = layers.base
+        return EncodedCall(base, payloads, frames, lost, empty, layers, stopped_at - 1)
 
     def _code(
         self, values: Array, scale_codes: NDArray[np.uint8], bitrate: float
@@ -263,36 +265,3 @@ def hold_last_detection(detection_of: dict[int, int], start: int, end: int) -> l
         last = detection_of.get(index, last)
         held.append(last)
     return held
-
-
-def send_call(
-    call: EncodedCall, packets: PacketSender, pace: FrameTimes | None, stop: Callable[[], bool]
-) -> None:
-    """Send an encoded call.
-
-    pace: no packet is sent before its last source frame is over; None: as fast as possible.
-    stop: asked before each packet but the first; the call ends there.
-    """
-    packets.send_model(call.model)
-    if call.layers is not None:
-        packets.begin_layers(call.layers)
-    begin, parameters = time.monotonic(), call.model.call
-    start, step = parameters.start_frame, parameters.frame_step
-    spans = packet_spans(len(range(start, call.frames, step)), parameters.frames_per_packet)
-    frames = call.frames
-    for number, (payload, (first, end)) in enumerate(zip(call.payloads, spans, strict=False)):
-        if number and stop():
-            frames = start + first * step
-            break
-        if pace is not None:
-            due = begin + pace.time_s(start + (end - 1) * step + 1)
-            time.sleep(max(0.0, due - time.monotonic()))
-        packets.send_times(start + (end - 1) * step)
-        shown = frozenset(start + i * step for i in range(first, end))
-        packets.report_face(not shown <= call.lost, start + first * step)
-        if shown <= call.empty:
-            packets.report_absence(start + first * step)
-        packets.send_frames(number, payload, (end - first) * step / parameters.fps)
-    packets.warn_of_incomplete_model()
-    packets.send_times(frames - 1)
-    packets.end(frames)

@@ -50,6 +50,12 @@ class BlazeFaceDetector:
             threshold = (1 + self._threshold) / 2
         return []
 
+    def detect_large(self, frame: Frame) -> list[Detection]:
+        """The faces that are large in the whole of `frame`, the largest first."""
+        [whole] = next(_tiles(frame.shape[1], frame.shape[0]))
+        found = [f for f in self._detect_in(frame, whole) if f.size_px >= _MIN_FACE_PX]
+        return by_size(weighted_nms(found))
+
     def _detect_in(self, frame: Frame, tile: Tile) -> Iterator[Detection]:
         yield from self._run(self._short, 128, self._short_anchors, frame, tile)
         yield from self._run(self._full, 192, self._full_anchors, frame, tile)

@@ -38,6 +38,9 @@ class FaceDetector(Protocol):
 
     def detect(self, frame: Frame) -> list[Detection]: ...
 
+    def detect_large(self, frame: Frame) -> list[Detection]:
+        """Those that a quick look at the whole picture shows."""
+
 
 def by_size(detections: list[Detection]) -> list[Detection]:
     """The detections, the largest first."""

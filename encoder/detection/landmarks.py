@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.detection.blazeface import BlazeFaceDetector
-from encoder.detection.detector import FaceDetector
+from encoder.detection.detector import Detection, FaceDetector
 from encoder.detection.iris import TRAINED_CROP_SCALE, IrisLandmarker
 from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.detection.roi import RotatedRoi, crop_roi, roi_from_detection, roi_from_landmarks
@@ -18,8 +18,8 @@ Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
 
 INPUT_PX = 192
-# Detection takes long in frames without a face.  After this many searches in vain the tracker
-# skips one frame more after each further one, up to this many.
+# A search takes long in frames without a face.  After this many in vain the tracker takes a quick
+# look only at one frame more after each further one, up to this many.
 _SEARCHES_BEFORE_BACKOFF = 4
 _MAX_BACKOFF = 8
 
@@ -148,20 +148,20 @@ class LandmarkTracker:
         return _TrackedFace(found, next_roi)
 
     def _redetect(self, frame: Frame) -> Landmarks | None:
-        """Search the whole frame, unless the backoff says to skip it."""
+        """Search the whole frame, or take a quick look where the backoff says so."""
         if self._backoff:
             self._backoff -= 1
-            return None
-        found = self._search(frame)
+            return self._first_face(frame, self._detector.detect_large(frame))
+        faces = self._detector.detect(frame)
+        self.face_count = len(faces)
+        found = self._first_face(frame, faces)
         misses = min(self._misses + 1, _SEARCHES_BEFORE_BACKOFF + _MAX_BACKOFF)
         self._misses = 0 if found else misses
         self._backoff = max(self._misses - _SEARCHES_BEFORE_BACKOFF, 0)
         return found
 
-    def _search(self, frame: Frame) -> Landmarks | None:
-        """Landmarks of the largest detected face in which the face mesh finds a face."""
-        faces = self._detector.detect(frame)
-        self.face_count = len(faces)
+    def _first_face(self, frame: Frame, faces: list[Detection]) -> Landmarks | None:
+        """Landmarks of the first face, the largest, in which the face mesh finds one."""
         for face in faces:
             first = self._run_mesh(frame, roi_from_detection(face))
             # A detection's box is rough: the first landmarks give a better ROI.

@@ -25,10 +25,11 @@ def trainer_from(
     progressive: bool,
     realtime: bool,
     encode_background: EncodeBackground = encoded_in_a_thread,
+    first_number: int = 0,
 ) -> ModelTrainer:
     """The trainer of the person in a picture (h, w, 3) BGR.  points: their landmarks (468, 3), px.
 
-    budget, progressive, encode_background: see `ModelTrainer`.
+    budget, progressive, encode_background, first_number: see `ModelTrainer`.
     realtime: frames do not wait for the training.
     """
     layer_updates = LAYER_UPDATES_REALTIME if realtime else LAYER_UPDATES
@@ -47,4 +48,5 @@ def trainer_from(
         workers=1 if realtime else None,
         layer_updates=layer_updates,
         encode_background=encode_background,
+        first_number=first_number,
     )

@@ -66,9 +66,10 @@ class ModelTrainer:
     budget: of a whole version.
     progressive: versions are sent in layers.
     workers: see `parallel_map`.
-    layer_updates: numbers of the versions that bring layers.
+    layer_updates: numbers of the versions that bring layers, counted from the person's first.
     encode_background: encodes it while the first version is trained: each takes as long as many
         frames.  Where that fails it is encoded after the training.
+    first_number: of the person's first version; not 0 where they follow somebody else.
     """
 
     def __init__(
@@ -82,7 +83,9 @@ class ModelTrainer:
         workers: int | None,
         layer_updates: frozenset[int] = LAYER_UPDATES,
         encode_background: EncodeBackground = encoded_in_a_thread,
+        first_number: int = 0,
     ) -> None:
+        self._first_number = first_number
         self._head, self._video, self._gop = head, video, gop
         self._background, self._budget = background, budget
         self._progressive, self._workers = progressive, workers
@@ -112,14 +115,24 @@ class ModelTrainer:
         A progressive one is a base layer and nothing more: what else the first frame shows, the
         first update has, too, better and in as many bytes.
         """
-        appearance_bytes = int((share or BOOTSTRAP_SHARE) * self._budget.appearance_bytes)
-        max_modes = 0 if share is None else self._budget.max_modes
-        budget = replace(self._budget, appearance_bytes=appearance_bytes, max_modes=max_modes)
+        budget = self._first_budget(share)
         if self._progressive:
             # A call over a thin link waits for this: it takes the background that fits alone.
             budget = replace(budget, background_bytes=0)
         version = self.train(budget, pictures, points, 0).placed_at(0, start_frame)
         return self._base_layer_only(version) if self._progressive else version
+
+    def follow(self, pictures: Sequence[Picture], points: Sequence[Array]) -> ModelVersion:
+        """The first version of a person who follows somebody else in a call: an update."""
+        version = self.train(self._first_budget(None), pictures, points, self._first_number)
+        if not self._progressive:
+            return version
+        return self._in_layers(version, UPDATE_BASE_LAYER_BYTES)
+
+    def _first_budget(self, share: float | None) -> ModelBudget:
+        appearance_bytes = int((share or BOOTSTRAP_SHARE) * self._budget.appearance_bytes)
+        max_modes = 0 if share is None else self._budget.max_modes
+        return replace(self._budget, appearance_bytes=appearance_bytes, max_modes=max_modes)
 
     def retrain(
         self, share: float, pictures: Sequence[Picture], points: Sequence[Array], number: int
@@ -192,6 +205,7 @@ class ModelTrainer:
 
     def _background_for(self, number: int, budget: ModelBudget, frames: FittedFrames) -> bytes:
         """The background of version `number`; empty: the one before stays."""
+        number -= self._first_number
         is_relit = number > 0 and self._relight(frames.pictures[-1])
         learned = b""
         # A person whose first version has modes has been seen for long enough.

@@ -16,7 +16,12 @@ class TrainingFrames:
     """
 
     def __init__(self, least: int) -> None:
-        self._sampler = UniformSubsampler[tuple[Picture, Array]](least)
+        self._least = least
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin again: the next frames are of somebody else."""
+        self._sampler = UniformSubsampler[tuple[Picture, Array]](self._least)
         self._count = 0
 
     @property

@@ -15,9 +15,9 @@ from decoder.pipeline import DecodeOptions, DecodeReport, decode
 from decoder.scene.appearance import AppearanceModel
 from decoder.scene.reenactment import read_model
 from encoder.calls.packet_sender import PacketSender
+from encoder.calls.recorded_session import RecordedEncoder, send_call
 from encoder.calls.session_callbacks import SessionCallbacks
 from encoder.calls.session_stats import SessionStats
-from encoder.calls.two_pass_session import TwoPassEncoder, send_call
 from encoder.capture.video_source import open_source
 from encoder.coding.pacer import LayerPacer
 from encoder.coding.progressive_model import BASE_LAYER_BYTES
@@ -57,7 +57,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory, networks: Path) -> str:
 
 
 @pytest.fixture(scope="module")
-def encoder(clip: str) -> Iterator[TwoPassEncoder]:
+def encoder(clip: str) -> Iterator[RecordedEncoder]:
     """After both passes over the clip: what can be sent in layers and without."""
     options, stats = EncodeOptions(clip, model_bytes=MODEL_BYTES), SessionStats()
     callbacks = SessionCallbacks(lambda done, total: None, lambda: False)
@@ -65,7 +65,7 @@ def encoder(clip: str) -> Iterator[TwoPassEncoder]:
         yield first_and_second_pass(options, source, stats, callbacks)
 
 
-def send(encoder: TwoPassEncoder, path: Path, startup: float | None) -> tuple[str, ...]:
+def send(encoder: RecordedEncoder, path: Path, startup: float | None) -> tuple[str, ...]:
     """Send the call into a file, in layers at a startup rate; returns the warnings."""
     stats = SessionStats()
     pacer = None if startup is None else LayerPacer(startup, BITRATE)
@@ -76,14 +76,14 @@ def send(encoder: TwoPassEncoder, path: Path, startup: float | None) -> tuple[st
 
 
 @pytest.fixture(scope="module")
-def call(encoder: TwoPassEncoder, clip: str) -> Path:
+def call(encoder: RecordedEncoder, clip: str) -> Path:
     path = Path(clip).with_name("call.rzo")
     send(encoder, path, STARTUP)
     return path
 
 
 @pytest.fixture(scope="module")
-def unpaced(encoder: TwoPassEncoder, clip: str) -> Path:
+def unpaced(encoder: RecordedEncoder, clip: str) -> Path:
     """The same call with all layers before its second frame packet."""
     path = Path(clip).with_name("unpaced.rzo")
     assert not any("not sent" in warning for warning in send(encoder, path, 1e7))
@@ -91,7 +91,7 @@ def unpaced(encoder: TwoPassEncoder, clip: str) -> Path:
 
 
 @pytest.fixture(scope="module")
-def unlayered(encoder: TwoPassEncoder, clip: str) -> Path:
+def unlayered(encoder: RecordedEncoder, clip: str) -> Path:
     path = Path(clip).with_name("unlayered.rzo")
     send(encoder, path, None)
     return path

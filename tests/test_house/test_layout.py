@@ -68,6 +68,7 @@ ENCODER_PACKAGES = (
     "picture_coding",
     "capture",
     "detection",
+    "person",
     "appearance",
     "fitting",
     "tracking",

@@ -23,8 +23,9 @@ from shots import draw, talking
 
 from decoder.playout.frame_decoder import TimedFace, frame_decoder_for
 from encoder.calls.packet_sender import PacketSender
+from encoder.calls.recorded_session import send_call
 from encoder.calls.session_stats import SessionStats
-from encoder.calls.two_pass_session import EncodedCall, hold_last_detection, send_call
+from encoder.calls.two_pass_session import EncodedCall, hold_last_detection
 from encoder.coding.gop import FRAMES_PER_PACKET
 from encoder.fitting.sequence_fit import pick_diverse_frames, smooth_landmarks
 from encoder.options import EncodeOptions
@@ -245,7 +246,7 @@ def test_a_call_that_stops_while_it_is_sent_ends_where_it_stopped(
     asked = iter([False, False, True])
     with CallWriter(output) as sink:
         whole = EncodedCall(model, payloads, FRAMES, frozenset())
-        send_call(whole, PacketSender(sink, stats), None, lambda: next(asked))
+        send_call([whole], PacketSender(sink, stats), None, lambda: next(asked))
     frames = START + 1 + 2 * FRAMES_PER_PACKET
     assert [sample.timestamp for sample in samples(output)] == list(range(START, frames))
     assert stats.frames == summarise(output).frames == frames

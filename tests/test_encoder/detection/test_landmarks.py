@@ -166,6 +166,9 @@ class Nobody:
         self.asked += 1
         return []
 
+    def detect_large(self, frame: Frame) -> list[Detection]:
+        return []
+
 
 def test_detection_backs_off_while_there_is_no_face(networks: Path) -> None:
     nobody = Nobody()

@@ -1,0 +1,97 @@
+"""Calls in which the person changes: each has a model of their own, recorded and live."""
+
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import ClipFrames
+from numpy.typing import NDArray
+
+import risorius
+from decoder.pipeline import DecodeOptions, decode
+from decoder.sinks.frame_sink import open_sink
+from encoder.capture.video_source import open_source
+from protocol.summary import summarise
+
+Picture = NDArray[np.uint8]
+WIDTH, HEIGHT = 320, 240
+FIRST, GAP, SECOND = 40, 20, 60
+# The face of the one in place of that of the other gives less, the right one more, dB.
+OTHER_DB, SAME_DB = 14.0, 20.0
+
+
+def fitted(picture: Picture) -> Picture:
+    """The middle of a picture in the size of the call."""
+    scale = max(WIDTH / picture.shape[1], HEIGHT / picture.shape[0])
+    large = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    top, left = (large.shape[0] - HEIGHT) // 2, (large.shape[1] - WIDTH) // 2
+    return np.asarray(large[top : top + HEIGHT, left : left + WIDTH], np.uint8)
+
+
+@pytest.fixture(scope="module")
+def make_clip(
+    networks: Path, clip_frames: ClipFrames, tmp_path_factory: pytest.TempPathFactory
+) -> Callable[[int], Path]:
+    """One person, so many frames of nothing, another person."""
+
+    def make(gap: int) -> Path:
+        path = tmp_path_factory.mktemp("people") / "clip.mkv"
+        nobody = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
+        frames = [fitted(frame) for frame in clip_frames("smile.mp4", FIRST)]
+        frames += gap * [nobody]
+        frames += [fitted(frame) for frame in clip_frames("akiyo.mp4", SECOND)]
+        with open_sink(path, WIDTH, HEIGHT, Fraction(25)) as sink:
+            for frame in frames:
+                sink.write(frame)
+        return path
+
+    return make
+
+
+def likeness(source: Path, call: Path, folder: Path) -> list[float]:
+    """PSNR of the middle of each picture, dB."""
+    output = folder / "decoded.mkv"
+    report = decode(DecodeOptions(call, output=output), lambda *_: None, lambda: False)
+    assert report.lost_frames == report.late_packets == report.lost_packets == 0
+    with open_source(str(source)) as originals, open_source(str(output)) as copies:
+        pairs = zip(originals, copies, strict=True)
+        errors = [a[60:180, 80:240].astype(float) - b[60:180, 80:240] for (_, a), (_, b) in pairs]
+    return [float(10 * np.log10(255**2 / (error**2).mean())) for error in errors]
+
+
+@pytest.mark.parametrize("gap", [0, GAP])
+def test_a_recorded_call_has_a_model_for_each_person(
+    make_clip: Callable[[int], Path], gap: int, tmp_path: Path
+) -> None:
+    source, call = make_clip(gap), tmp_path / "call.rzo"
+    risorius.encode(source, call, model_bytes=6000)
+    assert summarise(call).model_packets == 2
+    psnr_db = likeness(source, call, tmp_path)
+    assert len(psnr_db) == FIRST + gap + SECOND
+    for part in (psnr_db[:FIRST], psnr_db[FIRST + gap :]):
+        assert min(part) > SAME_DB
+
+
+def test_a_live_call_begins_a_new_model_for_somebody_else(
+    make_clip: Callable[[int], Path], tmp_path: Path
+) -> None:
+    source, call = make_clip(0), tmp_path / "call.rzo"
+    risorius.encode(source, call, model_bytes=6000, live=True)
+    psnr_db = likeness(source, call, tmp_path)
+    assert min(psnr_db[:FIRST]) > SAME_DB and min(psnr_db[FIRST + 25 :]) > SAME_DB
+    assert psnr_db[FIRST] < OTHER_DB
+
+
+def test_who_comes_back_keeps_the_model(clip_frames: ClipFrames, tmp_path: Path) -> None:
+    source, call = tmp_path / "clip.mkv", tmp_path / "call.rzo"
+    frames = [fitted(frame) for frame in clip_frames("smile.mp4", 40)]
+    nobody = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
+    with open_sink(source, WIDTH, HEIGHT, Fraction(25)) as sink:
+        for frame in [*frames[:25], *(15 * [nobody]), *frames[15:]]:
+            sink.write(frame)
+    report = risorius.encode(source, call, model_bytes=6000)
+    assert summarise(call).model_packets == 1
+    assert report.lost_frames <= 15 + 5
