@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from decoder.playout.frame_decoder import TimedFace
+from protocol.frames.scalar_quantiser import EAU_STEP, values_from_codes
+from protocol.model_packet import ModelPacket
 from shared_model.geometry import (
     Array,
     conjugate,
@@ -16,6 +18,8 @@ from shared_model.geometry import (
 )
 from shared_model.parameters import FaceParameters, Pose, clip_eau
 
+# How long a face that is lost stays, and then takes to go to rest, seconds.
+HELD_S, TO_REST_S = 0.4, 0.8
 # Frames in which a wrong face returns to the true one, at least and at most.
 RETURN_FRAMES, MAX_RETURN_FRAMES = 4, 25
 
@@ -125,3 +129,20 @@ class SmoothReturn:
             self._fastest = np.maximum(self._fastest, change_between(self.shown, face).sizes)
         self.shown = face
         return face
+
+
+def at_rest(face: FaceParameters, model: ModelPacket, lost_s: float) -> FaceParameters:
+    """The face of a head that was lost `lost_s` seconds ago: it stays, then goes to rest.
+
+    Rest is the face of the model's reference picture.
+    """
+    passed = min(max((lost_s - HELD_S) / TO_REST_S, 0.0), 1.0)
+    if not passed:
+        return face
+    rest = FaceParameters(
+        model.reference_pose,
+        values_from_codes(model.reference_eau, EAU_STEP),
+        np.zeros_like(face.modes),
+        np.zeros_like(face.layers),
+    )
+    return interpolate(face, rest, passed * passed * (3 - 2 * passed))

@@ -12,7 +12,7 @@ from math import ceil
 
 import numpy as np
 
-from decoder.playout.concealment import bridge
+from decoder.playout.concealment import at_rest, bridge
 from decoder.playout.frame_decoder import TimedFace
 from decoder.playout.received_models import ReceivedModel, ReceivedModels
 from protocol.call_parameters import CallParameters
@@ -76,6 +76,7 @@ class Playout:
         self.clock = FrameClock()
         self.ended = self.joined_late = self.is_frozen = self.is_camera_off = False
         self.gone_at: int | None = None
+        self._lost_at = 0  # source frame from which on the face is lost
         self.lost = self.late = self.unusable = self.before_join = 0
         self._begin = self._next = 0
         self._newest = -1  # number of the newest frame packet
@@ -273,7 +274,7 @@ class Playout:
         if packet.kind is ControlKind.END:
             self.ended = True
         elif packet.kind is ControlKind.FACE_LOST:
-            self.is_frozen = True
+            self.is_frozen, self._lost_at = True, packet.frame
         elif packet.kind is ControlKind.PERSON_GONE:
             self.gone_at = packet.frame
         else:
@@ -298,8 +299,10 @@ class Playout:
     def _repeated(
         self, model: ModelPacket, index: int, time_s: Fraction, face: FaceParameters
     ) -> PlayoutFrame:
-        """A frame that shows an older face; a person who has left fades."""
+        """A frame that shows an older face; one that is lost goes to rest, or fades."""
         presence = 1.0
+        if self.is_frozen:
+            face = at_rest(face, model, float((index + 1 - self._lost_at) / model.call.fps))
         if self.gone_at is not None and self.is_frozen:
             fade = max(1.0, FADE_S * model.call.fps)
             presence = max(0.0, 1 - (index + 1 - self.gone_at) / fade)

@@ -152,6 +152,8 @@ def send_call(
         frames = _send_part(part, first, begin, packets, pace, stop)
         if frames != part.frames:
             break
+    else:
+        _lose_face(part, packets)
     packets.warn_of_incomplete_model()
     packets.send_times(frames - 1)
     packets.end(frames)
@@ -195,12 +197,21 @@ def _change_person(
     first: number of the first packet of the part `before`.
     """
     call, start = before.model.call, following.start_frame
+    _lose_face(before, packets)
     packets.report_face(False, before.last_face + 1)
-    gone = [frame for frame in before.empty if frame > before.last_face]
-    if gone:
-        packets.report_absence(min(gone))
     packets.send_times(start)
     packets.send_voice_alone(start - 1)
     packets.report_face(True, start)
     steps = call.frames_per_packet * call.frame_step
     return first + max(len(before.payloads), ceil((start - call.start_frame) / steps))
+
+
+def _lose_face(part: EncodedCall, packets: PacketSender) -> None:
+    """Say from which frame on a part has no face any more, if it has frames without."""
+    after = [frame for frame in part.lost if frame > part.last_face]
+    if not after:
+        return
+    packets.report_face(False, part.last_face + 1)
+    gone = [frame for frame in part.empty if frame > part.last_face]
+    if gone:
+        packets.report_absence(min(gone))

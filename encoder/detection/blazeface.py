@@ -19,6 +19,9 @@ Tile = tuple[int, int, int]
 _MIN_FACE_PX = 20
 # Smaller tiles are not searched.
 _MIN_TILE_PX = 48
+# Width of the border around a picture that may show a part of a face only, in terms of its longer
+# side; and the least size of such a face, in terms of the shorter one.
+_CUT_OFF_BORDER, _CUT_OFF_SHARE = 0.6, 0.6
 
 
 class BlazeFaceDetector:
@@ -40,21 +43,37 @@ class BlazeFaceDetector:
 
         Smaller tiles are searched only if larger ones show no face.
         """
-        threshold = self._threshold
-        for tiles in _tiles(frame.shape[1], frame.shape[0]):
-            candidates = [face for tile in tiles for face in self._detect_in(frame, tile)]
-            found = [f for f in candidates if f.score > threshold and f.size_px >= _MIN_FACE_PX]
-            if found:
-                return by_size(weighted_nms(found))
-            # Many tiles show no face at all: a higher threshold keeps false detections rare.
-            threshold = (1 + self._threshold) / 2
-        return []
+        whole, *parts = _tiles(frame.shape[1], frame.shape[0])
+        found = self._found(frame, whole, self._threshold) or self._cut_off(frame)
+        # Many tiles show no face at all: a higher threshold keeps false detections rare.
+        threshold = (1 + self._threshold) / 2
+        for tiles in parts:
+            found = found or self._found(frame, tiles, threshold)
+        return by_size(weighted_nms(found))
 
     def detect_large(self, frame: Frame) -> list[Detection]:
         """The faces that are large in the whole of `frame`, the largest first."""
-        [whole] = next(_tiles(frame.shape[1], frame.shape[0]))
-        found = [f for f in self._detect_in(frame, whole) if f.size_px >= _MIN_FACE_PX]
-        return by_size(weighted_nms(found))
+        whole = next(_tiles(frame.shape[1], frame.shape[0]))
+        return by_size(weighted_nms(self._found(frame, whole, self._threshold)))
+
+    def _found(self, frame: Frame, tiles: list[Tile], threshold: float) -> list[Detection]:
+        candidates = [face for tile in tiles for face in self._detect_in(frame, tile)]
+        return [f for f in candidates if f.score > threshold and f.size_px >= _MIN_FACE_PX]
+
+    def _cut_off(self, frame: Frame) -> list[Detection]:
+        """Faces that are about as large as `frame` or larger, so that parts of them are cut off.
+
+        The networks know whole faces: they see the picture within a border of its mean colour.
+        """
+        height, width = frame.shape[:2]
+        border = round(_CUT_OFF_BORDER * max(width, height))
+        mean = [float(value) for value in frame.mean(axis=(0, 1))]
+        sides = border, border, border, border
+        framed = cv2.copyMakeBorder(frame, *sides, cv2.BORDER_CONSTANT, value=mean)
+        whole = next(_tiles(width + 2 * border, height + 2 * border))
+        found = self._found(np.asarray(framed, np.uint8), whole, self._threshold)
+        least_px = _CUT_OFF_SHARE * min(width, height)
+        return [_shifted(face, -border) for face in found if face.size_px >= least_px]
 
     def _detect_in(self, frame: Frame, tile: Tile) -> Iterator[Detection]:
         yield from self._run(self._short, 128, self._short_anchors, frame, tile)
@@ -77,6 +96,10 @@ class BlazeFaceDetector:
             half = raw[k, 1] / size * side / 2
             box = np.concatenate([scaled[0] - half, scaled[0] + half])
             yield Detection(box, scaled[2:], float(scores[k]))
+
+
+def _shifted(face: Detection, by_px: float) -> Detection:
+    return Detection(face.box + by_px, face.keypoints + by_px, face.score)
 
 
 def weighted_nms(detections: list[Detection], min_iou: float = 0.3) -> list[Detection]:

@@ -51,6 +51,9 @@ def refined_fields(
     size = count * 2 * points
     matrix = normal.reshape(size, size)
     mean = float(np.trace(matrix)) / size
+    if not mean:
+        # The face covers all: nothing is seen to move around it.
+        return fields_px
     roughness = np.kron(np.eye(count * 2), mean * SMOOTHNESS * _roughness(rows, columns))
     fields = (fields_px * scale[:, None, None, None]).transpose(0, 3, 1, 2).reshape(size)
     matrix = matrix + roughness + mean * DAMPING * np.eye(size)

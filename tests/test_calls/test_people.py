@@ -95,3 +95,16 @@ def test_who_comes_back_keeps_the_model(clip_frames: ClipFrames, tmp_path: Path)
     report = risorius.encode(source, call, model_bytes=6000)
     assert summarise(call).model_packets == 1
     assert report.lost_frames <= 15 + 5
+
+
+def test_a_head_that_turns_away_is_found_within_five_frames(clips: Path, tmp_path: Path) -> None:
+    """Three quarters of a turn, played twice, with a black picture of a second in between."""
+    source, call = tmp_path / "clip.mkv", tmp_path / "call.rzo"
+    with open_source(str(clips / "profile.gif")) as capture:
+        frames = [frame for _, frame in capture]
+    with open_sink(source, frames[0].shape[1], frames[0].shape[0], Fraction(12)) as sink:
+        for frame in [*frames, *(12 * [np.zeros_like(frames[0])]), *frames[::-1]]:
+            sink.write(frame)
+    report = risorius.encode(source, call, model_bytes=6000)
+    assert 12 <= report.lost_frames <= 12 + 5
+    assert summarise(call).model_packets == 1

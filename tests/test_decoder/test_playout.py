@@ -112,7 +112,10 @@ def test_lost_face_is_frozen_without_packets_for_longer_than_the_sequence_number
     playout = Playout()
     played = play([model((10, 1)), *packets], playout)
     assert [frame.index for frame in played] == list(range(102)) and playout.lost == 0
-    assert jaw(played)[98:] == pytest.approx([1, 1, 100, 101])
+    # The face stays, then goes to rest.
+    assert jaw(played)[:5] == pytest.approx([0, 1, 1, 1, 1])
+    assert 0 < jaw(played)[8] < 1 and jaw(played)[14:98] == pytest.approx([0] * 84)
+    assert jaw(played)[100:] == pytest.approx([100, 101])
     assert sum(frame.frozen for frame in played) == 98
 
 

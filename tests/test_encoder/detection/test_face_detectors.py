@@ -5,10 +5,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from conftest import ClipFrames
 
 from encoder.capture.video_source import Frame, open_source
 from encoder.detection.blazeface import BlazeFaceDetector, weighted_nms
 from encoder.detection.detector import Detection, FaceDetector, by_size
+from encoder.detection.landmarks import LandmarkTracker
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.detection.viola_jones import HaarDetector
 
@@ -111,3 +113,22 @@ def test_rolled_head_is_found(detector: FaceDetector) -> None:
     (found, *_) = detector.detect(np.asarray(rolled, np.uint8))
     along = found.keypoints[1] - found.keypoints[0]
     assert np.degrees(np.arctan2(-along[1], along[0])) == pytest.approx(35, abs=12)
+
+
+@pytest.mark.parametrize("share", [0.8, 0.65, 0.5])
+def test_a_face_that_is_larger_than_the_picture_is_found(
+    networks: Path, clip_frames: ClipFrames, share: float
+) -> None:
+    [frame] = clip_frames("grimace.mp4", 1)
+    tracker = LandmarkTracker(networks, BlazeFaceDetector(networks))
+    whole = tracker.update(frame)
+    assert whole is not None
+    low, high = whole.points[:, :2].min(0), whole.points[:, :2].max(0)
+    (left, top), (width, height) = (low + high) / 2 - share * (high - low) / 2, share * (high - low)
+    part = frame[int(top) : int(top + height), int(left) : int(left + width)]
+    found = LandmarkTracker(networks, BlazeFaceDetector(networks)).update(
+        np.ascontiguousarray(part)
+    )
+    assert found is not None
+    nose_px = found.points[1, :2] + [int(left), int(top)] - whole.points[1, :2]
+    assert np.abs(nose_px).max() < 0.06 * (high - low)[0]
