@@ -9,11 +9,19 @@ import errno
 import faulthandler
 import os
 import sys
+import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import NoReturn
 
-from risorius.command_line.parser import BAD_USAGE, EXIT_CODES, INTERRUPTED, Parser
+from risorius.command_line.parser import (
+    BAD_USAGE,
+    EXIT_CODES,
+    INTERNAL_ERROR,
+    INTERRUPTED,
+    TRACEBACK_VARIABLE,
+    Parser,
+)
 from risorius.commands.annotate import add_annotate
 from risorius.commands.benchmarks import add_bench, add_replay
 from risorius.commands.call import add_call
@@ -149,8 +157,19 @@ def _run(argv: Sequence[str] | None) -> int:
         return print_error(": ".join(["interrupted", *map(str, interrupt.args)]), INTERRUPTED)
     except SystemError as error:
         if not _is_interrupt(error):
-            raise
+            return _print_failure(error)
         return print_error("interrupted", INTERRUPTED)
+    except Exception as error:
+        return _print_failure(error)
+
+
+def _print_failure(error: Exception) -> int:
+    """Report a mistake of the program itself; returns the exit code."""
+    if os.environ.get(TRACEBACK_VARIABLE):
+        traceback.print_exception(error)
+    reason = " ".join(f"{type(error).__name__}: {error}".split())
+    told = f"internal error, {reason}; with {TRACEBACK_VARIABLE}=1 it says where"
+    return print_error(told, INTERNAL_ERROR)
 
 
 def build_parser() -> Parser:

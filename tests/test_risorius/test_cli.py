@@ -14,6 +14,7 @@ from processes import LIMIT_S, error_line, one_line
 
 from encoder.capture.video_source import open_source
 from risorius.cli import build_parser, main
+from risorius.command_line.parser import INTERNAL_ERROR, TRACEBACK_VARIABLE
 
 COMMANDS = (
     "encode",
@@ -192,15 +193,37 @@ def test_an_interrupt_that_machine_code_hides_is_one(
     assert "interrupted" in error_line(capsys)
 
 
-def test_an_error_of_machine_code_is_not_taken_for_an_interrupt(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize("kind", [SystemError, ValueError])
+def test_a_mistake_of_the_program_has_an_exit_code_of_its_own(
+    kind: type[Exception], monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     def failing(arguments: object) -> int:
-        raise SystemError("bad argument to internal function")
+        raise kind("bad argument\nof a function")
 
     monkeypatch.setattr("risorius.commands.info.run_info", failing)
-    with pytest.raises(SystemError):
-        main(["info", "call.rzo"])
+    assert main(["info", "call.rzo"]) == INTERNAL_ERROR
+    assert f"internal error, {kind.__name__}: bad argument of a function" in error_line(capsys)
+    monkeypatch.setenv(TRACEBACK_VARIABLE, "1")
+    assert main(["info", "call.rzo"]) == INTERNAL_ERROR
+    assert "in failing" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("line", "meant", "prog"),
+    [
+        ("encod a.mp4", "did you mean encode?", "risorius"),
+        ("encode a.mp4 -o b.rzo --bitrat 800", "did you mean --bitrate?", "risorius encode"),
+        ("decode a.rzo --otput b.mkv", "did you mean --output?", "risorius decode"),
+        ("encode a.mp4 -o b.rzo --profile thesi", "did you mean thesis?", "risorius encode"),
+        ("info a.rzo --wxyz", "unrecognized arguments: --wxyz", "risorius info"),
+    ],
+)
+def test_what_was_meant_is_asked_and_the_right_help_named(
+    line: str, meant: str, prog: str, capsys: Capture
+) -> None:
+    assert main(line.split()) == 2
+    message = error_line(capsys)
+    assert meant in message and message.endswith(f"; see {prog} --help")
 
 
 @pytest.mark.parametrize(
