@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 COMPILED := $(VENV)/.compiled
 BROWSER := $(VENV)/.browser
 # Zenoh's threads, which coverage does not see, and compiled loops.
-NOT_COVERED := protocol/link/zenoh_link.py,protocol/link/zenoh_session.py,protocol/relay/zenoh_relay.py,protocol/runtime/*
+NOT_COVERED := protocol/link/zenoh_direction.py,protocol/link/zenoh_link.py,protocol/link/zenoh_session.py,protocol/relay/zenoh_relay.py,protocol/runtime/*
 # In the order of the folders: the longest files are among the first, and no process is left alone
 # with one of them at the end.
 PYTEST := $(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder

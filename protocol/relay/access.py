@@ -7,6 +7,7 @@ back.  Certificates tell the peers apart; whoever is on no list can do nothing.
 from collections.abc import Iterable
 from typing import Any
 
+from protocol.link.direction import direction_key
 from protocol.link.presence import WHO_KEY, call_keys
 from protocol.security.authority import RELAY_NAME, InvitedPeer, PeerRole
 
@@ -52,11 +53,13 @@ def access_control(peers: Iterable[InvitedPeer]) -> dict[str, Any]:
 def _rules(peer: InvitedPeer) -> list[dict[str, Any]]:
     """What a peer may publish and subscribe to, and what may be passed on to it."""
     sent, received = call_keys(peer.call, peer.role is PeerRole.CALLER)
+    # The two directions of one call are two calls here, and settle which is whose.
+    settled = direction_key(peer.call.removesuffix("-a").removesuffix("-b"))
     return [
-        _rule(peer, "ingress", "put", sent, WHO_KEY),
-        _rule(peer, "ingress", "declare_subscriber", received),
-        _rule(peer, "egress", "put", received),
-        _rule(peer, "egress", "declare_subscriber", sent),
+        _rule(peer, "ingress", "put", sent, WHO_KEY, settled),
+        _rule(peer, "ingress", "declare_subscriber", received, settled),
+        _rule(peer, "egress", "put", received, settled),
+        _rule(peer, "egress", "declare_subscriber", sent, settled),
     ]
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from time import monotonic
 
 from protocol.link.interface import Reachability
 from risorius.call_page.page_clock import PageClock
@@ -26,6 +27,7 @@ class CallStatus:
         self.sending: Sending | None = None
         self.receiving: Receiving | None = None
         self.has_picture = False
+        self._start_s = monotonic()
         self._said = ""  # the newest state
         self._was_alone = False  # since the other end has left
         self._has_told_of_strangers = False
@@ -42,7 +44,8 @@ class CallStatus:
         name, is_listening = self._place.name, self._place.listen is not None
         is_camera_off = receiving is not None and receiving.is_camera_off
         reached = self._reached(presence)
-        words = state_words(name, is_listening, self.has_picture, reached, presence, is_camera_off)
+        state = name, is_listening, self.has_picture, reached, presence, is_camera_off
+        words = state_words(*state, monotonic() - self._start_s)
         self._page.tell(
             "state", name=name, text=words.text, over=words.over, trouble=words.is_trouble
         )

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from protocol.link.interface import IP_OVERHEAD_BYTES, ZENOH_OVERHEAD_BYTES, Reachability
 from risorius.live_call.messages import Presence, Receiving, Sending, Traffic
 
+# Who calls for so long and reaches nobody is told so.
+PATIENCE_S = 15.0
 # What a packet takes beside its payload on the way over UDP; over TCP it is more.
 OVERHEAD_BYTES = ZENOH_OVERHEAD_BYTES["udp"] + IP_OVERHEAD_BYTES["udp"]
 
@@ -28,12 +30,14 @@ def state_words(
     sending: Sending | None,
     presence: Presence,
     is_camera_off: bool = False,
+    waited_s: float = 0.0,
 ) -> Words:
     """The state of a call.
 
     name: of the call.  is_listening: this end waits for the other to call.
     has_picture: the other person has been seen since they came.
     sending: None: nothing is known yet.  is_camera_off: the other end's.
+    waited_s: how long this end has been there.
     """
     reach = None if sending is None else sending.reach
     if reach == Reachability.BUSY:
@@ -54,6 +58,8 @@ def state_words(
         return Words("answers", f"{name} answers …")
     if is_listening:
         return Words("waiting for a call", "Waiting for a call …")
+    if waited_s > PATIENCE_S and reach == Reachability.NO_PEER:
+        return Words("nobody there yet", f"{name} is not there yet. Waiting …")
     return Words("calling", f"Calling {name} …")
 
 

@@ -5,12 +5,14 @@ import os
 import signal
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from threading import Thread
 from typing import Any
 
 from encoder.sound.speech_encoder import speech_rate_hz
+from protocol.link.direction import Direction
+from protocol.link.zenoh_direction import ZenohDirection
 from protocol.relay.zenoh_relay import Relay, RelayOptions
 from risorius.call_page.call_view import open_browser
 from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
@@ -43,8 +45,8 @@ from risorius.live_call.messages import (
 from risorius.live_call.part_process import PartProcess
 from shared_model.errors import LINK_FAILED, UserError
 
-# The two directions of a call: from the end that listens, and to it.
-FROM_LISTENER, TO_LISTENER = "-a", "-b"
+# What the names of a call's two directions end with.
+SUFFIXES = {Direction.A: "-a", Direction.B: "-b"}
 # Pictures of oneself that are drawn each second, about: they only tell how one is seen.
 SELF_FPS = 8.0
 # Both ends have two connections here; others may watch along.
@@ -81,6 +83,7 @@ class _LiveCall:
         self._failure: UserError | None = None
         self._status = CallStatus(self._page, self._clock, options.place, tell)
         self._parts: list[PartProcess] = []
+        self._running = 0  # counts how often the parts have been started
         self._recorded: dict[str, Path | None] = {}  # the call file of each side
         self._switches = {"mute": False, "camera-off": False, "face": options.face_on}
 
@@ -92,14 +95,16 @@ class _LiveCall:
         async with self._page:
             await self._page.open(self._options.port)
             try:
-                self._start()
-                self._setup()
-                self._invite()
-                self._status.tell()
                 announce(self._page.address)
                 # In a thread that is not waited for: some browsers return when they are closed.
                 Thread(target=open_browser, args=(self._page.address,), daemon=True).start()
-                await self._over.wait()
+                ends = await asyncio.to_thread(self._open_ends, loop)
+                with ends:
+                    self._start(await asyncio.to_thread(ends.settle))
+                    self._setup()
+                    self._invite()
+                    self._status.tell()
+                    await self._over.wait()
             finally:
                 for part in self._parts:
                     part.close()
@@ -107,12 +112,28 @@ class _LiveCall:
         if self._failure is not None:
             raise self._failure
 
-    def _start(self) -> None:
+    def _open_ends(self, loop: asyncio.AbstractEventLoop) -> ZenohDirection:
+        """What settles who sends in which direction."""
+
+        def restart(direction: Direction) -> None:
+            with suppress(RuntimeError):  # the loop has ended
+                loop.call_soon_threadsafe(self._restart, direction)
+
+        place = self._options.place
+        is_listening = place.listen is not None
+        return ZenohDirection(self._where, place.name, place.security, is_listening, restart)
+
+    def _restart(self, direction: Direction) -> None:
+        """Two ends that came at once had taken the same direction."""
+        if not self._over.is_set() and self._parts:
+            for part in self._parts:
+                part.close()
+            self._start(direction)
+
+    def _start(self, direction: Direction) -> None:
         options = self._options
-        is_listening = options.place.listen is not None
-        ours, theirs = (
-            (FROM_LISTENER, TO_LISTENER) if is_listening else (TO_LISTENER, FROM_LISTENER)
-        )
+        self._running += 1
+        ours, theirs = SUFFIXES[direction], SUFFIXES[direction.other]
         own_picture, monitor = os.pipe()
         sending = SendingOptions(
             self._direction(ours),
@@ -143,8 +164,14 @@ class _LiveCall:
         receive: Callable[[FromPart | None], None],
     ) -> PartProcess:
         """Start a part; it is ended with the call."""
-        loop = asyncio.get_running_loop()
-        part = PartProcess(f"risorius.live_call.{module}", options, descriptors, receive, loop)
+        loop, running = asyncio.get_running_loop(), self._running
+
+        def take(message: FromPart | None) -> None:
+            # What a part says that has been started again is of no interest.
+            if running == self._running:
+                receive(message)
+
+        part = PartProcess(f"risorius.live_call.{module}", options, descriptors, take, loop)
         self._parts.append(part)
         return part
 

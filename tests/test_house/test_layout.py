@@ -56,6 +56,7 @@ IMPORTERS = {
     "pycodec2": {"decoder/sound/speech_decoder.py", "encoder/sound/speech_encoder.py"},
     "webrtcvad": {"encoder/sound/speech_gate.py"},
     "zenoh": {
+        "protocol/link/zenoh_direction.py",
         "protocol/link/zenoh_link.py",
         "protocol/link/zenoh_session.py",
         "protocol/relay/zenoh_relay.py",

@@ -75,3 +75,13 @@ def test_nothing_is_said_of_what_is_not_known() -> None:
 def test_a_packet_that_fills_and_half_a_round_trip_are_delay() -> None:
     assert delay_ms(SENDING, RECEIVING) == 320
     assert delay_ms(replace(SENDING, round_trip_s=0.1), RECEIVING) == pytest.approx(370)
+
+
+def test_who_reaches_nobody_is_told_so_in_time() -> None:
+    state = "zoe", False, False, SENDING, Presence.AWAITED
+    assert state_words(*state, waited_s=5.0).text == "calling"
+    late = state_words(*state, waited_s=20.0)
+    assert late.text == "nobody there yet" and "zoe is not there yet" in late.over
+    assert (
+        state_words("zoe", False, False, LINKED, Presence.AWAITED, waited_s=20.0).text == "answers"
+    )
