@@ -45,7 +45,7 @@ def settled(where: str, key: bytes | None, is_listener: bool = False) -> ZenohDi
     return ZenohDirection(where, "zoe", LinkSecurity(key=key), is_listener, never)
 
 
-@pytest.mark.parametrize("key", [None, random_key()])
+@pytest.mark.parametrize("key", [None, bytes(range(16))], ids=["open", "keyed"])
 def test_who_comes_later_and_who_comes_again_take_the_free_direction(key: bytes | None) -> None:
     where = f"127.0.0.1:{free_port()}"
     with Relay(RelayOptions((where,))), settled(where, key) as first:
