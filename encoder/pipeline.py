@@ -305,4 +305,4 @@ def _open_voice(options: EncodeOptions, stats: SessionStats) -> VoicePacker | No
     stats.voice, warning = chosen_voice(options.source, options.voice)
     if warning is not None:
         stats.warn(warning)
-    return open_voice(options.source, stats.voice)
+    return open_voice(options.source, stats.voice, stats.warn)

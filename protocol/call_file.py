@@ -24,7 +24,8 @@ class CallWriter(PacketSink):
 
     The file is written under a temporary name next to `path` and renamed on closing, so `path`
     never ends within a record.  Leaving the `with` block by an exception closes the file as well
-    and keeps the packets sent so far; without any packet no file is left.  After a failed write
+    and keeps the packets sent so far, under the temporary name if it is an error and there is an
+    older file, which may be complete; without any packet no file is left.  After a failed write
     nothing more can be sent: the temporary file remains if it has a packet, and `path` is
     unchanged.
     """
@@ -33,6 +34,7 @@ class CallWriter(PacketSink):
         self._path = Path(path)
         self._part = self._path.with_name(self._path.name + ".part")
         self._empty, self._write_failed = True, False
+        self._keeps_older = False
         self._records = RecordWriter()
         try:
             # Unbuffered: if the process is killed, the temporary file has all packets sent.
@@ -80,8 +82,14 @@ class CallWriter(PacketSink):
         self._file.close()
         if self._empty:
             self._part.unlink()
-        elif not self._write_failed:
+        elif not self._write_failed and not self._keeps_older:
             self._part.replace(self._path)
+
+    def __exit__(self, *exception: object) -> None:
+        """Close; after an error an older file stays."""
+        is_error = any(isinstance(each, Exception) for each in exception)
+        self._keeps_older = is_error and self._path.exists()
+        super().__exit__(*exception)
 
 
 class CallStreamWriter(PacketSink):

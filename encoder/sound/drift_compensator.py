@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.sound.sound_file import MAX_TIMING_ERROR_S, placed
+from encoder.sound.sound_file import MAX_TIMING_ERROR_S
 
 Samples = NDArray[np.int16]
 
@@ -52,6 +52,18 @@ class DriftCompensator:
             return samples
         self._late -= more
         return resampled(samples, len(samples) + more)
+
+
+def placed(samples: Samples, late: int, tolerance: float) -> Samples:
+    """Samples (n,) that come `late`: with silence before them, or without those that are too early.
+
+    late, tolerance: number of samples; within the tolerance they stay as they are.
+    """
+    if abs(late) <= tolerance:
+        return samples
+    if late < 0:
+        return samples[-late:]
+    return np.concatenate([np.zeros(late, np.int16), samples])
 
 
 def resampled(samples: Samples, count: int) -> Samples:

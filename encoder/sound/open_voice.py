@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from encoder.sound.recorded_speech import RecordedSpeech
-from encoder.sound.sound_file import has_sound
+from encoder.sound.sound_file import Warn, has_sound
 from encoder.sound.speech_encoder import voice_is_installed
 from encoder.sound.voice_packer import VoicePacker
 from protocol.limits import USUAL_VOICE
@@ -23,9 +23,9 @@ def chosen_voice(source: str, asked: str | None) -> tuple[str, str | None]:
     return asked or USUAL_VOICE, None
 
 
-def open_voice(source: str, voice: str) -> VoicePacker | None:
+def open_voice(source: str, voice: str, warn: Warn = lambda line: None) -> VoicePacker | None:
     """What adds the voice of a source to its packets; None for "off".
 
-    Raises `UserError` if the codec is not installed.
+    warn: see `read_sound`.  Raises `UserError` if the codec is not installed.
     """
-    return None if voice == "off" else VoicePacker(RecordedSpeech(Path(source), voice))
+    return None if voice == "off" else VoicePacker(RecordedSpeech(Path(source), voice, warn))

@@ -1,20 +1,32 @@
 """The first sound track of a video file, on the clock of its pictures."""
 
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 from pathlib import Path
 
 import av
 import numpy as np
+from av.audio.frame import AudioFrame
+from av.audio.resampler import AudioResampler
 from av.audio.stream import AudioStream
 from av.container import InputContainer
 from numpy.typing import NDArray
 
 Samples = NDArray[np.int16]
+Warn = Callable[[str], None]
 
 # Sound that is so much late or early by its time stamps is put where they say.
 MAX_TIMING_ERROR_S = 0.04
+# Time stamps that jump ahead or back by more say nothing, as those of pictures
+# (`encoder.capture.time_stamps`); the sound may begin so long before or after the pictures.
+MAX_GAP_S, MAX_RETURN_S, MAX_START_S = 10, 1, 3600
+# The most that is held at once, seconds.
+PIECE_S = 1
+# A track with more damaged packets than this is left.
+MAX_DAMAGED = 1000
+# Two channels are each other's inverse if their difference has so many times the energy of their
+# sum, on average over about so many seconds.
+ANTIPHASE_RATIO, ANTIPHASE_S = 30.0, 0.5
 
 
 def has_sound(path: Path) -> bool:
@@ -29,48 +41,143 @@ def has_sound(path: Path) -> bool:
         return False
 
 
-def read_sound(path: Path, rate_hz: int) -> Iterator[Samples]:
+def read_sound(path: Path, rate_hz: int, warn: Warn = lambda line: None) -> Iterator[Samples]:
     """The first sound track of a file, mono, in pieces (n,) int16; it begins with picture 0.
 
-    Ends where the track ends, or where it cannot be read any more.
+    Ends where the track ends; what cannot be read is left out.
+    warn: called with a line for each thing that is wrong with it.
     """
     with av.open(str(path), metadata_errors="ignore") as container:
         stream = container.streams.audio[0]
-        resampler = av.AudioResampler(format="s16", layout="mono", rate=rate_hz)
-        start_s, written = _video_start_s(container), 0
-        for frame in _frames(container, stream):
-            pieces = [piece.to_ndarray().reshape(-1) for piece in resampler.resample(frame)]
-            samples = np.concatenate([np.zeros(0, np.int16), *pieces])
-            if frame is not None and frame.pts is not None and frame.time_base is not None:
-                due = round((frame.pts * frame.time_base - start_s) * rate_hz)
-                samples = placed(samples, due - written, MAX_TIMING_ERROR_S * rate_hz)
-            written += len(samples)
-            yield samples
+        mono, placing = _Mono(rate_hz), _Placing(_video_start_s(path), rate_hz, warn)
+        for frame in _frames(container, stream, warn):
+            yield from placing.placed(mono.samples(frame), frame)
+        yield from placing.placed(mono.rest(), None)
 
 
-def placed(samples: Samples, late: int, tolerance: float) -> Samples:
-    """Samples (n,) that come `late`: with silence before them, or without those that are too early.
+class _Mono:
+    """Turns frames of any format into mono at one rate, (n,) int16."""
 
-    late, tolerance: number of samples; within the tolerance they stay as they are.
-    """
-    if abs(late) <= tolerance:
+    def __init__(self, rate_hz: int) -> None:
+        self._rate_hz = rate_hz
+        self._resampler: AudioResampler | None = None
+        self._format: tuple[str, str, int] | None = None
+        self._sum = self._difference = 0.0  # energies
+
+    def samples(self, frame: AudioFrame) -> Samples:
+        """Those of a frame; some come with a later one."""
+        frame = self._without_antiphase(frame)
+        own = frame.format.name, frame.layout.name, frame.sample_rate
+        before = np.zeros(0, np.int16)
+        if own != self._format:
+            # The format may change in the middle of a file.
+            before, self._format = self.rest(), own
+            self._resampler = AudioResampler(format="s16", layout="mono", rate=self._rate_hz)
+        assert self._resampler is not None
+        return np.concatenate([before, *map(_flat, self._resampler.resample(frame))])
+
+    def rest(self) -> Samples:
+        """Those that are left."""
+        if self._resampler is None:
+            return np.zeros(0, np.int16)
+        return np.concatenate([np.zeros(0, np.int16), *map(_flat, self._resampler.resample(None))])
+
+    def _without_antiphase(self, frame: AudioFrame) -> AudioFrame:
+        """The frame, or its first channel where the sum of its two channels would be silence."""
+        if frame.layout.nb_channels != 2:
+            return frame
+        data = np.asarray(frame.to_ndarray())
+        pair = data if len(data) == 2 else data.reshape(-1, 2).T
+        zero = 128.0 if data.dtype == np.uint8 else 0.0
+        left, right = pair.astype(np.float64) - zero
+        share = min(1.0, frame.samples / (ANTIPHASE_S * frame.sample_rate))
+        self._sum += share * (float(((left + right) ** 2).mean()) - self._sum)
+        self._difference += share * (float(((left - right) ** 2).mean()) - self._difference)
+        if self._difference <= ANTIPHASE_RATIO * self._sum:
+            return frame
+        kind = frame.format.packed.name
+        first = AudioFrame.from_ndarray(np.ascontiguousarray(pair[:1]), kind, "mono")
+        first.sample_rate, first.pts, first.time_base = (
+            frame.sample_rate,
+            frame.pts,
+            frame.time_base,
+        )
+        return first
+
+
+class _Placing:
+    """Puts samples where their time stamps say.  start_s: time of picture 0."""
+
+    def __init__(self, start_s: Fraction, rate_hz: int, warn: Warn) -> None:
+        self._start_s, self._rate_hz, self._warn = start_s, rate_hz, warn
+        self._written, self._has_jumped = 0, False
+
+    def placed(self, samples: Samples, frame: AudioFrame | None) -> Iterator[Samples]:
+        """Samples (n,) of a frame, with silence before them where they are late."""
+        late = 0 if frame is None else self._late(frame)
+        if abs(late) <= MAX_TIMING_ERROR_S * self._rate_hz:
+            late = 0
+        while late > 0:
+            silence = min(late, PIECE_S * self._rate_hz)
+            late -= silence
+            yield self._counted(np.zeros(silence, np.int16))
+        yield self._counted(samples[-late:] if late < 0 else samples)
+
+    def _counted(self, samples: Samples) -> Samples:
+        self._written += len(samples)
         return samples
-    if late < 0:
-        return samples[-late:]
-    return np.concatenate([np.zeros(late, np.int16), samples])
+
+    def _late(self, frame: AudioFrame) -> int:
+        """How many samples are missing before a frame, by its time stamp; less than 0: too many."""
+        if frame.pts is None or frame.time_base is None:
+            return 0
+        due_s = frame.pts * frame.time_base - self._start_s
+        late_s = due_s - Fraction(self._written, self._rate_hz)
+        has_begun = self._written > 0
+        earliest, latest = (-MAX_RETURN_S, MAX_GAP_S) if has_begun else (-MAX_START_S, MAX_START_S)
+        if earliest <= late_s <= latest:
+            return round(late_s * self._rate_hz)
+        # From now on time stamps count from here.
+        self._start_s += late_s
+        if not self._has_jumped:
+            self._has_jumped = True
+            self._warn("time stamps of the sound jump: it goes on as if they did not")
+        return 0
 
 
-def _video_start_s(container: InputContainer) -> Fraction:
-    """Time of the first picture."""
-    for stream in container.streams.video:
-        if stream.start_time is not None and stream.time_base is not None:
-            return stream.start_time * stream.time_base
+def _flat(frame: AudioFrame) -> Samples:
+    return np.asarray(frame.to_ndarray(), np.int16).reshape(-1)
+
+
+def _video_start_s(path: Path) -> Fraction:
+    """Time of the first picture that can be shown; 0 without one."""
+    with av.open(str(path), metadata_errors="ignore") as container:
+        if not container.streams.video:
+            return Fraction(0)
+        stream = container.streams.video[0]
+        for packet in container.demux(stream):
+            try:
+                for frame in packet.decode():
+                    if frame.pts is not None and frame.time_base is not None:
+                        return frame.pts * frame.time_base
+                    return Fraction(0)
+            except av.FFmpegError:
+                continue
     return Fraction(0)
 
 
-def _frames(container: InputContainer, stream: AudioStream) -> Iterator[av.AudioFrame | None]:
-    """The frames of a sound track, then None."""
-    # Of a damaged file the rest is left out; its pictures end in the same way.
-    with suppress(av.FFmpegError):
-        yield from container.decode(stream)
-    yield None
+def _frames(container: InputContainer, stream: AudioStream, warn: Warn) -> Iterator[AudioFrame]:
+    """The frames of a sound track; damaged ones are passed over."""
+    packets, damaged = container.demux(stream), 0
+    while True:
+        try:
+            packet = next(packets, None)
+            if packet is None:
+                break
+            yield from packet.decode()
+        except av.FFmpegError:
+            damaged += 1
+            if damaged > MAX_DAMAGED:
+                break
+    if damaged:
+        warn(f"the sound is damaged: {damaged} pieces of it could not be read")

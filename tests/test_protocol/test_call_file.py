@@ -158,6 +158,16 @@ def test_the_old_file_stays_until_the_new_one_is_whole(tmp_path: Path) -> None:
     assert path.read_bytes() == MAGIC + serialise_records([serialise(MODEL)])
 
 
+def test_an_error_leaves_an_older_call_as_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "call.rzo"
+    path.write_bytes(b"older")
+    with pytest.raises(RuntimeError), CallWriter(path) as writer:
+        writer.send(b"packet")
+        raise RuntimeError
+    assert path.read_bytes() == b"older"
+    assert path.with_name("call.rzo.part").exists()
+
+
 def test_nothing_sent_leaves_nothing_behind(tmp_path: Path) -> None:
     with CallWriter(tmp_path / "call.rzo"):
         pass
