@@ -61,7 +61,7 @@ def open_sink(
     sound_rate_hz: int | None = None,
     sample_aspect: Fraction = Fraction(1),
 ) -> FrameSink:
-    """The sink for `path`: .mkv, .avi, .mp4, .mov, images such as out/%04d.png, or a stream.
+    """The sink for `path`: .mkv, .avi, .mp4, .mov, .webm, images such as out/%04d.png, or a stream.
 
     An open stream gets YUV4MPEG2.
     matrix: colour matrix of the source, see `CallParameters`.  Pictures of bt601 are stored in .mkv

@@ -1,4 +1,4 @@
-"""The sound track of a video file: FLAC, lossless, in .mkv, PCM in .avi, else AAC."""
+"""The sound track of a video file: FLAC in .mkv, PCM in .avi, Opus in .webm, else AAC."""
 
 from typing import Literal
 
@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 Samples = NDArray[np.int16]
 
-SOUND_CODECS: dict[str, Literal["flac", "pcm_s16le", "aac"]] = {
+SOUND_CODECS: dict[str, Literal["flac", "pcm_s16le", "aac", "libopus"]] = {
     ".mkv": "flac",
     ".avi": "pcm_s16le",
     ".mp4": "aac",
     ".mov": "aac",
+    ".webm": "libopus",
 }
-AAC_BPS = 64_000
+LOSSY_BPS = 64_000
 
 
 class SoundStream:
@@ -29,8 +30,8 @@ class SoundStream:
         codec = SOUND_CODECS[suffix]
         self._container, self._rate_hz, self._written = container, rate_hz, 0
         self._stream: AudioStream = container.add_stream(codec, rate=rate_hz, layout="mono")
-        if codec == "aac":
-            self._stream.bit_rate = AAC_BPS
+        if codec in ("aac", "libopus"):
+            self._stream.bit_rate = LOSSY_BPS
 
     def write(self, samples: Samples) -> None:
         """Add samples, (n,) int16."""

@@ -1,4 +1,4 @@
-"""Video files: FFV1, lossless, or MPEG-4, written by FFmpeg."""
+"""Video files: FFV1, lossless, or H.264 or VP9, which browsers play; written by FFmpeg."""
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -30,20 +30,25 @@ Samples = NDArray[np.int16]
 Picture = NDArray[np.uint8]
 
 # Container -> codec.  FFV1 is lossless.
-CODECS: dict[str, Literal["ffv1", "mpeg4"]] = {
+CODECS: dict[str, Literal["ffv1", "libx264", "libvpx-vp9"]] = {
     ".mkv": "ffv1",
     ".avi": "ffv1",
-    ".mp4": "mpeg4",
-    ".mov": "mpeg4",
+    ".mp4": "libx264",
+    ".mov": "libx264",
+    ".webm": "libvpx-vp9",
 }
 # Containers whose pictures may have times of their own.
-TIMED = (".mkv", ".mp4", ".mov")
-# Options of FFmpeg's codecs; the quantiser of MPEG-4 ranges from 1, the finest, to 31.
-OPTIONS = {"ffv1": {}, "mpeg4": {"qmin": "1", "qmax": "1"}}
+TIMED = (".mkv", ".mp4", ".mov", ".webm")
+# Options of FFmpeg's codecs: so fine that no loss is seen, in the time of a picture.
+OPTIONS: dict[str, dict[str, str]] = {
+    "ffv1": {},
+    "libx264": {"crf": "6", "preset": "veryfast", "bf": "0"},
+    "libvpx-vp9": {"crf": "6", "b": "0", "deadline": "good", "cpu-used": "5", "row-mt": "1"},
+}
+# The index of what is served over a network comes first.
+FASTSTART = {"movflags": "+faststart"}
 # Pixel format with colour differences of half the resolution.
 CHROMA_SUBSAMPLED = "yuv420p"
-# Largest numerator of a frame rate in MPEG-4.
-MPEG4_MAX_TIMEBASE = 65535
 # Tag of the files of a call, by its colour matrix.
 TAGS: dict[str, Colorspace | None] = {"bt601": None, "bt709": Colorspace.ITU709}
 
@@ -85,6 +90,8 @@ class VideoFile:
         self._path, self._shape = path, (height, width, 3)
         self._part = path.with_name(f"{path.stem}.part{path.suffix}")
         self._reformatter, self._colours = VideoReformatter(), _pixel_format(path, matrix)
+        if width % 2 or height % 2:
+            self._colours = _of_odd_size(self._colours, path)
         weights = LUMA_WEIGHTS["bt709" if self._colours.matrix else "bt601"]
         self._luma = LUMA_SPAN * np.array([weights], np.float32)
         self._next_pts, self._is_open, self._replaces = 0, True, True
@@ -93,7 +100,9 @@ class VideoFile:
         self._writes_aspect = sample_aspect if is_matroska else None
         with _as_user_error(path), ExitStack() as undo:
             undo.callback(self._remove_part)
-            options = {} if self._writes_aspect is None else matroska_aspect.CONTAINER_OPTIONS
+            options = FASTSTART if CODECS[path.suffix.lower()] == "libx264" else {}
+            if self._writes_aspect is not None:
+                options = matroska_aspect.CONTAINER_OPTIONS
             opened = av.open(str(self._part), "w", container_options=options)
             self._container = undo.enter_context(opened)
             self._stream = self._add_stream(width, height, fps, is_variable)
@@ -197,9 +206,8 @@ class VideoFile:
 
     def _add_stream(self, width: int, height: int, fps: Fraction, is_variable: bool) -> VideoStream:
         codec = CODECS[self._path.suffix.lower()]
-        exact = (lambda rate: rate) if codec == "ffv1" else _mpeg4_rate
-        stream = self._container.add_stream(codec, rate=exact(fps), options=OPTIONS[codec])
-        self._time_base = 1 / exact(fps * TICKS_PER_FRAME if is_variable else fps)
+        stream = self._container.add_stream(codec, rate=fps, options=OPTIONS[codec])
+        self._time_base = 1 / (fps * TICKS_PER_FRAME if is_variable else fps)
         stream.codec_context.time_base = self._time_base
         stream.width, stream.height = width, height
         stream.pix_fmt = self._colours.pixel_format
@@ -223,11 +231,11 @@ def _pixel_format(path: Path, matrix: str) -> _PixelFormat:
     return _PixelFormat("yuv444p", tag)
 
 
-def _mpeg4_rate(fps: Fraction) -> Fraction:
-    """The rate nearest to `fps`, mostly `fps` itself, that MPEG-4 can state."""
-    if fps.numerator <= MPEG4_MAX_TIMEBASE:
-        return fps
-    return fps.limit_denominator(max(1, int(MPEG4_MAX_TIMEBASE / fps)))
+def _of_odd_size(colours: _PixelFormat, path: Path) -> _PixelFormat:
+    """H.264 has no odd sizes with colour differences of half the resolution."""
+    if CODECS[path.suffix.lower()] != "libx264":
+        return colours
+    return _PixelFormat("yuv444p", colours.matrix)
 
 
 @contextmanager

@@ -76,7 +76,7 @@ def add_decode(added: "Commands") -> None:
         "--output",
         type=Path,
         metavar="VIDEO",
-        help=".mkv .avi .mp4 .mov, or frame%%04d.png; -: YUV4MPEG2 to standard output, as mpv and"
+        help=".mkv .avi .mp4 .mov .webm, or frame%%04d.png; -: YUV4MPEG2 to standard output, as mpv and"
         " ffplay read it; without it the call is only checked",
     )
     add_comparison(parser)
