@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from shared_model.errors import cannot_write
+from shared_model.whole_file import whole_file
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -23,10 +23,8 @@ def write_json(path: Path, report: "DataclassInstance | Mapping[str, Any]") -> N
 
 def write_report(path: Path, content: bytes) -> None:
     """Write a file whole.  Raises `UserError` if it cannot."""
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        raise cannot_write(path, error) from error
+    with whole_file(path) as file:
+        file.write(content)
 
 
 def json_text(report: "DataclassInstance | Mapping[str, Any]") -> str:

@@ -1,7 +1,6 @@
 """The tracker alone: pose and actuators of every frame of a video."""
 
-import csv
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,17 +12,18 @@ from numpy.typing import NDArray
 from encoder.capture.video_source import Capture, open_source
 from encoder.runtime.parallel import prefetch
 from encoder.tracking.trackers import TrackingOptions, open_tracker
-from shared_model.errors import NO_FACE, UserError, cannot_write
+from risorius.track_files import FORMATS
+from shared_model.errors import NO_FACE, UserError
 from shared_model.geometry import euler_deg
 from shared_model.mesh import generic_head
 from shared_model.parameters import EAUS, FaceParameters
+from shared_model.whole_file import whole_file
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int | None], None]
 
 POSE_COLUMNS = ("pitch_deg", "yaw_deg", "roll_deg", "x_mm", "y_mm", "z_mm")
 EAU_COLUMNS = tuple(eau.name for eau in EAUS)
-DIGITS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,27 +54,35 @@ class FaceTrack:
         """(t,) intensity of each action unit, 0..1: see `action_unit_intensities`."""
         return action_unit_intensities(self.eau)
 
+    @property
+    def columns(self) -> dict[str, Array]:
+        """(t,) each: time, pose, EAUs, action units, confidence, by name."""
+        names = (*POSE_COLUMNS, *EAU_COLUMNS)
+        parameters = dict(zip(names, self.parameters.T, strict=True))
+        units = self.action_units
+        return {"time_s": self.time_s, **parameters, **units, "confidence": self.confidence}
+
+    def write(self, target: str | Path, kind: str | None = None) -> None:
+        """Write it whole into a file, see `risorius.track_files`.
+
+        kind: one of `FORMATS`; None: by the suffix, "json" or else "csv".
+        Raises `UserError` if it cannot be written.
+        """
+        path = Path(target)
+        kind = kind or ("json" if path.suffix.lower() == ".json" else "csv")
+        with whole_file(path) as file:
+            file.write(FORMATS[kind](self.columns).encode())
+
     def write_csv(self, target: str | Path | TextIO) -> None:
         """Write a line for each frame: time, pose, EAUs, action units, confidence.
 
         target: name of a file, or an open one.  Cells of a frame without a face are empty.
         Raises `UserError` if it cannot be written.
         """
-        if not isinstance(target, str | Path):
-            csv.writer(target, lineterminator="\n").writerows(self._rows())
-            return
-        try:
-            with open(target, "w", encoding="utf-8", newline="") as file:
-                csv.writer(file, lineterminator="\n").writerows(self._rows())
-        except OSError as error:
-            raise cannot_write(Path(target), error) from error
-
-    def _rows(self) -> Iterator[list[str]]:
-        units = self.action_units
-        yield ["time_s", *POSE_COLUMNS, *EAU_COLUMNS, *units, "confidence"]
-        columns = [self.time_s, *self.parameters.T, *units.values(), self.confidence]
-        for row in np.column_stack(columns):
-            yield ["" if np.isnan(value) else f"{value:.{DIGITS}f}" for value in row]
+        if isinstance(target, str | Path):
+            self.write(target, "csv")
+        else:
+            target.write(FORMATS["csv"](self.columns))
 
 
 def track(

@@ -95,10 +95,11 @@ class VideoFile:
         weights = LUMA_WEIGHTS["bt709" if self._colours.matrix else "bt601"]
         self._luma = LUMA_SPAN * np.array([weights], np.float32)
         self._next_pts, self._is_open, self._replaces = 0, True, True
+        self._has_failed = False  # the disk has refused: the file is torn
         self._is_variable = is_variable
         is_matroska = path.suffix.lower() == ".mkv" and sample_aspect != 1
         self._writes_aspect = sample_aspect if is_matroska else None
-        with _as_user_error(path), ExitStack() as undo:
+        with self._as_user_error(), ExitStack() as undo:
             undo.callback(self._remove_part)
             options = FASTSTART if CODECS[path.suffix.lower()] == "libx264" else {}
             if self._writes_aspect is not None:
@@ -137,26 +138,26 @@ class VideoFile:
             # No two pictures may have one time.
             self._next_pts = max(round(time_s / self._time_base), self._next_pts)
         frame.pts = self._next_pts
-        with _as_user_error(self._path):
+        with self._as_user_error():
             self._container.mux(self._stream.encode(frame))
         self._next_pts += 1
 
     def write_sound(self, samples: Samples) -> None:
         """Add samples, (n,) int16, to the sound track.  Raises `UserError` if the disk refuses."""
         if self._sound is not None:
-            with _as_user_error(self._path):
+            with self._as_user_error():
                 self._sound.write(samples)
 
     def close(self) -> None:
         """Finish and rename the file; closing twice has no further effect.
 
-        Raises `UserError` if the disk refuses; the file is renamed nevertheless.
+        Raises `UserError` if the disk refuses; the file keeps its temporary name then.
         """
         if not self._is_open:
             return
         self._is_open = False
         try:
-            with _as_user_error(self._path), self._container:
+            with self._as_user_error(), self._container:
                 self._container.mux(self._stream.encode(None))
                 if self._sound is not None:
                     self._sound.finish()
@@ -166,7 +167,7 @@ class VideoFile:
         finally:
             if not self._next_pts:
                 self._remove_part()
-            elif self._replaces:
+            elif self._replaces and not self._has_failed:
                 self._part.replace(self._path)
 
     def mark_incomplete(self) -> Path | None:
@@ -181,6 +182,15 @@ class VideoFile:
         if any(exception):
             self.mark_incomplete()
         self.close()
+
+    @contextmanager
+    def _as_user_error(self) -> Iterator[None]:
+        try:
+            yield
+        except av.FFmpegError as error:
+            self._has_failed = True
+            rest = f"; what was written is in {self._part}" if self._next_pts else ""
+            raise UserError(f"cannot write {self._path}: {error.strerror}{rest}") from error
 
     def _remove_part(self) -> None:
         # A file system that takes no file refuses this as well.
@@ -236,11 +246,3 @@ def _of_odd_size(colours: _PixelFormat, path: Path) -> _PixelFormat:
     if CODECS[path.suffix.lower()] != "libx264":
         return colours
     return _PixelFormat("yuv444p", colours.matrix)
-
-
-@contextmanager
-def _as_user_error(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except av.FFmpegError as error:
-        raise UserError(f"cannot write {path}: {error.strerror}") from error

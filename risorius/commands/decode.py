@@ -76,8 +76,8 @@ def add_decode(added: "Commands") -> None:
         "--output",
         type=Path,
         metavar="VIDEO",
-        help=".mkv .avi .mp4 .mov .webm, or frame%%04d.png; -: YUV4MPEG2 to standard output, as mpv and"
-        " ffplay read it; without it the call is only checked",
+        help=".mkv .avi .mp4 .mov .webm, or frame%%04d.png; -: YUV4MPEG2 to standard output, as mpv"
+        " and ffplay read it; without it the call is only checked",
     )
     add_comparison(parser)
     add_timeout(parser)

@@ -1,4 +1,4 @@
-"""`risorius track`: pose, actuators and action units of a face, frame by frame, as CSV."""
+"""`risorius track`: pose, actuators and action units of a face, frame by frame."""
 
 import argparse
 import sys
@@ -25,8 +25,10 @@ def add_track(added: "Commands") -> None:
         "write down how a face moves, frame by frame",
         "CSV with a line for each frame: time, pose (degrees, mm), actuators (EAUs), intensities\n"
         "of FACS action units from 0 to 1, confidence from 0 to 1.  A frame without a face has\n"
-        "empty cells.  docs/tracker.md says how it is followed, docs/model.md what columns mean.",
-        "  risorius track me.mp4 -o me.csv\n  risorius track 0 | head\n",
+        "empty cells.  docs/tracker.md says how it is followed, docs/model.md what columns mean.\n"
+        "A file NAME.json gets the same as JSON; --format openface has the columns of OpenFace.",
+        "  risorius track me.mp4 -o me.csv\n  risorius track me.mp4 -o me.json\n"
+        "  risorius track me.mp4 --format openface -o me.csv\n  risorius track 0 | head\n",
     )
     parser.add_argument("source", metavar="SOURCE", help=SOURCE_HELP)
     parser.add_argument(
@@ -34,8 +36,13 @@ def add_track(added: "Commands") -> None:
         "--output",
         type=Path,
         default=STANDARD,
-        metavar="CSV",
+        metavar="FILE",
         help="file to write; -: standard output (default: -)",
+    )
+    parser.add_argument(
+        "--format",
+        choices=("csv", "openface", "json"),
+        help="what to write (default: by the file's suffix, else csv)",
     )
     parser.add_argument(
         "--max-frames", type=count, metavar="N", help="stop after N frames of the source"
@@ -48,6 +55,7 @@ def run_track(arguments: argparse.Namespace) -> int:
     """`risorius track`: what was tracked until it is stopped is written."""
     check_outputs([arguments.source], [arguments.output])
     from risorius.face_track import track
+    from risorius.track_files import FORMATS
 
     progress_line = ProgressLine("track", sys.stderr, arguments.quiet)
     with StopOnSignal() as stop, progress_line as progress:
@@ -58,7 +66,10 @@ def run_track(arguments: argparse.Namespace) -> int:
                 raise KeyboardInterrupt from error
             raise
     warn(found.warnings)
-    found.write_csv(sys.stdout if arguments.output == STANDARD else arguments.output)
+    if arguments.output == STANDARD:
+        sys.stdout.write(FORMATS[arguments.format or "csv"](found.columns))
+    else:
+        found.write(arguments.output, arguments.format)
     if stop():
         say(f"track: interrupted: {len(found.time_s)} frames are written")
     return INTERRUPTED if stop() else 0

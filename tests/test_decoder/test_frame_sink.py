@@ -213,7 +213,8 @@ def test_a_disk_that_fills_up_is_said_in_one_line(tmp_path: Path, name: str) -> 
                 sink.write(picture)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    assert [file.name for file in tmp_path.iterdir()] == [name]
+    # What is torn does not stand where something whole is expected.
+    assert [file.name for file in tmp_path.iterdir()] == [name.replace(".", ".part.")]
 
 
 def test_a_picture_of_another_size_is_refused(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from risorius.face_track import (
     action_unit_intensities,
     track,
 )
+from shared_model.errors import UserError
 from shared_model.parameters import EAU_INDEX, EAUS
 
 SCRIPT = """
@@ -111,3 +112,63 @@ def test_a_video_without_a_face_has_no_track(
     assert main(["track", str(noise), "-o", str(tmp_path / "a.csv")]) == 3
     assert "no face found in 8 frames" in error_line(capsys)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_track_as_json_has_the_numbers_of_the_csv(tracked: FaceTrack, tmp_path: Path) -> None:
+    tracked.write(tmp_path / "t.json")
+    tracked.write(tmp_path / "t.csv")
+    found = json.loads((tmp_path / "t.json").read_text())
+    with (tmp_path / "t.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    assert found["columns"] == list(lines[0]) and len(found["frames"]) == len(lines)
+    for frame, line in zip(found["frames"], lines, strict=True):
+        assert [frame[name] for name in line] == [float(text) for text in line.values()]
+
+
+def test_a_track_in_the_columns_of_openface(tracked: FaceTrack, tmp_path: Path) -> None:
+    tracked.write(tmp_path / "t.csv", "openface")
+    with (tmp_path / "t.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    assert list(lines[0])[:11] == [
+        *("frame", "face_id", "timestamp", "confidence", "success"),
+        *("pose_Tx", "pose_Ty", "pose_Tz", "pose_Rx", "pose_Ry", "pose_Rz"),
+    ]
+    assert {"AU01_r", "AU26_r", "AU45_r", "AU12_c"} <= set(lines[0])
+    middle = lines[len(lines) // 2]
+    assert middle["frame"] == "26" and middle["success"] == "1"
+    # At one second the head is turned by 15 degrees to the subject's left, the jaw half open.
+    assert float(middle["pose_Ry"]) == pytest.approx(-np.radians(15), abs=0.05)
+    assert float(middle["AU26_r"]) == pytest.approx(2.5, abs=0.8) and middle["AU26_c"] == "1"
+    assert lines[0]["AU26_c"] == "0"
+
+
+@pytest.mark.parametrize("kind", ["csv", "openface", "json"])
+def test_no_number_is_minus_zero(kind: str, tmp_path: Path) -> None:
+    small = -0.00001
+    rows = np.full((2, len(EAU_COLUMNS)), small)
+    found = FaceTrack(np.zeros(2), np.full((2, 6), small), rows, np.ones(2))
+    found.write(tmp_path / "t", kind)
+    assert "-0.0000" not in (tmp_path / "t").read_text()
+    assert "-0.0," not in (tmp_path / "t").read_text()
+
+
+def test_the_suffix_and_the_option_say_what_is_written(talking: Path, tmp_path: Path) -> None:
+    output = tmp_path / "t.json"
+    line = ["track", str(talking), "-o", str(output), "--max-frames", "3", "-q"]
+    assert main(line) == 0 and len(json.loads(output.read_text())["frames"]) == 3
+    assert main([*line, "--format", "openface"]) == 0
+    assert output.read_text().startswith("frame,face_id,timestamp")
+
+
+def test_a_full_disk_leaves_an_older_track(tracked: FaceTrack, tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource")
+    path = tmp_path / "t.csv"
+    path.write_text("older")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (500, hard))
+    try:
+        with pytest.raises(UserError, match="File too large"):
+            tracked.write(path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert path.read_text() == "older" and list(tmp_path.iterdir()) == [path]
