@@ -8,7 +8,10 @@ RUN apt-get update \
 
 WORKDIR /opt/risorius
 COPY requirements.lock ./
-RUN pip install --no-cache-dir --require-hashes --no-deps -r requirements.lock
+# What only tests and checks need does not stay.
+RUN pip install --no-cache-dir --require-hashes --no-deps -r requirements.lock \
+    && pip uninstall --yes check-jsonschema coverage hypothesis matplotlib mypy pytest pytest-cov \
+    pytest-xdist ruff types-pyyaml
 COPY pyproject.toml README.md LICENSE ./
 COPY shared_model ./shared_model
 COPY protocol ./protocol

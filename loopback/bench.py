@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from encoder.capture.frame_times import exact_fps
-from encoder.capture.video_source import open_source
+from encoder.capture.video_source import is_pipe, open_source
 from loopback.process_pair import CallResult, run_call
 from loopback.quality.landmark_metrics import LandmarkMetrics, compare_faces
 from loopback.quality.region_quality import RegionQuality, region_meter
@@ -18,7 +18,7 @@ from loopback.quality.video_quality import (
     face_mask_finder,
     measure_quality,
 )
-from loopback.report import figure, html_page, rounded, table
+from loopback.report import figure, html_page, rounded, wrapped_table
 from protocol.summary import nominal_duration_s
 from shared_model.errors import UserError
 
@@ -233,7 +233,7 @@ def mean_figures(clips: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
 
 def bench_table(clips: Sequence[Mapping[str, Any]]) -> str:
     """The main figures of each clip and their mean, as a table."""
-    return table(list(TABLE_COLUMNS.values()), _rows(clips))
+    return wrapped_table(list(TABLE_COLUMNS.values()), _rows(clips))
 
 
 def bench_page(clips: Sequence[Mapping[str, Any]]) -> str:
@@ -252,7 +252,7 @@ def _rows(clips: Sequence[Mapping[str, Any]]) -> list[list[Any]]:
 def check_recorded(sources: Sequence[str]) -> None:
     """Raise `UserError` for a source that cannot be read or is none that can be read again."""
     for source in sources:
-        if source.isdecimal() or "://" in source:
+        if source.isdecimal() or "://" in source or is_pipe(source):
             raise UserError(f"{source}: only a recorded video can be compared with what comes out")
         open_source(source).close()
 

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 
 Cell = str | int | float | None
 
+# Characters of a line that a terminal shows.
+TERMINAL_WIDTH = 100
+
 
 def write_json(path: Path, report: "DataclassInstance | Mapping[str, Any]") -> None:
     """Write a dataclass or mapping to `path`.  Raises `UserError` if it cannot."""
@@ -65,16 +68,39 @@ def table(header: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
     return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
 
 
+def wrapped_table(
+    header: Sequence[str], rows: Sequence[Sequence[Cell]], width: int = TERMINAL_WIDTH
+) -> str:
+    """As `table`, but in parts of at most `width` characters, each with the first column."""
+    parts: list[list[int]] = [[0]]
+    for column in range(1, len(header)):
+        wider = [*parts[-1], column]
+        if len(parts[-1]) > 1 and _width(header, rows, wider) > width:
+            parts.append([0])
+            wider = [0, column]
+        parts[-1] = wider
+    tables = [table([header[i] for i in p], [[row[i] for i in p] for row in rows]) for p in parts]
+    return "\n\n".join(tables)
+
+
+def _width(header: Sequence[str], rows: Sequence[Sequence[Cell]], columns: Sequence[int]) -> int:
+    part = table([header[i] for i in columns], [[row[i] for i in columns] for row in rows])
+    return len(part.split("\n")[1])
+
+
 def html_page(title: str, header: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
     """The same table as a page by itself."""
     cells = [
         "<tr>" + "".join(f"<{tag}>{escape(_text(cell))}</{tag}>" for cell in row) + "</tr>"
         for tag, row in [("th", header), *(("td", row) for row in rows)]
     ]
-    style = "body{font:15px sans-serif;margin:2em}td,th{padding:.2em .8em;text-align:right}"
+    style = (
+        "body{font:14px sans-serif;margin:2em}div{overflow-x:auto}"
+        "td,th{padding:.2em .5em;text-align:right}td:first-child,th:first-child{text-align:left}"
+    )
     return (
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title>'
-        f"<style>{style}</style><h1>{escape(title)}</h1><table>{''.join(cells)}</table></html>\n"
+        f"<style>{style}</style><h1>{escape(title)}</h1><div><table>{''.join(cells)}</table></div></html>\n"
     )
 
 

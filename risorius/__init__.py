@@ -43,9 +43,18 @@ if TYPE_CHECKING:
     from risorius.call import Call
     from risorius.face_track import FaceTrack
 
-__all__ = ["UserError", "encode", "info", "open_call", "track"]
+__all__ = ["UserError", "__version__", "encode", "info", "open_call", "track"]
 
 Progress = Callable[[int, int | None], None]
+
+
+def __getattr__(name: str) -> str:
+    """`__version__`: looked up where it is asked for."""
+    if name != "__version__":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib.metadata import version
+
+    return version("risorius")
 
 
 def encode(

@@ -12,6 +12,7 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from importlib.util import find_spec
 from typing import NoReturn
 
 from risorius.command_line.parser import (
@@ -230,5 +231,7 @@ def _missing(error: ModuleNotFoundError) -> str:
     library = (error.name or "").split(".")[0]
     if library not in EXTRA_OF:
         raise error
-    extra = EXTRA_OF[library]
-    return f"{library} is not installed; in the project's folder try: pip install '.[{extra}]'"
+    # All that is missing at once: who installs one extra after the other loses patience.
+    absent = [each for each in EXTRA_OF if each == library or find_spec(each) is None]
+    extras = ",".join(dict.fromkeys(EXTRA_OF[each] for each in (library, *absent)))
+    return f"{library} is not installed; in the project's folder try: pip install '.[{extras}]'"

@@ -136,3 +136,16 @@ def wait_until_healthy(test: list[str]) -> None:
     while subprocess.run([sys.executable, *arguments], capture_output=True, check=False).returncode:
         assert time.monotonic() < deadline, f"not healthy: {shlex.join([*PROGRAM, *test])}"
         time.sleep(0.1)
+
+
+def test_every_service_can_be_built(services: dict[str, Any]) -> None:
+    """Whichever is started alone: no image has to be there before."""
+    assert {service["build"] for service in services.values()} == {"."}
+
+
+def test_the_image_is_without_what_only_tests_need() -> None:
+    lock = (ROOT / "requirements.lock").read_text()
+    [removed] = re.findall(r"pip uninstall --yes (.+?)\n\S", DOCKERFILE.read_text(), re.DOTALL)
+    names = removed.replace("\\", "").split()
+    assert {"pytest", "mypy", "ruff", "matplotlib"} <= set(names)
+    assert all(re.search(rf"^{re.escape(name)}==", lock, re.MULTILINE) for name in names)

@@ -1,6 +1,7 @@
 """The Python interface: its examples run, its arguments are checked, its import is quick."""
 
 import doctest
+import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -109,3 +110,9 @@ def test_no_call_beyond_this_host_is_open_by_mistake(place: dict[str, list[str]]
         risorius.open_call(**place)  # type: ignore[arg-type]
     with pytest.raises(UserError, match="no invitation: expected"):
         risorius.open_call(**place, invite="anna")  # type: ignore[arg-type]
+
+
+def test_the_version_is_an_attribute() -> None:
+    assert re.fullmatch(r"\d+\.\d+\.\d+", risorius.__version__)
+    with pytest.raises(AttributeError, match="no attribute 'x'"):
+        _ = risorius.x
