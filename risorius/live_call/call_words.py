@@ -40,10 +40,12 @@ def state_words(
     waited_s: how long this end has been there.
     """
     reach = None if sending is None else sending.reach
+    # A call is named by who listens; of who calls there it is not known who it is.
+    other = "The other one" if is_listening else name
     if reach == Reachability.BUSY:
-        return Words("is in another call", f"{name} is in another call.")
+        return Words("is in another call", f"{other} is in another call.")
     if presence is Presence.LEFT and reach != Reachability.HAS_PEER:
-        return Words("has left", f"{name} has left.")
+        return Words("has left", f"{other} has left.")
     # Whoever has been heard only begins a call, or was lost before the first picture.
     is_gone = has_picture or reach == Reachability.NO_PEER
     is_silent = presence is Presence.SILENT and is_gone
@@ -54,7 +56,7 @@ def state_words(
         return Words("camera off" if is_camera_off else "")
     if reach == Reachability.HAS_PEER or presence in (Presence.HERE, Presence.SILENT):
         if is_listening:
-            return Words("is calling", f"{name} is calling …")
+            return Words("is calling", "Somebody is calling …")
         return Words("answers", f"{name} answers …")
     if is_listening:
         return Words("waiting for a call", "Waiting for a call …")
@@ -73,7 +75,7 @@ def stranger_words(is_listening: bool) -> str:
 def cost_words(sending: Sending | None, receiving: Receiving | None) -> str:
     """What the call costs, in one line; without the delay, which the page knows."""
     parts = []
-    if sending is not None:
+    if sending is not None and sending.reach == Reachability.HAS_PEER:
         parts.append(f"up {_rates(sending.traffic)}")
     if receiving is not None and receiving.presence is Presence.HERE:
         parts.append(f"down {_rates(receiving.traffic)}")

@@ -60,7 +60,7 @@ def test_a_camera_that_is_off_is_said_to_be() -> None:
 
 
 def test_the_cost_counts_what_a_second_takes_over_udp() -> None:
-    words = cost_words(SENDING, RECEIVING)
+    words = cost_words(LINKED, RECEIVING)
     assert "up 800 bit/s" in words and "down 1\u202f000 bit/s" in words
     assert "loss 2\u00a0%" in words and words.endswith("looking for you")
     assert int(words.split("(UDP ")[1].split(")")[0].replace("\u202f", "")) > 800 + 3 * 8 * 28
@@ -85,3 +85,7 @@ def test_who_reaches_nobody_is_told_so_in_time() -> None:
     assert (
         state_words("zoe", False, False, LINKED, Presence.AWAITED, waited_s=20.0).text == "answers"
     )
+
+
+def test_nothing_goes_up_where_nobody_receives() -> None:
+    assert "up" not in cost_words(SENDING, None)
