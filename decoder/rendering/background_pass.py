@@ -15,6 +15,11 @@ Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 
+# Where a camera shows what it has never shown the scene is mirrored at its edge: as blurred as can
+# be from this share of its sides on.
+UNSEEN_FADE = 0.05
+
+
 class BackgroundPass:
     """The layers of the background in a GL context; draws nothing before `set`.
 
@@ -25,6 +30,8 @@ class BackgroundPass:
         self._context, self._size = context, size
         self._program = load_program(context, "background")
         self._program["picture_px"] = size
+        self._program["fade"] = 0.0
+        self._has_mipmaps = False  # of the scene as it is now
         self._layers: list[Picture] = []  # moving and, if there is one, static, BGRA
         self._moving: moderngl.Texture | None = None
         self._static: moderngl.Texture | None = None
@@ -108,13 +115,20 @@ class BackgroundPass:
         self._scene_corners.write(as_float32(self._last_corners))
         self._context.enable_only(moderngl.NOTHING)
         self._static.use()
+        shows_unseen = self._last_corners.min() < 0 or self._last_corners.max() > 1
+        if shows_unseen and not self._has_mipmaps:
+            self._static.build_mipmaps()
+            self._has_mipmaps = True
+        self._program["fade"] = UNSEEN_FADE if shows_unseen else 0.0
         self._scene.render(moderngl.TRIANGLE_STRIP)
+        self._program["fade"] = 0.0
 
     def _upload(self, layers: list[Picture]) -> None:
         context = self._context
         self._moving = upload_picture(context, self._moving, "background", layers[0])
         if len(layers) > 1:
             self._static = upload_picture(context, self._static, "static background", layers[1])
+            self._has_mipmaps = False
 
     def _whole_picture(self) -> moderngl.VertexArray:
         """Two triangles over the whole picture."""

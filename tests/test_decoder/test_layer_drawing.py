@@ -75,3 +75,23 @@ def test_the_scene_moves_behind_the_person_and_stands_still_again() -> None:
             np.testing.assert_allclose(
                 picture[10:-10, 10:-10].astype(int), whole[10:-10, 10:-10], atol=1
             )
+
+
+def test_what_the_camera_never_showed_is_the_scene_mirrored_and_ever_more_blurred() -> None:
+    """Moved 60 pixels down: above its upper edge there are stripes, not streaks of one row."""
+    behind = np.zeros((240, 320, 3), np.uint8)
+    behind[:, ::2] = 200
+    behind[:40:2] = 90
+    corners = moved_corners(320, 240, np.array([0, 60]) / 3.2)
+    with layers(np.zeros_like(behind), behind) as renderer:
+        picture = renderer.draw(CAMERA, AWAY, HEAD.vertices, scene_corners=corners)
+        seen = picture[70:80, :100].astype(int)
+        np.testing.assert_allclose(seen, behind[10:20, :100].astype(int), atol=1)
+        near, far = picture[56:59, 10:300].astype(float), picture[:10, 10:300].astype(float)
+        # Rows differ where the edge stretched outwards would repeat one.
+        assert np.abs(np.diff(near, axis=0)).mean() > 5
+        assert far.std() < 0.4 * near.std()
+        assert far.mean() == pytest.approx(behind[:60].mean(), abs=25)
+        picture = renderer.draw(CAMERA, AWAY, HEAD.vertices)
+        whole = np.where(OPACITY[..., None], 0, behind)
+        np.testing.assert_allclose(picture.astype(int), whole.astype(int), atol=1)
