@@ -27,6 +27,7 @@ from risorius.commands.annotate import add_annotate
 from risorius.commands.benchmarks import add_bench, add_replay
 from risorius.commands.call import add_call
 from risorius.commands.calls import add_calls
+from risorius.commands.completion import add_completion
 from risorius.commands.decode import add_decode
 from risorius.commands.drawing import add_animate, add_view
 from risorius.commands.encode import add_encode
@@ -84,6 +85,7 @@ EXTRA_OF = {
     "moderngl": "decoder",
     "numba": "encoder",
     "segno": "call",
+    "shtab": "completion",
     "threadpoolctl": "encoder",
 }
 
@@ -186,6 +188,7 @@ def build_parser() -> Parser:
     added = parser.add_subparsers(title="commands", metavar="COMMAND")
     for add in COMMANDS:
         add(added)
+    add_completion(added, parser)
     return parser
 
 
@@ -232,6 +235,6 @@ def _missing(error: ModuleNotFoundError) -> str:
     if library not in EXTRA_OF:
         raise error
     # All that is missing at once: who installs one extra after the other loses patience.
-    absent = [each for each in EXTRA_OF if each == library or find_spec(each) is None]
+    absent = [each for each in EXTRA_OF if find_spec(each) is None and each != "shtab"]
     extras = ",".join(dict.fromkeys(EXTRA_OF[each] for each in (library, *absent)))
     return f"{library} is not installed; in the project's folder try: pip install '.[{extras}]'"

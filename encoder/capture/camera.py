@@ -1,6 +1,7 @@
 """Frames of a camera of this host, read by OpenCV."""
 
 import os
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -9,6 +10,21 @@ from numpy.typing import NDArray
 from shared_model.errors import UserError
 
 Frame = NDArray[np.uint8]
+
+DEVICES = Path("/dev")
+
+
+def why_not_opened(number: int, devices: Path = DEVICES) -> str:
+    """Why a camera of this host does not open, and what else there is.  devices: their folder."""
+    names = [each.name.removeprefix("video") for each in devices.glob("video*")]
+    there = sorted(int(name) for name in names if name.isdecimal())
+    if not there:
+        return "there is no camera on this host"
+    if number not in there:
+        return f"there is none of this number; there are {', '.join(map(str, there))}"
+    if not os.access(devices / f"video{number}", os.R_OK | os.W_OK):
+        return "no permission; is this user in the group `video`?"
+    return "it gives no pictures; another program may use it"
 
 
 class Camera:
@@ -20,7 +36,7 @@ class Camera:
         cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         self._video = cv2.VideoCapture(number)
         if not self._video.isOpened():
-            raise UserError(f"camera {number} does not open")
+            raise UserError(f"camera {number} does not open: {why_not_opened(number)}")
         # A queue in the driver adds latency.
         self._video.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         self.stated_fps = float(self._video.get(cv2.CAP_PROP_FPS))

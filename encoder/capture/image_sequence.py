@@ -13,6 +13,13 @@ from shared_model.errors import UserError
 Frame = NDArray[np.uint8]
 
 _NUMBER_FIELD = re.compile(r"%0?\d*d")
+_RATE = re.compile(r"(?P<pattern>.*%0?\d*d.*)@(?P<rate>\d+(?:\.\d+)?(?:/\d+)?)")
+
+
+def pattern_and_rate(source: str) -> tuple[str, str | None]:
+    """A pattern such as frame_%04d.png@30, divided where its rate begins; None: it has none."""
+    match = _RATE.fullmatch(source)
+    return (source, None) if match is None else (match["pattern"], match["rate"])
 
 
 class ImageSequence:

@@ -19,7 +19,7 @@ from encoder.capture.frame_times import (
     frame_times,
     is_usable_fps,
 )
-from encoder.capture.image_sequence import ImageSequence
+from encoder.capture.image_sequence import ImageSequence, pattern_and_rate
 from encoder.capture.video_file import VideoFile
 from protocol.sample_aspect import source_size
 from shared_model.errors import UserError
@@ -151,6 +151,7 @@ class Capture:
 def open_source(source: str, square_pixels: bool = False) -> Capture:
     """Open a video file, an image sequence pattern (frame_%04d.png), a camera index or a URL.
 
+    A pattern may end with its rate, frames per second: frame_%04d.png@30, @30000/1001.
     Also a pipe, or "-" for standard input: it is read as it comes, and once only.
     square_pixels: pictures whose pixels are not square are stretched, see `sample_aspect`.
     Raises `UserError`, one line, if there is nothing to read.
@@ -166,9 +167,9 @@ def open_source(source: str, square_pixels: bool = False) -> Capture:
         video = VideoFile(source, source, True, False, square_pixels)
         return _video_capture(source, video, is_live=video.frame_count is None)
     path = Path(source.removeprefix("file://"))
-    if "%" in path.name and not path.exists():
-        images = ImageSequence(path)
-        return Capture(str(path), images, FrameTimes(DEFAULT_FPS), images.frame_count, False)
+    pattern, rate = pattern_and_rate(str(path))
+    if "%" in Path(pattern).name and not path.exists():
+        return _open_images(pattern, rate)
     if is_pipe(source):
         name, address = _pipe_names(source)
         return _video_capture(name, VideoFile(name, address, False, False, square_pixels))
@@ -188,6 +189,14 @@ def _pipe_names(source: str) -> tuple[str, str]:
         return "standard input", "pipe:0"
     path = source.removeprefix("file://")
     return path, path
+
+
+def _open_images(pattern: str, rate: str | None) -> Capture:
+    fps = DEFAULT_FPS if rate is None else Fraction(rate)
+    if not is_usable_fps(float(fps)):
+        raise UserError(f"{pattern}@{rate}: a rate is 1 to 240 frames a second")
+    images = ImageSequence(Path(pattern))
+    return Capture(pattern, images, FrameTimes(fps), images.frame_count, is_live=False)
 
 
 def _check_file(path: Path) -> None:

@@ -33,6 +33,7 @@ COMMANDS = (
     "view",
     "demo",
     "compile",
+    "completion",
 )
 
 Capture = pytest.CaptureFixture[str]
@@ -52,7 +53,7 @@ def test_help_names_every_command(capsys: Capture) -> None:
     with pytest.raises(SystemExit):
         main(["--help"])
     text = capsys.readouterr().out
-    assert all(f"\n    {command} " in text for command in COMMANDS)
+    assert all(f"\n    {command}" in text for command in COMMANDS)
 
 
 def test_the_program_alone_prints_its_help(capsys: Capture) -> None:
@@ -328,3 +329,25 @@ def test_what_is_no_number_is_said(option: str, capsys: Capture) -> None:
 def test_every_command_has_something_to_run() -> None:
     parser = build_parser()
     assert callable(parser.parse_args(["info", "a.rzo"]).run)
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "tcsh"])
+def test_a_shell_can_complete_commands_and_options(shell: str, capsys: Capture) -> None:
+    pytest.importorskip("shtab")
+    assert main(["completion", shell]) == 0
+    text = capsys.readouterr().out
+    assert "encode" in text and "startup-bitrate" in text
+
+
+def test_bash_completes(capsys: Capture, tmp_path: Path) -> None:
+    pytest.importorskip("shtab")
+    assert main(["completion", "bash"]) == 0
+    script = tmp_path / "risorius.bash"
+    script.write_text(capsys.readouterr().out)
+    ask = (
+        f"source {script}; COMP_WORDS=(risorius enc); COMP_CWORD=1;"
+        "$(complete -p risorius | sed -E 's/.*-F ([^ ]+).*/\\1/') risorius enc risorius;"
+        'echo "${COMPREPLY[@]}"'
+    )
+    done = subprocess.run(["bash", "-c", ask], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["encode"]

@@ -1,5 +1,6 @@
 """Video sources: every kind, exact rates, one-line errors."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from fractions import Fraction
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 from av.video.reformatter import ColorPrimaries, Colorspace
 
+from encoder.capture.camera import why_not_opened
 from encoder.capture.frame_times import exact_fps
 from encoder.capture.video_source import open_source
 from shared_model.errors import UserError
@@ -256,3 +258,32 @@ def test_frames_of_a_live_source_are_dropped_while_busy() -> None:
         found = [next(frames) for _ in range(3)]
     assert [index for index, _ in found] == [0, 1, 2]
     np.testing.assert_allclose([frame.mean() for _, frame in found], [40, 41, 42], atol=0.6)
+
+
+@pytest.mark.parametrize(
+    ("rate", "fps"),
+    [("", 25), ("@30", 30), ("@12.5", 12.5), ("@30000/1001", Fraction(30000, 1001))],
+)
+def test_an_image_sequence_has_the_rate_that_is_asked_for(
+    tmp_path: Path, rate: str, fps: float | Fraction
+) -> None:
+    write_images(tmp_path, [1, 2, 3])
+    with open_source(f"{tmp_path}/frame_%04d.png{rate}") as capture:
+        assert capture.fps == fps and len(list(capture)) == 3
+
+
+@pytest.mark.parametrize("rate", ["0", "1000"])
+def test_a_rate_that_cannot_be_is_refused(tmp_path: Path, rate: str) -> None:
+    write_images(tmp_path, [1])
+    assert "1 to 240" in one_line_error(f"{tmp_path}/frame_%04d.png@{rate}")
+
+
+def test_a_camera_that_does_not_open_says_why_and_what_there_is(tmp_path: Path) -> None:
+    assert why_not_opened(7, tmp_path) == "there is no camera on this host"
+    for number in (0, 2):
+        (tmp_path / f"video{number}").touch()
+    assert why_not_opened(7, tmp_path) == "there is none of this number; there are 0, 2"
+    assert "another program" in why_not_opened(2, tmp_path)
+    (tmp_path / "video2").chmod(0)
+    if not os.access(tmp_path / "video2", os.R_OK):  # root may read all
+        assert "no permission" in why_not_opened(2, tmp_path)
