@@ -167,9 +167,9 @@ def open_source(source: str, square_pixels: bool = False) -> Capture:
         video = VideoFile(source, source, True, False, square_pixels)
         return _video_capture(source, video, is_live=video.frame_count is None)
     path = Path(source.removeprefix("file://"))
-    pattern, rate = pattern_and_rate(str(path))
+    pattern, stated_rate = pattern_and_rate(str(path))
     if "%" in Path(pattern).name and not path.exists():
-        return _open_images(pattern, rate)
+        return _open_images(pattern, stated_rate)
     if is_pipe(source):
         name, address = _pipe_names(source)
         return _video_capture(name, VideoFile(name, address, False, False, square_pixels))

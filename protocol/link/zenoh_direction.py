@@ -15,6 +15,7 @@ from protocol.errors import ProtocolError
 from protocol.link.direction import (
     ID_BYTES,
     Direction,
+    DirectionMessage,
     DirectionNegotiation,
     direction_key,
     parse_direction,
@@ -33,6 +34,7 @@ class ZenohDirection:
     endpoint: where both ends can be reached.  name: of the call.
     is_listener: this end sends in direction a in any case.
     on_change: called from a thread of Zenoh's with another direction than the one settled first.
+    person: name of who is here.  on_other: called from a thread with what the other end says.
     Where the endpoint cannot be reached a listener has a, and who connects b.
     """
 
@@ -43,8 +45,12 @@ class ZenohDirection:
         security: LinkSecurity,
         is_listener: bool,
         on_change: Callable[[Direction], None],
+        person: str = "",
+        on_other: Callable[[DirectionMessage], None] = lambda message: None,
     ) -> None:
-        self._negotiation = DirectionNegotiation(secrets.token_bytes(ID_BYTES), is_listener)
+        identifier = secrets.token_bytes(ID_BYTES)
+        self._negotiation = DirectionNegotiation(identifier, is_listener, person)
+        self._on_other = on_other
         self._name, self._key = name, security.key or b""
         self._on_change, self._changed = on_change, Condition()
         self._session = _reach(endpoint, security)
@@ -65,6 +71,13 @@ class ZenohDirection:
             negotiation.hear_nobody()
             self._say()
             return negotiation.direction or Direction.A
+
+    def set_muted(self, is_muted: bool) -> None:
+        """Say whether the microphone of this end is off."""
+        with self._changed:
+            if is_muted != self._negotiation.is_muted:
+                self._negotiation.is_muted = is_muted
+                self._say()
 
     def close(self) -> None:
         """Leave; closing twice has no further effect."""
@@ -95,7 +108,10 @@ class ZenohDirection:
                 self._say()
             direction = self._negotiation.direction
             has_changed = self._negotiation.has_changed and not had_changed
+            other = self._negotiation.other
             self._changed.notify_all()
+        if message is other:
+            self._on_other(message)
         if has_changed and direction is not None:
             self._on_change(direction)
 

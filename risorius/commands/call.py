@@ -82,6 +82,9 @@ def _add_coding(parser: argparse.ArgumentParser) -> None:
 
 def _add_page(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
+        "--name", default="", metavar="NAME", help="your name, as the other end shows it"
+    )
+    parser.add_argument(
         "--face",
         metavar="OTHER",
         help="image or call file of a person who is seen instead of you when the page asks for it;"
@@ -138,6 +141,7 @@ def _options(arguments: argparse.Namespace) -> "CallOptions":
         face_on=arguments.face_on,
         port=arguments.port,
         folder=arguments.folder,
+        person=arguments.name,
     )
 
 

@@ -18,6 +18,7 @@ class CallOptions:
     face, face_on: see `SendingOptions`.
     port: TCP port of the page; 0: any free one.
     folder: where recordings go.
+    person: name of who is here, as the other end shows it; empty: none.
     """
 
     place: CallPlace
@@ -31,3 +32,4 @@ class CallOptions:
     face_on: bool
     port: int
     folder: Path
+    person: str = ""

@@ -18,6 +18,7 @@ class CallStatus:
     say: called with a line when the other end comes, is lost, or leaves, and once of strangers.
     sending, receiving: the newest; None: nothing is known yet.
     has_picture: the other person has been seen since they came.
+    person: the name that they have said, or ""; is_muted: their microphone is off.
     """
 
     def __init__(
@@ -27,6 +28,7 @@ class CallStatus:
         self.sending: Sending | None = None
         self.receiving: Receiving | None = None
         self.has_picture = False
+        self.person, self.is_muted = "", False
         self._start_s = monotonic()
         self._said = ""  # the newest state
         self._was_alone = False  # since the other end has left
@@ -44,15 +46,21 @@ class CallStatus:
         name, is_listening = self._place.name, self._place.listen is not None
         is_camera_off = receiving is not None and receiving.is_camera_off
         reached = self._reached(presence)
-        state = name, is_listening, self.has_picture, reached, presence, is_camera_off
-        words = state_words(*state, monotonic() - self._start_s)
+        state = self.person or name, is_listening, self.has_picture, reached, presence
+        waited_s = monotonic() - self._start_s
+        words = state_words(*state, is_camera_off, waited_s, knows_person=bool(self.person))
         self._page.tell(
-            "state", name=name, text=words.text, over=words.over, trouble=words.is_trouble
+            "state",
+            name=self.person or name,
+            text=words.text,
+            over=words.over,
+            trouble=words.is_trouble,
+            muted=self.is_muted and self.has_picture,
         )
         news = words.text or "is here"
         # The first one is how every call begins.
         if self._said and news != self._said:
-            self._say(f"{name}: {news}")
+            self._say(f"{self.person or name}: {news}")
         self._said = news
         begun_s = None if sending is None else sending.begun_s
         self._page.tell(

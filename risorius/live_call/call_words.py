@@ -31,17 +31,20 @@ def state_words(
     presence: Presence,
     is_camera_off: bool = False,
     waited_s: float = 0.0,
+    knows_person: bool = False,
 ) -> Words:
     """The state of a call.
 
-    name: of the call.  is_listening: this end waits for the other to call.
+    name: of the person if `knows_person`, else of the call.
+    is_listening: this end waits for the other to call.
     has_picture: the other person has been seen since they came.
     sending: None: nothing is known yet.  is_camera_off: the other end's.
     waited_s: how long this end has been there.
     """
     reach = None if sending is None else sending.reach
-    # A call is named by who listens; of who calls there it is not known who it is.
-    other = "The other one" if is_listening else name
+    # A call is named by who listens: that is not the name of who calls there.
+    is_unknown = is_listening and not knows_person
+    other, caller = ("The other one", "Somebody") if is_unknown else (name, name)
     if reach == Reachability.BUSY:
         return Words("is in another call", f"{other} is in another call.")
     if presence is Presence.LEFT and reach != Reachability.HAS_PEER:
@@ -56,7 +59,7 @@ def state_words(
         return Words("camera off" if is_camera_off else "")
     if reach == Reachability.HAS_PEER or presence in (Presence.HERE, Presence.SILENT):
         if is_listening:
-            return Words("is calling", "Somebody is calling …")
+            return Words("is calling", f"{caller} is calling …")
         return Words("answers", f"{name} answers …")
     if is_listening:
         return Words("waiting for a call", "Waiting for a call …")

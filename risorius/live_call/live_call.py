@@ -11,7 +11,7 @@ from threading import Thread
 from typing import Any
 
 from encoder.sound.speech_encoder import speech_rate_hz
-from protocol.link.direction import Direction
+from protocol.link.direction import Direction, DirectionMessage
 from protocol.link.zenoh_direction import ZenohDirection
 from protocol.relay.zenoh_relay import Relay, RelayOptions
 from risorius.call_page.call_view import open_browser
@@ -83,6 +83,7 @@ class _LiveCall:
         self._failure: UserError | None = None
         self._status = CallStatus(self._page, self._clock, options.place, tell)
         self._parts: list[PartProcess] = []
+        self._ends: ZenohDirection | None = None
         self._running = 0  # counts how often the parts have been started
         self._recorded: dict[str, Path | None] = {}  # the call file of each side
         self._switches = {"mute": False, "camera-off": False, "face": options.face_on}
@@ -100,6 +101,7 @@ class _LiveCall:
                 Thread(target=open_browser, args=(self._page.address,), daemon=True).start()
                 ends = await asyncio.to_thread(self._open_ends, loop)
                 with ends:
+                    self._ends = ends
                     self._start(await asyncio.to_thread(ends.settle))
                     self._setup()
                     self._invite()
@@ -119,9 +121,17 @@ class _LiveCall:
             with suppress(RuntimeError):  # the loop has ended
                 loop.call_soon_threadsafe(self._restart, direction)
 
-        place = self._options.place
-        is_listening = place.listen is not None
-        return ZenohDirection(self._where, place.name, place.security, is_listening, restart)
+        def tell_other(message: DirectionMessage) -> None:
+            with suppress(RuntimeError):
+                loop.call_soon_threadsafe(self._note_other, message)
+
+        place, person = self._options.place, self._options.person
+        link = self._where, place.name, place.security, place.listen is not None
+        return ZenohDirection(*link, restart, person, tell_other)
+
+    def _note_other(self, message: DirectionMessage) -> None:
+        self._status.person, self._status.is_muted = message.person, message.is_muted
+        self._tell()
 
     def _restart(self, direction: Direction) -> None:
         """Two ends that came at once had taken the same direction."""
@@ -292,6 +302,8 @@ class _LiveCall:
             self._switches[kind] = on
         if kind == "mute":
             self._sender.send(Switch(Device.MICROPHONE, not on))
+            if self._ends is not None:
+                self._ends.set_muted(on)
         elif kind == "camera-off":
             self._sender.send(Switch(Device.CAMERA, not on))
         elif kind == "face":

@@ -194,6 +194,8 @@ def test_a_call_that_has_ended_has_no_live_buttons(browser: Browser) -> None:
     page.tell("state", name="anna", text="", over="", trouble=False)
     page.tell("costs", text="up 800 bit/s", delay_ms=None, begun_ms=None, fps=25)
     browser.wait("el('state').textContent.startsWith('connected, 0:0')")
+    page.tell("state", name="anna", text="", over="", trouble=False, muted=True)
+    browser.wait("el('state').textContent.endsWith('muted')")
     wait_for(lambda: len(page.pictures) > 3)
     page.close()
     browser.wait("ended && el('hang-up').hidden && el('mute').hidden && !el('costs').textContent")

@@ -78,14 +78,15 @@ def test_two_calls_through_a_relay_see_each_other(
     camera = ("--camera", clip, "--voice", "off")
     with Relay(RelayOptions((where,))):
         begin_s = time.monotonic()
-        ends = [start("call", str(invitation), *camera) for _ in range(2)]
-        for end in ends:
-            read_until(end, "is here")
+        names = ("Anna", "Zoe")
+        ends = [start("call", str(invitation), *camera, "--name", name) for name in names]
+        for end, other in zip(ends, names[::-1], strict=True):
+            read_until(end, f"{other}: is here")
         record_property("seconds", time.monotonic() - begin_s)
         print(f"both are seen after {time.monotonic() - begin_s:.1f} s")
         ends[1].send_signal(signal.SIGINT)
         assert finish(ends[1])[0] == 0
-        read_until(ends[0], "has left")
+        read_until(ends[0], "Zoe: has left")
         # Who comes again takes the direction that is free.
         again = start("call", str(invitation), *camera)
         read_until(again, "is here")

@@ -89,3 +89,12 @@ def test_who_reaches_nobody_is_told_so_in_time() -> None:
 
 def test_nothing_goes_up_where_nobody_receives() -> None:
     assert "up" not in cost_words(SENDING, None)
+
+
+def test_who_has_said_their_name_is_called_by_it() -> None:
+    known = state_words("Zoe", True, False, LINKED, Presence.AWAITED, knows_person=True)
+    assert known.over == "Zoe is calling …"
+    unknown = state_words("anna", True, False, LINKED, Presence.AWAITED)
+    assert unknown.over == "Somebody is calling …"
+    left = state_words("anna", True, True, SENDING, Presence.LEFT)
+    assert left.over == "The other one has left."

@@ -8,10 +8,12 @@ from hypothesis import strategies as st
 
 from protocol.link.direction import (
     ID_BYTES,
-    MESSAGE_BYTES,
+    MAX_NAME_BYTES,
+    MIN_MESSAGE_BYTES,
     Direction,
     DirectionMessage,
     DirectionNegotiation,
+    cut_name,
     direction_key,
     parse_direction,
 )
@@ -20,20 +22,43 @@ LOW, HIGH = bytes(ID_BYTES), bytes([250]) * ID_BYTES
 
 
 def test_messages_are_read_back_and_others_are_not() -> None:
-    message = DirectionMessage(LOW, Direction.B)
+    message = DirectionMessage(LOW, Direction.B, "Zoé", True)
     data = message.serialise("zoe", b"key")
-    assert len(data) == MESSAGE_BYTES and parse_direction(data, "zoe", b"key") == message
+    assert parse_direction(data, "zoe", b"key") == message
+    assert "Zoé".encode() not in data
     assert parse_direction(data, "zoe", b"other") is None
     assert parse_direction(data, "anna", b"key") is None
     assert parse_direction(data[:-1], "zoe", b"key") is None
+    assert parse_direction(data[:20], "zoe", b"key") is None
+    assert parse_direction(data + bytes(MAX_NAME_BYTES), "zoe", b"key") is None
     assert parse_direction(b"X" + data[1:], "zoe", b"key") is None
     assert parse_direction(data[:9] + b"\x07" + data[10:], "zoe", b"key") is None
     assert direction_key("zoe") == "n/zoe"
 
 
-@given(st.binary(max_size=2 * MESSAGE_BYTES))
+@given(st.text())
+def test_any_name_is_cut_to_one_line_that_a_message_holds(person: str) -> None:
+    cut = cut_name(person)
+    assert len(cut.encode()) <= MAX_NAME_BYTES and "\n" not in cut
+    message = DirectionMessage(LOW, Direction.A, person)
+    found = parse_direction(message.serialise("zoe", b""), "zoe", b"")
+    assert found is not None and found.person == cut_name(cut)
+
+
+@given(st.binary(max_size=MIN_MESSAGE_BYTES + MAX_NAME_BYTES + 5))
 def test_any_bytes_are_a_message_or_none(data: bytes) -> None:
     assert parse_direction(data, "zoe", b"key") is None
+
+
+def test_who_is_there_is_told_to_the_other_end() -> None:
+    one, two = DirectionNegotiation(LOW, person="Anna"), DirectionNegotiation(HIGH, person="Zoe")
+    talk([one, two])
+    two.receive(one.message)
+    one.receive(two.message)
+    assert one.other is not None and two.other is not None
+    assert (one.other.person, two.other.person) == ("Zoe", "Anna")
+    two.is_muted = True
+    assert not one.receive(two.message) and one.other.is_muted
 
 
 def talk(ends: list[DirectionNegotiation]) -> None:
