@@ -1,7 +1,5 @@
 """The voice of a source, as the options ask for it and the host can code it."""
 
-from pathlib import Path
-
 from encoder.sound.recorded_speech import RecordedSpeech
 from encoder.sound.sound_file import Warn, has_sound
 from encoder.sound.speech_encoder import voice_is_installed
@@ -16,7 +14,7 @@ def chosen_voice(source: str, asked: str | None) -> tuple[str, str | None]:
     """
     if asked == "off":
         return "off", None
-    if not has_sound(Path(source)):
+    if not has_sound(source):
         return "off", None if asked is None else f"{source} has no sound: the call has no voice"
     if asked is None and not voice_is_installed(USUAL_VOICE):
         return "off", "the sound is left out: pip install '.[voice]' to send it"
@@ -28,4 +26,4 @@ def open_voice(source: str, voice: str, warn: Warn = lambda line: None) -> Voice
 
     warn: see `read_sound`.  Raises `UserError` if the codec is not installed.
     """
-    return None if voice == "off" else VoicePacker(RecordedSpeech(Path(source), voice, warn))
+    return None if voice == "off" else VoicePacker(RecordedSpeech(source, voice, warn))

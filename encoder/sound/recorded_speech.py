@@ -9,15 +9,15 @@ from encoder.sound.speech_encoder import open_speech_encoder
 
 
 class RecordedSpeech:
-    """The speech of the first sound track of a file: a `SpeechSource`.
+    """The speech of the first sound track of a file or URL: a `SpeechSource`.
 
     warn: see `read_sound`.  Raises `UserError` if the codec is not installed.
     """
 
-    def __init__(self, path: Path, voice: str, warn: Warn = lambda line: None) -> None:
+    def __init__(self, source: str | Path, voice: str, warn: Warn = lambda line: None) -> None:
         self.voice = voice
         self._encoder = open_speech_encoder(voice)
-        self._frames = self._coded(path, warn)
+        self._frames = self._coded(source, warn)
         self._count = 0
 
     def take(self, end: int) -> list[bytes | None]:
@@ -26,8 +26,8 @@ class RecordedSpeech:
         self._count += len(taken)
         return taken
 
-    def _coded(self, path: Path, warn: Warn) -> Iterator[bytes | None]:
+    def _coded(self, source: str | Path, warn: Warn) -> Iterator[bytes | None]:
         coder = SpeechCoder(self._encoder, look_ahead=True)
-        for samples in read_sound(path, self._encoder.rate_hz, warn):
+        for samples in read_sound(source, self._encoder.rate_hz, warn):
             yield from coder.push(samples)
         yield from coder.finish()

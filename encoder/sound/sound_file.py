@@ -20,6 +20,8 @@ MAX_TIMING_ERROR_S = 0.04
 # Time stamps that jump ahead or back by more say nothing, as those of pictures
 # (`encoder.capture.time_stamps`); the sound may begin so long before or after the pictures.
 MAX_GAP_S, MAX_RETURN_S, MAX_START_S = 10, 1, 3600
+# How long a network stream may take, seconds.
+TIMEOUT_S = 10.0
 # The most that is held at once, seconds.
 PIECE_S = 1
 # A track with more damaged packets than this is left.
@@ -29,27 +31,30 @@ MAX_DAMAGED = 1000
 ANTIPHASE_RATIO, ANTIPHASE_S = 30.0, 0.5
 
 
-def has_sound(path: Path) -> bool:
-    """Whether a file has a sound track."""
-    # A pipe or device can be read only once.
-    if not path.is_file():
+def has_sound(source: str | Path) -> bool:
+    """Whether a file, or a recording with a URL, has a sound track."""
+    # A pipe or device can be read only once, and so can a stream without an end.
+    is_remote = "://" in str(source)
+    if not is_remote and not Path(source).is_file():
         return False
     try:
-        with av.open(str(path), metadata_errors="ignore") as container:
-            return bool(container.streams.audio)
-    except av.FFmpegError:
+        with _open(source) as container:
+            return bool(container.streams.audio) and not (is_remote and not container.duration)
+    except (av.FFmpegError, OSError):
         return False
 
 
-def read_sound(path: Path, rate_hz: int, warn: Warn = lambda line: None) -> Iterator[Samples]:
-    """The first sound track of a file, mono, in pieces (n,) int16; it begins with picture 0.
+def read_sound(
+    source: str | Path, rate_hz: int, warn: Warn = lambda line: None
+) -> Iterator[Samples]:
+    """The first sound track of a file or URL, mono, in pieces (n,) int16; it begins with picture 0.
 
     Ends where the track ends; what cannot be read is left out.
     warn: called with a line for each thing that is wrong with it.
     """
-    with av.open(str(path), metadata_errors="ignore") as container:
+    with _open(source) as container:
         stream = container.streams.audio[0]
-        mono, placing = _Mono(rate_hz), _Placing(_video_start_s(path), rate_hz, warn)
+        mono, placing = _Mono(rate_hz), _Placing(_video_start_s(source), rate_hz, warn)
         for frame in _frames(container, stream, warn):
             yield from placing.placed(mono.samples(frame), frame)
         yield from placing.placed(mono.rest(), None)
@@ -149,9 +154,14 @@ def _flat(frame: AudioFrame) -> Samples:
     return np.asarray(frame.to_ndarray(), np.int16).reshape(-1)
 
 
-def _video_start_s(path: Path) -> Fraction:
+def _open(source: str | Path) -> InputContainer:
+    timeout = TIMEOUT_S if "://" in str(source) else None
+    return av.open(str(source), metadata_errors="ignore", timeout=timeout)
+
+
+def _video_start_s(source: str | Path) -> Fraction:
     """Time of the first picture that can be shown; 0 without one."""
-    with av.open(str(path), metadata_errors="ignore") as container:
+    with _open(source) as container:
         if not container.streams.video:
             return Fraction(0)
         stream = container.streams.video[0]

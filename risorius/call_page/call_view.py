@@ -50,6 +50,7 @@ class CallView:
         announce(self._page.address)
         open_browser(self._page.address)
         if is_recorded:
+            self._page.tell("tape")
             self._page.wait_for_page(stop)
 
     def show(self, frame: DrawnFrame, sender: CallParameters) -> None:

@@ -54,7 +54,9 @@ def test_every_picture_of_a_call_is_shown_at_its_time(
     assert (code, stderr) == (0, "")
     browser.wait("ended")
     assert browser.value("el('name').textContent") == "call.rzo"
-    assert "has ended" in browser.value("el('over').innerText")
+    # Its last picture stays in sight: it can be played again.
+    assert "has ended" in browser.value("el('state').textContent")
+    assert browser.value("el('over').hidden && !el('tape').hidden")
     written = sorted(tmp_path.glob("*.png"))
     browser.wait(f"players[OTHER].index == {len(written) - 1}")
     data = browser.value("el('other').toDataURL('image/png')")
@@ -186,3 +188,28 @@ def test_raw_video_is_written_as_its_pictures_come(call: Path) -> None:
         decoder.stdin.close()
         decoder.stdout.read()
         assert decoder.wait() == 0
+
+
+def test_a_recorded_call_can_be_stopped_gone_through_and_played_again(
+    call: Path, start: Start, browser: Browser
+) -> None:
+    viewer = start("decode", call, "--view", "-q")
+    browser.call("Page.navigate", url=address_of(viewer))
+    browser.wait("typeof tape != 'undefined' && tape.is && players[OTHER].shown > 3")
+    browser.click("#play")
+    browser.wait("!tape.isPlaying && el('play').getAttribute('aria-label') == 'Play'")
+    stopped = browser.value("tape.place")
+    assert finish(viewer)[0] == 0
+    browser.wait("ended")
+    # The program has ended; the page has the whole call, and stands where it was stopped.
+    end = browser.value("tape.end")
+    assert 0 < stopped < end and browser.value("tape.place") == stopped
+    browser.value(f"el('place').value = {end / 2}; el('place').oninput()")
+    shown = f"Math.abs(tape.pictures[tape.shown].time - {end / 2}) < 0.1"
+    browser.wait(f"tape.shown >= 0 && {shown}")
+    browser.click("#play")
+    browser.wait("!tape.isPlaying && el('play').getAttribute('aria-label') == 'Play again'")
+    assert browser.value("players[OTHER].index") == browser.value("tape.pictures.at(-1).index")
+    browser.click("#play")
+    browser.wait("tape.isPlaying && tape.place < tape.end / 2")
+    browser.wait("!tape.isPlaying")

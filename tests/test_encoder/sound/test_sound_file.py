@@ -4,7 +4,10 @@ import tracemalloc
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
 from typing import cast
 
 import av
@@ -13,7 +16,7 @@ import pytest
 from av.audio.stream import AudioStream
 from numpy.typing import NDArray
 
-from encoder.sound.sound_file import read_sound
+from encoder.sound.sound_file import has_sound, read_sound
 
 Array = NDArray[np.float64]
 RATE_HZ = 8000
@@ -215,3 +218,16 @@ def test_damaged_sound_is_passed_over_and_said(tmp_path: Path) -> None:
     sound = read(tmp_path / "v.mkv", said)
     assert len(sound) / RATE_HZ == pytest.approx(SECONDS, abs=0.3)
     assert loudness(sound) > 0.3
+
+
+def test_the_sound_of_a_recording_with_a_url_is_read(tmp_path: Path) -> None:
+    write(tmp_path / "v.mkv", Track(tone(48000)[None]))
+    handler = partial(SimpleHTTPRequestHandler, directory=str(tmp_path))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        url = f"http://127.0.0.1:{server.server_port}/v.mkv"
+        assert has_sound(url) and not has_sound(url.replace("v.mkv", "none.mkv"))
+        assert begin_s(np.concatenate(list(read_sound(url, RATE_HZ))) / 32768) == pytest.approx(
+            0.5, abs=0.02
+        )
+        server.shutdown()
