@@ -103,7 +103,9 @@ class _Drawing:
         if pictures is not None and (model := pictures.receiver.model) is not None:
             receiver, covered_s = pictures.receiver, packet_s(model.call)
             is_camera_off = receiver.heard.playout.is_camera_off
-            self._losses.append((receiver.counts.lost, traffic.packets))
+            # What a busy host takes too late has come: the link has not lost it.
+            counts = receiver.counts
+            self._losses.append((max(0, counts.lost - counts.late), traffic.packets))
         return Receiving(traffic, self._presence, self._lost_share, covered_s, is_camera_off)
 
     def _do(self, message: ToDrawer) -> None:
