@@ -20,6 +20,7 @@ from decoder.scene.scene import Scene
 from decoder.scene.scene_parts import face_from_model, head_of, scene_parts
 from decoder.sinks.frame_sink import open_sink
 from protocol.errors import ProtocolError
+from protocol.frames.scalar_quantiser import EAU_STEP, values_from_codes
 from protocol.model_packet import ModelPacket
 from risorius.animation.animation_script import (
     SETTINGS,
@@ -40,10 +41,13 @@ from shared_model.geometry import (
     pose_from_euler,
 )
 from shared_model.mesh import Head, generic_head
-from shared_model.parameters import AAUS, FaceParameters, Pose
+from shared_model.parameters import AAUS, EAU_INDEX, EAUS, FaceParameters, Pose
 from shared_model.stage_timer import StageTimer
 
 Array = NDArray[np.float64]
+
+# The jaw drops by no more at rest.
+REST_JAW = 0.1
 Picture = NDArray[np.uint8]
 Progress = Callable[[int, int | None], None]
 
@@ -83,9 +87,13 @@ class AnimateReport:
 
 
 class Actor(Protocol):
-    """A head that can be drawn: the generic one, or that of a call file."""
+    """A head that can be drawn: the generic one, or that of a call file.
+
+    rest_eau: (14,) the EAUs of its typical picture, the mouth closed; 0 of the generic one.
+    """
 
     head: Head
+    rest_eau: Array
 
     def geometry(self, state: AnimationState) -> FrameGeometry:
         """Camera, pose and vertices at this state."""
@@ -135,6 +143,7 @@ class GenericActor:
 
     def __init__(self, script: Script, head: Head) -> None:
         self.head, self._script = head, script
+        self.rest_eau = np.zeros(len(EAUS))
         none = Identity(np.zeros(len(AAUS)), np.zeros_like(head.vertices))
         self._face = Face(head, none)
         focal = script.focal_px or DEFAULT_FOCAL_RATIO * max(script.width, script.height)
@@ -175,6 +184,10 @@ class CallerActor:
 
     def __init__(self, model: ModelPacket) -> None:
         self.head, self._model = head_of(model), model
+        self.rest_eau = values_from_codes(model.reference_eau, EAU_STEP)
+        # Whoever speaks in their typical picture has the mouth closed at rest.
+        jaw = EAU_INDEX["jaw_drop"]
+        self.rest_eau[jaw] = min(self.rest_eau[jaw], REST_JAW)
         self._face = face_from_model(model, self.head)
         self._scene = Scene(scene_parts(model))
         self._timer = StageTimer()

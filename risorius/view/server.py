@@ -8,7 +8,7 @@ import json
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from http import HTTPStatus
 from importlib.resources import files
 from pathlib import Path
@@ -24,6 +24,7 @@ from risorius.animation.animation_script import AnimationState, Script, parse_sc
 from risorius.view.local_page import HTML, JPEG, JSON, TEXT, PageHandler, PageServer
 from risorius.view.view_state import page_description, state_from_query
 from shared_model.errors import UserError
+from shared_model.parameters import clip_eau
 
 JPEG_QUALITY = 92
 NAP_S = 0.2
@@ -108,8 +109,10 @@ def view(options: ViewOptions, announce: Callable[[str], None]) -> None:
 def serve(request: RenderRequest, actor: Actor) -> None:
     """Draw the picture of a request, or answer it with the error."""
     try:
-        geometry = actor.geometry(request.state)
-        picture = _lit(actor.draw(request.state, geometry), request.state)
+        # Of a person sliders at 0 are the face of their typical picture: its skin has the folds of
+        # that expression, and any other one would be a grimace.
+        state = replace(request.state, eau=clip_eau(actor.rest_eau + request.state.eau))
+        picture = _lit(actor.draw(state, actor.geometry(state)), state)
     except UserError as error:
         request.picture.set_exception(error)
         return

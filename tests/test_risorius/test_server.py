@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
 from http.client import HTTPConnection
 from pathlib import Path
 from threading import Thread
@@ -19,13 +20,14 @@ from numpy.typing import NDArray
 from processes import LIMIT_S, one_line, until
 
 from loopback.browser import Browser, find_browser
-from risorius.animation.animation_script import AnimationState
+from risorius.animation.animate import open_actor
+from risorius.animation.animation_script import AnimationState, parse_script
 from risorius.cli import main
-from risorius.view.server import RequestQueue
+from risorius.view.server import STUDIO, RenderRequest, RequestQueue, serve
 from risorius.view.view_state import page_description, state_from_query
 from shared_model.anatomy.expressions import EMOTIONS
 from shared_model.errors import UserError
-from shared_model.parameters import AAUS, EAU_INDEX, EAUS
+from shared_model.parameters import AAUS, EAU_INDEX, EAUS, clip_eau
 
 Picture = NDArray[np.uint8]
 
@@ -184,6 +186,25 @@ def test_a_caller_is_shown_in_their_own_picture_and_may_be_reshaped(
     # Their green face before their blue wall.
     assert rest[60, 80].argmax() == 1 and rest[3, 3].argmax() == 0
     assert difference(rest, server.picture("cranial_width=1")) > 0.5
+
+
+def test_a_caller_with_all_sliders_at_rest_has_the_face_of_their_typical_picture(
+    call: Path,
+) -> None:
+    studio = parse_script(STUDIO, Path())
+    actor = open_actor(studio, call)
+    try:
+        rest, request = studio.at(0), RenderRequest(studio.at(0))
+        serve(request, actor)
+        shown = replace(rest, eau=clip_eau(actor.rest_eau))
+        expected = actor.draw(shown, actor.geometry(shown))
+        jpeg = request.picture.result()
+        assert jpeg is not None
+        drawn = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR))
+        assert np.abs(drawn.astype(float) - expected).mean() < 3
+        assert np.abs(actor.rest_eau).max() > 0 and actor.rest_eau[EAU_INDEX["jaw_drop"]] <= 0.1
+    finally:
+        actor.close()
 
 
 def test_a_port_in_use_is_one_line_and_exit_code_4(capsys: pytest.CaptureFixture[str]) -> None:
