@@ -30,6 +30,7 @@ from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget
 from encoder.coding.rate_control import OnlineRateController, RateTarget
 from encoder.detection.iris import WIDE_CROP_SCALE
+from encoder.learning.absence import AbsenceWatch
 from encoder.learning.incremental_modes import FaceSample
 from encoder.live_model.learner import Learner
 from encoder.live_model.other_face import ShownFace
@@ -87,6 +88,7 @@ class LiveEncoder:
         updates = ModelUpdateSender(packets, stats, gop, fps, lead)
         self._search = open_landmark_search(stats, eye_crop_scale=WIDE_CROP_SCALE)
         self._watch, self._undecided = PersonWatch(), 0
+        self._absence = AbsenceWatch()
         shown = shown or ShownFace()
         self._model = ModelLifecycle(capture, gop, budget, updates, stats, learner, realtime, shown)
         self._filler = PacketFiller(gop.frame_step)
@@ -195,6 +197,7 @@ class LiveEncoder:
             return
         if frame.points is None:
             self._skip(index)
+            self._look_for_person(index, picture)
             return
         self._begin(index)
         if self._model.has_stranger:
@@ -242,6 +245,14 @@ class LiveEncoder:
         self._filler.fill_gap(index, self._most_frames - 1)
         self._filler.add_without_face(index)
         self._send_full_packet()
+
+    def _look_for_person(self, index: int, picture: Picture) -> None:
+        """Say if nobody is there in source frame `index`, which shows no face."""
+        if self._is_before_call(index) or not self._packets.face_is_lost:
+            return
+        self._absence.look(index, picture)
+        if index in self._absence.empty:
+            self._packets.report_absence(index)
 
     def _add(self, index: int, picture: Picture, points: Array) -> None:
         """Fit the face in source frame `index` and add it to the packet."""

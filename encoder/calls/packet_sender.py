@@ -103,6 +103,11 @@ class PacketSender:
         )
         return True
 
+    @property
+    def face_is_lost(self) -> bool:
+        """Whether FACE_LOST is the newest that was said of the face."""
+        return not self._face_visible
+
     def report_absence(self, frame: int) -> None:
         """Send PERSON_GONE for source frame `frame` of a lost face, if that is news."""
         if not self._face_visible and not self._person_gone:

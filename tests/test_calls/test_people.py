@@ -14,10 +14,14 @@ import risorius
 from decoder.pipeline import DecodeOptions, decode
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import open_source
+from encoder.detection.tflite import find_segmentation_network
+from protocol.call_file import CallReader
+from protocol.packets import ControlKind, ControlPacket, parse_packet
 from protocol.summary import summarise
 
 Picture = NDArray[np.uint8]
 WIDTH, HEIGHT = 320, 240
+PERSON_GONE = ControlKind.PERSON_GONE
 FIRST, GAP, SECOND = 40, 20, 60
 # The face of the one in place of that of the other gives less, the right one more, dB.
 OTHER_DB, SAME_DB = 14.0, 20.0
@@ -83,6 +87,19 @@ def test_a_live_call_begins_a_new_model_for_somebody_else(
     psnr_db = likeness(source, call, tmp_path)
     assert min(psnr_db[:FIRST]) > SAME_DB and min(psnr_db[FIRST + 25 :]) > SAME_DB
     assert psnr_db[FIRST] < OTHER_DB
+
+
+def test_who_leaves_a_live_call_fades_from_the_picture(
+    make_clip: Callable[[int], Path], clips: Path, tmp_path: Path
+) -> None:
+    if find_segmentation_network() is None:
+        pytest.skip("needs the segmentation network")
+    source, call = make_clip(50), tmp_path / "call.rzo"
+    risorius.encode(source, call, model_bytes=6000, live=True)
+    with CallReader(call) as reader:
+        packets = [parse_packet(data) for data in reader]
+    gone = [p.frame for p in packets if isinstance(p, ControlPacket) and p.kind == PERSON_GONE]
+    assert len(gone) == 1 and FIRST < gone[0] < FIRST + 25
 
 
 def test_who_comes_back_keeps_the_model(clip_frames: ClipFrames, tmp_path: Path) -> None:
