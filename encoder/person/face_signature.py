@@ -25,8 +25,8 @@ NOSE_TIP = 1
 FRONTAL = 0.22
 # Two faces are others if the best of their correlations is below the first, and their colours are
 # further apart than that (levels of a and b of L*a*b*); or if it is below the second.
-# The second half of thirteen clips against the first: medians .41 (a turn to profile) and .68 to .99,
-# colours up to 1.7, of two clips 2.6 and 5.3; between two clips at most .77, and at least 3.
+# The second half of thirteen clips against the first: medians .41 (a turn to profile) and .68 to
+# .99, colours up to 1.7, of two clips 2.6 and 5.3; between two clips at most .77, and at least 3.
 SAME_CORRELATION, SAME_COLOUR, OTHER_CORRELATION = 0.8, 2.5, 0.4
 
 
