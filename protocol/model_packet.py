@@ -20,6 +20,7 @@ from protocol.entropy.validation import (
     check_codes,
     check_int,
 )
+from protocol.frames.scalar_quantiser import EAU_STEP, values_from_codes
 from protocol.limits import (
     MAX_IMAGE_BYTES,
     MAX_MODEL_VERSIONS,
@@ -33,7 +34,7 @@ from protocol.limits import (
 from protocol.sample_aspect import aspect_of
 from protocol.shape_residual_coding import parse_residual, serialise_residual
 from shared_model.geometry import normalise
-from shared_model.parameters import AAUS, EAUS, Pose
+from shared_model.parameters import AAUS, EAUS, FaceParameters, Pose
 
 # A model packet has the lowest format number whose keys hold all its fields.  The colour matrix
 # shares a field with the profile, so it needs no format of its own: a program that knows no matrix
@@ -119,6 +120,12 @@ class ModelPacket:
         """The pose in the background picture."""
         rotation = normalise(np.array(self.reference_rotation))
         return Pose(rotation, np.array(self.reference_translation_mm))
+
+    @property
+    def reference_face(self) -> FaceParameters:
+        """The face in the background picture; its coefficients are 0."""
+        eau = values_from_codes(self.reference_eau, EAU_STEP)
+        return FaceParameters(self.reference_pose, eau)
 
     def with_missing_pictures_from(self, before: "ModelPacket") -> "ModelPacket":
         """This packet, its empty pictures replaced by those of the version `before`."""

@@ -22,8 +22,11 @@ def is_stretched(aspect: Fraction) -> bool:
 
 def square_size(width: int, height: int, aspect: Fraction) -> tuple[int, int]:
     """Width and height in the call, of pictures of this size and sample aspect ratio."""
-    if not is_stretched(aspect):
-        return width, height
+    return shown_size(width, height, aspect) if is_stretched(aspect) else (width, height)
+
+
+def shown_size(width: int, height: int, aspect: Fraction) -> tuple[int, int]:
+    """Width and height at which pictures of this size and sample aspect ratio are shown."""
     return (round(width * aspect), height) if aspect > 1 else (width, round(height / aspect))
 
 

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from decoder.scene.reenactment import read_model
 from decoder.scene.scene import Scene
 from decoder.scene.scene_parts import scene_parts
-from encoder.coding.model_packet import reference_face
 from protocol.errors import ProtocolError
 from risorius.animation.animate import open_actor
 from risorius.animation.animation_script import parse_script
@@ -50,7 +49,7 @@ def _person_of(path: Path) -> Picture:
     except ProtocolError as error:
         raise UserError(f"cannot draw {path}: {error}") from error
     with closing(Scene(parts)) as scene:
-        return scene.draw(reference_face(model), StageTimer())
+        return scene.draw(model.reference_face, StageTimer())
 
 
 def _generic_head() -> Picture:

@@ -29,6 +29,7 @@ from encoder.capture.video_source import Frame, open_source
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.options import EncodeOptions
 from encoder.pipeline import encode
+from loopback.browser import find_browser
 from loopback.clip_paths import CARPHONE, clip_path
 from loopback.process_pair import free_port
 from risorius.cli import main
@@ -132,6 +133,15 @@ def networks() -> Path:
         return find_network_folder()
     except NetworkFilesMissing as error:
         pytest.skip(str(error))
+
+
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    """The path of the browser."""
+    program = find_browser()
+    if program is None:
+        pytest.skip("needs Chromium: apt-get install chromium")
+    return program
 
 
 @contextmanager

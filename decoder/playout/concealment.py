@@ -1,11 +1,10 @@
 """Faces in place of those that were lost, and the way back from them: nothing ever jumps."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from decoder.playout.frame_decoder import TimedFace
-from protocol.frames.scalar_quantiser import EAU_STEP, values_from_codes
 from protocol.model_packet import ModelPacket
 from shared_model.geometry import (
     Array,
@@ -139,10 +138,6 @@ def at_rest(face: FaceParameters, model: ModelPacket, lost_s: float) -> FacePara
     passed = min(max((lost_s - HELD_S) / TO_REST_S, 0.0), 1.0)
     if not passed:
         return face
-    rest = FaceParameters(
-        model.reference_pose,
-        values_from_codes(model.reference_eau, EAU_STEP),
-        np.zeros_like(face.modes),
-        np.zeros_like(face.layers),
-    )
+    coefficients = np.zeros_like(face.modes), np.zeros_like(face.layers)
+    rest = replace(model.reference_face, modes=coefficients[0], layers=coefficients[1])
     return interpolate(face, rest, passed * passed * (3 - 2 * passed))

@@ -11,11 +11,9 @@ from protocol.errors import ProtocolError
 from protocol.frames.frame_transform import face_from_coefficients
 from protocol.frames.packet_history import PacketHistory
 from protocol.frames.scalar_quantiser import (
-    EAU_STEP,
     THESIS_RATE_HZ,
     decode_thesis,
     sent_eaus,
-    values_from_codes,
 )
 from protocol.frames.temporal_prediction import FramePredictor, Integers
 from protocol.frames.transform_coding import parse_transform
@@ -72,7 +70,7 @@ class ThesisFrameDecoder:
         has_eyelids = self._model.call.has_eyelids
         face = decode_thesis(payload, self._model.reference_pose, has_eyelids)
         # Actuators that the profile does not send keep their values in the background picture.
-        eau = values_from_codes(self._model.reference_eau, EAU_STEP)
+        eau = self._model.reference_face.eau
         sent = [EAU_INDEX[name] for name in sent_eaus(has_eyelids)]
         eau[sent] = face.eau[sent]
         return [TimedFace(self.newest_frame(number), replace(face, eau=eau))]

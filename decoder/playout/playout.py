@@ -74,9 +74,9 @@ class Playout:
 
     def __init__(self) -> None:
         self.clock = FrameClock()
-        self.ended = self.joined_late = self.is_frozen = self.is_camera_off = False
+        self.ended = self.joined_late = self.is_camera_off = False
         self.gone_at: int | None = None
-        self._lost_at = 0  # source frame from which on the face is lost
+        self._lost_at: int | None = None  # source frame from which on the face is lost
         self.lost = self.late = self.unusable = self.before_join = 0
         self._begin = self._next = 0
         self._newest = -1  # number of the newest frame packet
@@ -89,6 +89,11 @@ class Playout:
     def model(self) -> ModelPacket | None:
         """See the class."""
         return self._models.current.model if self._models.current else None
+
+    @property
+    def is_frozen(self) -> bool:
+        """See the class."""
+        return self._lost_at is not None
 
     @property
     def next_model(self) -> ModelPacket | None:
@@ -274,11 +279,11 @@ class Playout:
         if packet.kind is ControlKind.END:
             self.ended = True
         elif packet.kind is ControlKind.FACE_LOST:
-            self.is_frozen, self._lost_at = True, packet.frame
+            self._lost_at = packet.frame
         elif packet.kind is ControlKind.PERSON_GONE:
             self.gone_at = packet.frame
         else:
-            self.is_frozen, self.gone_at = False, None
+            self._lost_at = self.gone_at = None
             # Without a face no packets were sent: their numbers are skipped.
             if following is None and (self._is_numbered or not self.joined_late):
                 following = version.number_at(packet.frame)
@@ -301,7 +306,7 @@ class Playout:
     ) -> PlayoutFrame:
         """A frame that shows an older face; one that is lost goes to rest, or fades."""
         presence = 1.0
-        if self.is_frozen:
+        if self._lost_at is not None:
             face = at_rest(face, model, float((index + 1 - self._lost_at) / model.call.fps))
         if self.gone_at is not None and self.is_frozen:
             fade = max(1.0, FADE_S * model.call.fps)

@@ -20,7 +20,7 @@ from decoder.scene.appearance import AppearanceModel, go_on
 from decoder.scene.background_layers import BackgroundLayers, load_background
 from decoder.scene.layer_motion import LayerMotion
 from protocol.errors import ProtocolError
-from protocol.frames.scalar_quantiser import AAU_STEP, EAU_STEP, RESIDUAL_STEP_MM, values_from_codes
+from protocol.frames.scalar_quantiser import AAU_STEP, RESIDUAL_STEP_MM, values_from_codes
 from protocol.model_packet import ModelPacket
 from protocol.pictures.foreground_mask import decode_mask
 from protocol.pictures.picture_codec import decode_picture, serialise_picture_header
@@ -83,7 +83,7 @@ def scene_parts(
     camera, head = model.call.camera, head_of(model)
     check_size(camera)
     face = face_from_model(model, head)
-    rest = face.animate(values_from_codes(model.reference_eau, EAU_STEP))
+    rest = face.animate(model.reference_face.eau)
     check_reference(camera, model.reference_pose, head, rest)
     appearance = AppearanceModel(model, give_way)
     give_way()

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from av.video.stream import VideoStream
 
+from protocol.sample_aspect import shown_size
+
 # The elements, by their identifiers: Projection with the rotation's size and head, and ours.
 _PROJECTION = bytes.fromhex("76708b767588")
 _PROJECTION_BYTES = 14
@@ -29,9 +31,7 @@ def make_room(stream: VideoStream) -> None:
 
 def state_aspect(path: Path, width: int, height: int, aspect: Fraction) -> None:
     """State it in a finished file whose stream had `make_room`.  width, height: of the pictures."""
-    shown = (
-        (round(width * aspect), height) if aspect > 1 else (width, max(1, round(height / aspect)))
-    )
+    shown = shown_size(width, height, aspect)
     sides = [min(side, MAX_SIDE_PX).to_bytes(2, "big") for side in shown]
     elements = _DISPLAY_WIDTH + sides[0] + _DISPLAY_HEIGHT + sides[1] + _VOID + bytes(2)
     assert len(elements) == _PROJECTION_BYTES

@@ -200,7 +200,7 @@ class LiveEncoder:
             self._look_for_person(index, picture)
             return
         self._begin(index)
-        if self._model.has_stranger:
+        if self._model.is_changing_person:
             # The version in use would put on the face of the one before.
             self._skip(index)
         elif self._is_coded(index):

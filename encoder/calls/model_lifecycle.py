@@ -117,7 +117,7 @@ class ModelLifecycle:
         self._version: ModelVersion | None = None
         self._next_version: ModelVersion | None = None
         # Somebody else is in the picture: their first version is to be trained, or is announced.
-        self._is_stranger = self._is_stranger_announced = False
+        self._awaits_newcomer = self._is_newcomer_announced = False
 
     @property
     def state(self) -> ModelState:
@@ -141,15 +141,15 @@ class ModelLifecycle:
         return self._shown.faces(faces, self.version)
 
     @property
-    def has_stranger(self) -> bool:
+    def is_changing_person(self) -> bool:
         """Whether the version in use is not of the person who is in the picture."""
-        return self._is_stranger or self._is_stranger_announced
+        return self._awaits_newcomer or self._is_newcomer_announced
 
     def change_person(self) -> None:
         """From the next frame on somebody else is in the picture."""
         self._frames.forget()
         self._schedule = ModelSchedule(float(self._capture.fps))
-        self._is_stranger = True
+        self._awaits_newcomer = True
 
     def add_frame(self, picture: Picture, points: Array) -> None:
         """Take a frame (h, w, 3) BGR with its landmarks (468, 3), pixels, to train from."""
@@ -177,7 +177,7 @@ class ModelLifecycle:
         may_start: begin to learn now if it is time.
         Returns whether the version in use has modes that it had not.
         """
-        if self._shown.is_hidden or self.has_stranger:
+        if self._shown.is_hidden or self.is_changing_person:
             return False
         for_next = self._state is ModelState.SWITCHING
         if self._modes.wants_sample(index):
@@ -206,7 +206,7 @@ class ModelLifecycle:
         if self._shown.is_wanted:
             self._show_other(position)
             return
-        if self._is_stranger:
+        if self._awaits_newcomer:
             self._follow_person(position)
             return
         is_back = self._shown.worn is not None
@@ -224,7 +224,7 @@ class ModelLifecycle:
             return
         if self._state is ModelState.CODING:
             self._go_to(ModelState.TRAINING)
-        self._training, self._is_stranger = None, False
+        self._training, self._awaits_newcomer = None, False
         pictures, points = self._frames.sample()
         first = pictures[0], points[0], self._capture.format, self._gop, self._budget
         pace = self._updates.progressive, self._realtime, self._learner.encode_background
@@ -232,7 +232,7 @@ class ModelLifecycle:
             trainer = trainer_from(*first, *pace, self._shown.next_number)
             version = trainer.follow(pictures, points)
         self._learner.begin(trainer)
-        self._is_stranger_announced = True
+        self._is_newcomer_announced = True
         self._send_update(version, position)
 
     def _show_other(self, position: StreamPosition) -> None:
@@ -282,7 +282,7 @@ class ModelLifecycle:
         if not self.switches_at(packet):
             return False
         self._version, self._next_version = self._shown.switch(self._version, following), None
-        self._is_stranger_announced = False
+        self._is_newcomer_announced = False
         self._go_to(ModelState.CODING)
         return True
 

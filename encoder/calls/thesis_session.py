@@ -21,7 +21,6 @@ from encoder.coding.model_packet import (
     build_thesis_model_packet,
     call_parameters,
     geometry_packet,
-    reference_face,
 )
 from encoder.fitting.fit_results import IdentityFit
 from encoder.tracking.trackers import FaceTracker
@@ -150,7 +149,7 @@ class ThesisEncoder:
             with self._stats.stage("model"):
                 model = self._build_model(index, picture, face)
             self._sender = FixedRateSender(self._packets, model)
-            face = reference_face(model)
+            face = model.reference_face
         self._sender.send_face(index, face)
         self._send_improved_identity(self._sender)
 

@@ -41,6 +41,11 @@ class Camera:
         self._video.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         self.stated_fps = float(self._video.get(cv2.CAP_PROP_FPS))
 
+    @property
+    def notes(self) -> list[str]:
+        """See `Reader`: there are none."""
+        return []
+
     def read(self) -> Frame | None:
         """The next picture (h, w, 3) uint8 BGR; None when it gives none any more."""
         ok, frame = self._video.read()

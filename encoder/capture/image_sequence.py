@@ -32,6 +32,11 @@ class ImageSequence:
         paths = sequence_paths(pattern)
         self.frame_count, self._paths = len(paths), iter(paths)
 
+    @property
+    def notes(self) -> list[str]:
+        """See `Reader`: there are none."""
+        return []
+
     def read(self) -> Frame | None:
         """The next picture (h, w, 3) uint8 BGR; None after the last.  Raises `UserError`."""
         path = next(self._paths, None)

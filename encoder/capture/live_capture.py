@@ -97,6 +97,11 @@ class _FirstPicture:
     def __init__(self, mailbox: FrameMailbox) -> None:
         self._mailbox = mailbox
 
+    @property
+    def notes(self) -> list[str]:
+        """See `Reader`: there are none."""
+        return []
+
     def read(self) -> Frame | None:
         while (taken := self._mailbox.take()) is not None:
             if taken[1].size:

@@ -11,13 +11,11 @@ from typing import Any
 
 import av
 import numpy as np
-from av.container import InputContainer
-from av.stream import Disposition
 from av.video.frame import VideoFrame
 from av.video.reformatter import VideoReformatter
-from av.video.stream import VideoStream
 from numpy.typing import NDArray
 
+from encoder.capture.containers import open_container, readable_frames, video_stream
 from encoder.capture.deinterlacer import Deinterlacer
 from encoder.capture.frame_times import is_usable_fps
 from encoder.capture.orientation import orientation_of
@@ -25,49 +23,17 @@ from encoder.capture.picture_size import in_square_pixels, letterboxed
 from encoder.capture.time_stamps import TimeStamps, read_time_stamps
 from encoder.capture.tone_mapping import HLG, PQ, ToneMapper
 from protocol.sample_aspect import is_stretched, usable_aspect
-from shared_model.errors import UserError
 
 Frame = NDArray[np.uint8]
 
-# How long a network stream may take to open, and to give something, seconds.
-TIMEOUT_S = 10.0
 # FFmpeg's number of the colour matrix BT.709, as in ITU-T H.273.
 _BT709 = 1
 _TRANSFER_NAMES = {PQ: "PQ", HLG: "HLG"}
 
 
-def open_container(name: str, address: str, is_remote: bool = False) -> InputContainer:
-    """The container at an address, opened for reading.  Raises `UserError` with its name."""
-    timeout = TIMEOUT_S if is_remote else None
-    try:
-        return av.open(address, metadata_errors="ignore", timeout=timeout)
-    except (av.FFmpegError, OSError) as error:
-        if is_remote:
-            raise UserError(f"{name} does not answer or is not a video stream") from error
-        raise UserError(f"{name} is not a video that can be read") from error
-
-
-def video_stream(container: InputContainer, name: str) -> VideoStream:
-    """The container's video: the one it shows, else the largest.  Raises `UserError`."""
-    streams = [each for each in container.streams.video if not _is_cover(each)]
-    if streams:
-        return max(streams, key=_rank)
-    if container.streams.audio:
-        raise UserError(f"{name} has sound only, no video")
-    raise UserError(f"{name} has no video")
-
-
-def _is_cover(stream: VideoStream) -> bool:
-    return bool(stream.disposition & Disposition.attached_pic)
-
-
 def _display_matrix(frame: VideoFrame) -> bytes | None:
     data: Any = frame.side_data.get("DISPLAYMATRIX")
     return None if data is None else bytes(data)
-
-
-def _rank(stream: VideoStream) -> tuple[bool, int]:
-    return bool(stream.disposition & Disposition.default), stream.width * stream.height
 
 
 class VideoFile:
@@ -80,7 +46,6 @@ class VideoFile:
     frame_count: number of frames by the container, of which some may be unreadable; None: unknown.
     colour_matrix, sample_aspect: see `Capture`.
     unread: frames that could not be read so far.
-    notes: one line for each thing that is done to the pictures so far.
     Raises `UserError` if it has no video.
     """
 
@@ -96,7 +61,7 @@ class VideoFile:
         self._stream = video_stream(self._container, name)
         self._stream.thread_type = "AUTO"
         self.stated_fps = float(self._stream.guessed_rate or 0)
-        self.unread, self.notes = 0, list[str]()
+        self._name, self.unread, self._notes = name, 0, list[str]()
         self._size: tuple[int, int] | None = None  # rows, columns of the first picture
         self._reformatter = VideoReformatter()
         self._mapper: ToneMapper | None = None
@@ -111,6 +76,15 @@ class VideoFile:
         self.colour_matrix = "bt709" if matrix == _BT709 else "bt601"
         self.sample_aspect = self._aspect(first)
         self._square_pixels = square_pixels
+
+    @property
+    def notes(self) -> list[str]:
+        """See `Reader`."""
+        notes = [f"{self._name}: {note}" for note in self._notes]
+        if self.unread:
+            frames = "frame" if self.unread == 1 else "frames"
+            notes.append(f"{self._name} is damaged: {self.unread} {frames} could not be read")
+        return notes
 
     def read(self) -> Frame | None:
         """The next picture (h, w, 3) uint8 BGR; None after the last."""
@@ -163,20 +137,11 @@ class VideoFile:
             yield from deinterlacer.rest()
 
     def _readable(self) -> Iterator[VideoFrame]:
-        """The frames that can be read; damaged packets are passed over."""
-        packets = self._container.demux(self._stream)
-        while True:
-            try:
-                packet = next(packets, None)
-            except av.FFmpegError:
-                # What follows cannot be told apart any more.
-                packet = None
-            if packet is None:
-                return
-            try:
-                yield from packet.decode()
-            except av.FFmpegError:
-                self.unread += 1
+        """The frames that can be read."""
+        return readable_frames(self._container, self._stream, VideoFrame, self._count_unread)
+
+    def _count_unread(self) -> None:
+        self.unread += 1
 
     def _picture(self, frame: VideoFrame) -> Frame:
         transfer = frame.color_trc
@@ -205,5 +170,5 @@ class VideoFile:
         return self._reformatter.reformat(frame, format=pixel_format).to_ndarray()
 
     def _note(self, line: str) -> None:
-        if line not in self.notes:
-            self.notes.append(line)
+        if line not in self._notes:
+            self._notes.append(line)

@@ -31,7 +31,13 @@ STANDARD_INPUT = ("-", "/dev/stdin")
 
 
 class Reader(Protocol):
-    """Reads frames one by one; `read` returns None at the end."""
+    """Reads frames one by one; `read` returns None at the end.
+
+    notes: one line for each thing about the frames read so far that a user should know.
+    """
+
+    @property
+    def notes(self) -> list[str]: ...
 
     def read(self) -> Frame | None: ...
 
@@ -100,17 +106,12 @@ class Capture:
 
     @property
     def notes(self) -> list[str]:
-        """One line for each thing about the frames read so far that a user should know."""
-        notes = []
+        """See `Reader`."""
+        notes = list[str]()
         if self.is_fps_assumed:
             rate = f"{float(self.fps):g} frames a second"
             notes.append(f"{self.name} states no usable frame rate: taken as {rate}")
-        if isinstance(self._reader, VideoFile):
-            notes += [f"{self.name}: {note}" for note in self._reader.notes]
-            if unread := self._reader.unread:
-                frames = "frame" if unread == 1 else "frames"
-                notes.append(f"{self.name} is damaged: {unread} {frames} could not be read")
-        return notes
+        return notes + self._reader.notes
 
     def __iter__(self) -> Iterator[tuple[int, Frame]]:
         """Yield (index, frame): frame (height, width, 3) uint8, BGR.

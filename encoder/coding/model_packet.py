@@ -16,14 +16,13 @@ from protocol.frames.frame_transform import FrameTransform
 from protocol.frames.scalar_quantiser import (
     EAU_STEP,
     codes_from_values,
-    values_from_codes,
 )
 from protocol.frames.transform_coding import serialise_transform
 from protocol.model_packet import ModelPacket
 from shared_model.animate import Face
 from shared_model.appearance import atlas_of
 from shared_model.mesh import Head
-from shared_model.parameters import FaceParameters, Pose
+from shared_model.parameters import FaceParameters
 
 Picture = NDArray[np.uint8]
 
@@ -125,7 +124,7 @@ def build_thesis_model_packet(
     """
     packet = geometry_packet(fitted, reference, call)
     face = Face(head, quantised_identity(head, fitted))
-    camera, quantised = call.camera, reference_face(packet)
+    camera, quantised = call.camera, packet.reference_face
     pose, vertices = quantised.pose, face.animate(quantised.eau)
     size = atlas_size_for(atlas_of(head, 64), camera, pose, vertices, budget.texture_size)
     texture = extract_texture(head, atlas_of(head, size), camera, pose, vertices, frame)
@@ -134,12 +133,6 @@ def build_thesis_model_packet(
         background=encode_background_webp_within(frame, budget.background_bytes),
         texture=encode_webp_within(texture, budget.appearance_bytes),
     )
-
-
-def reference_face(packet: ModelPacket) -> FaceParameters:
-    """The face in the reference frame, as a decoder reads it."""
-    pose: Pose = packet.reference_pose
-    return FaceParameters(pose, values_from_codes(packet.reference_eau, EAU_STEP))
 
 
 def build_model_packet(

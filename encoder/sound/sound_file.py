@@ -2,15 +2,19 @@
 
 from collections.abc import Callable, Iterator
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 
-import av
 import numpy as np
 from av.audio.frame import AudioFrame
 from av.audio.resampler import AudioResampler
 from av.audio.stream import AudioStream
 from av.container import InputContainer
+from av.video.frame import VideoFrame
 from numpy.typing import NDArray
+
+from encoder.capture.containers import open_container, readable_frames, shown_video
+from shared_model.errors import UserError
 
 Samples = NDArray[np.int16]
 Warn = Callable[[str], None]
@@ -20,8 +24,6 @@ MAX_TIMING_ERROR_S = 0.04
 # Time stamps that jump ahead or back by more say nothing, as those of pictures
 # (`encoder.capture.time_stamps`); the sound may begin so long before or after the pictures.
 MAX_GAP_S, MAX_RETURN_S, MAX_START_S = 10, 1, 3600
-# How long a network stream may take, seconds.
-TIMEOUT_S = 10.0
 # The most that is held at once, seconds.
 PIECE_S = 1
 # A track with more damaged packets than this is left.
@@ -40,7 +42,7 @@ def has_sound(source: str | Path) -> bool:
     try:
         with _open(source) as container:
             return bool(container.streams.audio) and not (is_remote and not container.duration)
-    except (av.FFmpegError, OSError):
+    except UserError:
         return False
 
 
@@ -155,39 +157,24 @@ def _flat(frame: AudioFrame) -> Samples:
 
 
 def _open(source: str | Path) -> InputContainer:
-    timeout = TIMEOUT_S if "://" in str(source) else None
-    return av.open(str(source), metadata_errors="ignore", timeout=timeout)
+    return open_container(str(source), str(source), "://" in str(source))
 
 
 def _video_start_s(source: str | Path) -> Fraction:
     """Time of the first picture that can be shown; 0 without one."""
     with _open(source) as container:
-        if not container.streams.video:
+        stream = shown_video(container)
+        frames = iter(()) if stream is None else readable_frames(container, stream, VideoFrame)
+        first = next(frames, None)
+        if first is None or first.pts is None or first.time_base is None:
             return Fraction(0)
-        stream = container.streams.video[0]
-        for packet in container.demux(stream):
-            try:
-                for frame in packet.decode():
-                    if frame.pts is not None and frame.time_base is not None:
-                        return frame.pts * frame.time_base
-                    return Fraction(0)
-            except av.FFmpegError:
-                continue
-    return Fraction(0)
+        return first.pts * first.time_base
 
 
 def _frames(container: InputContainer, stream: AudioStream, warn: Warn) -> Iterator[AudioFrame]:
     """The frames of a sound track; damaged ones are passed over."""
-    packets, damaged = container.demux(stream), 0
-    while True:
-        try:
-            packet = next(packets, None)
-            if packet is None:
-                break
-            yield from packet.decode()
-        except av.FFmpegError:
-            damaged += 1
-            if damaged > MAX_DAMAGED:
-                break
-    if damaged:
-        warn(f"the sound is damaged: {damaged} pieces of it could not be read")
+    damaged = list[None]()
+    note = partial(damaged.append, None)
+    is_cut = yield from readable_frames(container, stream, AudioFrame, note, MAX_DAMAGED)
+    if pieces := len(damaged) + is_cut:
+        warn(f"the sound is damaged: {pieces} pieces of it could not be read")

@@ -20,7 +20,6 @@ from decoder.scene.scene import Scene
 from decoder.scene.scene_parts import face_from_model, head_of, scene_parts
 from decoder.sinks.frame_sink import open_sink
 from protocol.errors import ProtocolError
-from protocol.frames.scalar_quantiser import EAU_STEP, values_from_codes
 from protocol.model_packet import ModelPacket
 from risorius.animation.animation_script import (
     SETTINGS,
@@ -184,7 +183,7 @@ class CallerActor:
 
     def __init__(self, model: ModelPacket) -> None:
         self.head, self._model = head_of(model), model
-        self.rest_eau = values_from_codes(model.reference_eau, EAU_STEP)
+        self.rest_eau = model.reference_face.eau
         # Whoever speaks in their typical picture has the mouth closed at rest.
         jaw = EAU_INDEX["jaw_drop"]
         self.rest_eau[jaw] = min(self.rest_eau[jaw], REST_JAW)

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 
 from benchmarks.call_delay.clocks import figures, voice_late
-from loopback.browser import Browser, find_browser
+from loopback.browser import Browser
 from risorius.call_page.page_thread import PageThread
 
 # The greatest error of tones of 1 and 3 kHz from 8 to 44.1 kHz.
@@ -34,12 +34,9 @@ TONES = """[1000, 3000].map(pitch => {
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    program = find_browser()
-    if program is None:
-        pytest.skip("needs Chromium: apt-get install chromium")
+def browser(tmp_path_factory: pytest.TempPathFactory, chromium: str) -> Iterator[Browser]:
     folder = tmp_path_factory.mktemp("browser")
-    with PageThread(0) as page, Browser(program, folder, 400, 300) as opened:
+    with PageThread(0) as page, Browser(chromium, folder, 400, 300) as opened:
         opened.call("Page.navigate", url=page.address)
         opened.wait("typeof players != 'undefined'")
         yield opened

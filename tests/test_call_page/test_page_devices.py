@@ -14,7 +14,7 @@ from processes import LIMIT_S
 
 pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 
-from loopback.browser import Browser, find_browser
+from loopback.browser import Browser
 from risorius.call_page.messages import PictureMessage, SoundMessage, Stream
 from risorius.call_page.page_server import PageServer
 from risorius.call_page.page_thread import encoded_picture
@@ -67,12 +67,9 @@ def page() -> Iterator[Page]:
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    program = find_browser()
-    if program is None:
-        pytest.skip("needs Chromium: apt-get install chromium")
+def browser(tmp_path_factory: pytest.TempPathFactory, chromium: str) -> Iterator[Browser]:
     flags = ("--use-fake-ui-for-media-stream", "--use-fake-device-for-media-stream")
-    with Browser(program, tmp_path_factory.mktemp("browser"), 900, 600, *flags) as opened:
+    with Browser(chromium, tmp_path_factory.mktemp("browser"), 900, 600, *flags) as opened:
         yield opened
 
 

@@ -20,7 +20,7 @@ from videos import endless_video
 
 from decoder.sinks.frame_sink import open_sink
 from encoder.capture.video_source import open_source
-from loopback.browser import Browser, find_browser
+from loopback.browser import Browser
 from protocol.call_file import MAGIC, CallReader
 from protocol.call_records import RecordWriter
 from risorius.cli import main
@@ -29,12 +29,9 @@ pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    program = find_browser()
-    if program is None:
-        pytest.skip("needs Chromium: apt-get install chromium")
+def browser(tmp_path_factory: pytest.TempPathFactory, chromium: str) -> Iterator[Browser]:
     flags = "--autoplay-policy=no-user-gesture-required"
-    with Browser(program, tmp_path_factory.mktemp("browser"), 800, 640, flags) as opened:
+    with Browser(chromium, tmp_path_factory.mktemp("browser"), 800, 640, flags) as opened:
         yield opened
 
 

@@ -9,17 +9,14 @@ import pytest
 from sounds import voiced_sound
 
 from decoder.sinks.frame_sink import open_sink
-from loopback.browser import Browser, find_browser
+from loopback.browser import Browser
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    program = find_browser()
-    if program is None:
-        pytest.skip("needs Chromium: apt-get install chromium")
+def browser(tmp_path_factory: pytest.TempPathFactory, chromium: str) -> Iterator[Browser]:
     folder = tmp_path_factory.mktemp("browser")
     flag = "--autoplay-policy=no-user-gesture-required"
-    with Browser(program, folder, 400, 300, flag) as opened:
+    with Browser(chromium, folder, 400, 300, flag) as opened:
         yield opened
 
 

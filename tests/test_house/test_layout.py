@@ -39,6 +39,7 @@ IMPORTERS = {
         "decoder/sinks/sound_stream.py",
         "decoder/sinks/video_file.py",
         "decoder/sound/speech_decoder.py",
+        "encoder/capture/containers.py",
         "encoder/capture/deinterlacer.py",
         "encoder/capture/time_stamps.py",
         "encoder/capture/video_file.py",

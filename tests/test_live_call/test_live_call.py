@@ -17,7 +17,7 @@ from processes import LIMIT_S, finish, first_line, wait_until
 from shots import draw, talking
 from sounds import voiced_sound, write_wave
 
-from loopback.browser import Browser, find_browser
+from loopback.browser import Browser
 
 pytest.importorskip("aiohttp", reason="needs aiohttp: pip install '.[call]'")
 pytest.importorskip("pycodec2", reason="needs pycodec2: pip install '.[voice]'")
@@ -80,10 +80,7 @@ def material(networks: Path, make_once: MakeOnce) -> Material:
 
 
 @pytest.fixture
-def browser(tmp_path: Path, material: Material) -> Iterator[Browser]:
-    program = find_browser()
-    if program is None:
-        pytest.skip("needs Chromium: apt-get install chromium")
+def browser(tmp_path: Path, material: Material, chromium: str) -> Iterator[Browser]:
     flags = (
         "--use-fake-ui-for-media-stream",
         "--use-fake-device-for-media-stream",
@@ -91,7 +88,7 @@ def browser(tmp_path: Path, material: Material) -> Iterator[Browser]:
         f"--use-file-for-fake-audio-capture={material.microphone}",
         "--autoplay-policy=no-user-gesture-required",
     )
-    with Browser(program, tmp_path / "browser", 900, 760, *flags) as opened:
+    with Browser(chromium, tmp_path / "browser", 900, 760, *flags) as opened:
         yield opened
 
 

@@ -19,7 +19,7 @@ from processes import LIMIT_S
 
 from aam.annotation.annotation_file import read_annotation
 from aam.shape_space import JAW_DROP, SHAPE_NAMES
-from loopback.browser import Browser, find_browser
+from loopback.browser import Browser
 from risorius.cli import main
 from risorius.view.annotation_residual import MeanResidual
 from risorius.view.annotation_state import AnnotationFolder, description, shown
@@ -197,14 +197,11 @@ def drag(browser: Browser, x: float, y: float) -> None:
 
 
 def test_a_landmark_is_dragged_a_slider_moved_and_both_saved_in_the_browser(
-    folder: Path, tmp_path: Path, start: Start
+    folder: Path, tmp_path: Path, start: Start, chromium: str
 ) -> None:
-    program = find_browser()
-    if program is None:
-        pytest.skip("needs Chromium: apt-get install chromium")
     fitted = read_annotation(folder / "b c.json")
     url = Page(start("view", "--annotation", folder)).url
-    with Browser(program, tmp_path / "profile") as browser:
+    with Browser(chromium, tmp_path / "profile") as browser:
         browser.call("Page.navigate", url=url)
         browser.wait("typeof moved == 'number' && moved > 0 && !busy")
         browser.value("el('names').value = 'b c', el('names').onchange()")

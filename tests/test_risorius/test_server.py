@@ -19,7 +19,7 @@ from conftest import PROGRAM, ROOT, Start
 from numpy.typing import NDArray
 from processes import LIMIT_S, one_line, until
 
-from loopback.browser import Browser, find_browser
+from loopback.browser import Browser
 from risorius.animation.animate import open_actor
 from risorius.animation.animation_script import AnimationState, parse_script
 from risorius.cli import main
@@ -77,11 +77,8 @@ def server() -> Iterator[Server]:
 
 
 @pytest.fixture
-def browser(tmp_path: Path) -> Iterator[Browser]:
-    program = find_browser()
-    if program is None:
-        pytest.skip("needs Chromium: apt-get install chromium")
-    with Browser(program, tmp_path) as opened:
+def browser(tmp_path: Path, chromium: str) -> Iterator[Browser]:
+    with Browser(chromium, tmp_path) as opened:
         yield opened
 
 

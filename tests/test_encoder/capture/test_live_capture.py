@@ -3,6 +3,7 @@
 import time
 from fractions import Fraction
 from pathlib import Path
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -162,6 +163,7 @@ def test_frames_of_a_live_source_are_counted_by_their_arrival() -> None:
 
     class SlowReader:
         count = 0
+        notes: ClassVar[list[str]] = []
 
         def read(self) -> Frame | None:
             self.count += 1
