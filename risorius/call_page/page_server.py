@@ -40,7 +40,8 @@ class PageServer:
     on_command: called with each command of a page; its `kind` is a string.
     on_camera, on_sound: called with each picture of a page's camera and each piece of sound of its
         microphone; of several pages one gives these at a time.  None: there are none.
-    patience_s: how long it takes at most for a picture that is on its way when it closes.
+    patience_s: how long it waits at most, when it closes, for pages to leave and for a picture that
+        is on its way.
     """
 
     def __init__(
@@ -55,6 +56,8 @@ class PageServer:
         self._giving: web.WebSocketResponse | None = None  # whose camera and microphone are used
         self._page = (files("risorius.call_page") / "call.html").read_bytes()
         self._sockets: set[web.WebSocketResponse] = set()
+        self._patience_s, self._all_left = patience_s, asyncio.Event()
+        self._all_left.set()
         self._access = Access(0, random_token())
         self._runner = web.AppRunner(
             self._application(), access_log=None, shutdown_timeout=patience_s
@@ -79,6 +82,11 @@ class PageServer:
 
     async def close(self) -> None:
         """Say goodbye to all pages and stop listening."""
+        # A page leaves by itself: a server that closes while a camera's picture is on its way
+        # resets the connection, and the page may never read why.
+        self.tell("ended")
+        with suppress(asyncio.TimeoutError):
+            await asyncio.wait_for(self._all_left.wait(), self._patience_s)
         for socket in list(self._sockets):
             await socket.close(code=WSCloseCode.GOING_AWAY, message=b"the call has ended")
         # A stream ends after the picture that is on its way.
@@ -147,6 +155,7 @@ class PageServer:
         )
         await socket.prepare(request)
         self._sockets.add(socket)
+        self._all_left.clear()
         try:
             with self.audience.watching() as watcher:
                 sending = asyncio.create_task(_send(socket, watcher))
@@ -157,6 +166,8 @@ class PageServer:
                     sending.cancel()
         finally:
             self._sockets.discard(socket)
+            if not self._sockets:
+                self._all_left.set()
             if self._giving is socket:
                 self._giving = None
         return socket

@@ -36,7 +36,7 @@ class Page:
         self.server = self._run(self._open())
 
     async def _open(self) -> PageServer:
-        server = PageServer(lambda command: None, self.pictures.append, self.sounds.append)
+        server = PageServer(lambda command: None, self.pictures.append, self.sounds.append, LIMIT_S)
         await server.open(0)
         return server
 
