@@ -57,8 +57,10 @@ def sample_textures(
     def sample(view: tuple[Crop, FaceParameters, Array]) -> tuple[Single, Bools, Single]:
         crop, face, mesh = view
         positions = shape_free.positions(face)
-        colours = sample_bicubic(crop.picture, crop.to_crop_px(positions))
+        in_crop = crop.to_crop_px(positions)
+        colours = sample_bicubic(crop.picture, in_crop)
         visible = visible_texels(head, shape_free.atlas, face.pose, mesh, cell_mm)
+        visible &= crop.shows(in_crop)
         return colours, visible, texel_footprints(shape_free, positions) * visible
 
     views = parallel_map(sample, zip(crops, faces, vertices, strict=True), workers)

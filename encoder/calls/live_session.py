@@ -6,7 +6,6 @@ model meanwhile stands in `model_lifecycle`.
 
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -31,7 +30,7 @@ from encoder.coding.model_packet import ModelBudget
 from encoder.coding.rate_control import OnlineRateController, RateTarget
 from encoder.detection.iris import WIDE_CROP_SCALE
 from encoder.learning.absence import AbsenceWatch
-from encoder.learning.incremental_modes import FaceSample
+from encoder.learning.face_sample import FaceSample
 from encoder.live_model.learner import Learner
 from encoder.live_model.other_face import ShownFace
 from encoder.person.person_watch import PersonWatch, Verdict
@@ -162,7 +161,7 @@ class LiveEncoder:
             # Updates are trained, and modes learned, while their frames wait.
             self._begin(index)
             self._model.train_if_due(self._position)
-            self._learn(index, lambda: self._model.version.sample(picture, points, False))
+            self._learn(index, lambda: self._model.version.mode_sample(picture, points))
 
     def _find(self, picture: Picture, next_frame: Picture | None) -> tuple[Array | None, bool]:
         """The landmarks of the face in a frame, None where there is none or it is not known whose
@@ -265,9 +264,7 @@ class LiveEncoder:
         if not self._learns_ahead:
             # All frames of a packet have the modes that are there when it goes out.
             may_start = self._realtime or self._is_packet_full
-            # A mode of half the resolution would blur the face.
-            whole = version.sample if level.halves_resolution else lambda *_: sample
-            self._learn(index, lambda: replace(whole(picture, points, False), face=face), may_start)
+            self._learn(index, lambda: version.mode_sample(picture, points, face), may_start)
         version = self._model.version
         refit = version.refit_modes if self._realtime else version.refit
         with self._stats.stage("fit"):

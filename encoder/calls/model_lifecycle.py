@@ -33,7 +33,8 @@ from encoder.calls.session_stats import SessionStats
 from encoder.capture.video_source import Capture
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import ModelBudget
-from encoder.learning.incremental_modes import FaceSample, LearnedMode
+from encoder.learning.face_sample import FaceSample
+from encoder.learning.incremental_modes import LearnedMode
 from encoder.learning.mode_scheduler import ModeScheduler
 from encoder.live_model.call_trainer import trainer_from
 from encoder.live_model.learner import Learner, ModesTask, TrainingTask

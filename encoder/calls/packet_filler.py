@@ -7,7 +7,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.learning.incremental_modes import FaceSample
+from encoder.learning.face_sample import FaceSample
 from shared_model.geometry import interpolate
 from shared_model.parameters import FaceParameters
 

@@ -31,6 +31,7 @@ from encoder.layers.layer_model import LayerModel
 from encoder.layers.layer_samples import FittedFrames, coarse_picture, typical_frame
 from encoder.learning.absence import AbsenceWatch
 from encoder.learning.frame_sampler import DENSE_FRAMES, UniformSubsampler
+from encoder.learning.hidden_faces import HandWatch, SampleHands, without_hands
 from encoder.learning.person_model import TrainedModel, TrainingOptions, build_person_model
 from encoder.runtime.parallel import worker_pool
 from protocol.call_parameters import CallParameters
@@ -74,6 +75,7 @@ class _CallModel:
     detections: of each frame to be coded, the index of the detection whose face it has.
     initial: the face of each detection, by its landmarks.
     background, layers: what is behind the face; None: one picture.
+    hands: what hides the face.
     """
 
     call: CallParameters
@@ -84,6 +86,7 @@ class _CallModel:
     initial: list[FaceParameters]
     background: Background
     layers: LayerModel | None
+    hands: SampleHands
 
 
 class TwoPassEncoder:
@@ -142,8 +145,12 @@ class TwoPassEncoder:
         packing = (gop.frames_per_packet, gop.frame_step)
         focal_px = identity.camera.focal_px
         call = call_parameters(self._capture.format, "default", focal_px, start, *packing)
-        sampled = [number for number, _ in self._sampler.frames]
-        canonical = typical_frame([initial[number] for number in sampled])
+        sampled, pictures = zip(*self._sampler.frames, strict=True)
+        with self._stats.stage("hands"):
+            watch = HandWatch()
+            hands = watch.find_all(pictures, [self._points[number] for number in sampled])
+        shown = without_hands(hands)
+        canonical = shown[typical_frame([initial[sampled[number]] for number in shown])]
         sizes = budget.texture_size, budget.appearance_bytes, budget.max_modes
         options = TrainingOptions(*sizes, reference=sampled[canonical])
         with self._stats.stage("train"):
@@ -155,21 +162,34 @@ class TwoPassEncoder:
                 self._sampler.frames,
                 self._points,
                 options,
+                hands=hands,
             )
-        background, layers = self._learn_layers(trained, call, canonical)
+        background, layers = self._learn_layers(trained, call, shown, canonical)
         fitter, detections = trained.person.image_fitter(), held[:: gop.frame_step]
         self._model = _CallModel(
-            call, budget, trained, fitter, detections, initial, background, layers
+            call,
+            budget,
+            trained,
+            fitter,
+            detections,
+            initial,
+            background,
+            layers,
+            SampleHands(watch, sampled, hands),
         )
 
     def _learn_layers(
-        self, trained: TrainedModel, call: CallParameters, canonical: int
+        self, trained: TrainedModel, call: CallParameters, shown: list[int], canonical: int
     ) -> tuple[Background, LayerModel | None]:
-        """What is behind the face.  canonical: number of the typical frame in the sample."""
-        numbers, pictures = zip(*self._sampler.frames, strict=True)
+        """What is behind the face.
+
+        shown: numbers in the sample of the frames without hands.  canonical: of the typical one.
+        """
+        numbers, pictures = zip(*(self._sampler.frames[i] for i in shown), strict=True)
         outlines = [face_outline(self._points[number]) for number in numbers]
         person, empty = trained.person, self._absence.pictures
-        sample = pictures, trained.faces, outlines, canonical, person.reference, empty
+        faces, canonical = [trained.faces[i] for i in shown], shown.index(canonical)
+        sample = pictures, faces, outlines, canonical, person.reference, empty
         with self._stats.stage("layers"):
             layers, reason = layers_of_person(FittedFrames(person.face, call.camera, *sample))
         if layers is None:
@@ -202,8 +222,10 @@ class TwoPassEncoder:
                     continue
                 if len(in_flight) == MAX_IN_FLIGHT:
                     self._collect(*in_flight.popleft())
+                points = self._points[detection]
                 with self._stats.stage("crop"):
-                    crop = crop_face(picture, self._points[detection], person.pixels_per_texel)
+                    crop = crop_face(picture, points, person.pixels_per_texel)
+                    crop = crop.hiding(model.hands.in_frame(detection, picture, points))
                 in_flight.append(
                     (detection, pool.submit(fit, detection, crop, coarse_picture(picture)))
                 )

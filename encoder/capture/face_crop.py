@@ -1,5 +1,6 @@
 """The window of a frame that holds the face, at no higher resolution than the texture has."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -7,11 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.runtime.image_ops import hull_mask
 from protocol.pictures.picture_codec import to_luma
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Picture = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
 
 # Width of the margin around the points, in terms of their larger extent.
 MARGIN = 0.3
@@ -26,12 +29,14 @@ class Crop:
     picture: (h, w, 3) uint8 BGR, or (h, w) luma.
     left, top: the window's first column and row in the frame, pixels.
     scale: (2,) pixels of the crop per pixel of the frame, in x and y.
+    hidden: (h, w) where something, as a hand, hides the face; None: nowhere.
     """
 
     picture: NDArray[Any]
     left: int
     top: int
     scale: Array
+    hidden: Mask | None = None
 
     @property
     def as_luma(self) -> "Crop":
@@ -44,6 +49,29 @@ class Crop:
         """Map positions (k, 2) from pixels of the frame to pixels of the crop."""
         corner = np.array([self.left, self.top], np.float32) - np.float32(0.5)
         return np.asarray((positions_px - corner) * self.scale.astype(np.float32) - np.float32(0.5))
+
+    def to_frame_px(self, positions_px: Array) -> Array:
+        """Map positions (k, 2) from pixels of the crop to pixels of the frame."""
+        return np.asarray((positions_px + 0.5) / self.scale + [self.left, self.top] - 0.5)
+
+    def hiding(self, outlines_px: Sequence[Array]) -> "Crop":
+        """The same with what lies within these convex outlines (k, 2), pixels of the frame, hidden.
+
+        It is the same object if nothing does.
+        """
+        shape = self.picture.shape[:2]
+        hidden = np.zeros(shape, bool)
+        for outline in outlines_px:
+            hidden |= hull_mask(self.to_crop_px(outline.astype(np.float32)), shape) > 0
+        return replace(self, hidden=hidden) if hidden.any() else self
+
+    def shows(self, positions_px: Single) -> Mask:
+        """(k,) whether nothing hides the face at positions (k, 2), pixels of the crop."""
+        if self.hidden is None:
+            return np.ones(len(positions_px), bool)
+        height, width = self.hidden.shape
+        column, row = np.rint(np.nan_to_num(positions_px)).astype(np.intp).T
+        return np.asarray(~self.hidden[row.clip(0, height - 1), column.clip(0, width - 1)])
 
 
 def crop_face(frame: Picture, points_px: Array, pixels_per_texel: float) -> Crop:
@@ -66,3 +94,20 @@ def crop_face(frame: Picture, points_px: Array, pixels_per_texel: float) -> Crop
     small = cv2.resize(window, tuple(size.tolist()), interpolation=cv2.INTER_AREA)
     scale = size / np.array(window.shape[1::-1])
     return Crop(np.asarray(small, dtype=np.uint8), int(left), int(top), scale)
+
+
+def crop_window(frame: Picture, window: tuple[int, int, int], longest: int) -> Crop:
+    """What a frame (h, w, 3) uint8 BGR shows of a square window, its longer side at most `longest`.
+
+    window: left, top, side, pixels; it may leave the frame.
+    """
+    left, top, side = window
+    height, width = frame.shape[:2]
+    begin = np.clip([left, top], 0, [width - 1, height - 1])
+    end = np.clip([left + side, top + side], begin + 1, [width, height])
+    shown = frame[begin[1] : end[1], begin[0] : end[0]]
+    ratio = min(1.0, longest / max(shown.shape[:2]))
+    size = np.maximum(np.rint(ratio * np.array(shown.shape[1::-1])), 1).astype(int)
+    small = cv2.resize(shown, tuple(size.tolist()), interpolation=cv2.INTER_AREA)
+    scale = size / np.array(shown.shape[1::-1])
+    return Crop(np.asarray(small, np.uint8), int(begin[0]), int(begin[1]), scale)

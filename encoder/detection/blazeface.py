@@ -7,13 +7,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.detection.detector import Detection, by_size
+from encoder.detection.detector import KEYPOINTS, Detection, by_size
+from encoder.detection.ssd import SsdNetwork, Tile, weighted_nms
 from encoder.detection.tflite import FULL_RANGE, SHORT_RANGE, TfliteNetwork
 
-Array = NDArray[np.float64]
 Frame = NDArray[np.uint8]
-# A square of a picture: left, top, side, pixels; it may leave the picture.
-Tile = tuple[int, int, int]
 
 # Detections of smaller faces are mostly false.
 _MIN_FACE_PX = 20
@@ -32,10 +30,11 @@ class BlazeFaceDetector:
     """
 
     def __init__(self, folder: Path, threshold: float = 0.6) -> None:
-        self._short = TfliteNetwork(folder / SHORT_RANGE)
-        self._full = TfliteNetwork(folder / FULL_RANGE)
-        self._short_anchors = np.concatenate([_anchors(16, 2), _anchors(8, 6)])
-        self._full_anchors = _anchors(48, 1)
+        short, full = (TfliteNetwork(folder / name) for name in (SHORT_RANGE, FULL_RANGE))
+        self._networks = (
+            SsdNetwork(short, 128, [(16, 2), (8, 6)], len(KEYPOINTS), low=-1.0),
+            SsdNetwork(full, 192, [(48, 1)], len(KEYPOINTS), low=-1.0),
+        )
         self._threshold = threshold
 
     def detect(self, frame: Frame) -> list[Detection]:
@@ -76,63 +75,12 @@ class BlazeFaceDetector:
         return [_shifted(face, -border) for face in found if face.size_px >= least_px]
 
     def _detect_in(self, frame: Frame, tile: Tile) -> Iterator[Detection]:
-        yield from self._run(self._short, 128, self._short_anchors, frame, tile)
-        yield from self._run(self._full, 192, self._full_anchors, frame, tile)
-
-    def _run(
-        self, network: TfliteNetwork, size: int, anchors: Array, frame: Frame, tile: Tile
-    ) -> Iterator[Detection]:
-        """The detections of one network, whose input is size x size pixels."""
-        left, top, side = tile
-        outputs = network.run(_crop_tile(frame, tile, size), low=-1.0)
-        logits = np.clip(outputs[len(anchors)].astype(np.float64), -80, 80)
-        raw = outputs[len(anchors) * 16].astype(np.float64).reshape(-1, 8, 2)
-        scores = 1 / (1 + np.exp(-logits))
-        for k in np.flatnonzero(scores > self._threshold):
-            values = raw[k] / size
-            values[[0, 2, 3, 4, 5, 6, 7]] += anchors[k]
-            # Networks measure from the tile's corner, pixels from the centre of the first pixel.
-            scaled = values * side + [left - 0.5, top - 0.5]
-            half = raw[k, 1] / size * side / 2
-            box = np.concatenate([scaled[0] - half, scaled[0] + half])
-            yield Detection(box, scaled[2:], float(scores[k]))
+        for network in self._networks:
+            yield from network.detect(frame, tile, self._threshold)
 
 
 def _shifted(face: Detection, by_px: float) -> Detection:
     return Detection(face.box + by_px, face.keypoints + by_px, face.score)
-
-
-def weighted_nms(detections: list[Detection], min_iou: float = 0.3) -> list[Detection]:
-    """Weighted non-maximum suppression: overlapping detections become one, their mean by score.
-
-    min_iou: overlap, see `_overlap`, above which two detections are of the same face.
-    """
-    rest = sorted(detections, key=lambda face: -face.score)
-    merged = []
-    while rest:
-        best = rest[0]
-        same = [face for face in rest if _overlap(best.box, face.box) > min_iou]
-        rest = [face for face in rest if _overlap(best.box, face.box) <= min_iou]
-        weights = np.array([face.score for face in same]) / sum(face.score for face in same)
-        box = np.tensordot(weights, np.array([face.box for face in same]), 1)
-        keypoints = np.tensordot(weights, np.array([face.keypoints for face in same]), 1)
-        merged.append(Detection(box, keypoints, best.score))
-    return merged
-
-
-def _overlap(a: Array, b: Array) -> float:
-    """Intersection over union, or over the smaller box if most of it lies in the other."""
-    inner = np.prod(np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0))
-    areas = np.prod(a[2:] - a[:2]), np.prod(b[2:] - b[:2])
-    nested = inner > 0.8 * min(areas)
-    return float(inner / (min(areas) if nested else sum(areas) - inner))
-
-
-def _anchors(cells: int, repeats: int) -> Array:
-    """(cells^2 * repeats, 2) centres of the cells of a square grid over [0, 1]^2, row by row."""
-    steps = (np.arange(cells) + 0.5) / cells
-    grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    return np.repeat(grid, repeats, axis=0)
 
 
 def _tiles(width: int, height: int) -> Iterator[list[Tile]]:
@@ -152,17 +100,3 @@ def _tile_starts(length: int, side: int) -> list[int]:
         return [(length - side) // 2]
     count = int(np.ceil(2 * (length - side) / side)) + 1
     return [round(start) for start in np.linspace(0, length - side, count)]
-
-
-def _crop_tile(frame: Frame, tile: Tile, size: int) -> Frame:
-    """The tile of `frame`, black outside the frame, resampled to size x size."""
-    left, top, side = tile
-    height, width = frame.shape[:2]
-    inside = frame[max(top, 0) : top + side, max(left, 0) : left + side]
-    before = max(-top, 0), max(-left, 0)
-    after = max(top + side - height, 0), max(left + side - width, 0)
-    padded = cv2.copyMakeBorder(
-        inside, before[0], after[0], before[1], after[1], cv2.BORDER_CONSTANT, value=(0, 0, 0)
-    )
-    method = cv2.INTER_AREA if side > size else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(padded, (size, size), interpolation=method), np.uint8)

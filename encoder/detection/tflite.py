@@ -19,6 +19,7 @@ FULL_RANGE = "face_detection_full_range.tflite"
 FACE_MESH = "face_landmark.tflite"
 IRIS = "iris_landmark.tflite"
 SEGMENTATION = "selfie_segmentation.tflite"
+PALM_DETECTION, HAND_LANDMARKS = "palm_detection_full.tflite", "hand_landmark_full.tflite"
 # Held while standard error, which the whole process shares, is redirected.
 _STDERR_LOCK = threading.Lock()
 
@@ -78,6 +79,21 @@ def find_segmentation_network() -> Path | None:
     return _in_mediapipe("selfie_segmentation", SEGMENTATION)
 
 
+@dataclass(frozen=True, slots=True)
+class HandNetworkFiles:
+    """The files of the networks that find palms, and the joints of a hand."""
+
+    palms: Path
+    joints: Path
+
+
+def find_hand_networks() -> HandNetworkFiles | None:
+    """The hand networks of the package `mediapipe`; None if it is not installed."""
+    palms = _in_mediapipe("palm_detection", PALM_DETECTION)
+    joints = _in_mediapipe("hand_landmark", HAND_LANDMARKS)
+    return None if palms is None or joints is None else HandNetworkFiles(palms, joints)
+
+
 def _in_mediapipe(module: str, name: str) -> Path | None:
     """A file of one of the modules of `mediapipe`; None if it is not installed."""
     package = find_spec("mediapipe")
@@ -117,10 +133,14 @@ class TfliteNetwork:
         self, images: Sequence[NDArray[np.uint8]], low: float
     ) -> dict[int, NDArray[np.float32]]:
         """The outputs (n, length) by their length, for n images of one size, see `run`."""
-        outputs = [self._run(image, low) for image in images]
+        outputs = [self.outputs(image, low) for image in images]
         return {rows[0].size: np.stack(rows) for rows in zip(*outputs, strict=True)}
 
-    def _run(self, image: NDArray[np.uint8], low: float) -> list[NDArray[np.float32]]:
+    def outputs(self, image: NDArray[np.uint8], low: float) -> list[NDArray[np.float32]]:
+        """The flat outputs in the order of the network, two of which may have one length.
+
+        image, low: see `run`.
+        """
         scale = np.float32((1.0 - low) / 255)
         pixels = image[None, ..., ::-1] * scale + np.float32(low)
         self._interpreter.set_tensor(self._input, pixels)

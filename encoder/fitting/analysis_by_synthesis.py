@@ -62,6 +62,9 @@ PICTURE_DAMPING = Damping(
 )
 # Errors of neighbouring texels are correlated; this many texels count as one measurement.
 CORRELATED_TEXELS = 10.0
+# What is hidden, as by a hand, counts so much as if it showed the mean: coefficients that nothing
+# else shows stay small.
+HIDDEN_WEIGHT = 0.1
 # Approximate number of texels that a fit samples.
 NOMINAL_TEXELS = 5000
 
@@ -81,6 +84,7 @@ class Observation:
     luma_and_gradients: (h, w, 3) the crop's luma and its gradients, grey levels per crop pixel.
     weights: (k,) of the texels, 0 where invisible.
     eau_precision: see `TexelFitter.eau_precision`.
+    hidden: (k,) texels that the crop does not show; None: it shows all.
     """
 
     target: FitTarget
@@ -88,6 +92,7 @@ class Observation:
     luma_and_gradients: Single
     weights: Single
     eau_precision: float
+    hidden: Mask | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,7 +221,11 @@ class TexelFitter:
         luma = self._normalise(crop.picture)
         weights = target.template.weight * self._visible(target.shape.atlas, initial)
         stack = np.asarray(cv2.merge([luma, *image_gradients(luma)]), np.float32)
-        return Observation(target, crop, stack, weights, self.eau_precision(weights))
+        precision, hidden = self.eau_precision(weights), None
+        if crop.hidden is not None:
+            hidden = ~crop.shows(crop.to_crop_px(target.shape.positions(initial)))
+            weights = np.where(hidden, np.float32(HIDDEN_WEIGHT) * weights, weights)
+        return Observation(target, crop, stack, weights, precision, hidden)
 
     def _evaluate(
         self, observation: Observation, face: FaceParameters, initial_eau: Array, free: Indices
@@ -225,6 +234,9 @@ class TexelFitter:
         crop, weights, precision = observation.crop, observation.weights, observation.eau_precision
         texels = shape.project(face)
         samples = sample_bicubic(observation.luma_and_gradients, crop.to_crop_px(texels.pixels))
+        if observation.hidden is not None:
+            mean = template.mean[observation.hidden]
+            samples[observation.hidden] = np.stack([mean, 0 * mean, 0 * mean], 1)
         difference = samples[:, 0] - template.mean
         residual = difference - face.modes.astype(np.float32) @ template.modes
         eau_change = (initial_eau - face.eau)[free]

@@ -17,7 +17,12 @@ from encoder.appearance.rasteriser import Fragments, rasterise
 from encoder.appearance.shape_free import directional_jacobian, rigid_jacobian
 from encoder.capture.colour import luma_f32
 from encoder.capture.face_crop import Crop
-from encoder.fitting.analysis_by_synthesis import PICTURE_DAMPING, cauchy_weights, image_gradients
+from encoder.fitting.analysis_by_synthesis import (
+    HIDDEN_WEIGHT,
+    PICTURE_DAMPING,
+    cauchy_weights,
+    image_gradients,
+)
 from encoder.fitting.increments import FACE_PARAMETERS, RIGID, apply_picture_step
 from encoder.fitting.levenberg_marquardt import (
     Equations,
@@ -72,6 +77,7 @@ class ImageFitter:
         self._max_pixels = max_pixels
         layers = np.concatenate([mean[None], modes]).reshape(1 + len(modes), -1)
         self._layers = np.ascontiguousarray(layers.T, np.float32)
+        self._mean = np.ascontiguousarray(self._layers[:, :1])
         texels = head.texture_coordinates * size - 0.5
         self._vertex_attributes = np.vstack([texels.T, head.opacity]).astype(np.float32)
         fields = np.stack([head.eau_up, -head.eau_down]).swapaxes(-1, -2)
@@ -135,8 +141,12 @@ class ImageFitter:
         texels, opacity = attributes[:2, opaque], attributes[2, opaque]
         values = np.append(1, face.modes).astype(np.float32)
         luma = _combine_layers(texels, self._layers, values, self._size)
+        observed = observation.luma[fragments.pixels]
+        if observation.hidden is not None:
+            mean = _combine_layers(texels, self._mean, values[:1], self._size)
+            observed = np.where(observation.hidden[fragments.pixels], mean, observed)
         # Transparent parts are assumed to show the right background.
-        error = opacity * (observation.luma[fragments.pixels] - luma)
+        error = opacity * (observed - luma)
         return _Rendering(face, rotation, rotated, fragments, texels, opacity, error)
 
     def _evaluate(
@@ -226,6 +236,7 @@ class _Observation:
     inside: (h, w) whether a pixel lies within the outline.  luma: (h w,).
     gradients: (2, h w), grey levels per pixel of the frame; (0, h w) if the face does not move.
     initial_eau: (EAUs,).
+    hidden: (h w,) pixels that count as if they showed the mean; None: none does.
     """
 
     crop: Crop
@@ -235,6 +246,7 @@ class _Observation:
     luma: Single
     gradients: Single
     initial_eau: Array
+    hidden: NDArray[np.bool_] | None = None
 
     def from_frame(self, positions_px: Single) -> Single:
         """Positions (k, 2) in the frame as columns and rows of the compared pixels."""
@@ -283,11 +295,16 @@ def _observe(
     sampled = np.stack([plane[rows, columns][::step, ::step].ravel() for plane in planes])
     gradients = sampled[1:] * crop.scale.astype(np.float32)[: len(sampled) - 1, None]
     inside = np.ascontiguousarray(inside[::step, ::step])
-    return _Observation(crop, low, step, inside, sampled[0], gradients, start.eau)
+    hidden = None
+    if crop.hidden is not None:
+        hidden = crop.hidden[rows, columns][::step, ::step].ravel()
+        gradients[:, hidden] = 0
+    return _Observation(crop, low, step, inside, sampled[0], gradients, start.eau, hidden)
 
 
 def _occlusion_weights(observation: _Observation, rendering: _Rendering) -> Single:
-    """(h w,) weights of the pixels: low where the error is large all around, as behind a hand.
+    """(h w,) weights of the pixels: low where the error is large all around, as behind a hand that
+    is not known to hide them.
 
     The error of an outline rendered a pixel off is confined to a thin line, and keeps its weight.
     """
@@ -297,4 +314,7 @@ def _occlusion_weights(observation: _Observation, rendering: _Rendering) -> Sing
     side = 2 * round(OCCLUSION_WINDOW * width / 2) + 1
     mean = cv2.blur(error.reshape(height, width), (side, side)) if len(error) else error
     # Squared, since a large occluded area must have no influence.
-    return cauchy_weights(np.asarray(mean, np.float32).ravel()) ** 2
+    weights = cauchy_weights(np.asarray(mean, np.float32).ravel()) ** 2
+    if observation.hidden is not None:
+        weights[observation.hidden] *= HIDDEN_WEIGHT
+    return weights

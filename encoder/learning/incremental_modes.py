@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.appearance.masks import root_weight_and_support
-from encoder.capture.face_crop import Crop
+from encoder.learning.face_sample import FaceSample
 from encoder.learning.orthogonal_residual import OrthogonalResidual
 from encoder.learning.person_model import PersonModel
 from encoder.learning.sample_fitting import sample_faces, super_resolved
@@ -54,20 +54,6 @@ class LearnedMode:
 
     data: bytes
     luma: Single
-
-
-@dataclass(frozen=True, slots=True)
-class FaceSample:
-    """A crop of a frame, and the landmarks (468, 3) in the frame, pixels.
-
-    face: the fitted face; None if it is not fitted by the model that modes are learned for.
-    coarse: the whole frame, small, see `encoder.layers`; None if only the face is fitted.
-    """
-
-    crop: Crop
-    landmarks: Array
-    face: FaceParameters | None = None
-    coarse: NDArray[np.uint8] | None = None
 
 
 FitSample = Callable[[FaceSample], FaceParameters]

@@ -5,11 +5,11 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 
+from encoder.learning.face_sample import FaceSample
 from encoder.learning.incremental_modes import (
     BYTES_PER_S,
     SAMPLES_PER_S,
     WINDOW_SAMPLES,
-    FaceSample,
     LearnedMode,
 )
 

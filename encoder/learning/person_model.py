@@ -24,6 +24,7 @@ from encoder.fitting.analysis_by_synthesis import NOMINAL_TEXELS, TexelFitter
 from encoder.fitting.fit_results import IdentityFit
 from encoder.fitting.render_and_compare import MAX_PIXELS, ImageFitter
 from encoder.learning.appearance_encoder import CodedAppearance, encode_appearance
+from encoder.learning.hidden_faces import Outlines
 from encoder.learning.sample_fitting import (
     fit_samples,
     fit_samples_coarse,
@@ -133,16 +134,20 @@ def build_person_model(
     landmarks: Sequence[Array],
     options: TrainingOptions,
     workers: int | None = None,
+    hands: Sequence[Outlines] = (),
 ) -> TrainedModel:
     """Build the model of a person from a sample of frames (index, picture).
 
     face: with the quantised identity.  camera: of the call parameters, with rounded focal length.
     faces, landmarks: of all frames, (468, 3) pixels; indices of the sample refer to them.
     workers: see `parallel_map`.
+    hands: what hides the face in each frame of the sample; empty: nothing does.
     """
     reference = faces[options.reference]
     shape, scale = _texel_frame(face, camera, reference, options.texture_size)
     crops = [crop_face(frame, landmarks[index], scale) for index, frame in sample_frames]
+    if hands:
+        crops = [crop.hiding(outlines) for crop, outlines in zip(crops, hands, strict=True)]
     sampled = [faces[index] for index, _ in sample_frames]
     sampled_landmarks = [landmarks[index] for index, _ in sample_frames]
     sampled = fit_samples_coarse(face, shape, crops, sampled, workers, options.nominal_texels)

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.coding.background import Background, encoded_in_a_thread
-from encoder.learning.incremental_modes import FaceSample, LearnedMode, ModeLearner
+from encoder.learning.face_sample import FaceSample
+from encoder.learning.hidden_faces import HandWatch
+from encoder.learning.incremental_modes import LearnedMode, ModeLearner
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import ModelVersion
 
@@ -71,6 +73,7 @@ class LocalLearner:
         self._executor = executor
         self._trainer: ModelTrainer | None = None
         self._modes: _VersionModes | None = None
+        self._hands = HandWatch()
 
     def encode_background(self, background: Background, max_bytes: int) -> "Future[bytes]":
         """See `Learner`."""
@@ -88,7 +91,7 @@ class LocalLearner:
 
     def start_modes(self, version: ModelVersion) -> None:
         """See `Learner`."""
-        self._modes = _VersionModes(version)
+        self._modes = _VersionModes(version, self._hands)
 
     def learn(self, task: ModesTask) -> "Future[list[LearnedMode]]":
         """See `Learner`."""
@@ -111,12 +114,12 @@ class LocalLearner:
 class _VersionModes:
     """Learns the modes of one version."""
 
-    def __init__(self, version: ModelVersion) -> None:
-        self._version, self._learner = version, ModeLearner(version.person)
+    def __init__(self, version: ModelVersion, hands: HandWatch) -> None:
+        self._version, self._learner, self._hands = version, ModeLearner(version.person), hands
 
     def learn(self, task: ModesTask) -> list[LearnedMode]:
-        fit = self._version.fit_texels
-        modes = self._learner.update(task.samples, fit, task.byte_budget, task.max_modes)
+        fit, samples = self._version.fit_texels, self._hands.hide_in_burst(task.samples)
+        modes = self._learner.update(samples, fit, task.byte_budget, task.max_modes)
         for mode in modes:
             self._version = self._version.with_mode_of_texels(mode)
         return modes

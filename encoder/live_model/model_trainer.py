@@ -28,6 +28,12 @@ from encoder.fitting.sequence_fit import fit_sequence
 from encoder.layers.frame_layers import FrameLayers
 from encoder.layers.layer_learning import FirstLayers, layers_of_person
 from encoder.layers.layer_samples import FittedFrames
+from encoder.learning.hidden_faces import (
+    HandWatch,
+    Outlines,
+    that_come_and_go,
+    without_hands,
+)
 from encoder.learning.person_model import TrainedModel, TrainingOptions, build_person_model
 from encoder.live_model.background_light import background_in_light
 from encoder.live_model.model_version import RESERVED_MODES, ModelVersion, live_distortion
@@ -93,13 +99,15 @@ class ModelTrainer:
         self._identity: IdentityFit | None = None  # of the version before
         self._frame_layers: FrameLayers | None = None  # of the background in use
         self._background_data: Future[bytes] | bytes | None = None
+        self._hand_watch: HandWatch | None = None
+        self._hands: dict[bytes, Outlines] = {}  # of the frames of the version before
         if not progressive:
             self._background_data = encode_background(background, budget.background_bytes)
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process needs to go on."""
         known = None if self._background_data is None else self._encoded_background()
-        return self.__dict__ | {"_background_data": known}
+        return self.__dict__ | {"_background_data": known, "_hand_watch": None}
 
     def bootstrap(
         self,
@@ -155,9 +163,12 @@ class ModelTrainer:
         It is complete but for its place in the call, see `ModelVersion.placed_at`.  With a budget
         of no bytes for the background an update has one only where that of before is outdated.
         """
-        trained = self._train_person(budget, pictures, points)
+        hands = self._find_hands(pictures, points)
+        trained = self._train_person(budget, pictures, points, hands)
         call = self._call_parameters(trained.person.fitted.camera.focal_px)
-        frames = _fitted_frames(trained, call.camera, pictures, points)
+        # The first one shows the reference, whatever else it shows.
+        shown = sorted({0, *without_hands(hands)})
+        frames = _fitted_frames(trained, call.camera, pictures, points, shown)
         background = self._background_for(number, budget, frames)
         layers = None if self._frame_layers is None else self._frame_layers.of_person(frames)
         faces = trained.faces if layers is None else layers.fitted_all(frames)
@@ -235,8 +246,25 @@ class ModelTrainer:
         self._frame_layers = learned.frames.with_wide_limits()
         return learned.encode(int(LAYER_BYTES * self._budget.background_bytes))
 
+    def _find_hands(self, pictures: Sequence[Picture], points: Sequence[Array]) -> list[Outlines]:
+        """The hands in each frame; those of the version before are not searched again."""
+        if len(points) == 1:
+            # All that there is to learn from.
+            return [[]]
+        self._hand_watch = self._hand_watch or HandWatch()
+        keys, known = [each.tobytes() for each in points], self._hands
+        for key, picture, each in zip(keys, pictures, points, strict=True):
+            if key not in known:
+                known[key] = self._hand_watch.find(picture, each)
+        self._hands = {key: known[key] for key in keys}
+        return that_come_and_go([known[key] for key in keys])
+
     def _train_person(
-        self, budget: ModelBudget, pictures: Sequence[Picture], points: Sequence[Array]
+        self,
+        budget: ModelBudget,
+        pictures: Sequence[Picture],
+        points: Sequence[Array],
+        hands: Sequence[Outlines],
     ) -> TrainedModel:
         size = (self._video.width, self._video.height)
         identity, faces = fit_sequence(self._head, size, points, self._identity)
@@ -267,6 +295,7 @@ class ModelTrainer:
             points,
             options,
             self._workers,
+            hands,
         )
 
     def _in_layers(self, version: ModelVersion, base_bytes: int = BASE_LAYER_BYTES) -> ModelVersion:
@@ -304,8 +333,16 @@ class ModelTrainer:
 
 
 def _fitted_frames(
-    trained: TrainedModel, camera: Camera, pictures: Sequence[Picture], points: Sequence[Array]
+    trained: TrainedModel,
+    camera: Camera,
+    pictures: Sequence[Picture],
+    points: Sequence[Array],
+    shown: Sequence[int],
 ) -> FittedFrames:
-    """The frames that a person was trained from, the first of which shows their reference."""
-    outlines, person = [face_outline(each) for each in points], trained.person
-    return FittedFrames(person.face, camera, pictures, trained.faces, outlines, 0, person.reference)
+    """Some of the frames that a person was trained from, the first of which shows their reference.
+
+    shown: their numbers.
+    """
+    outlines, person = [face_outline(points[number]) for number in shown], trained.person
+    chosen = [pictures[number] for number in shown], [trained.faces[number] for number in shown]
+    return FittedFrames(person.face, camera, *chosen, outlines, 0, person.reference)

@@ -17,7 +17,9 @@ from encoder.fitting.landmark_fit import LandmarkModel, initial_parameters
 from encoder.fitting.render_and_compare import ImageFitter
 from encoder.layers.frame_layers import FrameLayers
 from encoder.layers.layer_samples import coarse_picture
-from encoder.learning.incremental_modes import FaceSample, LearnedMode
+from encoder.learning.face_sample import FaceSample
+from encoder.learning.hidden_faces import window_of
+from encoder.learning.incremental_modes import LearnedMode
 from encoder.learning.person_model import PersonModel
 from encoder.live_model.work_level import WorkLevel
 from protocol.frames.frame_transform import (
@@ -112,6 +114,16 @@ class ModelVersion:
         coarse = coarse_picture(picture) if has_layers else None
         scale = self.person.pixels_per_texel * (2 if level.halves_resolution else 1)
         return FaceSample(crop_face(picture, points, scale), points, coarse=coarse)
+
+    def mode_sample(
+        self, picture: Picture, points: Array, face: FaceParameters | None = None
+    ) -> FaceSample:
+        """The same for modes to be learned from, at full resolution.
+
+        face: as this version has fitted it; None: it has not.
+        """
+        crop = crop_face(picture, points, self.person.pixels_per_texel)
+        return FaceSample(crop, points, face, window=window_of(picture, points))
 
     def fit(
         self,

@@ -7,7 +7,7 @@ import pytest
 
 from encoder.calls.packet_filler import PacketFiller
 from encoder.capture.face_crop import crop_face
-from encoder.learning.incremental_modes import FaceSample
+from encoder.learning.face_sample import FaceSample
 from shared_model.geometry import pose_from_euler
 from shared_model.parameters import FaceParameters
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from encoder.capture.colour import luma_u8
-from encoder.capture.face_crop import MARGIN, crop_face
+from encoder.capture.face_crop import MARGIN, crop_face, crop_window
 from encoder.runtime.image_ops import sample_bicubic
 
 POINTS = np.array([(60.0, 40.0, 0.0), (120.0, 40.0, 3.0), (90.0, 110.0, 1.0)])
@@ -70,3 +70,35 @@ def test_a_window_of_luma_is_the_luma_of_a_window(texel_px: float) -> None:
     # Either is rounded to whole grey levels before and after it is shrunk.
     difference = window.picture.astype(int) - luma_u8(expected.picture)
     assert np.abs(difference).max() <= (0 if texel_px == 1 else 1)
+
+
+def test_positions_go_from_the_window_to_the_frame_and_back() -> None:
+    crop = crop_face(ramp(), POINTS, 2.5)
+    places = np.array([(70.0, 50.0), (100.5, 77.25)])
+    back = crop.to_frame_px(crop.to_crop_px(places.astype(np.float32)).astype(np.float64))
+    assert back == pytest.approx(places, abs=1e-3)
+
+
+def test_what_is_hidden_lies_within_the_outlines() -> None:
+    crop = crop_face(ramp(), POINTS, 2.0)
+    square = np.array([(80.0, 60.0), (100, 60), (100, 80), (80, 80)])
+    hidden = crop.hiding([square])
+    places = np.array([(90.0, 70.0), (70, 70), (90, 100), (-500, 70), (np.nan, 0)], np.float32)
+    shown = hidden.shows(crop.to_crop_px(places))
+    assert shown.tolist() == [False, True, True, True, True]
+    assert hidden.as_luma.hidden is hidden.hidden
+    assert crop.shows(crop.to_crop_px(places)).all()
+    assert crop.hiding([square + 5000]) is crop and crop.hiding([]) is crop
+
+
+@pytest.mark.parametrize("left, top, side", [(30, 20, 100), (-40, 90, 200), (900, 900, 50)])
+def test_a_square_window_is_cut_at_the_border_and_shrunk(left: int, top: int, side: int) -> None:
+    crop = crop_window(ramp(), (left, top, side), 64)
+    assert 1 <= max(crop.picture.shape[:2]) <= 64
+    height, width = crop.picture.shape[:2]
+    corners = crop.to_frame_px(np.array([(-0.5, -0.5), (width - 0.5, height - 0.5)]))
+    assert corners.min() >= -0.5 and (corners[1] <= (220.5, 160.5)).all()
+    if min(crop.picture.shape[:2]) > 8:
+        middle = np.array([[(width - 1) / 2, (height - 1) / 2]])
+        colours = sample_bicubic(crop.picture, middle.astype(np.float32))
+        assert colours[0, :2] == pytest.approx(crop.to_frame_px(middle)[0], abs=1.5)

@@ -8,9 +8,10 @@ import pytest
 from conftest import ClipFrames
 
 from encoder.capture.video_source import Frame, open_source
-from encoder.detection.blazeface import BlazeFaceDetector, weighted_nms
+from encoder.detection.blazeface import BlazeFaceDetector
 from encoder.detection.detector import Detection, FaceDetector, by_size
 from encoder.detection.landmarks import LandmarkTracker
+from encoder.detection.ssd import weighted_nms
 from encoder.detection.tflite import NetworkFilesMissing, find_network_folder
 from encoder.detection.viola_jones import HaarDetector
 

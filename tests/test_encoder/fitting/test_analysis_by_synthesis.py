@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from shots import Shots, whole
@@ -153,3 +154,32 @@ def test_a_few_thousand_texels_are_sampled(shots: Shots) -> None:
     fitter = fitter.with_mode(np.arange(len(shape), dtype=np.float32))
     assert fitter.template.modes.shape == (1, len(fitter.shape))
     assert (np.diff(fitter.template.modes[0]) > 0).all()
+
+
+def test_hidden_texels_do_not_pull_the_face(shots: Shots, shape: ShapeFreeFrame) -> None:
+    truth, picture = shots.faces[2], shots.pictures[2].copy()
+    middle = np.nanmean(shots.points[2][:, :2], axis=0)
+    hand = middle + np.array([(-35.0, 10.0), (35, 10), (35, 70), (-35, 70)])
+    cv2.fillConvexPoly(picture, np.rint(hand).astype(np.int32), (150, 170, 200))
+    crop, fitter, start = whole(picture), refiner_of(shots, shape, 2), astray(truth, 3)
+    known, unknown = (
+        fitter.fit_crop(view, start, 8, MOVED) for view in (crop.hiding([hand]), crop)
+    )
+    assert angle_deg(known.pose, truth.pose) < min(0.5, angle_deg(unknown.pose, truth.pose))
+
+
+def test_a_mode_that_nothing_shows_has_a_coefficient_of_zero(
+    shots: Shots, shape: ShapeFreeFrame
+) -> None:
+    truth = replace(shots.faces[2], modes=np.ones(1))
+    template = template_of(shots, shape, 2)
+    texels = shape.positions(truth)
+    at_mouth = np.array(texels[:, 1] > np.nanmedian(texels[:, 1]))
+    modes = np.where(at_mouth, 20, 0).astype(np.float32)[None]
+    with_mode = replace(template, modes=modes)
+    fitter = TexelFitter(shots.face.head, shots.face, shape, with_mode)
+    low, high = np.nanmin(texels, axis=0), np.nanmax(texels, axis=0)
+    half = np.nanmedian(texels[:, 1]) - 3
+    hand = np.array([(low[0] - 9, half), (high[0] + 9, half), high + 9, (low[0] - 9, high[1] + 9)])
+    found = fitter.fit_crop(whole(shots.pictures[2]).hiding([hand]), truth, 3, MOVED)
+    assert found.modes == pytest.approx([0], abs=0.02)

@@ -142,3 +142,33 @@ def test_pixels_of_a_large_face_are_subsampled(shots: Shots) -> None:
     crop = replace(whole(np.asarray(large, np.uint8)), scale=np.array([3.0, 3.0]))
     found = fitter_of(shots, 0).fit(crop, start, outline_of(shots, 3), 4)
     assert error(shots, 3, found, picture) < 0.2 * error(shots, 3, start, picture)
+
+
+def test_a_hidden_part_does_not_pull_the_face(shots: Shots) -> None:
+    truth = replace(shots.faces[3], modes=np.array([0.8]))
+    picture, outline = picture_of(shots, truth), outline_of(shots, 3)
+    hand = outline.mean(0) + np.array([(-40.0, 0.0), (40, 0), (40, 70), (-40, 70)])
+    # It looks as the face itself, further down.
+    covered = np.where(
+        hull_mask(hand, picture.shape[:2])[..., None] > 0, np.roll(picture, 4, 0), picture
+    )
+    crop = whole(np.asarray(covered, np.uint8))
+    start = replace(astray(truth), modes=np.zeros(1))
+    known = fitter_of(shots).fit(crop.hiding([hand]), start, outline, 5)
+    unknown = fitter_of(shots).fit(crop, start, outline, 5)
+    assert error(shots, 3, known, picture) < 0.5 * error(shots, 3, start, picture)
+    assert error(shots, 3, known, picture) < error(shots, 3, unknown, picture)
+
+
+def test_coefficients_that_nothing_shows_stay_at_the_mean(shots: Shots) -> None:
+    truth = replace(shots.faces[3], modes=np.array([0.8]))
+    outline = outline_of(shots, 3)
+    low, high = outline.min(0) - 9, outline.max(0) + 9
+    everything = np.array([low, (high[0], low[1]), high, (low[0], high[1])])
+    hidden = whole(picture_of(shots, truth)).hiding([everything])
+    for found in (
+        fitter_of(shots).fit(hidden, replace(truth, modes=np.ones(1)), outline, 3),
+        fitter_of(shots).fit_modes(hidden, replace(truth, modes=np.ones(1)), outline),
+    ):
+        assert found.modes == pytest.approx([0], abs=1e-3)
+        assert found.pose.translation_mm == pytest.approx(truth.pose.translation_mm, abs=1e-3)

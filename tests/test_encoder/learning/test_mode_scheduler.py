@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from encoder.capture.face_crop import Crop
-from encoder.learning.incremental_modes import BYTES_PER_S, FaceSample, LearnedMode
+from encoder.learning.face_sample import FaceSample
+from encoder.learning.incremental_modes import BYTES_PER_S, LearnedMode
 from encoder.learning.mode_scheduler import ModeScheduler
 
 FPS, MODE_BYTES = 30.0, 100

@@ -18,7 +18,7 @@ from encoder.capture.video_source import open_source
 from encoder.coding.background import BackgroundImage
 from encoder.coding.gop import gop_for_fps
 from encoder.coding.model_packet import BUDGETS
-from encoder.learning.incremental_modes import FaceSample
+from encoder.learning.face_sample import FaceSample
 from encoder.live_model.learner import LocalLearner, ModesTask, TrainingTask
 from encoder.live_model.learning_process import LearningProcess
 from encoder.live_model.model_trainer import ModelTrainer

@@ -12,7 +12,8 @@ from encoder.capture.video_source import open_source
 from encoder.coding.background import BackgroundImage
 from encoder.coding.gop import GopStructure
 from encoder.coding.model_packet import BUDGETS
-from encoder.learning.incremental_modes import FaceSample, LearnedMode
+from encoder.learning.face_sample import FaceSample
+from encoder.learning.incremental_modes import LearnedMode
 from encoder.live_model.model_trainer import ModelTrainer
 from encoder.live_model.model_version import RESERVED_MODES, ModelVersion
 from encoder.live_model.training_frames import TrainingFrames

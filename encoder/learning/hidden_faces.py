@@ -1,0 +1,106 @@
+"""Faces that hands hide in some frames of a sample: what hides them is not learned as the face.
+
+A palm search takes 6 to 15 ms: only the sample is searched, and frames beside those that show one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.capture.face_crop import Crop, crop_window
+from encoder.detection.hands import PALM_PX, HandFinder, window_around
+from encoder.detection.tflite import find_hand_networks
+from encoder.learning.face_sample import FaceSample
+from encoder.runtime.parallel import parallel_map
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+# The outlines (k, 2) of the hands in a frame, pixels.
+Outlines = list[Array]
+
+# Hands in more than this share of the frames belong to the person, as a cheek that is leant on one.
+MAX_SHARE = 0.9
+
+
+class HandWatch:
+    """Looks for hands near a face; without the networks there are none."""
+
+    def __init__(self) -> None:
+        files = find_hand_networks()
+        self._finder = None if files is None else HandFinder(files)
+
+    def find(self, picture: Picture, points: Array) -> Outlines:
+        """Hands in a frame (h, w, 3) uint8 BGR near the face with these landmarks (468, >= 2)."""
+        return [] if self._finder is None else self._finder.find(picture, window_around(points))
+
+    def hide_in_burst(self, samples: Sequence[FaceSample]) -> list[FaceSample]:
+        """Samples that follow each other, with the hands in their crops hidden.
+
+        All are searched if the first or the last one shows a hand.
+        """
+        ends = samples[:1], samples[1:][-1:]
+        if not any(self._in_window(each) for end in ends for each in end):
+            return list(samples)
+        return [
+            replace(each, crop=each.crop.hiding(self._in_window(each)), window=None)
+            for each in samples
+        ]
+
+    def _in_window(self, sample: FaceSample) -> Outlines:
+        window = sample.window
+        if window is None or self._finder is None:
+            return []
+        whole = 0, 0, max(window.picture.shape[:2])
+        return [window.to_frame_px(each) for each in self._finder.find(window.picture, whole)]
+
+    def find_all(
+        self, pictures: Sequence[Picture], points: Sequence[Array], workers: int | None = None
+    ) -> list[Outlines]:
+        """Hands in each frame of a sample; none at all where they belong to the person.
+
+        workers: see `parallel_map`.
+        """
+        pairs = zip(pictures, points, strict=True)
+        return that_come_and_go(parallel_map(lambda pair: self.find(*pair), pairs, workers))
+
+
+def window_of(picture: Picture, points: Array) -> Crop:
+    """What a frame shows around a face with these landmarks, see `FaceSample.window`."""
+    return crop_window(picture, window_around(points), PALM_PX)
+
+
+def that_come_and_go(hands: Sequence[Outlines]) -> list[Outlines]:
+    """The hands of each frame, or none at all where nearly all frames show some."""
+    shown = sum(map(bool, hands))
+    return [[] for _ in hands] if shown > MAX_SHARE * len(hands) else list(hands)
+
+
+def without_hands(hands: Sequence[Outlines]) -> list[int]:
+    """Numbers of the frames in which there is no hand; see `that_come_and_go`."""
+    return [number for number, outlines in enumerate(hands) if not outlines]
+
+
+@dataclass(slots=True)
+class SampleHands:
+    """The hands in a sample of a recorded call, and in the frames beside it.
+
+    numbers: of the frames of the sample, rising.  hands: in each.
+    """
+
+    watch: HandWatch
+    numbers: Sequence[int]
+    hands: Sequence[Outlines]
+    _of: dict[int, Outlines] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._of = dict(zip(self.numbers, self.hands, strict=True))
+
+    def in_frame(self, number: int, picture: Picture, points: Array) -> Outlines:
+        """Hands in frame `number`: it is searched if one of the sample beside it shows a hand."""
+        if number in self._of:
+            return self._of[number]
+        after = int(np.searchsorted(self.numbers, number))
+        beside = list(self.numbers[max(after - 1, 0) : after + 1])
+        return self.watch.find(picture, points) if any(self._of[each] for each in beside) else []
