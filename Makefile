@@ -5,6 +5,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 COMPILED := $(VENV)/.compiled
 BROWSER := $(VENV)/.browser
+JUDGE := .judge/.installed
 # Zenoh's threads, which coverage does not see, and compiled loops.
 NOT_COVERED := protocol/link/zenoh_direction.py,protocol/link/zenoh_link.py,protocol/link/zenoh_session.py,protocol/relay/zenoh_relay.py,protocol/runtime/*
 # In the order of the folders: the longest files are among the first, and no process is left alone
@@ -15,7 +16,7 @@ PACKAGES := shared_model protocol encoder decoder aam loopback risorius
 # compiles all modules again.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: install demo test test-protocol test-packages coverage lint format lock clean
+.PHONY: install judge demo test test-protocol test-packages coverage lint format lock clean
 
 install: $(COMPILED)
 
@@ -32,6 +33,14 @@ $(COMPILED): $(INSTALLED)
 
 $(BROWSER): scripts/system_libraries.sh | $(INSTALLED)
 	sh scripts/system_libraries.sh $(PYTHON) browser
+	touch $@
+
+# What judges without sharing anything with the encoder, see docs/compare.md.
+judge: $(JUDGE)
+
+$(JUDGE): requirements-judge.txt
+	$(PYTHON) -m venv --clear .judge
+	.judge/bin/python -m pip install --quiet --no-deps -r requirements-judge.txt
 	touch $@
 
 demo: $(COMPILED)
@@ -69,5 +78,5 @@ lock:
 	    --generate-hashes --no-header --no-annotate --quiet -o requirements.lock
 
 clean:
-	rm -rf $(VENV) build out *.egg-info .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) .judge build out *.egg-info .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find $(PACKAGES) benchmarks assets tests -name __pycache__ -type d -exec rm -rf {} +

@@ -9,15 +9,12 @@ import numpy as np
 
 from encoder.capture.frame_times import exact_fps
 from encoder.capture.video_source import is_pipe, open_source
+from loopback.judge.comparison import compare, observe_source
+from loopback.judge.observer import Observer, find_observer
 from loopback.process_pair import CallResult, run_call
-from loopback.quality.landmark_metrics import LandmarkMetrics, compare_faces
-from loopback.quality.region_quality import RegionQuality, region_meter
-from loopback.quality.video_quality import (
-    FaceMaskFinder,
-    Quality,
-    face_mask_finder,
-    measure_quality,
-)
+from loopback.quality.landmark_metrics import LandmarkMetrics
+from loopback.quality.region_quality import RegionQuality
+from loopback.quality.video_quality import Quality
 from loopback.report import figure, html_page, rounded, wrapped_table
 from protocol.summary import nominal_duration_s
 from shared_model.errors import UserError
@@ -52,6 +49,7 @@ CALL_FIGURES = (
     *("latency_ms.p50", "latency_ms.p99", "encoder_fps", "decoder_fps"),
     *("overloaded_frames", "omitted_frames", "worst_lag_ms", "skipped_frames"),
 )
+JUDGE = ("judge", "judge_is_independent")
 STAGES = (
     *("encoder_ms.", "decoder_ms.", "encoder_cpu_ms.", "decoder_cpu_ms."),
     *("encoder_frame_ms.", "decoder_frame_ms.", "overload_levels."),
@@ -115,10 +113,11 @@ def bench(
     runs.
     """
     check_recorded(sources)
+    observer = find_observer()
     for source, name in zip(sources, output_names(sources), strict=True):
         say(f"bench: {source}")
         try:
-            yield bench_clip(source, settings, folder / f"{name}.mkv", face_mask_finder(say), say)
+            yield bench_clip(source, settings, folder / f"{name}.mkv", observer, say)
         except UserError as error:
             yield ClipFailure(source, error)
 
@@ -138,7 +137,7 @@ def bench_clip(
     source: str,
     settings: BenchSettings,
     output: Path,
-    find_face_mask: FaceMaskFinder,
+    observer: Observer,
     say: Callable[[str], None],
 ) -> dict[str, Any]:
     """The figures of one source, sent from one process to another; decoded into `output`.
@@ -151,17 +150,10 @@ def bench_clip(
     make_folder(output.parent)
     limit_s = LIMIT_START_S + LIMIT_S_PER_FRAME * frames
     result = run_call(source, output, settings.encoder_options(), limit_s)
-    quality = measure_quality(
-        source,
-        str(output),
-        find_face_mask,
-        lambda done, total: None,
-        settings.max_frames,
-        regions=region_meter(say),
-    )
-    metrics = compare_faces(source, str(output), settings.max_frames)
+    view = observe_source(source, observer, settings.max_frames)
+    compared = compare(view, str(output), observer, lambda done, total: None, say)
     figures = call_figures(result, settings.profile)
-    return {"source": Path(source).name, **figures, **quality.figures(), **asdict(metrics)}
+    return {"source": Path(source).name, **figures, **compared.figures()}
 
 
 def is_figure(name: str) -> bool:
@@ -169,7 +161,7 @@ def is_figure(name: str) -> bool:
     of_pictures = {
         item.name for kind in (Quality, RegionQuality, LandmarkMetrics) for item in fields(kind)
     }
-    return name in of_pictures.union(CALL_FIGURES) or name.startswith(STAGES)
+    return name in of_pictures.union(CALL_FIGURES, JUDGE) or name.startswith(STAGES)
 
 
 def call_figures(result: CallResult, profile: str) -> dict[str, Any]:

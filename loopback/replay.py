@@ -18,7 +18,7 @@ from loopback.bench import (
     output_names,
 )
 from loopback.clip_paths import clip_path
-from loopback.quality.video_quality import face_mask_finder
+from loopback.judge.observer import Observer, find_observer
 from loopback.report import flatten, table
 from loopback.toml_file import read_toml
 from shared_model.errors import UserError
@@ -106,10 +106,11 @@ def replay(suite: Suite, folder: Path, say: Say) -> Iterator[ClipResult]:
     """
     check_inputs(suite)
     names = output_names([clip.name for clip in suite.clips])
+    observer = find_observer()
     make_folder(folder)
     for clip, name in zip(suite.clips, names, strict=True):
         say(f"replay: {clip.name}")
-        yield _replay_clip(clip, folder / f"{name}.mkv", say)
+        yield _replay_clip(clip, folder / f"{name}.mkv", observer, say)
 
 
 def check_inputs(suite: Suite) -> None:
@@ -160,9 +161,9 @@ def junit_xml(suite: Suite, results: list[ClipResult]) -> bytes:
     return bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
 
 
-def _replay_clip(clip: Clip, output: Path, say: Say) -> ClipResult:
+def _replay_clip(clip: Clip, output: Path, observer: Observer, say: Say) -> ClipResult:
     try:
-        figures = bench_clip(clip.path, clip.settings, output, face_mask_finder(say), say)
+        figures = bench_clip(clip.path, clip.settings, output, observer, say)
     except UserError as error:
         return ClipResult(clip.name, {"source": clip.name}, (), str(error))
     return ClipResult(clip.name, figures, check(clip, figures), None)

@@ -27,6 +27,7 @@ from risorius.commands.annotate import add_annotate
 from risorius.commands.benchmarks import add_bench, add_replay
 from risorius.commands.call import add_call
 from risorius.commands.calls import add_calls
+from risorius.commands.compare import add_compare
 from risorius.commands.completion import add_completion
 from risorius.commands.decode import add_decode
 from risorius.commands.drawing import add_animate, add_view
@@ -48,6 +49,7 @@ COMMANDS = (
     add_relay,
     add_invite,
     add_keys,
+    add_compare,
     add_bench,
     add_replay,
     add_info,

@@ -17,8 +17,10 @@ from encoder.options import EncodeOptions
 from encoder.pipeline import encode
 from loopback.bench import make_folder
 from loopback.clip_paths import CARPHONE, clip_path
-from loopback.quality.region_quality import RegionQuality, region_meter
-from loopback.quality.video_quality import Quality, face_mask_finder, measure_quality
+from loopback.judge.comparison import compare, observe_source
+from loopback.judge.observer import find_observer
+from loopback.quality.region_quality import RegionQuality
+from loopback.quality.video_quality import Quality
 from loopback.report import Cell, table
 from protocol.summary import CallSummary, summarise
 from shared_model.errors import UserError
@@ -46,9 +48,9 @@ def demo(folder: Path, say: Callable[[str], None], stop: Callable[[], bool]) -> 
     say("demo: decode")
     decode(DecodeOptions(call_file=call, output=decoded), _ignore, stop)
     say("demo: compare")
-    quality = measure_quality(
-        source, str(decoded), face_mask_finder(say), _ignore, regions=region_meter(say)
-    )
+    observer = find_observer()
+    view = observe_source(source, observer)
+    quality = compare(view, str(decoded), observer, _ignore, say, with_faces=False).quality
     both, sheet = folder / "side_by_side.mp4", folder / "contact_sheet.png"
     write_side_by_side(source, decoded, both)
     write_contact_sheet(source, decoded, sheet, quality.frames)

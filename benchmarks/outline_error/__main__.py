@@ -7,6 +7,7 @@ tenth frame.
 
 import argparse
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 
 import cv2
 import numpy as np
@@ -15,8 +16,9 @@ from numpy.typing import NDArray
 from benchmarks.command import run
 from encoder.capture.video_source import open_source
 from encoder.detection.tflite import find_segmentation_network
+from loopback.judge.observer import person_mask
 from loopback.quality.psnr import psnr_db, squared_error
-from loopback.quality.region_quality import FRAME_INTERVAL, PersonMaskFinder, person_mask_finder
+from loopback.quality.region_quality import FRAME_INTERVAL
 from loopback.quality.video_quality import TrackedFaceMask, check_size
 from shared_model.errors import UserError
 
@@ -39,7 +41,7 @@ def main(arguments: Sequence[str]) -> None:
     with open_source(options.source) as originals, open_source(options.decoded) as copies:
         check_size(originals, copies.name, copies.width, copies.height)
         pairs = ((first[1], second[1]) for first, second in zip(originals, copies, strict=False))
-        figures = ring_psnr_db(pairs, TrackedFaceMask(), person_mask_finder(path))
+        figures = ring_psnr_db(pairs, TrackedFaceMask(), partial(person_mask, path))
     print("\n".join(lines(figures)))
 
 
@@ -55,7 +57,7 @@ def lines(figures: Sequence[float]) -> list[str]:
 def ring_psnr_db(
     pairs: Iterable[tuple[Picture, Picture]],
     find_face: Callable[[Picture], Mask | None],
-    find_person: PersonMaskFinder,
+    find_person: Callable[[Picture], Mask],
 ) -> list[float]:
     """The PSNR, dB, in each of `RINGS`; nan where there is none.
 

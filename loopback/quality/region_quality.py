@@ -1,12 +1,11 @@
 """Quality of what surrounds the face: the person, what is behind, and how the picture looks.
 
-Looked at in every tenth frame, since SSIMULACRA2 and the segmentation network take their time.
+Looked at in every tenth frame, since SSIMULACRA2 and segmentation take their time.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -14,16 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture.colour import luma_u8
-from encoder.detection.segmentation import person_probability
-from encoder.detection.tflite import find_segmentation_network
 from loopback.quality.psnr import psnr_db
 from loopback.report import rounded
 
 Picture = NDArray[np.uint8]
 Luma = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-# The person in a picture as a mask, (height, width) bool.
-PersonMaskFinder = Callable[[Picture], Mask]
 # SSIMULACRA2 of a copy beside its original.
 Similarity = Callable[[Picture, Picture], float]
 
@@ -59,12 +54,15 @@ class RegionQuality:
 class RegionMeter:
     """Collects the figures of one video.
 
-    find_person: None leaves out person, background and flicker.
+    people: the person in each frame that is looked at, (height, width); None leaves out person,
+        background and flicker.
     similarity: None leaves out SSIMULACRA2.
+    interval: every so many frames one is looked at.
     """
 
-    find_person: PersonMaskFinder | None
+    people: Sequence[Mask] | None
     similarity: Similarity | None
+    interval: int = FRAME_INTERVAL
     _values: dict[str, list[float]] = field(default_factory=dict)
     _changes: list[tuple[float, float]] = field(default_factory=list)
     _before: tuple[Luma, Luma, Mask] | None = None
@@ -74,11 +72,11 @@ class RegionMeter:
 
         original, copy: (height, width, 3) uint8 BGR.  face: mask of the face in `original`.
         """
-        if index % FRAME_INTERVAL:
+        if index % self.interval:
             return
         face = np.zeros(original.shape[:2], np.bool_) if face is None else face
-        if self.find_person is not None:
-            self._add_regions(original, copy, face, self.find_person(original))
+        if self.people is not None:
+            self._add_regions(original, copy, face, self.people[index // self.interval])
         if self.similarity is not None:
             self._add("picture_ssimulacra2", self.similarity(original, copy))
             if face.any():
@@ -111,29 +109,19 @@ class RegionMeter:
         self._values.setdefault(name, []).append(value)
 
 
-def region_meter(warn: Callable[[str], None]) -> RegionMeter:
-    """A meter with what is installed; `warn` is called with a line for each part that is not."""
-    path = find_segmentation_network()
-    if path is None:
+def region_meter(
+    people: Sequence[Mask] | None, warn: Callable[[str], None], interval: int = FRAME_INTERVAL
+) -> RegionMeter:
+    """A meter with what is installed; `warn` is called with a line for each part that is not.
+
+    people: the person in each frame that is looked at; None: not known.
+    """
+    if people is None:
         warn("risorius: warning: no segmentation network: no PSNR of person and background")
-        find_person = None
-    else:
-        find_person = person_mask_finder(path)
     similarity = _ssimulacra2()
     if similarity is None:
         warn("risorius: warning: no SSIMULACRA2; pip install '.[quality]' brings it")
-    return RegionMeter(find_person, similarity)
-
-
-def person_mask_finder(path: Path) -> PersonMaskFinder:
-    """A finder with the segmentation network at `path`."""
-
-    def find_person(picture: Picture) -> Mask:
-        probability = person_probability(path, picture)
-        size = picture.shape[1::-1]
-        return np.asarray(cv2.resize(probability, size, interpolation=cv2.INTER_LINEAR) > 0.5)
-
-    return find_person
+    return RegionMeter(people, similarity, interval)
 
 
 def _ssimulacra2() -> Similarity | None:

@@ -18,6 +18,7 @@ from encoder.detection.tflite import NetworkFilesMissing
 from encoder.runtime.image_ops import hull_mask
 from loopback.quality.psnr import psnr_db, squared_error
 from loopback.quality.region_quality import RegionMeter, RegionQuality
+from loopback.quality.ssim import ssim_map
 from loopback.report import rounded
 from shared_model.errors import UserError
 
@@ -34,6 +35,7 @@ class Quality:
 
     frames: compared; face_frames: those of them whose source shows a face.
     face_*: over the face mask of the source, None without any face; full_*: over the whole picture.
+    *_ssim: mean structural similarity, if it was measured.
     regions: what is around the face, if it was measured.
     """
 
@@ -43,6 +45,8 @@ class Quality:
     face_psnr_p5_db: float | None
     full_psnr_db: float | None
     full_psnr_p5_db: float | None
+    face_ssim: float | None = None
+    full_ssim: float | None = None
     regions: RegionQuality | None = None
 
     def figures(self) -> dict[str, Any]:
@@ -75,17 +79,20 @@ def measure_quality(
     max_frames: int | None = None,
     is_strict: bool = True,
     regions: RegionMeter | None = None,
+    with_ssim: bool = False,
 ) -> Quality:
     """Compare a decoded video with its source, frame by frame.
 
     source, decoded: anything `open_source` opens.  max_frames: compare no more frames.
     is_strict: one that ends before the other, and before `max_frames`, is an error; else only the
         frames of both are compared.
-    regions: measures what is around the face as well.
+    regions: measures what is around the face as well.  with_ssim: see `Quality`.
     Raises `UserError` if they have different sizes.
     """
     face: list[float] = []
     full: list[float] = []
+    face_ssim: list[float] = []
+    full_ssim: list[float] = []
     with open_source(source) as originals, open_source(decoded) as copies:
         check_size(originals, copies.name, copies.width, copies.height)
         for index, (original, copy) in enumerate(zip_longest(originals, copies)):
@@ -99,13 +106,19 @@ def measure_quality(
             error = squared_error(original[1], copy[1])
             full.append(psnr_db(error))
             mask = _in_source_pixels(find_face_mask, original[1], originals.sample_aspect)
-            if mask is not None and mask.any():
+            has_face = mask is not None and bool(mask.any())
+            if has_face:
                 face.append(psnr_db(error[mask]))
+            if with_ssim:
+                similar = ssim_map(original[1], copy[1])
+                full_ssim.append(float(similar.mean()))
+                face_ssim += [float(similar[mask].mean())] if has_face else []
             if regions is not None:
                 regions.add(index, original[1], copy[1], mask)
             progress(index + 1, max_frames or originals.frame_count)
     around = None if regions is None else regions.result()
-    return Quality(len(full), len(face), *_mean_and_p5(face), *_mean_and_p5(full), around)
+    psnr = *_mean_and_p5(face), *_mean_and_p5(full)
+    return Quality(len(full), len(face), *psnr, _mean(face_ssim), _mean(full_ssim), around)
 
 
 def source_frame_count(source: str, expected: int) -> int:
@@ -146,6 +159,10 @@ def _mean_and_p5(values: list[float]) -> tuple[float | None, float | None]:
     if not values:
         return None, None
     return rounded(float(np.mean(values))), rounded(float(np.percentile(values, 5)))
+
+
+def _mean(values: list[float]) -> float | None:
+    return rounded(float(np.mean(values)), 4) if values else None
 
 
 def face_mask_finder(warn: Callable[[str], None]) -> FaceMaskFinder:

@@ -22,8 +22,8 @@ from loopback.bench import (
     mean_figures,
     output_names,
 )
+from loopback.judge.observer import EncoderNetworks
 from loopback.process_pair import free_port, run_call
-from loopback.quality.video_quality import face_mask_finder
 from loopback.report import figure, flatten, rounded, table
 from loopback.timing_tables import timings_tables
 from risorius.cli import main
@@ -113,7 +113,7 @@ def test_an_end_that_took_no_time_has_no_shares() -> None:
 @pytest.mark.parametrize("source", ["0", "rtsp://192.0.2.1/a"])
 def test_a_live_source_cannot_be_compared(source: str, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="only a recorded video"):
-        bench_clip(source, BenchSettings(), tmp_path / "a.mkv", lambda picture: None, pytest.fail)
+        bench_clip(source, BenchSettings(), tmp_path / "a.mkv", EncoderNetworks(), pytest.fail)
 
 
 def test_a_call_that_takes_too_long_is_ended(carphone: Path, tmp_path: Path) -> None:
@@ -213,7 +213,7 @@ def test_bench_and_file_decode_to_the_same_pictures(carphone: Path, tmp_path: Pa
     options = ["--profile", "thesis", "--max-frames", "12", "-q"]
     assert main(["encode", str(carphone), "-o", str(call), *options]) == 0
     assert main(["decode", str(call), "-o", str(over_file), "-q"]) == 0
-    bench_clip(str(carphone), settings, over_link, face_mask_finder(pytest.fail), pytest.fail)
+    bench_clip(str(carphone), settings, over_link, EncoderNetworks(), pytest.fail)
     with open_source(str(over_file)) as file, open_source(str(over_link)) as link:
         pairs = zip(file, link, strict=True)
         assert all(np.array_equal(ours[1], theirs[1]) for ours, theirs in pairs)

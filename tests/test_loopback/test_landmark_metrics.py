@@ -1,18 +1,15 @@
 """Likeness of two faces: landmarks apart, gestures together, faces lost."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from loopback.quality.landmark_metrics import (
     LandmarkMetrics,
-    compare_faces,
     correlation,
     landmark_metrics,
+    restlessness,
 )
-from shared_model.errors import UserError
 
 EYES_PX = 60.0
 
@@ -27,7 +24,8 @@ def talking(count: int = 30) -> NDArray[np.float64]:
 
 
 def test_a_face_is_like_itself() -> None:
-    assert landmark_metrics(talking(), talking()) == LandmarkMetrics(1.0, 0.0, 1.0, None, None)
+    itself = LandmarkMetrics(1.0, 0.0, 1.0, mouth_mae_percent=0.0, jitter_ratio=1.0)
+    assert landmark_metrics(talking(), talking()) == itself
 
 
 def test_landmarks_apart_are_measured_by_the_eyes_distance() -> None:
@@ -59,21 +57,32 @@ def test_what_stands_still_has_no_correlation() -> None:
     assert correlation(moving, 1 - moving) == -1
 
 
-def test_a_clip_is_like_itself(carphone: Path) -> None:
-    found = compare_faces(str(carphone), str(carphone), 10)
-    assert found.face_found == 1 and found.nme_percent == 0 and found.mouth_corr == 1
+def test_the_pose_is_compared_by_the_shape_of_the_face() -> None:
+    rng = np.random.default_rng(3)
+    head = rng.normal(size=(468, 3)) * 60
+    head[33], head[263] = (-40, -30, 0), (40, -30, 0)
+
+    def seen(yaw_deg: float) -> NDArray[np.float64]:
+        c, s = np.cos(np.radians(yaw_deg)), np.sin(np.radians(yaw_deg))
+        turned = head @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T
+        depth = 1500 + turned[:, 2:]
+        flat = 640 * turned[:, :2] / depth + [320, 240]
+        return np.concatenate([flat, turned[:, 2:] * 640 / 1500], 1)
+
+    angles = np.linspace(-20, 20, 9)
+    source = np.array([seen(angle) for angle in angles])
+    decoded = np.array([seen(angle + 3) for angle in angles])
+    found = landmark_metrics(source, decoded, (640, 480))
+    assert found.yaw_mae_deg == pytest.approx(3, abs=0.5)
+    assert found.pitch_mae_deg is not None and found.pitch_mae_deg < 0.5
+    assert landmark_metrics(source, source, (640, 480)).yaw_mae_deg == 0
+    assert landmark_metrics(source[..., :2], decoded[..., :2]).yaw_mae_deg is None
 
 
-def test_nothing_is_said_without_the_landmark_networks(
-    noise: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def missing(name: str) -> None:
-        """No package of networks."""
-
-    monkeypatch.setattr("encoder.detection.tflite.find_spec", missing)
-    assert compare_faces(str(noise), str(noise)) == LandmarkMetrics()
-
-
-def test_a_missing_video_is_the_users_mistake(networks: Path) -> None:
-    with pytest.raises(UserError):
-        compare_faces("none.mp4", "none.mp4")
+def test_restlessness_is_that_of_the_second_differences() -> None:
+    calm = talking()
+    restless = calm + np.where(np.arange(len(calm)) % 2, 0.3, -0.3)[:, None, None]
+    ratio = landmark_metrics(calm, restless).jitter_ratio
+    assert ratio is not None and ratio > 1.5
+    still = np.repeat(calm[:1], 9, 0)
+    assert restlessness(still) == 0 and restlessness(still + np.arange(9)[:, None, None]) < 1e-9

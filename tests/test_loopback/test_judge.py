@@ -1,0 +1,161 @@
+"""The judge: who looks, what is compared, and that an independent program finds the same."""
+
+import json
+import os
+import subprocess
+import sys
+from fractions import Fraction
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import ROOT, ClipFrames
+from numpy.typing import NDArray
+
+from decoder.sinks.frame_sink import open_sink
+from loopback.judge.comparison import compare, observe_source
+from loopback.judge.observer import (
+    ENVIRONMENT_VARIABLE,
+    EncoderNetworks,
+    MediaPipeJudge,
+    Observer,
+    find_observer,
+)
+from risorius.cli import main
+from shared_model.errors import UserError
+
+Picture = NDArray[np.uint8]
+EVALUATE = ROOT.parent / "shared" / "tools" / "evaluate.py"
+# Clips of five people, and how many of their frames.
+CLIPS, FRAMES = ("carphone.mp4", "akiyo.mp4", "smile.mp4", "turn.mp4", "still.mpg"), 31
+
+
+def write(path: Path, pictures: list[Picture], aspect: Fraction = Fraction(1)) -> str:
+    height, width = pictures[0].shape[:2]
+    with open_sink(path, width, height, Fraction(25), sample_aspect=aspect) as sink:
+        for picture in pictures:
+            sink.write(picture)
+    return str(path)
+
+
+def worse(picture: Picture, index: int) -> Picture:
+    """A picture as a codec of few bits might leave it, moved a little now and then."""
+    small = cv2.resize(picture, None, fx=0.4, fy=0.4, interpolation=cv2.INTER_AREA)
+    size = picture.shape[1], picture.shape[0]
+    blurred = cv2.resize(small, size, interpolation=cv2.INTER_LINEAR)
+    return np.asarray(np.roll(blurred, index % 3, axis=1), np.uint8)
+
+
+@pytest.fixture(scope="session")
+def judge() -> Observer:
+    found = find_observer()
+    if not found.is_independent:
+        pytest.skip("needs a judge: make judge")
+    return found
+
+
+def ignore(done: int, total: int | None) -> None:
+    assert done > 0
+
+
+@pytest.mark.parametrize("name", CLIPS)
+def test_the_judge_agrees_with_the_independent_program(
+    name: str, judge: MediaPipeJudge, clip_frames: ClipFrames, tmp_path: Path
+) -> None:
+    if not EVALUATE.is_file():
+        pytest.skip(f"needs {EVALUATE}")
+    pictures = clip_frames(name, FRAMES)
+    source = write(tmp_path / "a.mkv", pictures)
+    decoded = write(tmp_path / "b.mkv", [worse(p, i) for i, p in enumerate(pictures)])
+    command = [str(judge.python), str(EVALUATE), source, decoded, "--picture"]
+    said = subprocess.run(command, capture_output=True, check=True, text=True).stdout
+    theirs = json.loads(said[said.index("{") :])
+    found = compare(observe_source(source, judge), decoded, judge, ignore, pytest.fail)
+    ours = found.figures()
+    assert ours["judge"] == "MediaPipe" and ours["frames"] == theirs["frames"] == FRAMES
+    theirs["face_psnr_p5_db"] = theirs["face_psnr_p5"]
+    for figure, apart in {
+        **dict.fromkeys(("face_psnr_db", "face_psnr_p5_db", "full_psnr_db"), 0.1),
+        **dict.fromkeys(("person_psnr_db", "background_psnr_db"), 0.1),
+        **dict.fromkeys(("face_ssim", "face_found", "flicker_ratio", "jitter_ratio"), 0.01),
+        **dict.fromkeys(("mouth_corr", "brow_corr", "blink_corr"), 0.01),
+        **dict.fromkeys(("face_ssimulacra2", "picture_ssimulacra2"), 1),
+        **dict.fromkeys(("nme_percent", "mouth_mae_percent"), 0.01),
+        **dict.fromkeys(("yaw_mae_deg", "pitch_mae_deg", "roll_mae_deg"), 0.01),
+    }.items():
+        if theirs.get(figure) is not None:
+            assert ours[figure] == pytest.approx(theirs[figure], abs=apart + 1e-9), figure
+
+
+def test_a_clip_is_like_itself(carphone: Path) -> None:
+    observer = EncoderNetworks()
+    view = observe_source(str(carphone), observer, 11)
+    lines: list[str] = []
+    found = compare(view, str(carphone), observer, ignore, lines.append).figures()
+    assert found["face_found"] == found["face_ssim"] == found["mouth_corr"] == 1
+    assert found["nme_percent"] == found["yaw_mae_deg"] == 0 and found["jitter_ratio"] == 1
+    if view.people is not None:
+        assert found["person_psnr_db"] == pytest.approx(108, abs=1)
+    assert not found["judge_is_independent"]
+
+
+def test_pixels_that_are_not_square_are_looked_at_in_square_ones(
+    clip_frames: ClipFrames, networks: Path, tmp_path: Path
+) -> None:
+    frames = clip_frames("smile.mp4", 3)
+    observer = EncoderNetworks()
+    square = observe_source(write(tmp_path / "a.mkv", frames), observer)
+    narrow = [np.asarray(cv2.resize(f, None, fx=0.5, fy=1), np.uint8) for f in frames]
+    squeezed = observe_source(write(tmp_path / "b.mkv", narrow, Fraction(2)), observer)
+    assert squeezed.landmarks == pytest.approx(square.landmarks, abs=4)
+    assert squeezed.size == (320, 360)
+    lines: list[str] = []
+    found = compare(squeezed, squeezed.source, observer, ignore, lines.append).figures()
+    assert found["face_frames"] == 3 and found["nme_percent"] == 0
+
+
+def test_nothing_is_found_without_the_landmark_networks(
+    noise: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("encoder.detection.tflite.find_spec", lambda name: None)
+    observer = EncoderNetworks()
+    view, lines = observe_source(str(noise), observer), list[str]()
+    found = compare(view, str(noise), observer, ignore, lines.append)
+    assert found.quality.face_psnr_db is None and found.faces.nme_percent is None
+    assert any("segmentation" in line for line in lines)
+
+
+def test_a_judge_that_is_named_is_used_and_one_that_is_missing_is_the_users_mistake(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv(ENVIRONMENT_VARIABLE, sys.executable)
+    assert find_observer().is_independent
+    monkeypatch.setenv(ENVIRONMENT_VARIABLE, "/nowhere/python")
+    with pytest.raises(UserError, match="RISORIUS_JUDGE"):
+        find_observer()
+
+
+def test_a_judge_that_fails_says_why(tmp_path: Path) -> None:
+    false = tmp_path / "python"
+    false.write_text("#!/bin/sh\necho no such network >&2\nexit 3\n")
+    os.chmod(false, 0o755)
+    picture = np.zeros((40, 40, 3), np.uint8)
+    with pytest.raises(UserError, match="the judge failed: no such network"):
+        MediaPipeJudge(false).landmarks([picture] * 99)
+    assert MediaPipeJudge(false).landmarks([]).shape == (0, 468, 3)
+    assert MediaPipeJudge(false).people([]) == []
+
+
+def test_the_command_prints_a_table_or_json(
+    carphone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["compare", str(carphone), str(carphone), "--max-frames", "4"]
+    assert main(arguments) == 0
+    assert "PSNR of the picture, dB" in capsys.readouterr().out
+    assert main([*arguments, "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["frames"] == 4 and figures["full_ssim"] == 1
+    other = write(tmp_path / "b.mkv", [np.zeros((40, 40, 3), np.uint8)])
+    assert main(["compare", str(carphone), other]) == 2
+    assert "40x40" in capsys.readouterr().err
