@@ -11,6 +11,7 @@ from encoder.capture.frame_times import exact_fps
 from encoder.capture.video_source import is_pipe, open_source
 from loopback.judge.comparison import compare, observe_source
 from loopback.judge.observer import Observer, find_observer
+from loopback.judge.voice import VoiceQuality
 from loopback.process_pair import CallResult, run_call
 from loopback.quality.landmark_metrics import LandmarkMetrics
 from loopback.quality.region_quality import RegionQuality
@@ -159,7 +160,9 @@ def bench_clip(
 def is_figure(name: str) -> bool:
     """Whether a clip's report has a figure of this dotted name."""
     of_pictures = {
-        item.name for kind in (Quality, RegionQuality, LandmarkMetrics) for item in fields(kind)
+        item.name
+        for kind in (Quality, RegionQuality, LandmarkMetrics, VoiceQuality)
+        for item in fields(kind)
     }
     return name in of_pictures.union(CALL_FIGURES, JUDGE) or name.startswith(STAGES)
 

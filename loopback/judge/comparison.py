@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from encoder.capture.video_source import open_source
 from loopback.judge.observer import Observer
+from loopback.judge.voice import VoiceQuality, compare_voices
 from loopback.quality.landmark_metrics import LandmarkMetrics, landmark_metrics
 from loopback.quality.region_quality import FRAME_INTERVAL, region_meter
 from loopback.quality.video_quality import (
@@ -68,11 +69,12 @@ class Comparison:
     is_independent: bool
     quality: Quality
     faces: LandmarkMetrics
+    voice: VoiceQuality
 
     def figures(self) -> dict[str, Any]:
         """All figures by name, and the judge."""
         judge = {"judge": self.judge, "judge_is_independent": self.is_independent}
-        return {**self.quality.figures(), **asdict(self.faces), **judge}
+        return {**self.quality.figures(), **asdict(self.faces), **asdict(self.voice), **judge}
 
 
 def observe_source(
@@ -100,10 +102,12 @@ def compare(
     progress: Progress,
     warn: Warn,
     with_faces: bool = True,
+    with_voice: bool = False,
 ) -> Comparison:
     """Measure a decoded video against its source.
 
     observer: of the view.  with_faces: look for the landmarks of the decoded video, too.
+    with_voice: compare the sound, too, that of the whole files.
     warn: called with a line for what cannot be measured.
     Raises `UserError` if the two differ in size or number of frames.
     """
@@ -122,7 +126,8 @@ def compare(
         if np.isfinite(view.landmarks).any():
             size = (round(view.size[0] * view.aspect), view.size[1])
             faces = landmark_metrics(view.landmarks[: len(found)], found, size)
-    return Comparison(observer.name, observer.is_independent, quality, faces)
+    voice = compare_voices(view.source, decoded, observer) if with_voice else VoiceQuality()
+    return Comparison(observer.name, observer.is_independent, quality, faces, voice)
 
 
 def _pictures(source: str, max_frames: int | None, interval: int = 1) -> Iterator[Picture]:

@@ -41,6 +41,18 @@ def estoi(reference: Array, decoded: Array) -> float:
 
 def aligned(reference: Array, decoded: Array, rate_hz: int) -> tuple[Array, Array]:
     """The common part of two recordings (n,), (m,) whose delay has been taken out."""
+    step = round(ENVELOPE_S * rate_hz)
+    begin = -round(delay_s(reference, decoded, rate_hz) / ENVELOPE_S)
+    late, early = max(-begin, 0) * step, max(begin, 0) * step
+    length = min(len(reference) - early, len(decoded) - late)
+    return reference[early : early + length], decoded[late : late + length]
+
+
+def delay_s(reference: Array, decoded: Array, rate_hz: int) -> float:
+    """By how much a recording (m,) is later than its reference (n,); negative: earlier.
+
+    It is that at which the envelopes are most alike.
+    """
     step, most = round(ENVELOPE_S * rate_hz), round(MAX_DELAY_S / ENVELOPE_S)
     count = min(len(reference), len(decoded)) // step
     one, other = (
@@ -50,9 +62,7 @@ def aligned(reference: Array, decoded: Array, rate_hz: int) -> tuple[Array, Arra
     one, other = np.pad(one - one.mean(), most), other - other.mean()
     # Where the decoded envelope begins in the padded one.
     begin = int(np.correlate(one, other, "valid").argmax()) - most
-    late, early = max(-begin, 0) * step, max(begin, 0) * step
-    length = min(len(reference) - early, len(decoded) - late)
-    return reference[early : early + length], decoded[late : late + length]
+    return -begin * ENVELOPE_S
 
 
 def resampled(signal: Array, rate_hz: int, wanted_hz: int) -> Array:

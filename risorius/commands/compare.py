@@ -34,6 +34,10 @@ FIGURES = {
     "yaw_mae_deg": "yaw apart, degrees",
     "pitch_mae_deg": "pitch apart, degrees",
     "roll_mae_deg": "roll apart, degrees",
+    "voice_estoi": "ESTOI of the voice",
+    "voice_late_ms": "  by how much it is late, ms",
+    "voice_dnsmos": "DNSMOS of the voice",
+    "source_dnsmos": "  of the source",
     "call_bytes": "call file, bytes",
     "model_bytes": "  models in it",
     "frame_bps": "  frame packets, bits a second",
@@ -70,7 +74,14 @@ def run_compare(arguments: argparse.Namespace) -> int:
     say(f"compare: the judge is {observer.name}")
     view = observe_source(arguments.source, observer, arguments.max_frames)
     with ProgressLine("compare", sys.stderr) as progress:
-        compared = compare(view, arguments.decoded, observer, progress, lambda line: warn([line]))
+        compared = compare(
+            view,
+            arguments.decoded,
+            observer,
+            progress,
+            lambda line: warn([line]),
+            with_voice=True,
+        )
     figures = {**compared.figures(), **_call_figures(arguments.call)}
     print(json_text(figures) if arguments.json else _table(figures))
     return 0
@@ -86,6 +97,10 @@ def _call_figures(call: str | None) -> dict[str, Any]:
     summary = summarise(Path(call))
     size = Path(call).stat().st_size
     return {
+        "voice_estoi": "ESTOI of the voice",
+        "voice_late_ms": "  by how much it is late, ms",
+        "voice_dnsmos": "DNSMOS of the voice",
+        "source_dnsmos": "  of the source",
         "call_bytes": size,
         "model_bytes": summary.model_bytes,
         "frame_bps": rounded(summary.frame_bps, 1),

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import wave
 from fractions import Fraction
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from loopback.judge.observer import (
     Observer,
     find_observer,
 )
+from loopback.judge.voice import VoiceQuality, compare_voices
 from risorius.cli import main
 from shared_model.errors import UserError
 
@@ -159,3 +161,39 @@ def test_the_command_prints_a_table_or_json(
     other = write(tmp_path / "b.mkv", [np.zeros((40, 40, 3), np.uint8)])
     assert main(["compare", str(carphone), other]) == 2
     assert "40x40" in capsys.readouterr().err
+
+
+def test_a_voice_is_compared_where_both_have_one(judge: Observer, tmp_path: Path) -> None:
+    speech = syllables(3)
+    late = np.concatenate([np.zeros(1600), speech])
+    clean, delayed = (
+        write_wav(tmp_path / f"{name}.wav", samples)
+        for name, samples in (("a", speech), ("b", late))
+    )
+    found = compare_voices(clean, delayed, judge)
+    assert found.voice_late_ms == pytest.approx(100, abs=5)
+    assert found.voice_estoi is not None and found.voice_estoi > 0.9
+    assert found.voice_dnsmos is not None and 1 <= found.voice_dnsmos <= 5
+    noise = np.random.default_rng(0).normal(size=len(speech)) * 3000
+    worse = write_wav(tmp_path / "c.wav", speech + noise)
+    noisy = compare_voices(clean, worse, EncoderNetworks())
+    assert noisy.voice_estoi is not None and noisy.voice_estoi < 0.9
+    assert noisy.voice_dnsmos is None
+    assert compare_voices(clean, str(tmp_path / "none.wav"), judge) == VoiceQuality()
+
+
+def syllables(seconds: float, rate_hz: int = 16_000) -> NDArray[np.float64]:
+    """A hum of changing pitch, in syllables."""
+    t = np.arange(round(seconds * rate_hz)) / rate_hz
+    pitch = 2 * np.pi * np.cumsum(120 + 30 * np.sin(2 * np.pi * 0.7 * t)) / rate_hz
+    hum = sum(np.sin(k * pitch) / k for k in range(1, 20))
+    return np.asarray(4000 * hum * np.maximum(np.sin(2 * np.pi * 3.1 * t + np.sin(5 * t)), 0))
+
+
+def write_wav(path: Path, samples: NDArray[np.float64], rate_hz: int = 16_000) -> str:
+    with wave.open(str(path), "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(rate_hz)
+        file.writeframes(samples.clip(-32768, 32767).astype("<i2").tobytes())
+    return str(path)
