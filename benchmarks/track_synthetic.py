@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.command import run, warn
-from benchmarks.line_charts import Chart, draw_charts
 from encoder.capture.video_source import open_source
 from encoder.tracking.trackers import TRACKED_EAUS, FaceTracker, TrackingOptions, open_tracker
+from loopback.report import write_report
+from loopback.report_page import chart, environment, page, plotly_graphs
 from risorius.animation.animate import AnimateOptions, animate
 from shared_model.geometry import euler_deg
 from shared_model.mesh import generic_head
@@ -195,14 +195,20 @@ def _cells(row: Sequence[float]) -> str:
 
 
 def write_charts(stem: Path, truth: Mapping[str, Any], found: Mapping[str, TrackedValues]) -> None:
-    """Charts as Fig. 5.6 (angles) and Fig. 5.7 (EAUs), of the first configuration."""
+    """A page with charts as Fig. 5.6 (angles) and Fig. 5.7 (EAUs), of the first configuration."""
+    graphs = plotly_graphs()
+    from plotly.subplots import make_subplots
+
     name, first = next(iter(found.items()))
-    expected, time_s = ground_truth_values(truth), np.array([f["time_s"] for f in truth["frames"]])
+    expected, time_s = ground_truth_values(truth), [f["time_s"] for f in truth["frames"]]
     titles = [*(f"{a}, degrees" for a in ANGLES), *(n.replace("_", " ") for n in THESIS_EAUS)]
-    charts = [Chart(title, (expected[:, k], first.values[:, k])) for k, title in enumerate(titles)]
-    for part, panels in (("pose", charts[:3]), ("expression", charts[3:])):
-        picture = draw_charts(panels, time_s, ("true", name))
-        cv2.imwrite(str(stem.with_name(f"{stem.name}-{part}.png")), picture)
+    figure = make_subplots(len(titles), 1, shared_xaxes=True, subplot_titles=titles)
+    for row in range(len(titles)):
+        for label, values, colour in (("true", expected, "#bbb"), (name, first.values, "#1a5ab4")):
+            line = graphs.Scatter(x=time_s, y=values[:, row], name=label, line_color=colour)
+            figure.add_trace(line.update(showlegend=row == 0), row + 1, 1)
+    figure.update_layout(height=170 * len(titles))
+    write_report(stem.with_suffix(".html"), page(stem.name, [chart(figure), environment()]))
 
 
 if __name__ == "__main__":

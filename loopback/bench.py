@@ -16,7 +16,8 @@ from loopback.process_pair import CallResult, run_call
 from loopback.quality.landmark_metrics import LandmarkMetrics
 from loopback.quality.region_quality import RegionQuality
 from loopback.quality.video_quality import Quality
-from loopback.report import figure, html_page, rounded, wrapped_table
+from loopback.report import figure, rounded, wrapped_table
+from loopback.report_page import chart, environment, heading, html_table, page, plotly_graphs
 from protocol.summary import nominal_duration_s
 from shared_model.errors import UserError
 
@@ -231,9 +232,27 @@ def bench_table(clips: Sequence[Mapping[str, Any]]) -> str:
     return wrapped_table(list(TABLE_COLUMNS.values()), _rows(clips))
 
 
-def bench_page(clips: Sequence[Mapping[str, Any]]) -> str:
-    """The same as an HTML page."""
-    return html_page("risorius bench", list(TABLE_COLUMNS.values()), _rows(clips))
+def bench_page(clips: Sequence[Mapping[str, Any]]) -> bytes:
+    """The same as an HTML page, with where the time goes."""
+    parts = [html_table(list(TABLE_COLUMNS.values()), _rows(clips))]
+    for end in ("encoder", "decoder"):
+        parts += [heading(f"{end}, ms a frame by stage"), chart(_stages_figure(clips, end))]
+    return page("risorius bench", [*parts, environment()])
+
+
+def _stages_figure(clips: Sequence[Mapping[str, Any]], end: str) -> Any:
+    graphs = plotly_graphs()
+    stages = dict.fromkeys(stage for clip in clips for stage in clip[f"{end}_ms"])
+    names = [clip["source"] for clip in clips]
+    bars = [
+        graphs.Bar(name=stage, y=names, x=[c[f"{end}_ms"].get(stage) for c in clips])
+        for stage in stages
+    ]
+    for bar in bars:
+        bar.orientation = "h"
+    figure = graphs.Figure(bars)
+    figure.update_layout(barmode="stack", height=160 + 40 * len(clips))
+    return figure
 
 
 def _rows(clips: Sequence[Mapping[str, Any]]) -> list[list[Any]]:

@@ -4,7 +4,6 @@ import json
 import math
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import asdict
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,7 +59,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
 
     A column is of texts if it is the first, or if all its cells are.
     """
-    texts = [list(header), *([_text(cell) for cell in row] for row in rows)]
+    texts = [list(header), *([cell_text(cell) for cell in row] for row in rows)]
     widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
     columns = range(1, len(header))
     left = {0, *(i for i in columns if rows and all(isinstance(row[i], str) for row in rows))}
@@ -88,28 +87,13 @@ def _width(header: Sequence[str], rows: Sequence[Sequence[Cell]], columns: Seque
     return len(part.split("\n")[1])
 
 
-def html_page(title: str, header: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
-    """The same table as a page by itself."""
-    cells = [
-        "<tr>" + "".join(f"<{tag}>{escape(_text(cell))}</{tag}>" for cell in row) + "</tr>"
-        for tag, row in [("th", header), *(("td", row) for row in rows)]
-    ]
-    style = (
-        "body{font:14px sans-serif;margin:2em}div{overflow-x:auto}"
-        "td,th{padding:.2em .5em;text-align:right}td:first-child,th:first-child{text-align:left}"
-    )
-    return (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{escape(title)}</title>'
-        f"<style>{style}</style><h1>{escape(title)}</h1><div><table>{''.join(cells)}</table></div></html>\n"
-    )
-
-
 def _aligned(row: Sequence[str], widths: Sequence[int], left: Container[int]) -> Iterator[str]:
     for column, (text, width) in enumerate(zip(row, widths, strict=True)):
         yield text.ljust(width) if column in left else text.rjust(width)
 
 
-def _text(cell: Cell) -> str:
+def cell_text(cell: Cell) -> str:
+    """A figure as people read it; None is a dash."""
     if cell is None:
         return "-"
     return f"{cell:.2f}" if isinstance(cell, float) else str(cell)

@@ -1,6 +1,6 @@
 """PSNR of a decoded video against its source, over the face and over the whole picture."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from fractions import Fraction
 from itertools import zip_longest
@@ -89,33 +89,54 @@ def measure_quality(
     regions: measures what is around the face as well.  with_ssim: see `Quality`.
     Raises `UserError` if they have different sizes.
     """
+    with open_source(source) as originals, open_source(decoded) as copies:
+        check_size(originals, copies.name, copies.width, copies.height)
+
+        def pairs() -> Iterator[tuple[Picture, Picture]]:
+            for index, (original, copy) in enumerate(zip_longest(originals, copies)):
+                ends = original is None or copy is None
+                if index == max_frames or (ends and not is_strict):
+                    break
+                if original is None or copy is None:
+                    raise UserError(
+                        f"{decoded} and {source} have different numbers of frames: one ends at"
+                        f" {index}"
+                    )
+                yield original[1], copy[1]
+                progress(index + 1, max_frames or originals.frame_count)
+
+        aspect = originals.sample_aspect
+        return measure_pictures(pairs(), find_face_mask, aspect, regions, with_ssim)
+
+
+def measure_pictures(
+    pairs: Iterable[tuple[Picture, Picture]],
+    find_face_mask: FaceMaskFinder,
+    aspect: Fraction = Fraction(1),
+    regions: RegionMeter | None = None,
+    with_ssim: bool = False,
+) -> Quality:
+    """Compare pictures of a source (h, w, 3) uint8 BGR with what was decoded of them, in order.
+
+    aspect: of a sample.  regions, with_ssim: see `measure_quality`.
+    """
     face: list[float] = []
     full: list[float] = []
     face_ssim: list[float] = []
     full_ssim: list[float] = []
-    with open_source(source) as originals, open_source(decoded) as copies:
-        check_size(originals, copies.name, copies.width, copies.height)
-        for index, (original, copy) in enumerate(zip_longest(originals, copies)):
-            ends = original is None or copy is None
-            if index == max_frames or (ends and not is_strict):
-                break
-            if original is None or copy is None:
-                raise UserError(
-                    f"{decoded} and {source} have different numbers of frames: one ends at {index}"
-                )
-            error = squared_error(original[1], copy[1])
-            full.append(psnr_db(error))
-            mask = _in_source_pixels(find_face_mask, original[1], originals.sample_aspect)
-            has_face = mask is not None and bool(mask.any())
-            if has_face:
-                face.append(psnr_db(error[mask]))
-            if with_ssim:
-                similar = ssim_map(original[1], copy[1])
-                full_ssim.append(float(similar.mean()))
-                face_ssim += [float(similar[mask].mean())] if has_face else []
-            if regions is not None:
-                regions.add(index, original[1], copy[1], mask)
-            progress(index + 1, max_frames or originals.frame_count)
+    for index, (original, copy) in enumerate(pairs):
+        error = squared_error(original, copy)
+        full.append(psnr_db(error))
+        mask = _in_source_pixels(find_face_mask, original, aspect)
+        has_face = mask is not None and bool(mask.any())
+        if has_face:
+            face.append(psnr_db(error[mask]))
+        if with_ssim:
+            similar = ssim_map(original, copy)
+            full_ssim.append(float(similar.mean()))
+            face_ssim += [float(similar[mask].mean())] if has_face else []
+        if regions is not None:
+            regions.add(index, original, copy, mask)
     around = None if regions is None else regions.result()
     psnr = *_mean_and_p5(face), *_mean_and_p5(full)
     return Quality(len(full), len(face), *psnr, _mean(face_ssim), _mean(full_ssim), around)

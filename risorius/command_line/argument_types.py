@@ -74,9 +74,18 @@ def port(text: str) -> int:
     return value
 
 
-def bitrates(text: str) -> tuple[float, ...]:
-    """Rates with commas between them, each once, from low to high."""
-    return tuple(sorted({bitrate(part) for part in text.split(",")}))
+def rungs(text: str) -> "tuple[tuple[float, int | None], ...]":
+    """Rates, or BPS:MODEL_BYTES, with commas between them, each once, from low to high."""
+    found = set()
+    for part in text.split(","):
+        rate, _, size = part.partition(":")
+        found.add((bitrate(rate), _checked("model_bytes", _integer(size)) if size else None))
+    return tuple(sorted(found, key=lambda each: (each[0], each[1] or 0)))
+
+
+def names(text: str) -> tuple[str, ...]:
+    """Names with commas between them, each once."""
+    return tuple(dict.fromkeys(filter(None, (part.strip() for part in text.split(",")))))
 
 
 def count(text: str) -> int:

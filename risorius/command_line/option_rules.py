@@ -12,7 +12,7 @@ ENCODE_LINK_OPTIONS: Options = {**_LINK_OPTIONS, "lossless": False, "wait": 30.0
 DECODE_LINK_OPTIONS: Options = {**_LINK_OPTIONS, "timeout": 0.0}
 OPTIONS_NOT_FOR_SWEEP: Options = {
     **THESIS_OPTIONS,
-    **DEFAULT_OPTIONS,
+    **{name: default for name, default in DEFAULT_OPTIONS.items() if name != "live"},
     "model_bytes": None,
     "pace": True,
 }

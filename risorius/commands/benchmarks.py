@@ -1,17 +1,16 @@
 """`risorius bench` and `risorius replay`: recorded videos, measured."""
 
 import argparse
-import sys
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from risorius.command_line.argument_types import bitrates
+from risorius.command_line.argument_types import names, rungs
 from risorius.command_line.option_rules import OPTIONS_NOT_FOR_SWEEP, profile_of, reject
 from risorius.command_line.options import add_coding
 from risorius.command_line.output_checks import check_output_folder, check_outputs
 from risorius.command_line.parser import add_command
-from risorius.command_line.progress import ProgressLine, say, warn
+from risorius.command_line.progress import say, warn
 from risorius.command_line.signals import StopOnSignal
 from shared_model.errors import UserError
 
@@ -28,10 +27,12 @@ def add_bench(added: "Commands") -> None:
         "Encoder and decoder run as two processes that talk over Zenoh on this host.  Latency is\n"
         "from the reading of a frame to its picture; in the default profile, unless it is --live,\n"
         "both passes over the file are in between.\n"
-        "With --sweep each clip gets one model and is coded at several rates into call files.",
+        "With --sweep each clip is coded at several rates into call files; with --against other\n"
+        "codecs code the same frames, and the report says what they need for our quality.",
         "  risorius bench me.mp4 you.mp4 --out out/bench\n"
         "  risorius bench --timings --no-pace me.mp4\n"
-        "  risorius bench --sweep 200,350,500,800,1200,2000 me.mp4 --out out/sweep\n",
+        "  risorius bench --sweep 300,800,2000:20000 me.mp4 --out out/curves\n"
+        "  risorius bench --against svtav1,x265,vp9 --max-frames 150 me.mp4\n",
     )
     parser.add_argument("source", nargs="+", metavar="SOURCE", help="video file or image pattern")
     parser.add_argument(
@@ -39,7 +40,7 @@ def add_bench(added: "Commands") -> None:
         type=Path,
         metavar="DIR",
         help="decoded videos, report.json and report.html go here (default: out/bench, of a"
-        " sweep out/sweep)",
+        " sweep out/curves)",
     )
     add_coding(parser)
     _add_measuring(parser)
@@ -49,9 +50,16 @@ def add_bench(added: "Commands") -> None:
 def _add_measuring(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sweep",
-        type=bitrates,
-        metavar="BPS,...",
-        help="draw the default profile's PSNR over these rates; goes on where it was stopped",
+        type=rungs,
+        metavar="BPS[:MODEL],...",
+        help="draw the default profile's quality over these rates, each with a model of so many"
+        " bytes; goes on where it was stopped (default with --against: 300 bit/s to 30 kbit/s)",
+    )
+    parser.add_argument(
+        "--against",
+        type=names,
+        metavar="CODEC,...",
+        help="other codecs on the same frames: svtav1, x265, x264, vp9; with --live in real time",
     )
     parser.add_argument(
         "--timings",
@@ -90,8 +98,8 @@ def add_replay(added: "Commands") -> None:
 
 def run_bench(arguments: argparse.Namespace) -> int:
     """`risorius bench`."""
-    if arguments.sweep:
-        return run_sweep(arguments)
+    if arguments.sweep or arguments.against:
+        return run_curves(arguments)
     profile = profile_of(arguments)
     from loopback.bench import (
         BenchSettings,
@@ -122,7 +130,7 @@ def run_bench(arguments: argparse.Namespace) -> int:
             # Also after an interrupt, the clips that were measured are reported.
             if clips:
                 write_json(folder / "report.json", bench_report(settings, clips, failures))
-                write_report(folder / "report.html", bench_page(clips).encode())
+                write_report(folder / "report.html", bench_page(clips))
                 print(bench_table(clips))
                 if arguments.timings:
                     print(f"\n{timings_tables(clips)}")
@@ -130,25 +138,45 @@ def run_bench(arguments: argparse.Namespace) -> int:
     return failures[0].error.exit_code if failures else 0
 
 
-def run_sweep(arguments: argparse.Namespace) -> int:
-    """`risorius bench --sweep`."""
+def run_curves(arguments: argparse.Namespace) -> int:
+    """`risorius bench --sweep`, `--against`."""
     if arguments.timings:
         raise UserError("--timings is about calls between two processes; leave out --sweep")
     if arguments.profile == "thesis":
         raise UserError("--sweep is about the default profile; leave out --profile thesis")
     reject(arguments, OPTIONS_NOT_FOR_SWEEP, "--sweep")
-    from loopback.sweep import SweepSettings, sweep, sweep_table
+    from loopback.curves.contenders import LADDER, Rung
+    from loopback.curves.curve_bench import (
+        CurveSettings,
+        bench_curves,
+        curve_report,
+        duel_rows,
+        duels,
+        point_rows,
+        read_exhibits,
+        shown_rung,
+    )
+    from loopback.curves.curve_page import FIRST_SHOWN_S, curve_page
+    from loopback.report import table, write_json, write_report
+    from loopback.report_page import plotly_graphs
 
-    settings = SweepSettings(arguments.sweep, arguments.max_frames)
-
-    def progress(label: str) -> ProgressLine:
-        return ProgressLine(label, sys.stderr)
-
-    folder = arguments.out or Path("out/sweep")
+    plotly_graphs()
+    chosen = tuple(Rung(*each) for each in arguments.sweep) if arguments.sweep else LADDER
+    rivals = arguments.against or ()
+    settings = CurveSettings(chosen, rivals, arguments.live, arguments.max_frames)
+    folder = arguments.out or Path("out/curves")
     check_output_folder(folder)
-    report, failures = sweep(arguments.source, settings, folder, say, progress)
-    print(sweep_table(report))
-    say(f"sweep: report.json, rate_distortion.svg, .png and the calls are in {folder}")
+    with StopOnSignal():
+        clips, judge, failures = bench_curves(arguments.source, settings, folder, say)
+    if clips:
+        found = duels(clips, shown_rung(chosen).label)
+        write_json(folder / "report.json", curve_report(clips, settings, failures))
+        exhibits = {name: read_exhibits(folder, name) for name in clips}
+        write_report(folder / "report.html", curve_page(clips, found, exhibits, judge))
+        print(table(*point_rows(clips)))
+        if found:
+            print(f"\nIn a call of {FIRST_SHOWN_S:g} s:\n{table(*duel_rows(found, FIRST_SHOWN_S))}")
+        say(f"bench: report.html, report.json and the calls are in {folder}")
     warn(f"{item.source} failed: {item.error}" for item in failures)
     return failures[0].error.exit_code if failures else 0
 

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.line_charts import Chart, draw_charts
 from benchmarks.measure_tracking import jitter
 from benchmarks.track_synthetic import (
     EAUS,
@@ -16,6 +15,7 @@ from benchmarks.track_synthetic import (
     error_table,
     errors,
     ground_truth_values,
+    write_charts,
 )
 from risorius.animation.animation_script import parse_script
 from shared_model import parameters
@@ -87,11 +87,15 @@ def test_even_motion_does_not_jitter() -> None:
     assert jitter(np.outer(np.arange(10.0), [1, 2, 3])) == pytest.approx([0, 0, 0])
 
 
-def test_charts_have_room_for_gaps_and_all_panels() -> None:
-    time_s = np.arange(50) / 25
-    curve = np.sin(time_s)
-    broken = np.where((time_s > 0.5) & (time_s < 1), np.nan, curve)
-    one = draw_charts([Chart("a", (curve, broken))], time_s, ("true", "found"))
-    two = draw_charts([Chart("a", (curve, broken))] * 2, time_s, ("true", "found"))
-    assert two.shape[0] - one.shape[0] > 100 and two.shape[1] == one.shape[1]
-    assert (one < 250).any()
+def test_the_charts_are_a_page(tmp_path: Path) -> None:
+    pytest.importorskip("plotly", reason="needs plotly: pip install '.[report]'")
+    names = list(parameters.THESIS_EAUS)
+    frames = [
+        {"time_s": i / 25, "pitch_yaw_roll_deg": [i, 0, 0], "eau": [0.0] * len(names)}
+        for i in range(9)
+    ]
+    truth = {"eaus": names, "frames": frames}
+    values = ground_truth_values(truth)
+    write_charts(tmp_path / "a", truth, {"all parts": TrackedValues(values, 0)})
+    page = (tmp_path / "a.html").read_text()
+    assert "all parts" in page and "plotly" in page and page.count("degrees") >= 3

@@ -43,6 +43,7 @@ IMPORTERS = {
         "encoder/capture/deinterlacer.py",
         "encoder/capture/time_stamps.py",
         "encoder/capture/video_file.py",
+        "loopback/curves/rivals.py",
         "encoder/sound/sound_file.py",
         "encoder/sound/speech_encoder.py",
     },

@@ -22,7 +22,6 @@ def test_timings_of_a_sweep_are_refused(tmp_path: Path, capsys: Capture) -> None
     "option",
     [
         ("--fps", "10"),
-        ("--live",),
         ("--startup-bitrate", "9000"),
         ("--lids",),
         ("--no-refine",),

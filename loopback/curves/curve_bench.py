@@ -1,0 +1,369 @@
+"""Curves of clips: our calls beside other codecs, on the same frames.
+
+What is measured of a clip is noted in the folder codec by codec: a bench that was stopped goes on
+where it was, and one with more rivals, rungs or clips measures only those.
+"""
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from encoder.capture.video_source import open_source
+from loopback.bench import ClipFailure, check_recorded, make_folder, output_names
+from loopback.curves.contenders import (
+    ClipPictures,
+    Rung,
+    call_path,
+    look_interval,
+    own_points,
+    read_clip,
+    rival_points,
+)
+from loopback.curves.exhibits import (
+    Exhibit,
+    nearest_point,
+    own_exhibit,
+    rival_exhibit,
+    source_exhibit,
+)
+from loopback.curves.points import (
+    DURATIONS_S,
+    MEASURES,
+    Curve,
+    Point,
+    bd_rate_percent,
+    crossing_bps,
+    curve_of,
+)
+from loopback.curves.rivals import RIVALS, Rival, RivalSetting
+from loopback.judge.comparison import observe_source
+from loopback.judge.observer import Observer, find_observer
+from loopback.report import Cell, rounded, write_json
+from shared_model.errors import UserError
+
+OURS = "risorius"
+SCHEMA = "risorius-curves/1"
+POINTS = ".points.json"
+# The rate of a call by default; the length of the calls whose pictures are shown at equal bytes.
+DEFAULT_BPS, EQUAL_S = 800.0, 10.0
+Say = Callable[[str], None]
+# Points of all codecs by codec.
+Contenders = dict[str, list[Point]]
+
+
+@dataclass(frozen=True, slots=True)
+class CurveSettings:
+    """rungs: of ours.  rivals: by name.  is_live: a single pass, and rivals in real time."""
+
+    rungs: tuple[Rung, ...]
+    rivals: tuple[str, ...]
+    is_live: bool = False
+    max_frames: int | None = None
+
+
+def rivals_named(names: Iterable[str]) -> list[Rival]:
+    """Raises `UserError` for one that is not known or not installed."""
+    found = []
+    for name in names:
+        if name not in RIVALS:
+            raise UserError(f"{name} is no rival; there are {', '.join(RIVALS)}")
+        if not RIVALS[name].is_installed:
+            raise UserError(f"this PyAV cannot code {name}")
+        found.append(RIVALS[name])
+    return found
+
+
+def bench_curves(
+    sources: Sequence[str], settings: CurveSettings, folder: Path, say: Say
+) -> tuple[dict[str, Contenders], str, list[ClipFailure]]:
+    """The points of each codec of each clip, the judge's name, and the clips that failed.
+
+    Notes, exhibits and our call files are left in `folder`.
+    Raises `UserError` as `check_recorded` and `rivals_named` do, before anything is coded.
+    """
+    check_recorded(sources)
+    rivals_named(settings.rivals)
+    make_folder(folder)
+    observer = find_observer()
+    say(f"bench: the judge is {observer.name}")
+    clips, failures = dict[str, Contenders](), list[ClipFailure]()
+    for source, name in zip(sources, output_names(sources), strict=True):
+        try:
+            notes = _Notes(folder / f"{name}{POINTS}", _identity(source, settings, observer))
+            clips[name] = _bench_clip(source, settings, notes, folder, observer, say)
+        except UserError as error:
+            failures.append(ClipFailure(source, error))
+    return clips, observer.name, failures
+
+
+def _bench_clip(
+    source: str,
+    settings: CurveSettings,
+    notes: "_Notes",
+    folder: Path,
+    observer: Observer,
+    say: Say,
+) -> Contenders:
+    name = Path(source).name
+    clip: ClipPictures | None = None
+    said: set[str] = set()
+
+    def read() -> ClipPictures:
+        nonlocal clip
+        if clip is None:
+            with open_source(source) as capture:
+                interval = look_interval((capture.width, capture.height))
+            clip = read_clip(observe_source(source, observer, settings.max_frames, interval))
+        return clip
+
+    def warn(line: str) -> None:
+        if line not in said:
+            said.add(line)
+            say(line)
+
+    missing = [rung for rung in settings.rungs if rung.label not in notes.labels(OURS)]
+    if missing:
+        say(f"bench: {name}: our calls, {len(missing)} rungs")
+        for point in own_points(missing, read(), settings.is_live, folder, warn):
+            notes.add(OURS, [point])
+    for rival in rivals_named(settings.rivals):
+        if not notes.labels(rival.name):
+            say(f"bench: {name}: {rival.name}")
+            notes.add(rival.name, rival_points(rival, read(), settings.is_live, warn))
+    exhibits = _exhibits_path(folder, Path(notes.path).name)
+    if clip is not None or not exhibits.is_file():
+        say(f"bench: {name}: pictures for the report")
+        shown = [asdict(each) for each in _exhibits(settings, notes, read(), folder)]
+        write_json(exhibits, {"exhibits": shown})
+    wanted = {rung.label for rung in settings.rungs}
+    ours = [point for point in notes.points(OURS) if point.label in wanted]
+    return {OURS: ours} | {rival: notes.points(rival) for rival in settings.rivals}
+
+
+def shown_rung(rungs: Sequence[Rung]) -> Rung:
+    """The one that the report compares: nearest to what a call has by default."""
+    return min(rungs, key=lambda rung: abs(np.log(rung.bitrate / DEFAULT_BPS)))
+
+
+def _exhibits(
+    settings: CurveSettings, notes: "_Notes", clip: ClipPictures, folder: Path
+) -> Iterator[Exhibit]:
+    """The source, our call of the rung that is compared, and each rival at as many bytes."""
+    yield source_exhibit(clip)
+    rung = shown_rung(settings.rungs)
+    ours = next(point for point in notes.points(OURS) if point.label == rung.label)
+    bps = ours.total_bps(EQUAL_S)
+    title = f"{OURS}<br>{bps / 1000:.1f} kbit/s"
+    call = call_path(folder, clip.view.source, rung, settings.is_live)
+    if not call.is_file():  # Somebody has tidied up.
+        list(own_points([rung], clip, settings.is_live, folder, lambda line: None))
+    yield own_exhibit(title, call, clip)
+    for rival in rivals_named(settings.rivals):
+        point = nearest_point(notes.points(rival.name), bps, EQUAL_S)
+        if point is not None:
+            rate = point.total_bps(EQUAL_S) / 1000
+            title = f"{rival.name}, {point.label}<br>{rate:.1f} kbit/s"
+            yield rival_exhibit(rival, RivalSetting(**point.setting), title, clip)
+
+
+def read_exhibits(folder: Path, name: str) -> list[Exhibit]:
+    """Those of a clip; none if there are no such notes."""
+    try:
+        content = json.loads(_exhibits_path(folder, name).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return []
+    return [Exhibit(**each) for each in content["exhibits"]]
+
+
+def _exhibits_path(folder: Path, name: str) -> Path:
+    return folder / f"{name.removesuffix(POINTS)}.exhibits.json"
+
+
+class _Notes:
+    """The points of one clip, in a file.
+
+    identity: what they must have in common; notes of another one are forgotten.
+    """
+
+    def __init__(self, path: Path, identity: Mapping[str, Any]) -> None:
+        self.path = path
+        self._content: dict[str, Any] = {**identity, "points": {}}
+        try:
+            old = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return
+        if isinstance(old, dict) and all(old.get(k) == v for k, v in identity.items()):
+            self._content = old
+
+    def add(self, codec: str, points: Sequence[Point]) -> None:
+        """Note more points."""
+        self._content["points"].setdefault(codec, []).extend(map(asdict, points))
+        write_json(self.path, self._content)
+
+    def points(self, codec: str) -> list[Point]:
+        """Those of a codec."""
+        return [Point(**each) for each in self._content["points"].get(codec, [])]
+
+    def labels(self, codec: str) -> set[str]:
+        """Their settings."""
+        return {point.label for point in self.points(codec)}
+
+
+def _identity(source: str, settings: CurveSettings, observer: Observer) -> dict[str, Any]:
+    path = Path(source)
+    return {
+        "schema": SCHEMA,
+        "source": path.name,
+        "source_bytes": path.stat().st_size if path.is_file() else None,
+        "max_frames": settings.max_frames,
+        "live": settings.is_live,
+        "judge": observer.name,
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Duel:
+    """Ours against a rival on one clip, by one measure, for calls of one length.
+
+    our_bps, our_quality: of our rung.  their_bps: what the rival needs for that quality; None: it
+        has no such point.  crossing_bps: from which rate on the rival is at least as good; None:
+        nowhere up to its highest rate.  bd_rate_percent: see `bd_rate_percent`.
+    """
+
+    clip: str
+    rival: str
+    measure: str
+    duration_s: float
+    our_bps: float
+    our_quality: float | None
+    their_bps: float | None
+    crossing_bps: float | None
+    bd_rate_percent: float | None
+
+
+def duels(clips: Mapping[str, Contenders], rung: str) -> list[Duel]:
+    """Every rival of every clip against our rung of this label, by every measure and length."""
+    found = []
+    for clip, contenders in clips.items():
+        ours = contenders[OURS]
+        ours_at = next((point for point in ours if point.label == rung), None)
+        for rival, points in contenders.items():
+            if rival == OURS or ours_at is None:
+                continue
+            for measure in MEASURES:
+                for duration_s in DURATIONS_S:
+                    our_curve = curve_of(ours, measure, duration_s)
+                    theirs = curve_of(points, measure, duration_s)
+                    found.append(
+                        _duel(clip, rival, measure, duration_s, ours_at, our_curve, theirs)
+                    )
+    return found
+
+
+def _duel(
+    clip: str,
+    rival: str,
+    measure: str,
+    duration_s: float,
+    point: Point,
+    ours: Curve,
+    theirs: Curve,
+) -> Duel:
+    quality = point.figures.get(measure)
+    needed = None if quality is None else theirs.rate_for(quality)
+    return Duel(
+        clip,
+        rival,
+        measure,
+        duration_s,
+        point.total_bps(duration_s),
+        quality,
+        rounded(needed, 0),
+        rounded(crossing_bps(ours, theirs), 0),
+        rounded(bd_rate_percent(ours, theirs), 1),
+    )
+
+
+def geometric_mean(values: Sequence[float | None]) -> float | None:
+    """Of rates; None if one is missing: it is above all that was measured."""
+    known = [value for value in values if value]
+    if not known or len(known) < len(values):
+        return None
+    return float(np.exp(np.mean(np.log(known))))
+
+
+def curve_report(
+    clips: Mapping[str, Contenders], settings: CurveSettings, failures: Sequence[ClipFailure]
+) -> dict[str, Any]:
+    """What report.json says."""
+    rung = shown_rung(settings.rungs).label
+    return {
+        "schema": SCHEMA,
+        "settings": asdict(settings),
+        "rung": rung,
+        "clips": {
+            name: {codec: [asdict(point) for point in points] for codec, points in each.items()}
+            for name, each in clips.items()
+        },
+        "duels": [asdict(duel) for duel in duels(clips, rung)],
+        "failed": [{"source": item.source, "error": str(item.error)} for item in failures],
+    }
+
+
+def duel_rows(found: Sequence[Duel], duration_s: float) -> tuple[tuple[str, ...], list[list[Cell]]]:
+    """Header and rows: what each rival needs for our quality, and where it overtakes us.
+
+    Both are geometric means over the clips; a clip on which it never has our quality, or never
+    overtakes us, makes them a dash.
+    """
+    header = (
+        "rival",
+        "measure",
+        "clips",
+        "ours kbit/s",
+        "needs kbit/s",
+        "overtakes at",
+        "BD-rate %",
+    )
+    rows: list[list[Cell]] = []
+    at = [duel for duel in found if duel.duration_s == duration_s]
+    for rival in dict.fromkeys(duel.rival for duel in at):
+        for measure in MEASURES:
+            each = [d for d in at if (d.rival, d.measure) == (rival, measure)]
+            each = [duel for duel in each if duel.our_quality is not None]
+            if each:
+                rows.append(_duel_row(rival, measure, each))
+    return header, rows
+
+
+def _duel_row(rival: str, measure: str, each: Sequence[Duel]) -> list[Cell]:
+    rates = [duel.bd_rate_percent for duel in each if duel.bd_rate_percent is not None]
+    return [
+        rival,
+        measure,
+        len(each),
+        _kbps(geometric_mean([duel.our_bps for duel in each])),
+        _kbps(geometric_mean([duel.their_bps for duel in each])),
+        _kbps(geometric_mean([duel.crossing_bps for duel in each])),
+        rounded(float(np.mean(rates)), 0) if rates else None,
+    ]
+
+
+def point_rows(clips: Mapping[str, Contenders]) -> tuple[tuple[str, ...], list[list[Cell]]]:
+    """Header and rows: our rungs of each clip."""
+    header = ("clip", "rung", "start B", "bit/s", *MEASURES)
+    rows: list[list[Cell]] = []
+    for name, contenders in clips.items():
+        for point in contenders[OURS]:
+            rate = rounded(point.steady_bps, 0)
+            qualities = (point.figures.get(measure) for measure in MEASURES)
+            rows.append([name, point.label, point.start_bytes, rate, *qualities])
+    return header, rows
+
+
+def _kbps(rate: float | None) -> float | None:
+    return None if rate is None else round(rate / 1000, 2)

@@ -1,0 +1,186 @@
+"""Other codecs, through the libraries that come with PyAV, each at its best.
+
+Best effort: slow presets, with look-ahead.  Real time: fast presets, and no frame waits for later
+ones.  In both, no key frame follows the first.
+"""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import chain
+from typing import Any, cast
+
+import av
+import cv2
+import numpy as np
+from av.bitstream import BitStreamFilterContext
+from av.packet import Packet
+from av.video.codeccontext import VideoCodecContext
+from av.video.frame import VideoFrame
+from numpy.typing import NDArray
+
+from shared_model.errors import UserError
+
+Picture = NDArray[np.uint8]
+
+# No key frame after the first.
+ONE_GROUP = 1_000_000
+# Codecs need even sizes, and so many pixels each way: of 44x36 x265 writes beyond its memory.
+LEAST_SIDE = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Rival:
+    """A codec.
+
+    encoder, decoder: names of FFmpeg.  best, realtime: options.
+    qualities: values of its constant rate factor, the coarsest first.
+    comments: type of the units of its stream that say which program has made it; None: none do.
+        They are no part of the video, and are not counted.
+    """
+
+    name: str
+    encoder: str
+    decoder: str
+    best: Mapping[str, str]
+    realtime: Mapping[str, str]
+    qualities: tuple[int, ...]
+    comments: int | None = None
+
+    @property
+    def is_installed(self) -> bool:
+        """Whether this PyAV can encode and decode it."""
+        try:
+            av.codec.Codec(self.encoder, "w")
+            av.codec.Codec(self.decoder, "r")
+        except (ValueError, av.error.FFmpegError):
+            return False
+        return True
+
+
+RIVALS = {
+    each.name: each
+    for each in (
+        Rival(
+            "svtav1",
+            "libsvtav1",
+            "libdav1d",
+            {"preset": "2", "svtav1-params": "keyint=-1"},
+            {"preset": "10", "svtav1-params": "keyint=-1:pred-struct=1:lookahead=0"},
+            (63, 58, 53, 47, 40, 33),
+        ),
+        Rival(
+            "x265",
+            "libx265",
+            "hevc",
+            {"preset": "slower", "tune": "psnr", "x265-params": "keyint=-1:info=0:log-level=none"},
+            {
+                "preset": "faster",
+                "tune": "zerolatency",
+                "x265-params": "keyint=-1:info=0:log-level=none",
+            },
+            (51, 46, 41, 36, 31, 26),
+        ),
+        Rival(
+            "x264",
+            "libx264",
+            "h264",
+            {"preset": "veryslow", "tune": "psnr"},
+            {"preset": "veryfast", "tune": "zerolatency"},
+            (51, 46, 41, 36, 31, 26),
+            comments=6,
+        ),
+        Rival(
+            "vp9",
+            "libvpx-vp9",
+            "vp9",
+            {
+                **{"deadline": "good", "cpu-used": "0", "b:v": "0"},
+                **{"lag-in-frames": "25", "auto-alt-ref": "1"},
+            },
+            {"deadline": "realtime", "cpu-used": "6", "b:v": "0", "lag-in-frames": "0"},
+            (63, 58, 53, 47, 40, 33),
+        ),
+    )
+}
+
+
+@dataclass(frozen=True, slots=True)
+class RivalSetting:
+    """How a rival codes a clip.
+
+    quality: its constant rate factor.  scale: of the pictures that it codes; they are enlarged
+    again.  frame_step: 2: every second frame is coded, and shown twice.
+    """
+
+    quality: int
+    scale: float = 1.0
+    frame_step: int = 1
+    is_realtime: bool = False
+
+
+def scaled_size(size: tuple[int, int], scale: float) -> tuple[int, int] | None:
+    """Width and height that are coded, even; None: too small for a codec."""
+    width, height = (2 * round(side * scale / 2) for side in size)
+    return None if min(width, height) < LEAST_SIDE else (width, height)
+
+
+def shrunk(pictures: Sequence[Picture], size: tuple[int, int]) -> list[Picture]:
+    """Pictures (h, w, 3) as they are coded at a size (width, height)."""
+    return [
+        np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
+        for picture in pictures
+    ]
+
+
+def code(
+    rival: Rival, setting: RivalSetting, pictures: Sequence[Picture], fps: Fraction
+) -> "list[Packet[Any]]":
+    """The packets of pictures (h, w, 3) uint8 BGR that are shrunk already, in decoding order.
+
+    Raises `UserError`.
+    """
+    # SVT-AV1 would greet on the screen; 1: errors alone.
+    os.environ.setdefault("SVT_LOG", "1")
+    height, width = pictures[0].shape[:2]
+    context = cast(VideoCodecContext, VideoCodecContext.create(rival.encoder, "w"))
+    context.width, context.height, context.pix_fmt = width, height, "yuv420p"
+    rate = fps / setting.frame_step
+    context.time_base, context.framerate = 1 / rate, rate
+    context.gop_size, context.thread_count = ONE_GROUP, 1
+    options = rival.realtime if setting.is_realtime else rival.best
+    context.options = {**options, "crf": str(setting.quality)}
+    try:
+        frames = chain(_frames(pictures, 1 / rate), [None])
+        packets = [packet for frame in frames for packet in context.encode(frame)]
+    except av.error.FFmpegError as error:
+        raise UserError(f"{rival.name} cannot code {width}x{height}: {error}") from error
+    return [kept for packet in packets for kept in _without_comments(rival, packet)]
+
+
+def decoded(
+    rival: Rival, packets: "Sequence[Packet[Any]]", frame_step: int, size: tuple[int, int]
+) -> Iterator[Picture]:
+    """The pictures of coded packets at the source's rate and size (width, height)."""
+    context = cast(VideoCodecContext, VideoCodecContext.create(rival.decoder, "r"))
+    parts = (context.decode(packet) for packet in chain(packets, [None]))
+    for frame in chain.from_iterable(parts):
+        small = frame.to_ndarray(format="bgr24")
+        picture = np.asarray(cv2.resize(small, size, interpolation=cv2.INTER_LANCZOS4), np.uint8)
+        for _ in range(frame_step):
+            yield picture
+
+
+def _frames(pictures: Sequence[Picture], time_base: Fraction) -> Iterator[VideoFrame]:
+    for index, picture in enumerate(pictures):
+        frame = VideoFrame.from_ndarray(picture, format="bgr24").reformat(format="yuv420p")
+        frame.pts, frame.time_base = index, time_base
+        yield frame
+
+
+def _without_comments(rival: Rival, packet: "Packet[Any]") -> "list[Packet[Any]]":
+    if rival.comments is None:
+        return [packet]
+    remove = BitStreamFilterContext(f"filter_units=remove_types={rival.comments}", rival.decoder)
+    return [*remove.filter(packet), *remove.filter(None)]
