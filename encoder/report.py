@@ -37,6 +37,7 @@ class EncodeReport:
     omitted_frames: of these, how many were not looked at.
     worst_lag_ms: the largest lag of a live call behind its source, see `SessionStats.worst_lag_s`.
     skipped_frames: frames that the source left out because the encoder was late.
+    events: what the call says of its face, by name, and the source frame.
     capture_ns: `time.monotonic_ns` at which each source frame was read.
     reach: whom the last packet could reach.
     """
@@ -63,6 +64,7 @@ class EncodeReport:
     omitted_frames: int = 0
     worst_lag_ms: float = 0.0
     skipped_frames: int = 0
+    events: tuple[tuple[str, int], ...] = ()
 
 
 def report_of(
@@ -102,6 +104,7 @@ def report_of(
         omitted_frames=stats.omitted_frames,
         worst_lag_ms=1000 * stats.worst_lag_s,
         skipped_frames=stats.next_index - captured,
+        events=tuple((kind.name.lower(), frame) for kind, frame in stats.events),
     )
 
 

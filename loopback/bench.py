@@ -197,6 +197,10 @@ def call_figures(result: CallResult, profile: str) -> dict[str, Any]:
         "omitted_frames": sent["omitted_frames"],
         "worst_lag_ms": rounded(sent["worst_lag_ms"], 1),
         "skipped_frames": sent["skipped_frames"],
+        "events": [
+            {"event": name, "time_s": rounded(frame / sent["fps"], 3)}
+            for name, frame in sent["events"]
+        ],
         "encoder_fps": _busy_fps(sent),
         "decoder_fps": _busy_fps(shown),
         "warnings": [*sent["warnings"], *shown["warnings"]],

@@ -98,9 +98,7 @@ class PacketSender:
         self._face_visible, self._person_gone = visible, False
         if visible and self._voice is not None:
             self._voice.resume(frame)
-        self._send(
-            ControlPacket(0, ControlKind.FACE_FOUND if visible else ControlKind.FACE_LOST, frame)
-        )
+        self._say(ControlKind.FACE_FOUND if visible else ControlKind.FACE_LOST, frame)
         return True
 
     @property
@@ -112,7 +110,11 @@ class PacketSender:
         """Send PERSON_GONE for source frame `frame` of a lost face, if that is news."""
         if not self._face_visible and not self._person_gone:
             self._person_gone = True
-            self._send(ControlPacket(0, ControlKind.PERSON_GONE, frame))
+            self._say(ControlKind.PERSON_GONE, frame)
+
+    def _say(self, kind: ControlKind, frame: int) -> None:
+        self._stats.events.append((kind, frame))
+        self._send(ControlPacket(0, kind, frame))
 
     def report_camera(self, on: bool, frame: int) -> None:
         """Send CAMERA_OFF or CAMERA_ON for source frame `frame`, if that is news."""

@@ -6,6 +6,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
 from encoder.live_model.work_level import WorkLevel
+from protocol.packets import ControlKind
 from shared_model.stage_timer import StageTimer
 
 
@@ -18,6 +19,7 @@ class SessionStats:
     voice, voice_bytes: its codec, one of `VOICES`, and its share of the frame packets.
     packets: number of packets of any kind.
     lost_frames: number of source frames without a face.
+    events: kind and source frame of what the call says of its face.
     captured: number of source frames read.
     capture_ns: `time.monotonic_ns` at which each was; empty unless `keeps_times`.
     next_index: index of the source frame after the newest; a camera may have left some out.
@@ -37,6 +39,7 @@ class SessionStats:
     voice_bytes: int = 0
     packets: int = 0
     lost_frames: int = 0
+    events: list[tuple[ControlKind, int]] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     captured: int = 0
     keeps_times: bool = True

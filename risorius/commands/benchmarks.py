@@ -82,7 +82,9 @@ def add_replay(added: "Commands") -> None:
         "bench a suite of clips and fail on a missed threshold",
         "The suite is a TOML file: clips with sha256, settings and min/max of any report figure;\n"
         "docs/replay.md describes it.",
-        "  risorius replay suite.toml --junit out/junit.xml\n",
+        "  risorius replay suite.toml --junit out/junit.xml\n"
+        "  risorius replay suite.toml --baseline baseline.json --update-baseline\n"
+        "  risorius replay suite.toml --baseline baseline.json\n",
     )
     parser.add_argument("suite", type=Path, metavar="SUITE", help="suite of clips (.toml)")
     parser.add_argument(
@@ -91,6 +93,17 @@ def add_replay(added: "Commands") -> None:
         default=Path("out/replay"),
         metavar="DIR",
         help="decoded videos and report.json go here (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--baseline",
+        type=Path,
+        metavar="FILE",
+        help="figures of before (.json): one that is worse by more than its tolerance is missed",
+    )
+    parser.add_argument(
+        "--update-baseline",
+        action="store_true",
+        help="write today's figures into it instead, and print what has changed",
     )
     parser.add_argument("--junit", type=Path, metavar="FILE", help="write JUnit XML")
     parser.set_defaults(run=run_replay)
@@ -184,17 +197,29 @@ def run_curves(arguments: argparse.Namespace) -> int:
 def run_replay(arguments: argparse.Namespace) -> int:
     """`risorius replay`."""
     from loopback.bench import make_folder
-    from loopback.replay import ClipResult, junit_xml, read_suite, replay, replay_table
+    from loopback.replay.checks import (
+        baseline_changes,
+        baseline_of,
+        read_baseline,
+        write_baseline,
+    )
+    from loopback.replay.outcome import junit_xml, replay_table
+    from loopback.replay.runs import ClipResult, replay
+    from loopback.replay.suite import read_suite
     from loopback.report import write_json, write_report
 
-    suite = read_suite(arguments.suite)
+    suite, path = read_suite(arguments.suite), arguments.baseline
+    updates = arguments.update_baseline
+    if updates and path is None:
+        raise UserError("--update-baseline writes the file of --baseline FILE; name one")
+    known = {} if path is None or (updates and not path.exists()) else read_baseline(path)
     if arguments.junit:
         make_folder(arguments.junit.parent)
-    check_outputs([arguments.suite], [arguments.junit])
+    check_outputs([arguments.suite], [arguments.junit, path if updates else None])
     folder, results = arguments.out, list[ClipResult]()
     with StopOnSignal():
         try:
-            for result in replay(suite, folder, say):
+            for result in replay(suite, folder, say, None if updates else known):
                 results.append(result)
         finally:
             if results:
@@ -204,4 +229,16 @@ def run_replay(arguments: argparse.Namespace) -> int:
     # Not of a part: a CI would take it for the whole.
     if arguments.junit:
         write_report(arguments.junit, junit_xml(suite, results))
+    if updates:
+        tolerances = {clip.name: clip.tolerances for clip in suite.clips}
+        measured = {
+            each.name: baseline_of(each.figures, tolerances[each.name])
+            for each in results
+            if each.error is None
+        }
+        # A clip that failed keeps what it had.
+        now = {clip.name: known[clip.name] for clip in suite.clips if clip.name in known} | measured
+        write_baseline(path, now)
+        print(f"\n{baseline_changes(known, now) or 'the baseline is as it was'}")
+        say(f"replay: {path} has been written: look at what has changed before you commit it")
     return 0 if all(result.passed for result in results) else 1

@@ -1,25 +1,30 @@
 """Suites are read strictly, thresholds hold both ways, and a CI can read the outcome."""
 
 import hashlib
+import json
 import signal
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from typing import Any
 
 import pytest
 from conftest import ROOT, Start
 from processes import LIMIT_S, error_line, wait_until
 
 from loopback.bench import BenchSettings
-from loopback.replay import (
+from loopback.replay.checks import (
+    PICTURES,
     Check,
-    Clip,
-    ClipResult,
-    Suite,
-    check,
-    junit_xml,
-    read_suite,
-    replay_table,
+    ExpectedEvent,
+    baseline_changes,
+    baseline_of,
+    check_baseline,
+    read_baseline,
+    write_baseline,
 )
+from loopback.replay.outcome import junit_xml, replay_table
+from loopback.replay.runs import ClipResult, check
+from loopback.replay.suite import Clip, Suite, read_suite
 from risorius.cli import main
 from shared_model.errors import UserError
 
@@ -244,3 +249,114 @@ def test_an_interrupted_replay_keeps_the_clips_that_were_finished(
     assert replay.returncode == 130
     assert carphone.name in printed
     assert (tmp_path / "out" / "report.json").exists() and not junit.exists()
+
+
+HELD = {"face_psnr_db": 0.3, "frame_bps": 20.0, "latency_ms.p50": 5.0}
+
+
+@pytest.mark.parametrize(
+    "now, missed",
+    [
+        ({}, set()),
+        ({"face_psnr_db": 23.9}, {"face_psnr_db"}),
+        ({"face_psnr_db": 24.3, "frame_bps": 815}, set()),
+        ({"frame_bps": 821}, {"frame_bps"}),
+        ({"frame_bps": 200, "face_psnr_db": 40}, set()),
+        ({"latency_ms": {"p50": 86}}, {"latency_ms.p50"}),
+        ({"face_psnr_db": None}, {"face_psnr_db"}),
+    ],
+)
+def test_a_figure_may_be_worse_by_its_tolerance(now: dict[str, Any], missed: set[str]) -> None:
+    before = {"face_psnr_db": 24.5, "frame_bps": 800, "latency_ms": {"p50": 80.0}}
+    kept = baseline_of(before, HELD)
+    assert kept == {"face_psnr_db": 24.5, "frame_bps": 800, "latency_ms.p50": 80.0}
+    checks = list(check_baseline(before | now, kept, HELD))
+    assert len(checks) == 3
+    assert {each.figure for each in checks if not each.passed} == missed
+
+
+def test_changed_pictures_are_noticed() -> None:
+    kept = baseline_of({PICTURES: "ab" * 32}, {})
+    (same,) = check_baseline({PICTURES: "ab" * 32}, kept, {})
+    (other,) = check_baseline({PICTURES: "cd" * 32}, kept, {})
+    assert same.passed and not other.passed and other.value == "cdcdcdcdcdcd"
+    assert list(check_baseline({PICTURES: "ab"}, {}, {})) == []
+
+
+def test_a_baseline_is_written_a_figure_a_line_and_read_again(tmp_path: Path) -> None:
+    path = tmp_path / "baseline.json"
+    clips = {"b": {"frame_bps": 790.0}, "a": {"face_psnr_db": 34.5, "frame_bps": 800.0}}
+    write_baseline(path, clips)
+    assert read_baseline(path) == clips
+    assert path.read_text().index('"a"') < path.read_text().index('"b"')
+    assert '      "frame_bps": 800.0\n' in path.read_text()
+    changed = baseline_changes(clips, {"a": {"face_psnr_db": 34.9, "frame_bps": 800.0}})
+    assert "34.90" in changed and "gone" in changed and "800" not in changed
+    assert baseline_changes(clips, clips) == ""
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"clips": []}', '{"clips": {"a": 3}}', "{"])
+def test_what_is_no_baseline_is_refused(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "baseline.json"
+    path.write_text(text)
+    with pytest.raises(UserError, match="is no baseline"):
+        read_baseline(path)
+    with pytest.raises(UserError, match="--update-baseline"):
+        read_baseline(tmp_path / "none.json")
+
+
+def test_an_event_must_come_between_its_times() -> None:
+    event = ExpectedEvent("face_lost", 1.0, 2.0)
+    said = [{"event": "face_lost", "time_s": 0.4}, {"event": "face_found", "time_s": 1.5}]
+    missed = event.check(said)
+    assert not missed.passed and missed.value == "0.40 s" and missed.rule == "1 to 2 s"
+    assert event.check([*said, {"event": "face_lost", "time_s": 1.9}]).passed
+    assert event.check([]).value is None
+
+
+@pytest.mark.parametrize(
+    ("more", "reason"),
+    [
+        ("event = 3", "event is not a list"),
+        ("event = [{ kind = 'smile' }]", "kind is one of face_lost"),
+        ("event = [{ kind = 'face_lost', between_s = [1] }]", "not a pair"),
+        ("event = [{ kind = 'face_lost', between_s = [1, 2], at = 3 }]", "unknown keys: at"),
+        ("tolerance.frame_bpz = 3", "no report has a figure frame_bpz"),
+        ("original = 3", "original is not a path"),
+    ],
+)
+def test_a_mistake_in_what_is_held_is_refused(more: str, reason: str, tmp_path: Path) -> None:
+    text = f"[[clip]]\npath = 'a.mp4'\nsha256 = 'a'\n{more}"
+    with pytest.raises(UserError, match=reason):
+        read_suite(write_suite(tmp_path, text))
+
+
+def test_recorded_calls_and_a_baseline_tell_a_changed_decoder(
+    carphone: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    call, baseline = tmp_path / "a.rzo", tmp_path / "baseline.json"
+    options = ["--profile", "thesis", "--max-frames", "8", "-q"]
+    assert main(["encode", str(carphone), "-o", str(call), *options]) == 0
+    sum_ = hashlib.sha256(call.read_bytes()).hexdigest()
+    clip = f"path = 'a.rzo'\nsha256 = '{sum_}'\noriginal = '{carphone}'\nmin.frames = 8\n"
+    event = "event = [{ kind = 'face_lost', between_s = [0, 9] }]"
+    suite = write_suite(tmp_path, f"[[clip]]\n{clip}\n[[clip]]\nname = 'lost'\n{clip}{event}")
+    replay = ["replay", str(suite), "--out", str(tmp_path / "out"), "--baseline", str(baseline)]
+    assert main(replay) == 2
+    assert "--update-baseline writes one" in capsys.readouterr().err
+    assert main([*replay, "--update-baseline"]) == 1
+    printed = capsys.readouterr().out
+    assert "pictures_sha256" in printed and printed.count("MISSED") == 1
+    assert main([*replay, "--update-baseline"]) == 1
+    assert "the baseline is as it was" in capsys.readouterr().out
+    assert main(replay) == 1
+    (missed,) = (line for line in capsys.readouterr().out.splitlines() if "MISSED" in line)
+    assert "face_lost" in missed
+    kept = json.loads(baseline.read_text())
+    kept["clips"]["a.rzo"]["pictures_sha256"] = "0" * 64
+    kept["clips"]["a.rzo"]["face_psnr_db"] += 1
+    baseline.write_text(json.dumps(kept))
+    assert main(replay) == 1
+    assert capsys.readouterr().out.count("MISSED") == 3

@@ -1,37 +1,37 @@
-"""Suites of recorded clips with thresholds: what a CI runs to see that nothing got worse."""
+"""Suites as their TOML files say them: clips, how they are coded, what is held against them."""
 
 import hashlib
 import json
-import xml.etree.ElementTree as ElementTree
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 from encoder.option_rules import check_value, chosen_profile
-from loopback.bench import (
-    BenchSettings,
-    bench_clip,
-    check_recorded,
-    is_figure,
-    make_folder,
-    output_names,
-)
+from loopback.bench import BenchSettings, check_recorded, is_figure
 from loopback.clip_paths import clip_path
-from loopback.judge.observer import Observer, find_observer
-from loopback.report import flatten, table
+from loopback.replay.checks import EVENTS, TOLERANCES, ExpectedEvent
+from loopback.report import flatten
 from loopback.toml_file import read_toml
 from shared_model.errors import UserError
 
-Say = Callable[[str], None]
+CLIP_KEYS = {
+    *("name", "path", "sha256", "settings", "min", "max"),
+    *("tolerance", "event", "original"),
+}
+CALL_FILE = ".rzo"
 
 
 @dataclass(frozen=True, slots=True)
 class Clip:
     """One clip of a suite.
 
-    path: file or image pattern.  sha256: of the file, hexadecimal; None for an image pattern.
+    path: video file, image pattern, or call file.  sha256: of the file, hexadecimal; None for an
+        image pattern.
     least, most: thresholds by the dotted name of a report figure.
+    tolerances: by how much a figure may be worse than the baseline.
+    events: that the call must say.
+    original: of a call file, what it was made of; None: its pictures are compared with nothing.
     """
 
     name: str
@@ -40,6 +40,14 @@ class Clip:
     settings: BenchSettings
     least: Mapping[str, float] = field(default_factory=dict)
     most: Mapping[str, float] = field(default_factory=dict)
+    tolerances: Mapping[str, float] = field(default_factory=lambda: dict(TOLERANCES))
+    events: tuple[ExpectedEvent, ...] = ()
+    original: str | None = None
+
+    @property
+    def is_call(self) -> bool:
+        """Whether it is a recorded call, which goes straight into a decoder."""
+        return self.path.endswith(CALL_FILE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,31 +56,6 @@ class Suite:
 
     name: str
     clips: tuple[Clip, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Check:
-    """One threshold and what was measured; `value` None: the clip has no such figure."""
-
-    figure: str
-    rule: str
-    value: float | None
-    passed: bool
-
-
-@dataclass(frozen=True, slots=True)
-class ClipResult:
-    """What came of one clip; `error`: why it could not be measured."""
-
-    name: str
-    figures: Mapping[str, Any]
-    checks: tuple[Check, ...]
-    error: str | None
-
-    @property
-    def passed(self) -> bool:
-        """It was measured and no threshold was missed."""
-        return self.error is None and all(check.passed for check in self.checks)
 
 
 def read_suite(path: Path) -> Suite:
@@ -85,32 +68,19 @@ def read_suite(path: Path) -> Suite:
     entries = content.get("clip")
     if not isinstance(entries, list) or not entries:
         raise UserError(f"{path} has no [[clip]]")
-    if unknown := set(content) - {"name", "settings", "clip"}:
+    if unknown := set(content) - {"name", "settings", "tolerance", "clip"}:
         raise UserError(f"{path}: unknown keys: {' '.join(sorted(unknown))}")
     defaults = _table(content, "settings", f"{path}")
+    tolerances = {**TOLERANCES, **_thresholds(content, "tolerance", f"{path}")}
     clips, faults = list[Clip](), list[str]()
     for entry in entries:
         try:
-            clips.append(_read_clip(entry, defaults, path))
+            clips.append(_read_clip(entry, defaults, tolerances, path))
         except UserError as error:
             faults.append(str(error))
     if faults:
         raise UserError("; ".join([*faults, *_input_faults(clips)]))
     return Suite(str(content.get("name", path.stem)), tuple(clips))
-
-
-def replay(suite: Suite, folder: Path, say: Say) -> Iterator[ClipResult]:
-    """Measure one clip of the suite after the other; decoded videos stay in `folder`.
-
-    Raises `UserError` as `check_inputs` does, before anything runs.
-    """
-    check_inputs(suite)
-    names = output_names([clip.name for clip in suite.clips])
-    observer = find_observer()
-    make_folder(folder)
-    for clip, name in zip(suite.clips, names, strict=True):
-        say(f"replay: {clip.name}")
-        yield _replay_clip(clip, folder / f"{name}.mkv", observer, say)
 
 
 def check_inputs(suite: Suite) -> None:
@@ -119,66 +89,25 @@ def check_inputs(suite: Suite) -> None:
         raise UserError("; ".join(faults))
 
 
-def check(clip: Clip, figures: Mapping[str, Any]) -> tuple[Check, ...]:
-    """Hold the figures of a report against the clip's thresholds."""
-    flat = dict(flatten(figures))
-    least = [_check(flat, figure, ">=", limit) for figure, limit in clip.least.items()]
-    most = [_check(flat, figure, "<=", limit) for figure, limit in clip.most.items()]
-    return (*least, *most)
-
-
-def replay_table(results: list[ClipResult]) -> str:
-    """Each threshold of each clip with what was measured."""
-    rows: list[list[str | float | None]] = []
-    for result in results:
-        rows += [
-            [result.name, check.figure, check.rule, check.value, "ok" if check.passed else "MISSED"]
-            for check in result.checks
-        ]
-        if result.error is not None:
-            rows.append([result.name, "-", result.error, None, "FAILED"])
-        elif not result.checks:
-            rows.append([result.name, "-", "none", None, "ok"])
-    return table(("clip", "figure", "threshold", "measured", ""), rows)
-
-
-def junit_xml(suite: Suite, results: list[ClipResult]) -> bytes:
-    """The results as JUnit XML: one test case for each threshold, or for a clip that failed."""
-    root = ElementTree.Element("testsuite", name=suite.name)
-    for result in results:
-        for item in result.checks:
-            case = _case(root, result.name, f"{item.figure} {item.rule}")
-            if not item.passed:
-                ElementTree.SubElement(case, "failure", message=f"measured {item.value}")
-        if result.error is not None:
-            ElementTree.SubElement(_case(root, result.name, "run"), "error", message=result.error)
-        elif not result.checks:
-            _case(root, result.name, "run")
-    root.set("tests", str(len(root)))
-    root.set("failures", str(len(root.findall("testcase/failure"))))
-    root.set("errors", str(len(root.findall("testcase/error"))))
-    ElementTree.indent(root)
-    return bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True))
-
-
-def _replay_clip(clip: Clip, output: Path, observer: Observer, say: Say) -> ClipResult:
-    try:
-        figures = bench_clip(clip.path, clip.settings, output, observer, say)
-    except UserError as error:
-        return ClipResult(clip.name, {"source": clip.name}, (), str(error))
-    return ClipResult(clip.name, figures, check(clip, figures), None)
-
-
 def _input_faults(clips: Iterable[Clip]) -> list[str]:
     """What is wrong with the files of clips, a line for each clip."""
     faults = []
     for clip in clips:
         try:
-            check_recorded([clip.path])
+            _check_readable(clip)
             _check_sha256(clip)
         except UserError as error:
             faults.append(f"clip {clip.name}: {error}")
     return faults
+
+
+def _check_readable(clip: Clip) -> None:
+    if not clip.is_call:
+        check_recorded([clip.path])
+    elif not Path(clip.path).is_file():
+        raise UserError(f"cannot read {clip.path}: no such file")
+    if clip.original is not None:
+        check_recorded([clip.original])
 
 
 def _check_sha256(clip: Clip) -> None:
@@ -190,26 +119,14 @@ def _check_sha256(clip: Clip) -> None:
         raise UserError(f"{clip.path} is another file than the suite means: sha256 is {actual}")
 
 
-def _check(flat: Mapping[str, Any], figure: str, relation: str, limit: float) -> Check:
-    value = flat.get(figure)
-    if not isinstance(value, int | float):
-        return Check(figure, f"{relation} {limit:g}", None, False)
-    passed = value >= limit if relation == ">=" else value <= limit
-    return Check(figure, f"{relation} {limit:g}", value, passed)
-
-
-def _case(root: ElementTree.Element, clip: str, name: str) -> ElementTree.Element:
-    return ElementTree.SubElement(
-        root, "testcase", classname=f"{root.get('name')}.{clip}", name=name
-    )
-
-
-def _read_clip(entry: Any, defaults: Mapping[str, Any], path: Path) -> Clip:
+def _read_clip(
+    entry: Any, defaults: Mapping[str, Any], tolerances: Mapping[str, float], path: Path
+) -> Clip:
     if not isinstance(entry, dict) or not isinstance(entry.get("path"), str):
         raise UserError(f"{path}: a [[clip]] has no path")
     name = str(entry.get("name", Path(entry["path"]).name))
     place = f"{path}: clip {name}"
-    if unknown := set(entry) - {"name", "path", "sha256", "settings", "min", "max"}:
+    if unknown := set(entry) - CLIP_KEYS:
         raise UserError(f"{place}: unknown keys: {' '.join(sorted(unknown))}")
     sha256 = entry.get("sha256")
     if sha256 is None and "%" not in entry["path"]:
@@ -221,7 +138,35 @@ def _read_clip(entry: Any, defaults: Mapping[str, Any], path: Path) -> Clip:
         settings=_settings({**defaults, **_table(entry, "settings", place)}, place),
         least=_thresholds(entry, "min", place),
         most=_thresholds(entry, "max", place),
+        tolerances={**tolerances, **_thresholds(entry, "tolerance", place)},
+        events=_events(entry.get("event", []), place),
+        original=_original(entry.get("original"), path.parent, place),
     )
+
+
+def _original(value: Any, folder: Path, place: str) -> str | None:
+    if value is not None and not isinstance(value, str):
+        raise UserError(f"{place}: original is not a path")
+    return None if value is None else str(clip_path(value, folder))
+
+
+def _events(entries: Any, place: str) -> tuple[ExpectedEvent, ...]:
+    if not isinstance(entries, list):
+        raise UserError(f"{place}: event is not a list of tables: [[clip.event]]")
+    return tuple(_event(entry, place) for entry in entries)
+
+
+def _event(entry: Any, place: str) -> ExpectedEvent:
+    kind = entry.get("kind") if isinstance(entry, dict) else None
+    if kind not in EVENTS:
+        raise UserError(f"{place}: an event's kind is one of {', '.join(EVENTS)}")
+    between = entry.get("between_s")
+    is_pair = isinstance(between, list) and len(between) == 2
+    if not is_pair or not all(isinstance(time, int | float) for time in between):
+        raise UserError(f"{place}: event {kind}: between_s is not a pair of seconds")
+    if unknown := set(entry) - {"kind", "between_s"}:
+        raise UserError(f"{place}: event {kind}: unknown keys: {' '.join(sorted(unknown))}")
+    return ExpectedEvent(kind, *map(float, between))
 
 
 def _settings(content: Mapping[str, Any], place: str) -> BenchSettings:

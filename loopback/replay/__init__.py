@@ -1,0 +1,1 @@
+"""Suites of recorded clips with thresholds: what a CI runs to see that nothing got worse."""
