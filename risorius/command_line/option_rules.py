@@ -15,6 +15,7 @@ OPTIONS_NOT_FOR_SWEEP: Options = {
     **{name: default for name, default in DEFAULT_OPTIONS.items() if name != "live"},
     "model_bytes": None,
     "pace": True,
+    "busy": 0,
 }
 
 

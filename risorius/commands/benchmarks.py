@@ -34,7 +34,12 @@ def add_bench(added: "Commands") -> None:
         "  risorius bench --sweep 300,800,2000:20000 me.mp4 --out out/curves\n"
         "  risorius bench --against svtav1,x265,vp9 --max-frames 150 me.mp4\n",
     )
-    parser.add_argument("source", nargs="+", metavar="SOURCE", help="video file or image pattern")
+    parser.add_argument(
+        "source",
+        nargs="+",
+        metavar="SOURCE",
+        help="video file or image pattern, or package:PACKAGE/PATH",
+    )
     parser.add_argument(
         "--out",
         type=Path,
@@ -65,6 +70,14 @@ def _add_measuring(parser: argparse.ArgumentParser) -> None:
         "--timings",
         action="store_true",
         help="also print where the time of both ends goes: ms a frame of each stage",
+    )
+    parser.add_argument(
+        "--busy",
+        type=int,
+        choices=range(17),
+        default=0,
+        metavar="N",
+        help="run N busy loops of normal priority beside, as a computer that does other things",
     )
     parser.add_argument(
         "--pace",
@@ -111,6 +124,12 @@ def add_replay(added: "Commands") -> None:
 
 def run_bench(arguments: argparse.Namespace) -> int:
     """`risorius bench`."""
+    from loopback.clip_paths import PREFIX, clip_path
+
+    arguments.source = [
+        str(clip_path(each, Path())) if each.startswith(PREFIX) else each
+        for each in arguments.source
+    ]
     if arguments.sweep or arguments.against:
         return run_curves(arguments)
     profile = profile_of(arguments)
