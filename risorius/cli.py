@@ -22,6 +22,7 @@ from risorius.command_line.parser import (
     INTERRUPTED,
     TRACEBACK_VARIABLE,
     Parser,
+    start_log,
 )
 from risorius.commands.annotate import add_annotate
 from risorius.commands.benchmarks import add_bench, add_replay
@@ -141,6 +142,7 @@ def _run(argv: Sequence[str] | None) -> int:
         faulthandler.enable(sys.__stderr__)
     try:
         arguments = build_parser().parse_args(argv)
+        start_log(arguments.verbose, arguments.log)
         command: Callable[[argparse.Namespace], int] = arguments.run
         code = command(arguments)
         sys.stdout.flush()

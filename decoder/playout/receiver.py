@@ -5,6 +5,7 @@ are taken as they come.  Where an encoder starts again the call goes on with its
 place where it would be had nothing happened.
 """
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -23,6 +24,8 @@ from protocol.packets import FramePacket, LayerPacket, Packet, parse_packet
 from protocol.voice.voice_block import SPEECH_FRAMES_PER_SECOND
 from shared_model.errors import LINK_FAILED, UserError
 from shared_model.parameters import FaceParameters, with_focal_change
+
+_log = logging.getLogger(__name__)
 
 # Speech is heard with its pictures; what nobody has taken by then is kept for so long.
 KEPT_SPEECH_S = 60
@@ -113,6 +116,7 @@ class Receiver:
             self._count(packet, len(arrival.data) - 1)
             self.heard.enter(packet, arrival)
         except ProtocolError as error:
+            _log.warning("a packet of %d bytes is left out: %s", len(arrival.data), error)
             self._on_damage(error)
         frames = self._released(arrival.time_s)
         self._drop_old_speech()
@@ -130,10 +134,12 @@ class Receiver:
         """Take packets from an encoder that has started again."""
         self.heard, self._session = EncoderSession(self._max_wait_s), session
         self.counts.restarts += 1
+        _log.info("the encoder has started again, session %d", session)
 
     def _count(self, packet: Packet, size: int) -> None:
         if isinstance(packet, ModelPacket | LayerPacket):
             self.counts.model_bytes += size
+            _log.info("%s of %d bytes has come", type(packet).__name__, size)
         elif isinstance(packet, FramePacket):
             self.counts.frame_bytes += size
 

@@ -19,6 +19,7 @@ Another face (`encoder.live_model.other_face`) is an update, too; the caller's w
 So is the first version of somebody else who sits down where the caller sat.
 """
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
@@ -43,6 +44,8 @@ from encoder.live_model.model_version import ModelVersion
 from encoder.live_model.other_face import ShownFace
 from encoder.live_model.training_frames import TrainingFrames
 from shared_model.parameters import FaceParameters
+
+_log = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -333,4 +336,5 @@ class ModelLifecycle:
     def _go_to(self, state: ModelState) -> None:
         if state not in NEXT_STATES[self._state]:
             raise ValueError(f"model lifecycle: {state} cannot follow {self._state}")
+        _log.info("%s follows %s", state, self._state)
         self._state = state

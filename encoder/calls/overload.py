@@ -1,9 +1,12 @@
 """Overload control of a live call: which of its work it leaves out while it lags."""
 
+import logging
 from collections.abc import Mapping
 from math import inf
 
 from encoder.live_model.work_level import WorkLevel
+
+_log = logging.getLogger(__name__)
 
 # A call that lags more than this goes a level up, and another one if it lags no less so much later.
 LAG_LIMIT_S, RESPONSE_S = 0.1, 0.25
@@ -61,6 +64,7 @@ class OverloadController:
             self._raise_unless_falling()
         elif self._level and self._caught_up_s >= HOLD_OFF_S:
             self._level = WorkLevel(self._level - 1)
+            _log.info("less haste: %s", self._level.label)
             self._checked_lag_s = self._caught_up_s = 0.0
         return self._lag_s
 
@@ -71,6 +75,7 @@ class OverloadController:
         self._checked_lag_s, self._since_check_s = self._lag_s, 0.0
         if not is_falling and self._level is not max(WorkLevel):
             self._level = WorkLevel(self._level + 1)
+            _log.info("more haste, %.2f s late: %s", self._lag_s, self._level.label)
 
 
 def haste_message(level_frames: Mapping[WorkLevel, int], worst_lag_s: float) -> str | None:

@@ -1,5 +1,7 @@
 """Sends the packets of one call and counts them; all three sessions send through it."""
 
+import logging
+
 from encoder.calls.session_stats import SessionStats
 from encoder.capture.frame_times import FrameTimes
 from encoder.coding.pacer import LayerPacer
@@ -16,6 +18,8 @@ from protocol.packets import (
     Packet,
     serialise,
 )
+
+_log = logging.getLogger(__name__)
 
 # Frame packets between a model update and the first one that needs it, at least and at most: any
 # more, and its sequence number would be taken for one of the past.
@@ -53,6 +57,7 @@ class PacketSender:
     def send_model(self, packet: ModelPacket) -> None:
         """Send a model packet, whole or the base layer of one."""
         size = self._send_model_part(packet)
+        _log.info("model %d is sent, %d bytes", packet.version, size)
         if self._pacer is not None:
             self._pacer.on_packet_sent(size)
 
@@ -71,6 +76,7 @@ class PacketSender:
         duration_s: from the packet's first frame to that of the next.
         """
         self._stats.frame_bytes += len(payload)
+        _log.debug("frame packet %d is sent, %d bytes", number, len(payload))
         packet = FramePacket(number % SEQUENCE_MODULUS, payload)
         if self._voice is not None:
             packet = self._voice.packet(number, payload)
@@ -113,6 +119,7 @@ class PacketSender:
             self._say(ControlKind.PERSON_GONE, frame)
 
     def _say(self, kind: ControlKind, frame: int) -> None:
+        _log.info("%s from source frame %d on", kind.name, frame)
         self._stats.events.append((kind, frame))
         self._send(ControlPacket(0, kind, frame))
 

@@ -4,6 +4,7 @@ First pass: landmarks of every frame.  Between the passes: one identity and one 
 Second pass: the face in every frame that is coded, fitted with that model.
 """
 
+import logging
 from collections import deque
 from collections.abc import Iterable
 from concurrent.futures import Future
@@ -39,6 +40,8 @@ from protocol.model_packet import ModelPacket
 from shared_model.animate import Face
 from shared_model.parameters import FaceParameters
 from shared_model.surround import head_with_surround
+
+_log = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -150,6 +153,7 @@ class TwoPassEncoder:
             watch = HandWatch()
             hands = watch.find_all(pictures, [self._points[number] for number in sampled])
         shown = without_hands(hands)
+        _log.info("%d of %d sampled frames show a hand", len(hands) - len(shown), len(hands))
         canonical = shown[typical_frame([initial[sampled[number]] for number in shown])]
         sizes = budget.texture_size, budget.appearance_bytes, budget.max_modes
         options = TrainingOptions(*sizes, reference=sampled[canonical])

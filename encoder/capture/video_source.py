@@ -1,5 +1,6 @@
 """Sources of frames: video file, pipe, image sequence, camera, network stream."""
 
+import logging
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ from encoder.capture.image_sequence import ImageSequence, pattern_and_rate
 from encoder.capture.video_file import VideoFile
 from protocol.sample_aspect import source_size
 from shared_model.errors import UserError
+
+_log = logging.getLogger(__name__)
 
 Frame = NDArray[np.uint8]
 
@@ -215,4 +218,5 @@ def _video_capture(name: str, video: VideoFile, is_live: bool = False) -> Captur
     # Without a rate a container may still have times.
     is_assumed = not is_usable_fps(video.stated_fps) and times == FrameTimes(DEFAULT_FPS)
     matrix, aspect = video.colour_matrix, video.sample_aspect
+    _log.info("%s: %.2f frames a second, sample aspect %s", name, times.fps, aspect)
     return Capture(name, video, times, video.frame_count, is_live, matrix, is_assumed, aspect)

@@ -17,7 +17,9 @@ def start_child(
     """
     ours, theirs = socket.socketpair()
     program = (
-        f"import sys; sys.path[:] = {sys.path!r}; from {module} import serve;"
+        f"import sys; sys.path[:] = {sys.path!r};"
+        f" from shared_model.logs import follow_environment; follow_environment();"
+        f" from {module} import serve;"
         f" serve({theirs.fileno()}, *{list(arguments)!r})"
     )
     try:

@@ -6,9 +6,13 @@ where it was, and one with more rivals, rungs or clips measures only those.
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, cast
 
 import numpy as np
 
@@ -48,6 +52,8 @@ from shared_model.errors import UserError
 OURS = "risorius"
 SCHEMA = "risorius-curves/1"
 POINTS = ".points.json"
+# For a cluster's scheduler to answer, s.
+CONNECT_S = 10
 # The rate of a call by default; the length of the calls whose pictures are shown at equal bytes.
 DEFAULT_BPS, EQUAL_S = 800.0, 10.0
 Say = Callable[[str], None]
@@ -78,26 +84,87 @@ def rivals_named(names: Iterable[str]) -> list[Rival]:
 
 
 def bench_curves(
-    sources: Sequence[str], settings: CurveSettings, folder: Path, say: Say
+    sources: Sequence[str],
+    settings: CurveSettings,
+    folder: Path,
+    say: Say,
+    pool: "Pool | None" = None,
 ) -> tuple[dict[str, Contenders], str, list[ClipFailure]]:
     """The points of each codec of each clip, the judge's name, and the clips that failed.
 
-    Notes, exhibits and our call files are left in `folder`.
+    Notes, exhibits and our call files are left in `folder`, which a cluster must share.
+    pool: see `open_pool`.
     Raises `UserError` as `check_recorded` and `rivals_named` do, before anything is coded.
     """
     check_recorded(sources)
     rivals_named(settings.rivals)
     make_folder(folder)
-    observer = find_observer()
-    say(f"bench: the judge is {observer.name}")
+    say(f"bench: the judge is {find_observer().name}")
     clips, failures = dict[str, Contenders](), list[ClipFailure]()
-    for source, name in zip(sources, output_names(sources), strict=True):
+    tasks = zip(sources, output_names(sources), strict=True)
+    if pool is None:
+        results = (
+            (s, name, partial(bench_clip, s, name, settings, folder, say)) for s, name in tasks
+        )
+    else:
+        # All at once; what a clip says stays with whom it runs at.
+        futures = [(s, n, pool.submit(bench_clip, s, n, settings, folder)) for s, n in tasks]
+        results = ((source, name, future.result) for source, name, future in futures)
+    judge = ""
+    for source, name, result in results:
         try:
-            notes = _Notes(folder / f"{name}{POINTS}", _identity(source, settings, observer))
-            clips[name] = _bench_clip(source, settings, notes, folder, observer, say)
+            clips[name], judge = result()
+            say(f"bench: {name} is done, {len(clips)} of {len(sources)}")
         except UserError as error:
             failures.append(ClipFailure(source, error))
-    return clips, observer.name, failures
+            say(f"bench: {name} failed: {error}")
+    return clips, judge, failures
+
+
+class Pool(Protocol):
+    """Runs functions elsewhere, as `concurrent.futures` and dask.distributed do."""
+
+    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Any:
+        """What has a `result` once it is done."""
+
+
+@contextmanager
+def open_pool(jobs: int, scheduler: str | None) -> Iterator[Pool | None]:
+    """A pool of so many processes on this host, or a cluster by the address of its scheduler.
+
+    None: clips are measured one after the other here.  Raises `UserError`.
+    """
+    if scheduler is not None:
+        try:
+            from distributed import Client
+        except ImportError as error:
+            raise UserError("a cluster needs dask: pip install '.[cluster]'") from error
+        try:
+            connect: Any = Client
+            client = connect(scheduler, timeout=CONNECT_S)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise UserError(f"no scheduler of dask answers at {scheduler}") from error
+        with client:
+            yield client
+    elif jobs > 1:
+        context = get_context("spawn")
+        with ProcessPoolExecutor(jobs, mp_context=context) as pool:
+            yield cast(Pool, pool)
+    else:
+        yield None
+
+
+def _silent(line: str) -> None:
+    """Nobody reads here."""
+
+
+def bench_clip(
+    source: str, name: str, settings: CurveSettings, folder: Path, say: Say = _silent
+) -> tuple[Contenders, str]:
+    """The points of one clip, noted in `folder`, and the judge's name.  Raises `UserError`."""
+    observer = find_observer()
+    notes = _Notes(folder / f"{name}{POINTS}", _identity(source, settings, observer))
+    return _bench_clip(source, settings, notes, folder, observer, say), observer.name
 
 
 def _bench_clip(

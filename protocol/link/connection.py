@@ -7,6 +7,7 @@ becomes the link and the others are closed; the link before is held until then. 
 this repairs what the transport sends only once.
 """
 
+import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -14,6 +15,8 @@ from typing import Protocol
 from protocol.endpoint import CERTIFIED_SCHEMES, Endpoint
 from protocol.link.endpoints import Failure
 from protocol.link.messages import Role
+
+_log = logging.getLogger(__name__)
 
 # How often a candidate is opened, in the first seconds of silence and later.
 EARLY_PAUSE_S, LATE_PAUSE_S, EARLY_S = 0.4, 1.0, 10.0
@@ -165,11 +168,14 @@ class Connector:
     def on_opened(self, connection: int, now_s: float) -> None:
         """A candidate is open."""
         if candidate := self._candidates.get(connection):
+            _log.info("connection %d to %s is open", connection, candidate.endpoint)
             candidate.opened_s, self.failure = now_s, None
 
     def on_failed(self, connection: int, failure: Failure) -> None:
         """A candidate could not be opened."""
-        if self._candidates.pop(connection, None) is not None:
+        candidate = self._candidates.pop(connection, None)
+        if candidate is not None:
+            _log.info("connection %d to %s failed: %s", connection, candidate.endpoint, failure)
             self.failure = failure
 
     def on_heard(self, connection: int, now_s: float) -> None:
@@ -178,6 +184,7 @@ class Connector:
         if candidate is not None:
             self._to_close += [*self._candidates, *([] if self.link is None else [self.link])]
             self._candidates.clear()
+            _log.info("connection %d to %s is the link", connection, candidate.endpoint)
             self.link, self._endpoint = connection, candidate.endpoint
         if connection == self.link:
             self._heard_s, self._begun_s = now_s, None
@@ -207,6 +214,7 @@ class Connector:
     def on_broken(self, connection: int) -> None:
         """The transport of a connection has ended."""
         if connection == self.link:
+            _log.info("the link, connection %d, has broken", connection)
             self.link, self._heard_s = None, float("-inf")
             self._to_close.append(connection)
 

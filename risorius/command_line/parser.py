@@ -1,12 +1,14 @@
 """The parser that commands share: a mistake is one line, the help has examples and exit codes."""
 
 import argparse
+import logging
 import re
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from shared_model.errors import UserError
+from shared_model.logs import log_to
 
 if TYPE_CHECKING:
     Commands = argparse._SubParsersAction["Parser"]
@@ -59,7 +61,7 @@ def _meant(words: Sequence[str], known: Iterable[str]) -> str:
 
 def add_command(added: "Commands", name: str, summary: str, details: str, examples: str) -> Parser:
     """Add the parser of a command; `summary` is its one line in the list of commands."""
-    return added.add_parser(
+    parser = added.add_parser(
         name,
         help=summary,
         description=f"{summary[0].upper()}{summary[1:]}.\n\n{details}",
@@ -68,3 +70,20 @@ def add_command(added: "Commands", name: str, summary: str, details: str, exampl
         # `call --invite LINE` would be taken for --invite-file.
         allow_abbrev=False,
     )
+    parser.add_argument(
+        "-v",
+        "--verbose",
+        action="count",
+        default=0,
+        help="log on standard error what happens: -v what changes, -vv each packet",
+    )
+    parser.add_argument(
+        "--log", metavar="FILE", help="log all of that into a file, added at its end"
+    )
+    return parser
+
+
+def start_log(verbose: int, path: str | None) -> None:
+    """Log as `-v` and `--log` say.  Raises `UserError` if the file cannot be written."""
+    if verbose or path is not None:
+        log_to(logging.INFO if verbose == 1 else logging.DEBUG, path)

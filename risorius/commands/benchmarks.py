@@ -38,7 +38,7 @@ def add_bench(added: "Commands") -> None:
         "source",
         nargs="+",
         metavar="SOURCE",
-        help="video file or image pattern, or package:PACKAGE/PATH",
+        help="video file or image pattern, a folder of videos, or package:PACKAGE/PATH",
     )
     parser.add_argument(
         "--out",
@@ -65,6 +65,19 @@ def _add_measuring(parser: argparse.ArgumentParser) -> None:
         type=names,
         metavar="CODEC,...",
         help="other codecs on the same frames: svtav1, x265, x264, vp9; with --live in real time",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        choices=range(1, 257),
+        default=1,
+        metavar="N",
+        help="of a sweep: measure N clips at a time on this host",
+    )
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="of a sweep: on a cluster, tcp://HOST:8786 of dask.distributed; it shares --out",
     )
     parser.add_argument(
         "--timings",
@@ -124,11 +137,12 @@ def add_replay(added: "Commands") -> None:
 
 def run_bench(arguments: argparse.Namespace) -> int:
     """`risorius bench`."""
-    from loopback.clip_paths import PREFIX, clip_path
+    from loopback.clip_paths import PREFIX, clip_path, videos_in
 
     arguments.source = [
-        str(clip_path(each, Path())) if each.startswith(PREFIX) else each
+        clip
         for each in arguments.source
+        for clip in ([str(clip_path(each, Path()))] if each.startswith(PREFIX) else videos_in(each))
     ]
     if arguments.sweep or arguments.against:
         return run_curves(arguments)
@@ -184,6 +198,7 @@ def run_curves(arguments: argparse.Namespace) -> int:
         curve_report,
         duel_rows,
         duels,
+        open_pool,
         point_rows,
         read_exhibits,
         shown_rung,
@@ -198,8 +213,8 @@ def run_curves(arguments: argparse.Namespace) -> int:
     settings = CurveSettings(chosen, rivals, arguments.live, arguments.max_frames)
     folder = arguments.out or Path("out/curves")
     check_output_folder(folder)
-    with StopOnSignal():
-        clips, judge, failures = bench_curves(arguments.source, settings, folder, say)
+    with StopOnSignal(), open_pool(arguments.jobs, arguments.scheduler) as pool:
+        clips, judge, failures = bench_curves(arguments.source, settings, folder, say, pool)
     if clips:
         found = duels(clips, shown_rung(chosen).label)
         write_json(folder / "report.json", curve_report(clips, settings, failures))
