@@ -16,7 +16,7 @@ PACKAGES := shared_model protocol encoder decoder aam loopback risorius
 # compiles all modules again.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: install judge figures bench check demo test test-protocol test-packages coverage lint format lock clean
+.PHONY: install judge figures bench check dist dist-check demo test test-protocol test-packages coverage lint format lock clean
 
 install: $(COMPILED)
 
@@ -59,6 +59,15 @@ bench: $(COMPILED) $(JUDGE)
 check: $(COMPILED) lint
 	$(PYTEST) tests/test_shared_model tests/test_protocol tests/test_house
 
+# Wheel and source archive in dist/.
+dist: $(INSTALLED)
+	rm -rf dist
+	$(BIN)/python -m build --no-isolation --outdir dist .
+
+# The wheel alone, in an empty environment and an empty folder, makes a call.
+dist-check: dist
+	sh scripts/check_wheel.sh $(PYTHON) dist/*.whl
+
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -91,5 +100,5 @@ lock:
 	    --generate-hashes --no-header --no-annotate --quiet -o requirements.lock
 
 clean:
-	rm -rf $(VENV) .judge build out *.egg-info .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) .judge build dist out *.egg-info .coverage .hypothesis .mypy_cache .pytest_cache .ruff_cache
 	find $(PACKAGES) benchmarks assets tests -name __pycache__ -type d -exec rm -rf {} +

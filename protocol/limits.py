@@ -53,6 +53,8 @@ RELAY_PEERS = 2000
 # Names of calls, and how they are described; ports.
 CALL_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9_.-]{0,62}")
 CALL_NAME_RULE = "use at most 63 of a-z, A-Z, 0-9 and _ . -, and no . in front"
+# The name of a call that nobody has named.
+DEFAULT_CALL = "call"
 MAX_PORT = 65535
 DEFAULT_PORT = 7447
 

@@ -12,14 +12,12 @@ from decoder.call_pictures import CallPictures
 from decoder.playout.call_source import CallSource
 from protocol.endpoint import parse_endpoint
 from protocol.errors import ProtocolError
+from protocol.limits import DEFAULT_CALL
 from protocol.security.invitation import parse_invitation
 from protocol.security.link_security import LinkSecurity
 from shared_model.errors import UserError
 
 Picture = NDArray[np.uint8]
-
-# The name of a call that has no other one.
-DEFAULT_CALL = "call"
 
 
 class TimedPicture(NamedTuple):

@@ -19,7 +19,7 @@ from protocol.endpoint import (
     parse_remote_endpoint,
 )
 from protocol.errors import ProtocolError
-from protocol.limits import CALL_NAME, CALL_NAME_RULE
+from protocol.limits import CALL_NAME, CALL_NAME_RULE, DEFAULT_CALL
 from protocol.link.endpoints import check_listening
 from protocol.security.invitation import Invitation, parse_invitation, random_key
 from protocol.security.link_security import KeyFile, LinkSecurity
@@ -27,7 +27,6 @@ from risorius.command_line.local_network import find_call
 from risorius.command_line.progress import say
 from shared_model.errors import UserError
 
-DEFAULT_CALL = "call"
 LINK_OPTIONS = ("connect", "listen", "invite", "invite_file", "call")
 # Names that are drawn: two syllables, easily said over a telephone.
 _CONSONANTS, _VOWELS = "bdfgjklmnprstv", "aeiou"

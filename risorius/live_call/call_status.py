@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from time import monotonic
 
+from protocol.limits import DEFAULT_CALL
 from protocol.link.interface import Reachability
 from risorius.call_page.page_clock import PageClock
 from risorius.call_page.page_server import PageServer
@@ -51,7 +52,7 @@ class CallStatus:
         words = state_words(*state, is_camera_off, waited_s, knows_person=bool(self.person))
         self._page.tell(
             "state",
-            name=self.person or name,
+            name=self.person or ("" if name == DEFAULT_CALL else name),
             text=words.text,
             over=words.over,
             trouble=words.is_trouble,

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from protocol.limits import DEFAULT_CALL
 from protocol.link.interface import IP_OVERHEAD_BYTES, ZENOH_OVERHEAD_BYTES, Reachability
 from risorius.live_call.messages import Presence, Receiving, Sending, Traffic
 
@@ -42,8 +43,8 @@ def state_words(
     waited_s: how long this end has been there.
     """
     reach = None if sending is None else sending.reach
-    # A call is named by who listens: that is not the name of who calls there.
-    is_unknown = is_listening and not knows_person
+    # A call is named by who listens, or by nobody: that is not the name of who calls there.
+    is_unknown = not knows_person and (is_listening or name == DEFAULT_CALL)
     other, caller = ("The other one", "Somebody") if is_unknown else (name, name)
     if reach == Reachability.BUSY:
         return Words("is in another call", f"{other} is in another call.")
@@ -60,12 +61,12 @@ def state_words(
     if reach == Reachability.HAS_PEER or presence in (Presence.HERE, Presence.SILENT):
         if is_listening:
             return Words("is calling", f"{caller} is calling …")
-        return Words("answers", f"{name} answers …")
+        return Words("answers", f"{other} answers …")
     if is_listening:
         return Words("waiting for a call", "Waiting for a call …")
     if waited_s > PATIENCE_S and reach == Reachability.NO_PEER:
-        return Words("nobody there yet", f"{name} is not there yet. Waiting …")
-    return Words("calling", f"Calling {name} …")
+        return Words("nobody there yet", f"{other} is not there yet. Waiting …")
+    return Words("calling", "Calling …" if is_unknown else f"Calling {name} …")
 
 
 def stranger_words(is_listening: bool) -> str:

@@ -44,6 +44,17 @@ def test_the_state_is_said_in_words(
     assert bool(words.over) == (not has_picture)
 
 
+def test_a_call_that_nobody_has_named_has_no_name() -> None:
+    words = [
+        state_words("call", False, False, sending, Presence.AWAITED).over
+        for sending in (SENDING, LINKED, BUSY)
+    ]
+    assert words[0] == "Calling …"
+    assert all("call answers" not in each and not each.startswith("call ") for each in words)
+    known = state_words("call", False, False, LINKED, Presence.AWAITED, knows_person=True)
+    assert known.over == "call answers …"
+
+
 def test_whoever_is_in_another_call_is_not_shown() -> None:
     words = state_words("anna", False, True, BUSY, Presence.HERE)
     assert words.text == "is in another call" and words.over

