@@ -298,7 +298,7 @@ class Duel:
 
     our_bps, our_quality: of our rung.  their_bps: what the rival needs for that quality; None: it
         has no such point.  crossing_bps: from which rate on the rival is at least as good; None:
-        nowhere up to its highest rate.  bd_rate_percent: see `bd_rate_percent`.
+        nowhere up to `their_highest_bps`.  bd_rate_percent: see `bd_rate_percent`.
     """
 
     clip: str
@@ -310,6 +310,7 @@ class Duel:
     their_bps: float | None
     crossing_bps: float | None
     bd_rate_percent: float | None
+    their_highest_bps: float = 0.0
 
 
 def duels(clips: Mapping[str, Contenders], rung: str) -> list[Duel]:
@@ -352,15 +353,18 @@ def _duel(
         rounded(needed, 0),
         rounded(crossing_bps(ours, theirs), 0),
         rounded(bd_rate_percent(ours, theirs), 1),
+        float(theirs.rates[-1]) if len(theirs.rates) else 0.0,
     )
 
 
-def geometric_mean(values: Sequence[float | None]) -> float | None:
-    """Of rates; None if one is missing: it is above all that was measured."""
-    known = [value for value in values if value]
-    if not known or len(known) < len(values):
+def geometric_mean_kbps(rates: Sequence[float | None], highest: Sequence[float]) -> str | None:
+    """The geometric mean of rates, kbit/s; where one is not known it is above its `highest`, which
+    then stands for it, and the mean is a lower bound: "> 50.1"."""
+    known = [rate or bound for rate, bound in zip(rates, highest, strict=True)]
+    if not all(known):
         return None
-    return float(np.exp(np.mean(np.log(known))))
+    mean = float(np.exp(np.mean(np.log(known)))) / 1000
+    return f"{'' if all(rates) else '> '}{mean:.{1 if mean >= 10 else 2}f}"
 
 
 def curve_report(
@@ -384,8 +388,7 @@ def curve_report(
 def duel_rows(found: Sequence[Duel], duration_s: float) -> tuple[tuple[str, ...], list[list[Cell]]]:
     """Header and rows: what each rival needs for our quality, and where it overtakes us.
 
-    Both are geometric means over the clips; a clip on which it never has our quality, or never
-    overtakes us, makes them a dash.
+    Both are geometric means over the clips, see `geometric_mean_kbps`.
     """
     header = (
         "rival",
@@ -409,14 +412,15 @@ def duel_rows(found: Sequence[Duel], duration_s: float) -> tuple[tuple[str, ...]
 
 def _duel_row(rival: str, measure: str, each: Sequence[Duel]) -> list[Cell]:
     rates = [duel.bd_rate_percent for duel in each if duel.bd_rate_percent is not None]
+    highest = [duel.their_highest_bps for duel in each]
     return [
         rival,
         measure,
         len(each),
-        _kbps(geometric_mean([duel.our_bps for duel in each])),
-        _kbps(geometric_mean([duel.their_bps for duel in each])),
-        _kbps(geometric_mean([duel.crossing_bps for duel in each])),
-        rounded(float(np.mean(rates)), 0) if rates else None,
+        geometric_mean_kbps([duel.our_bps for duel in each], highest),
+        geometric_mean_kbps([duel.their_bps for duel in each], highest),
+        geometric_mean_kbps([duel.crossing_bps for duel in each], highest),
+        f"{np.mean(rates):+.0f}" if rates else None,
     ]
 
 
@@ -430,7 +434,3 @@ def point_rows(clips: Mapping[str, Contenders]) -> tuple[tuple[str, ...], list[l
             qualities = (point.figures.get(measure) for measure in MEASURES)
             rows.append([name, point.label, point.start_bytes, rate, *qualities])
     return header, rows
-
-
-def _kbps(rate: float | None) -> float | None:
-    return None if rate is None else round(rate / 1000, 2)
