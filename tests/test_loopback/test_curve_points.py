@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from loopback.curves.curve_bench import OURS, CurveSettings, duel_rows, duels
+from loopback.curves.curve_bench import (
+    OURS,
+    CurveSettings,
+    duel_rows,
+    duels,
+    geometric_mean_kbps,
+)
 from loopback.curves.curve_page import mean_curve
 from loopback.curves.points import Curve, Point, bd_rate_percent, crossing_bps, curve_of
 
