@@ -15,9 +15,8 @@ def main(source: str, folder: str = ".") -> None:
     call = Path(folder) / "call.rzo"
     report = risorius.encode(source, call)
     summary = risorius.info(call)
-    print(
-        f"{report.frames} frames: {summary.model_bytes} bytes, then {summary.frame_bps:.0f} bit/s"
-    )
+    rate = f"{summary.model_bytes} bytes, then {summary.frame_bps:.0f} bit/s"
+    print(f"{report.frames} frames: {rate}")
     with risorius.open_call(call) as pictures:
         for number, (time_s, picture) in enumerate(pictures):
             if number % 25 == 0:

@@ -2,9 +2,10 @@
 
 A window of FFmpeg, or a virtual camera that OBS and browsers see:
 
-python examples/frame_loop.py call.rzo | ffplay -f rawvideo -pixel_format bgr24 -video_size 640x480 -
-python examples/frame_loop.py call.rzo | ffmpeg -f rawvideo -pixel_format bgr24 -video_size 640x480 \\
-    -i - -f v4l2 /dev/video9
+python examples/frame_loop.py call.rzo |
+    ffplay -f rawvideo -pixel_format bgr24 -video_size 640x480 -
+python examples/frame_loop.py call.rzo |
+    ffmpeg -f rawvideo -pixel_format bgr24 -video_size 640x480 -i - -f v4l2 /dev/video9
 """
 
 import sys
