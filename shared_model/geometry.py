@@ -48,7 +48,7 @@ def normalise(q: Array) -> Array:
 def multiply(a: Array, b: Array) -> Array:
     """Hamilton product of quaternions (..., 4): rotate by `b`, then by `a`.
 
-    Both of one shape, or one of them a single one.
+    a, b: of equal shape, or one of them (4,).
     """
     aw, ax, ay, az = np.asarray(a, dtype=np.float64).T
     bw, bx, by, bz = np.asarray(b, dtype=np.float64).T

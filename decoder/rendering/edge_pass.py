@@ -1,4 +1,4 @@
-"""Draws the edges of the head: after its solid skin, and after all of it."""
+"""Draws the smooth edges of the head in two passes: those of solid skin, then all others."""
 
 import moderngl
 import numpy as np

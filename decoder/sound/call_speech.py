@@ -1,4 +1,4 @@
-"""The speech frames of a whole call: of one start of its encoder after the other."""
+"""The speech frames of a whole call, in which the encoder may have been started several times."""
 
 from decoder.sound.speech_frames import SpeechFrames
 

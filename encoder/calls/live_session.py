@@ -15,7 +15,7 @@ from encoder.calls.face_search import open_landmark_search, warn_of_long_search
 from encoder.calls.frame_source import FrameDelay, SeenFrame
 from encoder.calls.model_lifecycle import ModelLifecycle, ModelState
 from encoder.calls.model_updates import ModelUpdateSender, StreamPosition
-from encoder.calls.overload import MAX_CAMERA_LAG_S, OverloadController, haste_message
+from encoder.calls.overload import MAX_CAMERA_LAG_S, OverloadController, overload_warning
 from encoder.calls.packet_coder import PacketCoder
 from encoder.calls.packet_filler import CODING_DELAY_S, PacketFiller
 from encoder.calls.packet_sender import (
@@ -137,7 +137,7 @@ class LiveEncoder:
         if not self._has_model:
             return
         self._model.end()
-        if haste := haste_message(self._stats.level_frames, self._stats.worst_lag_s):
+        if haste := overload_warning(self._stats.level_frames, self._stats.worst_lag_s):
             self._stats.warn(haste)
         if excess := self._rate.overshoot_message:
             self._stats.warn(excess)

@@ -138,7 +138,7 @@ class ModelLifecycle:
     @property
     def coding_version(self) -> ModelVersion:
         """The version that frames are coded with: the caller's, or that of another face."""
-        return self._shown.worn or self.version
+        return self._shown.coding_version or self.version
 
     def coded_faces(self, faces: Sequence[FaceParameters]) -> Sequence[FaceParameters]:
         """What is coded of the caller's faces."""
@@ -213,7 +213,7 @@ class ModelLifecycle:
         if self._awaits_newcomer:
             self._follow_person(position)
             return
-        is_back = self._shown.worn is not None
+        is_back = self._shown.coding_version is not None
         is_due = is_back or self._schedule.is_update_due(self._frames.offered)
         if self._state is ModelState.CODING and is_due:
             self._training = self._train_update()
@@ -241,7 +241,7 @@ class ModelLifecycle:
 
     def _show_other(self, position: StreamPosition) -> None:
         """Announce the other face, instead of an update that is being trained."""
-        if self._state is ModelState.CODING and self._shown.worn is None:
+        if self._state is ModelState.CODING and self._shown.coding_version is None:
             self._go_to(ModelState.TRAINING)
         if self._state is ModelState.TRAINING:
             self._training = None

@@ -8,7 +8,8 @@ from encoder.live_model.work_level import WorkLevel
 
 _log = logging.getLogger(__name__)
 
-# A call that lags more than this goes a level up, and another one if it lags no less so much later.
+# A call that lags by more than the first goes up a level, and up another one if its lag has not
+# fallen after the second.
 LAG_LIMIT_S, RESPONSE_S = 0.1, 0.25
 # A call that has lagged less than the first for the second goes a level down.
 CAUGHT_UP_S, HOLD_OFF_S = 0.05, 1.0
@@ -21,7 +22,7 @@ LATE_S = 1.0
 MAX_CAMERA_LAG_S = 0.3
 
 # What a report says is done at a level, besides what is done at those before.
-WORDS = {
+LEVEL_DESCRIPTIONS = {
     WorkLevel.NO_IMAGE_FIT: "fitted by texels only",
     WorkLevel.ONE_ITERATION: "in one iteration",
     WorkLevel.HALF_THE_FRAMES: "every second one skipped",
@@ -78,12 +79,12 @@ class OverloadController:
             _log.info("more haste, %.2f s late: %s", self._lag_s, self._level.label)
 
 
-def haste_message(level_frames: Mapping[WorkLevel, int], worst_lag_s: float) -> str | None:
+def overload_warning(level_frames: Mapping[WorkLevel, int], worst_lag_s: float) -> str | None:
     """A warning of what was left out for want of time, and how often, or of a long lag alone."""
     hurried = {level: count for level, count in level_frames.items() if level and count}
     late = f"the call up to {1000 * worst_lag_s:.0f} ms late"
     if not hurried:
         return f"no frame was encoded in haste, but {late}" if worst_lag_s > LATE_S else None
-    parts = ", ".join(f"{WORDS[level]} {hurried[level]}" for level in sorted(hurried))
+    parts = ", ".join(f"{LEVEL_DESCRIPTIONS[level]} {hurried[level]}" for level in sorted(hurried))
     frames = f"{sum(hurried.values())} of {sum(level_frames.values())} frames"
     return f"{frames} were encoded in haste, {late}: {parts}"

@@ -61,7 +61,7 @@ def _dot(first: Single, second: Single) -> Single:
 
 
 @jit
-def less_scaled(vectors: Single, scale: Single, others: Single) -> Single:
+def subtract_scaled(vectors: Single, scale: Single, others: Single) -> Single:
     """Vectors (h, w, 2) less others (h, w, 2), each times its scale (h, w)."""
     less = np.empty_like(vectors)
     for row in range(scale.shape[0]):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture.colour import luma_f32
-from encoder.layers.displacement import dense, dot, less_scaled, moved_back, origins, sample
+from encoder.layers.displacement import dense, dot, moved_back, origins, sample, subtract_scaled
 from encoder.layers.layer_samples import (
     CoarseFrame,
     face_region,
@@ -20,14 +20,14 @@ from encoder.layers.scene_motion import (
     ScenePyramid,
     blurred,
     fit_scene_motion,
+    gauss_newton_step,
     gradient,
     halved,
     is_explained,
-    left_of,
+    residual_energy,
     scene_basis,
     scene_origins,
     scene_pyramid,
-    solved,
 )
 from encoder.runtime.cauchy_weight import cauchy_weight
 from protocol.pictures.layered_background import SCENE_COEFFICIENTS
@@ -188,7 +188,7 @@ class LayerFitter:
             residual = frame.luma - drawn.picture
             around = np.asarray(cv2.blur(residual, (3, 3)), np.float32)
             weight = cauchy_weight(around, weight=frame.outside)
-            step = solved(self._slopes(drawn), residual, weight)
+            step = gauss_newton_step(self._slopes(drawn), residual, weight)
             coefficients = np.clip(coefficients + step, *self.limits.T)
         return coefficients
 
@@ -198,7 +198,9 @@ class LayerFitter:
         at_rest[-SCENE_COEFFICIENTS:] = 0
         moving, still = (self._drawn(frame.origins, own) for own in (coefficients, at_rest))
         behind = frame.outside * (1 - moving.alpha)
-        left, before = (left_of(frame.luma, each.picture, behind) for each in (moving, still))
+        left, before = (
+            residual_energy(frame.luma, each.picture, behind) for each in (moving, still)
+        )
         return coefficients if is_explained(left, before) else at_rest
 
     def draw(self, parameters: FaceParameters, coefficients: Array) -> Single:
@@ -247,7 +249,7 @@ class LayerFitter:
     def _slope(self, drawn: _Drawn) -> Single:
         """(h, w, 2) the derivative of a picture by the position of the person."""
         of_person, of_alpha, _ = self._gradients
-        return less_scaled(sample(of_person, drawn.at), drawn.scene, sample(of_alpha, drawn.at))
+        return subtract_scaled(sample(of_person, drawn.at), drawn.scene, sample(of_alpha, drawn.at))
 
     def _moves(self, at: Single) -> Single:
         """(k, h, w, 2) see `_Drawn`."""

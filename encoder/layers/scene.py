@@ -16,7 +16,7 @@ from encoder.layers.layer_samples import MIN_FRAMES, CoarseFrame, LayerSamples, 
 from encoder.layers.scene_motion import (
     fit_scene_motion,
     is_explained,
-    left_of,
+    residual_energy,
     scene_basis,
     scene_origins,
     scene_pyramid,
@@ -129,7 +129,10 @@ def _moves(samples: LayerSamples, scene: SceneLayer, still: Single) -> bool:
     )
     moved = [sample(picture, scene_origins(basis, own)) for own in scene.motion]
     left, before = (
-        sum(left_of(frame.luma, *each) for frame, *each in zip(frames, drawn, weights, strict=True))
+        sum(
+            residual_energy(frame.luma, *each)
+            for frame, *each in zip(frames, drawn, weights, strict=True)
+        )
         for drawn in (moved, [at_rest] * len(frames))
     )
     return is_explained(left, before)

@@ -55,17 +55,17 @@ def fit_scene_motion(scene: ScenePyramid, luma: Single, weight: Single) -> Array
             at = scene_origins(basis, motion)
             residual = np.asarray(target - sample(picture, at), np.float32)
             trust = cauchy_weight(residual, weight=weight)
-            motion = motion + solved(-dot(basis, sample(slope, at)), residual, trust)
+            motion = motion + gauss_newton_step(-dot(basis, sample(slope, at)), residual, trust)
     return motion
 
 
 def is_explained(moving: float, still: float) -> bool:
-    """Whether the scene moves, by what is left with its motion and without, see `left_of`."""
+    """Whether the scene moves: by the `residual_energy` with its motion, and that without."""
     return moving < MAX_LEFT * still
 
 
-def left_of(luma: Single, drawn: Single, weight: Single) -> float:
-    """What of a frame (h, w) is not as it was drawn: the squared residual.  weight: (h, w)."""
+def residual_energy(luma: Single, drawn: Single, weight: Single) -> float:
+    """The weighted squared difference of a frame (h, w) and what was drawn.  weight: (h, w)."""
     return float((np.minimum((luma - drawn) ** 2, MAX_GREY2) * weight).sum())
 
 
@@ -87,7 +87,7 @@ def gradient(image: Single) -> Single:
     return np.stack([across, down], -1).astype(np.float32)
 
 
-def solved(jacobian: Single, residual: Single, weight: Single) -> Array:
+def gauss_newton_step(jacobian: Single, residual: Single, weight: Single) -> Array:
     """(k,) the Gauss-Newton step.  jacobian: (k, h, w).  residual, weight: (h, w)."""
     rows = jacobian.reshape(len(jacobian), -1).astype(np.float64)
     weighted = rows * weight.ravel()

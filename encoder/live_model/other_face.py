@@ -79,12 +79,12 @@ class ShownFace:
     """Whose face a call shows: the caller's, or another one.
 
     other: None: there is no other.  version: its model, see `version_of_picture`.
-    worn: the version of the other face that codes frames now; None: the caller's does.
+    coding_version: the version of the other face that codes frames now; None: the caller's does.
     """
 
     def __init__(self, other: OtherFace | None = None, version: ModelVersion | None = None) -> None:
         self._other, self._version = other, version
-        self.worn: ModelVersion | None = None
+        self.coding_version: ModelVersion | None = None
         self._background = b""  # the caller's newest
         self._number = -1  # of the newest version that has been sent
 
@@ -96,7 +96,7 @@ class ShownFace:
     @property
     def is_hidden(self) -> bool:
         """Whether nothing of the caller's looks is to be sent."""
-        return self.worn is not None or self.is_wanted
+        return self.coding_version is not None or self.is_wanted
 
     @property
     def next_number(self) -> int:
@@ -107,16 +107,16 @@ class ShownFace:
         """The first version to send, for source frame `index`.  version: the caller's."""
         first = self.with_background(version)
         if self.is_wanted:
-            first = self.worn = self.next_other().placed_at(0, index)
+            first = self.coding_version = self.next_other().placed_at(0, index)
         self.note_sent(first)
         return first
 
     def switch(self, own: ModelVersion | None, following: ModelVersion) -> ModelVersion | None:
         """Code frames with a version; returns that of the caller, `own` until then."""
         if self.is_other(following):
-            self.worn = following
+            self.coding_version = following
             return own
-        self.worn = None
+        self.coding_version = None
         return following
 
     def next_other(self) -> ModelVersion:
@@ -129,7 +129,7 @@ class ShownFace:
     def with_background(self, version: ModelVersion) -> ModelVersion:
         """A version of the caller; it brings the background where the other face's is shown."""
         self._background = version.packet.background or self._background
-        if self.worn is None or version.packet.background:
+        if self.coding_version is None or version.packet.background:
             return version
         return replace(version, packet=replace(version.packet, background=self._background))
 
@@ -143,7 +143,7 @@ class ShownFace:
 
     def faces(self, faces: Sequence[FaceParameters], own: ModelVersion) -> Sequence[FaceParameters]:
         """The faces to code, of those of the caller that were fitted with `own`."""
-        return faces if self.worn is None else moved_like(faces, own, self.worn)
+        return faces if self.coding_version is None else moved_like(faces, own, self.coding_version)
 
 
 def moved_like(

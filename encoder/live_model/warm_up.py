@@ -19,7 +19,7 @@ from encoder.coding.rdo_quantiser import code_packet
 from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.fitting.identity import TYPICAL_FOCAL_RATIO
 from encoder.fitting.landmark_fit import landmark_model
-from encoder.layers.displacement import dot, less_scaled, moved_back, pixel_grid
+from encoder.layers.displacement import dot, moved_back, pixel_grid, subtract_scaled
 from encoder.layers.field_refinement import add_fields, add_pixels
 from encoder.layers.person_picture import squared_errors
 from encoder.layers.scene import SceneLayer
@@ -84,7 +84,7 @@ def _load_loops_of_layers() -> None:
     for fields in (basis, basis.copy()):
         dot(fields, positions)
     moved_back(positions, np.zeros(len(fields)), fields)
-    less_scaled(positions, fields[0, ..., 0].copy(), positions)
+    subtract_scaled(positions, fields[0, ..., 0].copy(), positions)
     squares, products, pairs = np.zeros((2, 2, 4, 4)), np.zeros((2, 4)), np.zeros((2, 2))
     corners, shares = np.zeros((4, 2), np.intp), np.zeros((4, 2))
     add_pixels(squares, products, corners, shares, pairs, pairs, np.zeros(2, np.float32))

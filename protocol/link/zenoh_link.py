@@ -262,7 +262,7 @@ class _Carrier:
 
 
 def _watch(options: LinkOptions, role: Role, post: Callable[[Elsewhere], None]) -> CallWatch | None:
-    """What follows the other end to where it says that it listens; None: it is not followed."""
+    """A watch for a new address of the other end on the local network; None: there is none."""
     places = [endpoints[0] for endpoints in options.connect_endpoints]
     if not places or not options.security.follows or all(each.is_loopback for each in places):
         return None

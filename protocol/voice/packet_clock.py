@@ -54,7 +54,7 @@ class PacketClock:
 
     @property
     def newest(self) -> int:
-        """Number of the newest frame packet; less than that of the first before there is one."""
+        """Number of the newest frame packet; before any has come, one less than that of the first."""
         return self._newest
 
     @property

@@ -8,11 +8,11 @@ import pytest
 from encoder.calls.overload import (
     HOLD_OFF_S,
     LAG_LIMIT_S,
+    LEVEL_DESCRIPTIONS,
     MAX_CAMERA_LAG_S,
     RESPONSE_S,
-    WORDS,
     OverloadController,
-    haste_message,
+    overload_warning,
 )
 from encoder.live_model.work_level import WorkLevel
 
@@ -114,9 +114,13 @@ def test_every_level_does_less_than_the_one_before() -> None:
 
 def test_the_warning_says_what_was_left_out_and_how_often() -> None:
     whole = Counter({WorkLevel.FULL: 9})
-    assert haste_message(whole, 0.0) is None and "2500 ms late" in str(haste_message(whole, 2.5))
+    assert overload_warning(whole, 0.0) is None and "2500 ms late" in str(
+        overload_warning(whole, 2.5)
+    )
     frames = Counter(dict(zip(WorkLevel, (50, 4, 3, 2, 1), strict=True)))
-    message = haste_message(frames, 0.28)
+    message = overload_warning(frames, 0.28)
     assert message is not None and "10 of 60 frames" in message and "280 ms late" in message
-    parts = [f"{WORDS[level]} {count}" for level, count in sorted(frames.items()) if level]
+    parts = [
+        f"{LEVEL_DESCRIPTIONS[level]} {count}" for level, count in sorted(frames.items()) if level
+    ]
     assert message.endswith(", ".join(parts))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from encoder.layers.displacement import dot, less_scaled, moved_back
+from encoder.layers.displacement import dot, moved_back, subtract_scaled
 
 RANDOM = np.random.default_rng(8)
 FIELDS = RANDOM.normal(0, 3, (4, 5, 7, 2)).astype(np.float32)
@@ -26,4 +26,4 @@ def test_without_fields_positions_stay() -> None:
 def test_vectors_are_taken_times_their_scale() -> None:
     scale = VECTORS[..., 0].copy()
     expected = VECTORS - scale[..., None] * FIELDS[0]
-    np.testing.assert_array_equal(less_scaled(VECTORS, scale, FIELDS[0]), expected)
+    np.testing.assert_array_equal(subtract_scaled(VECTORS, scale, FIELDS[0]), expected)
