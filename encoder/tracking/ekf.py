@@ -91,7 +91,7 @@ class FaceFilter:
 
     camera: picture size and first focal length.  pose: first pose.  eau: (k,) first actuators.
     point_count: n, number of points of every update, visible or not (5.2: no resizing).
-    projection: `projection.perspective`, or `projection.lowe` for the thesis' own (4.8-4.9).
+    projection: `measurement_model.perspective`, or `lowe` there for the thesis' own (4.8-4.9).
     gate: residual after an update, in standard deviations, from which points are outliers.
     """
 

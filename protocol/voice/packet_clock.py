@@ -54,7 +54,7 @@ class PacketClock:
 
     @property
     def newest(self) -> int:
-        """Number of the newest frame packet; before any has come, one less than that of the first."""
+        """Number of the newest frame packet; before any has come, that of the first less one."""
         return self._newest
 
     @property
