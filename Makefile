@@ -38,9 +38,10 @@ $(BROWSER): scripts/system_libraries.sh | $(INSTALLED)
 # What judges without sharing anything with the encoder, see docs/compare.md.
 judge: $(JUDGE)
 
-$(JUDGE): requirements-judge.txt
+$(JUDGE): requirements-judge.txt scripts/install_recogniser.sh
 	$(PYTHON) -m venv --clear .judge
 	.judge/bin/python -m pip install --quiet --no-deps -r requirements-judge.txt
+	sh scripts/install_recogniser.sh .judge
 	touch $@
 
 demo: $(COMPILED)

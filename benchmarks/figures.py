@@ -50,6 +50,7 @@ COLUMNS = {
     "picture_ssimulacra2": ("of picture", 0),
     "flicker_ratio": ("flicker", 2),
     "jitter_ratio": ("jitter", 2),
+    "identity": ("identity", 2),
     "nme_percent": ("landmarks off, %", 1),
     "mouth_corr": ("mouth", 2),
     "blink_corr": ("lids", 2),
@@ -132,7 +133,7 @@ def _shown_command(name: str, clips: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _figures(clip: Mapping[str, Any], columns: Mapping[str, tuple[str, int]]) -> list[str]:
-    return [_number(clip[name], digits) for name, (_, digits) in columns.items()]
+    return [_number(clip.get(name), digits) for name, (_, digits) in columns.items()]
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

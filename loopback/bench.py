@@ -51,7 +51,7 @@ CALL_FIGURES = (
     *("latency_ms.p50", "latency_ms.p99", "encoder_fps", "decoder_fps"),
     *("overloaded_frames", "omitted_frames", "worst_lag_ms", "skipped_frames"),
 )
-JUDGE = ("judge", "judge_is_independent")
+JUDGE = ("judge", "judge_is_independent", "identity")
 STAGES = (
     *("encoder_ms.", "decoder_ms.", "encoder_cpu_ms.", "decoder_cpu_ms."),
     *("encoder_frame_ms.", "decoder_frame_ms.", "overload_levels."),
@@ -61,7 +61,7 @@ AVERAGED_FIGURES = (
     *("model_bytes", "frame_bps", "face_psnr_db", "face_psnr_p5_db", "full_psnr_db"),
     *("person_psnr_db", "background_psnr_db", "face_ssimulacra2", "picture_ssimulacra2"),
     *("flicker_ratio", "nme_percent", "face_found", "mouth_corr", "brow_corr", "blink_corr"),
-    *("jitter_ratio", "overloaded_frames"),
+    *("jitter_ratio", "overloaded_frames", "identity"),
 )
 
 

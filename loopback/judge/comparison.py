@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture.video_source import open_source
-from loopback.judge.observer import Observer
+from loopback.judge.identity import face_crop, find_recogniser, mean_likeness
+from loopback.judge.observer import MediaPipeJudge, Observer
 from loopback.judge.voice import VoiceQuality, compare_voices
 from loopback.quality.landmark_metrics import LandmarkMetrics, landmark_metrics
 from loopback.quality.region_quality import FRAME_INTERVAL, region_meter
@@ -20,6 +21,7 @@ from loopback.quality.video_quality import (
     face_oval_mask,
     measure_quality,
 )
+from loopback.report import rounded
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -63,6 +65,8 @@ class Comparison:
     """The figures of a decoded video.
 
     judge: who has found face and person.  is_independent: the encoder does not use it.
+    identity: mean cosine of the features of a face recognition network, of the same moments; other
+        people's are below .5, the same person's at another time .8 to .95.
     """
 
     judge: str
@@ -70,11 +74,13 @@ class Comparison:
     quality: Quality
     faces: LandmarkMetrics
     voice: VoiceQuality
+    identity: float | None = None
 
     def figures(self) -> dict[str, Any]:
         """All figures by name, and the judge."""
         judge = {"judge": self.judge, "judge_is_independent": self.is_independent}
-        return {**self.quality.figures(), **asdict(self.faces), **asdict(self.voice), **judge}
+        faces = {**asdict(self.faces), "identity": self.identity}
+        return {**self.quality.figures(), **faces, **asdict(self.voice), **judge}
 
 
 def observe_source(
@@ -120,14 +126,34 @@ def compare(
         regions=region_meter(view.people, warn, view.interval),
         with_ssim=with_faces,
     )
-    faces = LandmarkMetrics()
+    faces, identity = LandmarkMetrics(), None
     if with_faces:
         found = observer.landmarks(_pictures(decoded, view.max_frames))
         if np.isfinite(view.landmarks).any():
             size = (round(view.size[0] * view.aspect), view.size[1])
             faces = landmark_metrics(view.landmarks[: len(found)], found, size)
+            identity = _identity(view, decoded, found, observer)
     voice = compare_voices(view.source, decoded, observer) if with_voice else VoiceQuality()
-    return Comparison(observer.name, observer.is_independent, quality, faces, voice)
+    judge = observer.name, observer.is_independent
+    return Comparison(*judge, quality, faces, voice, rounded(identity, 3))
+
+
+def _identity(view: SourceView, decoded: str, found: Array, observer: Observer) -> float | None:
+    """See `Comparison`; None where the judge has no such network.  found: landmarks, decoded."""
+    recogniser = find_recogniser(observer.python) if isinstance(observer, MediaPipeJudge) else None
+    if recogniser is None:
+        return None
+    crops: tuple[list[Picture], list[Picture]] = [], []
+    pictures = (_pictures(name, view.max_frames, view.interval) for name in (view.source, decoded))
+    landmarks = view.landmarks[:: view.interval], found[:: view.interval]
+    for picture, copy, *points in zip(*pictures, *landmarks, strict=False):
+        if all(np.isfinite(each[0, 0]) for each in points):
+            crops[0].append(face_crop(picture, points[0]))
+            crops[1].append(face_crop(copy, points[1]))
+    if not crops[0]:
+        return None
+    features = recogniser.features([*crops[0], *crops[1]])
+    return mean_likeness(features[: len(crops[0])], features[len(crops[0]) :])
 
 
 def _pictures(source: str, max_frames: int | None, interval: int = 1) -> Iterator[Picture]:

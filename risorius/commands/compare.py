@@ -26,6 +26,7 @@ FIGURES = {
     "flicker_ratio": "flicker of what is behind, decoded over source",
     "jitter_ratio": "restlessness of the landmarks, decoded over source",
     "face_found": "share of the faces that are found again",
+    "identity": "likeness for a face recogniser, cosine",
     "nme_percent": "landmarks apart, % of the eyes' distance",
     "mouth_corr": "correlation of the mouth's opening",
     "mouth_mae_percent": "  its mean difference, % of the eyes' distance",

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from decoder.sinks.frame_sink import open_sink
 from loopback.judge.comparison import compare, observe_source
+from loopback.judge.identity import face_crop, find_recogniser, mean_likeness
 from loopback.judge.observer import (
     ENVIRONMENT_VARIABLE,
     EncoderNetworks,
@@ -88,6 +89,23 @@ def test_the_judge_agrees_with_the_independent_program(
     }.items():
         if theirs.get(figure) is not None:
             assert ours[figure] == pytest.approx(theirs[figure], abs=apart + 1e-9), figure
+
+
+def test_a_face_is_that_of_its_person(judge: MediaPipeJudge, clip_frames: ClipFrames) -> None:
+    recogniser = find_recogniser(judge.python)
+    if recogniser is None:
+        pytest.skip("needs the face recogniser: make judge, with npm")
+    pictures = [
+        clip_frames(name, 21)[place] for name in ("smile.mp4", "still.mpg") for place in (0, 20)
+    ]
+    observer = EncoderNetworks()
+    crops = [face_crop(each, observer.landmarks([each])[0]) for each in pictures]
+    features = recogniser.features(crops)
+    likeness = features @ features.T
+    assert np.diag(likeness) == pytest.approx(1, abs=1e-5)
+    assert min(likeness[0, 1], likeness[2, 3]) > 0.75
+    assert likeness[:2, 2:].max() < 0.6
+    assert mean_likeness(features, features) == pytest.approx(1, abs=1e-5)
 
 
 def test_a_clip_is_like_itself(carphone: Path) -> None:
