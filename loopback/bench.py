@@ -232,7 +232,8 @@ def latency_ms(
 def mean_figures(clips: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
     """Mean over the clips of the figures that have one."""
     columns = {
-        name: [clip[name] for clip in clips if clip[name] is not None] for name in AVERAGED_FIGURES
+        name: [clip[name] for clip in clips if clip.get(name) is not None]
+        for name in AVERAGED_FIGURES
     }
     return {name: rounded(float(np.mean(c))) if c else None for name, c in columns.items()}
 

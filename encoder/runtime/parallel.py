@@ -18,8 +18,9 @@ Result = TypeVar("Result")
 # interpreter up often; with the default of 5 ms the waits would take as long as the work.
 SWITCH_INTERVAL_S = 0.0002
 # By how much the niceness of low-priority threads exceeds that of the process; the niceness of a
-# process of low priority among the sessions of its host.
-NICENESS, SESSION_NICENESS = 5, 10
+# process of low priority among the sessions of its host.  More, and beside other programs of normal
+# priority it gets so little that a call has no modes; less, and it holds up the frames.
+NICENESS, SESSION_NICENESS = 2, 2
 
 
 def parallel_map(
