@@ -24,7 +24,6 @@ from loopback.curves.curve_bench import OURS, Duel, duel_rows
 from loopback.curves.curve_page import mean_figure
 from loopback.curves.points import MEASURES, Point
 from loopback.figure_image import write_svg
-from loopback.report import Cell
 from loopback.report_page import plotly_graphs
 from shared_model.errors import UserError
 
@@ -83,12 +82,12 @@ def markdown(name: str, report: Mapping[str, Any]) -> str:
     mean = mean_figures(clips)
     rows.append(["**mean**", *_figures(mean, columns)])
     header = ["clip", *(title for title, _ in columns.values())]
-    return _shown_command(name, clips) + _table(header, rows)
+    return _shown_command(name) + _table(header, rows)
 
 
 def _curves_markdown(report: Mapping[str, Any]) -> str:
     clips = report["clips"]
-    text = _shown_command("curves", [{"source": f"{name}.mp4"} for name in clips])
+    text = _shown_command("curves")
     labels = [point["label"] for point in next(iter(clips.values()))[OURS]]
     rows = []
     for label in labels:
@@ -109,10 +108,20 @@ def _curves_markdown(report: Mapping[str, Any]) -> str:
     duels = [Duel(**{k: v for k, v in each.items() if k in known}) for each in report["duels"]]
     for duration in DURATIONS_S:
         length = f"a call of {duration:g} s" if duration else "what follows the start"
-        titles, cells = duel_rows(duels, duration)
-        text += f"\nAgainst our `{report['rung']}`, {length}:\n\n"
-        text += _table(titles, [[_cell(cell) for cell in row] for row in cells])
+        text += f"\nAgainst our `{report['rung']}`, {length}:"
+        text += " needs, overtakes at, kbit/s; BD-rate, %\n\n"
+        text += _duel_table(duels, duration)
     return text
+
+
+def _duel_table(duels: Sequence[Duel], duration_s: float) -> str:
+    """A row for each rival, a column for each measure."""
+    cells: dict[str, dict[str, str]] = {}
+    for rival, measure, _, _, *rates in duel_rows(duels, duration_s)[1]:
+        shown = "; ".join("-" if rate is None else str(rate) for rate in rates)
+        cells.setdefault(str(rival), {})[str(measure)] = shown
+    rows = [[rival, *(each.get(m, "-") for m in MEASURES)] for rival, each in cells.items()]
+    return _table(["rival", "face, dB", "SSIMULACRA2 face", "picture, dB", "of picture"], rows)
 
 
 def replaced(text: str, name: str, table: str) -> str:
@@ -126,10 +135,9 @@ def replaced(text: str, name: str, table: str) -> str:
     return before + begin + table + end + after
 
 
-def _shown_command(name: str, clips: Sequence[Mapping[str, Any]]) -> str:
-    sources = " ".join(clip["source"] for clip in clips)
+def _shown_command(name: str) -> str:
     frames = CURVE_FRAMES if name == "curves" else FRAMES
-    return f"    risorius bench {' '.join(SETS[name])} {sources} --max-frames {frames}\n\n"
+    return f"    risorius bench {' '.join(SETS[name])} CLIP... --max-frames {frames}\n\n"
 
 
 def _figures(clip: Mapping[str, Any], columns: Mapping[str, tuple[str, int]]) -> list[str]:
@@ -139,10 +147,6 @@ def _figures(clip: Mapping[str, Any], columns: Mapping[str, tuple[str, int]]) ->
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     lines = [list(header), ["---"] * len(header), *rows]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
-
-
-def _cell(cell: Cell) -> str:
-    return cell if isinstance(cell, str) else _number(cell, 0 if isinstance(cell, int) else 1)
 
 
 def _number(value: float | None, digits: int) -> str:
