@@ -78,7 +78,7 @@ def rivals_named(names: Iterable[str]) -> list[Rival]:
         if name not in RIVALS:
             raise UserError(f"{name} is no rival; there are {', '.join(RIVALS)}")
         if not RIVALS[name].is_installed:
-            raise UserError(f"this PyAV cannot code {name}")
+            raise UserError(f"neither PyAV nor an ffmpeg here codes {name}; see make judge")
         found.append(RIVALS[name])
     return found
 

@@ -1,14 +1,17 @@
-"""Other codecs, through the libraries that come with PyAV, each at its best.
+"""Other codecs, through PyAV's libraries or the `ffmpeg` program, each at its best.
 
 Best effort: slow presets, with look-ahead.  Real time: fast presets, and no frame waits for later
 ones.  In both, no key frame follows the first.
 """
 
 import os
+import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, cast
 
 import av
@@ -20,6 +23,7 @@ from av.video.codeccontext import VideoCodecContext
 from av.video.frame import VideoFrame
 from numpy.typing import NDArray
 
+from loopback.judge.ffmpeg import find_ffmpeg
 from shared_model.errors import UserError
 
 Picture = NDArray[np.uint8]
@@ -38,6 +42,7 @@ class Rival:
     qualities: values of its constant rate factor, the coarsest first.
     comments: type of the units of its stream that say which program has made it; None: none do.
         They are no part of the video, and are not counted.
+    program: coded by the `ffmpeg` program, see `find_ffmpeg`.
     """
 
     name: str
@@ -47,11 +52,15 @@ class Rival:
     realtime: Mapping[str, str]
     qualities: tuple[int, ...]
     comments: int | None = None
+    program: bool = False
 
     @property
     def is_installed(self) -> bool:
-        """Whether this PyAV can encode and decode it."""
+        """Whether it can be encoded and decoded here."""
         try:
+            if self.program:
+                av.codec.Codec(self.decoder, "r")
+                return find_ffmpeg("encoders", self.encoder) is not None
             av.codec.Codec(self.encoder, "w")
             av.codec.Codec(self.decoder, "r")
         except (ValueError, av.error.FFmpegError):
@@ -102,6 +111,15 @@ RIVALS = {
             {"deadline": "realtime", "cpu-used": "6", "b:v": "0", "lag-in-frames": "0"},
             (63, 58, 53, 47, 40, 33),
         ),
+        Rival(
+            "vvc",
+            "libvvenc",
+            "vvc",
+            {"preset": "medium", "qpa": "0", "period": "1000000"},
+            {"preset": "faster", "qpa": "0", "period": "1000000"},
+            (58, 53, 48, 43, 38, 33),
+            program=True,
+        ),
     )
 }
 
@@ -141,6 +159,8 @@ def code(
 
     Raises `UserError`.
     """
+    if rival.program:
+        return _code_by_program(rival, setting, pictures, fps)
     # SVT-AV1 would greet on the screen; 1: errors alone.
     os.environ.setdefault("SVT_LOG", "1")
     height, width = pictures[0].shape[:2]
@@ -157,6 +177,31 @@ def code(
     except av.error.FFmpegError as error:
         raise UserError(f"{rival.name} cannot code {width}x{height}: {error}") from error
     return [kept for packet in packets for kept in _without_comments(rival, packet)]
+
+
+def _code_by_program(
+    rival: Rival, setting: RivalSetting, pictures: Sequence[Picture], fps: Fraction
+) -> "list[Packet[Any]]":
+    """See `code`; what a decoder needs before the first picture goes with its packet."""
+    program = find_ffmpeg("encoders", rival.encoder)
+    assert program is not None
+    height, width = pictures[0].shape[:2]
+    options = rival.realtime if setting.is_realtime else rival.best
+    raw = ["-f", "rawvideo", "-pixel_format", "bgr24", "-video_size", f"{width}x{height}"]
+    chosen = [word for name, value in options.items() for word in (f"-{name}", value)]
+    coding = ["-c:v", rival.encoder, "-qp", str(setting.quality), *chosen, "-threads", "1"]
+    rate = ["-framerate", str(fps / setting.frame_step)]
+    with TemporaryDirectory() as folder:
+        # A raw stream has all of it in its packets.
+        path = str(Path(folder) / "coded.266")
+        command = [program, "-v", "error", *raw, *rate, "-i", "-", *coding, "-f", rival.decoder]
+        data = b"".join(picture.tobytes() for picture in pictures)
+        done = subprocess.run([*command, path], input=data, capture_output=True)
+        if done.returncode:
+            said = done.stderr.decode(errors="replace").strip().splitlines()
+            raise UserError(f"{rival.name} cannot code {width}x{height}: {said[-1:]}")
+        with av.open(path, format=rival.decoder) as container:
+            return [packet for packet in container.demux(video=0) if packet.size]
 
 
 def decoded(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture.video_source import open_source
+from loopback.judge.ffmpeg import find_ffmpeg, vmaf
 from loopback.judge.identity import face_crop, find_recogniser, mean_likeness
 from loopback.judge.observer import MediaPipeJudge, Observer
 from loopback.judge.voice import VoiceQuality, compare_voices
@@ -67,6 +68,7 @@ class Comparison:
     judge: who has found face and person.  is_independent: the encoder does not use it.
     identity: mean cosine of the features of a face recognition network, of the same moments; other
         people's are below .5, the same person's at another time .8 to .95.
+    vmaf: of the whole picture, mean, 0 to 100, where an `ffmpeg` has it.
     """
 
     judge: str
@@ -75,11 +77,12 @@ class Comparison:
     faces: LandmarkMetrics
     voice: VoiceQuality
     identity: float | None = None
+    vmaf: float | None = None
 
     def figures(self) -> dict[str, Any]:
         """All figures by name, and the judge."""
         judge = {"judge": self.judge, "judge_is_independent": self.is_independent}
-        faces = {**asdict(self.faces), "identity": self.identity}
+        faces = {**asdict(self.faces), "identity": self.identity, "vmaf": self.vmaf}
         return {**self.quality.figures(), **faces, **asdict(self.voice), **judge}
 
 
@@ -109,11 +112,12 @@ def compare(
     warn: Warn,
     with_faces: bool = True,
     with_voice: bool = False,
+    with_vmaf: bool = False,
 ) -> Comparison:
     """Measure a decoded video against its source.
 
     observer: of the view.  with_faces: look for the landmarks of the decoded video, too.
-    with_voice: compare the sound, too, that of the whole files.
+    with_voice: compare the sound, too, that of the whole files.  with_vmaf: measure VMAF.
     warn: called with a line for what cannot be measured.
     Raises `UserError` if the two differ in size or number of frames.
     """
@@ -135,7 +139,18 @@ def compare(
             identity = _identity(view, decoded, found, observer)
     voice = compare_voices(view.source, decoded, observer) if with_voice else VoiceQuality()
     judge = observer.name, observer.is_independent
-    return Comparison(*judge, quality, faces, voice, rounded(identity, 3))
+    similar = _vmaf(view, decoded) if with_vmaf else None
+    return Comparison(*judge, quality, faces, voice, rounded(identity, 3), rounded(similar))
+
+
+def _vmaf(view: SourceView, decoded: str) -> float | None:
+    program = find_ffmpeg("filters", "libvmaf")
+    if program is None:
+        return None
+    originals, copies = (
+        _pictures(name, view.max_frames, is_square=False) for name in (view.source, decoded)
+    )
+    return vmaf(program, originals, copies, view.size)
 
 
 def _identity(view: SourceView, decoded: str, found: Array, observer: Observer) -> float | None:
@@ -156,9 +171,11 @@ def _identity(view: SourceView, decoded: str, found: Array, observer: Observer) 
     return mean_likeness(features[: len(crops[0])], features[len(crops[0]) :])
 
 
-def _pictures(source: str, max_frames: int | None, interval: int = 1) -> Iterator[Picture]:
-    """Every `interval`-th picture of a video, in square pixels."""
-    with open_source(source, square_pixels=True) as capture:
+def _pictures(
+    source: str, max_frames: int | None, interval: int = 1, is_square: bool = True
+) -> Iterator[Picture]:
+    """Every `interval`-th picture of a video, in square pixels, or as it is."""
+    with open_source(source, square_pixels=is_square) as capture:
         for index, picture in capture:
             if index == max_frames:
                 return

@@ -64,7 +64,8 @@ def _add_measuring(parser: argparse.ArgumentParser) -> None:
         "--against",
         type=names,
         metavar="CODEC,...",
-        help="other codecs on the same frames: svtav1, x265, x264, vp9; with --live in real time",
+        help="other codecs on the same frames: svtav1, x265, x264, vp9, vvc; in real time with"
+        " --live",
     )
     parser.add_argument(
         "--jobs",

@@ -23,6 +23,7 @@ FIGURES = {
     "full_ssim": "SSIM of the picture",
     "face_ssimulacra2": "SSIMULACRA2 of the face",
     "picture_ssimulacra2": "SSIMULACRA2 of the picture",
+    "vmaf": "VMAF",
     "flicker_ratio": "flicker of what is behind, decoded over source",
     "jitter_ratio": "restlessness of the landmarks, decoded over source",
     "face_found": "share of the faces that are found again",
@@ -82,6 +83,7 @@ def run_compare(arguments: argparse.Namespace) -> int:
             progress,
             lambda line: warn([line]),
             with_voice=True,
+            with_vmaf=True,
         )
     figures = {**compared.figures(), **_call_figures(arguments.call)}
     print(json_text(figures) if arguments.json else _table(figures))

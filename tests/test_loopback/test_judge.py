@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from decoder.sinks.frame_sink import open_sink
 from loopback.judge.comparison import compare, observe_source
+from loopback.judge.ffmpeg import find_ffmpeg, vmaf
 from loopback.judge.identity import face_crop, find_recogniser, mean_likeness
 from loopback.judge.observer import (
     ENVIRONMENT_VARIABLE,
@@ -106,6 +107,19 @@ def test_a_face_is_that_of_its_person(judge: MediaPipeJudge, clip_frames: ClipFr
     assert min(likeness[0, 1], likeness[2, 3]) > 0.75
     assert likeness[:2, 2:].max() < 0.6
     assert mean_likeness(features, features) == pytest.approx(1, abs=1e-5)
+
+
+def test_vmaf_falls_with_quality(clip_frames: ClipFrames) -> None:
+    program = find_ffmpeg("filters", "libvmaf")
+    if program is None:
+        pytest.skip("needs an ffmpeg with libvmaf: make judge")
+    pictures = clip_frames("smile.mp4", 6)
+    size = pictures[0].shape[1], pictures[0].shape[0]
+    same = vmaf(program, pictures, pictures, size)
+    blurred = vmaf(program, pictures, [worse(p, i) for i, p in enumerate(pictures)], size)
+    assert same > 95 and blurred < same - 20
+    with pytest.raises(UserError, match="ffmpeg failed at VMAF"):
+        vmaf("/bin/false", pictures, pictures, size)
 
 
 def test_a_clip_is_like_itself(carphone: Path) -> None:

@@ -1,0 +1,81 @@
+"""The `ffmpeg` program, for what PyAV's libraries lack: VMAF, and the VVC encoder."""
+
+import json
+import os
+import shutil
+import subprocess
+import threading
+from collections.abc import Iterable
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from loopback.judge.observer import MediaPipeJudge, find_observer
+from shared_model.errors import UserError
+
+Picture = NDArray[np.uint8]
+
+
+@lru_cache
+def find_ffmpeg(kind: str, feature: str) -> str | None:
+    """The path of an `ffmpeg` that has a feature: the judge's, or that of the host; None: neither.
+
+    kind: "filters" or "encoders".
+    """
+    observer, programs = find_observer(), list[str | None]()
+    if isinstance(observer, MediaPipeJudge):
+        ask = "import imageio_ffmpeg; print(imageio_ffmpeg.get_ffmpeg_exe())"
+        said = subprocess.run([str(observer.python), "-c", ask], capture_output=True, text=True)
+        programs.append(said.stdout.strip() or None)
+    programs.append(shutil.which("ffmpeg"))
+    for program in filter(None, programs):
+        said = subprocess.run([program, "-hide_banner", f"-{kind}"], capture_output=True, text=True)
+        if f" {feature} " in said.stdout:
+            return program
+    return None
+
+
+def vmaf(
+    program: str, originals: Iterable[Picture], copies: Iterable[Picture], size: tuple[int, int]
+) -> float:
+    """The mean VMAF of pictures (h, w, 3) uint8 BGR of a size (width, height), 0 to 100.
+
+    Raises `UserError` if the program fails.
+    """
+    with TemporaryDirectory() as folder:
+        pipes = [str(Path(folder) / name) for name in ("decoded", "source")]
+        log = Path(folder) / "vmaf.json"
+        for pipe in pipes:
+            os.mkfifo(pipe)
+        raw = ["-f", "rawvideo", "-pixel_format", "bgr24", "-video_size", f"{size[0]}x{size[1]}"]
+        inputs = [word for pipe in pipes for word in (*raw, "-i", pipe)]
+        graph = (
+            "[0:v]format=yuv420p[a];[1:v]format=yuv420p[b];"
+            f"[a][b]libvmaf=log_fmt=json:log_path={log}"
+        )
+        command = [program, "-v", "error", "-nostdin", *inputs, "-lavfi", graph, "-f", "null", "-"]
+        process = subprocess.Popen(command, stderr=subprocess.PIPE)
+        writers = [
+            threading.Thread(target=_write, args=(pipe, frames), daemon=True)
+            for pipe, frames in zip(pipes, (copies, originals), strict=True)
+        ]
+        for writer in writers:
+            writer.start()
+        _, said = process.communicate()
+        if process.returncode:
+            words = said.decode(errors="replace").strip()[-200:]
+            raise UserError(f"ffmpeg failed at VMAF: {words}")
+        found: float = json.loads(log.read_text())["pooled_metrics"]["vmaf"]["mean"]
+        return found
+
+
+def _write(pipe: str, pictures: Iterable[Picture]) -> None:
+    with open(pipe, "wb") as file:
+        try:
+            for picture in pictures:
+                file.write(np.ascontiguousarray(picture).tobytes())
+        except BrokenPipeError:
+            return
