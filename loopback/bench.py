@@ -51,7 +51,7 @@ CALL_FIGURES = (
     *("latency_ms.p50", "latency_ms.p99", "encoder_fps", "decoder_fps"),
     *("overloaded_frames", "omitted_frames", "worst_lag_ms", "skipped_frames"),
 )
-JUDGE = ("judge", "judge_is_independent", "identity", "vmaf")
+JUDGE = ("judge", "judge_is_independent", "identity", "vmaf", "lpips", "dists")
 STAGES = (
     *("encoder_ms.", "decoder_ms.", "encoder_cpu_ms.", "decoder_cpu_ms."),
     *("encoder_frame_ms.", "decoder_frame_ms.", "overload_levels."),

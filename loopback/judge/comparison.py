@@ -1,8 +1,10 @@
 """A decoded video beside its source: all figures that are measured of it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from fractions import Fraction
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import cv2
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 from encoder.capture.video_source import open_source
 from loopback.judge.ffmpeg import find_ffmpeg, vmaf
 from loopback.judge.identity import face_crop, find_recogniser, mean_likeness
+from loopback.judge.learned import learned_distance
 from loopback.judge.observer import MediaPipeJudge, Observer
 from loopback.judge.voice import VoiceQuality, compare_voices
 from loopback.quality.landmark_metrics import LandmarkMetrics, landmark_metrics
@@ -69,6 +72,7 @@ class Comparison:
     identity: mean cosine of the features of a face recognition network, of the same moments; other
         people's are below .5, the same person's at another time .8 to .95.
     vmaf: of the whole picture, mean, 0 to 100, where an `ffmpeg` has it.
+    lpips, dists: of the whole picture, every tenth frame, where the user has named a network.
     """
 
     judge: str
@@ -78,12 +82,16 @@ class Comparison:
     voice: VoiceQuality
     identity: float | None = None
     vmaf: float | None = None
+    lpips: float | None = None
+    dists: float | None = None
 
     def figures(self) -> dict[str, Any]:
         """All figures by name, and the judge."""
         judge = {"judge": self.judge, "judge_is_independent": self.is_independent}
-        faces = {**asdict(self.faces), "identity": self.identity, "vmaf": self.vmaf}
-        return {**self.quality.figures(), **faces, **asdict(self.voice), **judge}
+        names = "identity", "vmaf", "lpips", "dists"
+        more = {name: getattr(self, name) for name in names}
+        faces, voice = asdict(self.faces), asdict(self.voice)
+        return {**self.quality.figures(), **faces, **more, **voice, **judge}
 
 
 def observe_source(
@@ -113,11 +121,13 @@ def compare(
     with_faces: bool = True,
     with_voice: bool = False,
     with_vmaf: bool = False,
+    networks: Mapping[str, Path] = MappingProxyType({}),
 ) -> Comparison:
     """Measure a decoded video against its source.
 
     observer: of the view.  with_faces: look for the landmarks of the decoded video, too.
     with_voice: compare the sound, too, that of the whole files.  with_vmaf: measure VMAF.
+    networks: of `lpips` and `dists`, see `learned_distance`.
     warn: called with a line for what cannot be measured.
     Raises `UserError` if the two differ in size or number of frames.
     """
@@ -140,7 +150,19 @@ def compare(
     voice = compare_voices(view.source, decoded, observer) if with_voice else VoiceQuality()
     judge = observer.name, observer.is_independent
     similar = _vmaf(view, decoded) if with_vmaf else None
-    return Comparison(*judge, quality, faces, voice, rounded(identity, 3), rounded(similar))
+    distances = {
+        name: rounded(learned_distance(name, path, observer, _pairs(view, decoded), view.size), 4)
+        for name, path in networks.items()
+    }
+    likeness = rounded(identity, 3), rounded(similar)
+    learned = distances.get("lpips"), distances.get("dists")
+    return Comparison(*judge, quality, faces, voice, *likeness, *learned)
+
+
+def _pairs(view: SourceView, decoded: str) -> Iterator[tuple[Picture, Picture]]:
+    """Every `interval`-th picture of both, as they are."""
+    some = view.max_frames, view.interval, False
+    return zip(_pictures(view.source, *some), _pictures(decoded, *some), strict=False)
 
 
 def _vmaf(view: SourceView, decoded: str) -> float | None:

@@ -24,6 +24,8 @@ FIGURES = {
     "face_ssimulacra2": "SSIMULACRA2 of the face",
     "picture_ssimulacra2": "SSIMULACRA2 of the picture",
     "vmaf": "VMAF",
+    "lpips": "LPIPS",
+    "dists": "DISTS",
     "flicker_ratio": "flicker of what is behind, decoded over source",
     "jitter_ratio": "restlessness of the landmarks, decoded over source",
     "face_found": "share of the faces that are found again",
@@ -62,6 +64,13 @@ def add_compare(added: "Commands") -> None:
     parser.add_argument("decoded", metavar="DECODED", help="what was decoded of it")
     parser.add_argument("--call", metavar="CALL", help="call file, for its size and rate")
     parser.add_argument("--max-frames", type=int, metavar="N", help="compare the first N frames")
+    for name in ("lpips", "dists"):
+        parser.add_argument(
+            f"--{name}",
+            type=Path,
+            metavar="ONNX",
+            help=f"measure {name.upper()} by this network: two pictures in, one number out",
+        )
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     parser.set_defaults(run=run_compare)
 
@@ -72,6 +81,8 @@ def run_compare(arguments: argparse.Namespace) -> int:
     from loopback.judge.observer import find_observer
     from loopback.report import json_text
 
+    named = {"lpips": arguments.lpips, "dists": arguments.dists}
+    networks = {name: path for name, path in named.items() if path is not None}
     observer = find_observer()
     say(f"compare: the judge is {observer.name}")
     view = observe_source(arguments.source, observer, arguments.max_frames)
@@ -84,6 +95,7 @@ def run_compare(arguments: argparse.Namespace) -> int:
             lambda line: warn([line]),
             with_voice=True,
             with_vmaf=True,
+            networks=networks,
         )
     figures = {**compared.figures(), **_call_figures(arguments.call)}
     print(json_text(figures) if arguments.json else _table(figures))

@@ -18,6 +18,7 @@ from decoder.sinks.frame_sink import open_sink
 from loopback.judge.comparison import compare, observe_source
 from loopback.judge.ffmpeg import find_ffmpeg, vmaf
 from loopback.judge.identity import face_crop, find_recogniser, mean_likeness
+from loopback.judge.learned import learned_distance
 from loopback.judge.observer import (
     ENVIRONMENT_VARIABLE,
     EncoderNetworks,
@@ -120,6 +121,57 @@ def test_vmaf_falls_with_quality(clip_frames: ClipFrames) -> None:
     assert same > 95 and blurred < same - 20
     with pytest.raises(UserError, match="ffmpeg failed at VMAF"):
         vmaf("/bin/false", pictures, pictures, size)
+
+
+def field(number: int, value: bytes | int) -> bytes:
+    """A field of a Protocol Buffers message: a varint below 128, or bytes."""
+    if isinstance(value, int):
+        return bytes([number << 3, value])
+    return bytes([number << 3 | 2]) + varint(len(value)) + value
+
+
+def varint(value: int) -> bytes:
+    low = value & 127
+    return bytes([low]) if value < 128 else bytes([low | 128]) + varint(value >> 7)
+
+
+def mean_difference_network() -> bytes:
+    """An ONNX file: the mean of the absolute difference of two pictures."""
+
+    def node(kind: bytes, inputs: list[bytes], output: bytes) -> bytes:
+        names = b"".join(field(1, each) for each in inputs)
+        return field(1, names + field(2, output) + field(4, kind))
+
+    def value(name: bytes, shape: int) -> bytes:
+        sizes = b"".join(field(1, field(2, b"n")) for _ in range(shape))
+        tensor = field(1, 1) + field(2, sizes)
+        return field(1, name) + field(2, field(1, tensor))
+
+    nodes = node(b"Sub", [b"a", b"b"], b"d") + node(b"Abs", [b"d"], b"e")
+    nodes += node(b"ReduceMean", [b"e"], b"m")
+    ends = field(11, value(b"a", 4)) + field(11, value(b"b", 4)) + field(12, value(b"m", 4))
+    graph = nodes + field(2, b"mean difference") + ends
+    return field(1, 7) + field(7, graph) + field(8, field(2, 13))
+
+
+def test_a_network_of_the_user_measures_pairs(judge: MediaPipeJudge, tmp_path: Path) -> None:
+    network = tmp_path / "difference.onnx"
+    network.write_bytes(mean_difference_network())
+    grey, lighter = (np.full((40, 60, 3), level, np.uint8) for level in (100, 151))
+    pairs = [(grey, grey), (grey, lighter)]
+    assert learned_distance("dists", network, judge, pairs, (60, 40)) == pytest.approx(
+        0.1, abs=1e-4
+    )
+    assert learned_distance("lpips", network, judge, pairs, (60, 40)) == pytest.approx(
+        0.2, abs=1e-4
+    )
+    with pytest.raises(UserError, match="make judge"):
+        learned_distance("lpips", network, EncoderNetworks(), pairs, (60, 40))
+    with pytest.raises(UserError, match="no such file"):
+        learned_distance("lpips", tmp_path / "none", judge, pairs, (60, 40))
+    network.write_bytes(b"no network")
+    with pytest.raises(UserError, match="gives no lpips"):
+        learned_distance("lpips", network, judge, pairs * 200, (60, 40))
 
 
 def test_a_clip_is_like_itself(carphone: Path) -> None:
