@@ -51,6 +51,8 @@ CALL_FIGURES = (
     *("latency_ms.p50", "latency_ms.p99", "encoder_fps", "decoder_fps"),
     *("overloaded_frames", "omitted_frames", "worst_lag_ms", "skipped_frames"),
 )
+# Of report.json: raised where a figure changes its name or meaning.
+SCHEMA = "risorius-bench/1"
 JUDGE = ("judge", "judge_is_independent", "identity", "vmaf", "lpips", "dists")
 STAGES = (
     *("encoder_ms.", "decoder_ms.", "encoder_cpu_ms.", "decoder_cpu_ms."),
@@ -137,7 +139,8 @@ def bench_report(
     """What report.json says: `clips`, the figures of each, `failed` and `mean` over the clips."""
     failed = [{"source": item.source, "error": str(item.error)} for item in failures]
     mean = mean_figures(clips)
-    return {"settings": asdict(settings), "clips": clips, "failed": failed, "mean": mean}
+    content = {"settings": asdict(settings), "clips": clips, "failed": failed, "mean": mean}
+    return {"schema": SCHEMA, **content}
 
 
 def bench_clip(

@@ -159,12 +159,9 @@ def test_a_network_of_the_user_measures_pairs(judge: MediaPipeJudge, tmp_path: P
     network.write_bytes(mean_difference_network())
     grey, lighter = (np.full((40, 60, 3), level, np.uint8) for level in (100, 151))
     pairs = [(grey, grey), (grey, lighter)]
-    assert learned_distance("dists", network, judge, pairs, (60, 40)) == pytest.approx(
-        0.1, abs=1e-4
-    )
-    assert learned_distance("lpips", network, judge, pairs, (60, 40)) == pytest.approx(
-        0.2, abs=1e-4
-    )
+    for name, expected in (("dists", 0.1), ("lpips", 0.2)):
+        found = learned_distance(name, network, judge, pairs, (60, 40))
+        assert found == pytest.approx(expected, abs=1e-4)
     with pytest.raises(UserError, match="make judge"):
         learned_distance("lpips", network, EncoderNetworks(), pairs, (60, 40))
     with pytest.raises(UserError, match="no such file"):
