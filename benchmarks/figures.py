@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.command import run
-from loopback.bench import mean_figures
+from loopback.bench import check_recorded, mean_figures
 from loopback.curves.curve_bench import OURS, Duel, duel_rows
 from loopback.curves.curve_page import mean_figure
 from loopback.curves.points import MEASURES, Point
@@ -160,6 +160,7 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--out", type=Path, default=Path("out/figures"), help="reports go here")
     parser.add_argument("--only", nargs="+", choices=SETS, default=list(SETS), help="these sets")
     options: Any = parser.parse_args(arguments)
+    check_recorded(options.clip)
     text = MEASUREMENTS.read_text(encoding="utf-8")
     for name in options.only:
         folder = options.out / name

@@ -188,7 +188,7 @@ def build_parser() -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action=ShowVersion, help="print the version")
-    parser.set_defaults(run=lambda arguments: _print_help(parser))
+    parser.set_defaults(run=lambda arguments: _print_help(parser), verbose=0, log=None)
     added = parser.add_subparsers(title="commands", metavar="COMMAND")
     for add in COMMANDS:
         add(added)

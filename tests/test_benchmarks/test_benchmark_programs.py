@@ -31,7 +31,7 @@ def test_one_explains_itself_under_the_name_it_is_called_by() -> None:
     [
         ["nosuch"],
         ["long_run", "nosuch.mp4", "out.mkv"],
-        ["figures", "nosuch.mp4", "--only", "nosuch"],
+        ["figures", "nosuch.mp4"],
         ["enlarged_landmarks", "nosuch", "-o", "nosuch.csv"],
     ],
     ids=lambda arguments: arguments[0],
