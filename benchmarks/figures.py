@@ -184,7 +184,8 @@ def draw_curves(report: Mapping[str, Any], path: Path) -> None:
         for name, each in report["clips"].items()
     }
     figure = mean_figure(plotly_graphs(), clips)
-    figure.update_layout(updatemenus=[], font_size=13, margin={"l": 40, "r": 10, "t": 30, "b": 40})
+    figure.layout.updatemenus = []
+    figure.update_layout(font_size=13, margin={"l": 40, "r": 10, "t": 30, "b": 40})
     write_svg(figure, path, 960, 640)
 
 
