@@ -12,18 +12,17 @@ import json
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.command import run
+from benchmarks.figure_image import write_svg
 from loopback.bench import check_recorded, mean_figures
 from loopback.curves.curve_bench import OURS, Duel, duel_rows
 from loopback.curves.curve_page import mean_figure
 from loopback.curves.points import MEASURES, Point
-from loopback.figure_image import write_svg
 from loopback.report_page import plotly_graphs
 from shared_model.errors import UserError
 
@@ -104,8 +103,7 @@ def _curves_markdown(report: Mapping[str, Any]) -> str:
         )
     header = ["asked for", "model, kB", "frames, bit/s"]
     text += _table([*header, "face, dB", "SSIMULACRA2 face", "picture, dB", "of picture"], rows)
-    known = {item.name for item in fields(Duel)}
-    duels = [Duel(**{k: v for k, v in each.items() if k in known}) for each in report["duels"]]
+    duels = [Duel(**each) for each in report["duels"]]
     for duration in DURATIONS_S:
         length = f"a call of {duration:g} s" if duration else "what follows the start"
         text += f"\nAgainst our `{report['rung']}`, {length}:"

@@ -17,7 +17,7 @@ from loopback.quality.landmark_metrics import LandmarkMetrics
 from loopback.quality.region_quality import RegionQuality
 from loopback.quality.video_quality import Quality
 from loopback.report import figure, rounded, wrapped_table
-from loopback.report_page import chart, environment, heading, html_table, page, plotly_graphs
+from loopback.report_page import environment, html_table, page, stacked_bars
 from protocol.summary import nominal_duration_s
 from shared_model.errors import UserError
 
@@ -249,24 +249,11 @@ def bench_table(clips: Sequence[Mapping[str, Any]]) -> str:
 def bench_page(clips: Sequence[Mapping[str, Any]]) -> bytes:
     """The same as an HTML page, with where the time goes."""
     parts = [html_table(list(TABLE_COLUMNS.values()), _rows(clips))]
-    for end in ("encoder", "decoder"):
-        parts += [heading(f"{end}, ms a frame by stage"), chart(_stages_figure(clips, end))]
-    return page("risorius bench", [*parts, environment()])
-
-
-def _stages_figure(clips: Sequence[Mapping[str, Any]], end: str) -> Any:
-    graphs = plotly_graphs()
-    stages = dict.fromkeys(stage for clip in clips for stage in clip[f"{end}_ms"])
     names = [clip["source"] for clip in clips]
-    bars = [
-        graphs.Bar(name=stage, y=names, x=[c[f"{end}_ms"].get(stage) for c in clips])
-        for stage in stages
-    ]
-    for bar in bars:
-        bar.orientation = "h"
-    figure = graphs.Figure(bars)
-    figure.update_layout(barmode="stack", height=160 + 40 * len(clips))
-    return figure
+    for end in ("encoder", "decoder"):
+        stages = [clip[f"{end}_ms"] for clip in clips]
+        parts.append(stacked_bars(names, stages, f"{end}, ms a frame by stage", is_level=True))
+    return page("risorius bench", [*parts, environment()])
 
 
 def _rows(clips: Sequence[Mapping[str, Any]]) -> list[list[Any]]:

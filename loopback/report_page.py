@@ -2,7 +2,7 @@
 
 import platform
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
@@ -54,6 +54,23 @@ def chart(figure: Any) -> str:
     hidden = {"displayModeBar": False}
     html: str = figure.to_html(full_html=False, include_plotlyjs=False, config=hidden)
     return html
+
+
+def stacked_bars(
+    names: Sequence[str], parts: Sequence[Mapping[str, float]], title: str, is_level: bool = False
+) -> str:
+    """A part of a page: a bar for each name, of its parts.  is_level: bars lie."""
+    graphs = plotly_graphs()
+    kinds = dict.fromkeys(kind for each in parts for kind in each)
+    bars = []
+    for kind in kinds:
+        values = [each.get(kind, 0) for each in parts]
+        across, up = (values, list(names)) if is_level else (list(names), values)
+        bars.append(graphs.Bar(name=kind, x=across, y=up, orientation="h" if is_level else "v"))
+    figure = graphs.Figure(bars)
+    height = 160 + 40 * len(names) if is_level else 340
+    figure.update_layout(barmode="stack", height=height, title=title)
+    return chart(figure)
 
 
 def environment() -> str:

@@ -264,7 +264,9 @@ class LiveEncoder:
         if not self._learns_ahead:
             # All frames of a packet have the modes that are there when it goes out.
             may_start = self._realtime or self._is_packet_full
-            self._learn(index, lambda: version.mode_sample(picture, points, face), may_start)
+            # A mode of half the resolution would blur the face.
+            crop = None if level.halves_resolution else sample.crop
+            self._learn(index, lambda: version.mode_sample(picture, points, face, crop), may_start)
         version = self._model.version
         refit = version.refit_modes if self._realtime else version.refit
         with self._stats.stage("fit"):

@@ -5,12 +5,14 @@ A palm search takes 6 to 15 ms: only the sample is searched, and frames beside t
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from encoder.capture.face_crop import Crop, crop_window
 from encoder.detection.hands import PALM_PX, HandFinder, window_around
+from encoder.detection.ssd import Tile
 from encoder.detection.tflite import find_hand_networks
 from encoder.learning.face_sample import FaceSample
 from encoder.runtime.parallel import parallel_map
@@ -25,15 +27,21 @@ MAX_SHARE = 0.9
 
 
 class HandWatch:
-    """Looks for hands near a face; without the networks there are none."""
+    """Looks for hands near a face; without the networks there are none.
+
+    The networks are loaded when they are first needed, and not taken along to another process.
+    """
 
     def __init__(self) -> None:
-        files = find_hand_networks()
-        self._finder = None if files is None else HandFinder(files)
+        self._files = find_hand_networks()
+        self._finder: HandFinder | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_finder": None}
 
     def find(self, picture: Picture, points: Array) -> Outlines:
         """Hands in a frame (h, w, 3) uint8 BGR near the face with these landmarks (468, >= 2)."""
-        return [] if self._finder is None else self._finder.find(picture, window_around(points))
+        return self._search(picture, window_around(points))
 
     def hide_in_burst(self, samples: Sequence[FaceSample]) -> list[FaceSample]:
         """Samples that follow each other, with the hands in their crops hidden.
@@ -50,10 +58,16 @@ class HandWatch:
 
     def _in_window(self, sample: FaceSample) -> Outlines:
         window = sample.window
-        if window is None or self._finder is None:
+        if window is None:
             return []
         whole = 0, 0, max(window.picture.shape[:2])
-        return [window.to_frame_px(each) for each in self._finder.find(window.picture, whole)]
+        return [window.to_frame_px(each) for each in self._search(window.picture, whole)]
+
+    def _search(self, picture: Picture, window: Tile) -> Outlines:
+        if self._files is None:
+            return []
+        self._finder = self._finder or HandFinder(self._files)
+        return self._finder.find(picture, window)
 
     def find_all(
         self, pictures: Sequence[Picture], points: Sequence[Array], workers: int | None = None

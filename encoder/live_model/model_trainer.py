@@ -99,7 +99,7 @@ class ModelTrainer:
         self._identity: IdentityFit | None = None  # of the version before
         self._frame_layers: FrameLayers | None = None  # of the background in use
         self._background_data: Future[bytes] | bytes | None = None
-        self._hand_watch: HandWatch | None = None
+        self._hand_watch = HandWatch()
         self._hands: dict[bytes, Outlines] = {}  # of the frames of the version before
         if not progressive:
             self._background_data = encode_background(background, budget.background_bytes)
@@ -107,7 +107,7 @@ class ModelTrainer:
     def __getstate__(self) -> dict[str, Any]:
         """What another process needs to go on."""
         known = None if self._background_data is None else self._encoded_background()
-        return self.__dict__ | {"_background_data": known, "_hand_watch": None}
+        return self.__dict__ | {"_background_data": known}
 
     def bootstrap(
         self,
@@ -251,7 +251,6 @@ class ModelTrainer:
         if len(points) == 1:
             # All that there is to learn from.
             return [[]]
-        self._hand_watch = self._hand_watch or HandWatch()
         keys, known = [each.tobytes() for each in points], self._hands
         for key, picture, each in zip(keys, pictures, points, strict=True):
             if key not in known:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.capture.face_crop import crop_face
+from encoder.capture.face_crop import Crop, crop_face
 from encoder.coding.distortion import DistortionModel, with_layers
 from encoder.coding.model_packet import BUDGETS
 from encoder.coding.progressive_model import LayeredModel
@@ -116,13 +116,18 @@ class ModelVersion:
         return FaceSample(crop_face(picture, points, scale), points, coarse=coarse)
 
     def mode_sample(
-        self, picture: Picture, points: Array, face: FaceParameters | None = None
+        self,
+        picture: Picture,
+        points: Array,
+        face: FaceParameters | None = None,
+        crop: Crop | None = None,
     ) -> FaceSample:
         """The same for modes to be learned from, at full resolution.
 
-        face: as this version has fitted it; None: it has not.
+        face: as this version has fitted it; None: it has not.  crop: of the face, at full
+        resolution; None: there is none yet.
         """
-        crop = crop_face(picture, points, self.person.pixels_per_texel)
+        crop = crop or crop_face(picture, points, self.person.pixels_per_texel)
         return FaceSample(crop, points, face, window=window_of(picture, points))
 
     def fit(

@@ -1,6 +1,7 @@
 """Codes one clip by one codec at several settings, and measures what comes out."""
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from itertools import islice
@@ -36,7 +37,6 @@ from protocol.call_file import CallWriter
 from protocol.summary import summarise
 from shared_model.errors import UserError
 
-Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 Warn = Callable[[str], None]
 
@@ -153,20 +153,20 @@ def _rival_point(
     return Point(label, first, rate, clip.measured(copies, warn), asdict(setting))
 
 
-def call_path(folder: Path, source: str, rung: Rung, is_live: bool) -> Path:
-    """Where the call file of a rung is left."""
+def call_path(stem: Path, rung: Rung, is_live: bool) -> Path:
+    """Where the call file of a rung is left.  stem: of a clip's files."""
     live = "-live" if is_live else ""
     model = "" if rung.model_bytes is None else f"-{rung.model_bytes}"
-    return folder / f"{Path(source).stem}{live}-{rung.bitrate:g}{model}.rzo"
+    return stem.with_name(f"{stem.name}{live}-{rung.bitrate:g}{model}.rzo")
 
 
 def own_points(
-    rungs: Sequence[Rung], clip: ClipPictures, is_live: bool, folder: Path, warn: Warn
+    rungs: Sequence[Rung], clip: ClipPictures, is_live: bool, stem: Path, warn: Warn
 ) -> Iterator[Point]:
-    """Our calls of a clip, one rung after the other; each call file is left in `folder`."""
+    """Our calls of a clip, one rung after the other; each call file is left, see `call_path`."""
     trained: dict[int | None, tuple[RecordedEncoder, SessionStats]] = {}
     for rung in rungs:
-        call = call_path(folder, clip.view.source, rung, is_live)
+        call = call_path(stem, rung, is_live)
         options = EncodeOptions(
             source=clip.view.source,
             output=call,
@@ -190,14 +190,21 @@ def own_points(
         yield replace(point, figures={**point.figures, "stage_ms": times})
 
 
-def _own_point(rung: Rung, call: Path, clip: ClipPictures, warn: Warn) -> Point:
+@contextmanager
+def decoded_call(call: Path) -> Iterator[Iterator[Picture]]:
+    """The pictures of a call file for the time of the `with` block."""
     draft = call.with_suffix(".mkv")
     try:
         decode(DecodeOptions(call_file=call, output=draft), _ignore, _never)
         with open_source(str(draft)) as capture:
-            figures = clip.measured((picture for _, picture in capture), warn)
+            yield (picture for _, picture in capture)
     finally:
         draft.unlink(missing_ok=True)
+
+
+def _own_point(rung: Rung, call: Path, clip: ClipPictures, warn: Warn) -> Point:
+    with decoded_call(call) as copies:
+        figures = clip.measured(copies, warn)
     summary = summarise(call)
     figures["groups"] = {name: rounded(count, 1) for name, count in summary.groups.items()}
     return Point(rung.label, summary.model_bytes, summary.record_bps, figures, asdict(rung))

@@ -51,7 +51,6 @@ from shared_model.errors import UserError
 
 OURS = "risorius"
 SCHEMA = "risorius-curves/1"
-POINTS = ".points.json"
 # For a cluster's scheduler to answer, s.
 CONNECT_S = 10
 # The rate of a call by default; the length of the calls whose pictures are shown at equal bytes.
@@ -162,20 +161,8 @@ def bench_clip(
     source: str, name: str, settings: CurveSettings, folder: Path, say: Say = _silent
 ) -> tuple[Contenders, str]:
     """The points of one clip, noted in `folder`, and the judge's name.  Raises `UserError`."""
-    observer = find_observer()
-    notes = _Notes(folder / f"{name}{POINTS}", _identity(source, settings, observer))
-    return _bench_clip(source, settings, notes, folder, observer, say), observer.name
-
-
-def _bench_clip(
-    source: str,
-    settings: CurveSettings,
-    notes: "_Notes",
-    folder: Path,
-    observer: Observer,
-    say: Say,
-) -> Contenders:
-    name = Path(source).name
+    observer, stem = find_observer(), folder / name
+    notes = _Notes(folder / f"{name}.points.json", _identity(source, settings, observer))
     clip: ClipPictures | None = None
     said: set[str] = set()
 
@@ -195,20 +182,21 @@ def _bench_clip(
     missing = [rung for rung in settings.rungs if rung.label not in notes.labels(OURS)]
     if missing:
         say(f"bench: {name}: our calls, {len(missing)} rungs")
-        for point in own_points(missing, read(), settings.is_live, folder, warn):
+        for point in own_points(missing, read(), settings.is_live, stem, warn):
             notes.add(OURS, [point])
     for rival in rivals_named(settings.rivals):
         if not notes.labels(rival.name):
             say(f"bench: {name}: {rival.name}")
             notes.add(rival.name, rival_points(rival, read(), settings.is_live, warn))
-    exhibits = _exhibits_path(folder, Path(notes.path).name)
+    exhibits = _exhibits_path(folder, name)
     if clip is not None or not exhibits.is_file():
         say(f"bench: {name}: pictures for the report")
-        shown = [asdict(each) for each in _exhibits(settings, notes, read(), folder)]
+        shown = [asdict(each) for each in _exhibits(settings, notes, read(), stem)]
         write_json(exhibits, {"exhibits": shown})
     wanted = {rung.label for rung in settings.rungs}
     ours = [point for point in notes.points(OURS) if point.label in wanted]
-    return {OURS: ours} | {rival: notes.points(rival) for rival in settings.rivals}
+    rivals = {rival: notes.points(rival) for rival in settings.rivals}
+    return {OURS: ours} | rivals, observer.name
 
 
 def shown_rung(rungs: Sequence[Rung]) -> Rung:
@@ -217,7 +205,7 @@ def shown_rung(rungs: Sequence[Rung]) -> Rung:
 
 
 def _exhibits(
-    settings: CurveSettings, notes: "_Notes", clip: ClipPictures, folder: Path
+    settings: CurveSettings, notes: "_Notes", clip: ClipPictures, stem: Path
 ) -> Iterator[Exhibit]:
     """The source, our call of the rung that is compared, and each rival at as many bytes."""
     yield source_exhibit(clip)
@@ -225,9 +213,9 @@ def _exhibits(
     ours = next(point for point in notes.points(OURS) if point.label == rung.label)
     bps = ours.total_bps(EQUAL_S)
     title = f"{OURS}<br>{bps / 1000:.1f} kbit/s"
-    call = call_path(folder, clip.view.source, rung, settings.is_live)
+    call = call_path(stem, rung, settings.is_live)
     if not call.is_file():  # Somebody has tidied up.
-        list(own_points([rung], clip, settings.is_live, folder, lambda line: None))
+        list(own_points([rung], clip, settings.is_live, stem, lambda line: None))
     yield own_exhibit(title, call, clip)
     for rival in rivals_named(settings.rivals):
         point = nearest_point(notes.points(rival.name), bps, EQUAL_S)
@@ -247,7 +235,7 @@ def read_exhibits(folder: Path, name: str) -> list[Exhibit]:
 
 
 def _exhibits_path(folder: Path, name: str) -> Path:
-    return folder / f"{name.removesuffix(POINTS)}.exhibits.json"
+    return folder / f"{name}.exhibits.json"
 
 
 class _Notes:
@@ -257,7 +245,7 @@ class _Notes:
     """
 
     def __init__(self, path: Path, identity: Mapping[str, Any]) -> None:
-        self.path = path
+        self._path = path
         self._content: dict[str, Any] = {**identity, "points": {}}
         try:
             old = json.loads(path.read_text(encoding="utf-8"))
@@ -269,7 +257,7 @@ class _Notes:
     def add(self, codec: str, points: Sequence[Point]) -> None:
         """Note more points."""
         self._content["points"].setdefault(codec, []).extend(map(asdict, points))
-        write_json(self.path, self._content)
+        write_json(self._path, self._content)
 
     def points(self, codec: str) -> list[Point]:
         """Those of a codec."""
@@ -310,7 +298,7 @@ class Duel:
     their_bps: float | None
     crossing_bps: float | None
     bd_rate_percent: float | None
-    their_highest_bps: float = 0.0
+    their_highest_bps: float
 
 
 def duels(clips: Mapping[str, Contenders], rung: str) -> list[Duel]:

@@ -16,6 +16,7 @@ from loopback.report_page import (
     page,
     paragraph,
     plotly_graphs,
+    stacked_bars,
 )
 
 TITLES = {
@@ -24,6 +25,8 @@ TITLES = {
     "full_psnr_db": "PSNR of the picture, dB",
     "picture_ssimulacra2": "SSIMULACRA2 of the picture",
 }
+# Figures of our rungs that have parts.
+BARS = {"groups": "bytes of frame packets by group", "stage_ms": "encoder, ms a frame by stage"}
 COLOURS = ("#d1495b", "#00798c", "#edae49", "#5c677d", "#66a182", "#8e5572")
 # Where a mean over clips is drawn, points a decade.
 STEPS_PER_DECADE = 30
@@ -54,8 +57,10 @@ def curve_page(
         parts += [heading(name), chart(curve_figure(go, contenders))]
         if shown := exhibits.get(name):
             parts += [chart(pictures_figure(go, shown)), chart(time_figure(go, shown[1:]))]
-        parts.append(chart(groups_figure(go, contenders)))
-        parts.append(chart(stages_figure(go, contenders)))
+        ours = contenders[OURS]
+        labels = [point.label for point in ours]
+        for figure, title in BARS.items():
+            parts.append(stacked_bars(labels, [p.figures.get(figure, {}) for p in ours], title))
     return page("risorius bench: curves", [*parts, environment()])
 
 
@@ -184,32 +189,4 @@ def time_figure(go: Any, exhibits: Sequence[Exhibit]) -> Any:
         bits = go.Scatter(x=seconds, y=sent, mode="lines", showlegend=False, **common)
         figure.add_trace(bits, 1, 2)
     figure.update_layout(height=360)
-    return figure
-
-
-def groups_figure(go: Any, contenders: Contenders) -> Any:
-    """Where the bits of our rungs go."""
-    ours = contenders[OURS]
-    groups = dict.fromkeys(name for point in ours for name in point.figures.get("groups", {}))
-    labels = [point.label for point in ours]
-    bars = [
-        go.Bar(name=group, x=labels, y=[p.figures["groups"].get(group, 0) for p in ours])
-        for group in groups
-    ]
-    figure = go.Figure(bars)
-    figure.update_layout(barmode="stack", height=340, title="bytes of frame packets by group")
-    return figure
-
-
-def stages_figure(go: Any, contenders: Contenders) -> Any:
-    """Where the encoder's time goes."""
-    ours = [point for point in contenders[OURS] if point.figures.get("stage_ms")]
-    stages = dict.fromkeys(name for point in ours for name in point.figures["stage_ms"])
-    labels = [point.label for point in ours]
-    bars = [
-        go.Bar(name=stage, x=labels, y=[p.figures["stage_ms"].get(stage, 0) for p in ours])
-        for stage in stages
-    ]
-    figure = go.Figure(bars)
-    figure.update_layout(barmode="stack", height=340, title="encoder, ms a frame by stage")
     return figure

@@ -9,16 +9,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from decoder.pipeline import DecodeOptions, decode
-from encoder.capture.video_source import open_source
-from loopback.curves.contenders import ClipPictures
+from loopback.call_packets import call_packets
+from loopback.curves.contenders import ClipPictures, decoded_call
 from loopback.curves.points import Point
 from loopback.curves.rivals import Rival, RivalSetting, code, decoded, scaled_size, shrunk
 from loopback.quality.psnr import psnr_db, squared_error
-from protocol.call_file import CallReader
-from protocol.errors import ProtocolError
+from loopback.quality.video_quality import in_source_pixels
 from protocol.model_packet import ModelPacket
-from protocol.packets import FramePacket, parse_packet
+from protocol.packets import FramePacket
 
 Picture = NDArray[np.uint8]
 
@@ -59,13 +57,8 @@ def source_exhibit(clip: ClipPictures) -> Exhibit:
 
 def own_exhibit(title: str, call: Path, clip: ClipPictures) -> Exhibit:
     """A call file of ours."""
-    draft = call.with_suffix(".mkv")
-    try:
-        decode(DecodeOptions(call_file=call, output=draft), lambda done, total: None, lambda: False)
-        with open_source(str(draft)) as capture:
-            return _exhibit(title, (p for _, p in capture), clip, list(_sent(call, clip)))
-    finally:
-        draft.unlink(missing_ok=True)
+    with decoded_call(call) as copies:
+        return _exhibit(title, copies, clip, list(_sent(call, clip)))
 
 
 def rival_exhibit(rival: Rival, setting: RivalSetting, title: str, clip: ClipPictures) -> Exhibit:
@@ -97,8 +90,8 @@ def _exhibit(
     shown, masks = shown_frames(len(clip.pictures)), clip.view.face_masks()
     pictures, errors, psnr = list[str](), list[str](), list[float | None]()
     for number, (original, copy) in enumerate(zip(clip.pictures, copies, strict=False)):
-        mask = masks(original)
-        has_face = mask is not None and mask.shape == original.shape[:2] and bool(mask.any())
+        mask = in_source_pixels(masks, original, clip.view.aspect)
+        has_face = mask is not None and bool(mask.any())
         error = squared_error(original, copy)
         psnr.append(round(psnr_db(error[mask]), 2) if has_face else None)
         if number in shown:
@@ -111,18 +104,13 @@ def _exhibit(
 def _sent(call: Path, clip: ClipPictures) -> Iterator[tuple[float, float]]:
     """(second, kilobytes sent so far) after each packet of a call file."""
     total, frame, per_packet = 0, 0, 1
-    with CallReader(call) as reader:
-        for data in reader.undamaged(lambda error: None):
-            try:
-                packet = parse_packet(data)
-            except ProtocolError:
-                continue
-            if isinstance(packet, ModelPacket):
-                per_packet = packet.call.frames_per_packet * packet.call.frame_step
-                frame = max(frame, packet.call.start_frame)
-            frame += per_packet * isinstance(packet, FramePacket)
-            total += len(data)
-            yield min(frame / float(clip.fps), clip.seconds), total / 1000
+    for packet, size in call_packets(call):
+        if isinstance(packet, ModelPacket):
+            per_packet = packet.call.frames_per_packet * packet.call.frame_step
+            frame = max(frame, packet.call.start_frame)
+        frame += per_packet * isinstance(packet, FramePacket)
+        total += size
+        yield min(frame / float(clip.fps), clip.seconds), total / 1000
 
 
 def _data_url(picture: Picture) -> str:

@@ -5,7 +5,6 @@ ones.  In both, no key frame follows the first.
 """
 
 import os
-import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -24,12 +23,15 @@ from av.video.frame import VideoFrame
 from numpy.typing import NDArray
 
 from loopback.judge.ffmpeg import find_ffmpeg
+from loopback.judge.programs import run_program
 from shared_model.errors import UserError
 
 Picture = NDArray[np.uint8]
 
 # No key frame after the first.
 ONE_GROUP = 1_000_000
+# One key frame, no comment in the stream, nothing on the screen.
+X265 = "keyint=-1:info=0:log-level=none"
 # Codecs need even sizes, and so many pixels each way: of 44x36 x265 writes beyond its memory.
 LEAST_SIDE = 64
 
@@ -83,12 +85,8 @@ RIVALS = {
             "x265",
             "libx265",
             "hevc",
-            {"preset": "slower", "tune": "psnr", "x265-params": "keyint=-1:info=0:log-level=none"},
-            {
-                "preset": "faster",
-                "tune": "zerolatency",
-                "x265-params": "keyint=-1:info=0:log-level=none",
-            },
+            {"preset": "slower", "tune": "psnr", "x265-params": X265},
+            {"preset": "faster", "tune": "zerolatency", "x265-params": X265},
             (51, 46, 41, 36, 31, 26),
         ),
         Rival(
@@ -195,11 +193,8 @@ def _code_by_program(
         # A raw stream has all of it in its packets.
         path = str(Path(folder) / "coded.266")
         command = [program, "-v", "error", *raw, *rate, "-i", "-", *coding, "-f", rival.decoder]
-        data = b"".join(picture.tobytes() for picture in pictures)
-        done = subprocess.run([*command, path], input=data, capture_output=True)
-        if done.returncode:
-            said = done.stderr.decode(errors="replace").strip().splitlines()
-            raise UserError(f"{rival.name} cannot code {width}x{height}: {said[-1:]}")
+        pieces = (picture.tobytes() for picture in pictures)
+        run_program([*command, path], pieces, f"{rival.name} cannot code {width}x{height}")
         with av.open(path, format=rival.decoder) as container:
             return [packet for packet in container.demux(video=0) if packet.size]
 

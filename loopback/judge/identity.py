@@ -1,7 +1,7 @@
 """Whether a decoded face is still that person's, for a face recognition network."""
 
+import os
 import shutil
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.detection.landmark_indices import FACE_OVAL, OUTER_EYE_CORNERS
-from shared_model.errors import UserError
+from loopback.judge.programs import run_program
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
@@ -49,17 +49,12 @@ class FaceRecogniser:
 
         Raises `UserError` if the judge fails.
         """
-        program = Path(__file__).with_name("identity_program.cjs").read_bytes()
-        # Where the program lies decides where its packages are looked for.
-        script = self._folder / "identity_program.cjs"
-        if not script.is_file() or script.read_bytes() != program:
-            script.write_bytes(program)
-        data = b"".join(np.ascontiguousarray(crop).tobytes() for crop in crops)
-        done = subprocess.run(["node", str(script)], input=data, capture_output=True)
-        if done.returncode:
-            words = done.stderr.decode(errors="replace").strip().splitlines()
-            raise UserError(f"the judge failed: {words[-1] if words else 'node'}")
-        found = np.frombuffer(done.stdout, np.float32).reshape(-1, FEATURES)
+        program = str(Path(__file__).with_name("identity_program.cjs"))
+        modules = self._folder / "node_modules"
+        pieces = (np.ascontiguousarray(crop).tobytes() for crop in crops)
+        command, where = ["node", program, str(modules)], os.environ | {"NODE_PATH": str(modules)}
+        data = run_program(command, pieces, "the judge failed", where)
+        found = np.frombuffer(data, np.float32).reshape(-1, FEATURES)
         lengths = np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9)
         return np.asarray(found / lengths, np.float32)
 

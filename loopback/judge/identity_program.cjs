@@ -1,7 +1,7 @@
 // What the judge's environment runs for identity: the face recognition network `faceres` of the npm package
 // @vladmandic/human (after Savchenko's HSE-FaceRes), by TensorFlow.js.
 //
-//   node identity_program.cjs < RGB crops of 224x224 > 1024 float32 for each
+//   NODE_PATH=MODULES node identity_program.cjs MODULES < RGB crops of 224x224 > 1024 float32 for each
 "use strict";
 const { readFileSync } = require("fs");
 const path = require("path");
@@ -15,7 +15,7 @@ const FEATURES = "global_pooling/Mean";
 async function main() {
   wasm.setWasmPaths(`${path.dirname(require.resolve("@tensorflow/tfjs-backend-wasm"))}/`);
   await tf.setBackend("wasm");
-  const models = path.join(__dirname, "node_modules", "@vladmandic", "human", "models");
+  const models = path.join(process.argv[2], "@vladmandic", "human", "models");
   const description = JSON.parse(readFileSync(path.join(models, "faceres.json"), "utf8"));
   const data = readFileSync(path.join(models, "faceres.bin"));
   const network = await loadGraphModel({

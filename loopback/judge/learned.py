@@ -1,15 +1,13 @@
 """Learned measures by networks of the user: LPIPS (Zhang et al. 2018), DISTS (Ding et al. 2020)."""
 
-import subprocess
-import threading
 from collections.abc import Iterable
 from pathlib import Path
-from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from loopback.judge.observer import MediaPipeJudge, Observer
+from loopback.judge.programs import run_program
 from shared_model.errors import UserError
 
 Picture = NDArray[np.uint8]
@@ -36,27 +34,7 @@ def learned_distance(
         raise UserError(f"cannot read {network}: no such file")
     program = str(Path(__file__).with_name("learned_program.py"))
     numbers = [str(value) for value in (*size, BLACK[measure])]
-    command, pipe = [str(observer.python), program, str(network), *numbers], subprocess.PIPE
-    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe) as process:
-        assert process.stdin and process.stdout and process.stderr
-        said: list[bytes] = []
-        complaints = process.stderr
-        reader = threading.Thread(target=lambda: said.append(complaints.read()))
-        reader.start()
-        _write(process.stdin, pairs)
-        result = process.stdout.read()
-        reader.join()
-    if process.returncode:
-        words = said[0].decode(errors="replace").strip().splitlines()
-        raise UserError(f"{network} gives no {measure}: {words[-1] if words else 'it failed'}")
+    command = [str(observer.python), program, str(network), *numbers]
+    pieces = (np.ascontiguousarray(each).tobytes() for pair in pairs for each in pair)
+    result = run_program(command, pieces, f"{network} gives no {measure}")
     return float(result)
-
-
-def _write(stream: IO[bytes], pairs: Iterable[tuple[Picture, Picture]]) -> None:
-    try:
-        for pair in pairs:
-            for picture in pair:
-                stream.write(np.ascontiguousarray(picture).tobytes())
-        stream.close()
-    except BrokenPipeError:
-        return  # It has ended, and says why.

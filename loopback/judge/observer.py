@@ -5,14 +5,11 @@ has put there.
 """
 
 import os
-import subprocess
-import threading
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Sequence
 from io import BytesIO
 from itertools import chain
 from pathlib import Path
-from typing import IO, Protocol
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -22,6 +19,7 @@ from encoder.detection.landmark_indices import LANDMARK_COUNT
 from encoder.detection.landmarks import LandmarkTracker, open_landmark_tracker
 from encoder.detection.segmentation import person_probability
 from encoder.detection.tflite import NetworkFilesMissing, find_segmentation_network
+from loopback.judge.programs import run_program
 from shared_model.errors import UserError
 
 Array = NDArray[np.float64]
@@ -110,17 +108,9 @@ class MediaPipeJudge:
             return None
         program = str(Path(__file__).with_name("mediapipe_program.py"))
         size = str(first.shape[1]), str(first.shape[0])
-        command, pipe = [str(self.python), program, task, *size], subprocess.PIPE
-        with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe) as process:
-            assert process.stdin and process.stdout and process.stderr
-            complaints = _Collector(process.stderr)
-            _write(process.stdin, chain([first], remaining))
-            data = BytesIO(process.stdout.read())
-            try:
-                found: NDArray[np.generic] = np.load(data, allow_pickle=False)
-            except (EOFError, ValueError) as error:
-                raise UserError(f"the judge failed: {complaints.last_line()}") from error
-        return found
+        frames = (np.ascontiguousarray(each).tobytes() for each in chain([first], remaining))
+        found = run_program([str(self.python), program, task, *size], frames, "the judge failed")
+        return np.asarray(np.load(BytesIO(found), allow_pickle=False))
 
 
 def find_observer() -> Observer:
@@ -133,32 +123,6 @@ def find_observer() -> Observer:
     here = Path(__file__).resolve().parents[2]
     made = next((p for p in (Path(ENVIRONMENT), here / ENVIRONMENT) if p.is_file()), None)
     return EncoderNetworks() if made is None else MediaPipeJudge(made.absolute())
-
-
-class _Collector:
-    """Reads a stream to its end beside what else is done."""
-
-    def __init__(self, stream: IO[bytes]) -> None:
-        self._text = b""
-        self._thread = threading.Thread(target=self._read, args=(stream,), daemon=True)
-        self._thread.start()
-
-    def _read(self, stream: IO[bytes]) -> None:
-        self._text = stream.read()
-
-    def last_line(self) -> str:
-        """The last line that came."""
-        self._thread.join()
-        return next(iter(self._text.decode(errors="replace").strip().split("\n")[::-1]), "")
-
-
-def _write(stream: IO[bytes], pictures: Iterator[Picture]) -> None:
-    """Write pictures and close the stream; who reads may have ended, and has said why."""
-    with suppress(BrokenPipeError):
-        for picture in pictures:
-            stream.write(np.ascontiguousarray(picture).tobytes())
-    with suppress(BrokenPipeError):
-        stream.close()
 
 
 def _tracker() -> LandmarkTracker | None:

@@ -1,7 +1,6 @@
 """A decoded voice beside its source: how intelligible it is, how good, and how late."""
 
 import json
-import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,9 +9,9 @@ from numpy.typing import NDArray
 
 from encoder.sound.sound_file import has_sound, read_sound
 from loopback.judge.observer import MediaPipeJudge, Observer
+from loopback.judge.programs import run_program
 from loopback.quality.intelligibility import RATE_HZ, aligned, delay_s, estoi
 from loopback.report import rounded
-from shared_model.errors import UserError
 
 Array = NDArray[np.float64]
 
@@ -63,7 +62,6 @@ def _dnsmos(python: Path, name: str) -> float:
     """Raises `UserError` if the judge fails."""
     samples = (_read(name, DNSMOS_RATE_HZ) / FULL_SCALE).astype(np.float32)
     program = str(Path(__file__).with_name("dnsmos_program.py"))
-    done = subprocess.run([str(python), program], input=samples.tobytes(), capture_output=True)
-    if done.returncode:
-        raise UserError(f"the judge failed: {done.stderr.decode().strip().splitlines()[-1]}")
-    return round(float(json.loads(done.stdout)["ovrl_mos"]), 2)
+    command = [str(python), program]
+    said = run_program(command, [samples.tobytes()], "the judge failed")
+    return round(float(json.loads(said)["ovrl_mos"]), 2)

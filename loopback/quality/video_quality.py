@@ -127,7 +127,7 @@ def measure_pictures(
     for index, (original, copy) in enumerate(pairs):
         error = squared_error(original, copy)
         full.append(psnr_db(error))
-        mask = _in_source_pixels(find_face_mask, original, aspect)
+        mask = in_source_pixels(find_face_mask, original, aspect)
         has_face = mask is not None and bool(mask.any())
         if has_face:
             face.append(psnr_db(error[mask]))
@@ -157,7 +157,7 @@ def face_oval_mask(points_px: NDArray[np.floating], height: int, width: int) -> 
     return hull_mask(face_outline(points_px), (height, width)) > 0
 
 
-def _in_source_pixels(find: FaceMaskFinder, picture: Picture, aspect: Fraction) -> Mask | None:
+def in_source_pixels(find: FaceMaskFinder, picture: Picture, aspect: Fraction) -> Mask | None:
     """The mask of the face in a picture of this sample aspect ratio, found in square pixels."""
     square = in_square_pixels(picture, aspect)
     mask = find(square)

@@ -9,14 +9,13 @@ from typing import Any
 from decoder.pipeline import DecodeOptions, decode
 from encoder.capture.video_source import open_source
 from loopback.bench import bench_clip, make_folder, output_names
+from loopback.call_packets import call_packets
 from loopback.judge.comparison import compare, observe_source
 from loopback.judge.observer import Observer, find_observer
 from loopback.replay.checks import EVENTS, PICTURES, Check, check_baseline, check_limits
 from loopback.replay.suite import Clip, Suite, check_inputs
 from loopback.report import rounded
-from protocol.call_file import CallReader
-from protocol.errors import ProtocolError
-from protocol.packets import ControlPacket, parse_packet
+from protocol.packets import ControlPacket
 from protocol.summary import summarise
 from shared_model.errors import UserError
 
@@ -109,13 +108,8 @@ def replay_call(clip: Clip, output: Path, observer: Observer, say: Say) -> dict[
 def call_events(call: Path) -> list[dict[str, Any]]:
     """What a call file says of its face, with the times in its source."""
     fps, events = summarise(call).fps, list[dict[str, Any]]()
-    with CallReader(call) as reader:
-        for data in reader.undamaged(lambda error: None):
-            try:
-                packet = parse_packet(data)
-            except ProtocolError:
-                continue
-            if isinstance(packet, ControlPacket) and packet.kind.name.lower() in EVENTS:
-                time_s = round(packet.frame / fps, 3)
-                events.append({"event": packet.kind.name.lower(), "time_s": time_s})
+    for packet, _ in call_packets(call):
+        if isinstance(packet, ControlPacket) and packet.kind.name.lower() in EVENTS:
+            time_s = round(packet.frame / fps, 3)
+            events.append({"event": packet.kind.name.lower(), "time_s": time_s})
     return events

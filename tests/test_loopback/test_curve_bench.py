@@ -164,6 +164,6 @@ def test_the_ladder_reaches_from_300_bits_to_30_kilobits() -> None:
     assert shown_rung(LADDER).bitrate == 800
     sizes = [rung.model_bytes or 12_000 for rung in LADDER]
     assert sizes == sorted(sizes)
-    paths = {call_path(Path(), "a.mp4", rung, live) for rung in LADDER for live in (True, False)}
+    paths = {call_path(Path("a"), rung, live) for rung in LADDER for live in (True, False)}
     assert len(paths) == 2 * len(LADDER)
     assert look_interval((352, 288)) == 10 and look_interval((1920, 1080)) > 100
